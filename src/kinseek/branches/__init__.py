@@ -1,1 +1,1 @@
-"""Every branch of a goal, and which of them to choose."""
+"""Find all branches of a goal, and choose among them."""

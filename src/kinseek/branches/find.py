@@ -1,4 +1,4 @@
-"""Every branch: what `Arm.branches` does around `kernels.branches`, which holds the search itself."""
+"""The implementation of `Arm.branches`; `kernels.branches` contains the search itself."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from .order import ORDERS, Cost, Selection, scores, which_valid
 from .result import AsFound, Branches, BranchesBatch, answers_of
 
 MOST = 100_000
-"""Answers at most, of a sample or turned by full turns: two joints of ±4,000 rad have more than a million copies of each."""
+"""Largest number of solutions in a sample or with all full turns: two joints of ±4,000 rad have more than a million copies
+of each."""
 
 
 _CHUNK = 64
@@ -36,7 +37,7 @@ _CHUNK = 64
 
 
 _PIECE = 4
-"""Targets that are done at a stretch: some ten milliseconds if they are hard."""
+"""Targets that are solved in one piece: some ten milliseconds if they are hard."""
 
 
 def branches_of(
@@ -51,7 +52,7 @@ def branches_of(
     targets = np.zeros((len(goal.targets), 4, 4))
     targets[:, :3], targets[:, 3, 3] = goal.targets, 1.0
     views = index.view[None]
-    # A proof takes answers inside [-π, π]; they are turned and sorted afterwards.
+    # A proof takes solutions inside [-π, π], so they are turned and sorted afterwards.
     if problem.near is not None and not selection.prove:
         near = np.broadcast_to(problem.near, (*goal.shape, problem.chain.dof)).reshape(-1, problem.chain.dof)
         views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[RATES], near.shape)], axis=1)
@@ -99,7 +100,7 @@ def _search(
     threads: int | None,
     deadline: Deadline,
 ) -> list[Array | None]:
-    """Rows of answers to each target, (k, 4, 4); None for those that the time was too short for."""
+    """Return rows of solutions for each target, (k, 4, 4); None for targets that the time did not suffice for."""
     found: list[Array | None] = [None] * len(targets)
     if len(targets) == 1:
         if not deadline.passed:
@@ -138,7 +139,7 @@ def _search(
 
 
 def _none(problem: Problem, index: BranchIndex) -> Branches:
-    """What is told of a target that the time was too short for."""
+    """Return the result for a target that the time did not suffice for."""
     nothing = np.empty(0)
     return Branches(
         q=np.empty((0, problem.chain.dof)),
@@ -156,7 +157,7 @@ def _none(problem: Problem, index: BranchIndex) -> Branches:
 def _finish(
     problem: Problem, rows: Array, index: BranchIndex, selection: Selection, deadline: Deadline
 ) -> Branches:
-    """Prove, sort, filter and judge the answers to one target."""
+    """Prove, sort, filter and evaluate the solutions of one target."""
     order, cost, valid, copies, prove = (
         selection.order,
         selection.cost,
@@ -199,7 +200,7 @@ def _finish(
 
 
 def turned_copies(chain: SerialChain, q: Array) -> Array:
-    """Every answer, and it turned by every number of full turns that the limits allow, (k, n) -> (K, n).
+    """Return every solution with all full turns that the limits allow, (k, n) -> (K, n).
 
     A continuous joint has no copies: its values are angles.
 

@@ -1,4 +1,4 @@
-"""What an arm needs once before its branches can be found."""
+"""Data that is computed once for an arm and a kind of goal, before its branches can be found."""
 
 from __future__ import annotations
 
@@ -31,45 +31,45 @@ from .one_joint import NOTHING, one_joint_of
 from .result import Branches, answers_of, quick_branches
 
 SAMPLES = 1024
-"""Samples of the coarse atlas; see `kernels.branches.search` for why so few."""
+"""Samples of the coarse atlas; see `kernels.branches.search` for the reason for the small number."""
 
 
 SPREAD = 50
-"""Answers in a sample, unless told otherwise."""
+"""Default number of solutions in a sample."""
 
 
 _MOST_MIRRORED = 8
-"""Joints up to which mirror images are looked for: there are 2ⁿ patterns of signs."""
+"""Largest number of joints for which mirror images are searched: there are 2ⁿ patterns of signs."""
 
 
 _PLACES = 7
-"""Configurations at which the freedom of a goal is counted; the least counts, for at a singularity there is more."""
+"""Configurations at which the redundancy is computed. The least value counts, since singularities increase it."""
 
 
 class BranchIndex:
-    """What an arm needs once, for one kind of goal, before its branches can be found: immutable, shared by threads."""
+    """Data for finding the branches of one arm and one kind of goal: immutable, shared by threads."""
 
     def __init__(self, problem: Problem) -> None:
-        """Sort coarse samples, count the freedom that the goal leaves, and look for mirror images."""
+        """Sort coarse samples, compute the redundancy, and look for mirror images."""
         chain, kind = problem.chain, problem.goal.form
         self.freedom = freedom(problem)
-        """Joints that the goal leaves to choose: 0 for isolated answers, 1 for curves, and so on."""
+        """Degree of redundancy: 0 for isolated solutions, 1 for curves of solutions, and so on."""
         self.fine = atlas_of(chain, problem.goal)
         self.coarse = AtlasIndex(chain, kind, problem.arrays, SAMPLES, structure=self.fine.structure)
         middle, half = (chain.lower + chain.upper) / 2, (chain.upper - chain.lower) / 2
         turning = np.where(chain.periodic, 0.5 / np.pi, 0.0)
         self.view: Array = np.array([middle, 1 / np.maximum(half, 1e-12), turning])
-        """How `kernels.branches` shall see the answers: from the middle of every range, in halves of it, (3, n); see
-        `refine_all.CENTRE`."""
+        """Centre, scale and periodicity by which `kernels.branches` compares solutions: distances from the middle of each
+        range, in halves of it, (3, n); see `refine_all.CENTRE`."""
         self.structure = self.fine.structure
-        """What the geometry of the arm gives; nothing where the goal is less than a pose."""
+        """Structure of the arm's geometry; `NO_STRUCTURE` if the goal is less than a pose."""
         self.joint = NOTHING
-        """What one joint of the arm moves, where its answers are found by searching that joint."""
+        """Tables of the joint that is searched, if the solutions are found that way."""
         if kind is POSE and not self.freedom and self.structure.numbers[KIND] == NONE:
             self.joint = one_joint_of(problem.arrays, arm_length(chain))
         self.steps: Array = np.zeros((0 if self.freedom else self.coarse.samples, 6, LANES))
-        """The first step of a start from each coarse sample, see `seeding.fill_steps`, (samples, 6, LANES); of none where
-        answers are sampled."""
+        """First step of a start from each coarse sample, see `seeding.fill_steps`, (samples, 6, LANES); empty for a
+        redundant arm."""
         if not self.freedom:
             fill_steps(self.coarse.handle, self.steps, LANES)
         self.mirrors: Array = np.zeros((0, 3, chain.dof))
@@ -78,7 +78,7 @@ class BranchIndex:
             self.mirrors = self._mirrors(problem)
 
     def plain(self, chain: SerialChain, T: Array) -> Branches | None:
-        """All answers to one plain pose of the arm, (4, 4), without checks: None if it is no rigid transform."""
+        """Return all solutions of one plain pose, (4, 4), without checks; None if it is not a rigid transform."""
         found = self.search(PLAIN, T, self.view, SPREAD)
         if not len(found):
             return None
@@ -86,7 +86,7 @@ class BranchIndex:
         return quick_branches((chain, T.copy(), None), chain.dof, found, self.freedom > 0)
 
     def search(self, tolerances: Array, target: Array, view: Array, count: int) -> Array:
-        """Rows of answers to one target, (4, 4), as `kernels.branches.search.many_branches` writes them."""
+        """Return rows of solutions for one target, (4, 4), as `kernels.branches.search.many_branches` writes them."""
         assert count or not self.freedom, "all answers are looked for from starts that are not there"
         most, number = (count, count) if self.freedom else (ROWS, 0)
         rows, found = np.empty((1, most + 1, view.shape[-1] + ANSWER)), np.empty(1, dtype=np.int64)
@@ -96,10 +96,10 @@ class BranchIndex:
         return rows[0, : found[0]]
 
     def _mirrors(self, problem: Problem) -> Array:
-        """Look for images q → signs · q + shifts that leave every pose as it is.
+        """Look for maps q → signs · q + shifts that leave every pose unchanged.
 
-        Any image takes a configuration to another branch of its own pose. So the branches of one pose tell all the shifts
-        there can be, and a second configuration tells which of them hold.
+        Such a map takes a configuration to another branch of its own pose. So the branches of one pose yield all candidate
+        shifts, and a second configuration decides which of them hold.
         """
         chain, dof = problem.chain, problem.chain.dof
         turns = chain.periodic
@@ -108,7 +108,8 @@ class BranchIndex:
         probe = chain.lower + 0.381966 * width
         pose = forward_many(problem.arrays, probe[None])[0]
         found: list[Array] = []
-        for share in (0.45, 0.6, 0.7):  # Where an image of a configuration lies inside the limits differs.
+        # Whether the image of a configuration lies inside the limits depends on the configuration.
+        for share in (0.45, 0.6, 0.7):
             q = chain.lower + share * np.linspace(0.9, 1.1, dof) * width
             target = forward_many(problem.arrays, q[None])[0]
             rows = self.search(tolerances, target, self.view, 0)
@@ -135,19 +136,19 @@ def _same_image(one: Array, other: Array, turns: NDArray[np.bool_]) -> bool:
 
 
 _Key = tuple[Kind, bytes | None]
-"""Kind of goal, and what moves the tip; None where nothing does."""
+"""Kind of goal, and the transform of the tip; None if there is none."""
 
 
 _indices: WeakCache[SerialChain, _Key, BranchIndex] = WeakCache(KEPT, lambda key: key[1] is not None)
 
 
 def index_of(problem: Problem) -> BranchIndex:
-    """The index of an arm for a kind of goal: built at the first call, dropped with the arm.
+    """Return the index of an arm for a kind of goal: built at the first call, dropped with the arm.
 
-    Those of the last `KEPT` tools and tool axes are kept.
+    The indices of the last `KEPT` tools and tool axes are kept.
 
     Raises:
-        InvalidProblem: An arm or a goal whose branches are not known here.
+        InvalidProblem: Branches of this kind of arm or goal are not supported.
     """
     goal = problem.goal
     if problem.axes is None:
@@ -159,7 +160,7 @@ def index_of(problem: Problem) -> BranchIndex:
 
 
 def constraint_jacobian(problem: Problem, q: Array) -> Array:
-    """Derivatives of what the goal fixes of the pose, (k, n) -> (k, rows, n); rows are [m] or [rad] a joint unit."""
+    """Jacobian of the pose components that the goal constrains, (k, n) -> (k, rows, n); [m] or [rad] per joint unit."""
     J = jacobian_many(problem.arrays, np.ascontiguousarray(q))
     columns = problem.goal.columns
     if columns == 0:
@@ -172,7 +173,7 @@ def constraint_jacobian(problem: Problem, q: Array) -> Array:
 
 
 def freedom(problem: Problem) -> int:
-    """Joints less the constraints of a goal, as they are anywhere but at singularities."""
+    """Return the number of joints minus the rank of the goal's constraints away from singularities."""
     chain = problem.chain
     q = chain.lower + (0.1 + 0.8 * weyl(_PLACES, chain.dof)) * (chain.upper - chain.lower)
     values = np.linalg.svd(constraint_jacobian(problem, q), compute_uv=False)

@@ -1,12 +1,13 @@
-"""What an arm needs whose answers are found by searching one joint: tables of what that joint moves.
+"""Tables for arms whose solutions are found by searching one joint.
 
-Axes 2 and 3 are parallel, and the joint that is searched tells where joints 1, 2 and 3 have to take a point of the wrist:
-they follow in closed form (Elias and Wen 2022). So do the two joints that are left, but for one number: the angle between
-their axes. Where that is what it must be there are answers. Two kinds of wrists are so:
+Axes 2 and 3 are parallel. The value of the searched joint determines where joints 1, 2 and 3 have to place a point of the
+wrist, and their values follow in closed form (Elias and Wen 2022). So do the values of the two remaining joints, except for
+one condition: the angle between their axes. Solutions are the values of the searched joint that meet this condition. Two
+kinds of wrists are supported:
 
-- Axes 5 and 6 meet: the point is where they do, and joint 4 is searched.
-- Joint 5 turns two axes or more so that axis 6 meets axis 4 wherever it stands, as in hollow wrists of painting robots,
-  where the second turns back as far as the first: the point is where these meet, and joint 5 is searched.
+- Axes 5 and 6 intersect: the point is their intersection, and joint 4 is searched.
+- Joint 5 turns two or more axes so that axis 6 always intersects axis 4. In hollow wrists of painting robots the second axis
+  turns back as far as the first. The point is this intersection, and joint 5 is searched.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from kinseek.structure.axes import meeting, nearest_on, slant
 from kinseek.transforms import inverse, rotation, square, transform
 
 NEARLY = 1e-3
-"""Deviation up to which an arm is taken to be so [rad], lengths in parts of its size."""
+"""Largest deviation of an arm from this structure [rad], lengths relative to the arm's size."""
 
 
 BENT = 0.1
@@ -30,29 +31,30 @@ BENT = 0.1
 
 
 BESIDE = 0.12
-"""The joint is searched so far beyond its limits, or beyond half a turn [rad]: the residual is seen on both sides of an
-answer there."""
+"""Margin beyond the joint's limits, or beyond half a turn, that is searched [rad], so that the residual is known on both
+sides of a solution there."""
 
 
 DRAWN = 1e-3
-"""How strongly points of axes that nearly coincide are drawn to the middle of the wrist: there nothing else tells them."""
+"""Weight that draws points of nearly coincident axes to the middle of the wrist, since nothing else determines them."""
 
 
 class OneJoint(NamedTuple):
-    """What `kernels.branches.one_joint` takes of an arm."""
+    """Arguments of `kernels.branches.one_joint` that depend on the arm."""
 
     numbers: Array
     """See `kernels.branches.one_joint_residual.BEGIN`, (NUMBERS,)."""
     table: Array
-    """See `kernels.branches.one_joint_residual.HEIGHT`, (PLACES, SAMPLES); of no samples for an arm that is not so."""
+    """See `kernels.branches.one_joint_residual.HEIGHT`, (PLACES, SAMPLES); without samples for an arm of another
+    structure."""
 
 
 NOTHING = OneJoint(np.zeros(search.NUMBERS), np.zeros((search.PLACES, 0)))
-"""What any other arm has."""
+"""Value for arms of any other structure."""
 
 
 class _Turns(NamedTuple):
-    """An arm as a product of turns: the axes of its physical joints where all stand at 0, (m, 3), and the tip, (4, 4)."""
+    """An arm as a product of rotations: the axes of its physical joints at q = 0, (m, 3), and the tip, (4, 4)."""
 
     direction: Array
     point: Array
@@ -60,11 +62,11 @@ class _Turns(NamedTuple):
 
 
 def one_joint_of(arrays: ChainArrays, size: float) -> OneJoint:
-    """Tables of an arm of which one joint can be searched.
+    """Return the tables of an arm with one joint that can be searched.
 
     Args:
-        arrays: The arm, its tip where goals speak of.
-        size: Length that deviations are measured by [m].
+        arrays: The arm, with its tip where goals refer to.
+        size: Length that scales deviations [m].
     """
     leader, joints = arrays.leader, len(arrays.leader)
     fits = len(arrays.lower) == 6 and (leader == np.sort(leader)).all() and not arrays.prismatic.any()
@@ -128,10 +130,10 @@ def one_joint_of(arrays: ChainArrays, size: float) -> OneJoint:
 
 
 def _meetings(turns: _Turns, moved: Array) -> tuple[Array, Array, float]:
-    """Where axis 4 meets axis 6, moved by the joint between them, (k, 4, 4).
+    """Intersect axis 4 with axis 6, which is moved by the joint between them, (k, 4, 4).
 
     Returns:
-        The points as axis 4 has them, and as axis 6 has them at q = 0, (k, 3) each; how far apart they are at most [m].
+        The points in the frames of axis 4 and of axis 6 at q = 0, (k, 3) each; the largest distance between them [m].
     """
     h, p = turns.direction[[3, -1]], turns.point
     middle = (meeting(turns.direction[3:5], p[3:5])[0] + meeting(turns.direction[-2:], p[-2:])[0]) / 2
@@ -148,7 +150,7 @@ def _meetings(turns: _Turns, moved: Array) -> tuple[Array, Array, float]:
 
 
 def _turns(arrays: ChainArrays) -> _Turns:
-    """As `structure.axes.axes_of`, for joints that move together as well."""
+    """Like `structure.axes.axes_of`, but also for joints that share a variable."""
     frame, directions, points = np.eye(4), [], []
     for k in range(len(arrays.leader)):
         frame = frame @ square(arrays.fixed[k])
@@ -159,7 +161,7 @@ def _turns(arrays: ChainArrays) -> _Turns:
 
 
 def _moved(arrays: ChainArrays, turns: _Turns, variable: int, value: float) -> Array:
-    """What a variable does by all joints that it moves, (4, 4)."""
+    """Return the transform that a variable causes through all joints it drives, (4, 4)."""
     T = np.eye(4)
     for k in np.flatnonzero(arrays.leader == variable):
         rate = arrays.multiplier[k] if variable == 4 else 1.0
@@ -168,7 +170,7 @@ def _moved(arrays: ChainArrays, turns: _Turns, variable: int, value: float) -> A
 
 
 def _turn(axis: Array, point: Array, angle: float) -> Array:
-    """A turn about an axis, (4, 4)."""
+    """Return the rotation about an axis, (4, 4)."""
     R = rotation(axis, angle)
     return transform(R, point - R @ point)
 

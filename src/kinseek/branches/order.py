@@ -1,4 +1,4 @@
-"""What comes first of several answers: ranges, limits, dexterity, a start, or what the user says."""
+"""Order of several solutions: by ranges, limits, dexterity, a start, or a user's cost."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from kinseek.turns import shortest
 from .index import constraint_jacobian, index_of
 
 Cost = Callable[[Array], Any]
-"""Joint values, (k, n), to numbers, (k,); the least is best."""
+"""Function from joint values, (k, n), to costs, (k,); the least is best."""
 
 
 Valid = Callable[[Array], Any]
-"""Joint values, (n,), to a bool."""
+"""Function from joint values, (n,), to a bool."""
 
 
 Order = Literal["mid-range", "limits", "dexterity"]
-"""What comes first of several answers; see `Arm.branches`."""
+"""Criterion that orders several solutions; see `Arm.branches`."""
 
 
 ORDERS: tuple[Order, ...] = get_args(Order)
@@ -35,7 +35,7 @@ ORDERS: tuple[Order, ...] = get_args(Order)
 
 @dataclass(frozen=True)
 class Selection:
-    """Which answers are wanted, and in which order; see `Arm.branches`."""
+    """Which solutions are requested, and in which order; see `Arm.branches`."""
 
     order: str = "mid-range"
     cost: Cost | None = None
@@ -46,13 +46,13 @@ class Selection:
 
     @property
     def as_found(self) -> bool:
-        """Are answers wanted as the kernels find and sort them?"""
+        """Return whether solutions are requested as the kernels find and sort them."""
         asks = self.cost is not None or self.valid is not None or self.copies or self.prove
         return self.order == "mid-range" and not asks
 
 
 def scores(problem: Problem, q: Array, order: str, cost: Cost | None) -> Array:
-    """What each answer costs, (k,); the least is best."""
+    """Return the cost of each solution, (k,); the least is best."""
     chain = problem.chain
     if not len(q):
         return np.zeros(0)
@@ -74,19 +74,19 @@ def scores(problem: Problem, q: Array, order: str, cost: Cost | None) -> Array:
 
 
 def manipulability(problem: Problem, q: Array) -> Array:
-    """Product of the singular values of what the goal fixes, (k, n) -> (k,) (Yoshikawa 1985, eq. 4).
+    """Product of the singular values of what the goal constrains, (k, n) -> (k,) (Yoshikawa 1985, eq. 4).
 
-    Only as many of them as the arm can have anywhere: a planar arm moves in three directions of six.
+    Only as many of them are used as can be nonzero for this arm: a planar arm moves in three directions of six.
     """
     values = np.linalg.svd(constraint_jacobian(problem, q), compute_uv=False)
     return np.asarray(values[:, : problem.chain.dof - index_of(problem).freedom].prod(axis=1))
 
 
 def cost_of(cost: Cost, q: Array) -> Array:
-    """Ask the user's cost.
+    """Evaluate the user's cost.
 
     Raises:
-        InvalidProblem: It raised, or what it returned is not one number for each answer.
+        InvalidProblem: It raised an exception, or did not return one number for each solution.
     """
     try:
         raw = cost(q.copy())
@@ -107,10 +107,10 @@ def cost_of(cost: Cost, q: Array) -> Array:
 
 
 def is_valid(valid: Valid, q: Array) -> bool:
-    """Ask the user's predicate about one answer, (n,).
+    """Call the user's predicate for one solution, (n,).
 
     Raises:
-        InvalidProblem: It raised, or returned no bool.
+        InvalidProblem: It raised an exception, or did not return a bool.
     """
     try:
         answer = valid(q.copy())
@@ -127,19 +127,19 @@ def is_valid(valid: Valid, q: Array) -> bool:
 
 
 class ManyAtOnce(ABC):
-    """A predicate of ours that looks at many answers in one call."""
+    """A predicate of kinseek that checks many solutions in one call."""
 
     @abstractmethod
     def __call__(self, q: Array) -> bool:
-        """Ask about one answer, (n,)."""
+        """Check one solution, (n,)."""
 
     @abstractmethod
     def many(self, q: Array) -> NDArray[np.bool_]:
-        """Ask about each of some answers, (k, n) -> (k,)."""
+        """Check each solution, (k, n) -> (k,)."""
 
 
 def which_valid(valid: Valid, q: Array) -> NDArray[np.bool_]:
-    """Ask a predicate about each of some answers, (k, n) -> (k,).
+    """Check each solution with a predicate, (k, n) -> (k,).
 
     Raises:
         InvalidProblem: As `is_valid`.

@@ -1,4 +1,4 @@
-"""What to prefer: choose among the branches, and where the arm has joints to spare, slide along the self-motion."""
+"""Choose the preferred branch, and optimise along the self-motion of a redundant arm."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from .order import ORDERS, Cost, Selection, Valid, is_valid, scores
 from .result import Branches, BranchesBatch
 
 _SLIDERS = 3
-"""Answers of a sample, the best ones, that slide."""
+"""Number of solutions of a sample, the best ones, from which the optimisation starts."""
 
 _SLIDES = 60
-"""Steps of a slide at most."""
+"""Largest number of steps of an optimisation."""
 
 _FIRST, _LAST, _PROBE = 0.3, 1e-4, 1e-4
-"""Length of the first step, of the shortest worth trying, and of the probes of a gradient [rad or m]."""
+"""Length of the first step, of the shortest step that is tried, and of the differences for a gradient [rad or m]."""
 
 
 def preferred(
     problem: Problem, prefer: str | None, cost: Cost | None, valid: Valid | None, threads: int | None
 ) -> Solution:
-    """Answer every target by what is preferred; see `Arm.ik`.
+    """Solve every target with the preferred solution; see `Arm.ik`.
 
     Raises:
         InvalidProblem: An unknown preference, more than one, or a `cost` or `valid` that fails.
@@ -70,23 +70,23 @@ def preferred(
 
 
 class Pick(NamedTuple):
-    """The answer to one target."""
+    """The solution for one target."""
 
     q: Array
-    """(n,)"""
+    """Joint values, (n,)."""
     evaluations: int
     passed: bool
-    """Did `valid`, where there is one, agree?"""
+    """Whether `valid` accepted it, if there is one."""
     refused: int
-    """Answers that it did not agree to."""
+    """Number of solutions that `valid` rejected."""
     out_of_time: bool
 
 
 class Slide(NamedTuple):
-    """Where a way down along the self-motion ended."""
+    """End point of an optimisation along the self-motion."""
 
     q: Array
-    """(n,)"""
+    """Joint values, (n,)."""
     cost: float
     evaluations: int
     refused: int
@@ -101,13 +101,13 @@ def _pick(
     index: BranchIndex,
     deadline: Deadline,
 ) -> Pick:
-    """Choose an answer to one target."""
+    """Choose a solution for one target."""
     candidates, spent, refused = branches.q, branches.evaluations, 0
     if not len(candidates):
         last = Atlas().solve(replace(problem, time_limit=deadline.left))
         spent += last.evaluations
         if not last.success:
-            # Missed: the errors say so, and nobody was asked.
+            # The target is missed: the errors show it, and `valid` was not called.
             return Pick(last.q, spent, True, 0, last.out_of_time)
         candidates = last.q[None]
     if valid is not None:
@@ -137,10 +137,11 @@ def slide(
     valid: Valid | None,
     deadline: Deadline,
 ) -> Slide:
-    """Go downhill along the self-motion.
+    """Minimise a cost along the self-motion.
 
-    Every step follows the gradient inside the null space of what the goal fixes, is brought back onto the self-motion by
-    the atlas's own walk, and counts only if the tolerances are met there, the cost is less, and `valid` agrees.
+    Every step follows the gradient inside the null space of what the goal constrains. It is projected back onto the
+    self-motion by the atlas's refinement. The step is accepted only if the tolerances are met, the cost decreases, and
+    `valid` accepts the result.
     """
     goal = problem.goal
     tolerances, target = tolerances_of(goal), np.eye(4)
@@ -158,7 +159,7 @@ def slide(
                 rows = np.empty((1, len(q) + EVALUATIONS + 1))
                 solve_many_near(index.fine.handle, tolerances, target[None, :3], aim[None], rows, 0, 1, LANES)
                 reached, report = rows[0, : len(q)], rows[0, len(q) :]
-                # A continuous joint that leaves its range comes in at the other end, and so the cost judges it.
+                # A continuous joint that leaves its range re-enters at the other end, and the cost is evaluated there.
                 there = problem.placed(reached)
                 spent += int(report[EVALUATIONS])
                 missed = (
@@ -184,9 +185,9 @@ def slide(
 def _ways_down(
     problem: Problem, index: BranchIndex, q: Array, measure: Callable[[Array], Array]
 ) -> list[Array]:
-    """Unit directions in the null space along which the cost falls, the steepest first; none where it is flat.
+    """Return unit directions in the null space in which the cost decreases, the steepest first; none if the cost is flat.
 
-    A joint that stands at a limit and would be pushed beyond is held, and the null space taken anew.
+    A joint at a limit that would be pushed beyond it is held, and the null space is computed again.
     """
     dof, (lower, upper) = problem.chain.dof, problem.limits
     J = constraint_jacobian(problem, q[None])[0]

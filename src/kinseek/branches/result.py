@@ -1,4 +1,4 @@
-"""What `Arm.branches` brings back: all distinct answers to a goal, or a sample of them where there are endlessly many."""
+"""The result of `Arm.branches`: all distinct solutions of a goal, or a sample if there are infinitely many."""
 
 from __future__ import annotations
 
@@ -21,24 +21,26 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Branches(Lazy):
-    """The answers to one goal, in the order that was asked for; every one meets both tolerances.
+    """The solutions of one goal, in the requested order; every one meets both tolerances.
 
-    Errors are recomputed from `q` by plain forward kinematics. Without an answer `q` has no rows. It is a sequence, so it
-    is true as a list is: where there is an answer.
+    Errors are recomputed from `q` by plain forward kinematics. Without a solution `q` has no rows. The object is a sequence,
+    so its truth value is that of a list: true if it has a solution.
 
     Attributes:
-        q: Joint values inside the limits, (k, n), [rad] or [m]; no two are equal modulo 2π unless copies were asked for.
+        q: Joint values inside the limits, (k, n), [rad] or [m]; no two are equal modulo 2π unless copies were requested.
         position_error: [m], (k,).
         orientation_error: [rad], (k,).
-        complete: Is it proved that there is no other answer, but for those that `valid` refused? Only ``prove=True`` can
-            tell.
-        sampled: Are these only a sample of endlessly many? So it is with joints to spare, and exactly at a singularity.
+        complete: Whether it is proved that there is no other solution, except those that `valid` rejected. Only determined
+            with ``prove=True``.
+        sampled: Whether these are only a sample of infinitely many solutions. This is the case for redundant arms, and
+            exactly at a singularity.
         evaluations: FK evaluations spent, the deterministic measure of work.
-        rejected: How many answers the user's `valid` refused, or hit something in the `scene`; they are left out.
-        problem: What was asked.
-        out_of_time: Did the time limit end the search, or the proof, before it was done?
-        proved_blocked: Is it proved that there are no answers here because every one hits something in the `scene`? Only
-            ``prove=True`` can tell.
+        rejected: Number of solutions that were removed because the user's `valid` rejected them or they collide in the
+            `scene`.
+        problem: The problem that was solved.
+        out_of_time: Whether the time limit ended the search, or the proof, early.
+        proved_blocked: Whether it is proved that every solution collides in the `scene`, so that none is left. Only
+            determined with ``prove=True``.
     """
 
     q: Array
@@ -56,25 +58,25 @@ class Branches(Lazy):
     proved_blocked: bool = False
 
     def __len__(self) -> int:
-        """Return the number of answers."""
+        """Return the number of solutions."""
         return len(self.q)
 
     def __iter__(self) -> Iterator[Array]:
-        """Joint values of one answer after the other, (n,) each."""
+        """Iterate over the solutions, (n,) each."""
         return iter(self.q)
 
     def __getitem__(self, index: int) -> Array:
-        """Joint values of one answer, (n,)."""
+        """Return the joint values of one solution, (n,)."""
         answer: Array = self.q[index]
         return answer
 
     @property
     def joints(self) -> dict[str, Array]:
-        """Joint values by name, base to tip: of each one value an answer, (k,), [rad] or [m]."""
+        """Joint values by name, from base to tip; each holds one value per solution, (k,), [rad] or [m]."""
         return by_name(self.problem.mechanism.joint_names, self.q)
 
     def to_frame(self) -> Any:
-        """A ``pandas.DataFrame``: a row for each answer; its joint values by name, then its errors.
+        """Return a ``pandas.DataFrame`` with a row for each solution: joint values by name, then errors.
 
         Raises:
             MissingExtra: pandas is not installed.
@@ -84,13 +86,13 @@ class Branches(Lazy):
         return branches_frame(self)
 
     def _repr_html_(self) -> str:
-        """For notebooks: the first answers, and a picture of these."""
+        """Return HTML for notebooks: the first solutions and a picture of them."""
         from kinseek.notebook.cards import branches_card
 
         return branches_card(self)
 
     def __repr__(self) -> str:
-        """Short enough to print in a shell."""
+        """Return a short representation for a shell."""
         what = "a sample" if self.sampled else "complete" if self.complete else "not proved complete"
         refused = f", {self.rejected} rejected" if self.rejected else ""
         refused += ", proved blocked" if self.proved_blocked else ""
@@ -99,14 +101,14 @@ class Branches(Lazy):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BranchesBatch(Sequence[Branches]):
-    """The answers to a batch of goals: a flat sequence of `Branches`, one a goal in C order.
+    """The solutions of a batch of goals: a flat sequence of `Branches`, one per goal in C order.
 
-    Goals have different numbers of answers, so there is no rectangular array. `q` holds the answers of all goals one
-    after the other, and ``q[offsets[i]:offsets[i + 1]]`` are those of goal i. It is true where there is a goal; whether
-    there are answers, `counts` says.
+    Goals have different numbers of solutions, so there is no rectangular array. `q` holds the solutions of all goals one
+    after the other, and ``q[offsets[i]:offsets[i + 1]]`` are those of goal i. The truth value only depends on whether there
+    are goals; `counts` gives the numbers of solutions.
 
     Attributes:
-        each: The answers, one `Branches` a goal; where they are wanted as they were found, made when they are looked at.
+        each: The solutions, one `Branches` per goal. If they are requested in the order found, each is created on access.
         shape: Shape of the batch.
     """
 
@@ -118,7 +120,7 @@ class BranchesBatch(Sequence[Branches]):
     @overload
     def __getitem__(self, index: slice) -> Sequence[Branches]: ...
     def __getitem__(self, index: int | slice) -> Branches | Sequence[Branches]:
-        """Return the answers to one goal by its flat number, or those to some."""
+        """Return the solutions of one goal by its flat index, or those of several goals."""
         return self.each[index]
 
     def __len__(self) -> int:
@@ -127,60 +129,60 @@ class BranchesBatch(Sequence[Branches]):
 
     @property
     def counts(self) -> NDArray[np.int64]:
-        """Number of answers to each goal, of the batch's shape."""
+        """Number of solutions of each goal, in the shape of the batch."""
         counts = self.each.counts if isinstance(self.each, AsFound) else [len(one) for one in self.each]
         return np.array(counts, dtype=np.int64).reshape(self.shape)
 
     @property
     def offsets(self) -> NDArray[np.int64]:
-        """Where the answers to each goal begin in `q`, and their number at the end, (goals + 1,)."""
+        """Index of the first solution of each goal in `q`, followed by the total number, (goals + 1,)."""
         return np.concatenate([[0], np.cumsum(self.counts.ravel())]).astype(np.int64)
 
     @property
     def q(self) -> Array:
-        """Answers of all goals, one after the other, (K, n), [rad] or [m]."""
+        """Solutions of all goals, one after the other, (K, n), [rad] or [m]."""
         if not self.each:
             return np.zeros((0, 0))
         return np.concatenate(self.each.q if isinstance(self.each, AsFound) else [one.q for one in self.each])
 
     def to_frame(self) -> Any:
-        """A ``pandas.DataFrame``: a row for each answer to each goal, called by the goal's flat number and its own.
+        """Return a ``pandas.DataFrame`` with a row for each solution of each goal, indexed by goal and solution.
 
         Raises:
             MissingExtra: pandas is not installed.
-            InvalidUse: A batch of no goals, which tells no joints.
+            InvalidUse: The batch is empty, so the joints are not known.
         """
         from kinseek.notebook.frames import branches_batch_frame
 
         return branches_batch_frame(self)
 
     def _repr_html_(self) -> str:
-        """For notebooks: how many answers the first goals have."""
+        """Return HTML for notebooks: the numbers of solutions of the first goals."""
         from kinseek.notebook.cards import branches_batch_card
 
         return branches_batch_card(self)
 
     def __repr__(self) -> str:
-        """Short enough to print in a shell."""
+        """Return a short representation for a shell."""
         counts = self.counts
         span = f"{counts.min()} to {counts.max()} answers each" if counts.size else "empty"
         return f"BranchesBatch(shape={self.shape}, {span})"
 
 
 class Answers(NamedTuple):
-    """What the kernels found for one target."""
+    """The solutions that the kernels found for one target."""
 
     q: Array
-    """(k, n)"""
+    """Joint values, (k, n)."""
     errors: Array
     """Position errors [m] and orientation errors [rad], (k, 2)."""
     evaluations: int
     singular: bool
-    """Did the search meet endlessly many answers?"""
+    """Whether the search found a continuum of solutions."""
 
 
 def answers_of(rows: Array, dof: int) -> Answers:
-    """Name what stands in rows of answers: joint values and errors, and in the last row how many, at what cost."""
+    """Parse rows of solutions: joint values and errors; the last row holds their number and the cost of the search."""
     last = rows[-1]
     found = rows[: int(last[ANSWERS])]
     return Answers(found[:, :dof], found[:, dof : dof + 2], int(last[SPENT]), bool(last[CONTINUUM] > 0.0))
@@ -193,14 +195,14 @@ def quick_branches(
     sampled: bool,
     most: int | None = None,
 ) -> Branches:
-    """Make branches of one pose, in the order in which they were found, as fast as Python can.
+    """Create the branches of one pose, in the order in which they were found, with little overhead.
 
     Args:
-        question: What `MadeWhenAsked` makes a problem of.
-        dof: Joint variables.
-        found: What `kernels.branches.search.find_branches` returns.
-        sampled: Does the arm have joints to spare?
-        most: So many answers at most; None for all.
+        question: The arguments from which `MadeWhenAsked` creates a problem.
+        dof: Number of joint variables.
+        found: Return value of `kernels.branches.search.find_branches`.
+        sampled: Whether the arm is redundant.
+        most: Largest number of solutions; None for all.
     """
     last = found[-1]
     count = int(last[ANSWERS])
@@ -221,22 +223,22 @@ def quick_branches(
 
 
 class AsFound(Lazy, Sequence[Branches]):
-    """The answers to each goal of a batch in the order in which they were found; a `Branches` is made when it is looked at.
+    """The solutions of each goal of a batch in the order found; a `Branches` is created on access.
 
-    To make one takes as long as to find its answers where the arm has a closed form.
+    If the arm has a closed form, creating a `Branches` takes as long as finding its solutions.
     """
 
     def __init__(
         self, problem: Problem, found: list[Array], nears: Array | None, sampled: bool, most: int | None
     ) -> None:
-        """Keep what was found.
+        """Store the results.
 
         Args:
-            problem: The question, of a batch that is not empty.
-            found: Of each goal what `kernels.branches.search.find_branches` returns.
-            nears: Of each goal what its answers are near to, (k, n), or None.
-            sampled: Does the arm have joints to spare?
-            most: So many answers at most; None for all.
+            problem: The problem of a batch that is not empty.
+            found: For each goal the return value of `kernels.branches.search.find_branches`.
+            nears: For each goal the joint values that its solutions are near to, (k, n), or None.
+            sampled: Whether the arm is redundant.
+            most: Largest number of solutions; None for all.
         """
         self._one, self._targets = next(problem.each()), problem.goal.target.reshape(-1, 4, 4)
         self._found, self._nears, self._sampled, self._most = found, nears, sampled, most
@@ -244,11 +246,11 @@ class AsFound(Lazy, Sequence[Branches]):
 
     @lazy
     def _made(self) -> dict[int, Branches]:
-        """The answers that were looked at."""
+        """The solutions that were accessed."""
         return {}
 
     def __len__(self) -> int:
-        """How many goals there are."""
+        """Return the number of goals."""
         return len(self._found)
 
     @overload
@@ -256,7 +258,7 @@ class AsFound(Lazy, Sequence[Branches]):
     @overload
     def __getitem__(self, index: slice) -> tuple[Branches, ...]: ...
     def __getitem__(self, index: int | slice) -> Branches | tuple[Branches, ...]:
-        """The answers to one goal, the same object every time, or to some."""
+        """Return the solutions of one goal, the same object every time, or of several goals."""
         if isinstance(index, slice):
             return tuple(self[i] for i in range(*index.indices(len(self))))
         i = range(len(self))[index]
@@ -268,11 +270,11 @@ class AsFound(Lazy, Sequence[Branches]):
 
     @property
     def counts(self) -> list[int]:
-        """Number of answers to each goal."""
+        """Number of solutions of each goal."""
         most = np.inf if self._most is None else self._most
         return [int(min(rows[-1, ANSWERS], most)) for rows in self._found]
 
     @property
     def q(self) -> list[Array]:
-        """Answers to each goal, (k, n), [rad] or [m]."""
+        """Solutions of each goal, (k, n), [rad] or [m]."""
         return [rows[:count, : self._dof] for rows, count in zip(self._found, self.counts, strict=True)]

@@ -1,1 +1,1 @@
-"""Many poses in a row: one continuous motion through them, and a tracker that takes them one at a time."""
+"""Follow many poses by one continuous motion, or track poses that arrive one at a time."""

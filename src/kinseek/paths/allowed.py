@@ -1,4 +1,4 @@
-"""Which joint values a path may take, and which steps: what a scene leaves free, and what the user's `valid` agrees to."""
+"""Check which joint values and steps a path may take, against a collision scene and the user's `valid`."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 APART = 0.05
-"""Points between two poses at which `valid` is asked stand no farther apart in any joint [rad or m]; one at least."""
+"""Largest distance in any joint [rad or m] between points of a step at which `valid` is called; at least one point is
+checked."""
 
 
 ROWS = 128
-"""Rows that a scene is asked about together where a deadline has to be kept: some milliseconds."""
+"""Rows per call of the scene if there is a deadline: a call then takes some milliseconds."""
 
 FEW = 16
-"""Poses of which the user is asked together where a deadline has to be kept: it may take milliseconds each."""
+"""Poses per call of the user's `valid` if there is a deadline: each may take milliseconds."""
 
 
 class Obstacles(Protocol):
-    """What a path asks of a scene."""
+    """Methods of a scene that a path uses."""
 
     def free(self, q: Any, clearance: float = 0.0) -> Any:
         """See `Scene.free`."""
@@ -48,50 +49,50 @@ class Obstacles(Protocol):
 
 @dataclass(frozen=True)
 class Allowed:
-    """Asks a scene and the user. It can be called as a `valid`.
+    """Check joint values and steps against a scene and the user's `valid`. An instance can be passed as a `valid`.
 
     Raises:
-        TimeUp: By the methods that ask about many rows, once the deadline has passed.
+        TimeUp: By the methods that check many rows, if the deadline has passed.
     """
 
     valid: Valid | None = None
     scene: Obstacles | None = None
     clearance: float = 0.0
     own: slice = field(default_factory=lambda: slice(None))
-    """The joints of the arm itself, where others stand for ranges of the goal."""
+    """The arm's own joints, if the chain also has virtual joints for ranges of the goal."""
     deadline: Deadline = field(default_factory=Deadline)
 
     def at_once(self, count: int) -> int:
-        """How many of so many poses are asked about, with the steps between them, before the next are."""
+        """Return how many of `count` poses, and the steps between them, are checked in one batch."""
         if not self.deadline.limited:
             return max(count, 1)
         return ROWS if self.valid is None else FEW
 
     def __call__(self, q: Array) -> bool:
-        """Is one q, (n,), free, and does the user agree?"""
+        """Return whether one q, (n,), is free and `valid` accepts it."""
         return bool(self.each(q[None])[0])
 
     def each(self, q: Array) -> Flags:
-        """Of each q, (k, n): is it free, and does the user agree? (k,)."""
+        """Return for each q, (k, n), whether it is free and `valid` accepts it, (k,)."""
         free = self.free(q)
         free[free] = self.agreed(q[free])
         return free
 
     def ways(self, a: Array, b: Array) -> Flags:
-        """Of each straight way, (k, n) to (k, n): is all of it free, and does the user agree to points of it? (k,)."""
+        """Return for each straight step, (k, n) to (k, n), whether it is free and `valid` accepts points of it, (k,)."""
         free = self.free_ways(a, b)
         free[free] = self.agreed_ways(a[free], b[free])
         return free
 
     def free(self, q: Array) -> Flags:
-        """Of each q, (k, n): is it free in the scene? (k,)."""
+        """Return for each q, (k, n), whether it is free in the scene, (k,)."""
         if self.scene is None or not len(q):
             return np.ones(len(q), dtype=np.bool_)
         scene, own = self.scene, q[:, self.own]
         return self._in_parts(len(q), lambda some: scene.free(own[some], self.clearance))
 
     def free_ways(self, a: Array, b: Array) -> Flags:
-        """Of each straight way, (k, n) to (k, n): is all of it free in the scene? (k,)."""
+        """Return for each straight step, (k, n) to (k, n), whether all of it is free in the scene, (k,)."""
         if self.scene is None or not len(a):
             return np.ones(len(a), dtype=np.bool_)
         scene, begins, ends = self.scene, a[:, self.own], b[:, self.own]
@@ -100,7 +101,7 @@ class Allowed:
         )
 
     def _in_parts(self, count: int, ask: Callable[[slice], Any]) -> Flags:
-        """Ask about so many rows, all at once unless a deadline has to be kept, (count,)."""
+        """Check `count` rows, (count,), all at once if there is no deadline, otherwise in batches."""
         size = ROWS if self.deadline.limited else count
         report = []
         for begin in range(0, count, size):
@@ -109,7 +110,7 @@ class Allowed:
         return np.concatenate(report)
 
     def agreed(self, q: Array) -> Flags:
-        """Of each q, (k, n): does the user agree? (k,)."""
+        """Return for each q, (k, n), whether `valid` accepts it, (k,)."""
         if self.valid is None:
             return np.ones(len(q), dtype=np.bool_)
         report = []
@@ -119,7 +120,7 @@ class Allowed:
         return np.array(report, dtype=np.bool_)
 
     def agreed_ways(self, a: Array, b: Array) -> Flags:
-        """Of each straight way, (k, n) to (k, n): does the user agree to all points of it that are asked? (k,)."""
+        """Return for each straight step, (k, n) to (k, n), whether `valid` accepts all sampled points of it, (k,)."""
         if self.valid is None:
             return np.ones(len(a), dtype=np.bool_)
         return np.array(
@@ -134,13 +135,13 @@ class Allowed:
         return all(is_valid(self.valid, a + (b - a) * k / parts) for k in range(1, parts))
 
     def against(self, q: Array) -> str:
-        """What stands against one q, (n,), that is not allowed: a phrase for people."""
+        """Describe in a phrase why one q, (n,), is not allowed."""
         if self.scene is not None and (found := self.scene.hits(q[self.own], self.clearance)):
             return _report(found)
         return "valid refuses it"
 
     def against_way(self, a: Array, b: Array) -> str:
-        """What stands against a straight way that is not allowed, (n,) to (n,)."""
+        """Describe in a phrase why a straight step, (n,) to (n,), is not allowed."""
         a, b = a[self.own], b[self.own]
         if self.scene is not None and (found := self.scene.hits_between(a, b, self.clearance)):
             return _report(found)

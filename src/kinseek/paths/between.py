@@ -1,4 +1,4 @@
-"""Between two poses: where the hand is while the joints move straight."""
+"""Deviation of the hand from straight motion between two poses, while the joints move linearly."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 SHARES = (0.25, 0.5, 0.75)
-"""Where between two poses the hand is looked at."""
+"""Fractions of a step at which the pose of the hand is computed."""
 
 AT_ONCE = 4096
-"""Poses between which it is looked at together: a long path takes no more memory for it than a short one."""
+"""Steps that are processed together, so that memory does not grow with the length of the path."""
 
 
 def between(q: Array, breaks: NDArray[np.int64], shares: tuple[float, ...]) -> Array:
-    """Joint values between those of two poses, breaks left out, (m, len(shares), n)."""
+    """Interpolate joint values between consecutive poses, without the breaks, (m, len(shares), n)."""
     whole = np.delete(np.arange(len(q) - 1), breaks[breaks < len(q) - 1])
     a, b = q[whole], q[whole + 1]
     part = np.array(shares)[None, :, None]
@@ -29,7 +29,7 @@ def between(q: Array, breaks: NDArray[np.int64], shares: tuple[float, ...]) -> A
 
 
 def deviation_between(problem: Problem, q: Array, breaks: NDArray[np.int64]) -> tuple[float, float]:
-    """The farthest from the straight way between poses [m], and the largest turn away from it [rad]."""
+    """Return the largest deviation from straight motion between poses: distance [m] and angle [rad]."""
     farthest = np.zeros(2)
     for first in range(0, len(q) - 1, AT_ONCE):
         rows = q[first : first + AT_ONCE + 1]
@@ -61,7 +61,7 @@ def _deviation(problem: Problem, q: Array, breaks: NDArray[np.int64]) -> tuple[f
 
 
 def rotation_vectors(R: Array) -> Array:
-    """Rotation vectors [rad] of rotations that are less than half a turn, (k, 3, 3) -> (k, 3)."""
+    """Rotation vectors [rad] of rotations by less than half a turn, (k, 3, 3) -> (k, 3)."""
     twice = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
     sine, cosine = np.linalg.norm(twice, axis=1) / 2, (np.trace(R, axis1=1, axis2=2) - 1) / 2
     angle = np.arctan2(sine, cosine)
@@ -69,14 +69,14 @@ def rotation_vectors(R: Array) -> Array:
 
 
 def apart(one: Array, other: Array) -> tuple[Array, Array]:
-    """Distances [m] and turns [rad] between poses, (k, 4, 4) each -> (k,) and (k,)."""
+    """Return distances [m] and angles [rad] between poses, (k, 4, 4) each -> (k,) and (k,)."""
     turn = rotation_vectors(np.swapaxes(one[:, :3, :3], 1, 2) @ other[:, :3, :3])
     return np.linalg.norm(one[:, :3, 3] - other[:, :3, 3], axis=1), np.linalg.norm(turn, axis=1)
 
 
 def beyond_a_step(chain: SerialChain, longest: Array, distance: Array, turn: Array) -> tuple[Flags, Flags]:
-    """Whether hands are farther apart [m], and more turned [rad], (k,) each, than the joints' longest steps go, (k, n).
+    """Return whether a distance [m] and an angle [rad], (k,) each, exceed what the longest joint steps, (k, n), can cause.
 
-    No joint moves the hand faster than the arm is long.
+    The bound on the distance assumes that no joint moves the hand faster than the arm's length allows.
     """
     return distance > chain.reach * longest.sum(axis=1), turn > longest[:, chain.turns].sum(axis=1)

@@ -1,4 +1,4 @@
-"""Proofs that one unbroken branch leads from pose to pose, see `kernels.paths.tube`."""
+"""Prove that one continuous branch of solutions leads from pose to pose, see `kernels.paths.tube`."""
 
 from __future__ import annotations
 
@@ -22,33 +22,35 @@ from .joints import Turning
 Array = NDArray[np.float64]
 
 RIM, MISSED = 1e-7, 1e3
-"""A branch counts as that of a pose if it passes the joint values by less than this [rad] or [m], and so often what the hand
-misses the pose by: about what a miss makes of joint values that stand off singularities. Steps on both sides of a pose hold
-everything within it in their tubes, so that it is the same branch."""
+"""Largest distance [rad] or [m] between joint values and a branch that belongs to them: `RIM` plus `MISSED` times the pose
+error. `MISSED` estimates how much a pose error changes joint values away from singularities. The tubes of the steps on both
+sides of a pose contain everything within this distance, so both contain the same branch."""
 
 HALF_TURN = 3.0
-"""A turn between two poses of more than this [rad] is no turn that they tell: nothing is proved of it."""
+"""Largest rotation between two poses [rad] for which a proof is tried: near half a turn its axis is not well defined."""
 
 NEAR, LEADS = 0.02, 0.1
-"""With joints to spare, one that comes nearer to a limit than this [rad] or [m] is held to its straight way, if a unit of
-self-motion moves it by so much at least. By trial."""
+"""Thresholds for holding a joint of a redundant arm that approaches a limit. A joint is held on its straight line if it
+comes nearer to a limit than `NEAR` [rad] or [m], and a unit step of self-motion moves it by more than `LEADS`. Not examined
+further."""
 
 CHUNK = 64
-"""Steps that a thread takes at a time: some milliseconds."""
+"""Steps that a thread takes at a time: some milliseconds of work."""
 
 
 @dataclass(frozen=True)
 class Proved:
-    """What is proved of some steps."""
+    """Result of the proofs for some steps."""
 
     state: NDArray[np.int64]
-    """See `kernels.paths.steps.UNPROVED`, (steps,)."""
+    """Status codes, see `kernels.paths.steps.UNPROVED`, (steps,)."""
     within: Array
-    """How far the branch passes by the joint values at begin and end, at most, (steps, 2), [rad] or [m]."""
+    """Upper bounds of the distances between the branch and the joint values at both ends of each step, (steps, 2), [rad] or
+    [m]."""
 
     @property
     def inside(self) -> NDArray[np.bool_]:
-        """Does an unbroken branch lead on, inside the limits? Of each step, (steps,)."""
+        """Return for each step whether the branch is continuous and stays inside the limits."""
         return np.asarray(self.state == INSIDE)
 
 
@@ -63,17 +65,17 @@ def prove_rows(
     limits: tuple[Array, Array] | None = None,
     deadline: Deadline | None = None,
 ) -> Proved:
-    """Prove of steps of a path that one branch leads from the joint values of a pose to those of the next.
+    """Prove for steps of a path that one branch leads from the joint values of a pose to those of the next.
 
     Args:
-        problem: The arm and N targets: poses, directions or places, without ranges.
+        problem: The arm and N targets: poses, directions or positions, without ranges.
         q: Joint values that reach them, (N, n).
-        which: Numbers i of the steps from pose i to pose i + 1, in order, (k,).
-        keep: Must the branch stay inside the limits? If not, steps may be proved that leave them; see `SOMEWHERE`.
-        threads: Threads that share the steps; None takes every core.
-        rims: How near a branch must be known to pass by each row, (N,); by default as near as the rows reach the poses.
-        limits: Lower and upper, (n,) each, infinite where there are none; those of the arm by default.
-        deadline: After it no further step is proved.
+        which: Indices i of the steps from pose i to pose i + 1, in ascending order, (k,).
+        keep: Whether the branch must stay inside the limits. If not, steps that leave them may be proved; see `SOMEWHERE`.
+        threads: Threads that share the steps; None uses every core.
+        rims: Largest accepted distance between the branch and each row, (N,); the default follows from the pose errors.
+        limits: Lower and upper limits, (n,) each, infinite for joints without; the default is the arm's limits.
+        deadline: No further step is proved after it.
     """
     targets = problem.goal.targets
     count, dof, columns = len(which), q.shape[1], problem.goal.form.columns
@@ -114,7 +116,7 @@ def prove_rows(
 
 
 def turns_between(begin: Array, end: Array, columns: int) -> Array:
-    """The turns about axes of the base that lead from poses to others, (k, 3), [rad]; of a direction the shortest."""
+    """Rotation vectors in the base frame that lead from poses to others, (k, 3), [rad]; the shortest ones for directions."""
     if columns == 0:
         return np.zeros((len(begin), 3))
     if columns == 1:
@@ -127,9 +129,10 @@ def turns_between(begin: Array, end: Array, columns: int) -> Array:
 
 
 def _holds(problem: Problem, begins: Array, ends: Array, spare: int) -> Array:
-    """Directions in which joints to spare are held to their straight way, (k, spare, n).
+    """Return the directions in which redundant joints are held on their straight line, (k, spare, n).
 
-    Along the self-motion in the middle of a step; but a joint that comes near a limit is held itself: so it stays inside.
+    They follow the self-motion in the middle of a step. A joint that comes near a limit is held itself, so that it stays
+    inside.
     """
     if spare == 0:
         return np.zeros((len(begins), 0, begins.shape[1]))
@@ -149,13 +152,13 @@ def _holds(problem: Problem, begins: Array, ends: Array, spare: int) -> Array:
 
 
 def rims_of(problem: Problem, q: Array) -> Array:
-    """How near the branch of a pose must be known to pass by joint values, (N, n) -> (N,), [rad] or [m]."""
+    """Largest accepted distance between the branch of each pose and its joint values, (N, n) -> (N,), [rad] or [m]."""
     errors = problem.goal.measure(problem.arrays, np.ascontiguousarray(q))
     return np.asarray(RIM + MISSED * (errors[:, 0] + errors[:, 1]))
 
 
 def numbers_of(problem: Problem, q: Array) -> Array:
-    """What a radian counts as, and the margins for rounding of the farthest target."""
+    """Return the length that scales a radian, and the rounding margins for the farthest target."""
     goal = problem.goal
     farthest = int(np.argmax(np.linalg.norm(goal.targets[:, :, 3], axis=1)))
     one = Problem(problem.mechanism, goal.at(goal.target[farthest]))
@@ -163,7 +166,8 @@ def numbers_of(problem: Problem, q: Array) -> Array:
     angles = np.abs(problem.arrays.multiplier * q[:, problem.arrays.leader]).sum(axis=1).max()
     numbers = np.zeros(COUNT)
     numbers[LENGTH] = wanted.length
-    # Twice: the two joints that undo the hand's way, and their frames, are no more than the arm with its goal.
+    # The factor 2 covers the two virtual joints that compensate the motion of the hand, and their frames: these add no more
+    # rounding error than the arm with its goal.
     margin, margin_a = margins(one, angles=float(angles))
     numbers[MARGIN] = 2.0 * max(margin, wanted.margin)
     numbers[MARGIN_A] = 2.0 * max(margin_a, wanted.margin_a)

@@ -1,4 +1,4 @@
-"""Layers made ready, and the best way through them: limits, missed poses, wanted ends, closed paths, `valid`."""
+"""Prepare layers and find the best path through them: limits, missed poses, given ends, closed paths, `valid`."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ from .nodes import LayerGraph
 from .request import PathRequest
 
 MOST = 250
-"""Answers to a pose at most: the search counts them in a byte. Isolated ones are sixteen, and some twice."""
+"""Largest number of solutions per pose, since the search stores their numbers in a byte. There are at most sixteen isolated
+ones, and some appear twice."""
 
 ROUNDS = 10
-"""Ways that are tried before `valid` is asked of every answer to every pose."""
+"""Paths that are tried before `valid` is called for every solution of every pose."""
 
 AT_ONCE = 512
-"""Poses whose answers are looked at together: what that takes then stays in the processor's own memory."""
+"""Poses whose solutions are processed together, so that the working set fits into the processor's cache."""
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
 def inside_limits(problem: Problem, wide: Layers) -> Layers:
-    """The answers that the limits allow, in the first turn of every joint."""
+    """Keep the solutions inside the limits, each joint in its first turn."""
     if not len(wide):
         return wide
     turning = Turning(problem.chain)
@@ -54,9 +55,10 @@ def inside_limits(problem: Problem, wide: Layers) -> Layers:
 
 
 def _at_both_ends(turning: Turning, q: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-    """Give answers, (N, width, n), with a joint at the lower end of a range of whole turns a twin that stands at the upper.
+    """Add a twin at the upper end to solutions, (N, width, n), with a joint at the lower end of a range of whole turns.
 
-    There one more copy lies inside the limits than there are nodes for; the twin is a rounding off the end, and so has one.
+    At the ends one more copy lies inside the limits than there are nodes for. The twin is off the end by a rounding error,
+    so it has a node of its own.
     """
     for joint in np.flatnonzero(turning.at_lower_end(q)[good].any(axis=0)):
         at_end = turning.at_lower_end(q)[..., joint] & good
@@ -68,15 +70,15 @@ def _at_both_ends(turning: Turning, q: Array, good: NDArray[np.bool_]) -> tuple[
 
 
 class Filled(NamedTuple):
-    """Layers with something for every pose."""
+    """Layers with at least one row of joint values for every pose."""
 
     layers: Layers
     missed: NDArray[np.bool_]
-    """Which poses have no answer, but joint values with the hand nearest to the pose, (N,)."""
+    """Flags of poses without a solution, (N,); their joint values put the hand nearest to the pose."""
 
 
 def fill_missed(problem: Problem, layers: Layers, threads: int | None, deadline: Deadline) -> Filled:
-    """Give each pose without an answer the nearest that the atlas finds; if the time is up, only the first so many poses."""
+    """Give each pose without a solution the nearest one that the atlas finds; if the time is up, only the first poses."""
     missed = layers.count == 0
     some = np.flatnonzero(missed)
     if not len(some):
@@ -92,7 +94,7 @@ def fill_missed(problem: Problem, layers: Layers, threads: int | None, deadline:
 
 
 def with_ends(request: PathRequest, layers: Layers) -> tuple[Layers, tuple[int, int]]:
-    """Put the wanted start and end beside the answers to the first and the last pose; their nodes, or -1."""
+    """Add the given start and end to the solutions of the first and the last pose; return also their nodes, or -1."""
     turning, nodes = Turning(request.problem.chain), [-1, -1]
     for k, (wanted, i) in enumerate(((request.start, 0), (request.end, len(layers.q) - 1))):
         if wanted is None:
@@ -107,10 +109,10 @@ def with_ends(request: PathRequest, layers: Layers) -> tuple[Layers, tuple[int, 
 
 
 def best_valid(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices]:
-    """The best way to which `valid` agrees, found by asking it of the best way again and again (Bohlin and Kavraki 2000).
+    """Find the best path that `valid` accepts by checking the best path repeatedly (Bohlin and Kavraki 2000).
 
     Returns:
-        Joint values and breaks; if the time is up, of so many of the first poses, to which it agreed.
+        Joint values and breaks; if the time is up, only for the first poses, which `valid` accepted.
     """
     request = graph.request
     with suppress(TimeUp):
@@ -127,13 +129,13 @@ def best_valid(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices
         if tries == ROUNDS:
             with suppress(TimeUp):
                 graph.ask_everywhere()
-    if count == len(q):  # All but the step from the last pose to the first.
+    if count == len(q):  # The step from the last pose to the first is not included.
         return q, np.append(breaks, len(q) - 1)
     return q[:count], breaks[breaks < count - 1]
 
 
 def best_of(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices, float, Indices]:
-    """The best way, closed if that is asked: then the best over all answers to the first pose."""
+    """Find the best path. For a closed path, try every solution of the first pose and return the best result."""
     request = graph.request
     if not request.closed:
         return graph.best(request.longest, *ends)
@@ -164,11 +166,11 @@ def best_of(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices, f
 
 
 def refusals(request: PathRequest, q: Array) -> tuple[set[int], Indices, int]:
-    """Ask a scene and the user about a path, (M, n).
+    """Check a path, (M, n), against a scene and the user's `valid`.
 
     Returns:
-        Numbers of poses that are not allowed; of those from which the way to the next is not; and how many poses were
-        asked about before the time was up.
+        Indices of poses that are not allowed; indices of poses from which the step to the next is not allowed; and how many
+        poses were checked before the time was up.
     """
     valid = request.valid
     forbidden_edges = list[Indices]([np.zeros(0, dtype=np.int64)])
@@ -176,7 +178,7 @@ def refusals(request: PathRequest, q: Array) -> tuple[set[int], Indices, int]:
         return set(), forbidden_edges[0], len(q)
     goal, refused = request.problem.goal, np.zeros(len(q), dtype=np.bool_)
     begin, end = steps_of(request, q)
-    # Of a way to or from a pose that is missed nothing is asked, nor of one that is a break in any case.
+    # Steps to and from a missed pose are not checked, nor are steps that are breaks in any case.
     asks = short_steps(request, begin, end)
     goal = goal.at(goal.target[: len(q)])
     there = goal.met(goal.measure(request.problem.arrays, np.ascontiguousarray(q)))
@@ -198,7 +200,10 @@ def refusals(request: PathRequest, q: Array) -> tuple[set[int], Indices, int]:
 
 
 def steps_of(request: PathRequest, q: Array) -> tuple[Array, Array]:
-    """Where each step of a path, (N, n), begins and ends; of a closed path that from the last pose to the first too."""
+    """Return the start and end of each step of a path, (N, n).
+
+    A closed path includes the step from the last pose to the first.
+    """
     if not request.closed or len(q) == 1 or len(q) < len(request):
         return q[:-1], q[1:]
     back = q[-1] + Turning(request.problem.chain).way(q[0] - q[-1])
@@ -206,7 +211,10 @@ def steps_of(request: PathRequest, q: Array) -> tuple[Array, Array]:
 
 
 def short_steps(request: PathRequest, begin: Array, end: Array) -> NDArray[np.bool_]:
-    """Of each step that `steps_of` gave: does no joint go too far? The step that closes a path has the bound of the last."""
+    """Return for each step of `steps_of` whether every joint stays within its longest step.
+
+    The step that closes a path has the bound of the last step.
+    """
     longest = request.longest
     if len(longest) > 1:
         longest = np.concatenate([longest, longest[-1:]])[: len(begin)]

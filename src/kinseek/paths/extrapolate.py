@@ -1,4 +1,4 @@
-"""Poses to come, from those that came: the hand goes on turning, and its way goes on bending, as it did."""
+"""Extrapolate poses: the hand keeps its rates of rotation and of curvature."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from kinseek.transforms import rotations
 Array = NDArray[np.float64]
 
 CORNER = 1.0
-"""A way that bends by more than this between two looks back has a corner, and goes straight on from there [rad]."""
+"""If the direction of motion changes by more than this between two chords, the extrapolation is a straight line [rad]."""
 
 
 def poses_ahead(before: Array, middle: Array, now: Array, times: Array) -> Array:
-    """Go on from three poses that are equally far apart in time.
+    """Extrapolate three poses that are equally spaced in time.
 
-    The hand turns on at its last rate about its own axis. Its velocity keeps its size and turns on at the rate of the last
-    two chords, so that a line goes on as a line, and a circle as that circle, whether the hand turns with it or not.
+    The hand keeps its last angular velocity about its own axis. Its linear velocity keeps its size and turns at the rate of
+    the last two chords. So a line continues as a line and a circle as the same circle, whether or not the hand turns with
+    it.
 
     Args:
-        before: (4, 4); the same as `middle` where nothing is known of it.
-        middle: (4, 4)
-        now: (4, 4)
-        times: When the poses are wanted, (k,), the time from one of the three to the next being 1.
+        before: Pose, (4, 4); the same as `middle` if nothing is known of it.
+        middle: Pose, (4, 4).
+        now: Pose, (4, 4).
+        times: Times of the requested poses, (k,), in units of the time between two of the three poses.
 
     Returns:
         Poses, (k, 4, 4).
@@ -37,7 +38,7 @@ def poses_ahead(before: Array, middle: Array, now: Array, times: Array) -> Array
     poses[:, 3] = 0.0, 0.0, 0.0, 1.0
     if 1e-9 < bend < CORNER:
         axis = normal / sine
-        # From the chord to the velocity at its end: half the bend on, and the arc is longer than its chord.
+        # Convert the last chord into the velocity at its end: turn it by half the bend, and lengthen it to the arc.
         velocity = _turned(axis, bend / 2, chord) * (bend / 2) / np.sin(bend / 2)
         angle = (bend * times)[:, None]
         way = (np.sin(angle) * velocity + (1.0 - np.cos(angle)) * np.cross(axis, velocity)) / bend
@@ -50,7 +51,7 @@ def poses_ahead(before: Array, middle: Array, now: Array, times: Array) -> Array
 
 
 def _turned(axis: Array, angle: float, vector: Array) -> Array:
-    """A vector at right angles to an axis, turned about it."""
+    """Rotate a vector about an axis at right angles to it."""
     return np.asarray(np.cos(angle) * vector + np.sin(angle) * np.cross(axis, vector))
 
 

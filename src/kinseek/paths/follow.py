@@ -1,4 +1,4 @@
-"""One continuous motion through many poses: what `Arm.follow` does."""
+"""Find one continuous motion through many poses: the implementation of `Arm.follow`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ Indices = NDArray[np.int64]
 Advance = Callable[[int], object]
 
 FIRST_PART = 0.35
-"""Of a time limit so much is left to the search for answers: what the user says of them, and the way, take as long again."""
+"""Fraction of a time limit for finding solutions: the calls of the user's functions and the search for the path take about
+as long again."""
 
 
 def follow(request: PathRequest, threads: int | None, advance: Advance, take: int | None = None) -> Path:
@@ -35,9 +36,9 @@ def follow(request: PathRequest, threads: int | None, advance: Advance, take: in
 
     Args:
         request: The path.
-        threads: Threads that share the poses; None takes every core.
-        advance: Told how many more poses are done.
-        take: How many poses the path shall have that is given back, of those that were looked at; None means all.
+        threads: Threads that share the poses; None uses every core.
+        advance: Called with the number of poses that were completed since the last call.
+        take: Number of poses of the returned path; the others only serve as look-ahead. None returns all.
     """
     part, own = with_virtual_joints(request)
     take = len(request) if take is None else take
@@ -58,11 +59,11 @@ def follow(request: PathRequest, threads: int | None, advance: Advance, take: in
 def _isolated(
     request: PathRequest, threads: int | None, advance: Advance
 ) -> tuple[Array, Indices, Layers | Windows, set[int]]:
-    """Follow a path with isolated answers.
+    """Follow a path whose solutions are isolated.
 
     Returns:
-        Joint values for every pose, (N, n), or, if the time is up, for the first poses; breaks; what is known of the
-        answers; and the poses that are missed.
+        Joint values for every pose, (N, n), or for the first poses if the time is up; breaks; the solutions that were found;
+        and the indices of missed poses.
     """
     none = np.zeros((0, request.problem.chain.dof)), np.zeros(0, dtype=np.int64)
     if in_windows(request):
@@ -92,9 +93,9 @@ def _isolated(
 
 
 def _ended(request: PathRequest, q: Array) -> Array:
-    """Put wanted ends into a way, (N, n), to the last bit; the turns of endless joints are those of the first of them.
+    """Insert the given ends into a path, (N, n), exactly; full turns of endless joints follow the first of them.
 
-    So are the ends of a closed path that has its first pose again at the end.
+    A closed path that repeats its first pose at the end gets the joint values of that pose there.
     """
     turning, free = Turning(request.problem.chain), True
     for wanted, i in ((request.start, 0), (request.end, -1)):
@@ -114,7 +115,7 @@ def _ended(request: PathRequest, q: Array) -> Array:
 def _judged(
     request: PathRequest, rows: Array, breaks: Indices, wide: Layers | Windows | None, unreachable: set[int]
 ) -> Path:
-    """Judge joint values for the first poses, (M, n), by plain forward kinematics, and say what stands in the way."""
+    """Evaluate joint values for the first poses, (M, n), by plain forward kinematics; explain breaks and missed poses."""
     problem, turning = request.problem, Turning(request.problem.chain)
     goal, chain = problem.goal, problem.chain
     planned = np.arange(len(request)) < len(rows)
@@ -125,13 +126,13 @@ def _judged(
     errors = goal.measure(problem.arrays, np.ascontiguousarray(q))
     reached = goal.met(errors) & planned
     reached[[i for i in unreachable if i < len(q)]] = False
-    # Whatever was planned, a step that is too large is a break.
+    # A step that is too large is a break, whatever was planned.
     begin, end = steps_of(request, q)
     torn = ~short_steps(request, begin, end)
     if request.closed and request.ends_where_it_begins:
         torn[-1] |= (np.abs(end[-1] - begin[-1]) > ROUNDING).any()
     torn[breaks[breaks < len(torn)]] = True
-    # Between poses of which one is missed there is nothing to break.
+    # A step to or from a missed pose is never a break.
     torn &= reached[: len(torn)] & np.roll(reached, -1)[: len(torn)]
     path = Path(
         q=q,

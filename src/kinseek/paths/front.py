@@ -1,4 +1,4 @@
-"""From what `Arm.follow` was given to a `Path`."""
+"""Turn the arguments of `Arm.follow` into a `Path`."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .request import goals_of, read
 def follow_poses(
     arm: Mechanism, Ts: Any, options: dict[str, Any], prove: bool, threads: int | None, progress: bool
 ) -> Path:
-    """Read the poses and what else was asked, and follow them; see `Arm.follow`, which says what is raised."""
+    """Read the poses and the options, and follow the poses; see `Arm.follow` for what is raised."""
     goal, broken = goals_of(Ts)
     if broken is not None:
-        # The times and the end that were given are those of all poses; those that came have neither.
+        # The given times and the given end belong to all poses, so they do not apply to the poses that were read.
         options = options | {"end": None, "times": None, "closed": False}
     request = read(arm, goal, **options)
     with progress_bar(progress, len(goal.targets)) as advance:

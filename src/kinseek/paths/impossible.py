@@ -1,11 +1,11 @@
-"""Proofs that no continuous motion inside the limits leads from one pose of a path to another.
+"""Prove that no continuous motion inside the limits leads from one pose of a path to another.
 
-Let all answers to two poses i < j be known, and be proved to be all. Each is followed towards the other pose, tube after
-tube. An arm that stands at an answer to pose i and moves on without a jump has to stay on its branch: if that leaves the
-limits, the way ends; if it arrives, it arrives at one answer to pose j, and no other way leads there. What is not decided,
-as at a singularity, may lead to every answer to pose j of which it is not proved where it comes from. So from the answers
-that can be reached at pose i follow those that can be reached at pose j: some too many, perhaps, but none too few. Where
-none is left, no motion leads on.
+Take two poses i < j whose sets of solutions are known and proved to be complete. Each solution is followed towards the other
+pose, tube after tube. An arm at a solution of pose i that moves on continuously has to stay on its branch. If the branch
+leaves the limits, the motion ends there. If it arrives, it arrives at one solution of pose j, and no other motion leads
+there. A branch that is not decided, e.g. at a singularity, may lead to every solution of pose j whose origin is not proved.
+So the solutions that can be reached at pose i give a superset of those that can be reached at pose j. If this set is empty,
+no motion exists.
 """
 
 from __future__ import annotations
@@ -33,50 +33,50 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 EVERY = 16
-"""Poses from one complete set of answers to the next; halved where something stays undecided."""
+"""Poses from one complete set of solutions to the next; it is halved where a branch stays undecided."""
 
 TIGHT = 1e-9
-"""Tolerances for which answers are proved complete [m], [rad]: only those that reach the poses exactly are followed."""
+"""Tolerances of the completeness proofs [m], [rad]: only solutions that reach the poses exactly are followed."""
 
 RIM = 1e-5
-"""The tubes hold all answers within this of those that are followed [rad] or [m]."""
+"""The tubes contain all solutions within this distance of the followed ones [rad] or [m]."""
 
 BOXES, MOST = 20_000, 500_000
-"""Boxes at most to prove the answers to one pose complete, and of all poses of a path."""
+"""Most boxes for proving that the solutions of one pose are complete, and for all poses of a path."""
 
 ROOM = 1e-6
-"""By so much the limits are opened before answers are proved complete: those at a limit are followed as well."""
+"""The limits are widened by this before the completeness proofs, so that solutions at a limit are followed as well."""
 
 
 @dataclass(frozen=True)
 class Answers:
-    """All answers to a pose inside the limits, whole turns left out of account."""
+    """All solutions of a pose inside the limits, modulo whole turns."""
 
     q: Array
-    """(k, n)"""
+    """Solutions, (k, n)."""
     distance: Array
-    """How far the exact answer may be from each, (k, n)."""
+    """Upper bound of the distance between each solution and the exact one, (k, n)."""
 
 
 @dataclass(frozen=True)
 class Passage:
-    """What leads from the answers to one pose to those to a later one."""
+    """Connections from the solutions of one pose to those of a later one."""
 
     leads: Flags
-    """Does a branch that is proved lead from the one to the other? (k, m)"""
+    """Flags (k, m): a proved branch leads from the first solution to the second."""
     open_ahead: Flags
-    """Of which answers is it not decided where they lead, (k,)."""
+    """Flags of solutions of the first pose whose destination is not decided, (k,)."""
     open_behind: Flags
-    """And of which where they come from, (m,)."""
+    """Flags of solutions of the later pose whose origin is not decided, (m,)."""
 
 
 def impossible_stretches(
     problem: Problem, path: Path, deadline: Deadline | None = None
 ) -> tuple[tuple[int, int], ...]:
-    """Pairs (i, j) of poses that no continuous motion joins, in order, as many as were found; see `PathProof`.
+    """Return pairs (i, j) of poses that no continuous motion joins, in order, as many as were found; see `PathProof`.
 
-    Only where answers are isolated, and only stretches of poses that are reached, with a break in them: elsewhere the path
-    goes on from pose to pose, though not with the hand on the straight way.
+    Only isolated solutions are examined, and only intervals of reached poses that contain a break. In other intervals the
+    path itself leads from pose to pose, though the hand may leave the straight motion.
     """
     if freedom(problem) > 0 or problem.chain.dof != problem.goal.form.constraints:
         return ()
@@ -89,13 +89,13 @@ def impossible_stretches(
 
 
 class Search:
-    """Follows all answers of one arm along one path."""
+    """Follow all solutions of one arm along one path."""
 
     def __init__(self, problem: Problem, deadline: Deadline | None = None) -> None:
         """Build what is needed once; after the deadline nothing more is decided."""
         self.deadline = Deadline() if deadline is None else deadline
         self.problem, turning = problem, Turning(problem.chain)
-        # A joint with room for more than one turn is taken as one without limits: more can be reached, never less.
+        # A joint with room for more than one turn is treated as one without limits. This can only enlarge the reachable set.
         free = turning.copies > 1
         lower, upper = turning.open_lower - ROOM, turning.open_upper + ROOM
         self.limits = np.where(free, -np.inf, lower), np.where(free, np.inf, upper)
@@ -106,11 +106,11 @@ class Search:
         self._known: dict[int, Answers | None] = {}
 
     def step(self, gap: Array) -> Array:
-        """Differences of joint values, full turns taken off where they are left out of account, (k, n)."""
+        """Differences of joint values, (k, n), without full turns of joints that are compared modulo whole turns."""
         return np.where(self.problem.chain.periodic, gap - TURN * np.round(gap / TURN), gap)
 
     def intervals(self, first: int, last: int) -> list[tuple[int, int]]:
-        """All that is found between two poses: as soon as one stretch ends, the next begins."""
+        """Return all impossible pairs between two poses: the search for the next begins where one ends."""
         found, i = [], first
         while i < last and not self.deadline.passed:
             begin, answers = i, self.answers(i)
@@ -127,7 +127,7 @@ class Search:
         return found
 
     def answers(self, i: int) -> Answers | None:
-        """All answers to pose i; None where it is not proved that they are all, or the time was up before."""
+        """Return all solutions of pose i; None if they are not proved complete, or the time is up."""
         if i not in self._known and self.left > 0 and not self.deadline.passed:
             one = Problem(self.tight.mechanism, self.tight.goal.at(self.tight.goal.target[i]))
             found = isolate(one, budget=min(BOXES, self.left), deadline=self.deadline)
@@ -137,15 +137,15 @@ class Search:
         return self._known.get(i)
 
     def next_complete(self, i: int, j: int) -> int | None:
-        """The last pose behind i and up to j of which all answers are known; None where there is none."""
+        """Return the last pose in (i, j] whose solutions are all known; None if there is none."""
         while j > i and self.answers(j) is None:
             j = (i + j) // 2
         return j if j > i else None
 
     def advance(self, i: int, j: int, reached: Flags) -> tuple[int, Flags]:
-        """Which answers can be reached at pose j, or at an earlier one where none can: that pose, and of each whether."""
+        """Return the pose that was reached, j or the first with an empty set, and flags of its reachable solutions."""
         if self.deadline.passed and (answers := self.answers(j)) is not None:
-            # Nothing more is decided: every answer counts as one that can be reached.
+            # Nothing more is decided: every solution counts as reachable.
             return j, np.ones(len(answers.q), dtype=np.bool_)
         passage = self.passage(i, j)
         after: Flags = np.asarray((passage.leads & reached[:, None]).any(axis=0))
@@ -159,7 +159,7 @@ class Search:
         return j, after
 
     def passage(self, i: int, j: int) -> Passage:
-        """Follow all answers to pose i to pose j, and those to j that did not come from there back to i."""
+        """Follow all solutions of pose i to pose j, and those of j that are not reached from i back to i."""
         begin, end = self.answers(i), self.answers(j)
         assert begin is not None
         assert end is not None
@@ -173,9 +173,9 @@ class Search:
         return Passage(leads, ~(gone_ahead | leads.any(axis=1)), ~(gone_behind | leads.any(axis=0)))
 
     def goes(self, piece: Piece, i: int, j: int, answers: Answers) -> tuple[Flags, bool]:
-        """To which answers to pose j a branch leads from pose i, if that is proved, (m,); and whether it leaves the limits.
+        """Return the solutions of pose j that a proved branch from pose i reaches, (m,), and whether it leaves the limits.
 
-        A branch that arrives at no answer is outside of them there.
+        A branch that arrives at none of the solutions is outside the limits at pose j.
         """
         nothing = np.zeros(len(answers.q), dtype=np.bool_)
         goal, rows = self.tight.goal, np.arange(piece.first, piece.first + len(piece.q))
@@ -204,5 +204,5 @@ class Search:
 
 
 def _roomier(chain: SerialChain) -> SerialChain:
-    """The arm with limits opened by a little."""
+    """Return the arm with its limits widened by `ROOM`."""
     return chain.limited(chain.lower - ROOM, chain.upper + ROOM, chain.kinds)

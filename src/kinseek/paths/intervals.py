@@ -1,4 +1,4 @@
-"""Poses in a row that have something in common, and how they are named: by their number in the path, from 0 on."""
+"""Intervals of consecutive poses with a common property, and their wording; poses are counted from 0."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 
 def intervals(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Where flags, (N,), are set in a row: the first and the last of each stretch."""
+    """Return the first and last index of each run of set flags, (N,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
 
 
 def these(first: int, last: int) -> str:
-    """The poses of a stretch, and the verb of what is said of them."""
+    """Return the poses of an interval as the subject of a sentence, with its verb."""
     return f"pose {first} is" if first == last else f"poses {first} to {last} are"

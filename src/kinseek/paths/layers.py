@@ -1,10 +1,10 @@
-"""Isolated answers to every pose: branches are followed from pose to pose, and looked for anew only now and then.
+"""Find the isolated solutions of every pose: branches are followed from pose to pose and searched again at some poses.
 
-Limits are opened to a whole turn, so that a branch that leaves the limits and comes back is still the same branch; without
-limits branches appear and vanish at singularities alone. At every `EVERY`-th pose all branches are found. From each of these
-poses all are followed forward to the next; what is found there and did not arrive is followed backward. Where a branch ends
-in between, all branches are found at the pose where it was lost, and those that nobody knows are followed both ways; but
-where two end together, they met and vanished.
+Limits are widened to a whole turn, so that a branch that leaves the limits and comes back is still the same branch. Without
+limits, branches appear and vanish only at singularities. All branches are found at every `EVERY`-th pose. From each of these
+poses all branches are followed forward to the next. Branches of that pose that no other one arrived at are followed
+backward. If a branch ends in between, all branches are found at the pose where it was lost, and new ones are followed in
+both directions. If two branches end there together, they met and vanished, and no search is made.
 """
 
 from __future__ import annotations
@@ -35,39 +35,39 @@ EVERY = 32
 """Poses from one search for all branches to the next."""
 
 SAME = 1e-3
-"""Answers closer than this in every joint [rad or m] are one branch."""
+"""Solutions closer than this in every joint [rad or m] belong to one branch."""
 
 LEAPS = 0.5
-"""A branch may move a joint so far [rad or m] from pose to pose, or as far as the caller's largest step if that is more."""
+"""Largest joint motion of a branch from pose to pose [rad or m], or the caller's largest step if that is larger."""
 
 
 GROUP = 16
-"""Intervals between two searches that are finished together where a deadline has to be kept: a few hundred poses."""
+"""Intervals between two searches that are processed together if there is a deadline: a few hundred poses."""
 
 FOLD = 1.0
-"""Two branches that vanish between this pose and the next are closer than this in every joint [rad or m]."""
+"""Two branches that vanish together between two poses are closer than this in every joint [rad or m]."""
 
 
 @dataclass(frozen=True)
 class Layers:
-    """Answers to each of N poses, limits opened."""
+    """Solutions of each of N poses, with widened limits."""
 
     q: Array
-    """(N, width, n), [rad] or [m]"""
+    """Joint values, (N, width, n), [rad] or [m]."""
     there: NDArray[np.bool_]
-    """Where there is an answer, (N, width)."""
+    """Flags of the entries that hold a solution, (N, width)."""
 
     def __len__(self) -> int:
-        """Number of poses."""
+        """Return the number of poses."""
         return len(self.q)
 
     @property
     def count(self) -> NDArray[np.int64]:
-        """How many there are, (N,)."""
+        """Return the number of solutions of each pose, (N,)."""
         return np.asarray(self.there.sum(axis=1))
 
     def at(self, i: int) -> Array:
-        """Answers to pose i, (k, n)."""
+        """Return the solutions of pose i, (k, n)."""
         return np.asarray(self.q[i, self.there[i]])
 
 
@@ -79,37 +79,37 @@ class Piece:
     q: Array
 
     def covers(self, i: int) -> bool:
-        """Does it have an answer to pose i?"""
+        """Return whether the branch has a solution of pose i."""
         return self.first <= i < self.first + len(self.q)
 
 
 class Loss(NamedTuple):
-    """Where a branch could not be followed any farther."""
+    """The place where a branch could not be followed any farther."""
 
     target: int
-    """The first target for which it has no answer."""
+    """The first target for which the branch has no solution."""
     way: int
-    """1 if it was followed forward, -1 if backward."""
+    """1 if the branch was followed forward, -1 if backward."""
     q: Array
-    """Its last answer, (n,)."""
+    """The last solution of the branch, (n,)."""
     taken: bool
-    """Did it come upon another branch?"""
+    """Whether the branch ran into another branch."""
 
 
 class Follower:
-    """Finds and follows the branches of one arm and one kind of goal along targets."""
+    """Find and follow the branches of one arm and one kind of goal along targets."""
 
     def __init__(self, problem: Problem, longest: Array) -> None:
         """Build what the arm needs once.
 
         Args:
             problem: The arm and its targets.
-            longest: How far each joint may go from pose to pose, (n,).
+            longest: Largest step of each joint from pose to pose, (n,).
         """
         wide = Problem(opened(problem.chain), problem.goal)
         self.index: BranchIndex = index_of(wide)
         if self.index.freedom:
-            # An arm near the edge of being singular counts otherwise than inside its own limits: those stay, then.
+            # An arm that is almost singular may count as redundant only with widened limits, so its own limits are kept.
             wide, self.index = problem, index_of(problem)
         self.tolerances = tolerances_of(problem.goal)
         self.rows = np.ascontiguousarray(problem.goal.targets)
@@ -120,27 +120,30 @@ class Follower:
         self._turns = (wide.chain.periodic & wide.chain.turns).astype(np.int64)
 
     def all_at(self, i: int) -> Array:
-        """All branches at target i, (k, n)."""
+        """Return all branches at target i, (k, n)."""
         rows = self.index.search(self.tolerances, self.targets[i], self.index.view, 0)
         return answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
 
     def unknown(self, found: Array, known: Array) -> Array:
-        """Those of the answers found, (k, n), that are none of the known ones, (m, n)."""
+        """Return the solutions of `found`, (k, n), that are not in `known`, (m, n)."""
         if not len(known):
             return found
         half = (found[:, None] - known[None]) / 2
-        # The sine of half a difference does not see full turns.
+        # The sine of half the difference ignores full turns.
         gap = np.where(self._turns, np.sin(half), half)
         return np.asarray(found[~(np.abs(gap).max(axis=-1) < SAME / 2).any(axis=1)])
 
     def follow(self, answers: Array, begin: int, end: int) -> list[Piece]:
-        """Follow answers to target `begin`, (k, n), to target `end`, forward or backward."""
+        """Follow solutions of target `begin`, (k, n), to target `end`, forward or backward."""
         low = min(begin, end)
         rows, spans = self._traced(answers, begin, end)
         return [Piece(low + one, rows[one : last + 1, k]) for k, (one, last) in enumerate(spans.tolist())]
 
     def _traced(self, answers: Array, begin: int, end: int) -> tuple[Array, Indices]:
-        """As `follow`: joint values, (rows, k, n), from the lower target on, and the first and last row of each, (k, 2)."""
+        """Like `follow`, but return one array of joint values, (rows, k, n), from the lower target on.
+
+        The second return value is the first and the last row of each branch, (k, 2).
+        """
         low, high = min(begin, end), max(begin, end)
         begin, end, targets = begin - low, end - low, self.rows[low : high + 1]
         parts, spans = [], np.full((len(answers), 2), begin)
@@ -155,13 +158,13 @@ class Follower:
         return np.concatenate(parts, axis=1) if parts else np.zeros((len(targets), 0, self.dof)), spans
 
     def extend(self, pieces: list[Piece], answers: Array, begin: int, end: int) -> list[Loss]:
-        """Follow answers that are not known yet from target to target, as far as they stay on their branches.
+        """Follow solutions that are not known yet from target to target, as long as they stay on their branches.
 
         Args:
-            pieces: What is known; receives what is found.
-            answers: To target `begin`, (k, n).
-            begin: Where they are.
-            end: How far they are followed, forward or backward.
+            pieces: Known pieces of branches; the pieces that are found are appended.
+            answers: Solutions of target `begin`, (k, n).
+            begin: Index of the target where they are.
+            end: Index of the target up to which they are followed, forward or backward.
 
         Returns:
             The branches that were lost on the way.
@@ -183,7 +186,7 @@ class Follower:
         return lost
 
     def between(self, begin: int, end: int, at_begin: Array, at_end: Array) -> list[Piece]:
-        """All branches from one target where all are known to the next, both included."""
+        """Return all branches between two targets at which all solutions are known, both included."""
         pieces: list[Piece] = []
         lost = self.extend(pieces, at_begin, begin, end)
         lost += self.extend(pieces, self.unknown(at_end, _answers(pieces, end, self.dof)), end, begin)
@@ -199,9 +202,9 @@ class Follower:
         return pieces
 
     def vanish(self, i: int, lost: list[Loss]) -> bool:
-        """Is what was lost at a target pairs of branches that met and vanished, so that nothing goes on from them there?
+        """Return whether the branches lost at a target are pairs that met and vanished, so that nothing continues there.
 
-        Two that meet at a fold end together and close together, and none comes from the other side.
+        Two branches that meet at a fold end together and close together, and no branch arrives from the other side.
         """
         here = [one for one in lost if one.target == i]
         other = -here[0].way
@@ -220,13 +223,13 @@ class Follower:
 
 
 def _answers(pieces: list[Piece], i: int, dof: int) -> Array:
-    """What pieces have for pose i, (k, n)."""
+    """Return the solutions that pieces have for pose i, (k, n)."""
     rows = [p.q[i - p.first] for p in pieces if p.covers(i)]
     return np.array(rows).reshape(-1, dof)
 
 
 def _table(pieces: list[Piece], low: int, high: int, dof: int) -> tuple[Array, Indices]:
-    """What pieces have for targets low … high, (high - low + 1, k, n), and the first and the last of each, (k, 2)."""
+    """Tabulate pieces for targets low … high, (high - low + 1, k, n), and the first and last target of each, (k, 2)."""
     there = [piece for piece in pieces if piece.first <= high and piece.first + len(piece.q) > low]
     rows = np.zeros((high - low + 1, len(there), dof))
     spans = np.zeros((len(there), 2), dtype=np.int64)
@@ -244,14 +247,14 @@ def isolated_layers(
     advance: Callable[[int], object],
     deadline: Deadline | None = None,
 ) -> Layers:
-    """Find the branches at every pose of a path, limits opened; if the time is up, at so many of its first poses.
+    """Find the branches at every pose of a path, with widened limits; if the time is up, only at its first poses.
 
     Args:
-        problem: The arm and its N targets; the goal leaves no joint to spare.
-        longest: How far each joint may go from pose to pose, (n,).
-        threads: Threads that share the poses; None takes every core.
-        advance: Told how many more poses are done.
-        deadline: After it no further search is begun.
+        problem: The arm and its N targets; the arm is not redundant for this goal.
+        longest: Largest step of each joint from pose to pose, (n,).
+        threads: Threads that share the poses; None uses every core.
+        advance: Called with the number of poses that were completed since the last call.
+        deadline: No further search is started after it.
     """
     deadline = Deadline() if deadline is None else deadline
     follower = Follower(problem, longest)
@@ -292,7 +295,7 @@ def isolated_layers(
 
 
 def _layers(pieces: list[list[Piece]], keys: list[int], count: int, dof: int) -> Layers:
-    """Put pieces side by side; a pose where two intervals meet has the answers of the one that ends there."""
+    """Combine pieces into layers; a pose where two intervals meet has the solutions of the earlier one."""
     cut: list[Piece] = []
     for k, some in enumerate(pieces):
         for piece in some:
@@ -303,7 +306,7 @@ def _layers(pieces: list[list[Piece]], keys: list[int], count: int, dof: int) ->
     columns: list[int] = []
     places = []
     for piece in cut:
-        # The first column that is free from here on; a new one if none is.
+        # Use the first column that is free from here on, or a new one if there is none.
         column = next((c for c, end in enumerate(columns) if end <= piece.first), len(columns))
         columns += [0] * (column == len(columns))
         columns[column] = piece.first + len(piece.q)

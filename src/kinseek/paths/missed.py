@@ -1,8 +1,9 @@
-"""Which missed poses of a path are out of reach: proved of many poses at once, and within a budget for all of them.
+"""Prove which missed poses of a path are out of reach, many poses at once, within a budget for the whole path.
 
-If no joint values bring the hand within d and an angle of a pose, beyond the tolerances, then none of the poses that lie so
-close to it can be reached. So a stretch of missed poses is asked of its middle, with tolerances that hold all of it, and
-where that proves nothing, of its halves. Far out of reach one question answers for hundreds of poses.
+Suppose that no joint values bring the hand within a distance d and an angle of a pose, beyond the tolerances. Then no pose
+within this distance and angle can be reached. So a run of missed poses is proved unreachable at once: by its middle pose,
+with tolerances that cover all of it. If this proof fails, the halves of the run are tried. Far out of reach one proof covers
+hundreds of poses.
 """
 
 from __future__ import annotations
@@ -28,37 +29,38 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 MOST, EACH = 500_000, 2_000
-"""Boxes of all questions about a path, and so many more for every pose that is missed: some seconds, unless they are
-thousands."""
+"""Most boxes of all proofs for a path, and additional boxes for every missed pose. This takes some seconds, unless thousands
+of poses are missed."""
 
 ROUNDS = (10_000, 200_000)
-"""Boxes that a question may take, round after round where poses are still open: on six joints thousands are enough, so that
-one pose that takes very many is asked last."""
+"""Most boxes of a proof, in each round over the poses that are still open. Thousands are enough for six joints, so a pose
+that takes very many is tried last."""
 
 CLEAR = 2.0
-"""Many poses are asked about at once if the hand is seen to stay so many times as far away as they are apart. By trial."""
+"""Several poses are tried together if the hand's errors exceed their common tolerances by this factor. Not examined
+further."""
 
 ROUNDING = 1e-7
-"""By so much more than measured poses are taken to be apart, relative to where they are, and [rad]: more than rounding
-makes, of an angle near half a turn as well."""
+"""Margin added to the measured distances between poses, relative to their distance from the base, and in [rad]. It exceeds
+the rounding errors, also for angles near half a turn."""
 
 
 class Missed(NamedTuple):
-    """What is known of the poses that a path misses, (N,) each; where both are False of a missed pose, nothing is."""
+    """Results for the missed poses of a path, (N,) each; a missed pose with both flags False is undecided."""
 
     out_of_reach: Flags
-    """Proved: no joint values inside the limits meet the tolerances."""
+    """Poses that are proved unreachable: no joint values inside the limits meet the tolerances."""
     in_reach: Flags
-    """There are joint values that do, though not where the path goes by."""
+    """Poses that can be reached by other joint values than those of the path."""
 
 
 def judge_missed(path: Path, missed: Flags, threads: int | None, deadline: Deadline | None = None) -> Missed:
-    """Try to prove of missed poses, (N,), that they are out of reach; of ranges nothing is proved."""
+    """Try to prove that missed poses, (N,), are out of reach; goals with ranges stay undecided."""
     deadline = Deadline() if deadline is None else deadline
     search = _Search(path, MOST + EACH * int(missed.sum()), threads, deadline)
     if path.problem.goal.ranges is not None:
         return Missed(search.out_of_reach, search.in_reach)
-    # Lengths and angles alone tell of most poses that are far out, without a box.
+    # Lengths and angles alone decide most poses that are far out of reach, without any box.
     for i in np.flatnonzero(missed).tolist():
         if deadline.passed:
             break
@@ -76,7 +78,7 @@ class _Search:
         self.out_of_reach, self.in_reach = np.zeros((2, len(path)), dtype=np.bool_)
 
     def ask(self, first: int, last: int, budget: int) -> None:
-        """Ask about poses first … last, with so many boxes a question; about many at once in the first round alone."""
+        """Try to decide poses first … last, with `budget` boxes per proof; poses are combined only in the first round."""
         most = min(budget, self.left)
         if most <= 0 or self.deadline.passed:
             return
@@ -97,11 +99,11 @@ class _Search:
         self.ask(middle + 1, last, budget)
 
     def at(self, i: int) -> Problem:
-        """One pose, as it was asked."""
+        """Return the problem of one pose."""
         return Problem(self.problem.mechanism, self.problem.goal.at(self.problem.goal.target[i]))
 
     def holding(self, first: int, last: int) -> Problem:
-        """The pose in the middle, with tolerances within which all poses first … last lie, and what they tolerate."""
+        """Return the problem of the middle pose with tolerances that cover poses first … last and their own tolerances."""
         goal, middle = self.problem.goal, (first + last) // 2
         distance, turn = farthest(goal.targets[first : last + 1], goal.targets[middle], goal.columns)
         wide = replace(
@@ -112,7 +114,7 @@ class _Search:
         return Problem(self.problem.mechanism, wide)
 
     def stays_clear(self, wide: Problem, first: int, last: int) -> bool:
-        """Are the joint values of the path so far from all poses of a question that the answer may be no?"""
+        """Return whether the path's errors are so large at all poses of a run that a common proof may succeed."""
         q = np.ascontiguousarray(self.q[first : last + 1])
         goal = wide.goal.at(np.repeat(wide.goal.target[None], len(q), axis=0))
         errors = goal.measure(wide.arrays, q)
@@ -122,9 +124,9 @@ class _Search:
 
 
 def farthest(targets: Array, one: Array, columns: int) -> tuple[float, float]:
-    """How far targets, (k, 3, 4), are from one of them at most [m], and turned from it [rad], and a little more.
+    """Return the largest distance [m] and angle [rad] of targets, (k, 3, 4), from one of them, slightly enlarged.
 
-    Columns are those of the rotation that count, see `Goal.columns`.
+    `columns` is the number of columns of the rotation that count, see `Goal.columns`.
     """
     distance = float(np.linalg.norm(targets[:, :, 3] - one[:, 3], axis=1).max())
     size = float(np.abs(targets[:, :, 3]).max())

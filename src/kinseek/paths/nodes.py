@@ -1,4 +1,4 @@
-"""From layers of answers to joint values: the best way through them, with the user's `valid` and `cost`."""
+"""Turn layers of solutions into joint values: find the best path through them, with the user's `valid` and `cost`."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 GRACE = 0.1
-"""[s] How long a way that is there when the time is up may still be checked."""
+"""Time for checking the best path if the deadline has passed when it is found [s]."""
 
 LAST_PART = 0.5
-"""Part of the time spent until the costs are asked that the search for the best way may take after them: 0.4 measured."""
+"""Time that the search for the best path may take after the costs are computed, as a fraction of the time spent until then;
+0.4 was measured."""
 
 
 class LayerGraph:
-    """Nodes of a path: answers inside the limits with their full turns."""
+    """Nodes of a path: solutions inside the limits, together with their full turns."""
 
     def __init__(self, request: PathRequest, layers: Layers, missed: Flags) -> None:
-        """Take layers, (N, width, n), and which poses are missed, (N,): steps to and from these are no breaks.
+        """Take layers, (N, width, n), and flags of the missed poses, (N,); steps to and from these do not count as breaks.
 
-        What lies outside the limits must be out of the layers already.
+        Solutions outside the limits must have been removed from the layers.
         """
         self.request, self.turning = request, Turning(request.problem.chain)
         self.q, self.count = layers.q, layers.count
@@ -43,7 +44,7 @@ class LayerGraph:
         self._agreed: set[tuple[int, int]] = set()
         self._passed: set[tuple[int, int, int]] = set()
         self.unreachable: set[int] = set(np.flatnonzero(missed).tolist())
-        """Poses that are missed, and those whose every answer hits something, or is one that `valid` refused."""
+        """Poses that are missed, and poses whose every solution collides or was rejected by `valid`."""
         velocity = request.velocity
         self.mode = DISTANCE if velocity is None else TIME
         self.weights = request.weights if velocity is None else request.weights / velocity
@@ -52,14 +53,14 @@ class LayerGraph:
             self.mode, self.costs = GIVEN, self._costs()
 
     def _costs(self) -> Array:
-        """What the user says that each node costs, (N, nodes); 0 at all poses of which they were not asked in time."""
+        """Return the user's cost of each node, (N, nodes); 0 at poses for which the time did not suffice."""
         assert self.request.cost is not None
-        # Rows that are never written take no memory: a hundred thousand poses of a UR5e have 400 MB.
+        # Rows that are never written take no memory; those of 100,000 poses of a UR5e have 400 MB.
         costs = np.zeros((len(self.q), self.nodes))
         deadline = self.request.deadline.before(LAST_PART)
         for i, count in enumerate(self.count):
             if deadline.passed:
-                break  # The search for the best way leaves out what lies outside the limits by itself.
+                break  # The search for the best path skips nodes outside the limits by itself.
             nodes, q = self._inside(i, count)
             costs[i] = np.inf
             if len(nodes):
@@ -70,12 +71,12 @@ class LayerGraph:
         return np.clip(q, self.turning.open_lower, self.turning.open_upper)
 
     def values(self, i: Indices, nodes: Indices) -> Array:
-        """Joint values of nodes at poses i, (k,) and (k,) -> (k, n)."""
+        """Return joint values of nodes at poses i, (k,) and (k,) -> (k, n)."""
         answer, turns = nodes // self.turning.total, nodes % self.turning.total
         return self.turning.node_values(self.q[i, answer], turns)
 
     def best(self, longest: Array, first: int = -1, last: int = -1) -> tuple[Array, Indices, float, Indices]:
-        """The best way: joint values (N, n), its breaks, its cost, and its nodes (N,)."""
+        """Return the best path: joint values (N, n), its breaks, its cost, and its nodes (N,)."""
         turning, count = self.turning, len(self.q)
         path, report = np.zeros(count, dtype=np.int64), np.zeros(count)
         forbidden_edges = np.array(sorted(self._forbidden_edges), dtype=np.int64).reshape(-1, 3)
@@ -99,7 +100,7 @@ class LayerGraph:
         )
         empty = np.flatnonzero(path < 0)
         if len(empty) and len(self._refused):
-            # Nothing is left there: the pose counts as missed, and the way goes on through what was refused.
+            # No node is left there: the pose counts as missed, and the path leads through rejected nodes.
             self.unreachable |= set(empty.tolist())
             self._refused[empty] = False
             return self.best(longest, first, last)
@@ -113,11 +114,11 @@ class LayerGraph:
         return flags
 
     def check(self, q: Array, breaks: Indices, path: Indices) -> tuple[bool, int]:
-        """Ask `valid` of a way and of points between; what it refuses is left out from now on.
+        """Check a path and points between its poses with `valid`; what is rejected is excluded from now on.
 
         Returns:
-            Did it agree to all? And to how many of the first poses, with the steps between them: fewer as well if the time
-            was up before all were asked.
+            Whether all is accepted, and how many of the first poses are accepted together with the steps between them. The
+            number is smaller if the time was up before all were checked.
         """
         if self.request.deadline.passed:
             assert self.request.valid is not None
@@ -135,7 +136,8 @@ class LayerGraph:
         agreed, count, all_fine = list[bool](), len(q), True
         size = self.request.valid.at_once(len(q))
         for first in range(0, len(q), size):
-            # The steps to some poses are asked about with them: of a way that is cut short a first part is then known.
+            # The steps to some poses are checked together with these: if the time ends, a first part of the path is then
+            # known.
             last = min(first + size, len(q))
             begin, end = np.searchsorted(steps, [first - 1, last - 1 if last < len(q) else last])
             try:
@@ -152,7 +154,7 @@ class LayerGraph:
     def _steps_agreed(
         self, steps: list[int], q: Array, path: Indices, agreed: list[bool]
     ) -> tuple[list[int], list[bool]]:
-        """Ask `valid` of those of some steps that it was not asked of yet: their numbers, and of each whether it agreed."""
+        """Check those steps that were not checked yet: return their indices, and for each whether it is accepted."""
         edges, ends = [], []
         for i in steps:
             j = (i + 1) % len(q)
@@ -163,7 +165,7 @@ class LayerGraph:
         return [edge[0] for edge in edges], self._edges_agreed(edges, q, ends) if edges else []
 
     def _edges_agreed(self, edges: list[tuple[int, int, int]], q: Array, ends: list[Array]) -> list[bool]:
-        """Ask `valid` of some steps of a way, and leave out from now on what it refuses."""
+        """Check some steps of a path with `valid`, and exclude the rejected ones from now on."""
         valid = self.request.valid
         assert valid is not None
         starts = q[[edge[0] for edge in edges]]
@@ -178,7 +180,7 @@ class LayerGraph:
         return [bool(each) for each in fine]
 
     def refuse_blocked(self) -> None:
-        """Leave out the answers that are not free, with all their full turns, of which a scene knows nothing."""
+        """Exclude the solutions that are not free, with all their full turns: a scene does not distinguish full turns."""
         valid = self.request.valid
         if valid is None or valid.scene is None:
             return
@@ -188,7 +190,7 @@ class LayerGraph:
         self._refused = np.repeat(hits, self.turning.total, axis=1)
 
     def _turned_alike(self, edge: tuple[int, int, int]) -> set[tuple[int, int, int]]:
-        """A step, and the same step of joints that are all some full turns farther."""
+        """Return a step and all steps that differ from it only by the same full turns at both ends."""
         i, node, following = edge
         total, units, copies = self.turning.total, self.turning.units, self.turning.copies
         digits = np.arange(total)[:, None] // units % copies
@@ -198,7 +200,7 @@ class LayerGraph:
         return {(i, first + int(s), last + int(there[s] @ units)) for s in same}
 
     def ask_everywhere(self) -> None:
-        """Ask `valid` of every node that it was not asked of yet."""
+        """Check with `valid` every node that was not checked yet."""
         for i, count in enumerate(self.count):
             if i in self.unreachable:
                 continue
@@ -208,7 +210,7 @@ class LayerGraph:
                     self._node_agreed(i, node, row)
 
     def _inside(self, i: int, count: int) -> tuple[Indices, Array]:
-        """Nodes of a pose that lie inside the limits, (k,), and their joint values, (k, n)."""
+        """Return the nodes of a pose that lie inside the limits, (k,), and their joint values, (k, n)."""
         nodes = np.arange(count * self.turning.total)
         q = self.values(np.full(len(nodes), i), nodes)
         inside = (q <= self.turning.open_upper + 1e-9).all(axis=1)
@@ -228,14 +230,14 @@ class LayerGraph:
         return False
 
     def exists(self, i: int, node: int) -> bool:
-        """Is a node of pose i inside the limits, and not refused?"""
+        """Return whether a node of pose i is inside the limits and was not rejected."""
         if len(self._refused) and self._refused[i, node]:
             return False
         q = self.values(np.array([i]), np.array([node]))[0]
         return bool((q <= self.turning.open_upper + 1e-9).all())
 
     def beside(self, first: int, longest: Array) -> list[int]:
-        """Nodes of the last pose from which one step leads to a node of the first."""
+        """Return the nodes of the last pose from which one step leads to a given node of the first."""
         last, total = len(self.q) - 1, self.turning.total
         q = self.values(np.array([0]), np.array([first]))[0]
         found = []

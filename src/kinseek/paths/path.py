@@ -1,4 +1,4 @@
-"""What `Arm.follow` brings back: joint values for every pose, and an honest account of where the arm cannot go on."""
+"""The result of `Arm.follow`: joint values for every pose, with breaks, missed poses and their reasons."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 class PathStatus(Enum):
-    """How a path came out; the value is the sentence to show."""
+    """Outcome of a path; the value is the sentence to show."""
 
     CONTINUOUS = "Continuous: one motion reaches every pose, and no joint jumps."
     BROKEN = "Broken: every pose is reached, and the arm must be placed anew between some of them."
@@ -32,64 +32,66 @@ class PathStatus(Enum):
     UNREACHABLE = "Unreachable: some poses are missed; there the path holds the nearest pose found."
 
     def __str__(self) -> str:
-        """The sentence."""
+        """Return the sentence."""
         return self.value
 
 
 @dataclass(frozen=True, eq=False)
 class PathProof:
-    """What is proved of a path of N poses: of the hand's straight way from each to the next, a line and one turn.
+    """Proofs for a path of N poses, about the straight motion of the hand from each pose to the next.
 
-    Along a proved step there are joint values q(s), 0 <= s <= 1, that change without a jump, have the hand exactly on that
-    way, and stay inside the limits; near them there are no others. They pass the joint values of both poses, which are
-    reached to a tolerance only, by `within` at most. With joints to spare they are held to a straight way along the
-    self-motion, and from one step to the next the arm may have to move, within `within` of those joint values, with its hand
-    at rest.
+    This motion is a line and one rotation about a fixed axis. Along a proved step there is a continuous function q(s), 0 <=
+    s <= 1, that puts the hand exactly on this motion and stays inside the limits. There are no other solutions near it. It
+    passes within `within` of the joint values of both poses, which are reached only up to the tolerances. A redundant arm is
+    held to a straight line along the self-motion. From one step to the next it may have to move while the hand rests, within
+    `within` of those joint values.
     """
 
     steps: NDArray[np.bool_]
-    """Which steps, from pose i to pose i + 1, are proved, (N - 1,); of a closed path (N,)."""
+    """Flags of the proved steps from pose i to pose i + 1, (N - 1,); (N,) for a closed path."""
     within: Array
-    """(N,), [rad] or [m]; infinite at a pose beside no step that is proved."""
+    """Largest distance between the joint values and the branch, (N,), [rad] or [m]; infinite at a pose without a proved
+    step."""
     out_of_reach: NDArray[np.bool_]
-    """Which poses no joint values inside the limits reach, (N,)."""
+    """Flags of the poses that no joint values inside the limits reach, (N,)."""
     undecided: NDArray[np.bool_]
-    """Which poses the hand misses and are not proved out of reach, (N,): what a path spends on proofs was not enough, or
-    there are joint values that reach them, elsewhere; `Path.why` says which."""
+    """Flags of the missed poses that are not proved out of reach, (N,). Either the budget for proofs was not enough, or
+    other joint values reach the pose; `Path.why` gives the reason."""
     impossible: tuple[tuple[int, int], ...]
-    """Pairs (i, j): no continuous motion inside the limits has the hand exactly on that way from pose i to pose j. No two
-    share a step."""
+    """Pairs (i, j): no continuous motion inside the limits keeps the hand exactly on the motion from pose i to pose j. No
+    two pairs share a step."""
     out_of_time: bool
-    """Did the time limit end the proofs early?"""
+    """Whether the time limit ended the proofs early."""
 
 
 class Deviation(NamedTuple):
-    """How far the hand is, between two poses, from the straight way from one to the other."""
+    """Deviation of the hand, between two poses, from the straight motion from one to the other."""
 
     distance: float
-    """[m]"""
+    """Distance [m]."""
     turn: float
-    """[rad]"""
+    """Angle [rad]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Path(Lazy):
-    """Joint values for a row of N poses, judged by plain forward kinematics.
+    """Joint values for N consecutive poses, evaluated by plain forward kinematics.
 
     Attributes:
         q: Joint values inside the limits, (N, n), [rad] or [m].
-        breaks: Numbers i where the arm must be placed anew between pose i and pose i + 1, which are both reached, (k,). To
-            and from a missed pose there is no break.
-        why: Of each break, and of each run of missed poses, a sentence that says what stands in the way; it calls poses
-            by their index, from 0 on.
-        reached: Does pose i meet both tolerances, is it free in the `scene`, and did `valid` agree? (N,) bool.
+        breaks: Indices i, (k,), of the steps from pose i to pose i + 1 that the arm cannot move along, though both poses are
+            reached. Steps to and from a missed pose are not counted as breaks.
+        why: A sentence for each break and each run of missed poses that gives the reason. It refers to poses by their index,
+            starting at 0.
+        reached: Whether pose i meets both tolerances, is free in the `scene`, and is accepted by `valid`, (N,) bool.
         position_error: [m], (N,).
         orientation_error: [rad], (N,).
-        problem: What was asked.
-        closed: Does the motion go on from the last pose to the first?
-        planned: Was pose i planned before the `time_limit`? (N,) bool. If not it is missed, and `q` stays where it is.
-        out_of_time: Was the time up before the path was planned? A continuous path may then cost more than with more time.
-        proof: What is proved of it, see `PathProof`; None without `prove=True`.
+        problem: The problem with all poses.
+        closed: Whether the motion continues from the last pose to the first.
+        planned: Whether pose i was planned before the `time_limit`, (N,) bool. If not, it is missed, and `q` stays constant.
+        out_of_time: Whether the time was up before the path was planned. A continuous path may then cost more than with more
+            time.
+        proof: Proofs for the path, see `PathProof`; None without `prove=True`.
     """
 
     q: Array
@@ -106,12 +108,12 @@ class Path(Lazy):
 
     @property
     def success(self) -> bool:
-        """Is every pose reached, by one continuous motion?"""
+        """Whether every pose is reached by one continuous motion."""
         return self.status is PathStatus.CONTINUOUS
 
     @property
     def status(self) -> PathStatus:
-        """How the path came out."""
+        """Outcome of the path."""
         if self.out_of_time and not (self.reached.all() and not len(self.breaks)):
             return PathStatus.OUT_OF_TIME
         if not self.reached.all():
@@ -120,7 +122,7 @@ class Path(Lazy):
 
     @property
     def _far(self) -> NDArray[np.bool_]:
-        """Which poses the hand is farther from than the tolerances, (N,)."""
+        """Flags of the poses whose errors exceed the tolerances, (N,)."""
         goal = self.problem.goal
         there = (self.position_error <= goal.position_tolerance) & (
             self.orientation_error <= goal.orientation_tolerance
@@ -129,41 +131,41 @@ class Path(Lazy):
 
     @property
     def certified(self) -> bool:
-        """Is it proved that one unbroken branch leads through all poses, and between them, inside the limits?
+        """Whether it is proved that one continuous branch leads through all poses, and between them, inside the limits.
 
-        False without `prove=True`. What is proved is about the hand's straight way from pose to pose; see `PathProof`.
+        False without `prove=True`. The proof covers the straight motion of the hand from pose to pose; see `PathProof`.
         """
         return self.success and self.proof is not None and bool(self.proof.steps.all())
 
     @property
     def proved(self) -> NDArray[np.bool_]:
-        """Of which steps, from pose i to pose i + 1, that is proved, (N - 1,); of a closed path (N,)."""
+        """Flags of the steps from pose i to pose i + 1 for which this is proved, (N - 1,); (N,) for a closed path."""
         if self.proof is None:
             return np.zeros(len(self.steps), dtype=np.bool_)
         return self.proof.steps
 
     @property
     def impossible(self) -> tuple[tuple[int, int], ...]:
-        """Pairs (i, j) of which it is proved that no continuous motion inside the limits leads from pose i to pose j."""
+        """Pairs (i, j) for which it is proved that no continuous motion inside the limits leads from pose i to pose j."""
         return () if self.proof is None else self.proof.impossible
 
     @property
     def missed(self) -> tuple[tuple[int, int], ...]:
-        """The first and the last pose of each run of missed poses."""
+        """First and last index of each run of missed poses."""
         return tuple(intervals(~self.reached))
 
     @property
     def _apart(self) -> NDArray[np.int64]:
-        """Numbers of the steps that do not count: breaks, and those to and from a missed pose, (k,)."""
+        """Indices of the steps that do not count: breaks, and steps to and from a missed pose, (k,)."""
         beside = np.flatnonzero(~(self.reached & np.roll(self.reached, -1)))
         count = len(self) if self.closed else len(self) - 1
         return np.union1d(self.breaks, beside[beside < count])
 
     @lazy
     def steps(self) -> Array:
-        """What each joint moves from pose to pose, (N - 1, n), [rad] or [m]; NaN across breaks and to and from missed poses.
+        """Joint motion from pose to pose, (N - 1, n), [rad] or [m]; NaN across breaks and to and from missed poses.
 
-        Of a closed path the last row is the step from the last pose to the first, (N, n).
+        For a closed path the last row is the step from the last pose to the first, (N, n).
         """
         rows = np.concatenate([self.q, self.q[:1]]) if self.closed else self.q
         steps = np.diff(rows, axis=0)
@@ -174,22 +176,22 @@ class Path(Lazy):
 
     @property
     def largest_step(self) -> Array:
-        """Of each joint the largest step from one reached pose to the next that is no break, (n,), [rad] or [m]."""
+        """Largest step of each joint from one reached pose to the next, without breaks, (n,), [rad] or [m]."""
         whole = self.steps[~np.isnan(self.steps).any(axis=1)]
         return np.asarray(np.abs(whole).max(axis=0, initial=0.0))
 
     @property
     def length(self) -> float:
-        """Length of the way of the joints: the sum of the Euclidean lengths of the `steps` that are not NaN [rad or m]."""
+        """Length of the path in joint space: the sum of the Euclidean lengths of the `steps` that are not NaN [rad or m]."""
         return float(np.nansum(np.linalg.norm(self.steps, axis=1)))
 
     @lazy
     def deviation(self) -> Deviation:
-        """The farthest that the hand comes from the straight way between two reached poses, breaks left out.
+        """Largest deviation of the hand from straight motion between two reached poses, without breaks.
 
-        The straight way is a line for the place and one turn about a fixed axis for the orientation; the hand's is what
-        straight motion of the joints makes of it, looked at in 3 points between two poses. For a goal that leaves axes free,
-        the straight way between the poses that are reached.
+        The straight motion is a line for the position and one rotation about a fixed axis for the orientation. The hand's
+        motion follows from linear motion of the joints; it is evaluated at 3 points between two poses. If the goal leaves
+        axes free, the straight motion is the one between the reached poses.
         """
         return Deviation(*deviation_between(self.problem, self.q, self._apart))
 
@@ -209,7 +211,7 @@ class Path(Lazy):
         return len(self.q)
 
     def __repr__(self) -> str:
-        """Short enough to print in a shell."""
+        """Return a short representation for a shell."""
         missed = int((~self.reached).sum())
         parts = [f"{len(self)} poses", self.status.name.lower()]
         if len(self.breaks):

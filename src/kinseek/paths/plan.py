@@ -1,4 +1,4 @@
-"""The best way through a path of an arm with joints to spare: layers of answers, branches between them, one programme."""
+"""Plan the best path of a redundant arm: layers of solutions, branches between them, and one dynamic program."""
 
 from __future__ import annotations
 
@@ -36,110 +36,110 @@ Advance = Callable[[int], object]
 
 
 class Effort(NamedTuple):
-    """How finely a path is planned."""
+    """Resolution of a plan."""
 
     way: float
-    """So far the hand goes from row to row: its turn [rad], and its way in thirds of the arm's length."""
+    """Motion of the hand from row to row: its rotation [rad], plus its translation in thirds of the arm's length."""
     rows: int
     """Rows from one layer to the next."""
     samples: int
-    """Answers sampled at the first pose."""
+    """Solutions sampled at the first pose."""
     fresh: int
-    """Fresh ones at each other layer."""
+    """Fresh solutions sampled at each other layer."""
     most: int
-    """Answers at a layer at most."""
+    """Largest number of solutions at a layer."""
     apart: float
-    """Answers nearer than this [rad or m] in every joint go on as one."""
+    """Solutions closer than this [rad or m] in every joint are merged."""
 
 
 SIDEWAYS = 0.4
-"""A way along the self-motion leads so far in every joint [rad or m] at most; what is farther off is another branch."""
+"""Largest motion of any joint [rad or m] in a step along the self-motion; a solution farther off is on another branch."""
 
 BESIDE = 2.0
-"""So many times as far along the self-motion as answers are apart, more are looked for beside each."""
+"""Offset along the self-motion at which more solutions are tried beside each, relative to the distance between solutions."""
 
 LEAPS = 0.6
-"""A branch ends where a joint goes farther than this from row to row [rad or m]."""
+"""A branch ends where a joint moves farther than this from row to row [rad or m]."""
 
 CROWD = 1.2
-"""Where there is no room for all answers at a layer, they are so many times as far apart at the next."""
+"""Factor on the distance between solutions for the next layer if a layer has no room for all of them."""
 
 CLEAR = 0.3
-"""So near in every joint [rad or m] answers are beside one that is barred."""
+"""Solutions closer than this in every joint [rad or m] to a forbidden one are excluded as well."""
 
 AHEAD = 64
-"""Layers whose fresh answers are sampled together where a deadline has to be kept."""
+"""Layers whose fresh solutions are sampled together if there is a deadline."""
 
 FORGET = 16
-"""After so many layers those nodes are forgotten through which no best way leads."""
+"""Layers after which nodes that no best path leads through are dropped."""
 
 UNBOUND = 1e6
-"""Stands for a step without a bound."""
+"""Value that represents a step without a bound."""
 
 
 class ForbiddenEdges(NamedTuple):
-    """Where a plan was tried, and broke: from answers beside this one no way leads on."""
+    """A pose and solution at which an earlier plan broke: no branch is followed from solutions close to it."""
 
     pose: int
-    """Number of the pose."""
+    """Index of the pose."""
     q: Array
-    """(n,)"""
+    """The solution, (n,)."""
 
 
 class Layer(NamedTuple):
-    """Answers at one layer, and the best way to each of them."""
+    """Solutions at one layer, and the best path to each of them."""
 
     q: Array
-    """In the first turn, (k, n)."""
+    """Solutions in the first turn, (k, n)."""
     along: Array
     """Directions of the self-motion, (k, n)."""
     fault: Indices
-    """Breaks on the way to each node, -1 for those that are none, (k · copies,)."""
+    """Breaks on the path to each node, -1 for invalid nodes, (k · copies,)."""
     sums: Array
-    """What the way costs, (k · copies,)."""
+    """Cost of the path to each node, (k · copies,)."""
     came: Indices
-    """See `viterbi_step`, (k · copies,)."""
+    """Predecessors, see `viterbi_step`, (k · copies,)."""
 
 
 class Place(NamedTuple):
-    """One layer's part in a way."""
+    """One layer's part of a path."""
 
     q: Array
-    """The answer, in the first turn, (n,)."""
+    """The solution, in the first turn, (n,)."""
     turns: int
-    """Of its joints, as one number."""
+    """Turns of its joints, encoded as one number."""
     joined: bool
-    """Is it reached from the layer before without a break?"""
+    """Whether it is reached from the layer before without a break."""
 
 
 class Kept(NamedTuple):
-    """Nodes of a layer that the best ways lead through."""
+    """Nodes of a layer that the best paths lead through."""
 
     q: Array
-    """All answers of the layer, in the first turn, (k, n)."""
+    """All solutions of the layer, in the first turn, (k, n)."""
     nodes: Indices
-    """Of each, which of the layer's it is: an answer, and the turns of its joints as one number, (m,)."""
+    """Numbers of the nodes in the layer, (m,): each encodes a solution and the turns of its joints."""
     came: Indices
-    """See `viterbi_step`; the nodes are those kept of the layer before, (m,)."""
+    """Predecessors, see `viterbi_step`; they refer to the nodes kept of the layer before, (m,)."""
 
 
 class Ways:
-    """The best ways to all answers of the last layer. Nodes that none of them leads through are forgotten now and then."""
+    """The best paths to all solutions of the last layer. Nodes that none of them leads through are dropped regularly."""
 
     def __init__(self, total: int) -> None:
-        """Begin; `total` is how many copies an answer has at most."""
+        """Start without layers; `total` is the largest number of copies of a solution."""
         self.total, self.layers = total, list[Kept]()
         self._looked_at = 0
 
     def add(self, layer: Layer) -> None:
-        """Go on by a layer."""
+        """Append a layer."""
         self.layers.append(Kept(layer.q, np.arange(len(layer.came)), layer.came))
         nodes = np.flatnonzero(layer.fault >= 0)
         if len(self.layers) % FORGET == 0 and len(nodes):
             self._forget(nodes)
 
     def _forget(self, nodes: Indices) -> None:
-        """Keep what leads to some nodes of the last layer; these keep their numbers."""
+        """Keep only what leads to some nodes of the last layer; these keep their numbers."""
         for k in range(len(self.layers) - 1, 0, -1):
             behind = np.unique(_before(self.layers[k].came[nodes]))
             here, before = self.layers[k], self.layers[k - 1]
@@ -152,7 +152,7 @@ class Ways:
         self._looked_at = len(self.layers)
 
     def to(self, node: int) -> list[Place]:
-        """The best way to a node of the last layer, a place for each layer."""
+        """Return the best path to a node of the last layer, one place for each layer."""
         places = []
         for layer in reversed(self.layers):
             answer, turns = divmod(int(layer.nodes[node]), self.total)
@@ -162,12 +162,12 @@ class Ways:
 
 
 def _before(came: Indices) -> Indices:
-    """From which nodes others were reached, see `viterbi_step`."""
+    """Return the nodes from which others were reached, see `viterbi_step`."""
     return np.asarray(np.where(came >= 0, came, -2 - came))
 
 
 class Planner:
-    """Finds the best way through a path for one arm with joints to spare."""
+    """Find the best path through given poses for one redundant arm."""
 
     def __init__(
         self, request: PathRequest, effort: Effort, forbidden_edges: Sequence[ForbiddenEdges] = ()
@@ -176,8 +176,8 @@ class Planner:
 
         Args:
             request: The path.
-            effort: How finely it is planned.
-            forbidden_edges: Where no way leads on.
+            effort: Resolution of the plan.
+            forbidden_edges: Solutions that no branch may leave from.
         """
         self.forbidden_edges = forbidden_edges
         problem = request.problem
@@ -189,29 +189,30 @@ class Planner:
             np.ascontiguousarray(problem.goal.targets),
         )
         self.gone = path_parameter(problem)
-        """How far the hand has gone at each pose, see `Effort.way`, (N,)."""
+        """Accumulated motion of the hand at each pose, see `Effort.way`, (N,)."""
         self.rows = rows_of(self.gone, effort.way)
-        """Numbers of the poses on which the way is planned."""
+        """Indices of the poses on which the path is planned."""
         self.row_targets = np.ascontiguousarray(self.targets[self.rows])
         last = len(self.rows) - 1
         self.keys = np.unique(np.round(np.linspace(0, last, -(-last // effort.rows) + 1)).astype(np.int64))
-        """Which rows are layers."""
+        """Indices of the rows that are layers."""
         longest = request.longest.min(axis=0)
         self.longest = np.where(np.isinf(longest), UNBOUND, longest)
         self.sideways = np.where(np.isinf(request.longest.max(axis=0)), UNBOUND, SIDEWAYS)
         self.apart = effort.apart
         self.folds = folds_of(problem.chain) if freedom(problem) > 1 else []
-        """Where answers lie on two sheets. With one joint to spare both lie on curves, which are followed through them."""
+        """Folds at which solutions lie on two sheets. With one redundant joint both sheets lie on curves, which are followed
+        through the fold."""
 
     def sample(self, i: int, count: int) -> Array:
-        """Answers to pose i, well spread, (k, n)."""
+        """Sample solutions of pose i, well spread, (k, n)."""
         target = np.eye(4)
         target[:3] = self.targets[i]
         rows = self.index.search(self.tolerances, target, self.index.view, count)
         return answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
 
     def layer(self, k: int, arrived: Array, fresh: Array, alone: bool = False) -> tuple[Array, Array]:
-        """Answers at a layer, (k, n), and the directions of the self-motion there."""
+        """Return the solutions at a layer, (k, n), and the directions of the self-motion there."""
         given, turning = np.concatenate([arrived, fresh]), self.turning
         q, along = np.empty((2, self.effort.most, self.dof))
         beside = 0.0 if alone else BESIDE * self.apart
@@ -228,23 +229,23 @@ class Planner:
             q, along = q[good], along[good]
         if len(q):
             return q, along
-        # None at all: the nearest that the atlas finds.
+        # No solution is left: use the nearest one that the atlas finds.
         goal = self.problem.goal.at(self.problem.goal.target[self.rows[self.keys[k]]])
         nearest = Atlas(threads=1).solve(Problem(self.problem.mechanism, goal)).q
         return turning.first_turn(nearest[None]), np.zeros((1, self.dof))
 
     def twins(self, k: int, arrived: Array) -> Array:
-        """Answers at a layer that lie beyond a fold, of those that arrive there, (k, n)."""
+        """Return solutions at a layer on the other side of a fold from those that arrive there, (k, n)."""
         q = mirrored(arrived, self.folds)
         targets = np.repeat(self.row_targets[self.keys[k]][None], len(q), axis=0)
         return q[self.smoother.settle(q, targets)] if len(q) else q
 
     def clipped(self, q: Array) -> Array:
-        """Answers in the first turn, inside the limits to the last bit."""
+        """Clip solutions in the first turn to the limits."""
         return np.clip(q, self.turning.open_lower, self.turning.open_upper)
 
     def plan(self, advance: Advance, threads: int | None) -> Array:
-        """Joint values for all rows, (rows, n); if the time is up, for so many of the first of them, one at least.
+        """Return joint values for all rows, (rows, n); if the time is up, for the first rows, at least one.
 
         Raises:
             TimeUp: The time was up before the first layer.
@@ -286,7 +287,7 @@ class Planner:
         return self.filled(ways.to(int(np.lexsort((before.sums, fault))[0])), self.keys[:count])
 
     def samples(self, layers: range, threads: int | None) -> list[Array]:
-        """Fresh answers at some layers, (k, n) each; none where the time was up."""
+        """Sample fresh solutions at some layers, (k, n) each; empty arrays where the time was up."""
         found = [np.zeros((0, self.dof))] * len(layers)
 
         def find(first: int, end: int, go_on: GoOn) -> None:
@@ -301,7 +302,11 @@ class Planner:
         return found
 
     def propagate_layer(self, q: Array, begin: int, end: int) -> tuple[Array, Array, Array]:
-        """Where answers to a row lead at another, what is told of them, and directions there; see `grow.propagate_layer`."""
+        """Follow solutions of one row to another row, see `kernels.paths.propagation.propagate_layer`.
+
+        Returns:
+            Joint values there, the kernel's report for each, and the directions of the self-motion.
+        """
         ahead, along = np.empty((2, *q.shape))
         report = np.empty((len(q), 1 + 2 * self.dof))
         leaps = np.full(self.dof, LEAPS)
@@ -325,7 +330,8 @@ class Planner:
                 report[(np.abs(self.turning.step(q - near)) < CLEAR).all(axis=1), 0] = np.inf
         valid = self.request.valid
         if valid is not None and valid.scene is not None:
-            # Layers are close: the straight way from one to the next stands for the branch. The path itself is judged later.
+            # Layers are close, so the straight step from one to the next stands for the branch. The path itself is checked
+            # later.
             leads = np.isfinite(report[:, 0])
             leads[leads] = valid.free_ways(self.clipped(q[leads]), self.clipped(ahead[leads]))
             report[~leads, 0] = np.inf
@@ -340,7 +346,7 @@ class Planner:
         poses: int,
         only: Array | None,
     ) -> Layer:
-        """Answers as a layer, reached from the layer before; with `only`, (n,), no other turn of it."""
+        """Build a layer of solutions, linked to the layer before; with `only`, (n,), no other turn of it is a node."""
         turning, nodes = self.turning, len(q) * self.turning.total
         made = Layer(q, along, np.empty(nodes, np.int64), np.empty(nodes), np.empty(nodes, np.int64))
         if before is None or led is None:
@@ -372,7 +378,7 @@ class Planner:
         return made
 
     def own(self, q: Array, poses: int) -> Array:
-        """What the user says that nodes cost, less the least of them, for so many poses, (nodes,); or nothing, (0,)."""
+        """Return the user's cost of nodes above the least one, times the number of poses, (nodes,); (0,) without a cost."""
         turning = self.turning
         if self.request.cost is None:
             return np.zeros(0)
@@ -382,9 +388,9 @@ class Planner:
         return np.asarray((costs - costs.min()) * max(poses, 1))
 
     def filled(self, places: list[Place], keys: Indices) -> Array:
-        """Joint values of all rows up to the last of some layers, (rows, n).
+        """Return joint values of all rows up to the last of some layers, (rows, n).
 
-        They go along each branch, and sideways to the next evenly over all poses in between.
+        They follow each branch. The sideways motion to the next branch is distributed evenly over all poses in between.
         """
         turning, parts = self.turning, []
         values = [turning.node_values(place.q[None], np.array([place.turns]))[0] for place in places]
@@ -398,7 +404,7 @@ class Planner:
         return turning.unwrapped(np.concatenate([*parts, values[-1][None]]))
 
     def followed(self, q: Array, begin: int, end: int) -> Array:
-        """One branch from row to row, (rows, n)."""
+        """Follow one branch from row to row, (rows, n)."""
         ways, ends = np.zeros((end - begin + 1, LANES, self.dof)), np.zeros(LANES, dtype=np.int64)
         ways[0] = q
         targets, leaps = self.row_targets[begin : end + 1], np.full(self.dof, LEAPS)
@@ -408,7 +414,7 @@ class Planner:
 
 
 def path_parameter(problem: Problem) -> Array:
-    """How far the hand has gone at each pose, its turn [rad] and its way in thirds of the arm's length, (N,)."""
+    """Accumulated motion of the hand at each pose: rotation [rad] plus translation in thirds of the arm's length, (N,)."""
     poses = np.zeros((len(problem.goal.targets), 4, 4))
     poses[:, :3], poses[:, 3, 3] = problem.goal.targets, 1.0
     distance, turn = apart(poses[:-1], poses[1:])
@@ -416,7 +422,7 @@ def path_parameter(problem: Problem) -> Array:
 
 
 def rows_of(gone: Array, way: float) -> Indices:
-    """Numbers of poses between which the hand goes so far, the first and the last among them; all of them for 0."""
+    """Indices of poses between which the hand moves by `way`, with the first and the last; all poses if `way` is 0."""
     last = len(gone) - 1
     if way <= 0.0:
         return np.arange(last + 1)
@@ -426,7 +432,7 @@ def rows_of(gone: Array, way: float) -> Indices:
 
 
 def between_rows(rows: Indices, q: Array) -> Array:
-    """Values for all poses, from those of some, by cubic polynomials (Hermite) without a corner, (rows, n) -> (N, n)."""
+    """Interpolate joint values of some poses to all by cubic Hermite polynomials, (rows, n) -> (N, n)."""
     if len(rows) < 3:
         share = np.arange(rows[-1] + 1) / max(rows[-1], 1)
         return np.asarray(q[0] + share[:, None] * (q[-1] - q[0]))
@@ -445,6 +451,6 @@ def between_rows(rows: Indices, q: Array) -> Array:
 
 
 def smoother_of(request: PathRequest) -> Smoother:
-    """What makes its paths short."""
+    """Return the smoother for paths of a request."""
     weights = request.weights if request.velocity is None else request.weights / request.velocity
     return Smoother(request.problem, weights / weights.max(), request.valid, request.deadline)

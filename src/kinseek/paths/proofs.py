@@ -1,4 +1,4 @@
-"""What is proved of a path: which steps are unbroken, which poses are out of reach, and where no motion leads on."""
+"""Add proofs to a path: continuous steps, poses out of reach, and intervals that no continuous motion passes."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from .virtual_joints import with_virtual_joints
 Array = NDArray[np.float64]
 
 ROUNDS = 4
-"""Newton steps to where the joints stand that a goal's ranges are: a turn about one axis and slides take two."""
+"""Newton steps for the virtual joints of a goal's ranges; a rotation about one axis and slides take two."""
 
 
 def with_proofs(request: PathRequest, path: Path, threads: int | None) -> Path:
-    """The path with what can be proved of it; see `Arm.follow`."""
+    """Return the path with what can be proved about it; see `Arm.follow`."""
     part, own = with_virtual_joints(request)
     steps, within = _unbroken(part, own, path, threads)
     missed = path.position_error > path.problem.goal.position_tolerance
@@ -63,7 +63,7 @@ def _words(path: Path, proof: PathProof, report: Missed) -> list[str]:
 def _unbroken(
     request: PathRequest, own: slice, path: Path, threads: int | None
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Which steps are unbroken, (N - 1,) or (N,), and how near the branches pass by each pose, (N,)."""
+    """Return flags of the continuous steps, (N - 1,) or (N,), and how close the branches pass to each pose, (N,)."""
     problem = request.problem
     count, goal, q = len(path), problem.goal, _with_goal_joints(problem, own, path.q)
     last = count if path.closed and count > 1 else count - 1
@@ -86,7 +86,7 @@ def _unbroken(
 
 
 def _with_goal_joints(problem: Problem, own: slice, q: Array) -> Array:
-    """Joint values of the arm with a joint for each range of the goal, from those of the arm, (N, n) -> (N, more)."""
+    """Extend joint values of the arm by the virtual joints for the goal's ranges, (N, n) -> (N, more)."""
     dof = problem.chain.dof
     if q.shape[1] == dof:
         return q

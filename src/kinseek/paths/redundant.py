@@ -1,12 +1,12 @@
-"""Arms with joints to spare: many branches followed side by side, the best way among them, then all poses at once.
+"""Follow a path of a redundant arm: many branches side by side, the best path through them, then smoothing of all poses.
 
-The way is planned on some of the poses, chosen by how far the hand goes, and filled in between them. At the first pose
-answers are sampled all over the self-motion. Each is followed with the least motion of the joints from layer to layer; at
-each layer answers beside them, along the self-motion, keep them well spread, and a few fresh samples join them. So the best
-way through all of them (see `kernels.paths.graph.link`) keeps to branches, and changes from one to another sideways, by
-little at a time. What it leaves of corners is smoothed away, on the poses of the plan first, then on all. Where a step is
-still too large, or hits something, that part of the path is planned again, more finely; if that does not help, all of it is,
-at last with a layer at every pose, and once more without the places where that plan broke.
+The path is planned on some of the poses, chosen by how far the hand moves, and interpolated between them. At the first pose
+solutions are sampled over the whole self-motion. Each is followed with the least motion of the joints from layer to layer.
+At each layer further solutions beside them, along the self-motion, keep the set well spread, and a few fresh samples are
+added. So the best path through all of them (see `kernels.paths.viterbi`) follows branches, and changes between them sideways
+by small steps. The remaining corners are smoothed, first on the poses of the plan, then on all poses. Where a step is still
+too large or collides, that part of the path is planned again with a finer resolution. If this does not help, the whole path
+is planned again: at last with a layer at every pose, and once more without the places where that plan broke.
 """
 
 from __future__ import annotations
@@ -40,39 +40,39 @@ Advance = Callable[[int], object]
 COARSE = Effort(0.25, 3, 100, 4, 200, 0.1)
 FINE = Effort(0.2, 2, 150, 4, 250, 0.08)
 EACH = Effort(0.0, 4, 150, 4, 400, 0.08)
-"""All poses are rows: near a singularity what lies between two rows is not known well enough to fill it in."""
+"""Resolution with all poses as rows: near a singularity, poses between two rows cannot be interpolated well enough."""
 
 STEP = Effort(0.0, 1, 150, 4, 400, 0.08)
-"""All poses are layers: from one to the next nothing lies that a way sideways could miss, such as a singularity at which
-curves of answers part, and join anew."""
+"""Resolution with all poses as layers. Nothing lies between two layers that a sideways motion could miss, e.g. a singularity
+at which curves of solutions separate and join differently."""
 
 Plans = tuple[tuple[Effort, Effort], ...]
 
 PLANS: Plans = ((COARSE, EACH), (FINE, EACH), (EACH, STEP), (STEP, STEP), (STEP, STEP))
-"""How a path is planned, and then its parts around breaks, until there are none."""
+"""Resolutions of each plan of the whole path, and of its parts around breaks; they are tried until no breaks are left."""
 
 AROUND = (3.0, 8.0)
-"""Before and behind a break so much of the hand's way is planned anew."""
+"""Motion of the hand, before and after a break, that is planned again; see `Effort.way` for the unit."""
 
 FIRST_PASSES, LAST_PASSES = 10, 4
-"""Passes of smoothing at most, on the rows of the plan and on all poses."""
+"""Most smoothing passes on the rows of the plan, and on all poses."""
 
 POWERS, POWER_PASSES, EASED = (6, 12), 20, 4.0
-"""Where steps are still too large, powers of the steps' lengths whose sum is made small instead, in so many passes at most,
-on so much of the hand's way before and behind."""
+"""Smoothing where steps are still too large: the powers of the step lengths whose sum is minimised, the most passes, and the
+motion of the hand before and after such a step that is smoothed."""
 
 
 LOOKED_AT = 100
-"""Answers to a pose that are sampled before it is said that none of them is allowed."""
+"""Solutions of a pose that are sampled before it is reported that none is allowed."""
 
 
 def unbroken(request: PathRequest, q: Array) -> Flags:
-    """Of each step of a path, (N - 1,): does no joint go too far?"""
+    """Return for each step of a path, (N - 1,), whether every joint stays within its longest step."""
     return np.asarray((np.abs(np.diff(q, axis=0)) <= request.longest * (1 + 1e-9)).all(axis=1))
 
 
 def mendable(request: PathRequest, q: Array) -> Flags:
-    """Of each step of a path, (N - 1,): is it a break that joints could pass, or does it hit something?"""
+    """Return for each step of a path, (N - 1,), whether it collides, or is a break that the joints could avoid."""
     goal = request.problem.goal
     distance, turn = apart(goal.target[:-1], goal.target[1:])
     distance, turn = distance - 2 * goal.position_tolerance, turn - 2 * goal.orientation_tolerance
@@ -85,15 +85,15 @@ def mendable(request: PathRequest, q: Array) -> Flags:
 def follow_samples(
     request: PathRequest, threads: int | None, advance: Advance, plans: Plans = PLANS
 ) -> tuple[Array, Flags]:
-    """Follow a path that leaves joints to spare, by so many plans at most.
+    """Follow a path of a redundant arm with the given plans.
 
     Returns:
-        Joint values for every pose, (N, n), and at which poses no answer that was looked at is allowed, (N,): where there
-        are any, the path is not planned well, and has to be planned without them. If the time is up, of so many of the first
-        poses.
+        Joint values for every pose, (N, n), and flags of the poses at which none of the examined solutions is allowed, (N,).
+        If there are such poses, the plan is poor, and the path has to be planned without them. If the time is up, only the
+        first poses are returned.
     """
     q, refused = _open_way(request, threads, advance, plans)
-    # With a start a path that has its first pose again at the end has that start for its end, too: it is closed already.
+    # A path with a given start that repeats its first pose at the end ends at that start, so it is closed already.
     there = request.end is not None or len(q) == 1
     if not request.closed or there or refused.any() or len(q) < len(request):
         return q, refused
@@ -103,7 +103,7 @@ def follow_samples(
         if len(longest) > 1:
             longest = np.concatenate([longest, longest[-1:]])
     best, best_faults = q, (len(q) + 1, np.inf)
-    # To where the open way begins, or on from where it ends.
+    # Close the path at the beginning of the open path, or at its end.
     for start in [q[0], q[-1]] if request.start is None else [request.start]:
         row = start[None].copy()
         with suppress(TimeUp):
@@ -125,7 +125,7 @@ def _silent(done: int) -> None:
 def _open_way(
     request: PathRequest, threads: int | None, advance: Advance, plans: Plans
 ) -> tuple[Array, Flags]:
-    """The best of a few plans, each made if those before it break, and parts of each planned anew around its breaks.
+    """Return the best of several plans, each tried if the ones before it break; parts around breaks are planned again.
 
     See `follow_samples` for what it returns.
 
@@ -159,7 +159,7 @@ def _open_way(
 
 
 def _refused(request: PathRequest, q: Array) -> Flags:
-    """At which poses a plan, (N, n), is not allowed, nor any other answer that is looked at, (N,)."""
+    """Return flags of poses at which neither a plan, (N, n), nor any other examined solution is allowed, (N,)."""
     refused = np.zeros(len(q), dtype=np.bool_)
     if request.valid is None:
         return refused
@@ -175,7 +175,7 @@ def _refused(request: PathRequest, q: Array) -> Flags:
 
 
 def _mended(request: PathRequest, q: Array, effort: Effort, threads: int | None) -> Array:
-    """Parts of a path around its breaks planned anew, where that mends them."""
+    """Plan the parts of a path around its breaks again, and keep them where this removes the breaks."""
     gone = path_parameter(request.problem)
     for around in AROUND:
         windows = _around(request, q, gone, around)
@@ -195,13 +195,13 @@ def _mended(request: PathRequest, q: Array, effort: Effort, threads: int | None)
             if len(new) < len(old):  # The time was up.
                 continue
             if faults(part, new) < faults(part, old):
-                # Where an endless joint has turned the other way round, what follows goes along.
+                # If an endless joint has turned the other way round, the rest of the path is shifted with it.
                 q = np.concatenate([q[:first], new, q[last + 1 :] + (new[-1] - old[-1])])
     return q
 
 
 def _part(request: PathRequest, q: Array, first: int, last: int) -> PathRequest:
-    """From one pose of a path to another, both as they are, but for the ends of the whole that are open."""
+    """Return the request for a part of a path; its ends are fixed, except for open ends of the whole path."""
     goal = request.problem.goal
     longest = request.longest if len(request.longest) == 1 else request.longest[first:last]
     return replace(
@@ -215,7 +215,7 @@ def _part(request: PathRequest, q: Array, first: int, last: int) -> PathRequest:
 
 
 def _smoothed(request: PathRequest, smoother: Smoother, q: Array, row: Row, passes: int) -> Array:
-    """Made short; with a cost of the user as long as cost and squared steps together become less."""
+    """Smooth a path; with a user's cost, only as long as the sum of cost and squared steps decreases."""
     if request.cost is None:
         return smoother.smooth(q, row, passes, 2)
     for _ in range(passes):
@@ -227,7 +227,7 @@ def _smoothed(request: PathRequest, smoother: Smoother, q: Array, row: Row, pass
 
 
 def _cost(request: PathRequest, q: Array, spans: Array) -> float:
-    """Squared steps, and what the user says that poses cost."""
+    """Return the sum of the squared steps and the user's cost of the poses."""
     squares = float((np.diff(q, axis=0) ** 2 / spans).sum())
     if request.cost is None:
         return squares
@@ -235,7 +235,7 @@ def _cost(request: PathRequest, q: Array, spans: Array) -> float:
 
 
 def _faulty(request: PathRequest, q: Array) -> Flags:
-    """Of each step, (N - 1,): is it a break, or does it hit something?"""
+    """Return for each step, (N - 1,), whether it is a break or collides."""
     whole = unbroken(request, q)
     if request.valid is not None:
         whole[whole] = request.valid.free_ways(q[:-1][whole], q[1:][whole])
@@ -243,7 +243,7 @@ def _faulty(request: PathRequest, q: Array) -> Flags:
 
 
 def faults(request: PathRequest, q: Array) -> tuple[int, float]:
-    """Breaks, steps that are not free among them, and what the path costs."""
+    """Return the number of breaks, including steps that collide, and the cost of the path."""
     return int(_faulty(request, q).sum()), _cost(request, q, np.ones((len(q) - 1, 1)))
 
 
@@ -264,7 +264,7 @@ def _planned(
     with suppress(TimeUp):
         if len(q) == len(rows):
             return _finished(request, planner, q)
-    # The time is up: what is planned is filled in, neither made smooth nor judged.
+    # The time is up: the plan is only interpolated, neither smoothed nor evaluated.
     begun = replace(request.part(0, int(rows[len(q) - 1]) + 1), valid=None)
     return _put(
         begun, smoother_of(begun), between_rows(rows[: len(q)], q), _row(begun, np.arange(len(begun)))
@@ -272,7 +272,7 @@ def _planned(
 
 
 def _finished(request: PathRequest, planner: Planner, q: Array) -> Array:
-    """From the rows of a plan, (rows, n), to all poses, (N, n), made smooth.
+    """Extend the rows of a plan, (rows, n), to all poses, (N, n), and smooth them.
 
     Raises:
         TimeUp: The time was up.
@@ -292,7 +292,7 @@ def _finished(request: PathRequest, planner: Planner, q: Array) -> Array:
 
 
 def _around(request: PathRequest, q: Array, gone: Array, way: float) -> list[tuple[int, int]]:
-    """First and last pose of each part of a path that holds its breaks, and so much of the hand's way at both sides."""
+    """First and last pose of each part of a path around its breaks, extended to both sides by a motion of the hand."""
     parts: list[tuple[int, int]] = []
     for i in np.flatnonzero(mendable(request, q)).tolist():
         first = int(np.searchsorted(gone, gone[i] - way))
@@ -304,7 +304,7 @@ def _around(request: PathRequest, q: Array, gone: Array, way: float) -> list[tup
 
 
 def _row(request: PathRequest, rows: Indices) -> Row:
-    """Some poses of a path, the first and the last among them."""
+    """Return some poses of a path as a row, with the first and the last."""
     fixed = np.zeros(len(rows), dtype=np.bool_)
     fixed[0], fixed[-1] = request.start is not None, request.end is not None
     spans = np.diff(rows)
@@ -317,7 +317,7 @@ def _row(request: PathRequest, rows: Indices) -> Row:
 
 
 def _put(request: PathRequest, smoother: Smoother, q: Array, row: Row) -> Array:
-    """Bring rows onto their targets; those that are fixed are what was asked for."""
+    """Project rows onto their targets; rows that are fixed get the requested joint values."""
     if request.start is not None:
         q[0] = request.start
     if request.end is not None:

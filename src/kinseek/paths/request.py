@@ -1,4 +1,4 @@
-"""What is asked of a path: its poses, ends, times and speeds, read and checked."""
+"""A path request: its poses, ends, times and speeds, read and checked."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 ROUNDING = 1e-9
-"""Poses closer than this, relative to the arm's reach and [rad], differ by the rounding of what computed them."""
+"""Poses closer than this, relative to the arm's reach and in [rad], count as equal up to rounding."""
 
 
 @dataclass(frozen=True)
 class PathRequest:
-    """A path that is asked for, checked against the arm."""
+    """A requested path, checked against the arm."""
 
     problem: Problem
     start: Array | None
@@ -38,22 +38,22 @@ class PathRequest:
     end: Array | None
     closed: bool
     longest: Array
-    """How far each joint may go from pose to pose, (1 or N - 1, n), [rad] or [m]."""
+    """Largest step of each joint from pose to pose, (1 or N - 1, n), [rad] or [m]."""
     velocity: Array | None
-    """[rad/s] or [m/s], (n,)."""
+    """Largest joint speeds, (n,), [rad/s] or [m/s]."""
     weights: Array
-    """Of each joint in the distance, (n,)."""
+    """Weight of each joint in the distance, (n,)."""
     cost: Cost | None
     valid: Allowed | None
-    """What the user's `valid` and the scene say, where there is either."""
+    """Checks of the user's `valid` and the scene; None if neither is given."""
     deadline: Deadline = field(default_factory=Deadline)
 
     def __len__(self) -> int:
-        """Number of poses."""
+        """Return the number of poses."""
         return len(self.problem.goal.target)
 
     def part(self, begin: int, end: int) -> PathRequest:
-        """The poses from `begin` up to `end`, asked for by themselves; start and end stay with the first and the last."""
+        """Return the request for poses `begin` up to `end`; start and end stay with the first and the last pose."""
         goal, longest = self.problem.goal, self.longest
         if begin == 0 and end >= len(self):
             return self
@@ -71,7 +71,7 @@ class PathRequest:
 
     @property
     def ends_where_it_begins(self) -> bool:
-        """Is the last pose the first one again, except for rounding?"""
+        """Return whether the last pose equals the first, up to rounding."""
         first, last = self.problem.goal.target[0], self.problem.goal.target[-1]
         apart = np.abs(last - first)
         apart[:3, 3] /= max(self.problem.chain.reach, 1e-300)
@@ -79,7 +79,7 @@ class PathRequest:
 
 
 def open_beside(longest: Array, missed: Flags) -> Array:
-    """Longest steps, (1 or N - 1, n), without a bound to and from the missed poses, (N,): no such step is a break."""
+    """Return largest steps, (1 or N - 1, n), without a bound to and from the missed poses, (N,): these cannot break."""
     if not missed.any():
         return longest
     open_steps = np.repeat(longest, len(missed) - 1, axis=0) if len(longest) == 1 else longest.copy()
@@ -91,10 +91,10 @@ def goals_of(Ts: Any) -> tuple[Goal, Exception | None]:
     """Read poses: an array, a `Goal` with N targets, a list of poses or of goals, or an iterator of them.
 
     Returns:
-        One goal with N targets, and what an iterator raised in the middle, if it did.
+        One goal with N targets, and the exception if an iterator raised one before its end.
 
     Raises:
-        InvalidGoal: No poses, or one of them is none; the message names its index.
+        InvalidGoal: There are no poses, or one of them is invalid; the message names its index.
     """
     broken: Exception | None = None
     if isinstance(Ts, Goal):
@@ -136,10 +136,10 @@ def _require_row(goal: Goal) -> Goal:
 
 
 def row_of_goals(poses: Any) -> Iterator[Any]:
-    """Poses one by one, of whatever holds them.
+    """Return an iterator of the poses in any container.
 
     Raises:
-        InvalidGoal: Nothing does.
+        InvalidGoal: The argument is not a container of poses.
     """
     if isinstance(poses, Goal) and len(poses.shape) == 1:
         return (poses.at(target) for target in poses.target)
@@ -155,10 +155,10 @@ def _report(row: Any) -> str:
 
 
 def together(rows: list[Any]) -> Goal:
-    """One goal of a row of poses or of goals that ask for the same.
+    """Combine poses, or goals of the same kind, into one goal.
 
     Raises:
-        InvalidGoal: One of them is none, or asks for something else; the message names its index.
+        InvalidGoal: One of them is invalid or of another kind; the message names its index.
     """
     if not any(isinstance(row, Goal) for row in rows):
         poses = np.array(rows) if all(isinstance(row, np.ndarray) for row in rows) else rows
@@ -197,10 +197,10 @@ def read(
     clearance: float = 0.0,
     deadline: Deadline | None = None,
 ) -> PathRequest:
-    """Check what `Arm.follow` was given; see there.
+    """Check the arguments of `Arm.follow`; see there.
 
     Raises:
-        InvalidProblem: Something does not fit the arm or the poses.
+        InvalidProblem: An argument does not fit the arm or the poses.
     """
     problem = Problem(arm, goal)
     if problem.axes is None:
@@ -250,15 +250,15 @@ def read(
         valid=None if valid is None and scene is None else Allowed(valid, scene, clearance, deadline=limit),
         deadline=limit,
     )
-    # A closed path that has its first pose again at the end comes back to the very joint values that were given.
+    # A closed path that repeats its first pose at the end returns to exactly the given joint values.
     return replace(request, end=request.start) if closed and request.ends_where_it_begins else request
 
 
 def _own_speeds(arm: Mechanism) -> Array:
-    """How fast the joints may go by the robot's file, (n,).
+    """Return the joint speed limits of the robot's file, (n,).
 
     Raises:
-        InvalidProblem: It says nothing of some joint.
+        InvalidProblem: The file has no limit for some joint.
     """
     unsaid = np.flatnonzero(np.isnan(arm.velocity))
     if len(unsaid):
@@ -270,7 +270,7 @@ def _own_speeds(arm: Mechanism) -> Array:
 
 
 def positive(arm: Mechanism, name: str, value: ArrayLike, unit: str) -> Array:
-    """Read one number for all joints, or one each, all above zero, (n,).
+    """Read one number for all joints or one for each, all above zero, (n,).
 
     Raises:
         InvalidProblem: They are not.
@@ -290,10 +290,10 @@ def positive(arm: Mechanism, name: str, value: ArrayLike, unit: str) -> Array:
 
 
 def _check_end(problem: Problem, q: Array, name: str, i: int) -> None:
-    """Make sure that joint values, (n,), reach the first or the last pose.
+    """Check that joint values, (n,), reach the first or the last pose.
 
     Raises:
-        InvalidProblem: One row is needed, they lie outside the limits, or they miss the pose.
+        InvalidProblem: They are not one row, they lie outside the limits, or they miss the pose.
     """
     arm, goal = problem.mechanism, problem.goal
     if q.ndim != 1:

@@ -1,10 +1,10 @@
-"""Paths with missed poses: the runs between them are planned by themselves, and the nearest poses join them.
+"""Paths with missed poses: the runs between them are planned separately, and the nearest poses join them.
 
-A missed pose has no solution, and the solution nearest to it may jump from one pose to the next: by a turn of the wrist, or
-to another bend of the elbow. If missed poses are planned like other poses, each jump is a break, and each break makes the
-planner start again. So the missed poses are found first, by the atlas, and no later stage asks about them. Over a run of
-missed poses the arm continues from where it stands: its hand follows the nearest poses. The joints jump only where no motion
-does that.
+A missed pose has no solution, and the nearest solution may jump from one pose to the next, e.g. by a turn of the wrist or to
+the other bend of the elbow. If missed poses are planned like other poses, each jump is a break, and each break makes the
+planner start again. So the atlas finds the missed poses first, and no later stage plans them. Over a run of missed poses the
+arm continues from its current joint values, and its hand follows the nearest poses. The joints jump only if no continuous
+motion does that.
 """
 
 from __future__ import annotations
@@ -37,21 +37,21 @@ Flags = NDArray[np.bool_]
 Advance = Callable[[int], object]
 
 SAMPLED, AHEAD = 4000, 400
-"""Poses that are followed together at most, and how far is looked ahead beyond them."""
+"""Most poses that are followed together, and the number of poses of look-ahead beyond them."""
 
 STEPS = 40
-"""Steps at most that bring the hand onto the nearest pose: near the edge of what is reached each halves what is left."""
+"""Most steps to bring the hand onto the nearest pose; near the boundary of the workspace each step halves the error."""
 
 ASIDE = 0.02
-"""[rad] or [m], see `_starts`."""
+"""Offset of the additional starts, [rad] or [m], see `_starts`."""
 
 SHARE, NEAR = 0.02, 1e-12
-"""The hand counts as at the nearest pose if it is no farther from it than this part of what that misses, or if the squared
-scaled error is less than this."""
+"""The hand counts as at the nearest pose if its distance from it is at most `SHARE` of that pose's own error, or if the
+squared scaled error is less than `NEAR`."""
 
 
 def follow_runs(request: PathRequest, threads: int | None, advance: Advance) -> Array:
-    """Joint values for every pose of a path that leaves joints to spare, (N, n); if the time is up, for its first poses."""
+    """Return joint values for every pose of a redundant arm's path, (N, n); if the time is up, for its first poses."""
     problem = request.problem
     found = Atlas(threads=threads).solve(
         Problem(problem.mechanism, problem.goal, time_limit=request.deadline.left)
@@ -67,9 +67,9 @@ def follow_runs(request: PathRequest, threads: int | None, advance: Advance) -> 
 
 
 def bridged(request: PathRequest, q: Array, missed: Flags) -> Array:
-    """A planned path, (N, n), that goes on over its missed poses from where the arm stands; the rest stays as it is.
+    """Continue a planned path, (N, n), over its missed poses from the arm's current joint values; keep the rest.
 
-    What comes after a run of missed poses may differ by full turns of joints without limits.
+    Joint values after a run of missed poses may change by full turns of joints without limits.
     """
     if not missed.any():
         return q
@@ -85,24 +85,24 @@ def bridged(request: PathRequest, q: Array, missed: Flags) -> Array:
 
 
 class Bridge:
-    """Goes on over missed poses."""
+    """Continue a path over missed poses."""
 
     def __init__(self, request: PathRequest, nearest: Array) -> None:
-        """Take a path, and joint values for each pose, (N, n): at those that are missed, with the hand nearest to it."""
+        """Take a path and joint values for each pose, (N, n); at missed poses these put the hand nearest to the pose."""
         self.request, self.nearest, self.turning = request, nearest.copy(), Turning(request.problem.chain)
         self.smoother = smoother_of(request)
         goal = request.problem.goal
         self.targets = np.ascontiguousarray(forward_many(request.problem.arrays, self.nearest)[:, :3])
         """Poses of the hand there, as kernels take targets, (N, 3, 4)."""
         self.room = np.maximum(SHARE**2 * self._settled(goal.targets, self.nearest.copy(), 0), NEAR)
-        """Squared scaled error up to which the hand counts as at one of them, (N,)."""
+        """Squared scaled error up to which the hand counts as at the pose, (N,)."""
         self.beside_here = _starts(request.problem.chain.dof)
 
     def fill(self, q: Array, poses: range, here: Array) -> Array:
-        """Write joint values for some poses into a path, (N, n), one after the other from where the arm stands, (n,).
+        """Write joint values for some poses into a path, (N, n), one after the other from the current joint values, (n,).
 
         Returns:
-            Where the arm stands then, (n,).
+            The last joint values, (n,).
         """
         for i in poses:
             if self.request.deadline.passed:
@@ -113,10 +113,10 @@ class Bridge:
         return here
 
     def onto(self, target: Array, here: Array, room: float) -> tuple[Array, float]:
-        """Bring the hand onto a target, (3, 4), up to a squared scaled error: joint values, (n,), and the error left."""
+        """Bring the hand onto a target, (3, 4), up to a squared scaled error: return joint values, (n,), and the error."""
         rows = np.clip(here + self.beside_here, self.smoother.lower, self.smoother.upper)
         left = self._settled(np.repeat(target[None], LANES, axis=0), rows, STEPS)
-        # The closest of those that are there; if none is, the one with the least left.
+        # Take the closest one that arrived; if none did, the one with the least error.
         far = np.abs(rows - here).max(axis=1)
         best = (
             int(np.lexsort((far, left))[0])
@@ -126,18 +126,18 @@ class Bridge:
         return rows[best], float(left[best])
 
     def _settled(self, targets: Array, q: Array, steps: int) -> Array:
-        """Bring the hand closer to targets, (k, 3, 4), by so many steps of q, (k, n), in place; what is left, (k,)."""
+        """Improve q, (k, n), in place by steps towards targets, (k, 3, 4); return the remaining errors, (k,)."""
         smoother, left = self.smoother, np.empty(len(q))
         limits = smoother.lower, smoother.upper
         project_onto_poses(smoother.handle, smoother.tolerances, targets, *limits, steps, q, left, LANES)
         return left
 
     def turned(self, q: Array, here: Array) -> Array:
-        """Joint values, (n,), with the full turns that bring them closest to others inside the limits."""
+        """Shift joint values, (n,), by the full turns that bring them closest to others inside the limits."""
         return np.asarray(self.beside(q[None], here)[0])
 
     def beside(self, rows: Array, here: Array) -> Array:
-        """Rows, (k, n), all turned by the full turns that bring the first of them closest to where the arm stands, (n,)."""
+        """Shift all rows, (k, n), by the full turns that bring the first of them closest to current joint values, (n,)."""
         if not len(rows):
             return rows
         turns = np.where(self.turning.kind == STRAIGHT, 0.0, TURN * np.round((here - rows[0]) / TURN))
@@ -147,16 +147,16 @@ class Bridge:
 
 
 def _starts(dof: int) -> Array:
-    """Where to begin, beside where the arm stands, (LANES, n), [rad] or [m]: there, and a little off it to all sides.
+    """Return start offsets from the current joint values, (LANES, n), [rad] or [m]: zero, and small ones in all directions.
 
-    The kernel takes so many at a time in any case, and at the edge of what is reached one of them may not get there.
+    The kernel processes `LANES` starts in any case. At the boundary of the workspace a single start may not converge.
     """
     signs = (np.arange(1, LANES)[:, None] >> (np.arange(dof) % 3)) % 2 * 2.0 - 1.0
     return np.concatenate([np.zeros((1, dof)), ASIDE * signs])
 
 
 def _look_beside(request: PathRequest, nearest: Array, missed: Flags) -> None:
-    """Look for answers to missed poses from the answers beside them: the atlas overlooks one in very many."""
+    """Search for solutions of missed poses from those of adjacent poses: in rare cases the atlas overlooks one."""
     smoother = smoother_of(replace(request, valid=None))
     targets = np.ascontiguousarray(request.problem.goal.targets)
     for way in (1, -1):
@@ -179,7 +179,7 @@ def _look_beside(request: PathRequest, nearest: Array, missed: Flags) -> None:
 def _joined(
     request: PathRequest, missed: Flags, nearest: Array, threads: int | None, advance: Advance
 ) -> Array:
-    """The runs between missed poses, each planned by itself, with the nearest poses between them."""
+    """Plan each run between missed poses separately, and join the runs by the nearest poses."""
     if not missed.any():
         q, refused = _whole(request, threads, advance)
         if not refused.any() or len(q) < len(request):
@@ -211,15 +211,15 @@ def _run(
     threads: int | None,
     advance: Advance,
 ) -> Array:
-    """A run of poses that are reached, from where the arm stands, (n,), if that leads on without a break.
+    """Plan a run of reached poses from the current joint values, (n,), if this leads on without a break.
 
     Args:
         request: The whole path.
-        first: Number of the first pose of the run.
-        last: And of the last.
-        bridge: Over the missed poses of the path.
-        here: Where the arm stands after the missed poses before the run, (n,); None where there are none.
-        back: Joint values at the first pose of the path, (n,); None where it is missed.
+        first: Index of the first pose of the run.
+        last: Index of the last pose of the run.
+        bridge: Continues over the missed poses of the path.
+        here: Joint values after the missed poses before the run, (n,); None if there are none.
+        back: Joint values at the first pose of the path, (n,); None if it is missed.
         threads: See `follow_runs`.
         advance: See `follow_runs`.
     """
@@ -246,14 +246,14 @@ def _run(
 
 
 def _begun(part: PathRequest, threads: int | None, advance: Advance) -> Array:
-    """A run from where the arm stands, planned once: if that breaks, it begins elsewhere."""
+    """Plan a run once from the current joint values; if the plan breaks, the run starts elsewhere."""
     if len(part) <= SAMPLED + AHEAD:
         return follow_samples(part, threads, advance, PLANS[:1])[0]
     return _joined(part, np.zeros(len(part), dtype=np.bool_), part.longest[:0], threads, advance)
 
 
 def _leading_back(part: PathRequest, request: PathRequest, back: Array) -> PathRequest:
-    """The last run of a closed path, with the path's first pose behind it."""
+    """Return the last run of a closed path, with the path's first pose appended."""
     goal, longest = part.problem.goal, part.longest
     around = goal.at(np.concatenate([goal.target, request.problem.goal.target[:1]]))
     if len(longest) > 1:
@@ -262,7 +262,7 @@ def _leading_back(part: PathRequest, request: PathRequest, back: Array) -> PathR
 
 
 def _whole(request: PathRequest, threads: int | None, advance: Advance) -> tuple[Array, Flags]:
-    """As `follow_samples`, but a long path in windows, and one of which only the end is wanted from there on."""
+    """Like `follow_samples`, but plan a long path in windows, and a path with only a given end from there on."""
     none = np.zeros((0, request.problem.chain.dof))
     if request.end is not None and request.start is None:
         problem = request.problem
@@ -274,7 +274,7 @@ def _whole(request: PathRequest, threads: int | None, advance: Advance) -> tuple
             longest=np.ascontiguousarray(request.longest[::-1]),
         )
         q, refused = _whole(turned, threads, advance)
-        if len(q) < len(request):  # What is planned are the last poses, and not the first.
+        if len(q) < len(request):  # The result is for the last poses, not for the first.
             return none, refused[:0]
         return np.ascontiguousarray(q[::-1]), refused[::-1]
     try:
@@ -285,7 +285,7 @@ def _whole(request: PathRequest, threads: int | None, advance: Advance) -> tuple
     q = np.empty((len(request), request.problem.chain.dof))
     known = 0
     for begin in range(0, len(request), SAMPLED):
-        # Each window begins where the one before ended, and looks ahead of where the next will begin.
+        # Each window begins where the one before ended, and looks ahead beyond the beginning of the next.
         part = request.part(begin, min(begin + SAMPLED + 1 + AHEAD, len(request)))
         part = replace(part, start=q[begin]) if begin else part
         rows = none

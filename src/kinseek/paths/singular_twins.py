@@ -1,10 +1,10 @@
-"""Answers on the other side of a singularity at which the axes of two joints fall together.
+"""Solutions on the other side of a singularity at which the axes of two joints coincide.
 
-Where the joint between two others brings their axes into one line, as the middle joint of a wrist does, answers to a pose
-lie on two sheets that touch there alone: where that joint stands on either side of its singular value. With several joints
-to spare these places are so thin that no sample lies in one, and a way sideways that keeps to a sheet never comes to the
-other, though a motion may pass straight through. So answers near such a place are mirrored: their twins lie on the other
-sheet.
+The joint between two others can bring their axes into one line, like the middle joint of a wrist. The solutions of a pose
+then lie on two sheets, one for each side of the singular value of this joint, which touch only at that value. With several
+redundant joints these places are so thin that no sample lies in one. A sideways motion that stays on one sheet never reaches
+the other, though a motion may pass straight through. So solutions near such a place are mirrored: their twins lie on the
+other sheet.
 """
 
 from __future__ import annotations
@@ -21,25 +21,24 @@ from kinseek.structure.axes import lean
 from kinseek.transforms import rotation
 
 ONE_LINE = 1e-3
-"""Axes fall together where they are no farther apart than this part of the arm's length, and lean no more than this
-[rad]."""
+"""Axes coincide if their distance is at most this fraction of the arm's length, and their angle at most this [rad]."""
 
 NEAR = 0.5
-"""Answers with the joint no farther than this from its singular value [rad] are mirrored. By trial on a path of ten joints
-that was followed after seven plans then, with less than half as much after ten, and without at none."""
+"""Solutions with the joint no farther than this from its singular value [rad] are mirrored. Tried on one path of ten joints:
+it was followed after seven plans with this value, after ten with less than half of it, and by no plan without mirroring."""
 
 
 class Fold(NamedTuple):
-    """Where two axes fall together."""
+    """A joint value at which two axes coincide."""
 
     joint: int
     """The variable of the joint between them."""
     value: float
-    """Where it stands then [rad]."""
+    """Its singular value [rad]."""
 
 
 def folds_of(chain: SerialChain) -> list[Fold]:
-    """All such places of an arm inside its limits, but for joints that share a variable."""
+    """Return all folds of an arm inside its limits, except for joints that share a variable."""
     found, alone = [], np.bincount(chain.leader, minlength=chain.dof) == 1
     for k in range(1, len(chain.leader) - 1):
         i = int(chain.leader[k])
@@ -61,7 +60,7 @@ def folds_of(chain: SerialChain) -> list[Fold]:
 
 
 def mirrored(q: Array, folds: list[Fold]) -> Array:
-    """Twins of the answers near a fold, (k, n) -> (m, n); they have to be brought onto the pose."""
+    """Return twins of the solutions near a fold, (k, n) -> (m, n); these still have to be projected onto the pose."""
     made = [q[:0]]
     for fold in folds:
         off = q[:, fold.joint] - fold.value

@@ -1,11 +1,11 @@
-"""A whole path made short at once: all joints of all poses move along what the goal leaves open.
+"""Shorten a whole path at once: all joints of all poses move within what the goal leaves free.
 
-Each pass does two things. It solves the Gauss-Newton system of all poses together, with steps x[i+1] - x[i] as residuals and
-J[i] dx[i] = 0 as heavy ones: one block a pose and one beside it, so that the work grows with the number of poses alone. And
-it puts every pose half-way between its neighbours, every other pose first, which mends what the Jacobian does not see near
-singularities. Everything is brought back onto its target, and kept only where it makes the path better: where the sum of
-what the joints move from pose to pose, each to a power, is less. The square makes a path short, a higher power makes its
-largest steps small.
+Each pass has two parts. It solves the Gauss-Newton system of all poses, with the steps x[i+1] - x[i] as residuals and J[i]
+dx[i] = 0 as residuals with a large weight. The system has one block per pose and one coupling to the next, so the work grows
+linearly with the number of poses. Then each pose is moved half-way between its neighbours, every other pose first. This
+corrects errors that the Jacobian does not show near singularities. All poses are projected back onto their targets, and a
+change is kept only if it improves the path: the sum of the joints' steps, each to a power, must decrease. The square makes a
+path short; a higher power makes its largest steps small.
 """
 
 from __future__ import annotations
@@ -34,55 +34,55 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 STIFF = 1e4
-"""μ: how much more leaving the pose costs than a step of the same size; what it leaves is mended after each pass."""
+"""μ: weight of leaving the pose, relative to a step of the same size; the remaining error is corrected after each pass."""
 
 HELD = 1e8
-"""Weight that keeps a joint where it is, relative to that of a step."""
+"""Weight that keeps a joint at its value, relative to that of a step."""
 
 TRUST = 0.4
-"""No joint moves farther in one pass [rad or m]: beyond, the Jacobian says nothing."""
+"""Largest motion of any joint in one pass [rad or m]: the linearisation is not valid beyond it."""
 
 TRIES, SHORTER = 5, 0.4
-"""How often a Gauss-Newton step is tried until the path is better, each time so much shorter."""
+"""Most attempts of a Gauss-Newton step until the path improves, and the factor that shortens each further attempt."""
 
 KEPT, TORN = 0.9, 1.2
-"""A path is torn where a step becomes larger than before and than this part of what is allowed; while the largest steps are
-made small, by so much larger."""
+"""A path is torn if a step grows and exceeds `KEPT` times its largest allowed length. This bound is `TORN` times as large if
+the largest steps are minimised."""
 
 HOLD = 4
-"""Where a step tears the path so many more rows, to each side, are held back at each try."""
+"""Rows on each side of a torn step that are held back, multiplied by the number of the attempt."""
 
 LIGHTEST, HEAVIEST = 0.5, 4.0
-"""Steps count as no shorter and no longer than this beside the usual one, where a higher power weighs them."""
+"""Bounds of a step's length, relative to the root mean square of all, when a higher power weights it."""
 
 SETTLED = 1e-14
-"""Squared scaled error up to which a pose counts as reached again: 1e-7 of the arm's length."""
+"""Squared scaled error up to which a pose counts as reached again; it corresponds to 1e-7 of the arm's length."""
 
 MEND = 12
-"""Steps at most that bring a pose back onto its target."""
+"""Most steps that bring a pose back onto its target."""
 
 ACTIVE = 3
-"""How often joints that would leave their limits are held there, and the system solved again."""
+"""How often the system is solved with the joints that would leave their limits held there."""
 
 ENOUGH = 1e-3
-"""A pass that makes the sum smaller by less than this part of it is the last."""
+"""Smoothing ends after a pass that reduces the sum by less than this fraction."""
 
 
 class Row(NamedTuple):
-    """Poses in a row, all of a path or some of them."""
+    """Consecutive poses: all of a path or some of them."""
 
     targets: Array
-    """(k, 3, 4)"""
+    """Targets, (k, 3, 4)."""
     fixed: Flags
-    """Which of them stay where they are, (k,)."""
+    """Flags of the poses that stay where they are, (k,)."""
     spans: Array
-    """Steps from one to the next, (k - 1, 1): between them others may lie."""
+    """Number of steps of the path from one to the next, (k - 1, 1)."""
     longest: Array
-    """How far each joint may go from one to the next, (k - 1, n), [rad] or [m]."""
+    """Largest motion of each joint from one to the next, (k - 1, n), [rad] or [m]."""
 
 
 class Smoother:
-    """Makes paths of one arm and one kind of goal shorter."""
+    """Shorten paths of one arm and one kind of goal."""
 
     def __init__(
         self,
@@ -95,9 +95,9 @@ class Smoother:
 
         Args:
             problem: The arm and its goal.
-            weights: Of each joint in the length, (n,).
-            valid: What the user and the scene allow; what they refuse is not taken, and no step that is not free.
-            deadline: When it has passed, a path stays as smooth as it is by then.
+            weights: Weight of each joint in the length, (n,).
+            valid: Checks of the user and the scene; rejected joint values and steps are not used.
+            deadline: Smoothing ends when it has passed; the path stays as smooth as it is then.
         """
         self.deadline = Deadline() if deadline is None else deadline
         self.problem, self.weights, self.valid = problem, weights, valid
@@ -110,7 +110,11 @@ class Smoother:
         self.scale = arm_length(problem.chain) / RADIAN_PART
 
     def settle(self, q: Array, targets: Array) -> Flags:
-        """Bring joint values, (k, n), onto targets, (k, 3, 4), in place; which of them are there and allowed, (k,)."""
+        """Project joint values, (k, n), onto targets, (k, 3, 4), in place.
+
+        Returns:
+            Flags of the rows that arrived and are allowed, (k,).
+        """
         left = np.empty(len(q))
         np.clip(q, self.lower, self.upper, out=q)
         project_onto_poses(
@@ -122,7 +126,7 @@ class Smoother:
         return there
 
     def onto(self, q: Array, targets: Array) -> None:
-        """As `settle`; what does not get there from where it is becomes what the atlas finds, the nearest pose at worst."""
+        """Like `settle`, but replace rows that do not arrive by what the atlas finds, at worst the nearest pose."""
         begin = q.copy()
         lost = np.flatnonzero(~self.settle(q, targets))
         if not len(lost):
@@ -137,13 +141,13 @@ class Smoother:
         q[lost] = Atlas(threads=1).solve(near).q
 
     def smooth(self, q: Array, row: Row, passes: int, power: int) -> Array:
-        """Make a path better, (k, n).
+        """Improve a path, (k, n).
 
         Args:
             q: Joint values inside the limits, endless joints unwrapped.
-            row: Where they must stay.
-            passes: How many at most.
-            power: Of what the joints move.
+            row: The targets and bounds of the poses.
+            passes: Most passes.
+            power: Power of the joints' steps in the sum.
         """
         if len(q) < 3:
             return q
@@ -159,7 +163,7 @@ class Smoother:
         return q
 
     def _of_steps(self, steps: Array, spans: Array, power: int) -> Array:
-        """Of each step, (k, n), the sum of what the joints move, each to a power, (k,)."""
+        """Return for each step, (k, n), the sum of the joints' motions, each to a power, (k,)."""
         lengths = steps * self.weights / spans
         powers = lengths * lengths
         if power > 2:
@@ -172,10 +176,10 @@ class Smoother:
         return float(self._of_steps(np.diff(q, axis=0), row.spans, power).sum())
 
     def _together(self, q: Array, row: Row, power: int) -> Array:
-        """One Gauss-Newton step of all poses, held back where it would tear the path.
+        """Make one Gauss-Newton step of all poses, held back where it would tear the path.
 
         Raises:
-            TimeUp: The time is up; the path stays as it was.
+            TimeUp: The time is up; the path is unchanged.
         """
         self.deadline.check()
         step = self._step(q, row, power)
@@ -202,7 +206,7 @@ class Smoother:
         return q
 
     def _step(self, q: Array, row: Row, power: int) -> Array:
-        """Where the Gauss-Newton step of all poses leads from here, (k, n)."""
+        """Return the Gauss-Newton step of all poses, (k, n)."""
         J = constraint_jacobian(self.problem, q)
         J[:, :3] /= self.scale
         steps = np.diff(q, axis=0)
@@ -212,7 +216,7 @@ class Smoother:
         coupling = np.zeros_like(q)
         coupling[:-1] = heavy * self.weights**2 / row.spans
         blocks = np.matmul(np.swapaxes(J, 1, 2), J)
-        del J  # It is as large as the blocks, which are there twice below.
+        del J  # It is as large as the blocks, which exist twice below.
         blocks *= STIFF * heavy.max() * float((self.weights**2).mean())
         diagonal = np.arange(q.shape[1])
         beside = coupling.copy()
@@ -238,7 +242,7 @@ class Smoother:
         return step
 
     def _put_back(self, q: Array, moved: Array) -> None:
-        """Put rows of a moved path back to where they were, (k, n) both, until no step hits what it did not hit before."""
+        """Restore rows of a moved path, (k, n) both, until no changed step collides."""
         if self.valid is None or self.valid.scene is None:
             return
         off = (moved != q).any(axis=1)
@@ -252,7 +256,7 @@ class Smoother:
             steps = beside[off[beside] | off[beside + 1]]
 
     def _one_by_one(self, q: Array, row: Row, power: int) -> Array:
-        """Put each pose between its neighbours, where that makes its two steps better."""
+        """Move each pose between its neighbours if this improves its two steps."""
         q = q.copy()
         for first in (1, 2):
             self.deadline.check()

@@ -1,4 +1,4 @@
-"""A path through poses that come one after the other, with the same memory however many they are."""
+"""Follow poses that arrive one after the other, with memory that does not depend on their number."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def stream(
     options: dict[str, Any],
     threads: int | None,
 ) -> Iterator[Path]:
-    """Pieces of a path, each as soon as the poses for it and those ahead of it have come; see `Arm.follow_stream`."""
+    """Yield pieces of a path as soon as their poses and those of the look-ahead have arrived; see `Arm.follow_stream`."""
     source, handed = _Source(poses), 0
     rows: list[Any] = []
     here: Array | None = None
@@ -40,7 +40,7 @@ def stream(
         if goal is None or (handed and good == 1):
             break
         request = read(arm, goal, **options)
-        if here is not None:  # Unchecked: where a pose was missed, the path goes on from the nearest.
+        if here is not None:  # No check: where a pose was missed, the path continues from the nearest pose.
             request = replace(request, start=here)
         take = good if ended else window + 1
         path = follow(request, threads, lambda done: None, take)
@@ -56,16 +56,16 @@ def stream(
 
 
 class _Source:
-    """Poses as they come."""
+    """Poses in the order of arrival."""
 
     def __init__(self, poses: Iterable[Any]) -> None:
         self._poses = row_of_goals(poses)
         self.ended = False
         self.error: Exception | None = None
-        """What the iterator raised, or what is wrong with a pose."""
+        """The exception that the iterator raised, or the error of an invalid pose."""
 
     def next(self, count: int) -> list[Any]:
-        """So many more, or as many as come."""
+        """Return `count` more poses, or fewer if the iterator ends."""
         rows: list[Any] = []
         while len(rows) < count and not self.ended:
             try:
@@ -79,7 +79,7 @@ class _Source:
 
 
 def _as_far_as_good(rows: list[Any], handed: int, source: _Source) -> tuple[Goal | None, int]:
-    """One goal of the poses before the first that is none, and how many these are; what is wrong is left with the source."""
+    """Return one goal of the poses before the first invalid one, and their number; store the error in the source."""
     if not rows:
         return None, 0
     try:

@@ -1,4 +1,4 @@
-"""Servoing: one pose in, one set of joint values out, with the same bounded work in every period."""
+"""Servoing: each period takes one pose and returns one set of joint values, with a bounded amount of work."""
 
 from __future__ import annotations
 
@@ -43,29 +43,30 @@ from .request import positive
 Array = NDArray[np.float64]
 
 SPREAD = 60
-"""Answers that are looked through for another branch where the arm has joints to spare."""
+"""Solutions that are examined when a redundant arm looks for another branch."""
 
 ELSEWHERE = 0.5
-"""Another branch is farther than this from where the arm is, in some joint [rad or m]."""
+"""Another branch differs by more than this from the current joint values, in some joint [rad or m]."""
 
 SPAN, KEPT = 0.2, 200
-"""How far back the poses lie from which it is told how the hand goes on [s], and how many periods that is at most."""
+"""Age of the oldest pose used for extrapolation [s], and the largest number of periods this may be."""
 
 AWAY = (1e-3, 1e-2)
-"""The hand has lost its pose when it is farther off than this [m], [rad]."""
+"""The hand has lost its pose if its error exceeds these values [m], [rad]."""
 
 FASTER, AFTER = 10.0, 0.5
-"""If joints so many times as fast keep up for so long after [s], the hand is only too fast, and its branch does not end."""
+"""If joints that are `FASTER` times as fast still track the poses `AFTER` seconds later, only the hand is too fast, and its
+branch does not end."""
 
 TIMES, MOST_PERIODS = (1e-9, 1e9), 1_000_000
-"""Periods and times to look ahead are from and to these [s]; a way to another branch takes so many periods at most."""
+"""Bounds of the period and of times to look ahead [s], and the most periods of a motion to another branch."""
 
 RETRY = 0.05
-"""While the pose is lost, it is looked for again after so much time [s]."""
+"""Time between two attempts to reach a lost pose again [s]."""
 
 
 class TrackStatus(Enum):
-    """How one step of a tracker ended; the value is the sentence to show."""
+    """Outcome of one step of a tracker; the value is the sentence to show."""
 
     TRACKING = "Tracking: the pose is reached within this period."
     LAGGING = "Lagging: the joints go as fast as they may, and the pose is farther off."
@@ -75,7 +76,7 @@ class TrackStatus(Enum):
     RECOVERING = "Recovering: the pose was lost, and the joints are on the way to values that reach it again."
 
     def __str__(self) -> str:
-        """The sentence."""
+        """Return the sentence."""
         return self.value
 
 
@@ -83,45 +84,45 @@ _ENDED = (TrackStatus.TRACKING, TrackStatus.LAGGING, TrackStatus.LIMIT, TrackSta
 
 
 class Step(NamedTuple):
-    """What one period brought."""
+    """Result of one period."""
 
     q: Array
     """Joint values at its end, (n,), [rad] or [m]."""
     status: TrackStatus
     position_error: float
-    """[m], by plain forward kinematics."""
+    """Distance from the pose [m], by plain forward kinematics."""
     orientation_error: float
-    """[rad], by plain forward kinematics."""
+    """Angle from the pose [rad], by plain forward kinematics."""
 
 
 class Foresight(NamedTuple):
-    """What comes if the poses go on as they came."""
+    """Prediction for poses that continue as they came."""
 
     status: TrackStatus
-    """LIMIT or SINGULAR if this branch ends there, LAGGING if only a joint is too slow, TRACKING if nothing comes."""
+    """LIMIT or SINGULAR if this branch ends there, LAGGING if only a joint is too slow, TRACKING if nothing happens."""
     seconds: float
-    """After which time the hand begins to fall behind; infinite if nothing comes."""
+    """Time after which the hand begins to fall behind [s]; infinite if nothing happens."""
     joint: str | None
-    """Which joint stops at its limit, or is too slow."""
+    """The joint that stops at its limit or is too slow."""
 
 
 class Tracker:
-    """Follows poses that come one at a time; made by `Arm.track`.
+    """Track poses that arrive one at a time; created by `Arm.track`.
 
-    A step never goes farther than a joint may within one period, and never out of the limits; what it does depends on
-    nothing but the steps before it, so the same poses give the same bits.
+    A step never moves a joint farther than it may within one period, and never out of its limits. A step depends only on the
+    steps before it, so the same poses give the same bits.
 
-    If the pose cannot be reached, the arm comes to rest at the nearest pose of its branch. A pose counts as lost from when
-    the hand is farther from it than 1 mm or 0.01 rad until one is reached. With `recover`, a lost pose is looked for again
-    every 0.05 s. If a limit or a singularity holds the arm, the joints go there straight and as fast as they may
-    (RECOVERING) in two cases: it is reached from close to the joint values that last reached a pose, or a pose has been out
-    of reach of every branch since then. Otherwise the arm stays on its branch; `switch` leaves it.
+    If the pose cannot be reached, the arm comes to rest at the nearest pose of its branch. A pose counts as lost if the
+    hand's error exceeds 1 mm or 0.01 rad; it stays lost until a pose is reached. With `recover`, the tracker looks for a
+    lost pose again every 0.05 s. If a limit or a singularity holds the arm, the joints move straight and as fast as they may
+    to the solution (RECOVERING) in two cases: the solution is close to the joint values that last reached a pose, or a pose
+    has been out of reach of every branch since then. Otherwise the arm stays on its branch; `switch` leaves it.
     """
 
     def __init__(
         self, arm: Mechanism, q0: ArrayLike, period: float, velocity: ArrayLike | None, recover: bool = True
     ) -> None:
-        """Stand at joint values; see `Arm.track`."""
+        """Start at joint values; see `Arm.track`."""
         if arm.axes is None:
             raise InvalidProblem(f"{arm.name!r} is a function: a tracker works along axes, and it has none")
         period = as_number("period, in seconds,", period, *TIMES, InvalidProblem)
@@ -131,16 +132,16 @@ class Tracker:
         if start.shape != (arm.dof,):
             raise InvalidProblem(f"q0 must have shape ({arm.dof},), got {start.shape}")
         self.period = period
-        """[s]"""
+        """Period [s]."""
         self.velocity = (
             np.where(np.isnan(arm.velocity), np.inf, arm.velocity)
             if velocity is None
             else positive(arm, "velocity", velocity, "rad/s or m/s")
         )
-        """Of the joints, (n,), [rad/s] or [m/s]; infinite where neither the caller nor the robot's file says anything."""
+        """Joint speed limits, (n,), [rad/s] or [m/s]; infinite if neither the caller nor the robot's file gives one."""
         self._arm, self._turning = arm.axes, Turning(arm.axes)
         self._index = atlas_of(arm.axes)
-        _ = self._index.handle  # Asking for it adds the routines that are still lacking.
+        _ = self._index.handle  # Reading the attribute loads the kernels that are not loaded yet.
         self._state = np.zeros((ROWS, arm.dof))
         self._state[LOWER], self._state[UPPER] = self._turning.open_lower, self._turning.open_upper
         self._state[REACH], self._state[NOW] = self.velocity * self.period, start
@@ -153,22 +154,22 @@ class Tracker:
         self._recover = recover and bool(np.isfinite(self.velocity).all())
         self._retry = max(1, round(RETRY / self.period))
         self._lost_for = 0
-        """Periods that ended lost since the last pose that was reached."""
+        """Number of periods that ended with a lost pose since a pose was last reached."""
         self._was_unreachable = False
-        """Has any of the poses since then been out of reach of every branch?"""
+        """Whether any pose since then was out of reach of every branch."""
         self._there: Array | None = None
-        """While recovering: the state of a tracker that already stands where the pose is reached, and follows it."""
+        """While recovering: the state of a tracker that already follows the pose from the solution that was found."""
 
     @property
     def q(self) -> Array:
-        """Where the joints are, (n,), [rad] or [m]."""
+        """Current joint values, (n,), [rad] or [m]."""
         return np.asarray(self._state[NOW].copy())
 
     def step(self, T: Array) -> Step:
-        """Go towards a pose, (4, 4), as far as one period allows.
+        """Move towards a pose, (4, 4), as far as one period allows.
 
         Raises:
-            InvalidGoal: Not one pose.
+            InvalidGoal: The argument is not one pose.
         """
         if self._way:
             return self._along(T)
@@ -185,18 +186,18 @@ class Tracker:
             if self._lost_for:
                 self._forget_loss()
         elif self._recover and (self._lost_for or _is_away(position, orientation)):
-            self._lost_for += 1  # Once lost, a pose is lost until one is reached.
+            self._lost_for += 1  # A lost pose stays lost until one is reached.
             if self._lost_for % self._retry == 0:
                 found = self._found_again(T)
                 self._there = None if ended == LAGGING else found
         return Step(state[NOW].copy(), _ENDED[ended], position, orientation)
 
     def _forget_loss(self) -> None:
-        """Nothing is lost, and nothing has to be recovered."""
+        """Clear the state of a lost pose."""
         self._there, self._lost_for, self._was_unreachable = None, 0, False
 
     def _found_again(self, T: Array) -> Array | None:
-        """Look for joint values that reach a lost pose; return the state of a tracker that stands there, or None."""
+        """Look for joint values that reach a lost pose; return the state of a tracker at these values, or None."""
         reached, q = self._state[REACHED], np.empty(self._arm.dof)
         *_, success = solve_goal(self._index.address, PLAIN, T[:3], reached, True, q)
         if not success:
@@ -210,9 +211,9 @@ class Tracker:
         return state
 
     def _recovered(self, T: Array, there: Array) -> Step:
-        """One period on the way to joint values that reach the pose; these follow it meanwhile.
+        """Make one period of the motion to joint values that reach the pose; these values track the pose meanwhile.
 
-        The way ends early if the pose is reached from where the arm is, as it is when the hand shall stop.
+        The motion ends early if the pose can be reached from the current joint values, e.g. when the hand is to stop.
         """
         T, state = _one(T), self._state
         *_, at_once = servo_step(self._index.address, PLAIN, T, self._memory, state.copy())
@@ -233,20 +234,21 @@ class Tracker:
         return Step(q.copy(), TrackStatus.RECOVERING, *self._errors(q, T))
 
     def switch(self, to: ArrayLike | None = None) -> Array:
-        """Turn to another branch of the last pose: the nearest that is not where the arm is, or one that is given.
+        """Move to another branch of the last pose: the nearest other one, or a given one.
 
-        The steps that follow go there, whatever their poses are, as fast as the slowest joint allows, and are SWITCHED.
+        The following steps lead there, whatever their poses are, as fast as the slowest joint allows. Their status is
+        SWITCHED.
 
         Args:
-            to: Joint values inside the limits, (n,), that reach the last pose, such as `continuing` finds; without it the
-                nearest other branch is looked for.
+            to: Joint values inside the limits, (n,), that reach the last pose, e.g. from `continuing`; by default the
+                nearest other branch is searched.
 
         Returns:
-            The way there, one row a period, (k, n); straight in the joints, and so not along any pose.
+            The motion, one row per period, (k, n). It is linear in the joints, so the hand follows no pose during it.
 
         Raises:
-            InvalidProblem: No pose was given yet, the pose has no other branch inside the limits, what was given does not
-                reach it, or no speed is known.
+            InvalidProblem: No pose was given yet, the pose has no other branch inside the limits, `to` does not reach it, or
+                a joint speed limit is unknown.
         """
         if not self._given:
             raise InvalidProblem("switch() needs a pose: call step(T) first")
@@ -271,18 +273,18 @@ class Tracker:
         return np.asarray(way)
 
     def continuing(self, seconds: float = 1.5, looks: int = 75) -> Array | None:
-        """Which other branch of the last pose does the hand go on with for so long, if it goes on as it came?
+        """Find another branch of the last pose on which the extrapolated motion of the hand can continue.
 
-        It is searched for and looked along, some tenths of a millisecond a branch: a question to ask when `foresee` says
-        that something comes, and not in every period.
+        The search and the look-ahead take some tenths of a millisecond per branch. Call this when `foresee` reports a
+        problem, not in every period.
 
         Args:
-            seconds: How long the hand shall go on.
+            seconds: How long the hand must be able to continue.
             looks: See `foresee`.
 
         Returns:
-            Joint values of the first, in the order of the time that it takes to go there, (n,), for `switch`; None where no
-            branch that was found goes on.
+            Joint values for `switch`, (n,): the branch that is reached in the shortest time. None if no branch that was
+            found continues.
 
         Raises:
             InvalidProblem: See `foresee`.
@@ -297,7 +299,7 @@ class Tracker:
         return None
 
     def _others(self, target: Array) -> Array:
-        """Ways to the other branches of a pose inside the limits, quickest first, (k, n)."""
+        """Return the joint motions to the other branches of a pose inside the limits, shortest time first, (k, n)."""
         index = index_of(Problem(self._arm, Goal.pose(target)))
         rows = index.search(PLAIN, target, index.view, SPREAD if index.freedom else 0)
         found = answers_of(rows, self._arm.dof).q
@@ -306,7 +308,7 @@ class Tracker:
         return np.asarray(steps[np.argsort([self._time_of(step) for step in steps], kind="stable")])
 
     def _ways(self, found: Array) -> Array:
-        """Ways to joint values, (k, n), without full turns if the limits allow that."""
+        """Return the joint motions to joint values, (k, n), without full turns if the limits allow that."""
         here = self._state[NOW]
         steps = self._turning.step(found - here)
         there = here + steps
@@ -314,7 +316,7 @@ class Tracker:
         return np.asarray(np.where(inside[:, None], steps, found - here))
 
     def _given_branch(self, target: Array, to: ArrayLike) -> Array:
-        """The way to joint values that reach a pose, (n,)."""
+        """Return the joint motion to given joint values that reach a pose, (n,)."""
         q = as_joints(self._arm, to, "to")
         if q.shape != (self._arm.dof,):
             raise InvalidProblem(f"to must have shape ({self._arm.dof},), got {q.shape}")
@@ -328,11 +330,11 @@ class Tracker:
         return np.asarray(self._turning.way(q - self._state[NOW]))
 
     def _time_of(self, step: Array) -> float:
-        """How long the joints take for a step [s]; where no speed is known, how far they go."""
+        """Time that the joints need for a motion [s]; the size of the motion if no speed is known."""
         return float(np.abs(step / np.where(np.isfinite(self.velocity), self.velocity, 1.0)).max())
 
     def _along(self, T: Array) -> Step:
-        """One step of the way to another branch."""
+        """Make one step of the motion to another branch."""
         pose, q = _one(T), self._way.pop(0)
         self._state[LAST] = q - self._state[NOW]
         self._state[NOW] = q
@@ -340,24 +342,25 @@ class Tracker:
         return Step(q.copy(), TrackStatus.SWITCHED, *self._errors(q, pose))
 
     def _errors(self, q: Array, T: Array) -> tuple[float, float]:
-        """How far joint values are off a pose [m], [rad]."""
+        """Pose errors of joint values [m], [rad]."""
         problem = Problem(self._arm, Goal.pose(T))
         position, orientation, _ = problem.goal.measure(problem.arrays, q[None])[0]
         return float(position), float(orientation)
 
     def foresee(self, seconds: float = 1.0, looks: int = 50, poses: ArrayLike | None = None) -> Foresight:
-        """Look ahead: does the hand lose its pose, farther off than 1 mm or 0.01 rad, if it goes on as it came?
+        """Predict whether the hand will lose its pose, by more than 1 mm or 0.01 rad, if it continues as it came.
 
-        The hand turns on, and its way bends on, as over the last four tenths of a second.
+        The extrapolation continues the rotation and the curvature of the hand's motion over the last four tenths of a
+        second.
 
         Args:
-            seconds: How far ahead.
-            looks: Steps in which that is looked at, each of as many whole periods as it takes.
-            poses: Where they are known: the poses to come, one a period, (k, 4, 4); nothing is guessed then.
+            seconds: How far to look ahead.
+            looks: Number of steps of the look-ahead; each is a whole number of periods.
+            poses: The poses to come, if they are known, one per period, (k, 4, 4); nothing is extrapolated then.
 
         Raises:
-            InvalidProblem: Fewer than two poses were given, or the numbers are none to look ahead with.
-            InvalidGoal: `poses` are none.
+            InvalidProblem: Fewer than two poses were given to `step`, or `seconds` or `looks` is invalid.
+            InvalidGoal: `poses` are not poses.
         """
         if poses is None:
             coming, at_once = self._coming(seconds, looks, AFTER)
@@ -371,7 +374,7 @@ class Tracker:
             return Foresight(TrackStatus.TRACKING, np.inf, None)
         joint = self._held(state, ended)
         if ended == LAGGING:
-            # Would joints that are much faster keep up, there and for a while? Then it is their speed; else the branch ends.
+            # Test whether much faster joints keep up for a while: then the speed is the cause, otherwise the branch ends.
             state = self._standing(at_once)
             state[REACH] *= FASTER
             while_after = round(AFTER / self.period / at_once)
@@ -382,7 +385,7 @@ class Tracker:
         return Foresight(_ENDED[ended], (behind + 1) * at_once * self.period, joint)
 
     def _coming(self, seconds: float, looks: int, longer: float = 0.0) -> tuple[Array, int]:
-        """Poses to come, so many and some for longer, (k, 4, 4), and how many periods each is after the one before."""
+        """Return `looks` poses to come and some for `longer`, (k, 4, 4), and how many periods lie between them."""
         if self._given < 2:
             raise InvalidProblem("to look ahead takes two poses: call step(T) twice first")
         looks = as_integer("looks", looks, 1, error=InvalidProblem)
@@ -396,23 +399,23 @@ class Tracker:
         return poses_ahead(before, middle, now, times), at_once
 
     def _standing(self, at_once: int) -> Array:
-        """The state as it is, for steps of so many periods."""
+        """Return the current state, for steps of `at_once` periods each."""
         state = self._state.copy()
         state[REACH] *= at_once
         state[LAST] *= at_once
         return np.asarray(state)
 
     def _look(self, poses: Array, state: Array) -> tuple[int, int, int]:
-        """Go along poses as `kernels.paths.servo.look_ahead` does; the state is changed."""
+        """Follow poses as `kernels.paths.servo.look_ahead` does; the state is changed."""
         return look_ahead(self._index.address, PLAIN, poses, *AWAY, self._memory, state)
 
     def _keep(self, T: Array) -> None:
-        """Remember a pose: the last so many are kept."""
+        """Store a pose in the ring of the last poses."""
         self._poses[self._given % len(self._poses)] = T
         self._given += 1
 
     def _pose(self, back: int) -> Array:
-        """The pose so many periods ago."""
+        """Return the pose given `back` periods ago."""
         return np.asarray(self._poses[(self._given - 1 - back) % len(self._poses)])
 
     def _held(self, state: Array, ended: int) -> str | None:
@@ -423,7 +426,7 @@ class Tracker:
 
 
 def _is_away(position: float, orientation: float) -> bool:
-    """Has the hand lost its pose?"""
+    """Return whether the hand has lost its pose."""
     return position > AWAY[0] or orientation > AWAY[1]
 
 
@@ -431,6 +434,6 @@ def _one(T: object) -> Array:
     """Read one pose.
 
     Raises:
-        InvalidGoal: It is none.
+        InvalidGoal: The argument is not one pose.
     """
     return np.ascontiguousarray(one_pose(T, "the pose of a step"))

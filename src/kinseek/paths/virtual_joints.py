@@ -1,8 +1,8 @@
-"""Free axes and ranges as joints of the arm: a goal that leaves some freedom is a pose for an arm with more joints.
+"""Free axes and ranges as virtual joints: a goal with freedom is a plain pose for an arm with more joints.
 
-Let T = T_goal · Trans(d) · Rot(w) with d and w in their ranges be wanted of the hand. Then T · Rot(-w) · Trans(-d) = T_goal
-is a plain pose for the arm with joints at its tip that turn by -w and slide by -d, and whose limits are the ranges. Slides
-along the axes of the base stand before the arm instead.
+Let T = T_goal · Trans(d) · Rot(w) be the allowed poses of the hand, with d and w in their ranges. Then T · Rot(-w) ·
+Trans(-d) = T_goal is a plain pose for an arm with additional joints at its tip. These turn by -w and slide by -d, and their
+limits are the ranges. Slides along the axes of the base are placed at the base of the arm instead.
 """
 
 from __future__ import annotations
@@ -34,14 +34,15 @@ from .smooth import MEND
 Array = NDArray[np.float64]
 
 LEAST_SHARE = 0.25
-"""Of ranges about three axes, so much is left at least."""
+"""Least fraction that remains of ranges about three axes."""
 
 LIGHT = 0.02
-"""Weight of a joint that stands for a free axis, beside 1 of a joint of the arm: it moves for nothing, but smoothly."""
+"""Weight of a joint that stands for a free axis, relative to 1 for a joint of the arm: it moves at almost no cost, but
+smoothly."""
 
 
 def with_virtual_joints(request: PathRequest) -> tuple[PathRequest, slice]:
-    """The same path for an arm with a joint for each range, and which of its joints are those of the arm.
+    """Return the same path for an arm with a joint for each range, and the slice of its own joints.
 
     Raises:
         InvalidProblem: Ranges of several rotations, or along and about axes that change from pose to pose.
@@ -116,19 +117,19 @@ def with_virtual_joints(request: PathRequest) -> tuple[PathRequest, slice]:
 
 
 def _of_the_arm(cost: Cost, own: slice) -> Cost:
-    """What the user says that joint values cost, asked with the joints of the arm alone."""
+    """Return the user's cost as a function of all joints that only uses the joints of the arm."""
     return lambda q: cost(q[:, own])
 
 
 def _angles(ranges: dict[int, tuple[float, float]], frame: str) -> dict[int, tuple[float, float]]:
-    """Ranges of angles of joints that follow each other, for ranges of the components of a rotation vector.
+    """Return ranges of angles of consecutive joints for ranges of the components of a rotation vector.
 
-    The joint with the widest range is the last. Of three, ranges are made narrower, but not that of a free turn, until no
-    point of a grid leaves those of the vector: what the joints do is wanted, but they cannot do all that is wanted. The
-    path is judged by the goal itself in any case.
+    The joint with the widest range is the last. For three axes the ranges are narrowed, except that of a free turn, until no
+    point of a grid leaves the ranges of the vector. So every motion of the joints is allowed, but some allowed rotations
+    cannot be reached. The path is evaluated with the goal itself in any case.
 
     Raises:
-        InvalidProblem: Two axes have ranges and the third has none, or hardly anything is left of them.
+        InvalidProblem: Two axes have ranges and the third has none, or too little is left of the ranges.
     """
     if len(ranges) < 2:
         return ranges
@@ -157,7 +158,7 @@ def _angles(ranges: dict[int, tuple[float, float]], frame: str) -> dict[int, tup
 
 
 def _with_ranges(problem: Problem, own: slice, q: Array, i: int) -> Array:
-    """Put to joint values of the arm, (m,), where the joints of the ranges stand for target i, (n,)."""
+    """Add the values of the virtual joints for target i to joint values of the arm, (m,) -> (n,)."""
     chain, turning = problem.chain, Turning(problem.chain)
     lower, upper = turning.open_lower.copy(), turning.open_upper.copy()
     lower[own] = upper[own] = q
@@ -165,13 +166,13 @@ def _with_ranges(problem: Problem, own: slice, q: Array, i: int) -> Array:
     starts[:, own] = q
     targets, left = np.repeat(problem.goal.targets[i][None], LANES, axis=0), np.empty(LANES)
     handle = atlas_of(chain, problem.goal).handle
-    # The arm's own joints stand at both of their limits.
+    # The arm's own joints are fixed by equal lower and upper limits.
     project_onto_poses(handle, tolerances_of(problem.goal), targets, lower, upper, MEND, starts, left, LANES)
     return np.asarray(starts[np.argmin(left)])
 
 
 def _constant(axes: Array, name: str, way: str, where: str) -> Array:
-    """An axis that all poses of a path share, (k, 3) -> (3,).
+    """Return an axis that all poses of a path share, (k, 3) -> (3,).
 
     Raises:
         InvalidProblem: It changes.
@@ -189,12 +190,12 @@ def _frame_axes(goal: Goal) -> Array:
 
 
 def _swinging(goal: Goal, plain: Goal, targets: Array) -> Goal:
-    """A direction instead of a turn that is free about one axis."""
+    """Return a goal for a direction that replaces a goal with a free turn about one axis."""
     assert goal.swing is not None
     axis = np.array(goal.swing)
     if goal.frame == "tool":
         return replace(plain, kind=POINTING.name, tool_axis=goal.swing)
-    # The axis is fixed in the base: of the tool it is where the target has it.
+    # The axis is fixed in the base; in the tool frame it is where the target has it.
     along = _frame_axes(goal) @ axis
     own = np.einsum("kji,j->ki", targets[:, :3, :3], along)
     if np.abs(own - own[0]).max(initial=0.0) > 1e-9:
@@ -206,7 +207,7 @@ def _swinging(goal: Goal, plain: Goal, targets: Array) -> Goal:
 
 
 def _at_tip(chain: SerialChain, axis: Array, name: str, lower: float, upper: float, kind: str) -> SerialChain:
-    """The chain with one more joint about or along an axis of its tip."""
+    """Return the chain with one more joint about or along an axis of its tip."""
     turn = np.zeros((3, 4))
     turn[:, :3] = rotation_onto(np.array([0.0, 0.0, 1.0]), axis)
     back = np.zeros((3, 4))
@@ -218,7 +219,7 @@ def _at_tip(chain: SerialChain, axis: Array, name: str, lower: float, upper: flo
 
 
 def _at_base(chain: SerialChain, axis: Array, name: str, lower: float, upper: float) -> SerialChain:
-    """The chain on a slide along an axis of its base."""
+    """Return the chain on a slide along an axis of its base."""
     turn = np.zeros((3, 4))
     turn[:, :3] = rotation_onto(np.array([0.0, 0.0, 1.0]), axis)
     back = np.zeros((3, 4))
@@ -234,7 +235,7 @@ def _product(A: Array, B: Array) -> Array:
 def _more(
     chain: SerialChain, fixed: Array, name: str, lower: float, upper: float, kind: str, at: int, place: int
 ) -> SerialChain:
-    """Put a variable before variable `at`, with its physical joint before joint `place`."""
+    """Insert a variable before variable `at`, with its physical joint before joint `place`."""
     leader = np.where(chain.leader >= at, chain.leader + 1, chain.leader)
     return replace(
         chain,

@@ -1,4 +1,4 @@
-"""Why a path breaks, in words: a limit, a singularity, a pose out of reach, or the user's own refusal."""
+"""Explain in words why a path breaks: a limit, a singularity, a pose out of reach, or rejection by the user."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from .windows import Windows
 Array = NDArray[np.float64]
 
 WEAK = 0.05
-"""Least singular value of the Jacobian, its largest being 1, below which a singularity is named."""
+"""Least singular value of the Jacobian, relative to the largest, below which a singularity is given as the reason."""
 
 
 def reasons(request: PathRequest, path: Path, wide: Layers | Windows | None) -> tuple[str, ...]:
-    """A sentence for every run of missed poses, and for every break between two that are reached, in their order."""
+    """Return a sentence for each run of missed poses and each break between two reached poses, in order."""
     goal = path.problem.goal
     there = (path.position_error <= goal.position_tolerance) & (
         path.orientation_error <= goal.orientation_tolerance
@@ -37,7 +37,7 @@ def reasons(request: PathRequest, path: Path, wide: Layers | Windows | None) -> 
 
 
 def _refused(request: PathRequest, path: Path, first: int, last: int, wide: Layers | Windows | None) -> str:
-    """Why poses have answers, and none that is allowed."""
+    """Explain why poses have solutions, but none that is allowed."""
     which, valid, i = these(first, last), request.valid, (first + last) // 2
     assert valid is not None
     if request.deadline.passed:
@@ -111,7 +111,7 @@ def _at(i: int, count: int) -> str:
 def _end_of_branch(
     request: PathRequest, q: Array, i: int, wide: Layers | Windows, way: int
 ) -> tuple[int, str]:
-    """Go along a branch from joint values at pose i; the pose where it ends, and why."""
+    """Follow a branch from joint values at pose i; return the pose where it ends, and the reason."""
     problem, turning = request.problem, Turning(request.problem.chain)
     names = problem.mechanism.joint_names
     while True:
@@ -151,7 +151,7 @@ def _end_of_branch(
 
 
 def _against(valid: Allowed, a: Array, b: Array) -> str:
-    """What stands against b, or against the straight way there from a; empty if nothing does."""
+    """Describe why b, or the straight step from a to b, is not allowed; an empty string if both are allowed."""
     if not valid(b):
         return valid.against(b)
     return "" if valid.ways(a[None], b[None])[0] else f"on the way there {valid.against_way(a, b)}"

@@ -1,10 +1,10 @@
-"""The best way through a long path with little memory, window by window; as good as that through all of it at once.
+"""Find the best path through a long list of poses window by window, with little memory and the same result as at once.
 
-What grows with a path are the answers to its poses. From most poses to the next nothing happens: every branch goes on, none
-comes close to another, no full turn is passed. Over such a run each branch is one step that costs as much as it is long: all
-but the two poses at its ends are left out, and one programme goes through what is left of all windows. Then the windows are
-gone through again, and of each pose the answer is kept that the search chose. A way without breaks is the best of all;
-where there are breaks they are as few, and each stands at an end of a run.
+The memory for a path grows with the solutions of its poses. Between most poses nothing happens: every branch continues, none
+comes close to another, and no full turn is passed. Over such a run each branch is one step whose cost is its length. All
+poses of the run except the two at its ends are left out, and one dynamic program covers what remains of all windows. Then
+the windows are processed again, and the solution that the search chose is kept for each pose. A path without breaks is the
+best of all. If there are breaks, there are as few as any path has, and each is at an end of a run.
 """
 
 from __future__ import annotations
@@ -29,42 +29,42 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 WINDOW = 64 * EVERY
-"""Poses of a window."""
+"""Poses in a window."""
 
 LONG = 8 * WINDOW
-"""Poses from which on a path is followed so: below, all its answers fit into some 30 MB."""
+"""Poses from which on a path is processed in windows; the solutions of a shorter path take up to some 30 MB."""
 
 FIRST_PART = 0.45
-"""Of a time limit so much is left to the first look at all windows: the second takes as long."""
+"""Fraction of a time limit for the first pass over all windows; the second pass takes as long."""
 
 STAYS = 1e-12
-"""Over a run a branch leads to itself, and to nothing that is farther off than this [rad or m]."""
+"""Over a run a branch leads only to itself: solutions farther off than this [rad or m] are not linked."""
 
 
 def in_windows(request: PathRequest) -> bool:
-    """Is a path with isolated answers followed in windows? The user's own cost and judgement are asked of whole paths."""
+    """Return whether a path with isolated solutions is processed in windows: without `cost`, `valid` or `closed`."""
     return len(request) > LONG and request.cost is None and request.valid is None and not request.closed
 
 
 @dataclass(frozen=True)
 class Run:
-    """What is left of a window: some of its poses, and how each branch goes from one of them to the next."""
+    """The kept poses of a window, and how each branch continues from one of them to the next."""
 
     kept: Indices
-    """Numbers of the poses in the window, (k,); the first and the last are among them."""
+    """Indices of the kept poses in the window, (k,), with the first and the last."""
     layers: Layers
-    """Answers to these."""
+    """Solutions of these poses."""
     costs: Array
-    """What each answer costs until the next kept pose, (k, width); 0 where that is the next of all."""
+    """Cost of each solution until the next kept pose, (k, width); 0 if that is the very next pose."""
     count: int
-    """Poses of the window."""
+    """Number of poses of the window."""
 
 
 class Windows:
-    """The answers to a long path, a window at a time."""
+    """The solutions for a long path, one window at a time."""
 
     def __init__(self, request: PathRequest, threads: int | None) -> None:
-        """Take a path whose answers are isolated."""
+        """Take a path whose solutions are isolated."""
         self.request, self._threads = request, threads
         self.turning = Turning(request.problem.chain)
         self._count = len(request)
@@ -72,14 +72,14 @@ class Windows:
         self._longest = request.longest.max(axis=0)
         self._wide: tuple[int, Layers] | None = None
         self.missed = np.zeros(self._count, dtype=np.bool_)
-        """Which poses have no answer; known of the windows that were looked at, (N,)."""
+        """Flags of the poses without a solution, (N,); only set for windows that were processed."""
 
     def __len__(self) -> int:
-        """Number of poses."""
+        """Return the number of poses."""
         return self._count
 
     def at(self, i: int) -> Array:
-        """Answers to pose i, limits opened, (k, n)."""
+        """Return the solutions of pose i, with widened limits, (k, n)."""
         begin = i - i % WINDOW
         if self._wide is None or self._wide[0] != begin:
             self._wide = begin, self._isolated(begin, _silent, Deadline())
@@ -94,9 +94,9 @@ class Windows:
     def layers(
         self, begin: int, advance: Callable[[int], object], deadline: Deadline
     ) -> tuple[Layers, tuple[int, int], PathRequest] | None:
-        """Answers inside the limits of the window that begins at a pose, the nodes of its wanted ends, and the window.
+        """Return the solutions inside the limits of the window at `begin`, the nodes of its given ends, and its request.
 
-        If the time is up the window is shorter; None if nothing is left of it.
+        If the time is up, the window is shorter; None if nothing is left of it.
         """
         part = self._part(begin)
         layers, missed = inside_limits(part.problem, self._isolated(begin, advance, deadline)), None
@@ -115,7 +115,10 @@ def _silent(done: int) -> None:
 
 
 def best_in_windows(windows: Windows, advance: Callable[[int], object]) -> tuple[Array, Indices]:
-    """The best way through a long path: joint values, (N, n), and its breaks; if the time is up, of its first poses."""
+    """Find the best path through a long list of poses: joint values, (N, n), and its breaks.
+
+    If the time is up, the path covers only the first poses.
+    """
     turning, deadline = windows.turning, windows.request.deadline
     half = deadline.share(FIRST_PART)
     runs: list[Run] = []
@@ -152,7 +155,7 @@ def best_in_windows(windows: Windows, advance: Callable[[int], object]) -> tuple
 
 
 def shortened(request: PathRequest, layers: Layers, turning: Turning) -> Run:
-    """Leave out of a window the poses at which nothing happens."""
+    """Remove from a window the poses at which nothing happens."""
     q, there = layers.q, layers.there
     longest = np.broadcast_to(request.longest, (len(q) - 1, q.shape[2]))
     together = there[:-1, :, None] & there[1:, None, :]
@@ -165,7 +168,7 @@ def shortened(request: PathRequest, layers: Layers, turning: Turning) -> Run:
             turns = np.rint(gap / TURN)
             gap -= TURN * turns
             if kind == COPIED:
-                # A full turn that is passed, or room for one more or less, is something that happens.
+                # A full turn that is passed, or room for one more or less, counts as an event.
                 room = np.floor((turning.upper[j] + ROOM - q[..., j]) / TURN)
                 itself &= (np.einsum("iaa->ia", turns) == 0) & (room[1:] == room[:-1])
         close &= np.abs(gap) <= longest[:, j, None, None]
@@ -183,11 +186,11 @@ def shortened(request: PathRequest, layers: Layers, turning: Turning) -> Run:
 
 
 def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Indices, Flags]:
-    """The best way through what is left of all windows: a node for each kept pose, and whether it comes by a break."""
+    """Return the best path through all kept poses: a node for each, and whether it is reached by a break."""
     request, turning = windows.request, windows.turning
     width = max(run.layers.q.shape[1] for run in runs)
     count, dof = sum(len(run.kept) for run in runs), len(turning.lower)
-    # One more column holds what a branch costs on its way: where it leads, it is so far off there.
+    # One more column holds the cost of a branch over a run: it is added as the distance to the next kept pose.
     q, ahead = np.zeros((2, count, width, dof + 1))
     longest = np.empty((max(count - 1, 1), dof + 1))
     longest[:, -1] = np.inf

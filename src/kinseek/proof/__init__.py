@@ -1,1 +1,1 @@
-"""Proofs: what no joint values can reach, how near the arm can come, and that there is no further answer."""
+"""Prove that goals are out of reach, bound the least error of an arm, and prove that a list of solutions is complete."""

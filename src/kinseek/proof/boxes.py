@@ -1,4 +1,4 @@
-"""Boxes that are left, dealt out to threads round after round, with the same outcome for any number of them."""
+"""Branch and bound on boxes that are shared by threads in rounds; the result is the same for any number of threads."""
 
 from __future__ import annotations
 
@@ -45,97 +45,97 @@ from .shoulder import bounded_by_ball
 from .wrist import without_wrist
 
 SPREAD = 2.5
-"""Boxes that turn the hand by less [rad] are looked at to second order. By trial on four arms of six joints: with twice as
-much an exclusion takes 22 % fewer boxes in no less time, since most looks at wide boxes are in vain; with half as much 37 %
-more."""
+"""Boxes whose rotation of the hand is less than this [rad] are tested to second order. Found by trial on four arms of six
+joints: with twice the value an exclusion takes 22 % fewer boxes but no less time, since most second-order tests of wide
+boxes are in vain; with half the value it takes 37 % more boxes."""
 
 SHRINK = 0.5
-"""Boxes that shrink to less of their volume are looked at again before they are cut. By trial: 2 to 5 % more boxes with 0.25
-and with 0.8; from 1 on every box would be, without end."""
+"""Boxes that shrink to less than this fraction of their volume are tested again before they are cut. Found by trial: 2 to 5
+% more boxes with 0.25 and with 0.8. With 1 or more every box would be tested again endlessly."""
 
 PASSES = 2
-"""Forms tried on a box where the tolerances decide. By trial: 13 % more boxes with one, no fewer with four."""
+"""Forms tried on a box if the tolerances decide. Found by trial: 13 % more boxes with one, no fewer with four."""
 
 
 PIECE = 8192
-"""Boxes that one thread examines at a stretch: some tens of milliseconds. After them the threads share anew; with twice as
-much they wait for each other longer, with half as much Python deals out more often. It is part of the answer: bounds hang
-on who knew what."""
+"""Boxes that one thread examines before the boxes are shared again: some tens of milliseconds. With twice as many the
+threads wait longer for each other; with half as many the sharing in Python takes more time. The value affects the result,
+since bounds depend on which thread knew which pose."""
 
 
 FIRST = 1024
-"""Boxes after which a proof takes the wrist off the arm, where it has one, and asks what is left: a millisecond, in which
-most goals of six joints are decided."""
+"""Boxes after which a proof also tries the arm without its wrist, if it has one. They take a millisecond and decide most
+goals of six joints."""
 
 SHARE = 0.5
-"""Part of the budget that this may take: what it leaves open is asked of the whole arm."""
+"""Fraction of the budget for the arm without its wrist; the rest is for the whole arm."""
 
 
 HANDS = 16
-"""Parts that the boxes left over are dealt into, each with a thread for a stretch: as many as there are cores in a good
-machine. With twice as many each part knows less of the others' best pose. They are no fewer on a small machine, so that
-bits stay the same."""
+"""Parts into which the remaining boxes are divided, one per thread and round: about the number of cores of a fast machine.
+With twice as many parts each knows less of the best pose of the others. The number does not depend on the machine, so that
+the bits stay the same."""
 
 
 CHUNK = 60_000
-"""A kernel comes back after so many boxes, divided by the square of the joints, to be asked to go on: the longest that an
-interrupt or a deadline waits, some hundredth of a second. What is found does not depend on it."""
+"""A kernel returns after this number of boxes divided by the square of the number of joints, and is then called again. This
+bounds the wait for an interrupt or a deadline to some hundredths of a second. The result does not depend on it."""
 
 
 ENDLESS = Deadline()
 
 
 class Search(NamedTuple):
-    """How a search went."""
+    """Result of a search."""
 
     outcome: int
-    """ENDED: no box left; FOUND: `q` is within the tolerances; STOPPED: by the budget, the time or by rounding."""
+    """ENDED: no box is left; FOUND: `q` is within the tolerances; STOPPED: ended by the budget, the time or rounding."""
     boxes: int
     largest: float
-    """Widest box that is left, the half width of its widest variable [rad] or [m]; 0 if none."""
+    """Half width of the widest variable in any remaining box [rad] or [m]; 0 if there is none."""
     q: Array
-    """(n,), the best joint values seen."""
+    """The best joint values found, (n,)."""
     lower: float
-    """Lower bound on the weighted error."""
+    """Lower bound of the weighted error."""
     upper: float
     """Weighted error of `q`."""
     left: Array
-    """Boxes that are left where the budget ended the search, (k, 2 dof), or with their bounds, (k, 2 dof + 1)."""
+    """Boxes that remain if the budget ended the search, (k, 2 dof), or with their bounds, (k, 2 dof + 1)."""
     stuck: float
-    """Widest box that is left because it is as small as numbers allow, [rad] or [m]; 0 if none."""
+    """Width of the widest box that remains because it is as small as rounding allows, [rad] or [m]; 0 if there is none."""
     floor: float
-    """Lower bound on the weighted error in such boxes; inf if none."""
+    """Lower bound of the weighted error in such boxes; inf if there are none."""
 
 
 @dataclass
 class Watch:
-    """Says to all threads of a search when to come back."""
+    """Signals all threads of a search when to return."""
 
     deadline: Deadline = ENDLESS
     interrupted: bool = False
     cut: bool = False
-    """Has the deadline ended anything early?"""
+    """Whether the deadline ended anything early."""
 
     def interrupt(self) -> None:
-        """Make all come back, after Ctrl-C."""
+        """Make all threads return, after Ctrl-C."""
         self.interrupted = True
 
     @property
     def over(self) -> bool:
-        """Ask it before more work is begun, and do none if it says so."""
+        """Whether no more work may be started; check it before each piece of work."""
         if self.deadline.passed:
             self.cut = True
         return self.cut or self.interrupted
 
 
 def tuning_of(problem: Problem, often: int, steps: int, gap: float = 0.0) -> Tuning:
-    """How hard a search tries."""
+    """Return the parameters that determine how much a search tries per box."""
     tolerances = float(problem.goal.position_tolerance), float(problem.goal.orientation_tolerance)
     return Tuning(SPREAD, SHRINK, PASSES, often, steps, *tolerances, gap)
 
 
 class Run:
-    """The loop on some boxes, call after call."""
+    """The kernel's loop on some boxes, call after call."""
 
     def __init__(
         self,
@@ -147,7 +147,7 @@ class Run:
         heap: Heap | None = None,
         places: Places | None = None,
     ) -> None:
-        """Make room for more boxes than these, (k, 2 dof); q, (n,), is written to. For the rest see `search_boxes`."""
+        """Allocate room for more boxes than the given ones, (k, 2 dof); q, (n,), is overwritten. See `search_boxes`."""
         self.question = Question(*asked, problem.arrays, problem.goal.arrays)
         self.kind = ENCLOSE if heap is not None else ISOLATE if places is not None else EXCLUDE
         self._chunk, self.tuning = chunk_of(problem), tuning
@@ -159,9 +159,9 @@ class Run:
         self.figures = np.array([np.inf, np.inf, 0.0, np.inf])
 
     def go(self, most: int, watch: Watch) -> int:
-        """Go on until the loop ends, so many boxes have been examined or it is to come back; see `search_boxes`.
+        """Continue until the loop ends, `most` boxes have been examined, or `watch` signals the end; see `search_boxes`.
 
-        The first look at the tolerances is always taken.
+        The first test of the tolerances is always made.
         """
         outcome = STOPPED
         while outcome in (STOPPED, FULL) and not (self.seen and watch.over):
@@ -175,7 +175,7 @@ class Run:
         return outcome
 
     def _enlarge(self) -> None:
-        if self.kind == ENCLOSE:  # A heap keeps the boxes of all depths: it doubles.
+        if self.kind == ENCLOSE:  # A heap keeps the boxes of all depths, so its size is doubled.
             self.boxes = np.concatenate([self.boxes, np.zeros_like(self.boxes)])
         else:
             self.boxes = roomy(self.boxes)
@@ -183,22 +183,22 @@ class Run:
 
     @property
     def memory(self) -> Memory:
-        """What the loop goes on from, and writes."""
+        """State of the loop, which the kernel reads and writes."""
         return Memory(self.boxes, self.heap, self._places, self.q, self.counts, self.figures)
 
     @property
     def seen(self) -> int:
-        """Boxes examined."""
+        """Number of boxes examined."""
         return int(self.counts[SEEN])
 
     def search(self, outcome: int, largest: float, left: Array) -> Search:
-        """What is known by now, with no lower bound."""
+        """Return the current result, without a lower bound."""
         upper, stuck, floor = (float(self.figures[each]) for each in (UPPER, STUCK, FLOOR))
         return Search(outcome, self.seen, largest, self.q, 0.0, upper, left, stuck, floor)
 
 
 def heap_for(room: int, given: Heap | None = None) -> Heap:
-    """Memory for so many rows; in it the same order, if given."""
+    """Allocate a heap of `room` rows, with the order of a given one."""
     more = Heap(np.empty(room), np.empty(room, dtype=np.int64))
     if given is not None:
         for new, old in zip(more, given, strict=True):
@@ -207,7 +207,7 @@ def heap_for(room: int, given: Heap | None = None) -> Heap:
 
 
 def places_for(answers: Array, periodic: Flags, most: int) -> Places:
-    """Memory for so many answers and their neighbourhoods; `answers`, (k, n), are known, `periodic`, (reduced n,)."""
+    """Allocate memory for `most` solutions with neighbourhoods; `answers`, (k, n), are known, `periodic`, (reduced n,)."""
     whole, reduced = answers.shape[1], len(periodic)
     return Places(
         answers,
@@ -224,7 +224,7 @@ def places_for(answers: Array, periodic: Flags, most: int) -> Places:
 
 @functools.cache
 def no_places(whole: int, reduced: int) -> Places:
-    """No answers, and room for none: the same for all searches of arms with so many joints, for nothing is written there."""
+    """Return memory for no solutions; it is shared by all searches of the same size, since nothing is written there."""
     return places_for(np.empty((0, whole)), np.zeros(reduced, dtype=np.bool_), 0)
 
 
@@ -236,14 +236,14 @@ def excluded(
     watch: Watch | None = None,
     begin: Array | None = None,
 ) -> Search:
-    """Look in every box for joint values within both tolerances.
+    """Search all boxes for joint values within both tolerances.
 
-    `begin` are boxes that hold all such joint values, as another search has left them, see `Search.left`; the whole range of
-    the joints unless given.
+    `begin` are boxes that contain all such joint values, as left by another search, see `Search.left`. The default is the
+    whole range of the joints.
 
-    What a stretch of boxes leaves over is shared out, a box to a thread, round after round. What becomes of a box depends on
-    nothing but itself, and the results are read in order: so the verdict, the witness and the count are the same for any
-    number of threads. Where a first look decides nothing, the same is asked of the arm without its wrist in between.
+    The boxes that a piece of work leaves are distributed to the threads, round after round. The result for a box depends
+    only on the box, and results are read in order. So the verdict, the witness and the count are the same for any number of
+    threads. If the first piece does not decide, the arm without its wrist is tried before the search continues.
     """
     watch, asked = watch or Watch(), question(problem, trust)
     tuning, roll = tuning_of(problem, OFTEN, STEPS), asked[2]
@@ -273,14 +273,14 @@ def excluded(
 
 
 def chunk_of(problem: Problem) -> int:
-    """Boxes after which a kernel comes back."""
+    """Return the number of boxes after which a kernel returns."""
     return max(CHUNK // len(problem.chain.leader) ** 2, 1)
 
 
 def roomy(boxes: Array) -> Array:
-    """Room for more boxes behind these: that of 64 halvings of every variable, which are enough for all but giants.
+    """Copy boxes into an array with room for 64 halvings of every variable, which suffice for all but huge ranges.
 
-    The last box comes first, so a halving adds one box; a range of radians is narrower than `NARROW` after 35.
+    The last box is examined first, so a halving adds one box; a range in radians is narrower than `NARROW` after 35.
     """
     dof = boxes.shape[1] // 2
     more = np.empty((len(boxes) + 64 * (dof + 1), 2 * dof))
@@ -297,9 +297,9 @@ def _shared(
     watch: Watch,
     settle: Callable[[Search], Search] = lambda search: search,
 ) -> Search:
-    """Go on with the boxes left, dealt out to so many `hands`, round after round, until none is left or the budget ends.
+    """Continue with the remaining boxes, divided into `hands` parts in each round, until none is left or the budget ends.
 
-    Where the time is up, what has not been examined is left as it is.
+    If the time is up, boxes that were not examined stay as they are.
     """
     if not len(search.left) or search.boxes >= budget or watch.over:
         return search
@@ -322,14 +322,14 @@ def _shared(
 
 
 def _untouched(search: Search, boxes: Array) -> Search:
-    """What comes of boxes that nobody looks at."""
+    """Return the result for boxes that are not examined."""
     dof = boxes.shape[1] // 2
     largest = float(boxes[:, dof : 2 * dof].max())
     return search._replace(outcome=STOPPED, boxes=0, largest=largest, left=boxes, stuck=0.0, floor=np.inf)
 
 
 def _together(before: Search, pieces: Sequence[Search]) -> Search:
-    """What a round of pieces adds to a search."""
+    """Combine a search with the results of a round."""
     boxes = before.boxes + sum(piece.boxes for piece in pieces)
     best = min([before, *pieces], key=lambda piece: piece.upper)
     for piece in pieces:
@@ -358,10 +358,10 @@ def enclosed(
     threads: int | None = None,
     watch: Watch | None = None,
 ) -> Search:
-    """Enclose the least weighted error, starting from joint values q, (n,), best box first.
+    """Enclose the least weighted error, starting from joint values q, (n,), with the best box first.
 
-    What a stretch of boxes leaves over is dealt out to `HANDS` threads or fewer, the same hands for any number of them, so
-    that the bounds, the pose and the count are the same too.
+    The boxes that a piece of work leaves are divided into at most `HANDS` parts. The parts do not depend on the number of
+    threads, so the bounds, the pose and the count do not either.
     """
     chain, watch = problem.chain, watch or Watch()
     form, proof_goal, roll = error_question(problem, q, gap, trust)
@@ -375,7 +375,7 @@ def enclosed(
         return settle(run.search(STOPPED, 0.0, bounded[run.heap.order[: run.counts[COUNT]]]))
 
     def settle(search: Search) -> Search:
-        """Drop what the best pose known by now rules out."""
+        """Remove the boxes that the best known pose rules out."""
         ceiling = (1.0 - gap) * search.upper
         left = search.left[search.left[:, -1] < ceiling]
         return search._replace(
@@ -386,7 +386,7 @@ def enclosed(
         )
 
     def sort(search: Search) -> Search:
-        """The boxes with the lowest bounds first."""
+        """Sort the boxes, the lowest bounds first."""
         settled = settle(search)
         return settled._replace(left=settled.left[np.argsort(settled.left[:, -1], kind="stable")])
 
@@ -403,7 +403,7 @@ def enclosed(
         return search
     off = max(math.pi - (roll.upper - roll.lower) / 2, 0.0)
     if roll.present and 2.0 * problem.goal.orientation_weight * (1.0 - math.cos(off)) > gap * search.upper:
-        # What the limits of the last joint can cost is more than the gap: from here on it is part of the boxes.
+        # The limits of the last joint can cost more than the gap, so from here on this joint is part of the boxes.
         form, proof_goal, roll = error_question(problem, search.q, gap, trust, whole=True)
         last = [chain.dof - 1, 2 * chain.dof - 2]
         middle_and_half = start_boxes(chain, False)[0, [chain.dof - 1, 2 * chain.dof - 1]]

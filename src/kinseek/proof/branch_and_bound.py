@@ -1,9 +1,9 @@
-"""Branch and bound: prove that a goal is out of reach, or say how near any pose could come.
+"""Prove by branch and bound that a goal is out of reach, or bound the least error of any pose.
 
-Boxes of joint values are cut in half, again and again. Each is tested by the bounds of `kernels.proof.bounds`: first what
-the whole box can do, then one linear form of the hand's pose to second order, which also cuts the box from its sides. All
-boxes gone: nothing inside the limits reaches the goal. Best box first, the same search encloses the least error.
-(Land & Doig 1960; in robotics Rao, Asaithambi & Agrawal 1998, who solve inverse kinematics by interval analysis.)
+Boxes of joint values are halved repeatedly. Each is tested by the bounds of `kernels.proof.bounds`: first by a bound for the
+whole box, then by one linear form of the hand's pose to second order, which also cuts the box from its sides. If no box is
+left, nothing inside the limits reaches the goal. With the best box first, the same search encloses the least error. (Land &
+Doig 1960; in robotics Rao, Asaithambi & Agrawal 1998, who solve inverse kinematics by interval analysis.)
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .reduce import error_question, slack_of_error
 from .rounding import gamma
 
 BUDGET = 2_000_000
-"""Boxes, unless told otherwise: some seconds."""
+"""Default number of boxes: some seconds."""
 
 
 def prove(
@@ -47,17 +47,17 @@ def prove(
 
     Args:
         problem: One target.
-        gap: If the goal is not reached: go on until the bounds on the least weighted error are this close, relative to the
-            upper one, > 0; None leaves out this second search.
-        budget: Boxes to examine at most, over both searches, >= 0; the bounds hold whenever the search stops.
-        answer: A solution of the same problem, if there is one already; else the atlas is asked.
-        threads: Threads that share the boxes; every core unless given. The certificate has the same bits.
-        deadline: When to stop; the bounds hold then too, and the certificate says that its time was up.
+        gap: If the goal is not reached, continue until the bounds of the least weighted error are this close, relative to
+            the upper one, > 0. None skips this second search.
+        budget: Largest number of boxes examined by both searches, >= 0; the bounds hold whenever the search stops.
+        answer: A solution of the same problem, if known; otherwise the atlas is used.
+        threads: Threads that share the boxes; None uses every core. The certificate has the same bits for any number.
+        deadline: When to stop. The bounds hold then too, and the certificate reports that its time was up.
 
     Raises:
-        InvalidProblem: A batch, an empty one included; a gap or budget out of its range; an arm or a goal of a size that
-            numbers do not bear.
-        InternalError: A bound contradicts a known pose, which is a fault of kinseek.
+        InvalidProblem: The problem is a batch, even an empty one; a gap or budget is out of its range; or an arm or a goal
+            is so large that rounding allows no proof.
+        InternalError: A bound contradicts a known pose, which is a bug in kinseek.
     """
     if problem.goal.shape:
         raise InvalidProblem(f"a proof is about one target, got a batch of shape {problem.goal.shape}")
@@ -76,7 +76,7 @@ def prove(
     verdict, boxes, lower, largest = Verdict.UNDECIDED, search.boxes, 0.0, search.largest
     if search.outcome == ENDED:
         verdict, lower = Verdict.UNREACHABLE, least_outside(problem.goal)
-        if boxes == 0:  # The gate knows how far out of reach the goal is.
+        if boxes == 0:  # The quick check gives a lower bound of the error.
             form, proof_goal, _ = error_question(problem, q, 0.5)
             lower = max(lower, least_by_gate(form, proof_goal, problem.arrays))
     if gap is not None:
@@ -99,7 +99,7 @@ def prove(
 
 
 def refuse_ranges(goal: Goal) -> None:
-    """Refuse a goal with free axes or ranges.
+    """Reject a goal with free axes or ranges.
 
     Raises:
         InvalidProblem: It has them.
@@ -108,7 +108,7 @@ def refuse_ranges(goal: Goal) -> None:
 
 
 def least_outside(goal: Goal) -> float:
-    """The least weighted error that misses a tolerance."""
+    """Return the least weighted error that misses a tolerance."""
     position = goal.position_weight * goal.position_tolerance
     angle = min(goal.orientation_tolerance, math.pi)
     turn = goal.orientation_weight * 2.0 * math.sin(angle / 2) ** 2
@@ -116,7 +116,7 @@ def least_outside(goal: Goal) -> float:
 
 
 def most_inside(goal: Goal) -> float:
-    """The largest weighted error within both tolerances."""
+    """Return the largest weighted error within both tolerances."""
     position = goal.position_weight * goal.position_tolerance
     axes = goal.paper_columns
     angle = min(goal.orientation_tolerance, math.pi)
@@ -137,7 +137,7 @@ def _certificate(
     certificate = Certificate(
         verdict=verdict,
         q=judged.q,
-        lower_bound=float(lower) if lower > 0.0 else 0.0,  # NaN, too, says nothing.
+        lower_bound=float(lower) if lower > 0.0 else 0.0,  # NaN is treated as no bound.
         upper_bound=upper,
         position_error=float(judged.position_error),
         orientation_error=float(judged.orientation_error),
@@ -148,14 +148,14 @@ def _certificate(
     )
     if certificate.lower_bound <= upper:
         return certificate
-    # Rounding alone may do that where both bounds all but agree; anything more shows that a bound is wrong.
+    # Rounding alone may cause this if both bounds almost agree; a larger difference shows that a bound is wrong.
     if certificate.lower_bound > upper + slack_of_error(problem):
         raise contradiction("the lower bound is above the error of a known pose", certificate)
     return replace(certificate, lower_bound=upper)
 
 
 def contradiction(what: str, certificate: Certificate) -> InternalError:
-    """The error to raise where a certificate contradicts itself, with all that a report needs."""
+    """Create the error to raise if a certificate contradicts itself, with all data for a bug report."""
     problem = certificate.problem
     chain, goal = problem.chain, problem.goal
     try:

@@ -1,4 +1,4 @@
-"""What a proof comes back with."""
+"""The result of a proof."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ class Verdict(Enum):
     UNDECIDED = "Undecided: neither an answer nor a proof that there is none."
 
     def __str__(self) -> str:
-        """The sentence."""
+        """Return the sentence."""
         return self.value
 
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """A theorem about one goal, and how near the arm can come to it.
+    """A theorem about one goal, with bounds of the arm's least error.
 
-    The errors bounded here are the paper's weighted error ``E = K_P |p - p_g| + K_A [(1 - x·x_g) + (1 - y·y_g)]``; for a
-    pointing goal the bracket holds the tool axis alone, for a position goal it is missing. Every q inside the limits has
-    ``E(q) >= lower_bound >= 0``, and `q` has ``E = upper_bound``: also when the verdict is UNDECIDED, and for any budget.
+    The bounded error is the paper's weighted error ``E = K_P |p - p_g| + K_A [(1 - x·x_g) + (1 - y·y_g)]``. For a pointing
+    goal the bracket contains only the tool axis; for a position goal it is absent. Every q inside the limits has ``E(q) >=
+    lower_bound >= 0``, and `q` has ``E = upper_bound``. This also holds for the verdict UNDECIDED, and for any budget.
     """
 
     verdict: Verdict
@@ -40,25 +40,25 @@ class Certificate:
     upper_bound: float
     """Weighted error of `q`."""
     position_error: float
-    """Of `q`, [m]."""
+    """Position error of `q` [m]."""
     orientation_error: float
-    """Of `q`, [rad]."""
+    """Orientation error of `q` [rad]."""
     boxes: int
     """Boxes examined, the deterministic measure of work."""
     largest_box: float
-    """Half width of the widest variable of the boxes that are left, [rad] or [m]; 0 when none is."""
+    """Half width of the widest variable in any remaining box, [rad] or [m]; 0 if no box is left."""
     problem: Problem
-    """What was asked."""
+    """The problem of the proof."""
     out_of_time: bool = False
-    """Did a time limit end the search, before its budget did? The bounds and `q` are what was known by then."""
+    """Whether a time limit ended the search before its budget did. The bounds and `q` are those known by then."""
 
     @property
     def gap(self) -> float:
-        """``(upper_bound - lower_bound) / upper_bound``; 0 when both are 0."""
+        """``(upper_bound - lower_bound) / upper_bound``; 0 if both are 0."""
         return 1.0 - self.lower_bound / self.upper_bound if self.upper_bound > 0.0 else 0.0
 
     def __str__(self) -> str:
-        """One sentence with the figures."""
+        """Return one sentence with the figures."""
         return (
             f"{self.verdict} Weighted error of the best pose found {self.upper_bound:.4g}, of any pose at least "
             f"{self.lower_bound:.4g}; {self.boxes} boxes examined, the widest one left ±{self.largest_box:.3g}."
@@ -66,13 +66,13 @@ class Certificate:
         )
 
     def _repr_html_(self) -> str:
-        """For notebooks: what is proved, the bounds, and a picture of the best pose found."""
+        """Return HTML for notebooks: what is proved, the bounds, and a picture of the best pose found."""
         from kinseek.notebook.cards import certificate_card
 
         return certificate_card(self)
 
     def __repr__(self) -> str:
-        """Short enough to print in a shell."""
+        """Return a short representation for a shell."""
         return (
             f"Certificate({self.verdict.name}, lower_bound={self.lower_bound:.6g}, "
             f"upper_bound={self.upper_bound:.6g}, boxes={self.boxes})"

@@ -1,4 +1,4 @@
-"""One look of the searches at single boxes, without the search around it: for tests and pictures."""
+"""Test single boxes as the searches do, without the search around them: for tests and pictures."""
 
 from __future__ import annotations
 
@@ -33,10 +33,11 @@ from .boxes import PASSES, heap_for, no_places, tuning_of
 
 
 class Looks(NamedTuple):
-    """What one look leaves of each box."""
+    """Result of one test for each box."""
 
     left: Array
-    """Halves of what is left of it, (k, 2, 2 dof): NaN if nothing is left; the box, twice, if it is too narrow to be cut."""
+    """Halves of the remaining part, (k, 2, 2 dof): NaN if nothing remains; the same box twice if it is too narrow to be
+    cut."""
     lower: Array
     """Lower bound of the weighted error in it, (k,); 0 if the tolerances decide."""
 
@@ -48,14 +49,14 @@ def look(
     ceiling: float | None = None,
     passes: int = PASSES,
 ) -> Looks:
-    """Let the search for all answers, or for the least weighted error, examine boxes one by one.
+    """Test boxes one by one, as the search for all solutions or for the least weighted error does.
 
     Args:
         problem: One target.
         asked: Its question in the form of the kernels, see `question` and `error_question`.
         boxes: Centres and half widths, (k, 2 dof).
         ceiling: Weighted error to stay below; None: the tolerances decide.
-        passes: Forms tried to second order; 0 leaves it at first order.
+        passes: Forms tried to second order; 0 tests to first order only.
     """
     dof, n = boxes.shape[1] // 2, problem.chain.dof
     room, counts, figures = np.zeros((3, 2 * dof)), np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
@@ -66,7 +67,7 @@ def look(
     for k, box in enumerate(boxes):
         room[0] = box
         counts[:], heap.bound[:], heap.order[:] = 0, 0.0, 0
-        counts[COUNT] = counts[USED] = 1  # USED: the heap does not begin with the bound of the whole arm.
+        counts[COUNT] = counts[USED] = 1  # The heap begins without the whole arm.
         if ceiling is None:
             search_boxes(ISOLATE, question, tuning, memory, 1, 1)
         else:
@@ -82,16 +83,16 @@ def look(
 
 
 def holds(form: Form, left: Array, q: Array, slack: float | Array = 0.0) -> NDArray[np.bool_]:
-    """Is a joint vector in what is left of each box? A joint that is divided out may be any whole turn away.
+    """Return whether a joint vector is in the remaining part of each box, modulo whole turns of divided-out joints.
 
     Args:
-        form: The part of the arm that the boxes are about.
+        form: The part of the arm that the boxes refer to.
         left: See `Looks`, (k, 2, 2 dof).
         q: Joint values inside each box, (dof,) or (k, dof).
         slack: How far outside counts as inside [rad] or [m], a number or (dof,).
 
     Returns:
-        (k,)
+        Flags, (k,).
     """
     dof = q.shape[-1]
     away, half = (q[:, None] if q.ndim > 1 else q) - left[..., :dof], left[..., dof:]

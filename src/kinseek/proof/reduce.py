@@ -1,4 +1,4 @@
-"""Put a goal into the form that boxes are tested in: divide out what the last joint, or the first, can make up for."""
+"""Transform a goal into the question that boxes are tested for: divide out what the last or first joint compensates."""
 
 from __future__ import annotations
 
@@ -23,30 +23,32 @@ from . import rounding
 from .rounding import Sizes, defect_of
 
 ALONG = 1e-12
-"""A last axis that is off one of the tip's axes by less counts as along it; what it is off by is added to the margin."""
+"""A last axis that deviates from one of the tip's axes by less than this counts as parallel to it; the deviation is added to
+the margin."""
 
 LARGEST = 1e12
-"""Lengths that a proof bears, added up [m]: with longer ones the margin for rounding is a metre and more."""
+"""Largest sum of lengths for a proof [m]: with longer ones the margin for rounding is a metre and more."""
 
 _AXIS_COUNTS = 0.1
-"""A direction counts, when a box is split, as this part of the arm's length: about a hand's. By trial."""
+"""Weight of a direction, relative to the arm's length, when a box is split: about the length of a hand. Not examined
+further."""
 
 ON_AXIS = 1e-6
-"""A tip no farther from the last joint's axis [m] counts as on it. Robot files round to a micrometre; that distance, twice,
-is added to the margin, so the bound holds for any value. With twice as much the bound of the error is lower by 2e-6 K_P
-more."""
+"""A tip no farther from the last joint's axis [m] counts as on it, since robot files round to a micrometre. Twice that
+distance is added to the margin, so the bound holds for any value. With twice the value the bound of the error is lower by
+another 2e-6 K_P."""
 
 AT_LIMIT = 1e-6
-"""A last joint no farther from a limit [rad] counts as held by it. It decides which of two questions is asked, not what is
+"""A last joint no farther from a limit [rad] counts as held by it. This decides which of two questions is used, not what is
 proved."""
 
 
 def question(problem: Problem, trust: float = 1.0) -> tuple[Form, ProofGoal, LastJoint]:
-    """Put the question of the tolerances into the kernels' form.
+    """Formulate the question for the tolerances in the kernels' form.
 
-    A last joint that turns is divided out: its axis shall lie along the goal's, and the point of it that the axis before
-    moves least shall be where the goal wants it. That point may miss by the tolerance of the tip and by what the tolerated
-    turn moves it.
+    A revolute last joint is divided out: its axis must lie along the goal's axis, and one point of it must be where the goal
+    wants it. This is the point that the axis before moves least. Its error may be the tolerance of the tip plus the motion
+    that the tolerated rotation causes.
     """
     goal, chain = problem.goal, problem.chain
     fixed, target, head, tail = _divided(problem)
@@ -69,13 +71,13 @@ def question(problem: Problem, trust: float = 1.0) -> tuple[Form, ProofGoal, Las
 def error_question(
     problem: Problem, q: Array, gap: float, trust: float = 1.0, whole: bool = False
 ) -> tuple[Form, ProofGoal, LastJoint]:
-    """Put the question of the least weighted error into the kernels' form.
+    """Formulate the question for the least weighted error in the kernels' form.
 
-    Where the tip lies on the axis of the last joint, that joint changes nothing but the turn about it. Leaving it out
-    gives a lower bound: the error itself where its axis is the tip's z and its limits allow the best twist (what they cost
-    is added by `twist_cost`), nearly the error where its axis is the tip's x or y (`count_side`). Elsewhere it is left out
-    if at q that loses less than half the gap. It stays in if a limit holds it at q: then the twist is part of the trade
-    that the bound has to weigh; or if the `whole` arm is asked for.
+    If the tip lies on the axis of the last joint, this joint only changes the rotation about that axis. Omitting it gives a
+    lower bound. The bound is the error itself if the axis is the tip's z and its limits allow the best twist (`twist_cost`
+    adds what they cost). It is nearly the error if the axis is the tip's x or y (`count_side`). For any other axis the joint
+    is omitted if the loss at q is less than half the gap. The joint is kept if a limit holds it at q, since the bound then
+    has to weigh the twist against the other errors; or if the `whole` arm is requested.
     """
     chain, goal = problem.chain, problem.goal
     fixed, target, head, tail = _divided(problem)
@@ -87,7 +89,8 @@ def error_question(
         aligned, sideways = along[2], along[0] or along[1]
         if aligned or sideways:
             proof_goal = proof_goal._replace(margin_a=proof_goal.margin_a + 4.0 * min(astray))
-        if sideways:  # The other column that counts lies across the axis: its place in the plane of x and y.
+        # The other column that counts is at right angles to the axis; these are its components in the plane of x and y.
+        if sideways:
             y, z = (float(each) for each in fixed[-1, :2, 1 if along[0] else 0])
             proof_goal = proof_goal._replace(side_y=y, side_z=z)
         if aligned or sideways or _loss_of_last(problem, q) < 0.5 * gap:
@@ -108,10 +111,10 @@ def error_question(
 
 
 def question_without_last(problem: Problem, trust: float = 1.0) -> tuple[Form, ProofGoal]:
-    """A question whose least weighted error is no larger, of one direction at most: the last joint may turn anyhow.
+    """Formulate a question with at most one direction whose least weighted error is no larger: the last joint is free.
 
-    That takes a last joint with the tip on its axis. Where there is none, or only one direction or none counts, it is the
-    question itself.
+    This requires a last joint with the tip on its axis. If there is none, or at most one direction counts, the original
+    question is returned.
     """
     fixed, target, head, tail = _divided(problem)
     columns = problem.goal.paper_columns
@@ -124,7 +127,7 @@ def question_without_last(problem: Problem, trust: float = 1.0) -> tuple[Form, P
 
 
 def _without_last(problem: Problem, fixed: Array, target: Array, trust: float) -> tuple[Array, ProofGoal]:
-    """Leave out a last joint that the tip is on the axis of: transforms, and what is wanted of the axis."""
+    """Omit a last joint with the tip on its axis; return the transforms and the goal for the axis."""
     tip, chain = fixed[-1], problem.chain
     cut, axis = _cut(fixed, target, float(tip[2, 3]))
     proof_goal = _tolerances(problem, axis, 1, trust)
@@ -134,13 +137,13 @@ def _without_last(problem: Problem, fixed: Array, target: Array, trust: float) -
 
 
 def _last_is_held(chain: SerialChain, q: Array) -> bool:
-    """Is the last joint at a limit that it could not turn past the other way round?"""
+    """Return whether the last joint is at a limit, with a range of less than a turn."""
     lower, upper = float(chain.lower[-1]), float(chain.upper[-1])
     return upper - lower < 2 * np.pi and min(float(q[-1]) - lower, upper - float(q[-1])) < AT_LIMIT
 
 
 def _loss_of_last(problem: Problem, q: Array) -> float:
-    """Part of the weighted error at q, (n,), that is lost when the columns are compared by the last joint's axis alone."""
+    """Return the fraction of the weighted error at q, (n,), lost if columns are compared along the last axis alone."""
     goal, target = problem.goal, problem.goal.targets[0]
     T = forward_pose(problem.arrays, q)
     axis = inverse(problem.arrays.fixed[-1])[:, 2]
@@ -152,7 +155,7 @@ def _loss_of_last(problem: Problem, q: Array) -> float:
 
 
 def start_boxes(chain: SerialChain, without_last: bool) -> Array:
-    """The whole range of the joints as one box, (1, 2 dof); a joint that turns more than once turns once."""
+    """Return the whole range of the joints as one box, (1, 2 dof), with at most one turn for each joint."""
     lower, upper = chain.lower.copy(), chain.upper.copy()
     for i in range(chain.dof):
         if chain.periodic[i] and upper[i] - lower[i] > 2 * np.pi:
@@ -165,12 +168,16 @@ def start_boxes(chain: SerialChain, without_last: bool) -> Array:
 
 
 def forward_pose(chain: ChainArrays, q: Array) -> Array:
-    """Pose of the tip, (3, 4)."""
+    """Return the pose of the tip, (3, 4)."""
     return forward_many(chain, np.ascontiguousarray(q)[None])[0, :3]
 
 
 def _divided(problem: Problem) -> tuple[Array, Array, int, bool]:
-    """Fixed transforms and target with the first joint's place divided out; first joint's kind; is the last one a turn?"""
+    """Divide out the position of the first joint.
+
+    Returns:
+        Fixed transforms, target, kind of the first joint, and whether the last joint is revolute.
+    """
     division = divide(problem.chain, problem.goal.form)
     fixed, target = problem.arrays.fixed.copy(), problem.goal.targets[0].copy()
     if division.head != NONE:
@@ -180,7 +187,7 @@ def _divided(problem: Problem) -> tuple[Array, Array, int, bool]:
 
 
 def _foot(fixed: Array, chain: SerialChain) -> float:
-    """Where along the last axis the axis before it is nearest [m]; where they are parallel, the tip."""
+    """Return the position on the last axis nearest to the axis before [m]; that of the tip if they are parallel."""
     tip = float(fixed[-1, 2, 3])
     if len(fixed) < 3 or chain.prismatic[-2]:
         return tip
@@ -191,7 +198,7 @@ def _foot(fixed: Array, chain: SerialChain) -> float:
 
 
 def _cut(fixed: Array, target: Array, along: float) -> tuple[Array, Array]:
-    """Leave the last joint out: the tip becomes the point `along` its axis, its columns axis, x and y."""
+    """Omit the last joint: the tip becomes the point `along` its axis, with the columns axis, x and y."""
     turned = np.array(
         [[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, along], [0.0, 0.0, 0.0, 1.0]]
     )
@@ -221,10 +228,10 @@ def _roll(chain: SerialChain, present: bool, weight: float = 0.0) -> LastJoint:
 
 
 def _tolerances(problem: Problem, target: Array, columns: int, trust: float, foot: float = 0.0) -> ProofGoal:
-    """A target with its weights, and with margins for rounding; no tolerances.
+    """Return a target with its weights and with margins for rounding, but without tolerances.
 
     Raises:
-        InvalidProblem: The lengths leave nothing to be proved.
+        InvalidProblem: The lengths are too large for a proof.
     """
     chain, goal = problem.chain, problem.goal
     margin, margin_a = margins(problem, target, foot)
@@ -248,10 +255,10 @@ def _tolerances(problem: Problem, target: Array, columns: int, trust: float, foo
 
 
 def slack_of_error(problem: Problem) -> float:
-    """How far rounding may take the measured weighted error of a pose from the true one, at most.
+    """Return the largest difference that rounding causes between the measured and the true weighted error of a pose.
 
-    Each of the columns that count may be off by the margin for directions. Half the square of a chord of 2 at most changes
-    by twice that.
+    Each column that counts may differ by the margin for directions. Half the square of a chord of at most 2 changes by twice
+    that.
 
     Raises:
         InvalidProblem: As `margins`.
@@ -266,21 +273,21 @@ def slack_of_error(problem: Problem) -> float:
 def margins(
     problem: Problem, target: Array | None = None, foot: float = 0.0, angles: float = 0.0
 ) -> tuple[float, float]:
-    """Margins for rounding, of a point [m] and of the columns of a pose together: `rounding.margins` of `sizes_of`."""
+    """Return the rounding margins of a point [m] and of all columns of a pose: `rounding.margins` of `sizes_of`."""
     return rounding.margins(sizes_of(problem, target, foot, angles))
 
 
 def sizes_of(problem: Problem, target: Array | None = None, foot: float = 0.0, angles: float = 0.0) -> Sizes:
-    """What rounding depends on in a proof.
+    """Return the quantities that rounding errors of a proof depend on.
 
     Args:
         problem: The arm and the goal.
-        target: The goal's pose as the kernels see it, (3, 4); the goal as it was asked unless given.
+        target: The goal's pose as the kernels take it, (3, 4); the default is the original goal.
         foot: Distance along the last axis of a point that is compared too [m].
-        angles: Of all joints, added up [rad], where they go beyond the limits.
+        angles: Sum of the joint angles [rad], if they exceed the limits.
 
     Raises:
-        InvalidProblem: The lengths leave nothing to be proved.
+        InvalidProblem: The lengths are too large for a proof.
     """
     chain, goal = problem.chain, problem.goal
     arm: Sizes = _arms.of(chain).get(None, lambda: _sizes_of_arm(chain))
@@ -300,7 +307,7 @@ def sizes_of(problem: Problem, target: Array | None = None, foot: float = 0.0, a
 
 
 def _sizes_of_arm(chain: SerialChain) -> Sizes:
-    """What rounding depends on of an arm alone."""
+    """Return the quantities that depend on the arm alone."""
     values = np.maximum(np.abs(chain.lower), np.abs(chain.upper))[chain.leader] * np.abs(chain.multiplier)
     values += np.abs(chain.offset)
     turning = ~chain.prismatic

@@ -1,8 +1,8 @@
-"""Prove of a list of answers that there are no others.
+"""Prove that a list of solutions is complete.
 
-Around every answer a neighbourhood is proved to hold only answers near it, and at most one joint vector that reaches the
-goal exactly; the rest of the joint space is cut into boxes, and each is excluded as in `branch_and_bound`. Answers that the
-list lacks are found on the way. See `kernels.proof.isolation`; docs/proof.md has the proof.
+A neighbourhood around every solution is proved to contain only solutions near it, and at most one joint vector that reaches
+the goal exactly. The rest of the joint space is cut into boxes, and each is excluded as in `branch_and_bound`. Solutions
+that are missing in the list are found during this search. See `kernels.proof.root_isolation`; docs/proof.md has the proof.
 """
 
 from __future__ import annotations
@@ -28,47 +28,47 @@ from .reduce import question, start_boxes
 from .rounding import gamma
 
 BUDGET = 200_000
-"""Boxes, unless told otherwise: a fraction of a second."""
+"""Default number of boxes: a fraction of a second."""
 
 
 @dataclass(frozen=True, eq=False)
 class Isolation:
-    """Answers, one a branch, and whether it is proved that there are no others.
+    """Solutions, one per branch, and whether they are proved to be complete.
 
     If `complete`, every joint vector inside the limits that meets both tolerances lies within `distance[i]` of `q[i]` for
-    one i, joint by joint, whole turns left out of account. These are k neighbourhoods, and in each of them at most one joint
-    vector reaches the goal exactly. So modulo whole turns at most k joint vectors reach it exactly.
+    one i, joint by joint, modulo whole turns. These are k neighbourhoods, and each contains at most one joint vector that
+    reaches the goal exactly. So modulo whole turns at most k joint vectors reach it exactly.
     """
 
     complete: bool
-    """Is it proved?"""
+    """Whether the list is proved to be complete."""
     q: NDArray[np.float64]
-    """The answers given, one of those that share a branch, then those found; inside the limits, (k, n), [rad] or [m]."""
+    """The given solutions, one of each branch, then those found; inside the limits, (k, n), [rad] or [m]."""
     distance: NDArray[np.float64]
-    """How far the tolerances reach along each joint, (k, n), [rad] or [m]; infinite for a singular answer."""
+    """How far the tolerances reach along each joint, (k, n), [rad] or [m]; infinite for a singular solution."""
     given: NDArray[np.int64]
-    """Which of the answers given it is, or -1 for one that was not among them, (k,)."""
+    """Index among the given solutions, or -1 for a solution that was found, (k,)."""
     exact: NDArray[np.bool_]
-    """Is it proved that exactly one joint vector of the neighbourhood reaches the goal exactly, inside the limits? (k,)
+    """Whether it is proved that exactly one joint vector of the neighbourhood, inside the limits, reaches the goal exactly,
+    (k,).
 
-    That takes as many joints as the goal has constraints. It is never so for an answer at a limit: the solution beside it
-    may lie beyond.
-    """
+    This requires as many joints as the goal has constraints. It is never the case for a solution at a limit, since the exact
+    solution may lie beyond the limit."""
     boxes: int
     """Boxes examined."""
     undecided: int
-    """Boxes that are left; 0 if `complete`."""
+    """Number of remaining boxes; 0 if `complete`."""
     periodic: NDArray[np.bool_]
-    """Is a whole turn of the joint as good as none? (n,)"""
+    """Whether whole turns of the joint make no difference, (n,)."""
     out_of_time: bool = False
-    """Did a time limit end the search, before its budget did?"""
+    """Whether a time limit ended the search before its budget did."""
 
     @property
     def solutions(self) -> int | None:
-        """How many joint vectors inside the limits reach the goal exactly, modulo whole turns, if that is proved; else None.
+        """Return how many joint vectors inside the limits reach the goal exactly, modulo whole turns; None if not proved.
 
-        The list has to be complete, each answer `exact`, and no two solutions may be the same: they are told apart where the
-        answers are farther from each other than both distances together.
+        The list has to be complete, each solution `exact`, and no two solutions may be the same. Two solutions are distinct
+        if their distance exceeds the sum of both `distance` values.
         """
         if not (self.complete and self.exact.all()):
             return None
@@ -80,7 +80,7 @@ class Isolation:
         return len(self.q)
 
     def __repr__(self) -> str:
-        """Short enough to print in a shell."""
+        """Return a short representation for a shell."""
         known = "complete" if self.complete else f"not proved complete, {self.undecided} boxes left"
         found = int((self.given < 0).sum())
         if self.solutions is not None:
@@ -96,20 +96,20 @@ def isolate(
     trust: float = 1.0,
     deadline: Deadline = ENDLESS,
 ) -> Isolation:
-    """Prove that a goal has no other answers than those given, or find some.
+    """Prove that a goal has only the given solutions, or find others.
 
-    Singular answers cannot be told from their neighbours: with one of them, and for arms that have joints to spare, the
-    result is not complete.
+    A proof cannot separate singular solutions from their neighbours. With one of them, and for redundant arms, the result is
+    not complete.
 
     Args:
         problem: One target.
-        answers: Joint values that meet the tolerances, (k, n); none by default, then all are looked for.
-        budget: Boxes to examine at most, >= 0.
-        trust: 1; tests make every bound smaller by it, and must notice.
-        deadline: When to stop; what was found by then is in the result, which is not complete.
+        answers: Joint values that meet the tolerances, (k, n); without them all solutions are searched.
+        budget: Largest number of boxes to examine, >= 0.
+        trust: 1; tests scale every bound by a smaller value to check that they notice it.
+        deadline: When to stop; the result contains what was found by then, and is not complete.
 
     Raises:
-        InvalidProblem: A batch; a negative budget; answers of a wrong shape, outside the limits or the tolerances.
+        InvalidProblem: A batch; a negative budget; solutions of a wrong shape, or outside the limits or the tolerances.
     """
     goal, chain = problem.goal, problem.chain
     if goal.shape:
@@ -147,10 +147,10 @@ def isolate(
 def prove_complete(
     problem: Problem, answers: ArrayLike, *, budget: int = BUDGET, deadline: Deadline = ENDLESS
 ) -> tuple[Array, bool]:
-    """What `Arm.branches` asks for: its answers and those it lacks, (k, n), and whether these are proved to be all.
+    """Complete the solutions of `Arm.branches`: return all known ones, (k, n), and whether they are proved to be all.
 
-    The call is ``q, complete = prove_complete(Problem(chain, goal), q)``. Every answer given comes back: at the edge of
-    reach two of them may be too close together to be told apart by a proof.
+    The call is ``q, complete = prove_complete(Problem(chain, goal), q)``. Every given solution is returned: at the boundary
+    of the workspace two of them may be too close together for a proof to separate them.
 
     Raises:
         InvalidProblem: As `isolate`.
@@ -189,12 +189,12 @@ def _checked(problem: Problem, answers: ArrayLike | None) -> Array:
 
 
 def _roomy(distance: Array, q: Array) -> Array:
-    """Distances with room for what rounding takes where they are added to joint values or compared with differences."""
+    """Enlarge distances by the rounding error of adding them to joint values or comparing them with differences."""
     return np.asarray(distance * (1.0 + gamma(16)) + gamma(16) * (2.0 * math.pi + np.abs(q)))
 
 
 def _distances(problem: Problem, reduced: Array, without_last: bool) -> Array:
-    """From distances to the centre of a neighbourhood to those from an answer within it, last joint included."""
+    """Convert distances from the centre of a neighbourhood into distances from a solution within it, last joint included."""
     distance, chain = 2.0 * reduced, problem.chain
     if not without_last:
         return distance

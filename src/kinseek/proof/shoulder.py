@@ -1,4 +1,4 @@
-"""The nearest pose of an arm on a ball joint: a lower bound of the error that boxes of fewer joints give."""
+"""Lower bound of the error from an arm on a ball joint: it needs boxes of fewer joints."""
 
 from __future__ import annotations
 
@@ -37,23 +37,23 @@ from .reduce import ON_AXIS, question_without_last, start_boxes
 from .rounding import Sizes, defect_of, gamma, of_points
 
 FEWEST = 7
-"""Joints of an arm: with fewer it has none to spare, and the ball does what the arm cannot."""
+"""Fewest joints of an arm: with fewer it is not redundant, and the ball joint allows what the arm cannot do."""
 
 MOST = 5
-"""Joints behind the ball: of more the sums of products are long."""
+"""Most joints distal to the ball joint: with more the sums of products are too long."""
 
 WORK = 5_000_000
-"""Boxes times products in each of their sums: some tenths of a second. Most goals that it decides take a tenth of that."""
+"""Boxes times products in each of their sums: some tenths of a second. Most decided goals take a tenth of that."""
 
 PIECE = 500_000
-"""The same, after which the kernel comes back to be asked to go on: some hundredths of a second."""
+"""The same number after which the kernel returns and is called again: some hundredths of a second."""
 
 
 class Bounded(NamedTuple):
-    """What the ball tells."""
+    """Result for an arm on a ball joint."""
 
     lower: float
-    """Lower bound on the weighted error."""
+    """Lower bound of the weighted error."""
     boxes: int
 
 
@@ -64,22 +64,22 @@ def bounded_by_ball(
     trust: float = 1.0,
     over: Callable[[], bool] = lambda: False,
 ) -> Bounded:
-    """Bound the least weighted error from below by that of the arm on a ball joint, until the bound is `ceiling` at best.
+    """Bound the least weighted error from below by that of the arm on a ball joint, until the bound reaches `ceiling`.
 
-    It is 0 for arms that have no joint to spare, or whose first joints are no plain turns.
+    The bound is 0 for arms that are not redundant, or whose first joints are not plain revolute joints.
 
     Args:
         problem: One target.
-        ceiling: No better bound is needed.
-        budget: Boxes at most.
+        ceiling: Bound at which the search ends.
+        budget: Largest number of boxes.
         trust: 1; tests shrink all bounds by it.
-        over: Says when to stop.
+        over: Returns True when the search has to stop.
     """
     if problem.chain.dof < FEWEST:
         return Bounded(0.0, 0)
     asked = question_without_last(problem, trust)
     best = Bounded(0.0, 0)
-    # In the place of two joints the ball takes fewer boxes, but minds no limit of theirs.
+    # A ball joint that replaces two joints takes fewer boxes, but ignores their limits.
     for alone in (False, True):
         found = shoulder_of(problem, *asked, alone)
         if found is None:
@@ -94,7 +94,7 @@ def bounded_by_ball(
 def _bounded(
     problem: Problem, shoulder: Shoulder, first: int, ceiling: float, budget: int, over: Callable[[], bool]
 ) -> Bounded:
-    """Bound the least error of one arm on a ball, whose joint `first` is the first one behind it."""
+    """Bound the least error of one arm on a ball joint; joint `first` is the first one distal to the ball."""
     terms = shoulder.invariants.shape[1]
     start = start_boxes(problem.chain, False)[0].reshape(2, -1)
     count = round(math.log(terms, 3))
@@ -104,7 +104,7 @@ def _bounded(
     counts, figures = np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
     counts[COUNT] = counts[USED] = 1
     figures[UPPER], figures[CEILING] = np.inf, ceiling
-    outcome, most = STOPPED, min(budget, WORK // terms) // 2 * 2  # Both halves of a box are looked at.
+    outcome, most = STOPPED, min(budget, WORK // terms) // 2 * 2  # Both halves of a box are tested.
     while outcome != ENDED and counts[SEEN] < most and not over():
         until = min(int(counts[SEEN]) + PIECE // terms, most)
         outcome = enclose_ball(shoulder, boxes, heap, counts, figures, until)
@@ -117,13 +117,13 @@ def _bounded(
 def shoulder_of(
     problem: Problem, form: Form, proof_goal: ProofGoal, alone: bool = False
 ) -> tuple[Shoulder, int] | None:
-    """Put an arm on a ball joint on its first axis; None where that tells nothing.
+    """Replace the first joints of an arm by a ball joint on its first axis; None if this gives no bound.
 
-    Where the second axis meets the first, the ball stands there and takes the place of both; else, or if it
-    shall do so `alone`, of the first one.
+    If the second axis intersects the first, the ball is at the intersection and replaces both joints. Otherwise, or if
+    `alone` is set, it replaces only the first joint.
 
     Returns:
-        The arm on its ball; the first joint behind it.
+        The arm on its ball joint; the first joint distal to it.
     """
     joints = len(form.leader)
     plain = arrays_equal(form.leader, np.arange(joints)) and not form.prismatic.any()
@@ -162,7 +162,7 @@ def shoulder_of(
 
 
 def _turned_over(g: Array, b: Array) -> Array:
-    """Turn g and b about the third axis, and mirror them, so that g has no second part and b's is not negative, (2, 3)."""
+    """Rotate g and b about the third axis and mirror them: g gets no second component, b's is not negative, (2, 3)."""
     azimuth = math.atan2(g[1], g[0])
     turn = math.cos(azimuth), math.sin(azimuth)
     ahead, aside = turn[0] * b[0] + turn[1] * b[1], abs(turn[0] * b[1] - turn[1] * b[0])
@@ -170,23 +170,23 @@ def _turned_over(g: Array, b: Array) -> Array:
 
 
 def _of_products(n: int, defect: float) -> float:
-    """What a factor of the invariants' sums is off by, about any centre, relative to the largest value of the sum.
+    """Return the error of a factor in the invariants' sums, about any centre, relative to the largest value of the sum.
 
-    A value at one of three angles a joint is off by twice what a point is. About a centre every factor is a mean of values
-    between these angles, which magnifies that by 5/3 a joint at most, the norm of the interpolation. What the two changes of
-    basis round, joint after joint, is magnified by no more.
+    A value at one of three angles per joint has twice the error of a point. About a centre every factor is a mean of values
+    between these angles. This magnifies the error by at most 5/3 per joint, the norm of the interpolation. The rounding
+    errors of the two changes of basis, joint after joint, are magnified by no more.
     """
     values = 2.0 * of_points(Sizes(n, math.pi * n, n, 1.0, defect)) + gamma(8)
     return float((5.0 / 3.0) ** n * (values + 2 * n * gamma(8)))
 
 
 def _invariants(fixed: Array, ball: Array, upright: bool) -> Array:
-    """``|p|²`` and ``p·a`` as sums of products of ``1, cos q, sin q``, from values at three angles a joint, (2, 3ⁿ).
+    """Return ``|p|²`` and ``p·a`` as sums of products of ``1, cos q, sin q``, from values at three angles a joint, (2, 3ⁿ).
 
     Args:
-        fixed: Transforms of the joints behind the ball, and of the tip, (n+1, 3, 4).
-        ball: Where the ball is, (3,) [m].
-        upright: The ball stands on the axis of the first joint: the parts of p and a along it follow, (4, 3ⁿ).
+        fixed: Transforms of the joints distal to the ball joint, and of the tip, (n+1, 3, 4).
+        ball: Position of the ball joint, (3,) [m].
+        upright: Whether the ball is on the axis of the first joint: the components of p and a along it follow, (4, 3ⁿ).
     """
     n = len(fixed) - 1
     turns = [

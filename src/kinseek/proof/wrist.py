@@ -1,12 +1,12 @@
-"""An arm without its wrist: where three last axes meet, what is before them has to bring that point to the goal.
+"""An arm without its wrist: if the last three axes intersect, the joints before them must bring that point to the goal.
 
-The joints of the wrist leave the point where their axes meet where it is, and the middle one of them alone decides how far
-the first axis leans from the last. So whoever reaches a goal has that point where the goal has it, and the first axis of the
-wrist within a cone about the goal's last axis. That is a question with three joints fewer and no further answers: no answer
-to it, none to the goal. It says less than the goal does, since it forgets the limits of the first and the last joint of the
-wrist, so a `yes` says nothing.
+The joints of the wrist do not move the point where their axes intersect, and only the middle one changes the angle between
+the first axis and the last. So joint values that reach a goal bring this point to its place at the goal. They also keep the
+first axis of the wrist within a cone about the goal's last axis. This is a question with three joints fewer that has at
+least the same solutions: if it has none, the goal has none. It is weaker than the goal, since it ignores the limits of the
+first and the last joint of the wrist. So a solution of it proves nothing.
 
-Axes that all but meet do as well: the point may then be off by what they miss each other by.
+Axes that almost intersect are allowed as well: the distance between them is added to the tolerance of the point.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from kinseek.transforms import inverse, square
 from .reduce import margins
 
 WRIST = 3
-"""Joints of a wrist."""
+"""Number of joints of a wrist."""
 
 ASTRAY = 1e-2
-"""Axes that miss each other by more than this part of the arm's length make no wrist: what the point may be off by is then
-more than most goals are out of reach by. It decides whether the question is asked, not what is proved."""
+"""Largest distance between the axes of a wrist, relative to the arm's length. A larger distance would widen the tolerance by
+more than most goals are out of reach. The value decides whether the question is used, not what is proved."""
 
 
 def without_wrist(problem: Problem) -> Problem | None:
-    """The question that is left of a whole pose when the wrist is taken off; None where the arm has none.
+    """Return the question for a whole pose without the wrist; None if the arm has no wrist.
 
-    Whatever meets both tolerances of the goal meets those of this question, less the values of the last three joints.
+    Joint values that meet both tolerances of the goal meet those of this question, without the last three joints.
     """
     chain, goal, fixed = problem.chain, problem.goal, problem.arrays.fixed
     kept = len(chain.leader) - WRIST
@@ -50,7 +50,7 @@ def without_wrist(problem: Problem) -> Problem | None:
     if off > ASTRAY * arm_length(chain):
         return None
     angle = min(goal.orientation_tolerance, math.pi)
-    last = inverse(fixed[-1])  # The frame of the last joint, in the hand.
+    last = inverse(fixed[-1])  # The frame of the last joint, in the hand's frame.
     at = last[:, :3] @ centre[2] + last[:, 3]
     target = goal.targets[0]
     turned = 2.0 * math.sin(angle / 2) * float(np.linalg.norm(at))
@@ -84,10 +84,10 @@ def without_wrist(problem: Problem) -> Problem | None:
 
 
 def _centre(fixed: Array) -> tuple[Array, float]:
-    """Where the axes of a wrist meet, a point on each in its own frame, (3, 3); how far these may come apart [m].
+    """Return where the axes of a wrist intersect, a point on each in its own frame, (3, 3), and their distance [m].
 
-    The first point and the second lie in one link, the second and the third in the next: however the joints stand, the
-    first and the third are no farther apart than these two distances together.
+    The first and the second point are fixed in one link, the second and the third in the next. So for all joint values the
+    first and the third are no farther apart than the sum of these two distances.
     """
     frames = [np.eye(4)]
     for each in fixed[1:-1]:
@@ -102,9 +102,9 @@ def _centre(fixed: Array) -> tuple[Array, float]:
 
 
 def _lean(problem: Problem, kept: int, margin: float) -> tuple[float, float]:
-    """How far the first axis of a wrist leans from the last at most [rad], and from which end of it, 1 or -1.
+    """Return the largest angle between the first and last axis of a wrist [rad], and the sign of the last axis, 1 or -1.
 
-    The cosine of the angle between them is ``a cos v + b sin v + c``, v the middle joint's angle.
+    The cosine of the angle is ``a cos v + b sin v + c`` with the middle joint's angle v.
     """
     chain = problem.chain
     a, b, c = lean(problem.arrays.fixed[kept + 1], problem.arrays.fixed[kept + 2])

@@ -1,4 +1,4 @@
-"""Where arms come from: every reader returns a `SerialChain`."""
+"""Read arms from many sources: every reader returns a `SerialChain`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .mjcf import read_mjcf
 from .urdf import read_urdf
 
 MAKERS = "kinseek.load(name or file), Arm.from_dh(rows, lower, upper), Arm.from_fk(function, lower, upper)"
-"""How an arm is made."""
+"""The ways to create an arm, for messages."""
 
 __all__ = [
     "BlackBox",
@@ -49,20 +49,20 @@ def read(
     packages: Mapping[str, str | Path] | None = None,
     trusted: bool = True,
 ) -> SerialChain:
-    """Read an arm: a bundled one by its name, a URDF, xacro or MJCF file by its path, or what people hold.
+    """Read an arm: a bundled one by name, a URDF, xacro or MJCF file by path, or a model of another library.
 
     Args:
-        source: Name of a bundled arm or of one of the package robot_descriptions; a path that ends in ``.urdf``, ``.xacro``
+        source: Name of a bundled arm or of one in the package robot_descriptions; a path that ends in ``.urdf``, ``.xacro``
             or ``.xml``; the text of a URDF; or a model of yourdfpy, pinocchio or MuJoCo.
-        base: Name of the link that stays; the arm's own, or the root of the file, unless given.
-        tip: Name of the link that the pose is of; the arm's own, or the only leaf, unless given.
-        args: Of a xacro file: values of its arguments, by name.
-        packages: Of a xacro file: folders of ROS packages, by name.
-        trusted: Of a xacro file: may Python evaluate its expressions?
+        base: Name of the base link; the default is the arm's own, or the root of the file.
+        tip: Name of the link whose pose is computed; the default is the arm's own, or the only leaf.
+        args: Values of a xacro file's arguments, by name.
+        packages: Folders of ROS packages for a xacro file, by name.
+        trusted: Whether Python may evaluate the expressions of a xacro file.
 
     Raises:
-        InvalidRobot: None of these, or it cannot be used.
-        MissingExtra: An MJCF file, and MuJoCo is not installed.
+        InvalidRobot: The source is none of these, or it cannot be used.
+        MissingExtra: The source is an MJCF file, and MuJoCo is not installed.
     """
     _require_names(base, tip)
     _require_mappings(args, packages)
@@ -118,12 +118,12 @@ def _path(source: str | os.PathLike[str]) -> Path:
         )
     try:
         return Path(source).expanduser()
-    except RuntimeError as error:  # Nobody is called like that.
+    except RuntimeError as error:  # No user has such a name.
         raise InvalidRobot(f"no file {str(source)!r}: {error}") from None
 
 
 def _what_it_may_be(source: str) -> str:
-    """Say that a source is neither a name nor a path, and what was meant, perhaps."""
+    """Describe a source that is neither a name nor a path, with suggestions."""
     if hint := hint_at(source):
         shown = repr(source if len(source) <= 60 else f"{source[:60]}…")
         return f"no arm is called {shown}; {hint}. A path must end in .urdf, .xacro or .xml"
@@ -143,10 +143,10 @@ def _refuse_options(args: object, packages: object, source: str) -> None:
 
 
 def as_mechanism(value: Any) -> Mechanism:
-    """Make sure that something is a chain, or a function that stands for one, as `kinseek.Arm` takes it.
+    """Return a chain or black-box mechanism as `kinseek.Arm` takes it.
 
     Raises:
-        InvalidRobot: A name, a file, an arm or anything else.
+        InvalidRobot: The value is a name, a file, an arm or anything else.
     """
     if isinstance(value, SerialChain | BlackBox):
         return value
@@ -179,7 +179,7 @@ def _require_mappings(args: object, packages: object) -> None:
 
 
 def _is_urdf(path: Path) -> bool:
-    """Return whether an .xml file holds a URDF robot; broken XML is an MJCF matter, for MuJoCo to explain."""
+    """Return whether an .xml file holds a URDF robot; broken XML counts as MJCF, so that MuJoCo explains the error."""
     from .files import file_bytes
     from .urdf_xml import root_element
 

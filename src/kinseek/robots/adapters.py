@@ -1,6 +1,6 @@
-"""What people hold: the text of a URDF, models of other libraries, names of the package robot_descriptions.
+"""Read the text of a URDF, models of other libraries, and robots of the package robot_descriptions.
 
-A model is known by where its class comes from, so none of these libraries is imported, and none has to be there.
+A model is recognised by the module of its class, so none of these libraries is imported or required.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from .pinocchio_model import read_pinocchio
 from .urdf import read_urdf, read_urdf_text
 
 _DECLARATION = re.compile(r"^\s*<\?xml[^>]*\?>")
-"""Tells an encoding, which text that is read already has no more."""
+"""XML declaration. It names an encoding, which no longer applies to decoded text."""
 _DESCRIPTION = "_description"
 
 
 def is_text(source: object) -> bool:
-    """Is it the text of an XML file, and no name or path?"""
+    """Return whether a source is the text of an XML file rather than a name or a path."""
     if isinstance(source, bytes):
         return source.lstrip()[:1] == b"<"
     return isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
 
 
 def read_text(text: str | bytes, base: str | None, tip: str | None) -> SerialChain:
-    """Read a URDF that is at hand as text.
+    """Read a URDF from its text.
 
     Raises:
-        InvalidRobot: It is no URDF, or cannot be used.
+        InvalidRobot: The text is not a URDF, or the robot cannot be used.
     """
     if isinstance(text, str):
         text = _DECLARATION.sub("", text.lstrip("\ufeff")).encode()
@@ -47,10 +47,10 @@ def read_text(text: str | bytes, base: str | None, tip: str | None) -> SerialCha
 
 
 def read_model_of_library(source: Any, base: str | None, tip: str | None) -> SerialChain | None:
-    """Read a model of yourdfpy, urdf_parser_py, pinocchio or MuJoCo; None where it is none of these.
+    """Read a model of yourdfpy, urdf_parser_py, pinocchio or MuJoCo; return None for anything else.
 
     Raises:
-        InvalidRobot: It cannot be used.
+        InvalidRobot: The model cannot be used.
     """
     packages = {kind.__module__.partition(".")[0] for kind in type(source).__mro__}
     if "yourdfpy" in packages and hasattr(source, "write_xml_string"):
@@ -58,7 +58,7 @@ def read_model_of_library(source: Any, base: str | None, tip: str | None) -> Ser
     if "urdf_parser_py" in packages and hasattr(source, "to_xml_string"):
         return read_urdf_text(source.to_xml_string().encode(), base, tip, where="the urdf_parser_py model")
     if "pinocchio" in packages:
-        model = getattr(source, "model", source)  # A RobotWrapper carries its model.
+        model = getattr(source, "model", source)  # A RobotWrapper holds its model.
         return read_pinocchio(model, base, tip) if hasattr(model, "jointPlacements") else None
     if "mujoco" in packages and hasattr(source, "body_parentid"):
         return read_model(source, base, tip, where="the MuJoCo model")
@@ -66,7 +66,7 @@ def read_model_of_library(source: Any, base: str | None, tip: str | None) -> Ser
 
 
 def _text_of_yourdfpy(model: Any) -> bytes:
-    """Write a model of yourdfpy as URDF; its own writer leaves out which joint follows which, and soft limits."""
+    """Write a model of yourdfpy as URDF; yourdfpy's own writer omits mimic joints and soft limits."""
     with importing:
         from lxml import etree
 
@@ -87,15 +87,15 @@ def _text_of_yourdfpy(model: Any) -> bytes:
 
 
 def is_described(name: object) -> bool:
-    """Is it called as robot_descriptions calls its robots?"""
+    """Return whether a name has the form of the names in robot_descriptions."""
     return isinstance(name, str) and name.isidentifier() and name.endswith(_DESCRIPTION)
 
 
 def read_described(name: str, base: str | None, tip: str | None) -> SerialChain:
-    """Read a robot of the package robot_descriptions, which fetches its files when it is asked for them first.
+    """Read a robot of the package robot_descriptions, which downloads its files at the first request.
 
     Raises:
-        InvalidRobot: The package is not installed, has no such robot, or cannot fetch it; or the robot cannot be used.
+        InvalidRobot: The package is not installed, has no such robot, or cannot download it; or the robot cannot be used.
     """
     try:
         known = importlib.import_module("robot_descriptions").DESCRIPTIONS
@@ -110,7 +110,7 @@ def read_described(name: str, base: str | None, tip: str | None) -> SerialChain:
         raise InvalidRobot(f"robot_descriptions has no {name!r}{hint}")
     try:
         described = importlib.import_module(f"robot_descriptions.{name}")
-    except Exception as error:  # Whatever fetching it over the network raises.
+    except Exception as error:  # Downloading over the network may raise anything.
         raise_of_handler(error)
         raise InvalidRobot(
             f"robot_descriptions cannot fetch {name!r}: {type(error).__name__}: {error}"
@@ -123,7 +123,7 @@ def read_described(name: str, base: str | None, tip: str | None) -> SerialChain:
 
 
 def hint_at(source: str) -> str:
-    """What may be wrong with a name or a path that is neither; "" where nothing is known."""
+    """Return a hint at what may be wrong with a name or a path; "" if none is known."""
     if "<robot" in source:
         return "this is the text of a robot in a path: give the text itself, as a str"
     if "\n" in source:

@@ -1,7 +1,7 @@
-"""Any mechanism of which only a function is known: joint values in, pose of the tip out.
+"""Black-box kinematics: a mechanism that is only known by a function from joint values to the pose of the tip.
 
-Nothing else is assumed: no axes, no links, no derivative, not even that a joint value is an angle. So the function is
-distrusted instead: every pose that it gives is checked, and one that is none names the joint values that made it.
+Nothing else is assumed: no axes, no links, no derivative, not even that a joint value is an angle. Therefore every pose that
+the function returns is checked. The error for an invalid pose contains the joint values.
 """
 
 from __future__ import annotations
@@ -26,67 +26,68 @@ Array = NDArray[np.float64]
 Function = Callable[[Any], Any]
 
 NUMBER = "number"
-"""The kind of a joint value of which nothing is said: a number between its limits, never wrapped by 2π."""
+"""Kind of a joint value without a declared kind: a number between its limits, never wrapped by 2π."""
 
 KINDS = (NUMBER, REVOLUTE, CONTINUOUS, PRISMATIC)
 
 _RIGID = 1e-6
-"""How far RᵀR may be from the identity, and the last row from 0 0 0 1: what single precision leaves."""
+"""Tolerance for the difference of RᵀR from the identity, and of the last row from 0 0 0 1; single precision passes."""
 _SAME = 1e-6
-"""How far a row may differ from itself alone [m], and in an entry of its rotation: what single precision leaves."""
+"""Tolerance for the difference between a row of a batch and the same row alone [m], and in rotation entries; single
+precision passes."""
 _MOST = 1e100
-"""Largest joint value, in whatever units: its square is still a number."""
+"""Largest joint value, in any unit: its square is still finite."""
 _MOST_ROWS = 8192
-"""Rows that one call of the function gets at most, so that its temporaries fit into the caches."""
+"""Most rows in one call of the function, so that its temporaries fit into the caches."""
 
 
 @dataclass(frozen=True, eq=False)
 class BlackBox(Variables):
-    """A mechanism known by its forward kinematics alone. Build one with `black_box`, which checks everything."""
+    """A mechanism known only by its forward kinematics. Create one with `black_box`, which checks everything."""
 
     name: str
     joint_names: tuple[str, ...]
     kinds: tuple[str, ...]
-    """Of each variable: number, revolute, continuous or prismatic."""
+    """Kind of each variable: number, revolute, continuous or prismatic."""
     lower: Array
-    """(n,), [rad], [m] or whatever the function takes; a continuous joint is kept in [-π, π]."""
+    """Lower limits, (n,), [rad], [m] or the function's own unit; a continuous joint is kept in [-π, π]."""
     upper: Array
     function: Function
-    """(k, n) -> (k, 4, 4) if `vectorized`, else (n,) -> (4, 4); lengths in [m]."""
+    """(k, n) -> (k, 4, 4) if `vectorized`, otherwise (n,) -> (4, 4); lengths in [m]."""
     vectorized: bool
     partial: bool
-    """May the function answer NaN, where the mechanism cannot be put together?"""
+    """Whether the function may return NaN for joint values at which the mechanism cannot be assembled."""
     single: bool = False
-    """Does the function compute in single precision?"""
+    """Whether the function computes in single precision."""
     base: str = "base"
     tip: str = "tip"
 
     @property
     def axes(self) -> None:
-        """None: nobody knows where they are, or whether there are any; see `Mechanism`."""
+        """None, since the axes are not known; see `Mechanism`."""
         return None
 
     @property
     def periodic(self) -> NDArray[np.bool_]:
-        """Of each variable, (n,): does a full turn leave the pose as it is? Its kind says so."""
+        """Whether a full turn of each variable leaves the pose unchanged, (n,), according to its kind."""
         return self.turns
 
     @lazy
     def cheap(self) -> bool:
-        """Does one more row cost little, since no Python runs for it?"""
+        """Whether one more row costs little, since no Python code runs for it."""
         return self.vectorized or _is_compiled(self.function)
 
     @property
     def velocity(self) -> Array:
-        """Nobody said how fast its variables may go: NaN, (n,)."""
+        """NaN for each variable, (n,): no speed limits are known."""
         return np.full(self.dof, np.nan)
 
     def limited(self, lower: Array, upper: Array, kinds: tuple[str, ...]) -> BlackBox:
-        """The same with other limits, (n,), and kinds that fit them."""
+        """Return the same mechanism with other limits, (n,), and kinds that fit them."""
         return replace(self, lower=lower, upper=upper, kinds=kinds)
 
     def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> BlackBox:
-        """The same, of which only some joints move; see `Mechanism`."""
+        """Return the same mechanism in which only some joints move; see `Mechanism`."""
         chosen, held = list(joints), q.copy()
 
         def poses(rows: Array) -> Array:
@@ -104,19 +105,19 @@ class BlackBox(Variables):
             function=poses,
             vectorized=True,
         )
-        # It takes many rows; what a row costs is up to the function behind it.
+        # It takes many rows; the cost of a row depends on the function behind it.
         less.__dict__["cheap"] = self.cheap
         return less
 
     def forward(self, q: Array) -> Array:
-        """Poses of the tip, checked, (k, n) -> (k, 4, 4), lengths in [m]; NaN where `partial` allows it.
+        """Return checked poses of the tip, (k, n) -> (k, 4, 4), lengths in [m]; NaN only if `partial` allows it.
 
         Raises:
-            FailedKinematics: The function raises, or gives something that is no rigid transform; it names the q.
+            FailedKinematics: The function raises, or returns something other than a rigid transform; the error contains q.
         """
         result = np.empty((len(q), 4, 4))
         for begin in range(0, len(q), _MOST_ROWS):
-            # Whatever the function writes there stays its own affair.
+            # The function gets a copy, so that it may write into it.
             rows = q[begin : begin + _MOST_ROWS].copy()
             result[begin : begin + len(rows)] = self._checked(
                 self._evaluate(rows), q[begin : begin + len(rows)]
@@ -165,7 +166,7 @@ class BlackBox(Variables):
         return _compiled_loop(self.function)
 
     def _blame(self, rows: Array, error: Exception) -> NoReturn:
-        """Find the row that made a call of many fail, by asking one at a time."""
+        """Find the row that made a call with many rows fail, by evaluating one at a time."""
         if isinstance(error, FailedKinematics):
             raise error
         for row in rows:
@@ -189,7 +190,7 @@ class BlackBox(Variables):
         )
 
     def _takes_one(self, row: Array) -> bool:
-        """Does the function give a pose for one row?"""
+        """Return whether the function returns a pose for one row."""
         try:
             return self.vectorized and np.shape(self.function(row.copy())) == (4, 4)
         except Exception as error:
@@ -223,7 +224,7 @@ class BlackBox(Variables):
         raise FailedKinematics(f"fk of {self.name!r} {what}; at {where}", row.copy()) from cause
 
     def __reduce__(self) -> tuple[type[BlackBox], tuple[Any, ...]]:
-        """Pickle the fields alone: a compiled loop is made anew."""
+        """Pickle only the fields: a compiled loop is built again."""
         return type(self), tuple(getattr(self, name) for name in self.__dataclass_fields__)
 
 
@@ -238,11 +239,12 @@ def black_box(
     partial: bool = False,
     name: str = "black_box",
 ) -> BlackBox:
-    """Check a function and its limits, and call it for a first time.
+    """Check a function and its limits, and call it for the first time.
 
     Raises:
-        InvalidRobot: Not a function, limits of different lengths, infinite or crossed, unknown kinds, names not unique.
-        FailedKinematics: The function fails within the limits, or mixes its rows up.
+        InvalidRobot: Not a function, limits of different lengths, infinite or crossed limits, unknown kinds, or duplicate
+            names.
+        FailedKinematics: The function fails within the limits, or mixes up its rows.
     """
     if not callable(function):
         raise InvalidRobot(f"fk must be a function, got {type(function).__name__}")
@@ -293,7 +295,7 @@ def black_box(
 
 
 def _require_own_rows(box: BlackBox) -> None:
-    """Refuse a function whose rows depend on each other."""
+    """Reject a function whose rows depend on each other."""
     shares = np.array([0.5, 0.25, 0.625])
     rows = box.lower + shares[:, None] * (box.upper - box.lower)
     together = box.forward(rows)
@@ -333,7 +335,7 @@ def _limits(values: object, name: str) -> Array:
 
 
 def _is_compiled(function: Function) -> bool:
-    if "numba" not in sys.modules:  # Then it cannot have compiled anything.
+    if "numba" not in sys.modules:  # Then nothing was compiled with Numba.
         return False
     from numba.extending import is_jitted
 
@@ -341,7 +343,7 @@ def _is_compiled(function: Function) -> bool:
 
 
 def _compiled_loop(function: Function) -> Function:
-    """Make a compiled loop over the rows of a compiled function of one row."""
+    """Build a compiled loop over the rows of a compiled function of one row."""
     import numba
 
     @numba.njit(nogil=True)

@@ -1,9 +1,9 @@
-"""The bundled arms as numbers, read from their URDF files beforehand: an arm is there without an XML parser.
+"""Load bundled arms from preprocessed JSON files, without an XML parser.
 
     python -m kinseek.robots.prepare_catalog        # after a change in catalog/
 
-Beside each ``NAME.urdf`` stands a ``NAME.json`` with what the reader makes of it, to the last bit, and a digest of the file
-it was made from. Where that is not the file that is there, the file is read.
+Each ``NAME.urdf`` has a ``NAME.json`` with the exact result of the reader and a digest of the URDF file. If the digest does
+not match the URDF file, the URDF file is read instead.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _FLOATS = ("lower", "upper", "fixed", "multiplier", "offset")
 
 
 def read_bundled(name: str) -> SerialChain | None:
-    """The chain of a bundled arm between its own base and tip, or None where it was not read beforehand."""
+    """Return the chain of a bundled arm between its own base and tip, or None if there is no valid JSON file."""
     path = catalog_path(name)
     try:
         kept = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
@@ -52,7 +52,7 @@ def _chain(kept: dict[str, Any], path: Path) -> SerialChain:
 
 
 def as_kept(chain: SerialChain, path: Path) -> dict[str, Any]:
-    """What is written of a chain that was read from a file; numbers are written with as many digits as their bits need."""
+    """Return the JSON content for a chain that was read from a file; numbers have as many digits as exact values need."""
     return {
         "digest": _digest(path),
         **{word: getattr(chain, word) for word in _WORDS},
@@ -65,5 +65,5 @@ def as_kept(chain: SerialChain, path: Path) -> dict[str, Any]:
 
 
 def _digest(path: Path) -> str:
-    """Of the text of a file, whichever way its lines end."""
+    """Return the digest of a file's text, independent of its line ends."""
     return hashlib.sha256(path.read_text(encoding="utf-8").encode()).hexdigest()[:16]

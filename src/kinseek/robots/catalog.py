@@ -1,4 +1,4 @@
-"""The bundled arms: one URDF file each in ``catalog/``, all that is known of the arm in its first comment.
+"""The bundled arms: one URDF file each in ``catalog/``, with the arm's metadata in the first comment.
 
     <!--
     Franka Emika Panda
@@ -9,7 +9,7 @@
     tip: panda_link8
     -->
 
-Adding an arm is adding its file.
+To add an arm, add its file.
 """
 
 from __future__ import annotations
@@ -26,35 +26,35 @@ _MOVING = re.compile(r'<joint\b[^>]*type="(?:revolute|continuous|prismatic)"')
 
 @dataclass(frozen=True)
 class CatalogEntry:
-    """What is known of a bundled arm."""
+    """Metadata of a bundled arm."""
 
     name: str
     description: str
     source: str
-    """Repository, path and commit the numbers come from."""
+    """Repository, path and commit of the numbers."""
     licence: str
     limits: str
-    """Where its limits and speeds come from, and what is known to be wrong with them."""
+    """Source of the limits and speeds, and their known errors."""
     base: str
-    """Name of the link that stays."""
+    """Name of the base link."""
     tip: str
-    """Name of the link that the pose is of."""
+    """Name of the link whose pose is computed."""
     dof: int
     """Number of joint variables."""
 
     @property
     def differs(self) -> bool:
-        """Are its limits or speeds known to differ from those of the real arm?"""
+        """Whether limits or speeds are known to differ from those of the real arm."""
         return "differ from" in self.limits
 
 
 def catalog_names() -> tuple[str, ...]:
-    """Names of all bundled arms, sorted."""
+    """Return the names of all bundled arms, sorted."""
     return tuple(sorted(path.stem for path in _folder().glob("*.urdf")))
 
 
 def catalog_path(name: str) -> Path:
-    """Path of the URDF file of a bundled arm.
+    """Return the path of a bundled arm's URDF file.
 
     Raises:
         InvalidRobot: There is no such arm.
@@ -65,7 +65,7 @@ def catalog_path(name: str) -> Path:
 
 
 def catalog_entry(name: str) -> CatalogEntry:
-    """What is known of a bundled arm.
+    """Return the metadata of a bundled arm.
 
     Raises:
         InvalidRobot: There is no such arm.
@@ -87,7 +87,7 @@ def catalog_entry(name: str) -> CatalogEntry:
 
 
 def limits_table() -> str:
-    """Where the limits and speeds of every bundled arm come from, as the Markdown table of docs/arms.md."""
+    """Return the sources of all bundled arms' limits and speeds, as the Markdown table of docs/arms.md."""
     rows = [(name, catalog_entry(name).limits.replace("|", r"\|")) for name in catalog_names()]
     return "\n".join(["| arm | limits and speeds |", "| --- | --- |", *(f"| `{a}` | {b} |" for a, b in rows)])
 

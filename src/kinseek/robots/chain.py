@@ -1,8 +1,8 @@
-"""One serial chain: what every reader returns and every kernel runs on.
+"""The serial chain that every reader returns and every kernel takes.
 
-``T_base_tip(q) = A_1 J_1 A_2 J_2 … A_m J_m A_tip``: each ``A_k`` is fixed and each ``J_k`` a rotation about,
-or a slide along, its own z axis. So no kernel ever branches on an axis. A joint that mimics another is one
-more ``J_k`` driven by the same variable: ``J_k = J(multiplier · q[leader] + offset)``.
+``T_base_tip(q) = A_1 J_1 A_2 J_2 … A_m J_m A_tip``: each ``A_k`` is fixed, and each ``J_k`` is a rotation about, or a
+translation along, its own z axis. So kernels need no case distinction for axes. A mimic joint is one more ``J_k`` driven by
+the same variable: ``J_k = J(multiplier · q[leader] + offset)``.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, Variables
 Array = NDArray[np.float64]
 
 _AXIS_ROUNDING = 1e-3
-"""How far an axis may be from unit length to pass as a rounded unit vector."""
+"""Largest deviation of an axis from unit length that is accepted as rounding."""
 
 _RIGID = 1e-5
-"""How far RRᵀ of an origin may be from the identity: that of a rotation written down to six digits passes."""
+"""Largest deviation of RRᵀ of an origin from the identity; a rotation written with six digits passes."""
 
 
 @dataclass(frozen=True)
@@ -43,73 +43,75 @@ class Joint:
     kind: str
     """``"revolute"``, ``"continuous"`` or ``"prismatic"``."""
     origin: Array
-    """Pose of the joint frame in the frame before it, (4, 4), lengths in [m]."""
+    """Pose of the joint frame in the preceding frame, (4, 4), lengths in [m]."""
     axis: Array
     """Axis of motion in the joint frame, (3,)."""
     lower: float
-    """[rad] or [m], at most 1e7; ignored for continuous joints. Those of a mimic narrow the range of its leader."""
+    """Lower limit, [rad] or [m], at most 1e7; ignored for continuous joints. The limits of a mimic joint narrow the range of
+    its leader."""
     upper: float
     mimic: str | None = None
-    """Name of the joint this one follows; ``multiplier`` and ``offset`` then say how."""
+    """Name of the joint that this one follows by ``multiplier`` and ``offset``."""
     multiplier: float = 1.0
     offset: float = 0.0
     velocity: float = np.nan
-    """How fast it may go, [rad/s] or [m/s], above 0; NaN where nobody said. That of a mimic bounds its leader."""
+    """Speed limit, [rad/s] or [m/s], above 0; NaN if unknown. The limit of a mimic joint also bounds its leader."""
 
 
 class Frame(NamedTuple):
-    """Where a link, or the part that a joint moves, is carried along."""
+    """Position in the chain of a link, or of the part that a joint moves."""
 
     joints: int
-    """Physical joints before it."""
+    """Number of physical joints before it."""
     pose: Array
-    """Its pose in the frame that the last of them moves, or in the base, (4, 4), lengths in [m]."""
+    """Pose in the frame that the last of these joints moves, or in the base, (4, 4), lengths in [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class SerialChain(Variables):
-    """A serial arm from base to tip. Build one with `serial_chain`, which checks everything."""
+    """A serial arm from base to tip. Create one with `serial_chain`, which checks everything."""
 
     name: str
     base: str
     tip: str
     joint_names: tuple[str, ...]
     kinds: tuple[str, ...]
-    """Of each variable: revolute, continuous or prismatic."""
+    """Kind of each variable: revolute, continuous or prismatic."""
     lower: Array
-    """(n,), [rad] or [m]; a continuous joint has no limits, and [-π, π] here; see `Problem.placed`."""
+    """Lower limits, (n,), [rad] or [m]; a continuous joint has no limits, and is represented by [-π, π]; see
+    `Problem.placed`."""
     upper: Array
     fixed: Array
     """``A_1 … A_m, A_tip``, (m+1, 3, 4)."""
     prismatic: NDArray[np.bool_]
-    """Of each physical joint, (m,)."""
+    """Whether each physical joint is prismatic, (m,)."""
     leader: NDArray[np.int64]
     """Index of the variable that drives each physical joint, (m,)."""
     multiplier: Array
     offset: Array
     velocity: Array
-    """How fast each variable may go, (n,), [rad/s] or [m/s], above 0; NaN where nobody said."""
+    """Speed limit of each variable, (n,), [rad/s] or [m/s], above 0; NaN if unknown."""
     source: str = field(default="", compare=False)
-    """Where the description came from, for people."""
+    """Source of the description, for display."""
     urdf: bytes = field(default=b"", compare=False, repr=False)
-    """The description itself, with meshes, where it is URDF; of a xacro file what it became."""
+    """The URDF description with meshes, if there is one; for a xacro file its expanded text."""
     packages: Mapping[str, str | Path] = field(default_factory=dict, compare=False, repr=False)
     """Folders of ROS packages that were given with it, by name."""
     frames: Mapping[str, Frame] = field(default_factory=dict, repr=False)
-    """Links and joints whose poses can be asked for, by name; a link goes before a joint of the same name."""
+    """Links and joints whose poses can be computed, by name; a link takes precedence over a joint of the same name."""
     locked: tuple[tuple[str, float], ...] = ()
-    """Joints that were locked, and where, [rad] or [m], for people."""
+    """Joints that were locked and their values, [rad] or [m], for display."""
     tooled: bool = False
-    """Was the tip moved to a tool?"""
+    """Whether the tip was moved to a tool."""
 
     @property
     def axes(self) -> SerialChain:
-        """Itself: it has axes and links; see `Mechanism`."""
+        """The chain itself: it has axes and links; see `Mechanism`."""
         return self
 
     @lazy
     def periodic(self) -> NDArray[np.bool_]:
-        """Of each variable, (n,): does a full turn leave the pose of every link as it is?"""
+        """Whether a full turn of each variable leaves the poses of all links unchanged, (n,)."""
         turns = np.ones(self.dof, dtype=np.bool_)
         for k, i in enumerate(self.leader):
             turns[i] &= not self.prismatic[k] and float(self.multiplier[k]).is_integer()
@@ -117,39 +119,39 @@ class SerialChain(Variables):
 
     @lazy
     def reach(self) -> float:
-        """No pose of the tip is farther from the base [m]: the sum of all links and slides."""
+        """Upper bound of the distance between tip and base [m]: the sum of all links and slides."""
         ends = self.multiplier * np.stack([self.lower, self.upper])[:, self.leader] + self.offset
         slides = float(np.abs(ends).max(axis=0)[self.prismatic].sum())
         return float(np.linalg.norm(self.fixed[:, :, 3], axis=1).sum()) + slides
 
     @lazy
     def arrays(self) -> ChainArrays:
-        """The chain as the kernels take it."""
+        """The chain in the form that kernels take."""
         return chain_arrays(
             self.fixed, self.prismatic, self.leader, self.multiplier, self.offset, self.lower, self.upper
         )
 
     @property
     def cheap(self) -> bool:
-        """No Python runs for a pose."""
+        """True: no Python code runs for a pose."""
         return True
 
     @property
     def partial(self) -> bool:
-        """Every q has a pose."""
+        """False: every q has a pose."""
         return False
 
     @property
     def single(self) -> bool:
-        """Doubles all through."""
+        """False: all computations use double precision."""
         return False
 
     def limited(self, lower: Array, upper: Array, kinds: tuple[str, ...]) -> SerialChain:
-        """The same with other limits, (n,), and kinds that fit them."""
+        """Return the same chain with other limits, (n,), and kinds that fit them."""
         return replace(self, lower=lower, upper=upper, kinds=kinds)
 
     def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> SerialChain:
-        """The same, of which only some joints move; see `Mechanism`."""
+        """Return the same chain in which only some joints move; see `Mechanism`."""
         from .variants import with_locked, with_tool
 
         held = {name: float(q[i]) for i, name in enumerate(self.joint_names) if i not in joints}
@@ -157,11 +159,11 @@ class SerialChain(Variables):
         return chain if tool is None else with_tool(chain, tool)
 
     def forward(self, q: Array) -> Array:
-        """Poses of the tip, (k, n) -> (k, 4, 4), lengths in [m]."""
+        """Return poses of the tip, (k, n) -> (k, 4, 4), lengths in [m]."""
         return forward_many(self.arrays, q)
 
     def arrays_to(self, frame: Frame) -> ChainArrays:
-        """The chain as the kernels take it, ending at a frame that some joint moves."""
+        """Return the chain in the form that kernels take, ending at a frame that some joint moves."""
         m = frame.joints
         return chain_arrays(
             np.concatenate([self.fixed[:m], frame.pose[None, :3]]),
@@ -184,21 +186,21 @@ def serial_chain(
     source: str = "",
     links: Sequence[tuple[str, Frame]] = (),
 ) -> SerialChain:
-    """Check the joints and bring them into the kernels' form.
+    """Check the joints and convert them into the kernels' form.
 
     Args:
-        joints: The moving joints from base to tip, fixed joints already folded into the origins.
+        joints: The moving joints from base to tip; fixed joints are already part of the origins.
         tip_pose: Pose of the tip in the last joint's frame, (4, 4), lengths in [m].
         name: Name of the arm.
         base: Name of the base link.
         tip: Name of the tip link.
-        source: Where the description came from.
-        links: Further frames by name, their poses in the last joint's frame before them. Those of base, tip and joints are
+        source: Source of the description.
+        links: Further frames by name, with their poses in the frame of the last joint before them. Base, tip and joints are
             added.
 
     Raises:
-        InvalidRobot: No movable joint, a limit missing or inverted, a bad axis, a mimic without its leader, a number
-            larger than arithmetic bears.
+        InvalidRobot: No movable joint, a missing or inverted limit, an invalid axis, a mimic joint without its leader, or a
+            number that is too large for floating-point arithmetic.
     """
     variables = [joint for joint in joints if joint.mimic is None]
     if not joints:
@@ -261,14 +263,14 @@ def serial_chain(
 
 
 def joint_points(chain: SerialChain, q: Array) -> Array:
-    """Places of the base, of both ends of every slide, of every other joint and of the tip, for pictures.
+    """Return positions of the base, of both ends of every slide, of every other joint and of the tip, for pictures.
 
     Args:
-        chain: The arm, with m physical joints of which s slide.
+        chain: The arm, with m physical joints of which s are prismatic.
         q: Joint values, (n,).
 
     Returns:
-        Base to tip, (m + s + 2, 3), lengths in [m].
+        Positions from base to tip, (m + s + 2, 3), [m].
     """
     T, points = np.eye(4), [np.zeros(3)]
     for k in range(len(chain.leader)):
@@ -284,24 +286,24 @@ def joint_points(chain: SerialChain, q: Array) -> Array:
 
 
 class Mimics:
-    """Joints that follow others, perhaps through further followers; each of them is visited once."""
+    """Mimic joints, possibly of other mimic joints; each is visited once."""
 
     def __init__(self, leaders: Mapping[str, tuple[str, float, float]]) -> None:
-        """Of each mimic joint: the joint it follows, multiplier, offset [rad] or [m]."""
+        """Take for each mimic joint: the joint it follows, multiplier, offset [rad] or [m]."""
         self._leaders = leaders
         self._drivers: dict[str, tuple[str, float, float]] = {}
 
     def __contains__(self, joint: str) -> bool:
-        """Does it follow another joint?"""
+        """Return whether a joint follows another one."""
         return joint in self._leaders
 
     def driver(self, joint: str) -> tuple[str, float, float]:
-        """The joint that drives one in the end: its name, and the composed multiplier and offset [rad] or [m].
+        """Return the joint that drives a mimic joint: its name, and the composed multiplier and offset [rad] or [m].
 
         Raises:
-            InvalidRobot: The mimics form a loop.
+            InvalidRobot: The mimic joints form a loop.
         """
-        way: dict[str, None] = {}  # In the order in which they were met.
+        way: dict[str, None] = {}  # In the order in which they were visited.
         last = joint
         while last in self._leaders and last not in self._drivers:
             if last in way:
@@ -316,7 +318,7 @@ class Mimics:
 
 
 def _drive(joints: Sequence[Joint], index: Mapping[str, int]) -> list[tuple[int, float, float]]:
-    """Of each physical joint: index of its variable, multiplier, offset."""
+    """Return index of the variable, multiplier and offset for each physical joint."""
     mimics = Mimics({j.name: (j.mimic, j.multiplier, j.offset) for j in joints if j.mimic is not None})
     drive = []
     for joint in joints:
@@ -335,16 +337,16 @@ def _drive(joints: Sequence[Joint], index: Mapping[str, int]) -> list[tuple[int,
 def _narrowed(
     variables: Sequence[Joint], joints: Sequence[Joint], drive: Sequence[tuple[int, float, float]]
 ) -> list[Joint]:
-    """Cut the range of each variable to where the joints that follow it stay inside their own limits."""
+    """Narrow the range of each variable so that its mimic joints stay inside their own limits."""
     cut = list(variables)
     for joint, (leader, multiplier, offset) in zip(joints, drive, strict=True):
-        # Files write 0 0 where nobody cared, so equal limits of a follower say nothing.
+        # Files contain 0 0 for limits that nobody specified, so equal limits of a mimic joint are ignored.
         limited = joint.kind != CONTINUOUS and np.isfinite([joint.lower, joint.upper]).all()
         if joint.mimic is None or not limited or joint.lower >= joint.upper or multiplier == 0:
             continue
         ends = sorted((bound - offset) / multiplier for bound in (joint.lower, joint.upper))
         old = cut[leader]
-        if old.kind == CONTINUOUS:  # It turns freely by itself, but its follower does not let it.
+        if old.kind == CONTINUOUS:  # The joint itself is continuous, but its mimic joint has limits.
             cut[leader] = replace(old, kind=REVOLUTE, lower=ends[0], upper=ends[1])
             continue
         lower, upper = max(old.lower, ends[0]), min(old.upper, ends[1])
@@ -372,7 +374,7 @@ def _limits(joint: Joint) -> tuple[float, float]:
 
 
 def _velocities(joints: Sequence[Joint], drive: Sequence[tuple[int, float, float]], variables: int) -> Array:
-    """How fast each variable may go, (n,): as its slowest joint allows; NaN where none of them says anything."""
+    """Return the speed limit of each variable, (n,): that of its slowest joint; NaN if none is known."""
     velocity = np.full(variables, np.nan)
     for joint, (leader, multiplier, _) in zip(joints, drive, strict=True):
         if multiplier != 0:
@@ -397,9 +399,9 @@ def _unit_axis(joint: Joint) -> Array:
 
 
 def _z_to(axis: Array) -> Array:
-    """Rotate z onto `axis` by the shortest way, (3, 3)."""
+    """Return the shortest rotation from z to `axis`, (3, 3)."""
     x, y, z = axis
-    if z < 0:  # Through the other hemisphere, so that the formula never divides by almost zero.
+    if z < 0:  # Use the other hemisphere, so that the formula never divides by almost zero.
         half_turn = np.diag([-1.0, 1.0, -1.0])
         return np.asarray(half_turn @ _z_to(half_turn @ axis))
     return np.array(

@@ -5,8 +5,8 @@ A row is ``(a, alpha, d, theta)``, lengths in [m] and angles in [rad], or a mapp
     standard            A_i = Rz(theta) Tz(d) Tx(a) Rx(alpha)
     modified (Craig)    A_i = Rx(alpha) Tx(a) Rz(theta) Tz(d)
 
-In the modified convention row i holds Craig's ``a_{i-1}, alpha_{i-1}, d_i, theta_i``. The joint variable is
-added to theta where the joint turns, and to d where it slides.
+In the modified convention row i holds Craig's ``a_{i-1}, alpha_{i-1}, d_i, theta_i``. The joint variable is added to theta
+for a revolute joint, and to d for a prismatic one.
 """
 
 from __future__ import annotations
@@ -47,16 +47,15 @@ def read_dh(
     """Build the arm that a table of Denavit-Hartenberg parameters describes.
 
     Args:
-        rows: The table, (n, 4), or n mappings; see the head of this file.
-        lower: Lower limits, (n,) or by name of joint, [rad] or [m]; a revolute joint with two infinite limits is
-            continuous.
-        upper: Upper limits, likewise.
+        rows: The table, (n, 4), or n mappings; see the module's docstring.
+        lower: Lower limits, (n,) or by name of joint, [rad] or [m]; a revolute joint with two infinite limits is continuous.
+        upper: Upper limits, in the same form.
         convention: ``"standard"`` or ``"modified"``.
-        kinds: One letter per joint, R or P, such as ``"RRPR"``; all R unless given.
-        names: Names of the joints; ``joint1``, ``joint2``, … unless given.
-        base: Pose of the first row's frame in the base, (4, 4), or an object that carries one, lengths in [m]; the identity
-            unless given.
-        tool: Pose of the tip in the last row's frame, likewise.
+        kinds: One letter per joint, R or P, such as ``"RRPR"``; the default is R for all.
+        names: Names of the joints; the default is ``joint1``, ``joint2``, …
+        base: Pose of the first row's frame in the base, (4, 4), or an object with a pose, lengths in [m]; the default is the
+            identity.
+        tool: Pose of the tip in the last row's frame, in the same form.
         name: Name of the arm.
 
     The frames of the rows are called ``link1``, ``link2``, …, the base ``base`` and the tip ``tool``.
@@ -88,7 +87,7 @@ def read_dh(
     for i, (a, alpha, d, theta) in enumerate(table):
         along_x = transform(rotation(_X, alpha), (a, 0.0, 0.0))
         along_z = transform(rotation(_Z, theta), (0.0, 0.0, d))
-        # The variable moves about the same z axis as theta and d, so it may stand before or after them.
+        # The variable moves along or about the same z axis as d and theta, so it may come before or after them.
         origin, pose = (
             (pose, along_z @ along_x) if convention == "standard" else (pose @ along_x @ along_z, np.eye(4))
         )

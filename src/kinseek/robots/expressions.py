@@ -1,8 +1,9 @@
-"""Expressions of xacro files without Python's `eval`: sums, comparisons, choices, and a list of functions.
+"""Evaluate expressions of xacro files without Python's `eval`: arithmetic, comparisons, conditionals, and listed functions.
 
-xacro hands what stands in ``${…}`` and ``$(eval …)`` to Python, and what it keeps out there can be got around (Batchelder
-2012, "Eval really is dangerous"). Files that are not trusted are therefore computed here. What descriptions of real robots
-ask for is in it: numbers, texts, lists, properties and entries of YAML files, and no name that begins with an underscore.
+xacro passes the content of ``${…}`` and ``$(eval …)`` to Python, and its restrictions can be circumvented (Batchelder 2012,
+"Eval really is dangerous"). Therefore this module evaluates the expressions of untrusted files. It supports what
+descriptions of real robots use: numbers, texts, lists, properties and entries of YAML files. Names that begin with an
+underscore are rejected.
 """
 
 from __future__ import annotations
@@ -15,15 +16,15 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 MOST_DIGITS = 400
-"""A float has no more before or behind its point."""
+"""Most digits of a float before or after its point."""
 
 MOST_ENTRIES = 100_000
-"""Entries of a value or of a YAML file, as `entries` counts them."""
+"""Most entries of a value or of a YAML file, as `entries` counts them."""
 
 MOST_LETTERS = 10_000
-"""Of one expression, and of a text or list that it makes."""
+"""Most characters of one expression, and of a text or list that it creates."""
 LARGEST = 1e300
-"""Whole numbers are no larger, whatever they are raised to."""
+"""Largest whole number, including results of powers."""
 
 _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add,
@@ -55,7 +56,7 @@ _MATH = (
 
 
 def _round(value: Any, digits: Any = None) -> Any:
-    """As `round`, which computes ten to the power of how many digits it rounds off."""
+    """Round like `round`, with a limit on the digits, since `round` computes a power of ten for them."""
     if isinstance(digits, int) and abs(digits) > MOST_DIGITS:
         raise Refused(f"round to {digits:,} digits, expected at most {MOST_DIGITS}")
     return round(value, digits)
@@ -66,17 +67,17 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{function.__name__: function for function in (abs, bool, float, int, len, max, min, str)},
     "round": _round,
 }
-"""What may be called. No function that makes much of little is among them."""
+"""Functions that may be called. None of them creates a large value from a small one."""
 
 CONSTANTS: dict[str, Any] = {"pi": math.pi, "tau": math.tau, "e": math.e, "inf": math.inf, "nan": math.nan}
 _ROOMS = ("math", "python")
-"""Names of xacro for where functions stand: ``math.sin``."""
+"""Namespaces of xacro that contain functions: ``math.sin``."""
 
 
 def entries(content: Any, most: int) -> int:
-    """Count the values and keys that are written when everything is, a little beyond `most`.
+    """Count the values and keys of fully expanded content, and stop slightly beyond `most`.
 
-    64 letters of a text count as one more value.
+    64 characters of a text count as one more value.
     """
     left, count = [content], 0
     while left and count <= most:
@@ -91,7 +92,7 @@ def entries(content: Any, most: int) -> int:
 
 
 class Refused(Exception):
-    """An expression that is no plain sum; the message says what is in it."""
+    """Raised for an expression that is not supported; the message says which part."""
 
 
 def evaluate(
@@ -100,23 +101,23 @@ def evaluate(
     functions: Mapping[str, Callable[..., Any]] | None = None,
     spend: Callable[[int], None] = lambda units: None,
 ) -> Any:
-    """Compute an expression.
+    """Evaluate an expression.
 
     Args:
-        expression: As xacro writes it.
+        expression: The expression as xacro writes it.
         names: Values of properties; looked up one by one.
-        functions: More that may be called, by their names or by names with a dot.
-        spend: Called with units of work, of some 0.1 µs, where an operation goes through a long value; may raise.
+        functions: Further functions that may be called, by name or dotted name.
+        spend: Called with units of work, of some 0.1 µs each, for operations that traverse a long value; may raise.
 
     Raises:
-        Refused: There is something in it that is not computed here.
-        NameError: A name that nothing has.
+        Refused: The expression contains something that is not supported.
+        NameError: A name is not defined.
         SyntaxError, ArithmeticError, TypeError, ValueError, LookupError: As the same in Python.
     """
     if len(expression) > MOST_LETTERS:
         raise Refused(f"{len(expression):,} letters in one expression, expected at most {MOST_LETTERS:,}")
     if any(unicodedata.category(letter) == "Cc" and letter not in "\t\n\r" for letter in expression):
-        raise Refused("a control character in an expression")  # Python's warnings would print it.
+        raise Refused("a control character in an expression")  # Otherwise Python would print its warnings.
     try:
         tree = ast.parse(expression.strip(), mode="eval")
         return _Reader(names, FUNCTIONS | dict(functions or {}), spend).value(tree.body)
@@ -140,7 +141,7 @@ class _Reader:
         return self._small(read(node))
 
     def _small(self, value: Any) -> Any:
-        """Stop what grows."""
+        """Check that a value stays within the limits."""
         if isinstance(value, str | list | tuple) and len(value) > MOST_LETTERS:
             raise Refused(f"a value of {len(value):,} letters or entries, expected at most {MOST_LETTERS:,}")
         if isinstance(value, int) and abs(value) > LARGEST:
@@ -148,14 +149,14 @@ class _Reader:
         return value
 
     def _counted(self, value: Any) -> Any:
-        """Stop lists within lists that grow, and report the work of going through them."""
+        """Check that nested lists stay within the limits, and count the work of traversing them."""
         if isinstance(value, dict | list | tuple):
             count = entries(value, MOST_ENTRIES)
             self.spend(4 * count)
             if count > MOST_ENTRIES:
                 raise Refused(f"a value of more than {MOST_ENTRIES:,} entries")
         elif isinstance(value, str):
-            self.spend(len(value))  # To find one text in another takes that long.
+            self.spend(len(value))  # Searching for one text in another takes that long.
         return value
 
     def _constant(self, node: ast.Constant) -> Any:
@@ -232,7 +233,7 @@ class _Reader:
         whole = self.value(node.value)
         if not isinstance(
             whole, dict
-        ):  # Entries of YAML files are written so; nothing else has attributes here.
+        ):  # Entries of YAML files are written this way; nothing else has attributes here.
             raise Refused(f"{ast.unparse(node)[:60]!r}")
         return self._entry(whole, node.attr)
 

@@ -1,7 +1,7 @@
-"""How files are read: regular ones of a sane size, and no more links and joints than an arm can have.
+"""Read only regular files of limited size, with limited numbers of links and joints.
 
-A description of a robot comes from anywhere. A pipe that nobody writes to, a device or a disk image by the name of a
-robot would hang the reader or fill the memory; each is refused instead, and the message says what the limit is.
+A robot description may come from anywhere. A pipe without a writer, a device or a disk image with the name of a robot would
+block the reader or fill the memory. Each is rejected, and the message contains the limit.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from pathlib import Path
 from kinseek.errors import InvalidRobot, suggest
 
 MOST_BYTES = 32 * 2**20
-"""Bytes of a file, and of all files that it includes together: a hundred times the largest robot known to us."""
+"""Most bytes of a file together with all files it includes: a hundred times the largest known robot."""
 MOST_LINKS = 10_000
-"""Links, and joints, of one file."""
+"""Most links, and most joints, of one file."""
 MOST_JOINTS = 1_000
-"""Moving joints between base and tip."""
+"""Most moving joints between base and tip."""
 
 _NOT_A_FILE = (
     (stat.S_ISDIR, "a folder"),
@@ -33,23 +33,23 @@ def file_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 
     Args:
         path: The file.
-        most: Bytes that it may hold.
+        most: Largest allowed size in bytes.
 
     Raises:
-        InvalidRobot: There is no such file, it is no regular file, it cannot be read, or it is too large.
+        InvalidRobot: The file does not exist, is not a regular file, cannot be read, or is too large.
     """
     try:
         if what := instead_of_a_file(path):
             raise InvalidRobot(f"cannot read {str(path)!r}: it is {what}, expected a regular file")
         with path.open("rb") as file:
-            text = file.read(most + 1)  # Files of the kernel say that they are empty, and never end.
+            text = file.read(most + 1)  # Files of the kernel report size 0, and some never end.
     except InvalidRobot:
         raise
     except FileNotFoundError:
         raise InvalidRobot(f"no file {str(path)!r}{_hint(path)}") from None
     except OSError as error:
         raise InvalidRobot(f"cannot read {str(path)!r}: {error.strerror}") from error
-    except ValueError as error:  # A zero byte in the name.
+    except ValueError as error:  # The name contains a zero byte.
         raise InvalidRobot(f"no file can be called {str(path)!r}: {error}") from None
     if len(text) > most:
         size = os.path.getsize(path)
@@ -61,10 +61,10 @@ def file_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def instead_of_a_file(path: Path) -> str:
-    """What is there instead of a regular file, such as ``"a pipe"``; empty if it is one.
+    """Describe what the path is instead of a regular file, such as ``"a pipe"``; empty for a regular file.
 
     Raises:
-        OSError: There is nothing, or it cannot be looked at.
+        OSError: The path does not exist or cannot be examined.
     """
     mode = path.stat().st_mode
     if stat.S_ISREG(mode):
@@ -73,7 +73,7 @@ def instead_of_a_file(path: Path) -> str:
 
 
 def require_few(count: int, noun: str, most: int, where: str) -> None:
-    """Refuse more of something than a reader takes.
+    """Reject more of something than a reader takes.
 
     Raises:
         InvalidRobot: There are more than `most`.

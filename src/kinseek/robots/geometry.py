@@ -1,4 +1,4 @@
-"""What a chain's lengths, limits and joints mean to a search."""
+"""Lengths, limits and joints of a chain, in the form that searches use."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from kinseek.turns import holds_a_turn
 from .chain import SerialChain
 
 RADIAN_PART = 3
-"""A radian counts as this part of the arm's length, among the samples and while refining: about how far the hand moves when
-one joint turns by it. Tried on ten arms and 15,000 poses: a part of twice the size, or of half, changes the mean of FK
-evaluations by 2 % to 3 % up or down, and no pose is missed."""
+"""A radian counts as the arm's length divided by this, among the samples and while refining: about the distance that the
+hand moves when one joint turns by it. Tried on ten arms and 15,000 poses: a value twice or half as large changes the mean of
+FK evaluations by 2 % to 3 % up or down, and no pose is missed."""
 
 
 def open_limits(chain: SerialChain) -> tuple[Array, Array]:
-    """Limits for refining: none for a joint whose range holds a full turn, since it can always go on."""
+    """Limits for refining: a joint whose range contains a full turn gets none, since it can always continue."""
     free = holds_a_turn(chain.lower, chain.upper) & chain.periodic
     far = np.where(np.array(chain.kinds) == "continuous", np.inf, OPEN)
     return np.where(free, -far, chain.lower), np.where(free, far, chain.upper)
@@ -56,22 +56,23 @@ def arm_length(chain: SerialChain) -> float:
 
 
 ROUNDS = 8
-"""How often each point of a span is moved along its axis to where the links beside it are shortest together."""
+"""How often each point of a span is moved along its axis to where the sum of its adjacent links is least."""
 
 
 def span_of(arrays: ChainArrays, whole: bool) -> Array:
-    """How far apart the two ends of an arm can be, whatever the joints are.
+    """Return an upper bound of the distance between the two ends of an arm, for all joint values.
 
-    A point on a joint's axis stays where it is when that joint turns; so two points on axes that follow each other are
-    always equally far apart. The first end is a point on the first axis, the last one on the last axis; the sum of these
-    distances is a bound wherever on their axes the points lie, and they are moved to where it is small.
+    A rotation does not move the points on its axis. So the distance between two points on consecutive axes is constant. The
+    first end is a point on the first axis, the last end a point on the last axis. The sum of these distances is a bound for
+    any choice of the points, and they are moved along their axes to make it small.
 
     Args:
         arrays: The arm.
-        whole: Is the whole pose of the hand asked? Else a point on the last axis is not known, and the end is the tip.
+        whole: Whether the goal is a whole pose. Otherwise a point on the last axis is not known, and the last end is the
+            tip.
 
     Returns:
-        The bound [m], the first end in the base and the last one in the tip, three numbers each [m], (7,).
+        The bound [m], the first end in the base frame and the last one in the tip frame, three numbers each [m], (7,).
     """
     joints, fixed = len(arrays.leader), arrays.fixed
     along = np.zeros(joints)
@@ -82,7 +83,7 @@ def span_of(arrays: ChainArrays, whole: bool) -> Array:
     z = np.array([0.0, 0.0, 1.0])
 
     def link(k: int) -> Array:
-        """From the point of joint k to that of the next, or to the tip, at both ends of what joint k slides, (2, 3)."""
+        """Vector from the point of joint k to that of the next, or to the tip, at both ends of joint k's slide, (2, 3)."""
         there = fixed[k + 1, :, 3] + (along[k + 1] * fixed[k + 1, :, 2] if k + 1 < joints else 0.0)
         return np.asarray(there - along[k] * z + ends[k][:, None] * z)
 

@@ -1,7 +1,7 @@
-"""What a mechanism can: the only place where an arm with axes and one that is a mere function are told apart.
+"""Interface of a mechanism: the only place that distinguishes arms with axes from black-box kinematics.
 
-A search that needs nothing but poses runs on any `Mechanism`. One that works with axes and links asks for them,
-``axes = problem.axes``, and type checkers then know that they are there or that they are None.
+A search that only needs poses works with any `Mechanism`. A search that needs axes and links gets them by ``axes =
+problem.axes``; for type checkers the result is a chain or None.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ REVOLUTE, CONTINUOUS, PRISMATIC = "revolute", "continuous", "prismatic"
 
 
 class Mechanism(Protocol):
-    """Joint variables between limits, and the pose of the tip at their values: a `SerialChain` or a `BlackBox`."""
+    """Joint variables with limits, and the pose of the tip at their values: a `SerialChain` or a `BlackBox`."""
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name for display."""
 
     @property
     def base(self) -> str:
@@ -36,27 +36,27 @@ class Mechanism(Protocol):
 
     @property
     def tip(self) -> str:
-        """Link whose pose is meant."""
+        """Link whose pose is computed."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """One a variable, base to tip."""
+        """Name of each variable, from base to tip."""
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Of each variable: revolute, continuous or prismatic; of a function also number."""
+        """Kind of each variable: revolute, continuous or prismatic; for black-box kinematics also number."""
 
     @property
     def lower(self) -> Array:
-        """(n,), [rad] or [m]; a continuous joint has no limits, and -π here."""
+        """Lower limits, (n,), [rad] or [m]; a continuous joint has no limits, and is represented by -π."""
 
     @property
     def upper(self) -> Array:
-        """(n,), [rad] or [m]; a continuous joint has no limits, and π here."""
+        """Upper limits, (n,), [rad] or [m]; a continuous joint has no limits, and is represented by π."""
 
     @property
     def velocity(self) -> Array:
-        """How fast each variable may go, (n,), [rad/s] or [m/s]; NaN where nobody said."""
+        """Speed limit of each variable, (n,), [rad/s] or [m/s]; NaN if unknown."""
 
     @property
     def dof(self) -> int:
@@ -64,65 +64,65 @@ class Mechanism(Protocol):
 
     @property
     def turns(self) -> Flags:
-        """Of each variable, (n,): is it an angle, by its kind?"""
+        """Whether each variable is an angle, by its kind, (n,)."""
 
     @property
     def periodic(self) -> Flags:
-        """Of each variable, (n,): does a full turn leave every pose as it is?"""
+        """Whether a full turn of each variable leaves every pose unchanged, (n,)."""
 
     @property
     def wraps(self) -> Flags:
-        """Of each variable, (n,): do both ends of its range give the same poses?"""
+        """Whether both ends of each variable's range give the same poses, (n,)."""
 
     @property
     def endless(self) -> Flags:
-        """Of each variable, (n,): is it a continuous joint that has the same pose after a full turn?"""
+        """Whether each variable is a continuous joint that has the same pose after a full turn, (n,)."""
 
     @property
     def full(self) -> Flags:
-        """Of each variable, (n,): is it an angle whose range holds a whole turn? Then no limit ever stops it."""
+        """Whether each variable is an angle whose range contains a whole turn, (n,), so that no limit ever stops it."""
 
     @property
     def span(self) -> Array:
-        """What joint values are scaled by, (n,): the range, and of an angle one turn at most."""
+        """Scale of joint values, (n,): the range, for an angle at most one turn."""
 
     @property
     def axes(self) -> SerialChain | None:
-        """Its axes and links, which compiled searches, Jacobians and proofs run on; None where only poses are known."""
+        """Axes and links for compiled searches, Jacobians and proofs; None if only poses are known."""
 
     @property
     def cheap(self) -> bool:
-        """Does one more pose cost little, since no Python runs for it?"""
+        """Whether one more pose costs little, since no Python code runs for it."""
 
     @property
     def partial(self) -> bool:
-        """Are there joint values inside the limits without a pose, NaN?"""
+        """Whether there are joint values inside the limits without a pose (NaN)."""
 
     @property
     def single(self) -> bool:
-        """Are poses computed in single precision?"""
+        """Whether poses are computed in single precision."""
 
     def limited(self, lower: Array, upper: Array, kinds: tuple[str, ...]) -> Mechanism:
-        """The same with other limits, (n,), and kinds that fit them."""
+        """Return the same mechanism with other limits, (n,), and kinds that fit them."""
 
     def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> Mechanism:
-        """The same, of which only some joints move, by number; the others stand as in q, (n,).
+        """Return the same mechanism in which only some joints move, by index; the others stay at q, (n,).
 
-        A tool, its pose in the frame of the tip, (4, 4), lengths in [m], goes to the tip.
+        A tool, its pose in the frame of the tip, (4, 4), lengths in [m], is added to the tip.
         """
 
     def forward(self, q: Array) -> Array:
-        """Poses of the tip, (k, n) -> (k, 4, 4), lengths in [m]; NaN where there is none.
+        """Return poses of the tip, (k, n) -> (k, 4, 4), lengths in [m]; NaN for joint values without a pose.
 
         Raises:
-            FailedKinematics: A function that fails.
+            FailedKinematics: A function fails.
         """
 
 
 class Variables(Lazy):
-    """What follows from the kinds and the limits of joint variables, whatever stands behind them."""
+    """Properties that follow from the kinds and limits of joint variables, for any mechanism."""
 
-    if TYPE_CHECKING:  # Whoever derives from it has these, as a field or as a property.
+    if TYPE_CHECKING:  # Subclasses define these as a field or as a property.
         kinds: tuple[str, ...]
         lower: Array
         upper: Array
@@ -135,33 +135,33 @@ class Variables(Lazy):
 
     @lazy
     def turns(self) -> Flags:
-        """Of each variable, (n,): is it an angle, by its kind?"""
+        """Whether each variable is an angle, by its kind, (n,)."""
         return np.array([kind in (REVOLUTE, CONTINUOUS) for kind in self.kinds])
 
     @lazy
     def wraps(self) -> Flags:
-        """Of each variable, (n,): do both ends of its range give the same poses?"""
+        """Whether both ends of each variable's range give the same poses, (n,)."""
         return np.asarray(ends_meet(self.lower, self.upper) & self.periodic)
 
     @lazy
     def endless(self) -> Flags:
-        """Of each variable, (n,): is it a continuous joint that has the same pose after a full turn?
+        """Whether each variable is a continuous joint that has the same pose after a full turn, (n,).
 
-        One with a follower that turns by a broken number of turns has not.
+        This is False for a joint with a mimic joint whose multiplier is not a whole number.
         """
         return np.asarray(np.array([kind == CONTINUOUS for kind in self.kinds]) & self.periodic)
 
     @lazy
     def full(self) -> Flags:
-        """Of each variable, (n,): is it an angle whose range holds a whole turn? Then no limit ever stops it."""
+        """Whether each variable is an angle whose range contains a whole turn, (n,), so that no limit ever stops it."""
         return self.turns & holds_a_turn(self.lower, self.upper)
 
     @lazy
     def span(self) -> Array:
-        """What joint values are scaled by, (n,): the range, and of an angle one turn at most."""
+        """Scale of joint values, (n,): the range, for an angle at most one turn."""
         return np.where(self.turns, np.minimum(self.upper - self.lower, TURN), self.upper - self.lower)
 
 
 def no_axes(mechanism: Mechanism, why: str) -> str:
-    """Say that something needs axes and links, and that there are none; `why` says what would need them."""
+    """Return the message that axes and links are required but not available; `why` names what requires them."""
     return f"{why}, and {mechanism.name!r} is a function of which only values are known"

@@ -1,7 +1,8 @@
-"""Which files of meshes are read, and how much one may unpack to.
+"""Limits for mesh files: which formats are read, and how large their unpacked content may be.
 
-trimesh chooses a reader by the ending of a file, archives among them, and believes what a file says of its own size. So the
-endings are listed here, and what a file announces is added up before trimesh sees it: a few bytes must not become gigabytes.
+trimesh chooses a reader by the extension of a file, archives among them, and trusts the sizes that a file declares. So this
+module lists the extensions, and adds up the declared sizes before trimesh reads the file: a few bytes must not become
+gigabytes.
 """
 
 from __future__ import annotations
@@ -28,44 +29,46 @@ from kinseek.interrupts import raise_of_handler
 from .files import file_bytes
 
 MOST_BODIES = 10_000
-"""Bodies of one file: every one costs some kilobytes, however few triangles it has."""
+"""Most bodies of one file: each takes some kilobytes, however few triangles it has."""
 MOST_GROUPS = 1_000
-"""Solids of text STL and materials of OBJ: trimesh counts up from 1 to find a free name for each."""
+"""Most solids of text STL and materials of OBJ: trimesh counts up from 1 to find a free name for each."""
 LEAST_BODIES = 4
-"""Bodies that a file counts as at least, in what a robot may have: reading a file takes as long as some eight bodies."""
+"""Least number of bodies that a file counts as, in the budget of a robot: reading a file takes as long as some eight
+bodies."""
 MOST_AGAIN = 2**26
-"""Bytes of files that are read again because a robot names them more than once."""
+"""Most bytes of files that are read again because a robot refers to them more than once."""
 MOST_STEPS = 100_000
-"""Steps from the nodes of a file to its root, added up."""
+"""Most steps from the nodes of a file to its root, added up."""
 MOST_MASKED = 2**30
-"""Lines of OBJ times its materials: each body has a mask over all vertices."""
+"""Largest product of lines and materials of OBJ: each body has a mask over all vertices."""
 MOST_NAMES = 1_000
-"""Files that a mesh names, where one that is named twice counts twice."""
+"""Most references of a mesh to other files; two references to one file count twice."""
 MOST_PIXELS = 2**26
-"""Of all images of one file together."""
+"""Most pixels of all images of one file together."""
 MOST_COPIED = 2**27
-"""Of the images of all bodies together: each body has a copy of its images."""
+"""Most pixels of the images of all bodies together: each body has a copy of its images."""
 MOST_LINE = 2**16
-"""Bytes of a line of OBJ: a polygon with more corners is none."""
+"""Most bytes of a line of OBJ: no valid polygon needs more."""
 MOST_JSON = 2**22
-"""Bytes of the description at the beginning of a GLB file."""
+"""Most bytes of the description at the beginning of a GLB file."""
 MOST_LINES = 2**22
-"""Lines of OBJ and text PLY, vertices with normals of text STL: one takes as much memory empty as full, up to 400 bytes."""
+"""Most lines of OBJ and text PLY, and vertices with normals of text STL. An empty line takes as much memory as a full one,
+up to 400 bytes."""
 MOST_HEADER = 1_000
-"""Lines in the header of PLY."""
+"""Most lines in the header of PLY."""
 MOST_PROPERTIES = 256
-"""Properties in the header of PLY: 1,000 lists take trimesh ten seconds, whatever they hold."""
+"""Most properties in the header of PLY: 1,000 lists take trimesh ten seconds, whatever they contain."""
 MOST_VALUES = 3 * 2**22
-"""Values of text PLY, rows times properties: trimesh may make an array of some 130 bytes for each."""
+"""Most values of text PLY, rows times properties: trimesh may create an array of some 130 bytes for each."""
 MOST_CORNERS = 3 * 2**22
-"""Corners of the triangles of COLLADA and GLB, where each instance counts, and of all meshes of a robot. Larger meshes are
+"""Most triangle corners of COLLADA and GLB, with each instance counted, and of all meshes of a robot. Larger meshes can be
 read as binary STL or PLY."""
 MOST_TAGS = 2**20
-"""Of COLLADA."""
+"""Most tags of COLLADA."""
 MOST_COLUMNS = 4
-"""Of a source of COLLADA: positions, normals, coordinates of images and colours have no more."""
+"""Most columns of a COLLADA source: positions, normals, texture coordinates and colours have no more."""
 MOST_SHARED = 2**27
-"""Bytes of a GLB file that bodies may share, each of which has them for itself in memory."""
+"""Most bytes of a GLB file that bodies may share; each body has its own copy in memory."""
 
 _LINE_ENDS = (
     *(bytes([each]) for each in b"\n\r\v\f\x1c\x1d\x1e"),
@@ -73,15 +76,15 @@ _LINE_ENDS = (
     b"\xe2\x80\xa8",
     b"\xe2\x80\xa9",
 )
-"""Where `str.splitlines` ends a line, in UTF-8."""
+"""Line ends of `str.splitlines`, in UTF-8."""
 _COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
-"""Bytes of one number of a GLB accessor, by its code."""
+"""Bytes of one number of a GLB accessor, by its component type."""
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-"""Numbers in one item of it, by its name."""
+"""Numbers in one item of a GLB accessor, by its type."""
 _STRIP = 5
-"""The mode of a GLB body in which every corner but two begins a triangle."""
+"""Mode of a GLB primitive in which every corner but two begins a triangle."""
 _BINARY = 0x004E4942
-"""The kind of a GLB chunk with numbers and images."""
+"""Type of a GLB chunk with numbers and images."""
 _IMAGES_OF = (
     "image",
     "baseColorTexture",
@@ -90,25 +93,25 @@ _IMAGES_OF = (
     "normalTexture",
     "occlusionTexture",
 )
-"""Where a material of trimesh has images."""
+"""Attributes of a trimesh material that hold images."""
 _IMAGES = ("BMP", "GIF", "JPEG", "PNG", "TIFF", "WEBP")
-"""Formats of images that are decoded: others call programs, or are no pictures of surfaces."""
+"""Image formats that are decoded: other formats start programs, or are not used for textures."""
 
 
 def require_mesh(path: Path, text: bytes) -> Size:
-    """Refuse a file that is no mesh, or that would unpack to much more than it is.
+    """Check that a file is a mesh, and that its unpacked content is not much larger than the file.
 
     Returns:
-        What it unpacks to.
+        Size of the unpacked content.
 
     Raises:
-        InvalidRobot: Another ending, or more bodies, lines, corners or bytes than a mesh has.
+        InvalidRobot: The extension is not supported, or the file has too many bodies, lines, corners or bytes.
     """
     try:
         return CHECKS[ending(path)](text)
     except InvalidRobot as error:
         raise InvalidRobot(f"{str(path)!r}: {error}") from None
-    except Exception as error:  # Whatever a broken file makes of the checks.
+    except Exception as error:  # A broken file may cause any exception in the checks.
         raise_of_handler(error)
         raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
 
@@ -116,13 +119,13 @@ def require_mesh(path: Path, text: bytes) -> Size:
 def readable(kind: str, text: bytes) -> bytes:
     """Convert a text format to UTF-8, so that the checks and trimesh read the same characters.
 
-    trimesh guesses any other encoding, also one in which no byte has the value of a line end in ASCII.
+    trimesh guesses any other encoding, also one in which no byte has the value of an ASCII line end.
     """
     return _utf8(text) if kind == "obj" or (kind == "stl" and not _is_binary_stl(text)) else text
 
 
 def _utf8(text: bytes) -> bytes:
-    """Return UTF-8 as it is, and anything else as if it were Latin-1."""
+    """Return UTF-8 unchanged, and convert anything else from Latin-1."""
     try:
         text.decode()
     except UnicodeDecodeError:
@@ -131,10 +134,10 @@ def _utf8(text: bytes) -> bytes:
 
 
 def ending(path: Path) -> str:
-    """The ending of a file of a mesh, without the dot.
+    """Return the extension of a mesh file, without the dot.
 
     Raises:
-        InvalidRobot: Another ending.
+        InvalidRobot: The extension is not supported.
     """
     found = path.suffix[1:].lower()
     if found not in CHECKS:
@@ -146,36 +149,37 @@ def ending(path: Path) -> str:
 
 
 class Size(NamedTuple):
-    """What a file unpacks to."""
+    """Size of a file's unpacked content."""
 
     bodies: int
     corners: int
-    """Of triangles; lines and values of text formats count as corners. Of binary STL and PLY none: their bytes count."""
+    """Corners of triangles; lines and values of text formats count as corners. Zero for binary STL and PLY, whose bytes
+    count."""
 
 
 @dataclass
 class Budget:
-    """What the meshes of one robot, or of one file of obstacles, may still take together."""
+    """Remaining budget of all meshes of one robot, or of one file of obstacles."""
 
     bytes_left: int
-    """Of files: meshes, materials and images."""
+    """Bytes of files: meshes, materials and images."""
     pixels_left: int = MOST_COPIED
-    """Of the images of all bodies."""
+    """Pixels of the images of all bodies."""
     bodies_left: int = MOST_BODIES
-    """A file counts as `LEAST_BODIES` at least."""
+    """Number of bodies; a file counts as at least `LEAST_BODIES`."""
     corners_left: int = MOST_CORNERS
     again_left: int = MOST_AGAIN
     """Bytes of files that were read before."""
     seen: set[Path] = field(default_factory=set)
     """Files that were read."""
     refused: dict[Path, str] = field(default_factory=dict)
-    """Meshes that were refused, with the reason: none is read again."""
+    """Meshes that were rejected, with the reason; they are not read again."""
 
     def read(self, path: Path, most: int) -> bytes:
-        """Read a file of at most so many bytes.
+        """Read a file of at most `most` bytes.
 
         Raises:
-            InvalidRobot: The file cannot be read or is too large, or the budget is spent.
+            InvalidRobot: The file cannot be read or is too large, or the budget is exhausted.
         """
         if min(self.bytes_left, self.again_left) >= 0:
             text = file_bytes(path, most)
@@ -190,10 +194,10 @@ class Budget:
         return text
 
     def take(self, size: Size) -> None:
-        """Take off what a file unpacks to, before it is unpacked.
+        """Subtract the unpacked size of a file, before it is unpacked.
 
         Raises:
-            InvalidRobot: The budget is spent.
+            InvalidRobot: The budget is exhausted.
         """
         self.bodies_left -= size.bodies
         self.corners_left -= size.corners
@@ -201,7 +205,7 @@ class Budget:
             raise InvalidRobot("the meshes before it and this one have too many bodies or triangles together")
 
     def copy(self, scene: Any) -> list[Any]:
-        """Make the bodies of a scene, each with a copy of its images.
+        """Create the bodies of a scene, each with a copy of its images.
 
         Raises:
             InvalidRobot: The images have too many pixels.
@@ -215,24 +219,25 @@ class Budget:
 
 
 def _pixels_of(visual: Any) -> int:
-    """Pixels of the images of a body, none of which is decoded for that."""
+    """Return the number of pixels of a body's images, without decoding them."""
     images = (getattr(getattr(visual, "material", None), name, None) for name in _IMAGES_OF)
     return sum(prod(image.size) for image in images if image is not None)
 
 
 class Beside:
-    """Files that a mesh names, materials and images: beside it or in a folder below, together as large as a mesh may be."""
+    """Files that a mesh refers to, materials and images: in its folder or below, with the size limit of a mesh together."""
 
     def __init__(self, path: Path, most: int, budget: Budget) -> None:
-        """Look beside this file, for so many bytes, and no more than is left of the budget."""
+        """Search beside this file, with at most `most` bytes and the rest of the budget."""
         self.file_name, self._budget = path.name, budget
         self._folder, self._left, self._pixels, self._names = path.parent.resolve(), most, 0, 0
 
     def get(self, name: str) -> bytes:
-        """Read one of them.
+        """Read one of the files.
 
         Raises:
-            InvalidRobot: It is elsewhere, is no regular file, or is too large; or too many were named before.
+            InvalidRobot: The file is elsewhere, is not a regular file, or is too large; or there were too many references
+                before.
         """
         self._names += 1
         _at_most(self._names, MOST_NAMES, "names of other files")
@@ -257,22 +262,22 @@ class Beside:
 
 
 def _pixels(text: bytes) -> int:
-    """Pixels of an image, which is not decoded for that; 0 of anything else.
+    """Return the number of pixels of an image, without decoding it; 0 for anything else.
 
     Raises:
-        InvalidRobot: An image that cannot be read, or of a format whose reader does more than decode.
+        InvalidRobot: The image cannot be read, or its format is not supported because its reader does more than decode.
     """
     try:
         with importing:
             from PIL import Image, UnidentifiedImageError
-    except ImportError:  # Then trimesh reads no images.
+    except ImportError:  # Without Pillow, trimesh reads no images.
         return 0
     try:
         with Image.open(io.BytesIO(text)) as image:
             known, count = image.format, prod(image.size)
     except UnidentifiedImageError:
         return 0
-    except Exception as error:  # Too large for Pillow, or broken.
+    except Exception as error:  # The image is too large for Pillow, or broken.
         raise_of_handler(error)
         raise InvalidRobot(f"an image cannot be read: {error}") from error
     if known not in _IMAGES:
@@ -296,7 +301,7 @@ def _stl(text: bytes) -> Size:
 
 
 def _is_binary_stl(text: bytes) -> bool:
-    """Whether a file is as long as it says: otherwise trimesh takes it for text."""
+    """Return whether a file has the length that it declares; otherwise trimesh reads it as text."""
     return len(text) >= 84 and len(text) == 84 + 50 * struct.unpack_from("<I", text, 80)[0]
 
 
@@ -313,7 +318,7 @@ def _obj(text: bytes) -> Size:
 
 
 def _ply(text: bytes) -> Size:
-    """Read the header word by word, as trimesh does, and refuse what trimesh would believe."""
+    """Check the header word by word, as trimesh reads it, and reject declarations that trimesh would trust."""
     _, form, *header = _ply_header(text)
     is_text = "ascii" in " ".join(form).lower()
     if is_text:
@@ -340,7 +345,7 @@ def _ply(text: bytes) -> Size:
 
 
 def _ply_header(text: bytes) -> list[list[str]]:
-    """The words of each line of the header, without its end."""
+    """Return the words of each line of the header, without its end."""
     file, header = io.BytesIO(text), list[list[str]]()
     while len(header) < MOST_HEADER:
         line = file.readline(MOST_LINE + 1)
@@ -361,7 +366,7 @@ def _lines(text: bytes) -> int:
 
 
 def _glb(text: bytes) -> Size:
-    """Add up what accessors, views, primitives and nodes make of the bytes, each of which may be named many times."""
+    """Add up the sizes of accessors, views, primitives and nodes, each of which may be referred to many times."""
     size = struct.unpack_from("<I", text, 12)[0]
     _at_most(size, MOST_JSON, "bytes of JSON")
     report: dict[str, Any] = json.loads(text[20 : 20 + size].decode())
@@ -418,14 +423,14 @@ def _glb(text: bytes) -> Size:
 
 
 def _drawn(corners: int, text: bytes) -> int:
-    """Count corners, and those four times that are more than three for each byte: only instances make so many."""
+    """Count corners; those beyond three per byte of the file count four times, since only instances create so many."""
     counted = corners + 3 * max(0, corners - 3 * len(text))
     _at_most(counted, MOST_CORNERS, "corners of triangles, with those of instances counted four times")
     return counted
 
 
 def _steps(nodes: list[Any], roots: list[int]) -> int:
-    """How deep nodes lie, added up: trimesh walks from the root to each of them."""
+    """Return the sum of the depths of all nodes: trimesh walks from the root to each of them."""
     total, depth, level, seen = 0, 0, set(roots), set(roots)
     while level:
         total += depth * len(level)
@@ -436,7 +441,7 @@ def _steps(nodes: list[Any], roots: list[int]) -> int:
 
 
 def _buffer(text: bytes, place: int) -> bytes:
-    """The first binary chunk of a GLB file, from the end of its description on."""
+    """Return the first binary chunk of a GLB file, from the end of its description on."""
     while place + 8 <= len(text):
         size, kind = struct.unpack_from("<II", text, place)
         if kind == _BINARY:
@@ -452,7 +457,7 @@ def _count(value: Any) -> int:
 
 
 def _dae(text: bytes) -> Size:
-    """Add up what nodes make of geometries, each of which may be instantiated many times, by nodes that are so too."""
+    """Add up the sizes of geometries, which nodes may instantiate many times, and which may be instantiated themselves."""
     if zipfile.is_zipfile(io.BytesIO(text)):
         raise InvalidRobot("it is an archive; unpack it")
     _require_no_doctype(text)
@@ -477,7 +482,7 @@ def _dae(text: bytes) -> Size:
 
 
 def _unfolded(root: Any) -> tuple[int, int]:
-    """Nodes with bodies, and corners of triangles, of all scenes, every instance for itself."""
+    """Return the number of nodes with bodies and of triangle corners of all scenes, with every instance counted."""
     geometries: dict[str | None, list[Any]] = {}
     nodes: dict[str | None, list[Any]] = {}
     for each in root.iter("{*}geometry"):
@@ -506,7 +511,8 @@ def _unfolded(root: Any) -> tuple[int, int]:
                 "instance_node": nodes.get(url),
                 "instance_geometry": geometries.get(url),
             }
-            sizes = [size(one) for one in among.get(name) or ()]  # Several of one name: the largest counts.
+            # If several have the same name, the largest counts.
+            sizes = [size(one) for one in among.get(name) or ()]
             bodies += max((one[0] for one in sizes), default=0)
             corners += max((one[1] for one in sizes), default=0)
         return bodies, corners
@@ -519,11 +525,11 @@ def _unfolded(root: Any) -> tuple[int, int]:
 
 
 class _Begun(Exception):
-    """The first element."""
+    """Raised at the first element."""
 
 
 def _require_no_doctype(text: bytes) -> None:
-    """A document type may define entities that are made of entities, or other files."""
+    """Reject a document type: it may define entities that consist of entities, or of other files."""
 
     def refuse(*_: Any) -> None:
         raise InvalidRobot(
@@ -542,7 +548,7 @@ def _require_no_doctype(text: bytes) -> None:
 
 
 def _words(text: str | None) -> int:
-    """How many words, without making them."""
+    """Return the number of words, without creating them."""
     blank = np.frombuffer(f" {text or ''}".encode(), dtype=np.uint8) <= ord(" ")
     return int((blank[:-1] & ~blank[1:]).sum())
 
@@ -554,4 +560,4 @@ CHECKS: Mapping[str, Callable[[bytes], Size]] = {
     "ply": _ply,
     "stl": _stl,
 }
-"""What is read, by the ending."""
+"""Checks of the supported formats, by extension."""

@@ -1,4 +1,4 @@
-"""What is read of the meshes of a robot's file, for pictures and for collisions alike; where they are, `packages` finds."""
+"""Read the meshes of a robot's file, for pictures and for collisions; `packages` finds the files."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from .mesh_files import LEAST_BODIES, Beside, Budget, ending, readable, require_
 Array = NDArray[np.float64]
 
 MOST_MESH = 64 * 2**20
-"""Bytes of one mesh's file."""
+"""Most bytes of one mesh's file."""
 
 
 def mesh_parts(path: Path, most: int = MOST_MESH, *, budget: Budget | None = None) -> list[Any]:
-    """Read the triangles of a mesh's file, a body each, in metres.
+    """Read the triangles of a mesh file, one body each, in metres.
 
     Args:
         path: The file.
-        most: Bytes that it may hold, and as many that the files of its materials and images may hold together.
-        budget: What all meshes of the robot may take together, from which this one is taken off.
+        most: Largest size of the file in bytes, and of the files of its materials and images together.
+        budget: Remaining budget of all meshes of the robot; the size of this one is subtracted.
 
     Raises:
-        InvalidRobot: The file cannot be read, is of a kind that is not read, or would unpack to more than a mesh has or
-            than the budget has left.
+        InvalidRobot: The file cannot be read, its format is not supported, or it would unpack to more than the limits or the
+            budget allow.
     """
     kind = ending(path)
     budget = Budget(2 * most) if budget is None else budget
@@ -54,7 +54,7 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
 
         import trimesh
 
-    # Without any handler Python would print what trimesh logs of a material that is missing, with a traceback.
+    # Without any handler, Python would print trimesh's log message about a missing material, with a traceback.
     log = logging.getLogger("trimesh")
     if not log.handlers:
         log.addHandler(logging.NullHandler())
@@ -63,13 +63,13 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
     try:
         scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=Beside(path, most, budget))
         bodies = budget.copy(scene)
-    except Exception as error:  # Readers of meshes raise whatever their parsers raise.
+    except Exception as error:  # Mesh readers raise whatever their parsers raise.
         raise_of_handler(error)
         raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
     parts = [part for part in bodies if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     if not parts:
         raise InvalidRobot(f"{str(path)!r} holds no triangles")
-    for part in parts:  # COLLADA says what its unit is worth in metres, and the reader leaves it to us.
+    for part in parts:  # COLLADA declares its unit in metres, and the reader does not apply it.
         word = str(part.metadata.get("units", "")).partition(" * meters")
         if word[1]:
             part.apply_scale(float(word[0]))
@@ -77,7 +77,7 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
 
 
 def origin_of(element: Any) -> Array:
-    """The <origin> of a visual or joint, (4, 4): ``Rz(yaw) Ry(pitch) Rx(roll)``, lengths in [m]."""
+    """Return the pose of an <origin> of a visual or joint, (4, 4): ``Rz(yaw) Ry(pitch) Rx(roll)``, lengths in [m]."""
     origin = element.find("origin")
     if origin is None:
         return np.eye(4)
@@ -88,10 +88,10 @@ def origin_of(element: Any) -> Array:
 
 
 def numbers_of(text: str | None, count: int, default: float | None = None) -> Array:
-    """So many finite numbers of an attribute.
+    """Return the `count` finite numbers of an attribute.
 
     Raises:
-        InvalidRobot: There are others, or none and no default.
+        InvalidRobot: The attribute has another count of numbers, or is missing without a default.
     """
     if text is None and default is not None:
         return np.full(count, default)

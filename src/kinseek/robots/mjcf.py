@@ -1,11 +1,11 @@
 """Read a serial arm from a MuJoCo XML file (MJCF).
 
-MuJoCo itself reads the bodies, so defaults, frames, angle units and automatic limits mean what they mean there.
-Everything with a size or a surface is dropped before MuJoCo sees it (`mjcf_xml`): no mesh or texture has to be there.
-Bodies and sites are the frames; a body comes first where a site has the same name.
+MuJoCo itself reads the bodies, so defaults, frames, angle units and automatic limits have their MuJoCo meaning. Everything
+with a size or a surface is removed before MuJoCo reads the file (`mjcf_xml`), so meshes and textures need not exist. Bodies
+and sites are the frames; a body takes precedence over a site of the same name.
 
-Joint values are MuJoCo's ``qpos``: a joint's ``ref`` is the value it has in the pose the file draws. Equality
-constraints are not followed: each joint of the file is a variable of its own.
+Joint values are MuJoCo's ``qpos``: a joint's ``ref`` is its value in the pose of the file. Equality constraints are ignored:
+each joint of the file is a separate variable.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ def read_mjcf(path: str | Path, base: str | None = None, tip: str | None = None)
 
     Args:
         path: The file.
-        base: Name of the body or site that stays; ``world`` unless given.
-        tip: Name of the body or site that the pose is of; the only body without a child unless given.
+        base: Name of the base body or site; the default is ``world``.
+        tip: Name of the body or site whose pose is computed; the default is the only body without a child.
 
     Raises:
-        InvalidRobot: MuJoCo refuses the file, or a joint between base and tip cannot be used.
+        InvalidRobot: MuJoCo rejects the file, or a joint between base and tip cannot be used.
         MissingExtra: MuJoCo is not installed.
     """
     path = Path(path)
@@ -53,13 +53,13 @@ def read_model(
         model: The model.
         base: As in `read_mjcf`.
         tip: As in `read_mjcf`.
-        where: Where it came from, for messages.
-        name: Of the arm, where the model has none.
+        where: Source of the model, for messages.
+        name: Name of the arm, if the model has none.
 
     Raises:
         InvalidRobot: A joint between base and tip cannot be used.
     """
-    with np.errstate(all="ignore"):  # What overflows is refused where the chain is put together.
+    with np.errstate(all="ignore"):  # Overflowing numbers are rejected when the chain is built.
         chain = _read(model, base, tip, where, name)
     warn_of_joints(
         chain.joint_names, chain.kinds, chain.lower, chain.upper, where, 'leave out angle="radian"'
@@ -85,7 +85,7 @@ def _read(model: Any, base: str | None, tip: str | None, where: str, called: str
     moving: list[Joint] = []
     pose = np.eye(4)
     start = base
-    if base is not None and base in sites:  # Nothing hangs on a site: start from the body that carries it.
+    if base is not None and base in sites:  # A site has no children: start from its body.
         start = above[base]
         site_pose = _pose(model.site_pos[sites[base]], model.site_quat[sites[base]])
         pose[:] = np.linalg.inv(site_pose)
@@ -105,7 +105,7 @@ def _read(model: Any, base: str | None, tip: str | None, where: str, called: str
         first = model.body_jntadr[body]
         for joint in range(first, first + model.body_jntnum[body]):
             moving.append(_moving_joint(model, joint, joints[joint], pose, frame))
-            # The joint turns about a point of the body: go there, turn, and come back.
+            # The joint rotates about a point of the body: translate to it, rotate, and translate back.
             pose = transform(np.eye(3), -model.jnt_pos[joint])
         links.append((frame, Frame(len(moving), pose)))
     return serial_chain(
@@ -125,16 +125,18 @@ def _compile(path: Path) -> Any:
             import mujoco
     except ImportError as error:
         raise MissingExtra("reading MJCF", "mjcf") from error
-    from .mjcf_xml import reduced  # xml.sax brings along all that speaks HTTP.
+    from .mjcf_xml import reduced  # xml.sax imports many modules for HTTP.
 
     model = reduced(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Of masses and inertias, which are made up below.
+            # Warnings about masses and inertias are ignored, since these are placeholders.
+            warnings.simplefilter("ignore")
             spec = mujoco.MjSpec.from_string(model.text, include=model.attached)
-            spec.compiler.fusestatic = False  # A body without a joint is still a frame someone may ask for.
+            # A body without a joint is still a frame that a user may refer to.
+            spec.compiler.fusestatic = False
             for body in spec.bodies[1:]:
-                # Bodies had their masses from their geoms, which are gone; kinematics does not look at them.
+                # The bodies' masses came from their geoms, which are removed; kinematics does not use masses.
                 body.explicitinertial = True
                 body.mass, body.inertia, body.fullinertia = 1.0, np.ones(3), np.full(6, np.nan)
             return spec.compile()
@@ -144,7 +146,7 @@ def _compile(path: Path) -> Any:
 
 
 def _names(model: Any, addresses: Any, noun: str) -> list[str]:
-    """Names of all elements of a kind; one that has none is called by its number, as no other is called."""
+    """Return the names of all elements of a kind; an element without a name is called by its index, made unique."""
     table = bytes(model.names)
     names = [_string(table, int(address)) for address in addresses]
     taken = set(names)
@@ -190,7 +192,7 @@ def _moving_joint(model: Any, joint: int, name: str, body_pose: Array, body: str
 
 
 def _pose(position: Array, quaternion: Array) -> Array:
-    """Pose from a position [m], (3,), and a quaternion (w, x, y, z), (4,), as (4, 4)."""
+    """Return a pose, (4, 4), from a position [m], (3,), and a quaternion (w, x, y, z), (4,)."""
     w, vector = quaternion[0], quaternion[1:]
     sine = float(np.linalg.norm(vector))
     if sine == 0.0:

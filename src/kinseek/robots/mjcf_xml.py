@@ -1,8 +1,8 @@
-"""What kinematics needs of an MJCF file, and nothing else of it: bodies, frames, joints, sites and their defaults.
+"""Reduce an MJCF file to its kinematics: bodies, frames, joints, sites and their defaults.
 
-MuJoCo's own reader takes the text as it is: names that are no UTF-8, numbers that are no numbers, counts that fill the
-memory, files that are pipes. So the file is reduced and checked here first, its includes put in place, and MuJoCo gets
-what is left, every element still in its line. A tag that is not known stays: MuJoCo says best what it thinks of it.
+MuJoCo's own reader takes the text without checks: names that are not UTF-8, invalid numbers, counts that fill the memory,
+files that are pipes. So the file is reduced and checked here first, and its includes are inserted. MuJoCo gets the result,
+with every element still in its line. An unknown tag is kept, since MuJoCo gives the best message about it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SECTIONS = {
     *("option", "size", "visual", "statistic", "extension", "custom", "contact", "deformable", "equality"),
     *("tendon", "actuator", "sensor", "keyframe"),
 }
-"""What stands beside the bodies and does not say where they are."""
+"""Sections beside the bodies that do not affect their poses."""
 _DEFAULTS = {
     *(
         "mesh",
@@ -40,7 +40,7 @@ _DEFAULTS = {
     ),
     *("velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "plugin"),
 }
-"""Defaults of what is dropped."""
+"""Defaults of removed elements."""
 _ASSETS = {"mesh", "hfield", "skin", "texture", "material"}
 _IN_BODIES = {"inertial", "geom", "camera", "light", "composite", "flexcomp", "plugin"}
 _DROPPED = {
@@ -52,28 +52,28 @@ _DROPPED = {
     "frame": _IN_BODIES,
     "replicate": _IN_BODIES,
 }
-"""Of each element: which of its children kinematics does not look at."""
+"""Removed children of each element: those that kinematics does not need."""
 
 _NUMBERS = ("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "range", "ref", "offset")
-"""Attributes that a pose or a limit is made of."""
+"""Attributes that define a pose or a limit."""
 _WORDS = {"name", "class", "childclass", "model", "body", "file", "prefix", "content_type"}
-"""Attributes that are names: one may be called nan."""
+"""Attributes that are names: a name may be "nan"."""
 
 _COUNTED = {"body", "joint", "freejoint", "site", "frame", "replicate", "attach", "default", "model"}
-"""Elements that take memory in MuJoCo, also if nothing is in them."""
+"""Elements that take memory in MuJoCo, even if they are empty."""
 
 
 @dataclass
 class Reduced:
-    """A model that MuJoCo can be given, and the models that it attaches."""
+    """A model for MuJoCo, and the models that it attaches."""
 
     text: str
     attached: dict[str, bytes] = field(default_factory=dict)
-    """Of each model that is attached: its name here, and its own reduced text."""
+    """Reduced text of each attached model, by its name here."""
 
 
 def reduced(path: Path) -> Reduced:
-    """Read an MJCF file with everything that it includes, reduced to its kinematics.
+    """Read an MJCF file with all its includes, reduced to its kinematics.
 
     Raises:
         InvalidRobot: A file is missing, too large or broken, a number is not finite, or elements are too many or nested too
@@ -89,7 +89,7 @@ def reduced(path: Path) -> Reduced:
 
 
 MOST_MODELS = 1000
-"""Each copy of an attached model is read anew."""
+"""Most models: each copy of an attached model is read again."""
 
 
 class _Reader:
@@ -100,10 +100,10 @@ class _Reader:
         self.left = MOST_BYTES
         self.attached: dict[str, bytes] = {}
         self.models = 0
-        """Models that were read, each as often as it is attached."""
+        """Number of models that were read; each attachment counts."""
 
     def model(self, path: Path, above: tuple[Path, ...]) -> tuple[str, int]:
-        """Text of a model, and how many elements of `_COUNTED` it has, copies counted."""
+        """Return the text of a model, and its number of elements of `_COUNTED`, including copies."""
         if path.resolve() in above:
             raise InvalidRobot(f"{path}: the model attaches itself")
         self.models += 1
@@ -111,7 +111,7 @@ class _Reader:
         root = self._root(path)
         if (
             root.tag != "mujoco"
-        ):  # MuJoCo reads URDF too, in any case of letters, and the meshes that it names.
+        ):  # MuJoCo also reads URDF, with case-insensitive tags, and the meshes it refers to.
             raise InvalidRobot(f"{path}: the root of a model is {root.tag!r:.100}, expected 'mujoco'")
         self._include(root, path, {path.resolve()})
         sizes = self._attach(root, path, (*above, path.resolve()))
@@ -125,12 +125,12 @@ class _Reader:
         self.left -= len(text)
         root = root_element(text, str(path))
         for element in root.iter("*"):
-            element.tag = element.tag.rpartition("}")[2]  # MuJoCo knows no namespaces.
+            element.tag = element.tag.rpartition("}")[2]  # MuJoCo does not support namespaces.
         return root
 
     def _include(self, root: Any, path: Path, seen: set[Path]) -> None:
-        """Put the children of every included file in the place of its <include>."""
-        for element in list(root.iterfind(".//include")):  # The root itself only holds what is in it.
+        """Replace every <include> by the children of the included file."""
+        for element in list(root.iterfind(".//include")):  # The root of an included file is only a container.
             name = element.get("file")
             if not name:
                 raise InvalidRobot(f"{path}: <include> in line {element.sourceline} has no file")
@@ -161,7 +161,7 @@ class _Reader:
         return sizes
 
     def _find(self, name: str, beside: Path) -> Path:
-        """Files are looked for beside the main file first, as MuJoCo does it."""
+        """Return the path of a file; like MuJoCo, look beside the main file first."""
         try:
             places = [self.folder / name, beside.parent / name]
             return next((place for place in places if place.exists()), places[0])
@@ -170,8 +170,8 @@ class _Reader:
 
 
 def _size(root: Any, attached: dict[str, int]) -> int:
-    """Number of elements of `_COUNTED`, with what `replicate` and `attach` make of them."""
-    total, stack = sum(attached.values()), [(root, 1)]  # MuJoCo reads those that nothing attaches, too.
+    """Return the number of elements of `_COUNTED`, including those that `replicate` and `attach` create."""
+    total, stack = sum(attached.values()), [(root, 1)]  # MuJoCo also reads models that are never attached.
     while stack:
         element, times = stack.pop()
         if element.tag == "replicate":
@@ -187,16 +187,16 @@ def _count(text: str | None) -> int:
     try:
         return max(0, int(float(text or "1")))
     except (ValueError, OverflowError):
-        return 1  # MuJoCo will not take it.
+        return 1  # MuJoCo rejects it.
 
 
 def _elements(element: Any) -> Iterator[Any]:
-    """Children that are elements: an entity is none."""
+    """Iterate over children that are elements, without entities."""
     return (child for child in element if isinstance(child.tag, str))
 
 
 def _write(element: Any, parent: str | None, where: str, out: list[str], line: list[int]) -> None:
-    """Write what is kept of an element, in its own line as far as that is possible."""
+    """Write the kept parts of an element, in its own line if possible."""
     if element.tag in _DROPPED.get(parent or "", ()):
         return
     if element.sourceline and element.sourceline > line[0]:
@@ -217,8 +217,9 @@ def _check_numbers(element: Any, where: str) -> None:
             try:
                 number = float(word)
             except ValueError:
-                continue  # Not a number: MuJoCo says so.
-            # Of what kinematics does not look at, MuJoCo takes infinity; of NaN it warns on the terminal, past Python.
+                continue  # Not a number: MuJoCo reports it.
+            # In attributes that kinematics does not use, MuJoCo accepts infinity. For NaN it prints a warning on the
+            # terminal, past Python.
             if math.isnan(number) or (name in _NUMBERS and math.isinf(number)):
                 raise InvalidRobot(
                     f"{where}: <{element.tag}> in line {element.sourceline}: {name}={value!r}: {word!r} is not finite"

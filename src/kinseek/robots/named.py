@@ -1,4 +1,4 @@
-"""Joint values by name: read from a mapping or a ROS JointState into the order of an arm, and told by name again."""
+"""Joint values by name: read a mapping or a ROS JointState into the order of an arm, and convert back to a mapping."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ Array = NDArray[np.float64]
 
 
 def in_order(values: Any, names: Sequence[str], what: str, error: Callable[[str], Exception]) -> Any:
-    """Bring values that are given by joint into the order of an arm; everything else is left as it is.
+    """Bring values that are given by joint name into the order of an arm; return everything else unchanged.
 
     Args:
         values: A mapping from joint names to numbers or to arrays, (...), that broadcast; or an object with ``name`` and
-            ``position``, as a ROS JointState: those that are not of this arm are passed over.
-        names: Of the joints, base to tip, n of them.
-        what: What the values are called.
-        error: Made of a message, and raised.
+            ``position``, e.g. a ROS JointState, whose joints of other robots are ignored.
+        names: Names of the joints, from base to tip, n of them.
+        what: Name of the values, for messages.
+        error: Creates the exception from a message.
 
     Returns:
-        (..., n), or `values`.
+        Array (..., n), or `values`.
 
     Raises:
-        error: A mapping names a joint that the arm has not, joints are lacking, or their values do not broadcast.
+        error: A mapping has an unknown joint name, joints are missing, or their values do not broadcast.
     """
     if not isinstance(values, Mapping):
         if not (hasattr(values, "name") and hasattr(values, "position")):
@@ -58,6 +58,6 @@ def _of_message(message: Any, what: str, error: Callable[[str], Exception]) -> M
 
 
 def by_name(names: Sequence[str], q: Array) -> dict[str, Any]:
-    """Of each joint its value, a float, or its values, (...), from joint values, (..., n)."""
+    """Return a mapping from each joint name to its value, a float, or its values, (...), for joint values, (..., n)."""
     columns = np.moveaxis(q, -1, 0)
     return dict(zip(names, columns.tolist() if q.ndim == 1 else columns.copy(), strict=True))

@@ -1,4 +1,4 @@
-"""Where the files are that a robot's file names: beside it, or in a ROS package."""
+"""Find the files that a robot's file refers to: beside it, or in a ROS package."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from kinseek.errors import InvalidRobot
 
 
 def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path], option: str = "packages=") -> Path:
-    """Where a mesh is that a robot's file names.
+    """Return the path of a mesh that a robot's file refers to.
 
     Args:
-        name: A path, beside the robot's file if it is relative, or a ``file://``, ``package://`` or ``model://`` address.
+        name: A path, relative to the robot's file or absolute, or a ``file://``, ``package://`` or ``model://`` address.
         robot: The robot's file.
-        packages: Folders of packages by name; others are looked for on the way up from the file, and where ROS keeps them.
-        option: Where the user can give more of them, for messages.
+        packages: Folders of packages by name; others are searched in the parent folders of the file, and where ROS keeps
+            them.
+        option: Option by which the user can add packages, for messages.
 
     Raises:
-        InvalidRobot: Another kind of address, one that leads out of its package, or a package that is nowhere.
+        InvalidRobot: The kind of address is not supported, it leads out of its package, or the package is not found.
     """
     if (found := in_package(name)) is None:
         rest = name.rpartition("://")[2]
@@ -37,10 +38,10 @@ def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path], option
 
 
 def in_package(name: str) -> tuple[str, str] | None:
-    """The package of a ``package://`` or ``model://`` address and the path in it; None of a path or a ``file://`` address.
+    """Return package and path of a ``package://`` or ``model://`` address; None for a path or a ``file://`` address.
 
     Raises:
-        InvalidRobot: Another kind of address, or one that leads out of its package.
+        InvalidRobot: The kind of address is not supported, or it leads out of its package.
     """
     scheme, _, rest = name.rpartition("://")
     if scheme in ("", "file"):
@@ -57,14 +58,14 @@ def in_package(name: str) -> tuple[str, str] | None:
 
 
 def _stays_inside(path: str) -> bool:
-    """Does a path never leave the folder that it starts from? Read as on Windows, so for both kinds of slashes."""
+    """Return whether a path never leaves its start folder. It is parsed as on Windows, so with both kinds of slashes."""
     way = PureWindowsPath(path)
     depths = accumulate(-1 if part == ".." else 1 for part in way.parts)
     return not way.anchor and min(depths, default=0) >= 0
 
 
 def _folders(package: str, robot: Path, packages: Mapping[str, str | Path]) -> Iterator[Path]:
-    """Folders that may be a package's."""
+    """Iterate over the folders that may belong to a package."""
     if package in packages:
         yield Path(packages[package]).expanduser()
     for parent in robot.resolve().parents:

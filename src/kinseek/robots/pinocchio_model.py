@@ -1,10 +1,10 @@
 """Read a serial arm from a model of the pinocchio library.
 
-Bodies and operational frames are the frames; a body comes first where both have one name. A model that was put together
-joint by joint may lack bodies: a joint that has no frame of its own is one.
+Bodies and operational frames are the frames; a body takes precedence over a frame of the same name. A model that was built
+joint by joint may have no bodies: a joint without a frame of its own is then a frame.
 
-Joint values are one number a joint, as everywhere here. pinocchio's own are the same, but for a continuous joint, where it
-takes a cosine and a sine.
+Joint values are one number per joint, as in all of kinseek. pinocchio uses the same values, except for a continuous joint,
+where it uses a cosine and a sine.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path
 
 _UNLIMITED = 1e30
-"""pinocchio gives a joint without limits the largest number that there is."""
+"""Limit that counts as none: pinocchio uses the largest float for a joint without limits."""
 
 
 def read_pinocchio(model: Any, base: str | None = None, tip: str | None = None) -> SerialChain:
@@ -29,11 +29,11 @@ def read_pinocchio(model: Any, base: str | None = None, tip: str | None = None) 
 
     Args:
         model: The model.
-        base: Name of the frame that stays; the root unless given.
-        tip: Name of the frame that the pose is of; the only body without another behind it unless given.
+        base: Name of the base frame; the default is the root.
+        tip: Name of the frame whose pose is computed; the default is the only body without another body distal to it.
 
     Raises:
-        InvalidRobot: Unknown or unconnected frames, or a joint between base and tip that neither turns nor slides.
+        InvalidRobot: A frame is unknown or not connected, or a joint between base and tip is neither revolute nor prismatic.
     """
     if model.njoints < 2:  # The universe counts as one.
         raise InvalidRobot("the pinocchio model has no joints")
@@ -70,7 +70,7 @@ def read_pinocchio(model: Any, base: str | None = None, tip: str | None = None) 
 
 
 def _frames(model: Any) -> tuple[dict[str, str | None], dict[str, tuple[int, Array]], set[str]]:
-    """Of each frame the frame above it, and its joint and its pose in that joint's frame; and those at the ends."""
+    """Return for each frame its parent, and its joint and its pose in that joint's frame; and the frames at the ends."""
     frames, joints = list(model.frames), [str(name) for name in model.names]
     root = str(frames[0].name)
     names = {0: root}
@@ -98,7 +98,7 @@ def _frames(model: Any) -> tuple[dict[str, str | None], dict[str, tuple[int, Arr
     top = [name for name, parent in parents.items() if parent == root]
     if (
         len(top) == 1 and places[top[0]][0] == 0
-    ):  # The root link of a robot, and nothing else, hangs on the universe.
+    ):  # The root link of a robot, and nothing else, is attached to the universe.
         del parents[root]
         parents[top[0]] = None
     solid = {name for i, name in names.items() if str(frames[i].type) == "BODY"} | set(bare.values())
@@ -149,7 +149,7 @@ def _moving_joint(model: Any, joint: int, origin: Array) -> Joint:
 
 
 def _start(model: Any) -> Array:
-    """Joint values of the model with every joint at 0: of one that turns without end a cosine of 1 and a sine of 0."""
+    """Return the model's configuration with every joint at 0; a continuous joint has a cosine of 1 and a sine of 0."""
     q = np.zeros(model.nq)
     for kind in model.joints:
         if kind.nq == 2:

@@ -1,4 +1,4 @@
-"""Read every bundled arm and write down what comes of it, see `bundled`: ``python -m kinseek.robots.prepare_catalog``."""
+"""Read every bundled arm and write its JSON file, see `bundled`: ``python -m kinseek.robots.prepare_catalog``."""
 
 from __future__ import annotations
 

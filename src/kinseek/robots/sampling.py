@@ -1,4 +1,4 @@
-"""How joint values are spread over their ranges."""
+"""Spread joint values over their ranges."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .chain import SerialChain
 Flags = NDArray[np.bool_]
 
 A_JOINT = 64
-"""Samples of one joint at most: an arm of few joints needs no more. Tried on 4-joint arms: with 32 a goal takes 6 % more FK
-evaluations, with 128 it takes 7 % fewer of four times the samples."""
+"""Most samples of one joint: an arm with few joints needs no more. Tried on 4-joint arms: with 32 a goal takes 6 % more FK
+evaluations; with 128 it takes 7 % fewer, with four times as many samples."""
 
 
 def middle_samples(chain: SerialChain, division: Division, samples: int) -> tuple[Array, int]:
-    """Spread samples over the joints that are not divided out; return them and the first such joint."""
+    """Spread samples over the joints that are not divided out; return them and the index of the first such joint."""
     first, last = int(division.head != NONE), chain.dof - int(division.tail != NONE)
     wanted = min(samples, A_JOINT ** max(last - first, 0))
     count = LEAF_SIZE * 2 ** max(math.ceil(math.log2(max(wanted, LEAF_SIZE) / LEAF_SIZE)), 0)
@@ -31,10 +31,10 @@ def middle_samples(chain: SerialChain, division: Division, samples: int) -> tupl
 
 
 def spread_inside(lower: Array, upper: Array, turns: Flags, count: int) -> Array:
-    """Spread joint values over their ranges, over one turn of those that turn and have room for more, (count, n).
+    """Spread joint values over their ranges, or over one turn if a range contains more, (count, n).
 
-    Answers crowd in the corners of the limits, where a sample inside leads past them: every eighth sample is spread twice
-    as wide and brought back, so that each of its joints stands at a limit half of the time.
+    Many solutions are in the corners of the limits, and a start inside often leads past them. So every eighth sample is
+    spread twice as wide and clipped, so that each of its joints is at a limit half of the time.
     """
     lower, upper = one_turn(lower, upper, turns)
     centred = low_discrepancy(count, len(lower)) - 0.5
@@ -44,12 +44,12 @@ def spread_inside(lower: Array, upper: Array, turns: Flags, count: int) -> Array
 
 
 def low_discrepancy(count: int, dimensions: int) -> Array:
-    """Well-spread points of the unit cube, (count, dimensions) (Roberts 2018, the R_d sequence)."""
+    """Return well-spread points of the unit cube, (count, dimensions) (Roberts 2018, the R_d sequence)."""
     return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * low_discrepancy_steps(dimensions)) % 1.0)
 
 
 def low_discrepancy_steps(dimensions: int) -> Array:
-    """By how much each coordinate goes on from one point of `low_discrepancy` to the next, (dimensions,)."""
+    """Return the increment of each coordinate from one point of `low_discrepancy` to the next, (dimensions,)."""
     g = 2.0
     for _ in range(40):
         g = (1 + g) ** (1 / (dimensions + 1))
@@ -57,9 +57,9 @@ def low_discrepancy_steps(dimensions: int) -> Array:
 
 
 def weyl(count: int, dimensions: int) -> Array:
-    """Points of the unit cube in steps of square roots of primes, (count, dimensions) (Weyl 1916).
+    """Return points of the unit cube in steps of square roots of primes, (count, dimensions) (Weyl 1916).
 
-    Spread less well than `low_discrepancy`, but no two coordinates of few points are close to a simple ratio.
+    They are spread less well than `low_discrepancy`, but no two coordinates of few points are close to a simple ratio.
     """
     primes = [p for p in range(2, 400) if all(p % i for i in range(2, int(p**0.5) + 1))]
     steps = np.sqrt(np.resize(np.array(primes, dtype=float), dimensions))

@@ -1,7 +1,7 @@
-"""Is the description of a robot sound? All that is wrong with a file, or looks wrong, and not the first thing only.
+"""Check the description of a robot: report all errors and suspicious values in a file, not only the first.
 
-Readers stop at the first thing that they cannot use, and look at nothing that kinematics does not need. Here a URDF or
-xacro file is gone through as a whole: the tree of links, joints with their limits, axes and mimics, masses, meshes.
+Readers stop at the first error, and ignore what kinematics does not need. This module checks a whole URDF or xacro file: the
+tree of links, joints with their limits, axes and mimic joints, masses, and meshes.
 """
 
 from __future__ import annotations
@@ -33,60 +33,61 @@ from .urdf import UrdfTree
 from .urdf_xml import JOINT_TYPES, expand_xacro, root_element
 
 READABLE = (".urdf", ".xacro", ".xml")
-"""Endings of the files that can be gone through."""
+"""Extensions of the files that can be checked."""
 
 _MOVES = (REVOLUTE, CONTINUOUS, PRISMATIC)
 _ENDS = {"limit": ("lower", "upper"), "safety_controller": ("soft_lower_limit", "soft_upper_limit")}
-"""Attributes that limit where a joint goes."""
+"""Attributes that limit a joint."""
 _FAR = 100.0
-"""Lengths beyond it [m] are asked about: a robot that large was written in millimetres."""
+"""Lengths beyond this [m] are reported: the file was probably written in millimetres."""
 _ROUNDED = 1e-3
-"""How far an axis may be from unit length, angles from a turn, and principal moments from the triangle, when rounded."""
+"""Rounding tolerance for axes against unit length, angles against a turn, and principal moments against the triangle
+inequality."""
 _SUGGESTED = 20
-"""Unknown names that others are suggested for: a file with more of them has another fault than a misspelt name."""
+"""Unknown names for which suggestions are computed: a file with more of them has another error than a misspelt name."""
 _TRIED, _WORK = 40, 40_000
-"""Tips that are tried at most, and joints of the file times tips: an arm may have all of them."""
+"""Most tips that are tried, and largest product of tips and joints of the file, since an arm may contain all of them."""
 _HEAD = 1_000
-"""Letters of a reader's message in which the names of links and joints are looked for."""
+"""Length of the part of a reader's message that is searched for names of links and joints."""
 _NAMED = 8
-"""Links or joints that one line names at most."""
+"""Most links or joints in one line."""
 
 
 class Severity(Enum):
-    """How bad a finding is; the value is for people."""
+    """Severity of a finding; the value is for display."""
 
     ERROR = "error"
-    """It is no valid robot, or kinseek refuses it."""
+    """The robot is invalid, or kinseek rejects it."""
     WARNING = "warning"
-    """It is read, or can be left out, and is probably a mistake."""
+    """The robot can be read, or the part can be left out, and it is probably a mistake."""
     NOTE = "note"
-    """Good to know; a sound file may have it."""
+    """Useful information; a correct file may have it."""
 
 
 class Finding(NamedTuple):
-    """One thing that was found."""
+    """One finding."""
 
     severity: Severity
     part: str
-    """The link, joint or mesh that it is about, or nothing."""
+    """The link, joint or mesh of the finding, or an empty string."""
     what: str
 
 
 @dataclass
 class Checkup:
-    """What was found out about a file."""
+    """Result of checking a file."""
 
     findings: list[Finding] = field(default_factory=list)
     links: int = 0
     joints: int = 0
     moving: int = 0
-    """Joints that move."""
+    """Number of movable joints."""
     unknown: int = field(default=0, repr=False)
-    """Names that the file uses and does not define."""
+    """Number of names that the file uses without defining them."""
 
     @property
     def sound(self) -> bool:
-        """Is nothing worse than a note?"""
+        """Whether all findings are notes."""
         return all(finding.severity is Severity.NOTE for finding in self.findings)
 
     def error(self, part: str, what: str) -> None:
@@ -110,19 +111,20 @@ def check(
     packages: Mapping[str, str | Path] | None = None,
     trusted: bool = True,
 ) -> Checkup:
-    """Go through the description of a robot.
+    """Check the description of a robot.
 
     Args:
-        path: A .urdf or .xacro file, or a .xml file that holds either URDF or MJCF. Of MJCF only is said whether it is read.
-        base: Link that stays, as `kinseek.load` takes it.
-        tip: Link whose pose is meant, as `kinseek.load` takes it.
-        args: Of a xacro file: values of its arguments, by name.
-        packages: Folders of ROS packages by name; meshes are looked for there too.
-        trusted: Of a xacro file: may Python evaluate its expressions?
+        path: A .urdf or .xacro file, or a .xml file that contains URDF or MJCF. For MJCF the result only says whether it can
+            be read.
+        base: Base link, as in `kinseek.load`.
+        tip: Link whose pose is computed, as in `kinseek.load`.
+        args: Values of a xacro file's arguments, by name.
+        packages: Folders of ROS packages by name; meshes are searched there too.
+        trusted: Whether Python may evaluate the expressions of a xacro file.
 
     Raises:
-        InvalidRobot: There is no such file, or it is no robot at all.
-        MissingExtra: An MJCF file, and MuJoCo is not installed.
+        InvalidRobot: The file does not exist, or is not a robot description.
+        MissingExtra: The file is MJCF, and MuJoCo is not installed.
     """
     if path.suffix.lower() == ".xacro":
         text = expand_xacro(path, args, packages, trusted)
@@ -160,7 +162,7 @@ def check(
 
 
 def _check_tree(found: Checkup, links: list[Any], joints: list[Any], space: str) -> dict[str, str | None]:
-    """Names, and that links and joints are one tree; of each link the link above it."""
+    """Check names, and that links and joints form one tree; return the parent of each link."""
     for noun, elements in (("link", links), ("joint", joints)):
         names = Counter(element.get("name") for element in elements)
         for element in elements:
@@ -196,11 +198,11 @@ def _check_tree(found: Checkup, links: list[Any], joints: list[Any], space: str)
 
 
 def _in_loops(parents: Mapping[str, str | None]) -> list[str]:
-    """The links from which the way up has no end."""
+    """Return the links whose chain of parents never ends."""
     hanging: set[str | None] = {None}
     looping: set[str | None] = set()
     for start in parents:
-        way: dict[str | None, None] = {}  # In the order in which they were met.
+        way: dict[str | None, None] = {}  # In the order in which they were visited.
         link: str | None = start
         while link not in hanging and link not in looping and link not in way:
             way[link] = None
@@ -270,7 +272,7 @@ def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
     (lower,), (upper,) = ends["lower"], ends["upper"]
     if lower > upper:
         found.error(here, f"lower limit {lower:g} is above upper limit {upper:g}")
-    elif lower == upper and not mimics:  # Files write 0 0 where nobody cared for a follower.
+    elif lower == upper and not mimics:  # Files contain 0 0 for limits of mimic joints that nobody specified.
         found.warning(here, f"cannot move: both limits are {lower:g}")
     if kind == REVOLUTE and max(-lower, upper) > TURNS_OF_A_JOINT:
         found.warning(here, f"limits [{lower:g}, {upper:g}] are many turns: degrees? URDF has radians")
@@ -296,7 +298,7 @@ def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
 
 
 def _check_soft_limits(found: Checkup, joint: Any, lower: float, upper: float, space: str) -> None:
-    """Compare the soft limits with the limits, as `soft_limits` and the reader take them."""
+    """Compare the soft limits with the limits, as `soft_limits` and the reader interpret them."""
     here, controllers = _name(joint), joint.findall(f"{space}safety_controller")
     if len(controllers) > 1:
         found.error(here, f"{len(controllers)} <safety_controller> elements, expected one")
@@ -340,7 +342,7 @@ def _check_mimics(found: Checkup, joints: list[Any], space: str) -> None:
             followers.driver(name)
         except InvalidRobot as error:
             found.error(f"joint {name!r}", str(error))
-            return  # One line a loop, and two loops are rarer than two joints in one.
+            return  # Report one line per loop; two loops are rarer than two joints in one.
 
 
 def _check_masses(found: Checkup, links: list[Any], space: str) -> None:
@@ -367,7 +369,10 @@ def _check_masses(found: Checkup, links: list[Any], space: str) -> None:
 
 
 def _why_no_inertia(found: Checkup, here: str, inertia: Any) -> str:
-    """Why no body can have it, or nothing: principal moments are above 0, and none is more than the other two together."""
+    """Explain why an inertia is impossible, or return "".
+
+    Principal moments must be positive, and none may be larger than the sum of the other two.
+    """
     values = {}
     for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
         number = _numbers(found, here, inertia, name, 1)
@@ -427,7 +432,10 @@ def _check_chains(
     tip: str | None,
     parents: Mapping[str, str | None],
 ) -> None:
-    """Is there an arm in it? The first tips are tried unless one is given; `read` reads the arm that ends at ``tip=``."""
+    """Check whether the file contains an arm.
+
+    The first tips are tried unless one is given; `read` reads the arm that ends at ``tip=``.
+    """
     above = set(parents.values())
     ends = [name for name in parents if name not in above]
     if tip is None and len(ends) > 1:
@@ -441,7 +449,7 @@ def _check_chains(
     for end in tried:
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UnitWarning)  # Said of each joint already.
+                warnings.simplefilter("ignore", UnitWarning)  # Reported for each joint already.
                 read(tip=end)
         except InvalidRobot as error:
             why = str(error).removeprefix(f"{path}: ")
@@ -452,7 +460,8 @@ def _check_chains(
                 continue
             if end is not tip:
                 found.note(f"tip {end!r}", f"no arm ends there: {why}")
-            elif tip is None and why.startswith("the arm branches"):  # MJCF; of URDF the tips are known.
+            # This is MJCF; for URDF the tips are known.
+            elif tip is None and why.startswith("the arm branches"):
                 found.note("", why)
             else:
                 found.error("", why)
@@ -463,7 +472,7 @@ def _name(joint: Any) -> str:
 
 
 def _unknown(found: Checkup, got: str, names: Iterable[str | None], noun: str) -> str:
-    """Say that there is nothing of that name, and what was meant perhaps."""
+    """Return a message that a name is unknown, with a suggestion."""
     found.unknown += 1
     known = [name for name in names if name] if found.unknown <= _SUGGESTED else []
     return unknown(got, known, noun)
@@ -476,7 +485,10 @@ def _some(names: list[str], most: int = _NAMED) -> str:
 def _numbers(
     found: Checkup, here: str, element: Any, attribute: str, count: int, required: bool = False
 ) -> tuple[float, ...] | None:
-    """Read the numbers of an attribute; None where there are none, and then it is told if they are no numbers or needed."""
+    """Read the numbers of an attribute; return None if they are missing or invalid.
+
+    Invalid numbers are reported, and missing ones if they are required.
+    """
     text, tag = element.get(attribute), str(element.tag).rpartition("}")[2]
     if text is None:
         if required:
@@ -485,7 +497,7 @@ def _numbers(
     try:
         values = tuple(
             float(word.replace("_", "?")) for word in text.split()
-        )  # Python alone would take 1_000.
+        )  # Python alone would accept 1_000.
     except ValueError:
         found.error(here, f"<{tag}> {attribute}={text!r} is no number")
         return None

@@ -1,4 +1,4 @@
-"""From a tree of named frames to the one path between a base and a tip."""
+"""Find the path between a base and a tip in a tree of named frames."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from kinseek.errors import InvalidRobot, suggest
 
 _LISTED = 40
-"""Possible tips that a message names at most."""
+"""Largest number of candidate tips in a message."""
 
 
 def frame_path(
@@ -20,15 +20,15 @@ def frame_path(
     noun: str,
     moving: Collection[str],
 ) -> list[str]:
-    """Names of the frames from base to tip, both included.
+    """Return the names of the frames from base to tip, both included.
 
     Args:
-        parents: Of each frame: the frame it hangs on, None for the root. One root, no loops.
-        base: First frame of the path; the root unless given.
-        tip: Last frame of the path; the only one of `ends` below the base unless given.
-        ends: The frames that nothing hangs on and that may be taken as the tip unasked.
-        noun: What the file calls a frame, for messages.
-        moving: The frames that a joint moves against the frame they hang on.
+        parents: Parent of each frame, None for the root. There is one root, and there are no loops.
+        base: First frame of the path; the default is the root.
+        tip: Last frame of the path; the default is the only one of `ends` below the base.
+        ends: Frames without children that may be the default tip.
+        noun: The file's word for a frame, for messages.
+        moving: Frames that a joint moves relative to their parent.
 
     Raises:
         InvalidRobot: An unknown name, several possible tips, or a base that is not above the tip.
@@ -79,13 +79,13 @@ def _only_end(
 def _usual_tips(
     parents: Mapping[str, str | None], base: str, below: Collection[str], moving: Collection[str]
 ) -> list[str]:
-    """Frames that people take as a tip: where the tree branches, as at the palm of a hand, and where it ends.
+    """Return frames that are common tips: where the tree branches, as at the palm of a hand, and where it ends.
 
-    Only those between which and the base a joint moves, in the order in which they come from the base.
+    Only frames with a movable joint between the base and themselves are returned, in the order from the base.
     """
     children = Counter(parent for frame, parent in parents.items() if parent in below)
     depth, moves = {base: 0}, {base: False}
-    for frame in below:  # Parents before their children.
+    for frame in below:  # Parents come before their children.
         parent = parents[frame]
         if frame != base and parent is not None:
             depth[frame], moves[frame] = depth[parent] + 1, moves[parent] or frame in moving
@@ -94,11 +94,11 @@ def _usual_tips(
 
 
 def _below(parents: Mapping[str, str | None], base: str) -> list[str]:
-    """The base and all frames below it, parents before their children."""
+    """Return the base and all frames below it, parents before their children."""
     children: dict[str | None, list[str]] = {}
     for frame, parent in parents.items():
         children.setdefault(parent, []).append(frame)
     found = [base]
-    for frame in found:  # It grows as it is read.
+    for frame in found:  # The list grows during the loop.
         found += children.get(frame, [])
     return found

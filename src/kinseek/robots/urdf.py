@@ -1,8 +1,8 @@
 """Read a serial arm from a URDF or xacro file.
 
 Fixed joints are folded into the joints after them. Soft limits of a `<safety_controller>` narrow the limits of a joint, as
-in MoveIt (`jointBoundsFromURDF` in moveit_core/robot_model). Meshes, masses, transmissions and simulator tags are never
-looked at, so no ROS package has to be there.
+in MoveIt (`jointBoundsFromURDF` in moveit_core/robot_model). Meshes, masses, transmissions and simulator tags are ignored,
+so ROS packages need not be installed.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ def read_urdf(
     """Read the arm between two links of a ``.urdf`` or ``.xacro`` file.
 
     Args:
-        path: The file; a name that ends in ``.xacro`` is expanded first.
-        base: Name of the link that stays; the root of the tree unless given.
-        tip: Name of the link that the pose is of; the only leaf of the tree unless given.
-        args: Of a xacro file: values of its arguments, by name.
-        packages: Of a xacro file: folders of ROS packages, by name.
-        trusted: Of a xacro file: may Python evaluate its expressions?
+        path: The file; a file with the extension ``.xacro`` is expanded first.
+        base: Name of the base link; the default is the root of the tree.
+        tip: Name of the link whose pose is computed; the default is the only leaf of the tree.
+        args: Values of a xacro file's arguments, by name.
+        packages: Folders of ROS packages for a xacro file, by name.
+        trusted: Whether Python may evaluate the expressions of a xacro file.
 
     Raises:
         InvalidRobot: The file, the tree of links, or a joint between base and tip cannot be used.
@@ -65,14 +65,14 @@ def read_urdf(
 def read_urdf_text(
     text: bytes, base: str | None = None, tip: str | None = None, *, where: str, name: str = "robot"
 ) -> SerialChain:
-    """Read the arm between two links of a URDF that is at hand as text.
+    """Read the arm between two links of a URDF text.
 
     Args:
         text: The URDF.
         base: As in `read_urdf`.
         tip: As in `read_urdf`.
-        where: Where it came from, for messages.
-        name: Of the robot, where the text gives none.
+        where: Source of the text, for messages.
+        name: Name of the robot, if the text has none.
 
     Raises:
         InvalidRobot: As `read_urdf`.
@@ -81,13 +81,13 @@ def read_urdf_text(
 
 
 class UrdfTree:
-    """The links and joints of a URDF, parsed once; `arm` takes arms of it."""
+    """The links and joints of a URDF, parsed once; `arm` extracts arms."""
 
     def __init__(self, text: bytes, where: str, name: str = "robot") -> None:
         """Parse a URDF; the arguments are those of `read_urdf_text`.
 
         Raises:
-            InvalidRobot: It cannot be parsed, or its links are no tree.
+            InvalidRobot: The text cannot be parsed, or its links do not form a tree.
         """
         self._text, self._where = text, where
         with np.errstate(all="ignore"):
@@ -112,12 +112,12 @@ class UrdfTree:
         )
 
     def arm(self, base: str | None = None, tip: str | None = None) -> SerialChain:
-        """The arm between two links, as `read_urdf` takes them.
+        """Return the arm between two links, with the arguments of `read_urdf`.
 
         Raises:
             InvalidRobot: There is no such arm.
         """
-        with np.errstate(all="ignore"):  # What overflows is refused where the chain is put together.
+        with np.errstate(all="ignore"):  # Overflowing numbers are rejected when the chain is built.
             chain = self._arm(base, tip)
         warn_of_joints(
             chain.joint_names,
@@ -157,10 +157,10 @@ class UrdfTree:
 
 
 def fixed_links(text: bytes, where: str) -> dict[str, Array]:
-    """Poses of the links of a URDF in its root, (4, 4), lengths in [m]; no joint of it may move.
+    """Return the poses of the links of a URDF in its root, (4, 4), lengths in [m]; all joints must be fixed.
 
     Raises:
-        InvalidRobot: It is no URDF, its links are no tree, or a joint moves.
+        InvalidRobot: The text is not a URDF, its links do not form a tree, or a joint is movable.
     """
     robot = _parse(kinematic_part(root_element(text, where), "obstacles", where), where)
     parents = _link_tree(robot, where)
@@ -195,7 +195,7 @@ def _parse(kinematics: Any, where: str) -> Any:
 
 
 def _link_tree(robot: Any, where: str) -> dict[str, str | None]:
-    """Of each link: the link above it, None for the root. Makes sure that this is a tree."""
+    """Return the parent of each link, None for the root, and check that the links form a tree."""
     for noun, names in (
         ("link", [link.name for link in robot.links]),
         ("joint", [joint.name for joint in robot.joints]),
@@ -227,7 +227,7 @@ def _link_tree(robot: Any, where: str) -> dict[str, str | None]:
 def _check_loops(parents: dict[str, str | None], where: str) -> None:
     rooted: set[str | None] = {None}
     for start in parents:
-        path: dict[str, None] = {}  # In the order in which they were met.
+        path: dict[str, None] = {}  # In the order in which they were visited.
         link: str | None = start
         while link is not None and link not in rooted:
             if link in path:
@@ -240,7 +240,7 @@ def _check_loops(parents: dict[str, str | None], where: str) -> None:
 
 
 def _origin(joint: Any) -> Array:
-    """Pose of the joint frame in the parent link, (4, 4): ``Rz(yaw) Ry(pitch) Rx(roll)``, lengths in [m]."""
+    """Return the pose of the joint frame in the parent link, (4, 4): ``Rz(yaw) Ry(pitch) Rx(roll)``, lengths in [m]."""
     if joint.origin is None:
         return np.eye(4)
     turn = np.eye(3)

@@ -1,7 +1,7 @@
-"""What kinematics needs of a URDF or xacro file, and nothing else of it.
+"""Reduce a URDF or xacro file to its kinematics.
 
-`urdf_parser_py` fills gaps silently and complains on stderr about every tag it does not know. So the file is
-reduced and checked here first; what is left can neither be misread nor name a mesh.
+`urdf_parser_py` silently fills gaps and prints a complaint on stderr about every unknown tag. So the file is reduced and
+checked here first; the result cannot be misread and refers to no mesh.
 """
 
 from __future__ import annotations
@@ -30,35 +30,34 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 _XACRO = "http://www.ros.org/wiki/xacro"
 
 _KEPT = ("origin", "parent", "child", "axis", "limit", "mimic")
-"""Elements of a joint that say where it is and how it moves."""
+"""Elements of a joint that define its pose and motion."""
 
 _XACRO_LOCK = threading.RLock()
-"""xacro keeps what it knows in its module: one file at a time."""
+"""Lock for expanding one file at a time, since xacro keeps its state in its module."""
 finish_first(_XACRO_LOCK)
 _LOST_PACKAGE = re.compile(r"Package not found: (\S+)")
-"""What xacrodoc says, wrapped by xacro."""
+"""Message of xacrodoc, wrapped by xacro."""
 _MOST_STEPS, _MOST_LETTERS, _MOST_NESTED = 50_000, 2**20, 32
-"""Elements that xacro may expand, how long a value may become, and how deep files may include each other."""
+"""Most elements that xacro may expand, longest value, and deepest nesting of includes."""
 _MOST_PARAMETERS = 256
-"""Parameters of one macro: xacro looks for each of them among all."""
+"""Most parameters of one macro: xacro searches for each of them among all."""
 _MOST_WORK = 2**25
-"""Units of work of one expansion, a unit for a letter of a value; what takes longer counts as more units.
+"""Most units of work of one expansion. A character of a value is one unit; slower operations count as more units.
 
-The counts below follow from measured times: no file takes much more than 3 s for all its units.
-"""
+The counts below follow from measured times: a file that uses all its units takes about 3 s at most."""
 _NODE, _TEXT, _FORMULA, _YAML = 100, 64, 64, 192
-"""Units of an element, attribute or comment that is read or copied; of a value that is looked at, besides its letters; of a
-letter of an expression; of a byte of YAML."""
+"""Units of an element, attribute or comment that is read or copied; of a value that is examined, besides its characters; of
+a character of an expression; of a byte of YAML."""
 _FILE, _PATTERN, _MOVED = 2**14, 2**18, 4
-"""Units of a file that is opened, and of a folder that is searched for a pattern; elements that are passed over in one unit
-when another is put among them."""
+"""Units of a file that is opened, and of a folder that is searched for a pattern; number of siblings that are passed in one
+unit when an element is inserted among them."""
 _PARAMETER = re.compile(
     r"""^\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?(\$\{.*?\}|\$\(.*?\)|(?:'.*?'|".*?"|[^\s'"]+)++|)(?:\s+|$)(.*)"""
 )
-"""A parameter of a macro and the rest, as xacro reads them. xacro's own expression tries all ways to divide a default, which
-are exponentially many; this one (`++`) tries the first."""
+"""Parses a parameter of a macro and the rest, as xacro reads them. xacro's own expression tries exponentially many ways to
+divide a default; this one (`++`) only tries the first."""
 _Spend = Callable[[int, str], None]
-"""Counts units of work, and says what they are for when there are too many."""
+"""Function that counts units of work, and raises with their purpose if there are too many."""
 _NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -66,16 +65,16 @@ _NUMBERS = {
     "safety_controller": {"soft_lower_limit": 1, "soft_upper_limit": 1},
     "mimic": {"multiplier": 1, "offset": 1},
 }
-"""How many values each attribute holds."""
+"""Number of values of each attribute."""
 
 _REQUIRED = {"parent": "link", "child": "link", "axis": "xyz", "mimic": "joint"}
 
 
 def root_element(text: bytes, where: str) -> Any:
-    """Parse XML, comments and processing instructions left out.
+    """Parse XML without comments and processing instructions.
 
     Raises:
-        InvalidRobot: Broken XML; the message holds the parser's own, with the line.
+        InvalidRobot: The XML is broken; the message contains the parser's own, with the line.
     """
     with importing:
         from lxml import etree
@@ -84,12 +83,12 @@ def root_element(text: bytes, where: str) -> Any:
     parser = etree.XMLParser(remove_comments=True, remove_pis=True, resolve_entities=False, no_network=True)
     try:
         return etree.fromstring(text, parser)
-    except (etree.XMLSyntaxError, LookupError) as error:  # An encoding that nobody knows is a LookupError.
+    except (etree.XMLSyntaxError, LookupError) as error:  # An unknown encoding raises LookupError.
         raise InvalidRobot(f"{where}: broken XML: {getattr(error, 'msg', None) or error}") from error
 
 
 class _Arguments(dict[str, str]):
-    """Arguments of a xacro file that notice which of them it asks for."""
+    """Arguments of a xacro file; the class records which of them the file requests."""
 
     def __init__(self, given: Mapping[str, str]) -> None:
         super().__init__(given)
@@ -110,16 +109,17 @@ def expand_xacro(
     packages: Mapping[str, str | Path] | None = None,
     trusted: bool = True,
 ) -> bytes:
-    """Turn a xacro file into URDF text.
+    """Expand a xacro file into URDF text.
 
     Args:
         path: The file.
-        args: Values of its arguments, by name; truth values are written as xacro reads them.
-        packages: Folders of ROS packages, by name. Others are looked for above the file, and where ROS has them.
-        trusted: May Python evaluate its expressions? Else `expressions` does, and the environment is not read.
+        args: Values of its arguments, by name; booleans are written as xacro reads them.
+        packages: Folders of ROS packages, by name. Others are searched in the parent folders of the file, and where ROS
+            keeps them.
+        trusted: Whether Python may evaluate its expressions. Otherwise `expressions` does, and the environment is not read.
 
     Raises:
-        InvalidRobot: The file is missing, an argument is none of the file's, a package is no folder, or xacro cannot process
+        InvalidRobot: The file is missing, the file has no such argument, a package is not a folder, or xacro cannot process
             the file; the message is then xacro's own.
     """
     file_bytes(path)
@@ -151,7 +151,7 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
             stack.enter_context(_computed_xacro(path, spend))
         before = packages._finder
         try:
-            # Packages found on the way up from one file must not answer for the next file: use a copy.
+            # Packages found for one file must not be used for the next file: use a copy.
             packages._finder = packages.PackageFinder()
             packages._finder.finder_funcs[:] = before.finder_funcs
             packages._finder.package_cache.update(before.package_cache | folders)
@@ -159,7 +159,7 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
             return bytes(document.dom.toxml(encoding="utf-8"))
         except InvalidRobot:
             raise
-        except Exception as error:  # xacro evaluates expressions of the file: anything may come out of it.
+        except Exception as error:  # xacro evaluates expressions of the file, which may raise anything.
             raise_of_handler(getattr(error, "exc", None) or error)  # xacro's own errors wrap others.
             refused = _refusal(error)
             if refused is not None:
@@ -175,10 +175,10 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
 
 @contextlib.contextmanager
 def _watched_xacro(path: Path) -> Iterator[_Spend]:
-    """Let xacro read regular files of a sane size alone, print nothing, and stop what grows without end or takes very long.
+    """Make xacro read only regular files of limited size, print nothing, and stop if the work grows too large.
 
-    xacro looks these functions up in its own modules, each time that it calls them. `sys.stdout` and `sys.stderr` stay as
-    they are: all threads print there.
+    xacro looks these functions up in its own modules at each call. `sys.stdout` and `sys.stderr` are not replaced, since all
+    threads print there.
     """
     from xacrodoc import packages
     from xacrodoc.xacrodoc import xacro
@@ -199,7 +199,7 @@ def _watched_xacro(path: Path) -> Iterator[_Spend]:
             len(xacro.filestack), "files, each included by the one before", _MOST_NESTED, f"{path}: xacro"
         )
         spend(_FILE, "files that are opened")
-        if Path(name).exists():  # xacro itself says best what is missing.
+        if Path(name).exists():  # xacro itself gives the best message about a missing file.
             left -= len(file_bytes(Path(name), left))
         return opened(name, *rest, **options)
 
@@ -215,28 +215,28 @@ def _watched_xacro(path: Path) -> Iterator[_Spend]:
         nonlocal steps
         steps += 1
         require_few(steps, "elements to expand", _MOST_STEPS, f"{path}: xacro")
-        if node.parentNode is None and node.tagName != "xacro:macro":  # A copy of a block.
+        if node.parentNode is None and node.tagName != "xacro:macro":  # The node is a copy of a block.
             spend(_units_of(node), "copies of blocks")
         return own.eval_all(node, *rest)
 
     def eval_text(text: str, *rest: Any) -> Any:
-        # Each dollar makes xacro copy the rest of the text.
+        # For each dollar sign xacro copies the rest of the text.
         spend(_TEXT + len(text) * (1 + text.count("$")), "values")
         value = own.eval_text(text, *rest)
         if isinstance(value, str):
             require_few(len(value), "letters in one value", _MOST_LETTERS, f"{path}: xacro")
             spend(len(value), "values")
         else:
-            spend(_TEXT * entries(value, MOST_ENTRIES), "values")  # It may be written as text.
+            spend(_TEXT * entries(value, MOST_ENTRIES), "values")  # The value may be written as text.
         return value
 
     def eval_extension(text: str) -> Any:
-        # A property can hold the text of many; xacro would put the same value in for each of them.
+        # A property can contain many of these; xacro would insert the same value for each of them.
         require_few(text.count("$("), "$(…) in one", 1, f"{path}: xacro: {text[:80]!r}")
         return own.eval_extension(text)
 
     def is_valid_name(name: str) -> bool:
-        # Python's parser looks at it.
+        # Python's parser examines it.
         require_few(len(name), "letters in the name of a property", MOST_LETTERS, f"{path}: xacro")
         return bool(own.is_valid_name(name))
 
@@ -254,7 +254,7 @@ def _watched_xacro(path: Path) -> Iterator[_Spend]:
     def replace_node(node: Any, by: Any, content_only: bool = False) -> Any:
         new = by if isinstance(by, list) else [] if by is None else [by]
         moved = sum(len(one.childNodes) for one in new) if content_only else len(new)
-        # Each of them is put in by a search through all that are there by then.
+        # Each of them is inserted by a search through all siblings present by then.
         spend((1 + moved) * (moved + len(node.parentNode.childNodes)) // _MOVED, "elements of one parent")
         return own.replace_node(node, by, content_only)
 
@@ -279,18 +279,19 @@ def _watched_xacro(path: Path) -> Iterator[_Spend]:
         "parse_macro_arg": parse_macro_arg,
         "re_macro_arg": _PARAMETER,
         "replace_node": replace_node,
-        # Comments are not read; to remove one takes long among many.
+        # Comments are not read, and removing one among many takes long.
         "remove_previous_comments": lambda node: None,
         "glob": SimpleNamespace(glob=matches),
     }
-    # Manifests of packages lie beside the file, and may be anybody's as well.
+    # Package manifests are beside the file, and may be untrusted as well.
     manifests = {"open": open_file, "minidom": SimpleNamespace(parse=lambda file: parse(file.read()))}
     changed = ((xacro, instead), (xacro.color, {"print": instead["print"]}), (packages, manifests))
     before = [{name: vars(module)[name] for name in new if name in vars(module)} for module, new in changed]
     try:
         for module, new in changed:
             vars(module).update(new)
-        xacro.init_stacks(str(path))  # Or relative includes would be looked for in the working directory.
+        # Otherwise relative includes would be searched in the working directory.
+        xacro.init_stacks(str(path))
         yield spend
     finally:
         for (module, new), old in zip(changed, before, strict=True):
@@ -300,10 +301,10 @@ def _watched_xacro(path: Path) -> Iterator[_Spend]:
 
 
 def _count_nodes(text: str, spend: _Spend, where: str) -> None:
-    """Count what a tree of XML will hold, entities replaced by what they stand for, before it is built.
+    """Count the content of an XML tree, with entities expanded, before it is built.
 
     Raises:
-        InvalidRobot: The document type is long: Python's parser dies of one with many brackets.
+        InvalidRobot: The document type is long: Python's parser crashes on one with many brackets.
     """
     began = 0
 
@@ -328,12 +329,12 @@ def _count_nodes(text: str, spend: _Spend, where: str) -> None:
     parser.StartElementHandler = start
     parser.CommentHandler = parser.CharacterDataHandler = parser.ProcessingInstructionHandler = count
     parser.StartCdataSectionHandler = count
-    with contextlib.suppress(expat.ExpatError):  # Whoever builds the tree says it.
+    with contextlib.suppress(expat.ExpatError):  # The code that builds the tree reports it.
         parser.Parse(text, True)
 
 
 def _units_of(node: Any) -> int:
-    """Units of work to copy an element with all that is in it, and to write the copy."""
+    """Return the units of work to copy an element with all its content, and to write the copy."""
     left, units = [node], 0
     while left:
         one = left.pop()
@@ -345,7 +346,7 @@ def _units_of(node: Any) -> int:
 
 
 def _yaml_content(text: bytes, units: Any, where: str) -> Any:
-    """Read YAML as xacro does, unless it is large once its aliases and merges are written out.
+    """Read YAML as xacro does, unless it is large with its aliases and merges expanded.
 
     Args:
         text: The file.
@@ -353,22 +354,22 @@ def _yaml_content(text: bytes, units: Any, where: str) -> Any:
         where: The file, for messages.
 
     Raises:
-        InvalidRobot: It holds a number of too many digits, or too many entries when written out.
-        yaml.YAMLError: It is no YAML.
+        InvalidRobot: The file has a number with too many digits, or too many entries when expanded.
+        yaml.YAMLError: The text is not YAML.
     """
     import yaml  # type: ignore[import-untyped]
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        """The tags for units would stay in the loader of all other programs."""
+        """A separate class, so that the tags for units are not added to the loader of other programs."""
 
     for unit in units:
         Loader.add_constructor(unit.value.tag, unit.constructor)
     sizes: dict[Any, int] = {}
 
     def written(node: Any) -> int:
-        """Entries with all aliases written out; a merge counts as the map that it refers to."""
+        """Return the number of entries with all aliases expanded; a merge counts as the map that it refers to."""
         if node not in sizes:
-            # As long as nothing else is known: a list that holds itself never ends.
+            # The value until it is known: a list that contains itself never ends.
             sizes[node] = MOST_ENTRIES + 1
             if isinstance(node, yaml.ScalarNode):
                 if node.tag.endswith((":int", ":float")):
@@ -394,14 +395,14 @@ def _yaml_content(text: bytes, units: Any, where: str) -> Any:
 
 @contextlib.contextmanager
 def _computed_xacro(path: Path, spend: _Spend) -> Iterator[None]:
-    """Keep xacro from Python's `eval` and from the environment: the file may be anybody's."""
+    """Replace Python's `eval` and the environment for xacro, since the file may be untrusted."""
     from xacro import substitution_args  # type: ignore[import-untyped]
     from xacrodoc.xacrodoc import xacro
 
     contents: dict[str, Any] = {}
 
     def load_yaml(name: str) -> Any:
-        # One content for all who ask: nothing that is computed here can change it.
+        # All callers share one content: expressions that are evaluated here cannot change it.
         file = xacro.abs_filename_spec(name)
         if file not in contents:
             with xacro.open(file, "rb") as opened:
@@ -457,7 +458,7 @@ def _computed_xacro(path: Path, spend: _Spend) -> Iterator[None]:
 
 
 def _refusal(error: BaseException) -> InvalidRobot | None:
-    """Find our own refusal, which xacro may have wrapped into an error of its own."""
+    """Return kinseek's own rejection, which xacro may have wrapped into an error of its own."""
     inner: BaseException | None = error
     seen: set[int] = set()
     while inner is not None and id(inner) not in seen:
@@ -469,15 +470,15 @@ def _refusal(error: BaseException) -> InvalidRobot | None:
 
 
 def kinematic_part(root: Any, name: str, where: str) -> Any:
-    """Copy the links and joints of a robot, checked, in the form `urdf_parser_py` reads without a word.
+    """Copy the links and joints of a robot, checked, in a form that `urdf_parser_py` reads without messages.
 
     Args:
         root: The root element of the file.
-        name: Name of the robot where the file gives none.
+        name: Name of the robot, if the file has none.
         where: The file, for messages.
 
     Raises:
-        InvalidRobot: Not a robot, or a joint that cannot be read.
+        InvalidRobot: The file is not a robot, or a joint cannot be read.
     """
     with importing:
         from lxml import etree
@@ -500,10 +501,10 @@ def kinematic_part(root: Any, name: str, where: str) -> Any:
 
 
 def joint_velocities(root: Any) -> dict[str, float]:
-    """How fast joints may go by the file, by name, [rad/s] or [m/s]; those of which it says nothing are left out.
+    """Return the joint speed limits of the file, by name, [rad/s] or [m/s]; joints without one are left out.
 
-    The format demands a number of whoever writes a limit, so 0 stands where nobody knew one. Poses do not depend on it: what
-    is below 0 or no number says nothing either, and `soundness` tells of it.
+    The format requires a number in every limit, so files contain 0 for an unknown one. Poses do not depend on it: a value
+    that is negative or invalid counts as missing too, and `soundness` reports it.
     """
     space, found = root.tag.removesuffix("robot"), {}
     for joint in root.iterchildren(f"{space}joint"):
@@ -520,18 +521,18 @@ def joint_velocities(root: Any) -> dict[str, float]:
 def soft_limits(root: Any, where: str) -> dict[str, tuple[float, float]]:
     """Read the soft limits of joints, ``<safety_controller soft_lower_limit=… soft_upper_limit=…>``.
 
-    URDF takes 0 for a missing attribute. With a `<safety_controller k_velocity=…>` alone that would hold the joint at 0, and
-    tools that fill in defaults write 0 0 there. So a missing attribute is no limit here, and neither is 0 0.
+    URDF defines 0 for a missing attribute. With a `<safety_controller k_velocity=…>` alone this would fix the joint at 0,
+    and tools that fill in defaults write 0 0 there. So a missing attribute is not a limit here, and neither is 0 0.
 
     Args:
         root: The root element of the file.
         where: The file, for messages.
 
     Returns:
-        By name of the joint: lower and upper soft limit, [rad] or [m]; infinite where there is none.
+        Lower and upper soft limit by name of the joint, [rad] or [m]; infinite if there is none.
 
     Raises:
-        InvalidRobot: Several safety controllers in a joint, or a limit that is not a finite number.
+        InvalidRobot: A joint has several safety controllers, or a limit is not a finite number.
     """
     space, found = root.tag.removesuffix("robot"), {}
     for joint in root.iterchildren(f"{space}joint"):
@@ -572,7 +573,7 @@ def _copy_joint(joint: Any, copy: Any, space: str, where: str) -> None:
         attributes = _checked_attributes(found[0], tag, here)
         if tag == "limit":
             if not {"lower", "upper"} <= attributes.keys():
-                continue  # The parser would read a missing bound as 0: no limit at all is seen later.
+                continue  # The parser would read a missing bound as 0; a missing limit is found later.
             attributes |= {"effort": "0", "velocity": "0"}
         etree.SubElement(copy, tag, attributes)
 
@@ -596,7 +597,7 @@ def _check_numbers(text: str, count: int, what: str) -> None:
         raise InvalidRobot(f"{what}: {len(words)} values, expected {count}")
     for word in words:
         try:
-            value = float(word.replace("_", "?"))  # Python alone would take 1_000.
+            value = float(word.replace("_", "?"))  # Python alone would accept 1_000.
         except ValueError:
             raise InvalidRobot(f"{what}: {word!r} is not a number") from None
         if not math.isfinite(value):

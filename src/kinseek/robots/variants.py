@@ -1,4 +1,4 @@
-"""The same arm with some joints locked, with narrower limits, or with a tool at its tip."""
+"""Variants of an arm: with locked joints, with narrower limits, or with a tool at its tip."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ Array = NDArray[np.float64]
 
 
 def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
-    """Lock joints: each of their physical joints, followers included, becomes part of a fixed transform.
+    """Lock joints: each of their physical joints, mimic joints included, becomes part of a fixed transform.
 
     Args:
         chain: The arm.
-        values: Of each joint to lock, its value, [rad] or [m].
+        values: Value of each joint to lock, by name, [rad] or [m].
 
     Raises:
-        InvalidRobot: Unknown joints, values that are no numbers or outside the limits, or every joint locked.
+        InvalidRobot: A joint is unknown, a value is invalid or outside the limits, or every joint would be locked.
     """
     locked: dict[int, float] = {}
     for name, value in _named(chain, values, "value"):
@@ -50,7 +50,7 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
     kept: list[int] = []
     pending = np.eye(4)
     ends = [Frame(0, pending)]
-    """After each physical joint of the arm: how many are kept, and what has come since the last of them."""
+    """For each physical joint of the arm: the number of kept joints up to it, and the transform since the last of them."""
     for k, i in enumerate(chain.leader):
         pending = pending @ square(chain.fixed[k])
         if i in locked:
@@ -85,15 +85,15 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
 
 
 def with_limits(chain: Mechanism, limits: Mapping[str, tuple[float, float]]) -> Mechanism:
-    """Narrow the limits of joints; a continuous joint that gets limits is a revolute one.
+    """Narrow the limits of joints; a continuous joint with limits becomes a revolute one.
 
     Args:
         chain: The arm.
-        limits: Of each joint to narrow, its lower and upper limit, [rad] or [m].
+        limits: Lower and upper limit of each joint to narrow, by name, [rad] or [m].
 
     Raises:
-        InvalidRobot: Unknown joints, limits that are no numbers, inverted, or wider than those of the arm; for a
-            continuous joint, wider than a full turn.
+        InvalidRobot: A joint is unknown, or limits are invalid, inverted, or wider than those of the arm; for a continuous
+            joint, wider than a full turn.
     """
     lower, upper, kinds = chain.lower.copy(), chain.upper.copy(), list(chain.kinds)
     for name, pair in _named(chain, limits, "limits (lower, upper)"):
@@ -123,9 +123,9 @@ def with_limits(chain: Mechanism, limits: Mapping[str, tuple[float, float]]) -> 
 
 
 def with_tool(chain: SerialChain, tool: Array) -> SerialChain:
-    """Move the tip: ``A_tip`` becomes ``A_tip · tool``, tool (4, 4) a rigid transform, lengths in [m].
+    """Move the tip: ``A_tip`` becomes ``A_tip · tool``, where tool, (4, 4), is a rigid transform, lengths in [m].
 
-    The link at the tip stays where it is; only what `fk` and goals speak of moves.
+    The link at the tip keeps its pose; only the frame of `fk` and goals moves.
     """
     fixed = chain.fixed.copy()
     fixed[-1] = (square(fixed[-1]) @ tool)[:3]

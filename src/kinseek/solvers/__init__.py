@@ -1,9 +1,9 @@
 """The searches.
 
-What each finds, needs and costs is said by its `Traits`; `traits.table` puts them together.
+The `Traits` of each search say what it finds, needs and costs; `traits.table` combines them.
 
-Every search is a frozen dataclass of its parameters with one method, ``solve(problem) -> Solution``. A new
-one is a file here and a line in `every.ALL_SOLVERS`; from then on the tests and the command line have it.
+Every search is a frozen dataclass of its parameters with one method, ``solve(problem) -> Solution``. To add a search, add a
+file here and an entry in `every.ALL_SOLVERS`; the tests and the command line then include it.
 """
 
 from __future__ import annotations

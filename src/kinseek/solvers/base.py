@@ -1,4 +1,4 @@
-"""The one method that every search has, and the loop over a batch that they share."""
+"""The method that every search has, and the loop over a batch that searches share."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from .threads import Watch, progress_bar, unwatched
 
 
 def require_whole(solver: object, name: str, least: int, most: int = NO_BOUND) -> None:
-    """Read a parameter of a frozen solver that has to be a whole number in a range, and keep it as an `int`.
+    """Convert a parameter of a frozen solver to an `int` in a range, and store it.
 
     Raises:
-        InvalidSolver: It is not.
+        InvalidSolver: The parameter is not a whole number in this range.
     """
     object.__setattr__(solver, name, as_integer(name, getattr(solver, name), least, most))
 
@@ -30,12 +30,12 @@ class Solver(Protocol):
     """A search: a frozen dataclass of its parameters, with one method."""
 
     def solve(self, problem: Problem) -> Solution:
-        """Answer a problem, or each of a batch."""
+        """Solve a problem, or each target of a batch."""
         ...
 
 
 class Found(NamedTuple):
-    """What a search brings back for one target, before it is judged."""
+    """Result of a search for one target, before it is evaluated."""
 
     q: NDArray[np.float64]
     evaluations: int
@@ -43,7 +43,7 @@ class Found(NamedTuple):
     nodes_expanded: int = 0
     out_of_time: bool = False
     trace: Trace | None = None
-    """What the search did, if the problem asks for it; see `solvers.recording`."""
+    """Trace of the search, if the problem requests it; see `solvers.recording`."""
 
 
 def watch_each(
@@ -53,13 +53,13 @@ def watch_each(
     wanted: bool,
     deadline: Deadline | None = None,
 ) -> Solution:
-    """Do what `solve_each` does, with a progress bar if one is wanted.
+    """Do the same as `solve_each`, with a progress bar if `wanted` is set.
 
     Args:
         problem: One target or a batch.
-        search: Answers one target, and tells the watch how much of its work is done.
-        work: What one target takes at most, in any unit.
-        wanted: Show it.
+        search: Solves one target, and reports to the watch how much of its work is done.
+        work: Most work for one target, in any unit.
+        wanted: Whether to show the progress bar.
         deadline: When to end.
     """
     if not wanted:
@@ -78,9 +78,9 @@ def watch_each(
 def solve_each(
     problem: Problem, search: Callable[[Problem, Deadline], Found], deadline: Deadline | None = None
 ) -> Solution:
-    """Run a search on every target of a batch, one after the other, and judge the answers.
+    """Run a search on every target of a batch, one after the other, and evaluate the solutions.
 
-    When the time is up the targets that are left get what their search would start from.
+    If the time is up, the remaining targets get the start of their search.
     """
     deadline = deadline or Deadline(problem.time_limit)
     found, rows = [], []

@@ -1,4 +1,4 @@
-"""Blind search (Cubero 2008, as told in the paper's Sec. 1): local, and the baseline."""
+"""Blind search (Cubero 2008, as described in the paper's Sec. 1): a local search, and the baseline."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from .traits import Near, Traits, require
 
 @dataclass(frozen=True)
 class BlindSearch:
-    """From a start, try all 3^n combinations of -Δ, 0, +Δ; take the best; shrink Δ when none helps.
+    """From a start, try all 3^n combinations of -Δ, 0, +Δ, take the best, and shrink Δ if none improves.
 
-    Departs from the paper, whose changes are fixed: ``shrink=None`` is the paper's. Only works from a start close to
-    the goal, as its author says. Each step costs 3^n FK evaluations.
+    This departs from the paper, whose changes are fixed: ``shrink=None`` is the paper's version. The search only works from
+    a start close to the goal, as its author says. Each step costs 3^n FK evaluations.
 
     Raises:
-        InvalidSolver: A parameter out of its range.
+        InvalidSolver: A parameter is out of its range.
     """
 
     traits: ClassVar[Traits] = Traits(
@@ -59,12 +59,12 @@ class BlindSearch:
     step: float = 0.1
     """Δ at the start, [rad] or [m]."""
     shrink: float | None = 0.5
-    """Factor on Δ when no combination helps; None keeps Δ as it is, the paper's fixed changes, and ends there."""
+    """Factor on Δ if no combination improves; None keeps Δ fixed, as the paper does, and ends the search there."""
     smallest_step: float = 1e-9
-    """Stop below this Δ, [rad] or [m]; fixed changes do not ask it."""
+    """Stop below this Δ, [rad] or [m]; not used with a fixed Δ."""
     most_steps: int = 1000
     progress: bool = False
-    """Show a progress bar, of the steps that there may be."""
+    """Show a progress bar of the largest possible number of steps."""
 
     def __post_init__(self) -> None:
         """Check the parameters."""
@@ -79,7 +79,7 @@ class BlindSearch:
         require_whole(self, "most_steps", 1)
 
     def solve(self, problem: Problem) -> Solution:
-        """Answer by the best configuration on the way from `problem.start`."""
+        """Return the best configuration on the way from `problem.start`."""
         require(self, problem)
         require_room(problem, self.most_steps + 1)
         leaves_a_step = 3**problem.chain.dof
@@ -134,7 +134,7 @@ class BlindSearch:
         q: Array,
         deadline: Deadline,
     ) -> bool:
-        """Walk one step after the other and keep each; say whether the walk is done. The same bits as in one go."""
+        """Make one step after the other and record each; return whether the walk is done. The bits are those of one call."""
         arrays, goal, wraps, tolerances, parameters = given
         chain, most, held = recorder.problem.chain, int(parameters[3]), bytes_of(memory)
         for step in range(most + 1):
@@ -147,7 +147,7 @@ class BlindSearch:
                 recorder.add("start", before, 1, memory=held)
             if not ended:
                 return False
-            if at[STEPS] == step:  # None was made: the walk is done.
+            if at[STEPS] == step:  # No step was made: the walk is done.
                 return True
             reach = np.where(chain.wraps, delta, 0.0)
             low = np.maximum(before - delta, chain.lower - reach)
@@ -159,19 +159,19 @@ class BlindSearch:
 
 
 class Memory(NamedTuple):
-    """Memory of a walk, and what it knows."""
+    """Memory and state of a walk."""
 
     window: Window
     scratch: NodeScratch
     beam: Beam
-    """Of one leaf."""
+    """Beam with one leaf."""
     now: Array
     """The step Δ, and the weighted error at q, (2,)."""
 
 
 STEP, BEST = range(2)
 LEAF, LEAVES, EXPANDED, STEPS = range(4)
-"""Where a walk is at: the next leaf of its step's window; and of the steps that are done, leaves, nodes and their number."""
+"""Progress of a walk: index of the next leaf in its step's window; total leaves, nodes and steps that are done."""
 
 
 MEMORY = Bundle(Memory, window=TAKEN_WINDOW, scratch=TAKEN_SCRATCH, beam=TAKEN_BEAM, now=F64[2].out)
@@ -200,18 +200,18 @@ def walk(
     at: Indices,
     q: Array,
 ) -> bool:
-    """Walk q downhill in place; say whether the walk is done.
+    """Walk q downhill in place; return whether the walk is done.
 
     Args:
         chain: The arm.
-        goal: What is wanted.
-        wraps: Of each joint, may it cross from one end of its range to the other?
+        goal: The goal.
+        wraps: Whether each joint may cross from one end of its range to the other.
         tolerances: Stop within these, [m] and [rad], (2,).
         parameters: First step, shrink factor, smallest step, most steps, (4,).
-        work: What this call may do, in leaves; it does a little more.
-        memory: With the first step and no error at the beginning.
-        at: Where the walk is, see `LEAF`: zeros at its beginning.
-        q: Start, and then the answer, (n,).
+        work: Work of this call, in leaves; it does slightly more.
+        memory: At the beginning it holds the first step and no error.
+        at: Progress of the walk, see `LEAF`: zeros at its beginning.
+        q: Start, and then the result, (n,).
     """
     dof, window, scratch, beam, now = len(q), memory.window, memory.scratch, memory.beam, memory.now
     T = np.empty((3, 4))
@@ -249,7 +249,7 @@ def walk(
 
 @inlined_with_wrapper
 def combinations(chain: ChainArrays, wraps: Flags, q: Array, step: float, window: Window) -> None:
-    """Put q - Δ, q and q + Δ, held inside the limits, into the window."""
+    """Write q - Δ, q and q + Δ, clipped to the limits, into the window."""
     for d in range(len(q)):
         window.counts[d] = 3
         turn = chain.upper[d] - chain.lower[d]

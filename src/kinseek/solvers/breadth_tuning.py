@@ -1,11 +1,10 @@
-"""Breadth tuning by trial (the paper, Sec. 3.2): which joints deserve more breadth, and how much.
+"""Breadth tuning by trial (the paper, Sec. 3.2): choose the joints with more breadth, and their breadths.
 
-The paper examines the arm by hand and widens the joints that move the hand farthest. Measured, that is worse
-than a breadth of 2 for all if the wrist keeps a breadth of 1 (question 8 of docs/paper.md): it widens the shoulder,
-while breadth pays at the joints whose errors others hide as well, such as the elbow and the wrist of a SCARA arm. So
-this module asks the search itself. It
-solves a fixed set of reachable probe targets, widens the joint that lowers the mean weighted error most for
-the leaves it costs, and goes on while the window fits the budget.
+The paper examines the arm by hand and widens the joints that move the hand farthest. In measurements this is worse than a
+breadth of 2 for all joints if the wrist keeps a breadth of 1 (question 8 of docs/paper.md): it widens the shoulder. But
+breadth helps at joints whose errors other joints also hide, such as the elbow and the wrist of a SCARA arm. So this module
+runs the search itself. It solves a fixed set of reachable probe targets. It widens the joint that lowers the mean weighted
+error most per additional leaf, and continues while the window fits the budget.
 """
 
 from __future__ import annotations
@@ -24,47 +23,47 @@ Breadth = tuple[int, ...]
 
 _PROBES = 128
 _PATIENCE = 3
-"""Rounds that may bring no gain before tuning ends: joints that need each other gain only together."""
+"""Rounds without a gain after which tuning ends: some joints only gain together."""
 
 
 def probe_joints(chain: SerialChain) -> Array:
-    """Joint vectors spread over the limits, (k, n)."""
+    """Return joint vectors spread over the limits, (k, n)."""
     return np.asarray(chain.lower + weyl(_PROBES, chain.dof) * (chain.upper - chain.lower))
 
 
 class Walk(NamedTuple):
-    """How a joint may walk on from a wrong cell of the first pass: can it arrive at every node of its grid?
+    """How a joint continues from a wrong cell of the first pass: whether it can reach every node of its grid.
 
-    A window with k_j nodes to each side at a spacing of s_j moves the joint by at most k_j s_j nodes, so all later passes
-    together move it by at most T = Σ k_j s_j. The spacings are ⌊B/D⌋, divided by D and rounded down until they are 1. For
-    B = D^p and k in every pass T = k (D^(p-1) - 1) / (D - 1): a geometric series that *ends*, k / (D - 1) nodes short of
-    the endless one, k B / (D (D - 1)). What T has to come to:
+    A window with k_j nodes to each side at a spacing of s_j moves the joint by at most k_j s_j nodes. So all later passes
+    together move it by at most T = Σ k_j s_j. The spacings are ⌊B/D⌋, divided by D and rounded down until they are 1. For B
+    = D^p and k in every pass T = k (D^(p-1) - 1) / (D - 1): a geometric series that *ends*, k / (D - 1) nodes short of the
+    endless one, k B / (D (D - 1)). Lower bounds of T:
 
     - On a full turn to the opposite node: T ≥ ⌊B/2⌋.
-    - Between limits, from a first node m to the farther one, where a window loses what is beyond a limit: T ≥ m and
-      T ≥ B - 1 - m.
-    - The same where a window slides inward at a limit. If the first later window, of spacing s and k to a side, begins
-      beyond the lower limit, it is slid to m mod s and ends 2 k s from there, which is (m mod s) + k s more than the k s of
-      one that starts at the limit; later windows are smaller and do not slide again. So T + max(m, (m mod s) + k s) ≥ B - 1
+    - Between limits, from a first node m to the farther one, if a window loses what is beyond a limit: T ≥ m and T ≥ B - 1 -
+      m.
+    - The same if a window slides inward at a limit. If the first later window, of spacing s and k to a side, begins beyond
+      the lower limit, it slides to m mod s and ends 2 k s from there. This is (m mod s) + k s more than the k s of a window
+      that starts at the limit. Later windows are smaller and do not slide again. So T + max(m, (m mod s) + k s) ≥ B - 1
       upward, and the same with B - 1 - m for m downward.
 
-    No node on the way is left out: after a pass at most s_j - 1 ≤ D s_(j+1) + D - 2 nodes are left, and with so much breadth
-    the passes after it go farther than that.
+    No node on the way is left out: after a pass at most s_j - 1 ≤ D s_(j+1) + D - 2 nodes are left, and with this breadth
+    the following passes reach farther.
     """
 
     spacings: Sequence[int]
-    """Of the later passes, in nodes."""
+    """Spacings of the later passes, in nodes."""
     size: int
-    """B"""
+    """B."""
     wraps: bool
-    """Is the joint one with a full turn, whose windows cross from one end to the other?"""
+    """Whether the joint has a full turn, so that its windows cross from one end to the other."""
     clips: bool
-    """Does a window of one with limits lose what is beyond a limit?"""
+    """Whether a window of a joint with limits loses what is beyond a limit."""
     first: Indices
     """Nodes of the first pass."""
 
     def shortfall(self, sides: Sequence[int]) -> int:
-        """By how many nodes the later passes may miss the farthest node; 0 if they arrive, or there are none.
+        """Return by how many nodes the later passes may miss the farthest node; 0 if they reach it, or if there are none.
 
         Args:
             sides: Nodes to each side in each later pass.
@@ -76,13 +75,13 @@ class Walk(NamedTuple):
             return max(self.size // 2 - sum(steps), 0)
         beside = np.concatenate([self.first, self.size - 1 - self.first])
         if not self.clips:
-            # Beyond the range is as good as far beyond it, and fits 64 bits.
+            # A value beyond the range has the same effect as one far beyond it, and fits 64 bits.
             slid = beside % self.spacings[0] + min(steps[0], self.size)
             beside = np.maximum(beside, slid)
         return max(self.size - 1 - int(beside.min()) - sum(steps), 0)
 
     def breadth(self, divisions: int) -> int:
-        """The smallest breadth in all later passes with which a search can walk back."""
+        """Return the smallest breadth in all later passes with which the search can reach every node."""
         passes, breadths = len(self.spacings), range(1, self.size + 1)
 
         def arrives(breadth: int) -> bool:
@@ -103,12 +102,12 @@ def widen_by_trial(
 
     Args:
         dof: Number of joints n.
-        leaves: What a breadth costs a pass.
-        most_leaves: The budget for that.
-        mean_error: How well a breadth does on the probe targets.
+        leaves: Leaves of a pass with a breadth.
+        most_leaves: Budget for the leaves.
+        mean_error: Mean error of a breadth on the probe targets.
 
     Returns:
-        The breadth that did best on the way, (n,).
+        The best breadth that was tried, (n,).
     """
     breadth: Breadth = (1,) * dof
     best, stale = breadth, 0

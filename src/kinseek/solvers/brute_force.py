@@ -39,11 +39,11 @@ ORDERS = ("paper", "low-discrepancy", "random")
 class BruteForce:
     """Search the full grid of B values a joint, depth first, last joint fastest.
 
-    Finds the best node of the grid, and takes Σ B^i node expansions for it (Eq. 1). The paper names two
-    improvements and leaves them out; both are here: stop at an error, and another order of the values.
+    The search finds the best node of the grid with Σ B^i node expansions (Eq. 1). The paper names two improvements and
+    leaves them out; both are available here: stopping at an error, and another order of the values.
 
     Raises:
-        InvalidSolver: A parameter out of its range, or a tree too large for memory or for `most_nodes`.
+        InvalidSolver: A parameter is out of its range, or the tree is too large for memory or for `most_nodes`.
     """
 
     traits: ClassVar[Traits] = Traits(
@@ -58,14 +58,14 @@ class BruteForce:
     stop_below: float = 0.0
     """Stop at the first node whose weighted error is below this; 0 searches everything."""
     order: str = "paper"
-    """Of a joint's values. ``"paper"``: from the lower limit up; ``"low-discrepancy"``: in steps of the
-    golden ratio; ``"random"``: shuffled by `seed`."""
+    """Order of a joint's values. ``"paper"``: from the lower limit up; ``"low-discrepancy"``: in steps of the golden ratio;
+    ``"random"``: shuffled by `seed`."""
     seed: int = 0
-    """Of the random order."""
+    """Seed of the random order."""
     most_nodes: int | None = MOST_NODES
     """Nodes of the largest tree that is searched without a time limit, about a minute of them; None sets no limit."""
     ties: str = "rounding"
-    """Of equally good nodes ``"first"`` takes the first, as the paper's algorithm does in exact arithmetic; with
+    """Rule for equally good nodes. ``"first"`` takes the first, as the paper's algorithm does in exact arithmetic; with
     ``"rounding"`` the last bit of their errors decides."""
     progress: bool = False
     """Show a progress bar."""
@@ -82,7 +82,7 @@ class BruteForce:
             raise InvalidSolver(f"order must be one of {', '.join(ORDERS)}; got {self.order!r}")
 
     def solve(self, problem: Problem) -> Solution:
-        """Answer by the best node of the grid."""
+        """Return the best node of the grid."""
         require(self, problem)
         require_room(problem, 1)
         dof, count = problem.mechanism.dof, self.branching_factor
@@ -128,7 +128,7 @@ class BruteForce:
         return self._report(problem, grid, found, bytes_of(window, beam, scratch)) if problem.trace else found
 
     def _report(self, problem: Problem, grid: Grid, found: Found, memory: int) -> Found:
-        """What was found, with its trace: the one pass over the whole grid."""
+        """Add the trace to the result: the one pass over the whole grid."""
         recorder, nodes = Recorder(problem, self), np.arange(grid.size)
         window = grid_window(grid, [nodes] * problem.mechanism.dof)
         recorder.add("the whole grid", *found[:4], memory=memory, window=window)
@@ -170,5 +170,5 @@ class BruteForce:
 
 
 def equation_1(branching_factor: int, dof: int) -> int:
-    """Nodes that brute force expands: Σ_{i=1}^{DOF} B^i (the paper, Eq. 1)."""
+    """Return the nodes that brute force expands: Σ_{i=1}^{DOF} B^i (the paper, Eq. 1)."""
     return sum(branching_factor**i for i in range(1, dof + 1))

@@ -1,8 +1,8 @@
-"""Which joints leave a point of the hand at rest, found by forward kinematics alone.
+"""Find the joints that leave a point of the hand at rest, by forward kinematics alone.
 
-Moving a joint from q to q' takes a point w of the hand from R w + p to R' w + p', so that it rests where
-(R - R') w = p' - p, at all settings of the other joints: a small least-squares problem. Of a wrist whose axes meet w is the
-centre; and since the goal says where the hand is, it says where that centre has to be.
+Moving a joint from q to q' takes a point w of the hand from R w + p to R' w + p'. The point rests if (R - R') w = p' - p,
+for all values of the other joints: a small least-squares problem. For a wrist whose axes intersect, w is its centre. Since
+the goal determines the pose of the hand, it determines the position of this centre.
 """
 
 from __future__ import annotations
@@ -25,25 +25,26 @@ class Split(NamedTuple):
     """The chains in which an arm is searched for a kind of goal."""
 
     first: Joints
-    """Joints that are searched first, by number: for the place of `point`, or if there is no second chain for the goal."""
+    """Indices of the joints that are searched first: for the position of `point`, or for the goal if there is no second
+    chain."""
     second: Joints
-    """Joints that leave `point` at rest; they are searched after the first ones, for the goal."""
+    """Indices of the joints that leave `point` at rest; they are searched afterwards, for the goal."""
     idle: Joints
-    """Joints that move nothing of what the goal asks for; they stay in the middle of their ranges."""
+    """Indices of the joints that do not affect the goal; they stay in the middle of their ranges."""
     point: tuple[float, float, float]
-    """In the frame of the tip, or of the goal's tool [m]."""
+    """The point in the frame of the tip, or of the goal's tool [m]."""
     sentence: str
-    """All of this, and why, in words."""
+    """A sentence that describes and explains the split."""
     evaluations: int
-    """FK evaluations that it took to find out, once."""
+    """FK evaluations for finding the split, once."""
 
     @property
     def whole(self) -> bool:
-        """Is the whole arm one chain?"""
+        """Whether the whole arm is one chain."""
         return not (self.second or self.idle)
 
     def first_goal(self, goal: Goal) -> Goal:
-        """What the first chain is searched for."""
+        """Return the goal of the first chain."""
         if not self.second:
             return goal
         return Goal.position(
@@ -55,21 +56,22 @@ class Split(NamedTuple):
 
 
 def middle(chain: Mechanism) -> Array:
-    """The middle of every joint's range, (n,), [rad] or [m]."""
+    """Return the middle of every joint's range, (n,), [rad] or [m]."""
     return np.asarray(chain.lower + (chain.upper - chain.lower) / 2)
 
 
 SETTINGS = 12
-"""Settings of all joints at which each joint is moved."""
+"""Configurations at which each joint is moved."""
 STILL = 1e-6
-"""A point rests if it moves by no more than this, as a part of the arm's reach; what a description rounds is more."""
+"""Largest motion of a point that counts as resting, relative to the arm's reach; rounded numbers in descriptions cause
+more."""
 STEP, FREEDOM = 1e-3, 1e-4
-"""To count the ways in which something can move: the step, as a part of a joint's range, and the part of the largest
-singular value below which another is none."""
+"""For counting degrees of freedom: the step, relative to a joint's range, and the fraction of the largest singular value
+below which another counts as zero."""
 
 
 def find_split(chain: Mechanism, goal: Goal) -> Split:
-    """Find the chains by forward kinematics alone: move every joint alone, at settings of the others, and look."""
+    """Find the chains by forward kinematics alone: move every joint separately, at several configurations of the others."""
     look = _Look(chain, goal)
     movers = tuple(j for j in range(chain.dof) if look.moves(j)) or tuple(range(chain.dof))
     idle = tuple(j for j in range(chain.dof) if j not in movers)
@@ -95,7 +97,7 @@ def find_split(chain: Mechanism, goal: Goal) -> Split:
 
 
 def _resting(look: _Look, movers: Joints) -> list[tuple[Joints, Array]]:
-    """Ever more joints that leave a point at rest, from the last one on, and that point [m], (3,)."""
+    """Return growing sets of joints, from the last joint on, that leave a point at rest, and that point [m], (3,)."""
     found: list[tuple[Joints, Array]] = []
     for j in reversed(movers):
         joints = (j, *(found[-1][0] if found else ()))
@@ -118,16 +120,16 @@ def _idly(chain: Mechanism, idle: Joints) -> str:
 
 
 class _Look:
-    """Poses of the hand at some settings, and what moving one joint alone makes of them."""
+    """Poses of the hand at some configurations, and after moving one joint alone."""
 
     def __init__(self, chain: Mechanism, goal: Goal) -> None:
-        """Ask for all poses that are needed.
+        """Evaluate all poses that are needed.
 
         Raises:
             InvalidProblem: The goal has free axes or ranges.
         """
         self.axes = goal.tip_rotation[:, : goal.columns]
-        """Directions whose image the goal tells, as columns, (3, c): all of a pose, the tool axis of a direction."""
+        """Directions whose image the goal determines, as columns, (3, c): all for a pose, the tool axis for a direction."""
         n, rng = chain.dof, np.random.default_rng(1)
         span = chain.upper - chain.lower
         step = STEP * chain.span
@@ -141,24 +143,24 @@ class _Look:
         q = np.concatenate([settings[None], moved, lower, upper])
         inside = np.clip(q, chain.lower, chain.upper).reshape(-1, n)
         self.evaluations = len(inside)
-        """Poses asked for."""
+        """Poses evaluated."""
         poses = _poses(chain, goal, inside).reshape(*q.shape[:2], 4, 4)
         self.settings, self.moved = poses[0], poses[1 : n + 1]
         self.lower, self.upper = poses[n + 1 : 2 * n + 1], poses[2 * n + 1 :]
         reach = float(np.nanmax(np.abs(poses[..., :3, 3]), initial=0.0))
         self.reach = max(reach, 1e-3)
-        """[m]"""
+        """Reach of the arm [m]."""
         self.still = (1e-5 if chain.single else STILL) * self.reach
-        """[m]"""
+        """Largest motion of a resting point [m]."""
 
     def moves(self, j: int) -> bool:
-        """Does a joint move anything of the hand that the goal asks for?"""
+        """Return whether a joint moves any feature of the hand that the goal constrains."""
         turn, slide = self._between(j)
         turned = turn @ self.axes * self.reach
         return bool(max(np.abs(slide).max(initial=0.0), np.abs(turned).max(initial=0.0)) > self.still)
 
     def point_at_rest(self, joints: Joints) -> Array | None:
-        """The point nearest to the tip that none of these joints moves, if there is one that the goal tells of [m], (3,)."""
+        """Return the point nearest to the tip that these joints leave at rest and the goal determines [m], (3,), or None."""
         turns, slides = zip(*(self._between(j) for j in joints), strict=True)
         A, b = np.concatenate(turns).reshape(-1, 3) @ self.axes, np.concatenate(slides).reshape(-1)
         if not len(b):
@@ -167,12 +169,12 @@ class _Look:
         if self.axes.size:
             point = self.axes @ np.linalg.lstsq(A, b, rcond=1e-6)[0]
         left = np.abs(np.concatenate(turns) @ point - np.concatenate(slides)).max()
-        # Of joints that hardly turn, its square would be too large a number.
+        # If the joints hardly rotate, its square would be too large a number.
         near = math.hypot(*point) <= 2 * self.reach
         return point if near and left <= self.still else None
 
     def freedom(self, joints: Joints, point: Array | None = None) -> int:
-        """In how many ways some joints can move what the goal asks for, or a point (3,) of the hand."""
+        """Return the degrees of freedom with which some joints move the goal's features, or a point (3,) of the hand."""
         if not joints:
             return 0
         J = np.stack(
@@ -180,20 +182,20 @@ class _Look:
         )
         J = J[:, ~np.isnan(J).any(axis=(0, 2))]
         largest = np.abs(J).max(axis=(1, 2), initial=0.0)
-        # A joint with a narrow range counts as much as one with a wide one.
+        # A joint with a narrow range counts as much as one with a wide range.
         J = (J / np.where(largest > 0, largest, 1.0)[:, None, None]).transpose(1, 2, 0)
         values = np.linalg.svd(J, compute_uv=False)
         return int((values > FREEDOM * values.max(initial=1e-300)).sum(axis=1).max(initial=0))
 
     def _between(self, j: int) -> tuple[Array, Array]:
-        """R - R' and p' - p where a joint is moved from one pose to another, (k, 3, 3) and (k, 3), where there are both."""
+        """Return R - R' and p' - p for moves of a joint, (k, 3, 3) and (k, 3), as far as both poses exist."""
         before, after = self.settings, self.moved[j]
         there = ~np.isnan(before + after).any(axis=(1, 2))
         turn = before[there, :3, :3] - after[there, :3, :3]
         return turn, after[there, :3, 3] - before[there, :3, 3]
 
     def _features(self, poses: Array, point: Array | None) -> Array:
-        """What the goal asks for, (k, 3 + 3c), or where a point is, (k, 3), in parts of the arm's reach."""
+        """Return the goal's features, (k, 3 + 3c), or the position of a point, (k, 3), relative to the arm's reach."""
         if point is not None:
             return (poses[:, :3, :3] @ point + poses[:, :3, 3]) / self.reach
         turned = (poses[:, :3, :3] @ self.axes).reshape(len(poses), -1)
@@ -201,20 +203,20 @@ class _Look:
 
 
 def _poses(chain: Mechanism, goal: Goal, q: Array) -> Array:
-    """Poses of the goal's tool, or of the tip, (k, n) -> (k, 4, 4), lengths in [m]."""
+    """Return poses of the goal's tool, or of the tip, (k, n) -> (k, 4, 4), lengths in [m]."""
     poses = chain.forward(q)
     return np.asarray(poses if goal.tool is None else poses @ goal.tool)
 
 
 class _Known(NamedTuple):
-    """What is kept of an arm for a kind of goal."""
+    """Cached data of an arm for a kind of goal."""
 
     split: Split
     first: Mechanism | None
-    """The first chain, the others held in the middle; its tip is the point if there is a second chain. None: made anew, for
-    what is made of a function would keep that function for ever."""
+    """The first chain, with the others fixed in the middle; its tip is the point if there is a second chain. None means that
+    it is built at each use, since a cached part of black-box kinematics would keep the function alive."""
     second: Mechanism | None
-    """The second chain with the first in the middle."""
+    """The second chain, with the first in the middle."""
 
 
 KEPT = 16
@@ -224,7 +226,7 @@ _known: WeakCache[Mechanism, tuple[int, bytes | None], _Known] = WeakCache(KEPT)
 
 
 def known_of(chain: Mechanism, goal: Goal) -> _Known:
-    """What was found out about an arm for a kind of goal and a tool: at the first call, and dropped with the arm."""
+    """Return the cached data of an arm for a kind of goal and a tool: computed at the first call, dropped with the arm."""
 
     def find_out() -> _Known:
         split = find_split(chain, goal)
@@ -236,7 +238,7 @@ def known_of(chain: Mechanism, goal: Goal) -> _Known:
 
 
 def parts(chain: Mechanism, goal: Goal, split: Split) -> tuple[Mechanism, Mechanism | None]:
-    """Both chains, with what is not theirs in the middle."""
+    """Return both chains, with their other joints in the middle."""
     q = middle(chain)
     if not split.second:
         return chain.part(split.first, q, None), None

@@ -1,4 +1,4 @@
-"""What is said around a search: whether it is one, and whether a goal that it missed is in another unit."""
+"""Checks around a search: whether an object is a search, and whether a missed goal is in another unit."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .base import Solver
 
 
 def as_solver(value: Any, what: str = "solver") -> Solver:
-    """Make sure that something is a search: an object with a method ``solve``.
+    """Return an object with a method ``solve`` as a search.
 
     Args:
-        value: What was given.
+        value: The object.
         what: The name of the argument.
 
     Raises:
-        InvalidSolver: A name, a class instead of an object of it, or anything else without ``solve``.
+        InvalidSolver: The object is a name, a class instead of an instance, or anything else without ``solve``.
     """
     if not isinstance(value, type) and callable(getattr(value, "solve", None)):
         return cast(Solver, value)
@@ -49,17 +49,17 @@ def as_solver(value: Any, what: str = "solver") -> Solver:
 
 
 def with_progress(solver: Solver, wanted: bool) -> Solver:
-    """The same search with a progress bar, if one is wanted and it has one."""
+    """Return the same search with a progress bar, if one is requested and the search supports it."""
     if wanted and is_dataclass(solver) and any(each.name == "progress" for each in fields(solver)):
         return replace(cast(Any, solver), progress=True)
     return solver
 
 
 def warn_if_far(solution: Solution) -> None:
-    """Warn of missed goals that are many times as far away as the arm is long.
+    """Warn about missed goals whose distance is many times the arm's length.
 
     Warns:
-        UnitWarning: The farthest of them is.
+        UnitWarning: The farthest missed goal is that far away.
     """
     goal, chain = solution.problem.goal, solution.problem.axes
     if np.all(solution.success) or chain is None:

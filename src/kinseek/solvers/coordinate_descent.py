@@ -1,8 +1,8 @@
-"""Exact coordinate descent: forward kinematics only, no derivative, no step size, never worse.
+"""Exact coordinate descent: it needs forward kinematics only, no derivative and no step size, and never gets worse.
 
-Along one joint the squared chordal error is a sinusoid or a parabola, so three FK evaluations give its exact
-minimiser within the limits; along two joints nine give a bilinear form (see `kernels.grid.sinusoid`). A joint that
-drags mimics along has no such form: there a coarse scan and a golden-section search stand in.
+Along one joint the squared chordal error is a sinusoid or a parabola, so three FK evaluations determine its exact minimiser
+within the limits. Along two joints nine evaluations determine a bilinear form (see `kernels.grid.sinusoid`). A joint that
+drives mimic joints has no such form: a coarse scan and a golden-section search are used for it.
 """
 
 from __future__ import annotations
@@ -31,21 +31,20 @@ from .threads import unwatched
 from .traits import Near, Traits, require
 
 SCANS, SECTIONS = 24, 30
-"""Samples of a range, and golden sections after them, where a joint has no closed form."""
+"""Samples of a range, and golden sections after them, for a joint without a closed form."""
 
 PART = 1 << 16
-"""FK evaluations between two looks at the clock and at signals: some ten milliseconds."""
+"""FK evaluations between two checks of the clock and of signals: some ten milliseconds."""
 
 
 @dataclass(frozen=True)
 class CoordinateDescent:
-    """Minimise along single joints and pairs of joints, in turn, from `problem.start`.
+    """Minimise along single joints and pairs of joints alternately, from `problem.start`.
 
-    Linear convergence: it narrows in on an answer in tens to hundreds of sweeps, and it may stay in a local
-    minimum.
+    The convergence is linear: the search takes tens to hundreds of sweeps, and it may stay in a local minimum.
 
     Raises:
-        InvalidSolver: A parameter out of its range.
+        InvalidSolver: A parameter is out of its range.
     """
 
     traits: ClassVar[Traits] = Traits(
@@ -57,13 +56,13 @@ class CoordinateDescent:
     )
 
     most_sweeps: int = 200
-    """Sweeps over all joints and pairs."""
+    """Most sweeps over all joints and pairs."""
     pairs: bool = True
-    """Minimise over pairs of joints too: dearer sweeps, far fewer of them."""
+    """Whether to minimise over pairs of joints too: sweeps cost more, but far fewer are needed."""
     stall: float = 1e-6
-    """Stop when a sweep lowers the squared error by less than this part of it."""
+    """Stop if a sweep lowers the squared error by less than this fraction of it."""
     progress: bool = False
-    """Show a progress bar, of the sweeps that there may be."""
+    """Show a progress bar of the largest possible number of sweeps."""
 
     def __post_init__(self) -> None:
         """Check the parameters."""
@@ -72,7 +71,7 @@ class CoordinateDescent:
             raise InvalidSolver(f"stall must be in [0, 1), got {self.stall}")
 
     def solve(self, problem: Problem) -> Solution:
-        """Answer by the lowest point of the descent from `problem.start`."""
+        """Return the lowest point of the descent from `problem.start`."""
         require(self, problem)
         require_room(problem, self.most_sweeps + 2)
         return watch_each(problem, self._search, self.most_sweeps, self.progress)
@@ -103,7 +102,7 @@ class CoordinateDescent:
         recorder = Recorder(problem, self) if problem.trace else None
         if recorder:
             recorder.add("start", q, 1, memory=bytes_of(q))
-        # A trace looks after every sweep: each call ends with the sweep that spends the last of its part.
+        # A trace needs every sweep, so each call ends with the sweep that exhausts its part of the budget.
         part = 1 if recorder else PART
         done, swept = sweep_down(*given, part, at, q), 0
         while not done and not deadline.passed:
@@ -117,26 +116,26 @@ class CoordinateDescent:
 
     @staticmethod
     def _report(recorder: Recorder, found: Found, last: str) -> Found:
-        """What was found, with its trace; what is not in it yet is the pass `last`."""
+        """Add the trace to the result; work that is not recorded yet becomes the pass `last`."""
         recorder.add_rest(last, found)
         recorder.note_end(found)
         return found._replace(trace=recorder.finish())
 
 
 SPENT, SWEEPS = range(2)
-"""Where a descent is at: FK evaluations spent, and sweeps made."""
+"""Progress of a descent: FK evaluations spent, and sweeps made."""
 
 
 @kernel
 def error_at(chain: ChainArrays, squared: GoalArrays, q: Array, T: Array) -> float:
-    """Chordal error at q; T, (3, 4), receives the pose."""
+    """Return the chordal error at q; T, (3, 4), receives the pose."""
     forward(chain, q, T)
     return chordal_error(T, squared)
 
 
 @inlined_with_wrapper
 def samples(chain: ChainArrays, i: int, kinds: Array) -> tuple[float, float]:
-    """Return how far to step a joint for its samples, and 0 or that step as its `slide`."""
+    """Return the step of a joint for its samples, and its `slide`: 0 or that step."""
     if kinds[i] == 1:
         step = max(0.5 * (chain.upper[i] - chain.lower[i]), 1e-3)
         return step, step
@@ -145,7 +144,7 @@ def samples(chain: ChainArrays, i: int, kinds: Array) -> tuple[float, float]:
 
 @kernel
 def joint_kinds(chain: ChainArrays) -> Array:
-    """Of each variable: 0 revolute, 1 prismatic, 2 neither, for it drives more than one joint, (n,)."""
+    """Return the kind of each variable: 0 revolute, 1 prismatic, 2 neither, since it drives more than one joint, (n,)."""
     kinds = -np.ones(len(chain.lower))
     for k in range(len(chain.leader)):
         i = chain.leader[k]
@@ -177,18 +176,18 @@ def sweep_down(
     at: Indices,
     q: Array,
 ) -> bool:
-    """Descend in place; say whether the descent is done.
+    """Descend in place; return whether the descent is done.
 
     Args:
         chain: The arm.
         squared: The goal with the weights of the chordal error.
-        goal: The goal as it is judged.
+        goal: The original goal.
         limits: Position tolerance [m], orientation tolerance [rad], most sweeps, stall, (4,).
-        pairs: Minimise over pairs of joints too.
-        budget: FK evaluations to stay within.
-        part: FK evaluations after which this call ends, once its sweep does.
-        at: Where the descent is, see `SPENT`: zeros at its beginning.
-        q: Start inside the limits, and then the answer, (n,).
+        pairs: Whether to minimise over pairs of joints too.
+        budget: Largest number of FK evaluations.
+        part: FK evaluations after which this call ends, at the end of a sweep.
+        at: Progress of the descent, see `SPENT`: zeros at its beginning.
+        q: Start inside the limits, and then the result, (n,).
     """
     dof, T, kinds = len(q), np.empty((3, 4)), joint_kinds(chain)
     error = error_at(chain, squared, q, T)
@@ -228,7 +227,7 @@ def sweep_down(
 def descend_one(
     chain: ChainArrays, squared: GoalArrays, kinds: Array, i: int, error: float, q: Array, T: Array
 ) -> tuple[int, float]:
-    """Minimise along joint i in place; return the FK evaluations spent and the error there."""
+    """Minimise along joint i in place; return the FK evaluations spent and the resulting error."""
     if kinds[i] == 2:
         return scan_one(chain, squared, i, error, q, T)
     here = q[i]
@@ -253,7 +252,7 @@ def accept(
     q: Array,
     T: Array,
 ) -> float:
-    """Put a new value of joint i, held inside the limits, if FK says it is better; else the old one."""
+    """Set joint i to a new value, clipped to the limits, if FK confirms an improvement; otherwise restore the old one."""
     q[i] = min(max(new, chain.lower[i]), chain.upper[i])
     value = error_at(chain, squared, q, T)
     if value < error:
@@ -266,7 +265,7 @@ def accept(
 def scan_one(
     chain: ChainArrays, squared: GoalArrays, i: int, error: float, q: Array, T: Array
 ) -> tuple[int, float]:
-    """Minimise along a joint whose error is no single sinusoid: scan its range, then golden sections."""
+    """Minimise along a joint whose error is not a single sinusoid: scan its range, then use golden sections."""
     old, low, span = q[i], chain.lower[i], chain.upper[i] - chain.lower[i]
     best, best_value = old, error
     for k in range(SCANS):
@@ -299,7 +298,7 @@ def scan_one(
 def descend_two(
     chain: ChainArrays, squared: GoalArrays, kinds: Array, i: int, j: int, error: float, q: Array, T: Array
 ) -> float:
-    """Minimise over joints i and j at once, in place; return the error there."""
+    """Minimise over joints i and j at once, in place; return the resulting error."""
     here_i, here_j = q[i], q[j]
     step_i, slide_i = samples(chain, i, kinds)
     step_j, slide_j = samples(chain, j, kinds)

@@ -1,11 +1,11 @@
-"""Divide and conquer with the paper's heuristics, and with the beam that cures its diving (Sec. 3.1, 3.2).
+"""Divide and conquer with the paper's heuristics, and with a beam against local minima (Sec. 3.1, 3.2).
 
-A coarse grid over every joint first; then, pass by pass, a finer grid around the best so far, until the
-spacing is one node. ``breadth`` is the paper's constant breadth (one number) or breadth tuning (one a joint),
-``tree`` its dynamically-created tree. The paper notes that the error is not sorted along any joint, so that
-the search may dive into a local minimum: ``beam`` follows the K best cells of each pass instead of one.
+The first pass uses a coarse grid over every joint. Each later pass uses a finer grid around the best node so far, until the
+spacing is one node. ``breadth`` is the paper's constant breadth (one number) or breadth tuning (one a joint), ``tree`` its
+dynamically-created tree. The paper notes that the error is not sorted along any joint, so that the search may dive into a
+local minimum: ``beam`` follows the K best cells of each pass instead of one.
 
-Longer than other files here, since the search, its readings of the paper and the tuning of its breadths share one plan.
+This file is longer than others, since the search, its readings of the paper and the tuning of its breadths share one plan.
 """
 
 from __future__ import annotations
@@ -51,17 +51,17 @@ from .threads import unwatched
 from .traits import Near, Traits, require
 
 _MOST_CELLS = 10**6
-"""Of a beam, and of a breadth: more would not fit into memory, or never end."""
+"""Largest beam, and largest breadth: more would not fit into memory, or never end."""
 
 
 @dataclass(frozen=True)
 class DivideAndConquer:
     """Refine a grid around the best node, pass by pass (the paper, Alg. 1 and 2).
 
-    The answers of the static and of the dynamic tree are the same bits; only memory and counts differ.
+    The static and the dynamic tree give the same bits; only memory and counts differ.
 
     Raises:
-        InvalidSolver: A parameter out of its range, a static tree too large for memory, or a search too long for
+        InvalidSolver: A parameter is out of its range, a static tree is too large for memory, or the search takes more than
             `most_nodes`.
     """
 
@@ -77,37 +77,37 @@ class DivideAndConquer:
     divisions: int = 3
     """D: values a joint in the first pass; each later pass divides the spacing by D."""
     breadth: float | tuple[float, ...] | str = 1
-    """Br: later passes try 2(⌊D/2⌋ + Br) - 1 values a joint. One number is the paper's constant breadth (CB),
-    one a joint its breadth tuning (BT), ``"tuned"`` chooses those by trial, and with ``"reach"`` every joint can walk back
-    from any wrong cell of the first pass. A fraction is the mean over the later passes: with 2.5 the first four of seven
-    have a breadth of 3, and the others a breadth of 2."""
+    """Br: later passes try 2(⌊D/2⌋ + Br) - 1 values a joint. One number is the paper's constant breadth (CB), one a joint
+    its breadth tuning (BT). ``"tuned"`` chooses breadths by trial. With ``"reach"`` every joint can reach all nodes from any
+    wrong cell of the first pass. A fraction is the mean over the later passes: with 2.5 the first four of seven have a
+    breadth of 3, and the others a breadth of 2."""
     tree: str = "dynamic"
     """``"static"`` makes all nodes first; ``"dynamic"`` makes them when needed (DT)."""
     beam: int = 1
-    """K: cells a pass leaves to the next; the paper has 1."""
+    """K: cells that a pass passes to the next; the paper has 1."""
     children: int | None = None
-    """Cells that one cell may leave to the next pass; fewer keep the beam spread out. None sets no limit."""
+    """Most cells that one cell passes to the next pass; fewer keep the beam spread out. None sets no limit."""
     node_budget: int = 20_000
-    """Leaves a pass and cell that ``breadth="tuned"`` may spend."""
+    """Leaves per pass and cell that ``breadth="tuned"`` may use."""
     wrap: bool = True
-    """May the neighbourhood of a joint that turns fully cross from its last node to its first?"""
+    """Whether the neighbourhood of a joint with a full turn may cross from its last node to its first."""
     most_nodes: int | None = MOST_NODES
-    """Nodes of the longest search that is begun without a time limit, about a minute of them; None sets no limit."""
+    """Nodes of the longest search that is started without a time limit, about a minute of them; None sets no limit."""
     first: str = "D"
-    """The first pass tries ``"D"`` values, spread over the range (Sec. 3.1), or as many as the ``"formula"`` of
-    Sec. 3.2 says of every pass: 2(⌊D/2⌋ + Br) - 1, at a spacing of B/D around the zero configuration, with which
-    Algorithm 2 begins."""
+    """The first pass tries ``"D"`` values, spread over the range (Sec. 3.1), or as many as the ``"formula"`` of Sec. 3.2
+    gives for every pass: 2(⌊D/2⌋ + Br) - 1, at a spacing of B/D around the zero configuration, with which Algorithm 2
+    begins."""
     offset: float | tuple[float | None, ...] | None = None
-    """Where in the first pass's cells its nodes stand, in cells: 0 at the lower end, 0.5 in the middle. One number, or one a
-    joint; None is 0 for a joint that turns fully, and 0.5 for one with limits."""
+    """Position of the first pass's nodes in their cells: 0 at the lower end, 0.5 in the middle. One number, or one a joint;
+    None is 0 for a joint with a full turn, and 0.5 for one with limits."""
     limited: str = "middles"
-    """Joints with limits: ``"middles"`` gives them both limits as nodes, begins in the middles of D cells, and slides
-    windows inward at a limit. The ``"letter"`` of the paper gives them 360/B · i as it does full turns, the first node
-    at the lower limit, and loses what of a window is beyond a limit."""
+    """Nodes of joints with limits. ``"middles"`` gives them both limits as nodes, begins in the middles of D cells, and
+    slides windows inward at a limit. The ``"letter"`` of the paper gives them 360/B · i as for full turns, with the first
+    node at the lower limit, and drops the part of a window beyond a limit."""
     stop_below: float = 0.0
-    """Stop at the first node whose weighted error is below this; 0 goes through all passes."""
+    """Stop at the first node whose weighted error is below this; 0 makes all passes."""
     ties: str = "rounding"
-    """Of equally good nodes ``"first"`` takes the first, as the paper's algorithm does in exact arithmetic; with
+    """Rule for equally good nodes. ``"first"`` takes the first, as the paper's algorithm does in exact arithmetic; with
     ``"rounding"`` the last bit of their errors decides."""
     progress: bool = False
     """Show a progress bar."""
@@ -148,7 +148,7 @@ class DivideAndConquer:
             object.__setattr__(self, "breadth", _breadth("breadth", self.breadth))
 
     def solve(self, problem: Problem) -> Solution:
-        """Answer by the best node found."""
+        """Return the best node found."""
         require(self, problem)
         if problem.axes is None and self.breadth == "tuned":
             raise InvalidSolver(
@@ -173,7 +173,9 @@ class DivideAndConquer:
         return watch_each(problem, search, plan.leaves, self.progress, deadline)
 
     def breadths(self, problem: Problem, deadline: Deadline | None = None) -> tuple[float, ...]:
-        """The breadth of every joint, (n,), whichever way it was given; a fraction is a mean over the later passes.
+        """Return the breadth of every joint, (n,), for any form of the parameter.
+
+        A fraction is a mean over the later passes.
 
         Raises:
             InvalidSolver: The number of breadths is not the number of joints.
@@ -193,7 +195,7 @@ class DivideAndConquer:
         return self.breadth
 
     def reach_notes(self, problem: Problem) -> tuple[str, ...]:
-        """Of joints that cannot walk back from every wrong cell of the first pass, a sentence that says so.
+        """Return a sentence for each joint that cannot reach every node from a wrong cell of the first pass.
 
         See `breadth_tuning.Walk`.
         """
@@ -215,9 +217,9 @@ class DivideAndConquer:
         return tuple(walk.breadth(self.divisions) for walk in self._walks(wraps))
 
     def _walks(self, wraps: tuple[bool, ...]) -> list[Walk]:
-        """How each joint may walk on from the first pass."""
+        """Return how each joint continues from the first pass."""
         later = self._spacings[1:]
-        # Around the zero configuration the first nodes may stand anywhere: at a limit they have the farthest way.
+        # Around the zero configuration the first nodes may be anywhere; at a limit the distance is largest.
         at_limit = [np.zeros(1, dtype=np.int64)] * len(wraps)
         first = at_limit if self.first == "formula" else self._spread(self._offsets(np.array(wraps)))
         clips = self.limited == "letter"
@@ -228,7 +230,7 @@ class DivideAndConquer:
 
     @property
     def _spacings(self) -> list[int]:
-        """Of all passes, in nodes."""
+        """Return the spacings of all passes, in nodes."""
         spacings = [max(self.branching_factor // self.divisions, 1)]
         while spacings[-1] > 1:
             # Departs from the paper: with B = 10, D = 4 its spacing goes 2, 0; here the last one is always 1.
@@ -236,11 +238,11 @@ class DivideAndConquer:
         return spacings
 
     def _sides(self, breadths: tuple[float, ...]) -> Indices:
-        """Nodes to each side in every later pass, (passes, n); one row where there is no later pass.
+        """Return nodes to each side in every later pass, (passes, n); one row if there is no later pass.
 
-        A fraction gives the first passes the next larger breadth, as many of them as bring the mean nearest to it, and
-        the others the next smaller one. The first spacings are the largest, so a node more reaches farthest there;
-        `python -m experiments fraction` compares this with other mixtures.
+        A fraction gives the first passes the next larger breadth, as many of them as bring the mean nearest to it, and the
+        others the next smaller one. The first spacings are the largest, so one more node reaches farthest there. `python -m
+        experiments fraction` compares this with other mixtures.
         """
         passes = max(len(self._spacings) - 1, 1)
         wider = [math.floor((b - math.floor(b)) * passes + 0.5) for b in breadths]
@@ -251,7 +253,7 @@ class DivideAndConquer:
         return np.array(rows, dtype=np.int64)
 
     def _offsets(self, wraps: Flags) -> list[Fraction]:
-        """Where in their cells the first nodes of each joint stand.
+        """Return the positions of the first nodes of each joint in their cells.
 
         Raises:
             InvalidSolver: The number of offsets is not the number of joints.
@@ -261,19 +263,19 @@ class DivideAndConquer:
             raise InvalidSolver(
                 f"offset must be one number or {len(wraps)}, one a joint; got {len(given)}: {self.offset}"
             )
-        # Departs from the paper, which starts at the lower limit for every joint: the middles of D equal cells leave no
-        # end of a range out of reach of the later, ever smaller windows.
+        # Departs from the paper, which starts at the lower limit for every joint. The middles of D equal cells keep both
+        # ends of a range within reach of the later, ever smaller windows.
         middles = ~wraps & (self.limited != "letter")
         default = [Fraction(1, 2) if each else Fraction(0) for each in middles]
         return [own if each is None else Fraction(each) for own, each in zip(default, given, strict=True)]
 
     def _plan(self, problem: Problem, deadline: Deadline) -> _Plan:
-        """What all targets of a problem share."""
+        """Return the plan that all targets of a problem share."""
         static, letter = self.tree == "static", self.limited == "letter"
         size = self.branching_factor
         grid = joint_grid(problem.mechanism, size, static=static, wrap=self.wrap, letter=letter)
         breadths = self.breadths(problem, deadline)
-        # Only around the zero configuration do the first nodes depend on the arm.
+        # The first nodes depend on the arm only if they are placed around the zero configuration.
         zero = tuple(zero_nodes(grid)) if self.first == "formula" else None
         return _Plan(grid, *self._nodes(breadths, tuple(grid.wraps.tolist()), zero))
 
@@ -281,13 +283,13 @@ class DivideAndConquer:
     def _nodes(
         self, breadths: tuple[int, ...], wraps: tuple[bool, ...], zero: tuple[int, ...] | None
     ) -> tuple[list[Indices], Passes, Indices, list[int], int, int]:
-        """What follows the grid in a `_Plan`."""
+        """Return the fields of a `_Plan` after the grid."""
         spacings = self._spacings
         # A window that loses what is beyond a limit may have a whole range to each side.
         widest = 2 * self.branching_factor - 1 if self.limited == "letter" else self.branching_factor
         later = np.minimum(2 * self._sides(breadths) + 1, widest)
         first = self._first(wraps, zero, spacings[0], later[0])
-        # The kernel lays its memory out by the largest window that it is told of: all calls have to tell it the same.
+        # The kernel's memory layout depends on the largest window that is passed to it, so all calls have to pass the same.
         most = int(later.max()) if (later != later[0]).any() else 0
         padded = np.zeros((len(first), max(most, *map(len, first))), dtype=np.int64)
         for row, nodes in zip(padded, first, strict=True):
@@ -315,7 +317,7 @@ class DivideAndConquer:
     def _first(
         self, wraps: tuple[bool, ...], zero: tuple[int, ...] | None, spacing: int, later: Indices
     ) -> list[Indices]:
-        """Nodes of the first pass, of each joint."""
+        """Return the nodes of the first pass, for each joint."""
         offsets, size = self._offsets(np.array(wraps)), self.branching_factor
         if zero is not None:
             if self.offset is not None:
@@ -328,7 +330,7 @@ class DivideAndConquer:
         return self._spread(offsets)
 
     def _spread(self, offsets: list[Fraction]) -> list[Indices]:
-        """D nodes of each joint, one in each cell."""
+        """Return D nodes of each joint, one in each cell."""
         count = min(self.divisions, self.branching_factor)
         require_memory(len(offsets) * count, "the first pass tries D values of every joint")
         return [spread_nodes(self.branching_factor, count, each) for each in offsets]
@@ -346,7 +348,7 @@ class DivideAndConquer:
         arrays, goal, q = problem.arrays, problem.goal.arrays, np.empty(problem.mechanism.dof)
         at = np.array(BEGINNING)
         recorder, before, ends = None, q, plan.ends
-        if problem.trace:  # Not all passes at once, but one more at a time: the same bits.
+        if problem.trace:  # One more pass at a time instead of all at once: the bits are the same.
             recorder, before = self._recorder(problem), problem.start
             ends = list(range(1, len(plan.passes.spacings) + 1))
         for end in ends:
@@ -367,14 +369,14 @@ class DivideAndConquer:
         return found if recorder is None else self._report(recorder, found)
 
     def _recorder(self, problem: Problem) -> Recorder:
-        """What keeps the passes, with a sentence for each joint that may be locked out."""
+        """Return a recorder of the passes, with a sentence for each joint that may be locked out."""
         recorder = Recorder(problem, self)
         for sentence in self.reach_notes(problem):
             recorder.note(sentence)
         return recorder
 
     def _report(self, recorder: Recorder, found: Found) -> Found:
-        """What was found, with its trace."""
+        """Add the trace to the result."""
         recorder.note_end(found)
         if recorder.judged(found.q)[2] < self.stop_below:
             recorder.note(f"Stopped at a node with a weighted error below {self.stop_below:g}.")
@@ -415,7 +417,7 @@ def _offsets(given: object) -> float | tuple[float | None, ...]:
     """Read the offset of the first lattice.
 
     Raises:
-        InvalidSolver: Not a part of a cell.
+        InvalidSolver: The offset is not a fraction of a cell.
     """
     if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str):
         return tuple(None if each is None else _offset(each) for each in given)
@@ -426,10 +428,11 @@ def _breadth(name: str, given: Any) -> float:
     """Read a breadth; a whole one as a whole number.
 
     Raises:
-        InvalidSolver: It is none.
+        InvalidSolver: The value is not a breadth.
     """
     number: Any = given if isinstance(given, Real) and not isinstance(given, bool) else math.nan
-    if 1 <= number <= _MOST_CELLS:  # Before it becomes a float: a whole number may be larger than any.
+    # Checked before it becomes a float: a whole number may be larger than any float.
+    if 1 <= number <= _MOST_CELLS:
         number = float(number)
         return int(number) if number.is_integer() else number
     raise InvalidSolver(f"{name} must be a number from 1 to {_MOST_CELLS:,}, got {given!r:.200}")
@@ -443,30 +446,31 @@ def _offset(given: Any) -> float:
 
 
 class _Plan(NamedTuple):
-    """What a search does for every target."""
+    """Steps of a search that are the same for every target."""
 
     grid: Grid
     first: list[Indices]
-    """Nodes of the first pass, of each joint."""
+    """Nodes of the first pass, for each joint."""
     passes: Passes
     """All passes; their breadth is that of the first later one, see `until`."""
     later: Indices
-    """Nodes of each joint in each pass after the first, (passes, n)."""
+    """Number of nodes of each joint in each pass after the first, (passes, n)."""
     ends: list[int]
-    """Numbers of passes after which the breadth changes, and of all: the kernel does those in between in one go."""
+    """Numbers of passes after which the breadth changes, and of all passes: the kernel makes those in between in one
+    call."""
     leaves: int
-    """Leaves that the passes try at most."""
+    """Most leaves that the passes try."""
     nodes: int
-    """Nodes that the passes visit at most."""
+    """Most nodes that the passes visit."""
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """Joints, values of any joint at most, cells, and children of a cell."""
+        """Number of joints, most values of any joint, cells, and children of a cell."""
         most = max(self.passes.first.shape[1], int(self.later.max()))
         return len(self.passes.later), most, self.passes.beam, self.passes.children
 
     def until(self, end: int) -> Passes:
-        """So many passes, with the breadth of the last of them: a kernel does those that it has not done yet."""
+        """Return the first `end` passes, with the breadth of the last of them; a kernel makes those not done yet."""
         if self.ends == [end]:
             return self.passes
         return self.passes._replace(spacings=self.passes.spacings[:end], later=self.later[max(end - 2, 0)])
@@ -476,11 +480,11 @@ _memory_size = lru_cache(maxsize=64)(memory_size)  # Summing up takes as long as
 
 
 class _OutOfTimeError(Exception):
-    """Raised within a tuning that is cut short, so that it is not kept."""
+    """Raised within a tuning that runs out of time, so that its result is not cached."""
 
 
 class _Clock:
-    """A deadline that makes no difference to what is kept."""
+    """A deadline that does not affect cache keys."""
 
     def __init__(self, deadline: Deadline) -> None:
         self.deadline = deadline
@@ -497,7 +501,7 @@ def tuned_breadth(
 ) -> tuple[int, ...]:
     """Choose a breadth for each joint by trial, for goals of this kind and these weights (Sec. 3.2).
 
-    Takes up to some seconds for six joints, once: the answer is kept for the chain.
+    This takes up to some seconds for six joints, once: the result is cached for the chain.
     """
     scale = goal.position_weight / goal.orientation_weight
     clock = _Clock(deadline or Deadline())

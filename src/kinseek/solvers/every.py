@@ -1,4 +1,4 @@
-"""Every search that there is."""
+"""All searches."""
 
 from __future__ import annotations
 

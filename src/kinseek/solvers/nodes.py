@@ -23,23 +23,24 @@ from kinseek.robots.mechanism import Mechanism
 from .base import Found
 
 MOST_NODES = 2 * 10**10
-"""Nodes that a search visits unless told otherwise: about a minute."""
+"""Default limit of the nodes that a search visits: about a minute."""
 
 A_POSE, A_ROW, A_TARGET = 300, 3000, 30_000
-"""Nodes that one pose of a function counts as: a microsecond, or ten where Python runs for every row; and what a
-target takes besides."""
+"""Nodes that one pose of a function counts as: a microsecond, or ten if every row runs Python code; and the additional nodes
+of a target."""
 
 TIES = ("rounding", "first")
-"""Who decides between leaves that are equally good."""
+"""Rules that choose between equally good leaves."""
 
 LONG = 60.0
-"""[s] After which a search is a long one, and says so before it begins."""
+"""Estimated time after which a search is announced as a long one before it begins [s]."""
 
 _WORTH_MEASURING = 2 * 10**9
-"""Nodes: a core visits some 3e8 a second (benchmarks/test_searches.py), so fewer take no minute on one ten times slower."""
+"""Nodes below which the time of a search is not estimated. A core visits some 3e8 nodes a second
+(benchmarks/test_searches.py), so fewer nodes take less than a minute on a core ten times slower."""
 PROBE_OF_A_FUNCTION = 512
 _PROBE, _PROBE_TIME = 1 << 23, 0.05
-"""Poses of a function or leaves of a grid, and seconds, of the piece of a search by which the whole is estimated."""
+"""Size of the piece of a search from which the whole is estimated: poses of a function or leaves of a grid, and seconds."""
 
 
 def joint_grid(
@@ -47,10 +48,10 @@ def joint_grid(
 ) -> Grid:
     """Spread `count` nodes over each joint's range.
 
-    A joint whose ends are the same pose gets ``lower + i · range / B``, as the paper's 360/B · i: its last
-    node is one step short of its first. Any other joint gets both of its limits,
-    ``lower + i · range / (B - 1)``. Departs from the paper, which uses the first rule for all: a goal at an
-    upper limit would lie off the grid; `letter` follows it there.
+    A joint whose ends are the same pose gets ``lower + i · range / B``, like the paper's 360/B · i: its last node is one
+    step short of its first. Any other joint gets both of its limits, ``lower + i · range / (B - 1)``. This departs from the
+    paper, which uses the first rule for all joints, so that a goal at an upper limit would lie off the grid; `letter`
+    follows the paper there.
     """
     wraps = chain.wraps & wrap
     reach = chain.upper - chain.lower
@@ -64,10 +65,11 @@ def joint_grid(
 
 
 def require_memory(nodes: int, why: str) -> None:
-    """Refuse a tree that would not fit, before any of it is made.
+    """Reject a tree that would not fit into memory, before any of it is built.
 
     Raises:
-        InvalidSolver: With the number of nodes, the memory they need and the memory there is.
+        InvalidSolver: The tree does not fit; the message has the number of nodes, the memory they need and the memory
+            available.
     """
     needed, there = nodes * 24, physical_memory()  # A value, its number and a temporary.
     if needed > there / 2:
@@ -79,7 +81,7 @@ def require_memory(nodes: int, why: str) -> None:
 
 
 def physical_memory() -> int:
-    """Memory of this machine in bytes; 8 GiB where the system does not say."""
+    """Return the memory of this machine in bytes; 8 GiB if the system does not report it."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
@@ -87,7 +89,7 @@ def physical_memory() -> int:
 
 
 def spread_nodes(size: int, count: int, offset: Fraction) -> Indices:
-    """Numbers of `count` nodes, one in each of as many equal cells of B nodes, at a part of the cell, (count,)."""
+    """Return indices of `count` nodes, one in each of `count` equal cells, at a fraction of the cell, (count,)."""
     over, under = offset.numerator, offset.denominator
     if (count * under + over) * size < 2**62:
         return np.asarray((np.arange(count, dtype=np.int64) * under + over) * size // (under * count))
@@ -95,7 +97,7 @@ def spread_nodes(size: int, count: int, offset: Fraction) -> Indices:
 
 
 def zero_nodes(grid: Grid) -> list[int]:
-    """Of each joint the node nearest to the zero configuration, where Algorithm 2 begins."""
+    """Return for each joint the node nearest to the zero configuration, where Algorithm 2 begins."""
     steps = np.where(grid.step > 0, grid.step, 1.0)
     return [int(node) for node in np.rint(-grid.lower / steps).clip(0, grid.size - 1)]
 
@@ -103,7 +105,7 @@ def zero_nodes(grid: Grid) -> list[int]:
 def window_around(
     wraps: Sequence[bool], size: int, centre: Sequence[int], spacing: int, counts: Indices, clips: bool
 ) -> list[Indices]:
-    """Take the nodes around a centre: see `kernels.grid.descent.later_window`, of which this is the twin in Python."""
+    """Return the nodes around a centre: the Python version of `kernels.grid.descent.later_window`."""
     result = []
     for d, middle in enumerate(centre):
         count, clipped = int(counts[d]), clips and not wraps[d]
@@ -121,10 +123,9 @@ def window_around(
 
 
 def tie_of(problem: Problem, ties: str) -> float:
-    """Errors no farther apart than this are as good as each other, in the unit of the weighted error.
+    """Return the difference up to which errors count as equal, in the unit of the weighted error.
 
-    With ``ties="first"`` that is 1e-12 of the largest terms that an error is made of, some thousand times what rounding
-    does to their sum.
+    With ``ties="first"`` it is 1e-12 of the largest terms of an error, some thousand times the rounding error of their sum.
     """
     if ties != "first":
         return 0.0
@@ -138,7 +139,7 @@ def require_ties(ties: str) -> None:
     """Check a rule for ties.
 
     Raises:
-        InvalidSolver: It is none.
+        InvalidSolver: The rule is unknown.
     """
     if ties not in TIES:
         raise InvalidSolver(f"ties must be one of {', '.join(map(repr, TIES))}; got {ties!r}")
@@ -148,7 +149,7 @@ def require_error(stop_below: object) -> None:
     """Check the weighted error below which a search stops.
 
     Raises:
-        InvalidSolver: It is none.
+        InvalidSolver: The value is not a weighted error.
     """
     if not (isinstance(stop_below, Real) and float(stop_below) >= 0):
         raise InvalidSolver(f"stop_below must be a number >= 0, got {stop_below!r}")
@@ -163,20 +164,20 @@ def require_patience(
     *,
     at_most: bool = False,
 ) -> None:
-    """Refuse a search that would take for ever, and say beforehand how long a long one will take.
+    """Reject a search that would take too long, and announce the time of a long one before it begins.
 
-    One with a time limit ends anyway, and is never refused.
+    A search with a time limit is never rejected, since it ends anyway.
 
     Args:
-        problem: One target or a batch: what is refused is too much work for one.
-        nodes: That the search of one target visits.
-        most_nodes: That it may visit; None lifts the guard.
-        change: Which parameters make it fewer.
-        search: Answers one target. A piece of it is run, and timed, to estimate how long the search would take here.
-        at_most: Is `nodes` only what it may come to?
+        problem: One target or a batch; it is rejected if one target is too much work.
+        nodes: Nodes that the search of one target visits.
+        most_nodes: Limit of these nodes; None removes the limit.
+        change: Parameters that reduce the number of nodes.
+        search: Solves one target. A piece of it is run and timed to estimate the time of the search on this machine.
+        at_most: Whether `nodes` is only an upper bound.
 
     Raises:
-        InvalidSolver: With the number of nodes, and how long they would take.
+        InvalidSolver: The search would take too long; the message has the number of nodes and the estimated time.
     """
     chain, targets = problem.mechanism, len(problem.goal.targets)
     if problem.budget is not None:
@@ -209,16 +210,16 @@ def require_patience(
 
 
 def seconds_a_target(problem: Problem, nodes: int, search: Callable[[Problem, Deadline], Found]) -> float:
-    """Estimate how long the search of one target takes, by a piece of it on this machine [s]."""
+    """Estimate the time of the search of one target from a piece of it on this machine [s]."""
     one = next(iter(problem.each()))
     least = PROBE_OF_A_FUNCTION if problem.axes is None else _PROBE
     probe = replace(one, budget=min(least, one.budget or least), time_limit=None)
-    search(replace(probe, budget=1), Deadline())  # What is compiled once is not what is timed.
+    search(replace(probe, budget=1), Deadline())  # Compilation happens once and is not part of the time.
     begun = time.perf_counter()
     found = search(probe, Deadline(_PROBE_TIME))
     seconds = time.perf_counter() - begun
     if found.evaluations <= least / 2 and not found.out_of_time:
-        return seconds  # That was all of it.
+        return seconds  # The piece was the whole search.
     return seconds * max(1.0, nodes / max(found.nodes_expanded, found.evaluations, 1))
 
 

@@ -1,4 +1,4 @@
-"""One search finished by another: composition by wrapping."""
+"""Finish one search by another: composition of searches."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from .traits import Near, Traits
 
 @dataclass(frozen=True)
 class Polished:
-    """Start the second search where the first one ends; the better of the two answers counts.
+    """Start the second search where the first one ends; the better of the two solutions is returned.
 
-    Each may spend half of a problem's budget; of a time limit the first takes half at most.
+    Each may use half of a problem's budget; the first uses at most half of a time limit.
     """
 
     traits: ClassVar[Traits] = Traits(
@@ -44,13 +44,13 @@ class Polished:
         """Check that both are searches.
 
         Raises:
-            InvalidSolver: One is none.
+            InvalidSolver: One is not a search.
         """
         as_solver(self.search, "search")
         as_solver(self.finish, "finish")
 
     def solve(self, problem: Problem) -> Solution:
-        """Answer by both searches in turn."""
+        """Run both searches, one after the other."""
         budget, limit, deadline = problem.budget, problem.time_limit, Deadline(problem.time_limit)
         half, soon = None if budget is None else (budget + 1) // 2, None if limit is None else limit / 2
         part = problem if (half, soon) == (None, None) else replace(problem, budget=half, time_limit=soon)
@@ -73,7 +73,7 @@ class Polished:
         if not problem.goal.shape:
             merged = {name: value.item() for name, value in merged.items()}
         q = np.where(pick[..., None], first.q, last.q)
-        # The last one stayed near the first, and may have left [-π, π] to do so.
+        # The last search stayed near the first result, and may have left [-π, π].
         if not arrays_equal(problem.placed(q), q):
             work = [np.ravel(merged[name]) for name in ("evaluations", "nodes_created", "nodes_expanded")]
             placed = problem.placed(q).reshape(-1, q.shape[-1])
@@ -83,7 +83,7 @@ class Polished:
 
     @staticmethod
     def _report(solution: Solution, first: Solution, last: Solution | None) -> Solution:
-        """The answer with the traces of both searches as one, if they were asked for and kept."""
+        """Combine the traces of both searches in the solution, if they were requested and kept."""
         if not solution.problem.trace:
             return solution
         lasts = [None] * len(solution.problem.goal.targets) if last is None else last.each()

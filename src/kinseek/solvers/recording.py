@@ -1,4 +1,4 @@
-"""Keeps what a search does, pass by pass, if that was asked for."""
+"""Record what a search does, pass by pass, if the problem requests a trace."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ Indices = NDArray[np.int64]
 
 
 class Look(NamedTuple):
-    """Where a pass looks."""
+    """Region that a pass searches."""
 
     spacing: Array
-    """Of each joint, (n,), [rad] or [m]; NaN where it is left alone."""
+    """Spacing of each joint, (n,), [rad] or [m]; NaN for a joint that does not move."""
     lower: Array
-    """(n,), [rad] or [m]"""
+    """Lower ends, (n,), [rad] or [m]."""
     upper: Array
-    """(n,), [rad] or [m]"""
+    """Upper ends, (n,), [rad] or [m]."""
     counts: NDArray[np.int64]
     """Number of values of each joint, (n,)."""
 
 
 class Recorder:
-    """Takes the passes of the search for one target, and makes a `Trace` of them.
+    """Records the passes of the search for one target, and creates a `Trace` of them.
 
-    A search makes one only where ``problem.trace`` says so; without it nothing is kept and nothing is slower.
+    A search creates a recorder only if ``problem.trace`` is set; otherwise nothing is stored and nothing gets slower.
     """
 
     def __init__(self, problem: Problem, search: object) -> None:
-        """Keep the passes of `search`, an object or its name, for one target."""
+        """Record the passes of `search`, an object or its name, for one target."""
         self.problem = problem
         self.search = search if isinstance(search, str) else type(search).__name__
         self._kept: list[dict[str, Any]] = []
@@ -65,19 +65,19 @@ class Recorder:
         start: ArrayLike | None = None,
         spacing: Array | None = None,
     ) -> None:
-        """Keep a pass.
+        """Record a pass.
 
         Args:
-            name: What it is.
-            q: The best joint values known after it, (n,), as the search has them.
-            spent: FK evaluations up to its end, this pass and all before it.
-            created: Nodes made, likewise.
-            expanded: Nodes visited, likewise.
-            memory: Held while it ran [bytes].
-            window: Where it looked.
+            name: Name of the pass.
+            q: The best joint values after the pass, (n,), as the search has them.
+            spent: FK evaluations of this pass and all before it.
+            created: Nodes created, counted in the same way.
+            expanded: Nodes visited, counted in the same way.
+            memory: Memory used while it ran [bytes].
+            window: Region that was searched.
             cells: Number of windows.
-            start: Where it began, (n,), if that is not the best before it.
-            spacing: Of each joint, (n,), where there is no window.
+            start: Where the pass began, (n,), if this is not the best before it.
+            spacing: Spacing of each joint, (n,), if there is no window.
         """
         totals = int(spent), int(created), int(expanded)
         now = (new - old for new, old in zip(totals, self._totals, strict=True))
@@ -89,7 +89,7 @@ class Recorder:
         if spacing is not None:
             fields["spacing"] = np.array(spacing, dtype=float)
         if window is not None:
-            # Where a continuous joint was turned to be near to where the user wants it, its window turns with it.
+            # If a continuous joint was turned to be near the requested values, its window turns with it.
             turned = np.where(self.problem.mechanism.endless, best - q, 0.0)
             fields |= {
                 "spacing": np.array(window.spacing, dtype=float),
@@ -102,33 +102,33 @@ class Recorder:
         self._starts.append(None if start is None else np.array(start, dtype=float))
 
     def note(self, sentence: str) -> None:
-        """Keep a sentence, once."""
+        """Record a sentence, once."""
         if sentence not in self._notes:
             self._notes.append(sentence)
 
     @property
     def spent(self) -> int:
-        """FK evaluations up to the end of the last pass that is kept."""
+        """FK evaluations up to the end of the last recorded pass."""
         return self._totals[0]
 
     @property
     def empty(self) -> bool:
-        """Is no pass kept yet?"""
+        """Whether no pass is recorded yet."""
         return not self._kept
 
     @property
     def noted(self) -> bool:
-        """Is a sentence kept?"""
+        """Whether a sentence is recorded."""
         return bool(self._notes)
 
     def add_rest(self, name: str, found: Found) -> None:
-        """Keep what was done after the last pass that is kept, if anything was."""
+        """Record the work after the last recorded pass, if there is any."""
         if (found.evaluations, found.nodes_created, found.nodes_expanded) != self._totals:
             memory = self._kept[-1]["memory"] if self._kept else 0
             self.add(name, *found[:4], memory=memory)
 
     def note_end(self, found: Found) -> None:
-        """Keep what ended the search before it was done."""
+        """Record the reason if the search ended early."""
         budget = self.problem.budget
         if found.out_of_time:
             self.note("The time limit ended the search.")
@@ -136,7 +136,7 @@ class Recorder:
             self.note(f"The budget of {budget:,} evaluations is spent.")
 
     def finish(self) -> Trace:
-        """The trace; every pass is judged by plain forward kinematics."""
+        """Return the trace; every pass is evaluated by plain forward kinematics."""
         passes = []
         if self._kept:
             errors = [self.judged(q) for q in self._q]
@@ -159,23 +159,23 @@ class Recorder:
         return Trace(self.search, chain.joint_names, chain.kinds, tuple(passes), tuple(self._notes))
 
     def judged(self, q: Array) -> tuple[float, float, float]:
-        """Position error [m], orientation error [rad] and weighted error at joint values, (n,)."""
+        """Return position error [m], orientation error [rad] and weighted error at joint values, (n,)."""
         position, orientation, weighted = judge(self.problem, q[None])[0].tolist()
         return position, orientation, weighted
 
 
 def require_room(problem: Problem, passes: int) -> None:
-    """Refuse to trace more targets than fit into memory, each of so many passes at most.
+    """Reject a trace of more targets than fit into memory, with `passes` passes each at most.
 
     Raises:
-        InvalidUse: With the memory that the traces would take.
+        InvalidUse: The traces do not fit; the message has the memory that they would take.
     """
     if problem.trace:
         require_memory(len(problem.goal.targets), passes, problem.mechanism.dof)
 
 
 def bytes_of(*held: Any) -> int:
-    """What arrays hold, in tuples too [bytes]."""
+    """Return the size of arrays, also inside tuples [bytes]."""
     return sum(each.nbytes if isinstance(each, np.ndarray) else _bytes_in(each) for each in held)
 
 
@@ -184,16 +184,17 @@ def _bytes_in(held: Any) -> int:
 
 
 def grid_window(grid: Grid, nodes: list[Indices], centre: Indices | None = None) -> Look:
-    """The window of a pass over a grid.
+    """Return the window of a pass over a grid.
 
     Args:
         grid: The nodes.
-        nodes: Of each joint, in order, n arrays.
-        centre: Of a later pass, (n,): where a joint wraps its window is told around it, beyond the range if need be.
+        nodes: Indices of each joint's nodes, in order, n arrays.
+        centre: Centre of a later pass, (n,). The window of a joint that wraps is given around it, if necessary beyond the
+            range.
     """
     first = np.array([each[0] for each in nodes], dtype=np.int64)
     counts = np.array([len(each) for each in nodes], dtype=np.int64)
-    # Where a window crosses the seam of a joint that wraps, its nodes go on from 0.
+    # If a window crosses the seam of a joint that wraps, its nodes continue from 0.
     steps = [
         np.diff(each) % grid.size if w else np.diff(each) for each, w in zip(nodes, grid.wraps, strict=True)
     ]
@@ -215,17 +216,17 @@ def record_pass(
     found: Found,
     memory: int,
 ) -> None:
-    """Keep pass k of a descent through a grid.
+    """Record pass k of a descent through a grid.
 
     Args:
-        recorder: Takes it.
+        recorder: Receives the pass.
         grid: The nodes.
-        first: Nodes of the first pass, of each joint.
+        first: Nodes of the first pass, for each joint.
         passes: The plan.
-        k: From 0 on.
-        before: Best joint values of the pass before, (n,), around which this one looked.
-        found: What is known after it.
-        memory: Held [bytes].
+        k: Index of the pass, from 0 on.
+        before: Best joint values of the pass before, (n,), around which this one searched.
+        found: Result after the pass.
+        memory: Memory used [bytes].
     """
     if k == 0:
         window = grid_window(grid, first)
@@ -243,7 +244,7 @@ def record_pass(
 
 
 def joined(name: str, answer: Solution, first: Solution, last: Solution | None) -> Trace | None:
-    """The traces of a search and of the one that finished it as one; None if either kept none."""
+    """Combine the traces of a search and of the one that finished it; None if one of them has no trace."""
     parts = [first] if last is None else [first, last]
     traces: list[Trace | None] = [part._trace for part in parts]
     passes: list[Pass] = []

@@ -1,11 +1,11 @@
 """Separate chains: joints that leave a point of the hand at rest are searched after those that move it.
 
-The paper ends with this idea (Sec. 5): "break up the manipulator into separate chains", for instance "run the solver on
-the first 3 joints on the SCARA robot and then run the solver for the last joint". Which joints these are, and which point w
-of the hand they leave at rest, is found by forward kinematics alone, see `chain_split`.
+The paper ends with this idea (Sec. 5): "break up the manipulator into separate chains", for instance "run the solver on the
+first 3 joints on the SCARA robot and then run the solver for the last joint". These joints, and the point w of the hand that
+they leave at rest, are found by forward kinematics alone, see `chain_split`.
 
-The first chain is searched for the place of w alone, the second for the whole goal with the first held. With three joints
-in each these are two trees of depth three in place of one of depth six: their sizes add, and no longer multiply.
+The first chain is searched for the position of w alone, the second for the whole goal with the first chain fixed. With three
+joints in each these are two trees of depth three in place of one of depth six: their sizes add instead of multiplying.
 """
 
 from __future__ import annotations
@@ -39,23 +39,23 @@ Array = NDArray[np.float64]
 class SeparateChains(DivideAndConquer):
     """Divide and conquer, chain by chain (the paper, Sec. 5): first what moves the wrist's centre, then the other joints.
 
-    It has the parameters of `DivideAndConquer`, which searches each chain; what is given for each joint is given for those
-    of the whole arm. `split` tells the chains; where there are none the whole arm is searched, as `DivideAndConquer` does.
+    It has the parameters of `DivideAndConquer`, which searches each chain; parameters for each joint refer to the joints of
+    the whole arm. `split` returns the chains. If there is only one, the whole arm is searched as by `DivideAndConquer`.
 
-    Which joints move what is found once for an arm and a kind of goal, by some hundred poses (`Split.evaluations`). As
-    those of an atlas, they are not among the evaluations of an answer.
+    The split is computed once for an arm and a kind of goal, by some hundred poses (`Split.evaluations`). As for an atlas,
+    they are not part of a solution's evaluations.
 
     Raises:
-        InvalidSolver: As `DivideAndConquer`; or `again` is no number of at least 0.
+        InvalidSolver: As `DivideAndConquer`; or `again` is not a number of at least 0.
     """
 
     breadth: float | tuple[float, ...] | str = 4
     """Br: later passes try 2(⌊D/2⌋ + Br) - 1 values a joint. One number, one a joint, or ``"tuned"``."""
     again: float = 1e-3
-    """Where a tolerance is missed and the weighted error is worth more than this much of position [m], the chains are
-    searched again: each with a beam four times as wide, and if that was not enough, each once more for the whole goal with
-    the other held. The best answer counts. Infinity: never. Nor is one below `stop_below` searched again; in the wider beam
-    rounding decides ties."""
+    """Weighted error, expressed as a position error [m], above which the chains are searched again if a tolerance is missed.
+    Each chain is searched with a beam four times as wide, and if this is not enough, once more for the whole goal with the
+    other chain fixed. The best solution counts. Infinity disables this; a result below `stop_below` is not searched again
+    either. In the wider beam rounding decides ties."""
 
     traits: ClassVar[Traits] = Traits(
         source="the paper, Sec. 5",
@@ -75,7 +75,7 @@ class SeparateChains(DivideAndConquer):
             raise InvalidSolver(f"again must be a distance in metres of at least 0, got {self.again!r}")
 
     def split(self, problem: Problem) -> Split:
-        """Say which joints are searched first, which after them, and why.
+        """Return which joints are searched first, which afterwards, and why.
 
         Raises:
             InvalidProblem: The goal has free axes or ranges.
@@ -83,16 +83,18 @@ class SeparateChains(DivideAndConquer):
         return known_of(problem.mechanism, problem.goal).split
 
     def solve(self, problem: Problem) -> Solution:
-        """Answer by the best node found, chain after chain, or on the whole arm where it cannot be split."""
+        """Return the best node found, chain after chain, or on the whole arm if it cannot be split."""
         require(self, problem)
         chain, split, deadline = problem.mechanism, self.split(problem), Deadline(problem.time_limit)
         if split.whole or (chain.axes is None and self.breadth == "tuned"):
-            return _noted(super().solve(problem), split.sentence)  # It refuses to tune a function.
+            # This call rejects tuning for black-box kinematics.
+            return _noted(super().solve(problem), split.sentence)
         try:
             plan = self._chain_plan(problem, split, deadline)
         except _OutOfTimeError:
             return solve_each(problem, lambda one, _: Found(one.start, 0, out_of_time=True), deadline)
-        batch = len(problem.goal.targets) > 1  # Else each chain tells and shows its own.
+        # For one target each chain announces and shows its own progress.
+        batch = len(problem.goal.targets) > 1
         if batch:
             change = "a smaller breadth, beam or number of divisions"
             require_patience(
@@ -102,10 +104,11 @@ class SeparateChains(DivideAndConquer):
         return watch_each(problem, lambda one, *_: self._chains(one, plan, deadline), 1, shown, deadline)
 
     def _chain_plan(self, problem: Problem, split: Split, deadline: Deadline) -> _Plan:
-        """The search of each chain, with breadths in numbers.
+        """Return the search of each chain, with breadths as numbers.
 
         Raises:
-            InvalidSolver: A parameter does not fit the arm, or a chain needs too long a search; before any work is done.
+            InvalidSolver: A parameter does not fit the arm, or a chain needs too long a search. It is raised before any
+                work.
         """
         if not isinstance(self.breadth, str):
             self.breadths(problem)
@@ -127,7 +130,8 @@ class SeparateChains(DivideAndConquer):
                 breadths = search.breadths(nothing, deadline)
                 search = replace(search, breadth=breadths)
                 for each in (search, _wider(search)) if np.isfinite(self.again) else (search,):
-                    replace(each, progress=False).solve(nothing)  # It refuses here if it must.
+                    # A search that would take too long is rejected here.
+                    replace(each, progress=False).solve(nothing)
                 nodes += search._plan(nothing, deadline).nodes
                 if len(problem.goal.targets) > 1:
                     search = replace(search, progress=False)
@@ -136,7 +140,7 @@ class SeparateChains(DivideAndConquer):
         return _Plan(split, first, searches[0], searches[1], leaves[0] / sum(leaves), nodes)
 
     def _of(self, joints: Joints) -> DivideAndConquer:
-        """The search of some of the joints."""
+        """Return the search of some of the joints."""
         values = {field.name: getattr(self, field.name) for field in fields(DivideAndConquer)}
         mine: dict[str, Any] = {
             name: tuple(value[i] for i in joints) if isinstance(value, tuple) else value
@@ -156,37 +160,37 @@ class SeparateChains(DivideAndConquer):
             return account.found()
         account.search("goal", plan.second, split.second, goal)
         if account.goes_on:
-            # The paper's search dives where the best coarse cell is the wrong one; more cells are the cure.
+            # The paper's search dives if the best coarse cell is the wrong one; more cells correct this.
             if place is not None and place.position_error > self.again:
                 account.search("place, wider", _wider(plan.first), split.first, wanted, plan.chain)
             account.search("goal, wider", _wider(plan.second), split.second, goal)
         if account.goes_on:
-            # The second chain may stand at its limits: what it cannot do the first one can make up for in part.
+            # The second chain may be at its limits: the first one can compensate this in part.
             account.search("first again", plan.first, split.first, goal)
             account.search("second again", plan.second, split.second, goal)
         return account.found()
 
 
 ROUNDS = 6
-"""Searches of a chain for one target, at most."""
+"""Most searches of a chain for one target."""
 
 
 class _Plan(NamedTuple):
-    """What is the same for every target of a batch."""
+    """Data that is the same for every target of a batch."""
 
     split: Split
     chain: Mechanism
-    """The first chain; its tip is the point where there is a second chain."""
+    """The first chain; its tip is the point if there is a second chain."""
     first: DivideAndConquer
     second: DivideAndConquer
     share: float
-    """Part of a budget that the first chain may spend."""
+    """Fraction of a budget that the first chain may use."""
     nodes: int
-    """That both visit for one target, if none is searched again."""
+    """Nodes that both searches visit for one target, if none is repeated."""
 
 
 def _noted(solution: Solution, sentence: str) -> Solution:
-    """A solution whose traces, if it has any, begin with a sentence."""
+    """Return a solution whose traces, if it has any, begin with a sentence."""
     if not solution.problem.trace:
         return solution
     traces = [replace(one.trace, notes=(sentence, *one.trace.notes)) for one in solution.each()]
@@ -194,19 +198,22 @@ def _noted(solution: Solution, sentence: str) -> Solution:
 
 
 def _wider(search: DivideAndConquer) -> DivideAndConquer:
-    """The search that is tried where another one dived: of every cell that it followed, `WIDER`, and kept apart.
+    """Return the search that is tried if another one dived: it follows `WIDER` times the cells, and keeps them apart.
 
-    A rule for ties is that of one cell: with more of them rounding decides.
+    A rule for ties applies to one cell only: with more of them rounding decides.
     """
     return replace(search, beam=min(WIDER * search.beam, _MOST_CELLS), children=1, ties="rounding")
 
 
 WIDER = 4
-"""It costs so many times as much."""
+"""Factor on the number of cells, and so on the cost."""
 
 
 class _Account:
-    """Lets searches go on from each other, spend one budget and one time, and adds up their work."""
+    """Connects searches: each starts from the result of the one before, and their work is added up.
+
+    All share one budget and one time limit.
+    """
 
     def __init__(self, problem: Problem, solver: SeparateChains, deadline: Deadline) -> None:
         self.problem, self.deadline = problem, deadline
@@ -215,17 +222,17 @@ class _Account:
         self.left, self.memory = problem.budget, 0
         self.work, self.late = np.zeros(3, dtype=np.int64), False
         self.q = middle(problem.mechanism)
-        """What the last search found for its joints, and those before it for the others, (n,)."""
+        """Result of the last search for its joints, and of earlier searches for the others, (n,)."""
         self.best, self.missed, self.least = problem.start, True, np.inf
-        """The best for the goal, (n,); does it miss a tolerance? And its weighted error."""
+        """The best joint values for the goal, (n,); whether they miss a tolerance; and their weighted error."""
 
     @property
     def goes_on(self) -> bool:
-        """Is more work worth it, as far as is known?"""
+        """Whether more work may improve the result."""
         return self.missed and self.least > self.enough
 
     def note(self, sentence: str) -> None:
-        """Keep a sentence, if a trace is asked for."""
+        """Record a sentence, if a trace is requested."""
         if self.recorder:
             self.recorder.note(sentence)
 
@@ -238,15 +245,15 @@ class _Account:
         chain: Mechanism | None = None,
         most: int | None = None,
     ) -> Solution | None:
-        """Search for some of the joints, by `most` evaluations or what is left; None if nothing is left, or no time.
+        """Search for some of the joints; return None if no budget or time is left.
 
         Args:
-            name: What it is, for the trace.
-            search: How.
-            joints: Which; the others are held.
-            goal: That of the problem, or a place.
-            chain: The arm of which only these joints move; made if it is not given.
-            most: Evaluations.
+            name: Name of the search, for the trace.
+            search: The search.
+            joints: Indices of the joints; the others are fixed.
+            goal: The problem's goal, or a position.
+            chain: The arm in which only these joints move; built if it is not given.
+            most: Most evaluations; the default is the rest of the budget.
         """
         budget = self.left if most is None or self.left is None else min(most, self.left)
         self.late |= self.deadline.passed
@@ -273,7 +280,7 @@ class _Account:
         return found
 
     def _record(self, recorder: Recorder, name: str, joints: Joints, found: Solution) -> None:
-        """Keep the passes of a search for some of the joints as those of the whole arm, the others left alone."""
+        """Record the passes of a search for some of the joints as those of the whole arm, with the others unmoved."""
         chosen, work = list(joints), self.work.copy()
         for each in found.trace:
             q, counts = self.q.copy(), np.ones(len(self.q), dtype=np.int64)
@@ -288,7 +295,7 @@ class _Account:
             recorder.add(report, q, *work.tolist(), memory=each.memory, window=window, cells=each.cells)
 
     def found(self) -> Found:
-        """The end."""
+        """Return the final result."""
         evaluations, created, expanded = self.work.tolist()
         found = Found(self.best, evaluations, created, expanded, self.late)
         if self.recorder is None:

@@ -1,4 +1,4 @@
-"""Share the targets of a batch out to threads; after Ctrl-C, or when the time is up, nobody begins another piece."""
+"""Distribute the targets of a batch to threads; after Ctrl-C, or when the time is up, no further piece is started."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 GoOn = Callable[[], bool]
-"""May another piece of work be begun?"""
+"""Function that returns whether another piece of work may be started."""
 
 
 def parallel_for(
@@ -28,16 +28,17 @@ def parallel_for(
     deadline: Deadline,
     advance: Callable[[int], object] = lambda targets: None,
 ) -> None:
-    """Do some work for every target, in chunks that threads take one after the other.
+    """Process all targets in chunks that threads take one after the other.
 
     Args:
-        work: Takes the first target, one past the last, and what it has to ask between pieces of some ten milliseconds:
-            so long takes Ctrl-C, which only the thread that waits can hear.
+        work: Called as ``work(first, last, go_on)`` with the first target, one past the last, and a function. It has to call
+            `go_on()` about every 10 ms and stop on False. Only the waiting thread receives Ctrl-C, so this bounds its
+            latency.
         count: Number of targets.
         chunk: Targets that a thread takes at a time.
-        threads: None takes every core.
-        deadline: After it no further piece is begun.
-        advance: Told how many more targets are done.
+        threads: Number of threads; None uses every core.
+        deadline: No further piece is started after it.
+        advance: Called with the number of targets that were completed since the last call.
     """
     chunks = range(0, count, chunk)
     workers = min(threads or os.cpu_count() or 1, len(chunks))
@@ -55,7 +56,7 @@ def parallel_for(
         return not (stopped.is_set() or deadline.passed)
 
     def drain() -> None:
-        for begin in left:  # Each thread takes the next chunk that nobody has.
+        for begin in left:  # Each thread takes the next free chunk.
             if not go_on():
                 return
             end = min(begin + chunk, count)
@@ -80,17 +81,17 @@ def parallel_for(
 
 
 def in_threads(work: Callable[[T], R], items: Sequence[T], threads: int | None) -> list[R]:
-    """Return what some work gives for each item, in the order of the items; threads take one item after the other.
+    """Return the results of `work` for all items, in their order; threads take one item after the other.
 
     Args:
-        work: Takes an item; what it raises is raised here.
+        work: Takes an item; its exceptions are raised here.
         items: All items.
-        threads: None takes every core.
+        threads: Number of threads; None uses every core.
     """
     left, results = iter(range(len(items))), dict[int, R]()
 
     def drain() -> None:
-        for i in left:  # Each thread takes the next item that nobody has.
+        for i in left:  # Each thread takes the next free item.
             results[i] = work(items[i])
 
     crew = [SignalSafeThread(drain) for _ in range(min(threads or os.cpu_count() or 1, len(items)))]
@@ -107,7 +108,7 @@ def in_threads(work: Callable[[T], R], items: Sequence[T], threads: int | None) 
 
 @contextmanager
 def progress_bar(wanted: bool, total: int) -> Iterator[Callable[[int], object]]:
-    """Give a function that is told how many more targets are done."""
+    """Yield a function that is called with the number of targets that were completed since the last call."""
     if not wanted:
         yield lambda count: None
         return
@@ -123,23 +124,23 @@ def progress_bar(wanted: bool, total: int) -> Iterator[Callable[[int], object]]:
 
 
 class Watch:
-    """Tells a progress bar how far the search of each target is, one target after the other."""
+    """Reports to a progress bar how far the search of each target is, one target after the other."""
 
     def __init__(self, advance: Callable[[int], object], whole: int) -> None:
-        """Begin with the first target; `whole` is what a target takes at most."""
+        """Begin with the first target; `whole` is the most work of a target."""
         self._advance, self._whole, self._seen = advance, whole, 0
 
     def __call__(self, work: int) -> None:
-        """So much is done for this target."""
+        """Report the work that is done for this target."""
         work = min(work, self._whole)
         self._advance(work - self._seen)
         self._seen = work
 
     def end(self) -> None:
-        """This target is done, with less work perhaps."""
+        """Report that this target is done, possibly with less work."""
         self(self._whole)
         self._seen = 0
 
 
 def unwatched(work: int) -> None:
-    """Watch nothing."""
+    """Ignore the reported work."""

@@ -1,4 +1,4 @@
-"""What a search tells of itself: what it needs and what it finds. Refusals, tables and ``--help`` are made from it."""
+"""Properties of a search: what it needs and what it finds. Error messages, tables and ``--help`` are generated from them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .base import Solver
 
 
 class Near(Enum):
-    """What a search makes of `near`; the value is for people."""
+    """How a search uses `near`; the value is for display."""
 
     NEAREST = "finds the answer nearest to it"
     START = "needs it, to start there"
@@ -25,33 +25,33 @@ class Near(Enum):
 
 @dataclass(frozen=True)
 class Traits:
-    """What a search needs, and what may be expected of it."""
+    """Requirements of a search, and what can be expected of it."""
 
     source: str
-    """Where it is from."""
+    """Source of the search."""
     finds: str
     work: str
-    """How much for one target."""
+    """Amount of work for one target."""
     near: Near
-    """What `near` is to it. A search that needs it starts in the middle of every range without, and finds little."""
+    """Role of `near`. A search that needs it starts in the middle of every range without it, and finds little."""
     axes: bool = False
-    """Does it need axes and links? Else poses alone do, those of a function too."""
+    """Whether it needs axes and links. Otherwise poses suffice, also those of black-box kinematics."""
     plain_joints: bool = False
-    """Does it need every joint to turn about an axis or to slide along one, those of a function too?"""
+    """Whether every joint, also of black-box kinematics, must rotate about an axis or slide along one."""
     ranges: bool = False
-    """Does it take goals with free axes and ranges, of an arm with axes?"""
+    """Whether it supports goals with free axes and ranges, for an arm with axes."""
     made_of: bool = False
-    """Is it made of other searches, and needs what they need?"""
+    """Whether it consists of other searches and has their requirements."""
 
 
 class OwnSolver(Solver, Protocol):
-    """A search of `ALL_SOLVERS`: it tells of itself."""
+    """A search of `ALL_SOLVERS`: it has traits."""
 
     traits: ClassVar[Traits]
 
 
 def named(wanted: Callable[[Traits], bool]) -> list[str]:
-    """Names of the searches whose traits are as wanted; those made of others come last and say so."""
+    """Return the names of the searches with requested traits; composed searches come last and are marked."""
     from . import ALL_SOLVERS
 
     own = [cls.__name__ for cls in ALL_SOLVERS if wanted(cls.traits) and not cls.traits.made_of]
@@ -61,17 +61,17 @@ def named(wanted: Callable[[Traits], bool]) -> list[str]:
 
 
 def listed(wanted: Callable[[Traits], bool]) -> str:
-    """The same as text."""
+    """Return the same as text."""
     names = named(wanted)
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])}, and {names[-1]}"
 
 
 def require(search: OwnSolver, problem: Problem) -> None:
-    """Refuse an arm or a goal of which a search makes nothing, and say what works.
+    """Reject an arm or a goal that a search does not support, and name alternatives.
 
     Raises:
-        InvalidSolver: The search needs axes, and the arm is a function.
-        InvalidProblem: The search knows no free axes and ranges, and the goal has them.
+        InvalidSolver: The search needs axes, and the arm has black-box kinematics.
+        InvalidProblem: The search does not support free axes and ranges, and the goal has them.
     """
     name, traits = type(search).__name__, search.traits
     if traits.axes and problem.axes is None:
@@ -86,7 +86,7 @@ def require(search: OwnSolver, problem: Problem) -> None:
 
 
 def table() -> str:
-    """All searches and what may be expected of them, in Markdown."""
+    """Return all searches and their traits as a Markdown table."""
     from . import ALL_SOLVERS
 
     head = ("search", "from", "finds", "`near=`", "needs axes", "free axes, ranges", "work")
@@ -95,7 +95,7 @@ def table() -> str:
 
 
 def summary(cls: type[OwnSolver]) -> str:
-    """One line on a search for a command line's help: what it finds, and what it cannot do without."""
+    """Return one line about a search for a command line's help: what it finds, and what it requires."""
     traits = cls.traits
     lacks = [
         "needs --near" if traits.near is Near.START else "",

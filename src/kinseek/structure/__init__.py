@@ -1,1 +1,1 @@
-"""What the geometry of an arm gives: axes that meet or run parallel, and the closed forms that come of it."""
+"""Structure of an arm's geometry: axes that intersect or are parallel, and the closed forms that follow."""

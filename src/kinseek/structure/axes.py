@@ -1,4 +1,4 @@
-"""The axes of an arm as lines in space, and where lines meet."""
+"""The axes of an arm as lines in space, and points where lines intersect."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from kinseek.transforms import square
 
 
 class Axes(NamedTuple):
-    """An arm as a product of turns about its axes, ``T = E₁(q₁) … Eₙ(qₙ) T₀`` (Brockett 1984)."""
+    """An arm as a product of exponentials of its axes, ``T = E₁(q₁) … Eₙ(qₙ) T₀`` (Brockett 1984)."""
 
     direction: Array
-    """Of each axis at q = 0, unit vectors, (n, 3); a joint turns about it by the right hand."""
+    """Direction of each axis at q = 0, unit vectors, (n, 3); the rotation follows the right-hand rule."""
     point: Array
-    """On each axis, (n, 3), [m]."""
+    """A point on each axis, (n, 3), [m]."""
     slides: NDArray[np.bool_]
-    """Does the joint slide along its axis, (n,)?"""
+    """Whether the joint is prismatic, (n,)."""
     home: Array
     """T₀, the pose of the tip at q = 0, (4, 4), lengths in [m]."""
 
     def backwards(self) -> Axes:
-        """The arm from its tip to its base: the inverse of what the axes make together is made by these."""
+        """Return the arm from its tip to its base; it produces the inverse transforms."""
         return Axes(-self.direction[::-1], self.point[::-1], self.slides[::-1], self.home)
 
     def behind(self, joints: int) -> Axes:
-        """What is behind some joints at the front."""
+        """Return the part of the arm distal to its first `joints` joints."""
         return Axes(self.direction[joints:], self.point[joints:], self.slides[joints:], self.home)
 
 
 def axes_of(arrays: ChainArrays) -> Axes | None:
-    """The axes of an arm of joints that move each by a variable of its own and as far; None for any other arm."""
+    """Return the axes of an arm whose joints each have a variable of their own, with factor 1; None for any other arm."""
     joints = len(arrays.leader)
     plain = (arrays.leader == np.arange(joints)).all() and len(arrays.lower) == joints
     if not plain or (np.abs(arrays.multiplier) != 1.0).any():
@@ -54,9 +54,9 @@ def axes_of(arrays: ChainArrays) -> Axes | None:
 
 
 def meeting(direction: Array, point: Array) -> tuple[Array, float]:
-    """The point nearest to some lines, (3,), and its distance from the farthest of them [m]; the lines, (k, 3) each.
+    """Return the point nearest to some lines, (3,), and its largest distance from one of them [m]; lines as (k, 3) each.
 
-    Lines that are all parallel meet nowhere: the distance is infinite.
+    Parallel lines do not intersect: the distance is infinite.
     """
     across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
     values = np.linalg.svd(across.sum(axis=0), compute_uv=False)
@@ -69,17 +69,17 @@ def meeting(direction: Array, point: Array) -> tuple[Array, float]:
 
 
 def slant(direction: Array) -> float:
-    """The largest angle between the first of some axes, (k, 3), and the others, whichever way they point [rad]."""
+    """Return the largest angle between the first of some axes, (k, 3), and the others, regardless of their sign [rad]."""
     sines = np.linalg.norm(np.cross(direction[0], direction[1:]), axis=1)
     return float(np.arcsin(np.minimum(sines, 1.0)).max())
 
 
 def lean(before: Array, after: Array) -> tuple[float, float, float]:
-    """How far an axis leans from the next but one, by the angle v of the joint between: its cosine as a cos v + b sin v + c.
+    """Return a, b, c of the cosine a cos v + b sin v + c of the angle between two axes, v being the joint between them.
 
     Args:
         before: Transform from the first axis to the joint between, (3, 4).
-        after: And from there to the last, (3, 4).
+        after: Transform from there to the last axis, (3, 4).
     """
     x, y, z = after[:3, 2]
     a, b = before[2, 0] * x + before[2, 1] * y, before[2, 1] * x - before[2, 0] * y
@@ -87,5 +87,5 @@ def lean(before: Array, after: Array) -> tuple[float, float, float]:
 
 
 def nearest_on(direction: Array, point: Array, x: Array) -> Array:
-    """The point of each line, (k, 3), that is nearest to x, (3,)."""
+    """Return the point of each line, (k, 3), that is nearest to x, (3,)."""
     return np.asarray(point + direction * np.einsum("kj,kj->k", direction, x - point)[:, None])

@@ -1,4 +1,4 @@
-"""Which closed form an arm has, how exactly, and the numbers that its kernel takes."""
+"""Find out which closed form an arm has, how exactly, and the parameters of its kernel."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kinseek.transforms import inverse
 from .axes import Axes, axes_of, meeting, nearest_on, slant
 
 NEARLY = 0.005
-"""Deviation up to which the closed form of the nearby arm gives starts that are worth it; see `Structure.deviation`."""
+"""Largest deviation at which the closed form of the nearby arm gives useful starts; see `Structure.deviation`."""
 
 
 BENT = 0.1
@@ -23,32 +23,32 @@ BENT = 0.1
 
 
 SHORT = 1e-3
-"""Least link between parallel axes, in parts of the arm's size: a shorter one leaves a joint to choose."""
+"""Shortest link between parallel axes, relative to the arm's size: a shorter one leaves a joint undetermined."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Structure:
-    """What the axes of an arm have to do with each other."""
+    """Geometric relations between the axes of an arm."""
 
     word: str
     """``"spherical wrist"``, ``"spherical shoulder"``, ``"three parallel axes"``, ``"one joint given"`` or ``"none"``."""
     sentence: str
-    """What it is, how exactly, and what comes of it."""
+    """A sentence about the structure, its exactness and its consequences."""
     deviation: float
-    """How far the arm is from it [rad], lengths in parts of the arm's size; infinite where there is none."""
+    """Deviation of the arm from the structure [rad], lengths relative to the arm's size; infinite if there is none."""
     exact: bool
-    """Is that no more than rounding?"""
+    """Whether the deviation is no more than rounding."""
     numbers: Array
     """See `kernels.structure.candidates.KIND`."""
 
     def __repr__(self) -> str:
-        """The word and the sentence."""
+        """Return the word and the sentence."""
         return f"Structure({self.word!r}: {self.sentence})"
 
 
 @dataclass(frozen=True)
 class _Found:
-    """A structure that an arm has to some deviation."""
+    """A structure that an arm has up to some deviation."""
 
     kind: int
     backward: bool
@@ -57,20 +57,20 @@ class _Found:
 
     @property
     def exact(self) -> bool:
-        """Is the deviation no more than rounding?"""
+        """Whether the deviation is no more than rounding."""
         return self.deviation <= form.ROUNDING
 
 
 DECIDED = 6
-"""Joints that a closed form decides."""
+"""Number of joints that a closed form determines."""
 
 
 def structure_of(arrays: ChainArrays, size: float) -> Structure:
     """Find the structure of an arm.
 
     Args:
-        arrays: The arm, its tip where goals speak of.
-        size: Length that deviations are measured by [m].
+        arrays: The arm, with its tip where goals refer to.
+        size: Length that scales deviations [m].
     """
     axes = axes_of(arrays)
     if axes is None:
@@ -109,7 +109,7 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
 
 
 def with_tip(structure: Structure, arrays: ChainArrays) -> Structure:
-    """The structure of an arm whose tip stands elsewhere: its axes have the same."""
+    """Return the structure of an arm with another tip: its axes have the same structure."""
     axes = axes_of(arrays)
     if axes is None or structure.numbers[form.KIND] == form.NONE:
         return structure
@@ -119,7 +119,7 @@ def with_tip(structure: Structure, arrays: ChainArrays) -> Structure:
 
 
 def _home(axes: Axes, backward: bool) -> Array:
-    """What the kernel takes of the pose of the tip, (12,)."""
+    """Return the kernel's parameters of the tip's pose, (12,)."""
     return (axes.home[:3] if backward else inverse(axes.home[:3])).ravel()
 
 
@@ -151,7 +151,7 @@ def _words(found: _Found) -> tuple[str, str]:
 
 
 def _listed(joints: list[int]) -> str:
-    """Joints in order, in words."""
+    """Return joint numbers as text."""
     *first, last = sorted(joints)
     return f"{', '.join(map(str, first))} and {last}"
 
@@ -159,7 +159,7 @@ def _listed(joints: list[int]) -> str:
 def _found(
     find: Callable[[Axes, bool, float], _Found | None], axes: Axes, backward: bool, spare: int, size: float
 ) -> _Found | None:
-    """A structure behind so many joints in front, with what the kernel takes of these."""
+    """Find a structure in the axes after `spare` swept joints, with the kernel's parameters of these joints."""
     rest = axes.behind(spare)
     found = None if rest.slides.any() else find(rest, backward, size)
     if found is not None and spare:
@@ -171,7 +171,7 @@ def _found(
 
 
 def _wrist(axes: Axes, backward: bool, size: float) -> _Found | None:
-    """Axes 4, 5 and 6 meet, axes 2 and 3 are parallel."""
+    """Find a wrist whose axes 4, 5 and 6 intersect, with axes 2 and 3 parallel."""
     h = axes.direction
     x, apart = meeting(h[3:], axes.point[3:])
     off = max(apart / size, slant(h[1:3]))
@@ -181,7 +181,7 @@ def _wrist(axes: Axes, backward: bool, size: float) -> _Found | None:
 
 
 def _three(axes: Axes, backward: bool, size: float) -> _Found | None:
-    """Axes 2, 3 and 4 are parallel, axes 5 and 6 meet."""
+    """Find parallel axes 2, 3 and 4, with axes 5 and 6 intersecting."""
     h = axes.direction
     x, apart = meeting(h[4:], axes.point[4:])
     off = max(apart / size, slant(h[1:4]), slant(h[[2, 3]]))
@@ -191,7 +191,7 @@ def _three(axes: Axes, backward: bool, size: float) -> _Found | None:
 
 
 def _meeting(axes: Axes, backward: bool, size: float) -> _Found | None:
-    """Axes 4, 5 and 6 meet, axes 1 and 2 meet."""
+    """Find a wrist whose axes 4, 5 and 6 intersect, with axes 1 and 2 intersecting."""
     h = axes.direction
     x, apart = meeting(h[3:], axes.point[3:])
     start, aside = meeting(h[:2], axes.point[:2])
@@ -208,7 +208,7 @@ def _meeting(axes: Axes, backward: bool, size: float) -> _Found | None:
 
 
 def _bent(h: Array, *pairs: tuple[int, int]) -> bool:
-    """Is none of some pairs of axes parallel, or nearly?"""
+    """Return whether none of some pairs of axes is nearly parallel."""
     return min(_bend(h[a], h[b]) for a, b in pairs) >= BENT
 
 
@@ -219,7 +219,7 @@ def _bend(a: Array, b: Array) -> float:
 def _parallel(
     kind: int, axes: Axes, backward: bool, size: float, off: float, x: Array, parallel: int
 ) -> _Found | None:
-    """A structure whose axes from the second on are parallel; None where a link between these is too short."""
+    """Return a structure with parallel axes from the second on; None if a link between these is too short."""
     senses = np.sign(axes.direction[1:4] @ axes.direction[1])
     h = (senses[:parallel, None] * axes.direction[1 : 1 + parallel]).sum(axis=0)
     h /= np.linalg.norm(h)
@@ -235,7 +235,7 @@ def _parallel(
 
 
 def _numbers(kind: int, axes: Axes, backward: bool, size: float, off: float, x: Array) -> Array:
-    """Write down what the kernel takes of every kind."""
+    """Return the parameters that the kernel takes for every kind."""
     points = nearest_on(axes.direction, axes.point, x)
     numbers = np.zeros(form.NUMBERS)
     numbers[form.KIND], numbers[form.BACKWARD] = kind, backward
@@ -259,14 +259,14 @@ def _numbers(kind: int, axes: Axes, backward: bool, size: float, off: float, x: 
 
 
 def _across(h: Array) -> Array:
-    """A unit vector across h, (3,)."""
+    """Return a unit vector at right angles to h, (3,)."""
     across = np.cross(h, np.eye(3)[np.abs(h).argmin()])
     return np.asarray(across / np.linalg.norm(across))
 
 
 NO_STRUCTURE = _none("the goal leaves more open than a closed form decides")
-"""What a goal that is less than a pose has."""
+"""Structure for goals that are less than a pose."""
 
 
 FUNCTION = _none("the arm is a function, whose axes are not known")
-"""What an arm has of which only values are known."""
+"""Structure for black-box kinematics."""

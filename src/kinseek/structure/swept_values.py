@@ -1,4 +1,4 @@
-"""Which values of a joint in front of a closed form are tried: found by trial, once for an arm."""
+"""Choose the values that are tried for the swept joint of a closed form; they are determined once per arm by a trial."""
 
 from __future__ import annotations
 
@@ -12,21 +12,23 @@ from kinseek.kernels.structure.swept_values import try_swept_values
 from .structure import Structure
 
 SWEPT_VALUES = 24
-"""Leads that are tried of each pose of the trial."""
+"""Values that are tried for each pose of the trial."""
 
 
 SAMPLES = 64
-"""One pose of the trial for so many samples of the atlas."""
+"""Samples of the atlas for each pose of the trial."""
 
 
 def choose_swept_values(structure: Structure, handle: Indices, size: float, samples: int) -> None:
-    """Write down which leads of the joint in front are tried, if there is one: each serves most of what those before leave.
+    """Choose the values of the swept joint that are tried, if there is one.
+
+    Each value solves most of the poses of the trial that the earlier ones leave.
 
     Args:
-        structure: Of the arm; receives them.
+        structure: Structure of the arm; receives the values.
         handle: The task of the arm, which reads the numbers of the structure.
-        size: How far from the hand a joint that slides may be [m].
-        samples: How many the atlas has.
+        size: Largest value that is tried for a prismatic joint [m].
+        samples: Number of samples of the atlas.
     """
     numbers = structure.numbers
     if not numbers[form.SWEPT]:

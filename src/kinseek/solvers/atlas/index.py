@@ -1,4 +1,4 @@
-"""The atlas of an arm for a kind of goal: built once, kept as long as the arm."""
+"""The atlas of an arm for a kind of goal: built once, and kept as long as the arm."""
 
 from __future__ import annotations
 
@@ -64,10 +64,10 @@ class AtlasIndex(Lazy):
         tool: Array | None = None,
         structure: Structure | None = None,
     ) -> None:
-        """Sample the middle joints and sort the samples; or share those of the tip's own atlas.
+        """Sample the middle joints and sort the samples, or share those of the tip's own atlas.
 
-        Where the whole pose of a tool is asked, that of the tip is known: the samples of one serve the other. The structure
-        is looked for unless it is given.
+        If the goal is the whole pose of a tool, the pose of the tip is known, so both share the samples. The structure is
+        computed unless it is given.
         """
         began = time.perf_counter()
         division = divide(chain, kind)
@@ -88,7 +88,7 @@ class AtlasIndex(Lazy):
         elif structure is None:
             structure = structure_of(arrays, size) if kind is POSE else NO_STRUCTURE
         self.structure: Structure = structure
-        """What the geometry of the arm gives; nothing where the goal is less than a pose."""
+        """Structure of the arm's geometry; `NO_STRUCTURE` if the goal is less than a pose."""
         if self.structure.numbers[KIND] != NO_CLOSED_FORM:
             self._routines[CLOSED] = closed_routine.address
         self._arrays = task_arrays(
@@ -112,30 +112,30 @@ class AtlasIndex(Lazy):
         self._range_arrays = with_ranges(self._arrays, POSES, self._range_routines)
         self._range_addresses = handle_of(self._range_arrays)
         self.address: int = self._addresses.ctypes.data
-        """Address of the handle, for the kernels that may do with the routines that every goal needs."""
+        """Address of the handle, for kernels that only use the routines which every goal needs."""
         self.numbers: Indices = self._arrays[NUMBERS]
         """See `kernels.atlas.task.TaskRows.numbers`."""
         self.samples = len(self.sorted.middle)
         """Number of samples."""
         self.memory = sum(array.nbytes for array in self._arrays)
-        """[bytes]"""
+        """Size of all arrays [bytes]."""
         self.build_time = time.perf_counter() - began
-        """[s]; the first in a process includes loading or compiling the kernels."""
+        """Time for building [s]; for the first atlas in a process it includes loading or compiling the kernels."""
 
     @lazy
     def handle(self) -> Indices:
-        """Addresses of the arrays, for kernels, and of every routine they may call."""
-        add_ending(self._routines)  # The very array that kernels read, for it is contiguous.
+        """Addresses of the arrays, for kernels, and of all routines they may call."""
+        add_ending(self._routines)  # This is the array that kernels read, since it is contiguous.
         return self._addresses
 
     @lazy
     def range_handle(self) -> Indices:
-        """As `handle`, for goals with ranges."""
+        """Like `handle`, for goals with ranges."""
         self._range_routines[:] = range_routines()
         return self._range_addresses
 
     def is_far(self, tolerances: Array, target: Array) -> bool:
-        """Is a target, (3, 4), so far away that the nearest pose is found at once? See `kernels.atlas.far`."""
+        """Return whether a target, (3, 4), is so far that the nearest pose is computed directly; see `kernels.atlas.far`."""
         lengths = self._arrays[LENGTHS]
         hand = lengths[HAND:MEASURES]
         gap = target[:, :3] @ hand + target[:, 3] - lengths[SHOULDER:HAND]
@@ -143,7 +143,7 @@ class AtlasIndex(Lazy):
         return bool(tolerances[BUDGET] >= MOST and np.linalg.norm(gap) > BEYOND * lengths[SPAN] + slack)
 
     def __repr__(self) -> str:
-        """Size and cost."""
+        """Return size and cost."""
         return (
             f"AtlasIndex({self.samples} samples, {self.memory / 2**20:.1f} MiB, "
             f"built in {self.build_time * 1e3:.0f} ms)"
@@ -151,21 +151,21 @@ class AtlasIndex(Lazy):
 
 
 KEPT = 16
-"""Atlases of other tools and tool axes that an arm keeps, the last ones used."""
+"""Number of atlases of other tools and tool axes that an arm keeps, the last ones used."""
 
 
 _Key = tuple[Kind, int, bytes | None]
-"""Kind of goal, number of samples, and what moves the tip; None where nothing does."""
+"""Kind of goal, number of samples, and the transform of the tip; None if there is none."""
 
 
 _indices: WeakCache[SerialChain, _Key, AtlasIndex] = WeakCache(KEPT, lambda key: key[2] is not None)
 
 
 def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLES) -> AtlasIndex:
-    """The atlas of an arm for a kind of goal: built at the first call, dropped with the arm.
+    """Return the atlas of an arm for a kind of goal: built at the first call, dropped with the arm.
 
-    Another tool shares the samples where the whole pose is asked; where the tip's pose is open, it has its own. Those of
-    the last `KEPT` tools and tool axes are kept.
+    Another tool shares the samples if the goal is a whole pose; if the tip's pose is not determined, the tool has its own.
+    The atlases of the last `KEPT` tools and tool axes are kept.
     """
     kind = POSE if goal is None else goal.seeded_as
     tip = None if goal is None else goal.tip
@@ -179,7 +179,7 @@ def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLE
 
 
 def tolerances_of(goal: Goal, budget: int | None = None) -> Array:
-    """A goal's tolerances and weights as the kernels take them, see `kernels.atlas.task.POSITION`, (TOLERANCES,)."""
+    """Return a goal's tolerances and weights as the kernels take them, see `kernels.atlas.task.POSITION`, (TOLERANCES,)."""
     most = np.inf if budget is None else float(budget)
     return tolerance_numbers(
         goal.position_tolerance, goal.orientation_tolerance, goal.position_weight, most, goal.axis_weights
@@ -202,4 +202,5 @@ def tolerance_numbers(
 
 
 PLAIN = tolerance_numbers(DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, (1.0, 1.0, 0.0))
-"""`tolerances_of` a goal that is just a pose; written out, since making a goal runs a kernel, and importing must not."""
+"""`tolerances_of` a goal that is just a pose. It is written out, since creating a goal runs a kernel, which an import must
+not do."""

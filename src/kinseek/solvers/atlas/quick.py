@@ -1,4 +1,4 @@
-"""One goal without ranges by the shortest way from Python to its answer and back: the same bits as `Atlas.solve` gives."""
+"""Solve one goal without ranges with the least overhead in Python; the bits are those of `Atlas.solve`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .solver import asks_again
 
 
 def answers_quickly(goal: Goal, near: Array | None) -> bool:
-    """Is this one goal without ranges, and near one start, if near any?"""
+    """Return whether this is one goal without ranges, and with at most one start to be near to."""
     return (
         type(goal) is Goal
         and goal.target.ndim == 2
@@ -27,16 +27,16 @@ def answers_quickly(goal: Goal, near: Array | None) -> bool:
 
 
 def quick_answer(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array | None) -> Solution | None:
-    """Answer one goal.
+    """Solve one goal.
 
     Args:
         chain: The arm.
         index: Its atlas for such goals.
         goal: One that `answers_quickly`.
-        near: Where the answer shall be near to, (n,), finite, [rad] or [m].
+        near: Joint values that the solution shall be near to, (n,), finite, [rad] or [m].
 
     Returns:
-        None where it takes longer: a kernel is lacking yet, or what is missed is asked for again.
+        None if the full search is required: a kernel is not loaded yet, or a missed goal has to be searched again.
     """
     tolerances = _tolerances(
         goal.position_tolerance,
@@ -46,7 +46,7 @@ def quick_answer(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array 
         goal.form.columns,
     )
     moved = goal.base is not None or goal.form.turned
-    # A target is laid out as what it was made of.
+    # A target has the memory layout of the array it was created from.
     q, target = np.empty(chain.dof), goal.targets[0] if moved else np.ascontiguousarray(goal.target[:3])
     report = solve_goal(index.address, tolerances, target, q if near is None else near, near is not None, q)
     if report[3] < 0 or not (report[4] or not asks_again(goal, chain)):
@@ -58,6 +58,6 @@ def quick_answer(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array 
 def _tolerances(
     position: float, orientation: float, weight: float, turn_weight: float, columns: int
 ) -> Array:
-    """`tolerances_of` a goal of these numbers, (TOLERANCES,), which nobody writes into."""
+    """Return `tolerances_of` a goal with these numbers, (TOLERANCES,); the array must not be modified."""
     axis_weights = [turn_weight if column < min(columns, 2) else 0.0 for column in range(3)]
     return tolerance_numbers(position, orientation, weight, np.inf, axis_weights)

@@ -1,6 +1,6 @@
-"""Goals with free axes and ranges, by the atlas: seeds spread over the ranges, steps that look at what sticks out.
+"""Solve goals with free axes and ranges by the atlas: seeds are spread over the ranges, and steps reduce what exceeds them.
 
-See `kernels.ranges.search`; `Atlas` hands such goals on to here.
+See `kernels.ranges.search`; `Atlas` calls this module for such goals.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ if TYPE_CHECKING:
     from .solver import Atlas
 
 TINY = 1e-300
-"""Keeps a vector of no length from being divided by zero."""
+"""Lower bound of a divisor: prevents division by zero for a vector of length zero."""
 
 _GROUP = 64
-"""Targets whose poses are made at once."""
+"""Targets whose poses are computed at once."""
 
 _PIECE = 8
-"""Targets that are done at a stretch: some ten milliseconds if they are hard."""
+"""Targets that are solved in one piece: some ten milliseconds if they are hard."""
 
 
 def solve_ranges(search: Atlas, problem: Problem) -> Solution:
-    """Answer a goal with ranges, or a batch, one after the other on every thread."""
+    """Solve a goal with ranges, or a batch, on all threads."""
     goal, chain = problem.goal, problem.chain
     deadline = Deadline(problem.time_limit)
     index = atlas_of(chain, goal, search.samples)
@@ -83,7 +83,7 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
 
 @lru_cache(maxsize=64)
 def deviations(ranges: Ranges, swing: tuple[float, float, float] | None) -> tuple[Array, Array]:
-    """Deviations spread over ranges: shares of x, y and z in [0, 1], (POSES, 3), and rotations, (POSES, 3, 3)."""
+    """Return deviations spread over ranges: fractions of x, y and z in [0, 1], (POSES, 3), and rotations, (POSES, 3, 3)."""
     open_axes = [i for i, (low, high) in enumerate(ranges) if low < high]
     if swing is not None:
         open_axes = [i for i in open_axes if i < 3] + [3]
@@ -93,7 +93,7 @@ def deviations(ranges: Ranges, swing: tuple[float, float, float] | None) -> tupl
 
 
 def seed_poses(chain: SerialChain, goal: Goal, parallel_for: Array, turns: Array, targets: slice) -> Array:
-    """Poses spread over the ranges about each target, the first as near to it as they allow, (k, POSES, 3, 4)."""
+    """Return poses spread over the ranges about each target, the first as near to it as they allow, (k, POSES, 3, 4)."""
     about, frames = goal.targets[targets], goal.frames[targets]
     low, high = place_ranges(chain, goal, about, frames)
     place = low[:, None] + parallel_for[None] * (high - low)[:, None]
@@ -106,20 +106,20 @@ def seed_poses(chain: SerialChain, goal: Goal, parallel_for: Array, turns: Array
 
 
 def place_ranges(chain: SerialChain, goal: Goal, about: Array, frames: Array) -> tuple[Array, Array]:
-    """Ranges of x, y and z about targets, (k, 3, 4), cut to what the arm can reach: lower and upper ends, (k, 3) each."""
+    """Return ranges of x, y and z about targets, (k, 3, 4), cut to the arm's reach: lower and upper ends, (k, 3) each."""
     ends = np.array(goal.ranges)[:3]
     tool = 0.0 if goal.tool is None else float(np.linalg.norm(goal.tool[:3, 3]))
     reach = arm_length(chain) + tool
     away = chain.fixed[0, :, 3] - about[:, :, 3]
     shoulder = _product(np.swapaxes(frames, 1, 2), away[..., None])[..., 0]
     low, high = np.maximum(ends[:, 0], shoulder - reach), np.minimum(ends[:, 1], shoulder + reach)
-    none = low > high  # The range lies out of reach: its nearer end is as good as any.
+    none = low > high  # The range is out of reach: use its nearer end.
     nearer = np.clip(shoulder, ends[:, 0], ends[:, 1])
     return np.where(none, nearer, low), np.where(none, nearer, high)
 
 
 def turn_vectors(ranges: Ranges, swing: tuple[float, float, float] | None, parallel_for: Array) -> Array:
-    """Rotation vectors spread over the ranges, the first as short as they allow, (POSES, 3)."""
+    """Return rotation vectors spread over the ranges, the first as short as they allow, (POSES, 3)."""
     if swing is not None:
         angles = np.pi * (2.0 * parallel_for[:, 3] - 1.0)
         angles[0] = 0.0
@@ -132,5 +132,5 @@ def turn_vectors(ranges: Ranges, swing: tuple[float, float, float] | None, paral
 
 
 def _product(A: Array, B: Array) -> Array:
-    """Products of 3x3 matrices with matrices of three rows, written out: the same bits in every batch."""
+    """Return products of 3x3 matrices with matrices of three rows, written out: the bits are the same in every batch."""
     return np.asarray(sum(A[..., :, j : j + 1] * B[..., j : j + 1, :] for j in range(3)))

@@ -1,7 +1,7 @@
-"""The atlas: sort the search space once, then one answer takes microseconds (the default).
+"""The atlas: sort the search space once, then solve a goal in microseconds (the default search).
 
-The paper's divide and conquer assumes that what it searches is sorted, and forward kinematics is not. So it is
-sorted: see docs/atlas.md for the idea, and `kernels.atlas.one_goal` for what happens to one goal.
+The paper's divide and conquer assumes that the search space is sorted, but forward kinematics is not. The atlas sorts it:
+see docs/atlas.md for the idea, and `kernels.atlas.one_goal` for the steps of one goal.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from kinseek.solvers.traits import Near, Traits
 from .index import SAMPLES, atlas_of, tolerances_of
 
 CHUNK = 1024
-"""Targets that a thread takes at a time: some milliseconds, so that Ctrl-C is heard."""
+"""Targets that a thread takes at a time: some milliseconds, so that Ctrl-C takes effect soon."""
 
 
 WIDE = 1e-4
-"""From such a tolerance on a goal that is missed is asked for again, see `Atlas._ask_again`: [rad], or parts of the arm's
-length. Below it two tolerances hardly leave room for weights to choose."""
+"""Tolerance from which on a missed goal is searched again, see `Atlas._ask_again`: [rad], or relative to the arm's length.
+Below it two tolerances hardly leave weights a choice."""
 
 
 _PIECE = 16
-"""Targets that are done at a stretch one after the other: some milliseconds if they are hard."""
+"""Targets that are solved in one piece, one after the other: some milliseconds if they are hard."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Atlas:
     """Look the goal up among sorted samples of the arm, and refine the nearest.
 
     Raises:
-        InvalidSolver: A parameter out of its range.
+        InvalidSolver: A parameter is out of its range.
     """
 
     traits: ClassVar[Traits] = Traits(
@@ -63,10 +63,10 @@ class Atlas:
     )
 
     samples: int = SAMPLES
-    """Samples of the middle joints; more cost memory and time to build, and start closer."""
+    """Number of samples of the middle joints. More samples cost memory and time to build, and start closer to the goal."""
     threads: int | None = None
-    """Threads for a batch; None takes every core. The answers are the same bits. An arm that is a function is asked by
-    one thread."""
+    """Threads for a batch; None uses every core. The solutions have the same bits. Black-box kinematics are called by one
+    thread."""
     progress: bool = False
     """Show a progress bar while a batch is solved."""
 
@@ -77,7 +77,7 @@ class Atlas:
             require_whole(self, "threads", 1)
 
     def solve(self, problem: Problem) -> Solution:
-        """Answer by what the nearest sample leads to, else the next nearest; else by the best pose found."""
+        """Refine the nearest sample, then the next ones if it fails; if all fail, return the best pose found."""
         goal, chain = problem.goal, problem.axes
         if chain is None:
             return self._ask(problem.mechanism, problem)
@@ -109,7 +109,7 @@ class Atlas:
                 done[left[:count]] = False
                 one_by_one(left[:count], go_on)
 
-        # A trace is that of one target alone, and so are the evaluations that it counts.
+        # A trace belongs to one target, and so do the evaluations that it counts.
         alone = problem.budget is not None or len(targets) == 1 or problem.trace
         if problem.near is None and alone:
             one_by_one(np.arange(len(targets)), lambda: not deadline.passed)
@@ -134,10 +134,11 @@ class Atlas:
     def _ask_again(
         self, problem: Problem, handle: Indices, results: Array, done: NDArray[np.bool_], deadline: Deadline
     ) -> None:
-        """Look once more for what was missed, each tolerance counting as one, where one is so wide that this may differ.
+        """Search missed goals once more with equally weighted tolerances.
 
-        The search keeps what is best by the goal's weights. These tell which pose is nearest, and must not tell what is
-        found: a pose well within a wide tolerance may count for less there than one that misses the other.
+        This is done if one tolerance is wide enough to make a difference. The search keeps what is best by the goal's
+        weights. The weights define which pose is nearest, but must not decide whether a goal is reached: a pose well within
+        a wide tolerance may have a larger weighted error than one that misses the other tolerance.
         """
         goal, dof = problem.goal, problem.chain.dof
         if problem.budget is not None:
@@ -177,7 +178,7 @@ class Atlas:
             require_room(problem, MOST_PASSES)
 
     def _report(self, solution: Solution) -> Solution:
-        """The solution with what was done for it, if that was asked for."""
+        """Add the trace to the solution if it is requested."""
         problem = solution.problem
         if not problem.trace:
             return solution
@@ -204,8 +205,9 @@ class Atlas:
             return solve_each(problem, search)
 
     def parallel_for(self, work: Callable[[int, int, GoOn], None], count: int, deadline: Deadline) -> None:
-        """Do the work on all targets, on all threads, with a progress bar; see `threads.parallel_for`."""
-        if 0 < count <= CHUNK and not self.progress:  # The same, without what takes as long as a target does.
+        """Run the work for all targets, on all threads, with a progress bar; see `threads.parallel_for`."""
+        # The same, without overhead as large as a target's work.
+        if 0 < count <= CHUNK and not self.progress:
             if not deadline.passed:
                 work(0, count, lambda: not deadline.passed)
             return
@@ -214,14 +216,17 @@ class Atlas:
 
 
 def asks_again(goal: Goal, chain: SerialChain) -> bool:
-    """Are both tolerances of a goal above 0, and one so wide that what is missed is asked for again?"""
+    """Return whether both tolerances of a goal are above 0 and one is so wide that missed goals are searched again."""
     position, orientation = goal.position_tolerance, goal.orientation_tolerance
     both = 0.0 < position < math.inf and 0.0 < orientation < math.inf
     return both and max(position / arm_length(chain), orientation) >= WIDE
 
 
 def batch_solution(problem: Problem, results: Array, done: NDArray[np.bool_]) -> Solution:
-    """Make a solution of the rows that the kernels write, (k, n + 4); those not done, (k,), get where a search starts."""
+    """Create a solution from rows that the kernels write, (k, n + 4).
+
+    Rows that are not done, by the flags (k,), get the start of a search.
+    """
     goal, dof = problem.goal, problem.chain.dof
     late = ~done
     if late.any():

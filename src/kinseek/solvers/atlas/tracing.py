@@ -1,8 +1,8 @@
-"""What the atlas does for one target, round by round.
+"""Trace the atlas search for one target, round by round.
 
-The compiled search tells nothing on its way. But what it has done when its budget runs out is what it does first without a
-budget, so its rounds come to light by asking it again and again, each time with room for one more. It is the same machine
-code, and so are the bits of the answer.
+The compiled search does not report its progress. But the steps that it makes within a budget are the first steps of the
+search without a budget. So the rounds are reconstructed by repeated searches, each with room for one more round. They run
+the same machine code, so the solution has the same bits.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from kinseek.trace import Trace
 from .index import AtlasIndex, tolerances_of
 
 MOST_PASSES = PASSES + 1
-"""Of one target: the look-up, and every round."""
+"""Most passes of one target: the look-up, and every round."""
 
 
 class Room(NamedTuple):
-    """What a kind of round must have room for to begin."""
+    """Number of evaluations that a kind of round needs to begin."""
 
     evaluations: int
     name: str
@@ -44,16 +44,17 @@ ROOMS = (
     Room((DEEP_STEPS + 1) * LANES, "more samples"),
     Room((RESTART_STEPS + 1) * LANES, "restarts"),
 )
-"""From the least on. Of a round that begins with less room than the next kind needs, so that no other follows it."""
+"""The kinds of rounds, from the least room on. A round that begins with less room than the next kind needs is not followed
+by another."""
 
 
 def traced(solution: Solution, index: AtlasIndex) -> Solution:
-    """A solution with the traces of its targets."""
+    """Return a solution with the traces of its targets."""
     return with_traces(solution, [_trace_of(one, index) for one in solution.each()])
 
 
 def _trace_of(answer: Solution, index: AtlasIndex) -> Trace:
-    """The trace of one target."""
+    """Return the trace of one target."""
     problem = answer.problem
     recorder = Recorder(problem, "Atlas")
     found = Found(answer.q, answer.evaluations, out_of_time=answer.out_of_time)
@@ -72,7 +73,7 @@ def _trace_of(answer: Solution, index: AtlasIndex) -> Trace:
 
 
 def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
-    """Keep the look-up and every round; what follows the last restart is one, or a patient search before it."""
+    """Record the look-up and every round. What follows the last restart is one round, or a patient search before it."""
     problem, held = recorder.problem, _held(index)
     tolerances, restarts, spent = tolerances_of(problem.goal, problem.budget), 0, 0
     most = tolerances[BUDGET]
@@ -81,7 +82,7 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
         recorder.add("nearest pose", found.q, found.evaluations, memory=held)
         return
     if index.structure.word != "none" and most >= ROOMS[0].evaluations:
-        # What comes before the first round takes some of its room: what is done is what geometry gives.
+        # Steps before the first round take some of its room: the search then computes what the geometry gives.
         row = _ask(index, problem, tolerances, ROOMS[0].evaluations)
         spent = int(row[-1])
         if spent:
@@ -90,7 +91,7 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
             return
     seeds = _seeds(index, problem, tolerances, 0)
     errors = [recorder.judged(seed)[2] for seed in seeds]
-    # Where no round fits into the budget, the answer is not even the best sample.
+    # If no round fits into the budget, the solution is not even the best sample.
     none = not seeds or found.evaluations == 0
     best = found.q if none else within_limits(problem.chain, seeds[int(np.argmin(errors))])
     recorder.add("look-up", best, spent, memory=held, spacing=_spacing(index, problem))
@@ -114,7 +115,7 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
 
 
 def _ask(index: AtlasIndex, problem: Problem, tolerances: Array, budget: int) -> Array:
-    """What the search gives within a budget: joint values, three errors, FK evaluations, (n + 4,)."""
+    """Return the result of the search within a budget: joint values, three errors, FK evaluations, (n + 4,)."""
     results, less = np.empty((1, problem.chain.dof + 4)), tolerances.copy()
     less[BUDGET] = budget
     some = np.zeros(1, dtype=np.int64)
@@ -124,7 +125,7 @@ def _ask(index: AtlasIndex, problem: Problem, tolerances: Array, budget: int) ->
 
 
 def _seeds(index: AtlasIndex, problem: Problem, tolerances: Array, budget: int) -> list[Array]:
-    """Where the round begins that a budget has no more room for: what it has put into its lanes by then, each (n,)."""
+    """Return the starts of the round that does not fit into a budget: the joint values already in its lanes, each (n,)."""
     dof, joints = problem.chain.dof, len(problem.chain.leader)
     memory, q = np.zeros(LAYOUT.count.of(dof=dof, joints=joints)), np.empty(dof)
     target = np.ascontiguousarray(problem.goal.targets[0])
@@ -133,25 +134,25 @@ def _seeds(index: AtlasIndex, problem: Problem, tolerances: Array, budget: int) 
 
 
 def filled_lanes(memory: Array, dof: int, joints: int) -> list[Array]:
-    """Joint values of the lanes of a scratch memory that are on their way, each (n,)."""
+    """Return the joint values of the active lanes of a scratch memory, each (n,)."""
     lanes, state = (LAYOUT.look(path, memory, dof=dof, joints=joints) for path in ("lanes.q", "state"))
     return [np.array(lane) for lane, now in zip(lanes.T, state, strict=True) if now == 0]
 
 
 def _held(index: AtlasIndex) -> int:
-    """Memory of the samples and of a call [bytes]."""
+    """Return the memory of the samples and of a call [bytes]."""
     dof = index.sorted.middle.shape[1] + 2
     return index.memory + 8 * LAYOUT.count.of(dof=dof, joints=dof)
 
 
 def _sampled(index: AtlasIndex) -> slice:
-    """The joints that are sampled; the others are computed from the pose."""
+    """Return the joints that are sampled; the others are computed from the pose."""
     first = int(index.numbers[0] != NONE)
     return slice(first, first + index.sorted.middle.shape[1])
 
 
 def _spacing(index: AtlasIndex, problem: Problem) -> Array:
-    """Mean distance of neighbouring samples along each joint, were they a grid, (n,); NaN where none are made."""
+    """Return the mean distance of neighbouring samples along each joint if they were a grid, (n,); NaN without samples."""
     spacing, joints = np.full(problem.chain.dof, np.nan), _sampled(index)
     middle = index.sorted.middle
     if middle.shape[1]:
@@ -161,7 +162,7 @@ def _spacing(index: AtlasIndex, problem: Problem) -> Array:
 
 
 def _note_samples(recorder: Recorder, index: AtlasIndex) -> None:
-    """Say what is sampled."""
+    """Add a note about what is sampled."""
     names = recorder.problem.chain.joint_names
     sampled = names[_sampled(index)]
     others = [name for name in names if name not in sampled]

@@ -1,6 +1,6 @@
-"""The searches on a mechanism of which only a function is known (`Arm.from_fk`), in NumPy.
+"""Searches for black-box kinematics (`Arm.from_fk`), in NumPy.
 
-Each search of `kinseek.solvers` that needs nothing but poses hands over to its twin here:
+Each search of `kinseek.solvers` that only needs poses calls its counterpart here:
 
 | search | here | costs |
 | --- | --- | --- |
@@ -8,7 +8,7 @@ Each search of `kinseek.solvers` that needs nothing but poses hands over to its 
 | `DivideAndConquer`, `BruteForce` | `grid.py` | the leaves of the grid |
 | `CoordinateDescent` | `coordinates.py` | 3 poses a joint, 9 a pair, where its premise holds |
 
-The function is only ever asked inside the limits, with many rows at once, and every pose that it gives is checked and
-counted. Every target of a batch is solved by itself: what a function answers may depend, in its last bits, on how many
-rows it is asked for.
+The function is only called inside the limits, with many rows at once, and every pose that it returns is checked and counted.
+Every target of a batch is solved separately: the last bits of a function's result may depend on the number of rows in the
+call.
 """

@@ -1,4 +1,4 @@
-"""A function, a goal, a budget and a deadline: what of its poses matters, and how many were asked for."""
+"""Evaluate a black-box function within a budget and a deadline: compute the relevant features of its poses, and count."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ NO_BUDGET = 2**62
 
 
 class Asker:
-    """Asks the function for one target, turns poses into features, and counts.
+    """Evaluates the function for one target, converts poses into features, and counts the evaluations.
 
-    The features of a pose are its position and the columns of its rotation that matter, (3 + 3c,). Their differences
-    from the target's are smooth everywhere, and along one joint of a serial arm sinusoids or straight lines.
+    The features of a pose are its position and the columns of its rotation that matter, (3 + 3c,). Their differences from
+    the target's are smooth everywhere. Along one joint of a serial arm they are sinusoids or straight lines.
     """
 
     def __init__(self, box: Mechanism, problem: Problem, deadline: Deadline) -> None:
-        """Take one target; one pose of the budget is kept for judging the answer.
+        """Take one target; one pose of the budget is reserved for evaluating the solution.
 
-        When the time is up nothing is left of the budget.
+        When the time is up, nothing is left of the budget.
 
         Raises:
-            InvalidGoal: A kind of goal that is not known here.
+            InvalidGoal: This kind of goal is not supported here.
         """
         goal = problem.goal
         if goal.form.ranges:
@@ -47,19 +47,19 @@ class Asker:
 
     @property
     def left(self) -> int:
-        """Poses that may still be asked for."""
+        """Number of poses that may still be evaluated."""
         if self._left > 0 and self.deadline.passed:
             self._left, self.out_of_time = 0, True
         return self._left
 
     def ask(self, q: Array) -> Array:
-        """Features less the target's at joint values inside the limits, (k, n) -> (k, m); NaN where nothing closes."""
+        """Return features minus the target's at joint values inside the limits, (k, n) -> (k, m); NaN without a pose."""
         self.spent += len(q)
         self._left -= len(q)
         return np.asarray(features(self.box.forward(q), self.tip, self.columns) - self.target)
 
     def errors(self, away: Array) -> tuple[Array, Array]:
-        """Position errors [m] and orientation errors [rad] of differences, (k, m) -> (k,), (k,); NaN stays NaN."""
+        """Return position errors [m] and orientation errors [rad] of differences, (k, m) -> (k,), (k,); NaN stays NaN."""
         position = np.sqrt((away[:, :3] ** 2).sum(axis=1))
         if not self.columns:
             return position, np.zeros(len(away))
@@ -67,13 +67,13 @@ class Asker:
         return position, 2.0 * np.arcsin(np.minimum(chord / self.goal.form.longest_chord, 1.0))
 
     def within(self, away: Array) -> NDArray[np.bool_]:
-        """Say of each whether both tolerances are met, (k,)."""
+        """Return for each whether both tolerances are met, (k,)."""
         position, orientation = self.errors(away)
         goal = self.goal
         return np.asarray((position <= goal.position_tolerance) & (orientation <= goal.orientation_tolerance))
 
     def weighted(self, away: Array) -> Array:
-        """The paper's weighted error of differences, (k, m) -> (k,); infinite where nothing closes."""
+        """Return the paper's weighted error of differences, (k, m) -> (k,); infinite without a pose."""
         error = self.goal.position_weight * np.sqrt((away[:, :3] ** 2).sum(axis=1))
         weights = self.goal.arrays.axis_weights
         for i, column in enumerate(self.columns):
@@ -83,7 +83,7 @@ class Asker:
 
 
 def features(poses: Array, tip: Array | None, columns: tuple[int, ...]) -> Array:
-    """Position, and some columns of the rotation, of what stands at the tip, (k, 4, 4) or (k, 3, 4) -> (k, 3 + 3c)."""
+    """Return position and some rotation columns of what is at the tip, (k, 4, 4) or (k, 3, 4) -> (k, 3 + 3c)."""
     there = poses[:, :3] if tip is None else poses[:, :3, :3] @ tip[:3]
     if tip is not None:
         there[:, :, 3] += poses[:, :3, 3]

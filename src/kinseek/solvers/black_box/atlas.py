@@ -1,4 +1,4 @@
-"""The atlas of a function: look the goal up among its samples, refine the nearest, go on where that fails."""
+"""The atlas for black-box kinematics: look the goal up among samples, refine the nearest, and continue if that fails."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from .samples import Samples, samples_of, spread
 Array = NDArray[np.float64]
 
 SEEDS = 16
-"""Refined at once, first of all; half as many where every row costs a run of Python."""
+"""Seeds that are refined first, at once; half as many if every row runs Python code."""
 FIRST_STEPS, MORE_STEPS = 12, 30
 MORE = 48
 """Seeds of the second lookup."""
 RESTARTS, ROUNDS = 64, 8
-"""Starts of a round, half of them around the best, and rounds of them."""
+"""Starts of a round, half of them around the best, and number of rounds."""
 BEST = 8
 APART = 0.02
-"""Part of the spans by which configurations differ that count as two."""
+"""Smallest difference, as a fraction of the spans, between configurations that count as distinct."""
 PROMISING = 1e-2
-"""Weighted error, with lengths in parts of the mechanism, below which a goal may yet be reached."""
+"""Weighted error, with lengths relative to the mechanism's, below which a goal may still be reached."""
 NEAR = 32
 MOST_PASSES = ROUNDS + 5
-"""Of a trace: the look-up, a walk from `near`, two of samples, the restarts, and the nearest pose."""
+"""Most passes of a trace: the look-up, a walk from `near`, two of samples, the restarts, and the nearest pose."""
 
 
 def answer(
     box: Mechanism, problem: Problem, count: int, deadline: Deadline, recorder: Recorder | None = None
 ) -> Found:
-    """Answer one target."""
+    """Solve one target."""
     samples = samples_of(box, count)
     asker = Asker(box, problem, deadline)
     seeds = samples.nearest(problem.goal, asker.target, SEEDS + MORE)
@@ -76,13 +76,13 @@ def answer(
 
 
 def kicks(box: Mechanism, round_number: int) -> Array:
-    """Steps away from the best, smaller in every round, (RESTARTS / 2, n)."""
+    """Return steps away from the best, smaller in every round, (RESTARTS / 2, n)."""
     centred = spread(box, RESTARTS // 2) - (box.lower + box.upper) / 2
     return np.asarray(centred * 0.5 ** (1 + round_number))
 
 
 def nearest_to(asker: Asker, samples: Samples, problem: Problem, seeds: NDArray[np.int64]) -> Array | None:
-    """Walk from `near` and from the samples nearest to it; of the answers, the one nearest to it, or None."""
+    """Walk from `near` and from the samples nearest to it; return the solution nearest to it, or None."""
     box = asker.box
     start = problem.start
     far = distance(box, samples.q[seeds], start)
@@ -93,7 +93,7 @@ def nearest_to(asker: Asker, samples: Samples, problem: Problem, seeds: NDArray[
         return None
     q = ends.q[ends.solved]
     assert problem.near is not None
-    # A joint with room for whole turns takes the turn that is nearest to `near`.
+    # A joint with room for whole turns uses the turn that is nearest to `near`.
     with np.errstate(invalid="ignore"):
         turns = np.where(box.full, nearest_turns(problem.near - q), 0.0)
     moved = q + turns
@@ -102,14 +102,14 @@ def nearest_to(asker: Asker, samples: Samples, problem: Problem, seeds: NDArray[
 
 
 def distance(box: Mechanism, q: Array, near: Array) -> Array:
-    """Distances in joint space, continuous joints the short way round, (k, n) -> (k,)."""
+    """Return distances in joint space, the short way round for continuous joints, (k, n) -> (k,)."""
     away = q - near
     away = np.where(box.endless, shortest(away), away)
     return np.asarray(np.sqrt((away**2).sum(axis=1)))
 
 
 def distinct(box: Mechanism, q: Array) -> list[int]:
-    """The first BEST of joint values, (k, n), that are not next to one before them."""
+    """Return the first BEST rows of joint values, (k, n), that are not close to a row before them."""
     scaled = q / np.where(box.span > 0, box.span, 1.0)
     kept: list[int] = []
     for i, row in enumerate(scaled):
@@ -121,17 +121,17 @@ def distinct(box: Mechanism, q: Array) -> list[int]:
 
 
 class Best:
-    """The best configurations seen, for a goal that is hard or out of reach."""
+    """The best configurations found, for a goal that is hard or out of reach."""
 
     def __init__(self, asker: Asker, samples: Samples, fallback: Array) -> None:
-        """Start from nothing but a sample."""
+        """Start with a fallback sample."""
         self.asker, self.length = asker, samples.length
         self.q = fallback[None]
         self.error = np.array([np.inf])
         self.solved: Array | None = None
 
     def take(self, ends: Ends) -> bool:
-        """Keep the best of a walk; return whether one of its lanes is an answer."""
+        """Keep the best of a walk; return whether one of its lanes is a solution."""
         if ends.solved.any():
             residual = squared(np.where(np.isnan(ends.away), np.inf, ends.away))
             self.solved = ends.q[np.argmin(np.where(ends.solved, residual, np.inf))]
@@ -144,16 +144,16 @@ class Best:
         return False
 
     def hopeless(self) -> bool:
-        """Is the best so far from the goal that more starts would be wasted?"""
+        """Return whether the best is so far from the goal that further starts are useless."""
         goal = self.asker.goal
         return bool(
             self.error[0] > PROMISING * (goal.position_weight * self.length + goal.orientation_weight)
         )
 
     def polish(self) -> None:
-        """Lower the weighted error itself."""
+        """Minimise the weighted error itself."""
         self.take(walk(self.asker, self.length, self.q, MORE_STEPS, polish=True))
 
     def answer(self) -> Array:
-        """What was found."""
+        """Return the best joint values found."""
         return self.q[0] if self.solved is None else self.solved

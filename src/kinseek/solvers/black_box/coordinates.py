@@ -1,7 +1,8 @@
-"""Exact coordinate descent on a function, where its premise holds: that is tested first, by asking.
+"""Exact coordinate descent for black-box kinematics, if its premise holds; this is tested first by evaluations.
 
 Along one joint of a serial arm the squared chordal error is exactly a sinusoid or a parabola (see `kernels.grid.sinusoid`).
-Of a function nobody knows that, so every joint is asked for more poses than the fit needs, at several places.
+For black-box kinematics this is not known. So the function is evaluated at more poses along each joint than the fit needs,
+at several places.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ Flags = NDArray[np.bool_]
 Errors = Callable[[Array], Array]
 
 PROBES, PLACES = 7, 3
-"""Poses along a joint to test its form with, and places where it is tested; the fit has three coefficients."""
+"""Poses along a joint for testing its form, and places where it is tested; the fit has three coefficients."""
 FITS = 1e-8
-"""Largest misfit that passes, as a part of what the joint moves: rounding leaves 1e-12, single precision fails."""
+"""Largest accepted misfit, relative to the joint's effect: rounding leaves 1e-12, single precision fails."""
 
 _forms: WeakCache[Mechanism, None, Flags] = WeakCache()
 
@@ -50,7 +51,7 @@ def answer(
     """Descend from `problem.start`.
 
     Raises:
-        InvalidSolver: Along some joint the error is neither a sinusoid nor a parabola; it names the joint.
+        InvalidSolver: Along some joint the error is neither a sinusoid nor a parabola; the message names the joint.
     """
     asker = Asker(box, problem, deadline)
     form = _forms.of(box).get(None, lambda: turning(box))
@@ -99,7 +100,7 @@ def answer(
 
 
 def line(box: Mechanism, form: Flags, i: int, q: Array, errors_at: Errors) -> Array:
-    """Joint values with joint i at the exact minimiser, (n,)."""
+    """Return joint values with joint i at the exact minimiser, (n,)."""
     values = places(box, form, i)
     rows = np.repeat(q[None], 3, axis=0)
     rows[:, i] = values
@@ -111,7 +112,7 @@ def line(box: Mechanism, form: Flags, i: int, q: Array, errors_at: Errors) -> Ar
 
 
 def plane(box: Mechanism, form: Flags, joints: tuple[int, ...], q: Array, errors_at: Errors) -> Array:
-    """Joint values with two joints at the minimiser of the bilinear form of nine poses, (n,)."""
+    """Return joint values with two joints at the minimiser of the bilinear form of nine poses, (n,)."""
     i, j = joints
     first, second = places(box, form, i), places(box, form, j)
     rows = np.repeat(q[None], 9, axis=0)
@@ -133,7 +134,7 @@ def plane(box: Mechanism, form: Flags, joints: tuple[int, ...], q: Array, errors
 
 
 def places(box: Mechanism, form: Flags, i: int, count: int = 3) -> Array:
-    """Values of joint i, inside its limits, that determine its form best, (count,)."""
+    """Return values of joint i, inside its limits, that determine its form best, (count,)."""
     low, high = box.lower[i], box.upper[i]
     middle, width = (low + high) / 2, max(high - low, 1e-6)
     if form[i]:
@@ -142,17 +143,17 @@ def places(box: Mechanism, form: Flags, i: int, count: int = 3) -> Array:
 
 
 def basis(delta: Array, turns: bool) -> Array:
-    """Columns 1, cos δ, sin δ, or 1, δ, δ², (k, 3)."""
+    """Return columns 1, cos δ, sin δ, or 1, δ, δ², (k, 3)."""
     if turns:
         return np.stack([np.ones(len(delta)), np.cos(delta), np.sin(delta)], axis=1)
     return np.stack([np.ones(len(delta)), delta, delta**2], axis=1)
 
 
 def turning(box: Mechanism) -> Flags:
-    """Test of each joint whether it is a sinusoid, True, or a parabola, False, (n,).
+    """Test whether each joint gives a sinusoid, True, or a parabola, False, (n,).
 
     Raises:
-        InvalidSolver: It is neither, at one of several places.
+        InvalidSolver: A joint gives neither at one of several places.
     """
     form = np.zeros(box.dof, dtype=bool)
     for i, kind in enumerate(box.kinds):
@@ -171,15 +172,15 @@ def turning(box: Mechanism) -> Flags:
 
 
 def others() -> str:
-    """Searches that need no such joints."""
+    """Return the names of searches without this requirement."""
     return listed(lambda traits: not traits.axes and not traits.plain_joints)
 
 
 def misfits(box: Mechanism, i: int, place: Array, possible: list[bool]) -> list[float]:
-    """Misfit of each possible form along joint i, as a part of what it moves.
+    """Return the misfit of each possible form along joint i, relative to the joint's effect.
 
-    The entries of the pose themselves are fitted, by (1, cos q, sin q) or (1, q): then every squared error of them is a
-    sinusoid or a parabola.
+    The entries of the pose itself are fitted, by (1, cos q, sin q) or (1, q). Then every squared error of them is a sinusoid
+    or a parabola.
     """
     rows = np.repeat(place[None], PROBES, axis=0)
     rows[:, i] = np.linspace(box.lower[i], box.upper[i], PROBES)

@@ -1,7 +1,7 @@
-"""Grids of joint values on a function: divide and conquer and brute force (the paper, Sec. 3.1), many leaves a call.
+"""Grid search for black-box kinematics: divide and conquer and brute force (the paper, Sec. 3.1), many leaves per call.
 
-The same nodes in the same order as the compiled searches; without links there are no prefixes to share, so a leaf is
-one pose, and nodes above the leaves are counted but cost nothing.
+The nodes and their order are those of the compiled searches. Without links there are no shared prefixes, so a leaf is one
+pose, and nodes above the leaves are counted but cost nothing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _CHUNK, _DEAR_CHUNK = 8192, 256
-"""Leaves asked for at once; fewer where Python runs for every row, so that a time limit is seen."""
+"""Leaves per call; fewer if every row runs Python code, so that a time limit takes effect."""
 
 
 @dataclass
@@ -33,25 +33,25 @@ class Cells:
 
     most: int
     nodes: Indices
-    """(k, n)"""
+    """Grid nodes, (k, n)."""
     q: Array = field(default_factory=lambda: np.empty((0, 0)))
-    """(k, n)"""
+    """Joint values, (k, n)."""
     errors: Array = field(default_factory=lambda: np.empty(0))
-    """Weighted, (k,)."""
+    """Weighted errors, (k,)."""
     tie: float = 0.0
-    """Of a single cell: it gives way only to what is better by more than this."""
+    """For a single cell: it is only replaced by a leaf that is better by more than this."""
 
     @classmethod
     def empty(cls, most: int, dof: int, tie: float = 0.0) -> Cells:
-        """No leaves yet."""
+        """Return an object without leaves."""
         return cls(most, np.empty((0, dof), dtype=np.int64), np.empty((0, dof)), np.empty(0), tie)
 
     def offer(self, nodes: Indices, q: Array, errors: Array) -> None:
-        """Take leaves in, each node once, and keep the best."""
+        """Add leaves, each node once, and keep the best."""
         if self.tie > 0 and self.most == 1:
             return self._offer_in_order(nodes, q, errors)
         finite = np.isfinite(errors)
-        if len(errors) > 4 * self.most:  # Most are beaten anyway.
+        if len(errors) > 4 * self.most:  # Most are worse than those already kept.
             finite &= errors <= np.partition(errors, self.most)[self.most]
         nodes = np.concatenate([self.nodes, nodes[finite]])
         q = np.concatenate([self.q, q[finite]])
@@ -62,7 +62,7 @@ class Cells:
         self.nodes, self.q, self.errors = nodes[kept], q[kept], errors[kept]
 
     def _offer_in_order(self, nodes: Indices, q: Array, errors: Array) -> None:
-        """Take in one leaf after the other that is better by more than a tie."""
+        """Add leaves one after the other if they are better by more than a tie."""
         best, at = self.errors[0] if len(self.errors) else np.inf, 0
         while len(better := np.flatnonzero(errors[at:] < best - self.tie)):
             at += int(better[0]) + 1
@@ -78,15 +78,15 @@ def search_window(
     stop_below: float = -1.0,
     watch: Callable[[int], object] = lambda leaves: None,
 ) -> int:
-    """Ask for every leaf of a window, last joint fastest, within the budget; return how many were asked for.
+    """Evaluate every leaf of a window, last joint fastest, within the budget; return the number of evaluated leaves.
 
     Args:
         asker: The function and the target.
-        values: Of each joint.
-        nodes: What the caller calls them.
-        cells: Where the best are kept.
+        values: Values of each joint.
+        nodes: The caller's numbers of these values.
+        cells: Receives the best leaves.
         stop_below: Stop at the first leaf whose weighted error is below this.
-        watch: Told of the leaves so far.
+        watch: Called with the number of leaves so far.
     """
     counts = tuple(len(each) for each in values)
     total, asked = math.prod(counts), 0
@@ -118,16 +118,16 @@ def descend(
     watch: Callable[[int], object],
     on_pass: Callable[[int, Array | None, int], None] = lambda k, q, expanded: None,
 ) -> tuple[Array | None, int]:
-    """Refine a grid around the best leaves, pass by pass; return the best joint values and the nodes expanded.
+    """Refine a grid around the best leaves, pass by pass; return the best joint values and the number of expanded nodes.
 
     Args:
         asker: The function and the target.
         grid: The nodes.
         passes: The plan.
-        later: Nodes of each joint in each pass after the first, (passes, n).
-        first: Nodes of the first pass, of each joint.
-        watch: Told of the leaves so far.
-        on_pass: Told after each pass of its number, and of what is returned as it is then.
+        later: Number of nodes of each joint in each pass after the first, (passes, n).
+        first: Nodes of the first pass, for each joint.
+        watch: Called with the number of leaves so far.
+        on_pass: Called after each pass with its number and the current return values.
     """
     dof = len(grid.lower)
     cells, expanded, leaves = Cells.empty(passes.beam, dof, passes.tie), 0, 0
@@ -145,7 +145,7 @@ def descend(
                 nodes = window_around(wraps, grid.size, centre, int(spacing), later[k - 1], passes.clips)
             values = [node_values(grid, d, each) for d, each in enumerate(nodes)]
             litter = Cells.empty(passes.children if k else passes.beam, dof, passes.tie)
-            if passes.tie > 0 and len(cells.q):  # The best so far has to be beaten clearly.
+            if passes.tie > 0 and len(cells.q):  # A leaf has to be clearly better than the best so far.
                 litter.offer(cells.nodes, cells.q, cells.errors)
             asked = search_window(asker, values, nodes, litter, passes.stop_below, _after(leaves, watch))
             cells.offer(litter.nodes, litter.q, litter.errors)
@@ -161,15 +161,15 @@ def descend(
 
 
 def _after(leaves: int, watch: Callable[[int], object]) -> Callable[[int], object]:
-    """Tell a watch of more leaves than these."""
+    """Return a watch that adds an offset to the number of leaves."""
     return lambda more: watch(leaves + more)
 
 
 def node_values(grid: Grid, d: int, nodes: Indices) -> Array:
-    """Values of nodes of joint d, as the compiled search makes them, (k,)."""
+    """Return values of nodes of joint d with the bits of the compiled search, (k,)."""
     return np.asarray(np.minimum(grid.lower[d] + grid.step[d] * nodes, grid.upper[d]))
 
 
 def best_or_start(q: Array | None, box: Mechanism, start: Array) -> Array:
-    """What a grid found, or where nothing closes on it, the start."""
+    """Return what a grid search found, or the start if no node has a pose."""
     return np.asarray(start if q is None else q).reshape(box.dof)

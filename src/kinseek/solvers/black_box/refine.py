@@ -1,9 +1,9 @@
-"""Levenberg-Marquardt with finite differences, many seeds in one call of the function.
+"""Levenberg-Marquardt with finite differences, with many seeds in one call of the function.
 
-The residuals are differences of positions and of columns of rotations, scaled by the mechanism's own size; joint values
-are scaled by their ranges, so that nothing depends on their units. A joint that a step would push through a limit
-stops there, and the step of the others is computed anew. Forward differences are enough: an error ε of the
-slopes makes every step leave ε of the distance, so a residual that can vanish still falls by a factor of a million.
+The residuals are differences of positions and of rotation columns, scaled by the mechanism's size. Joint values are scaled
+by their ranges, so that nothing depends on their units. A joint that a step would push through a limit stops there, and the
+step of the others is computed again. Forward differences are accurate enough: a relative error ε of the slopes leaves ε of
+the distance after each step, so a residual that can vanish still falls by a factor of a million.
 """
 
 from __future__ import annotations
@@ -22,41 +22,41 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 DIFFERENCE = 1e-6
-"""Step of the differences as a part of a joint's span: its slopes survive noise of 1e-10 in the function."""
+"""Step of the differences, as a fraction of a joint's span: the slopes tolerate noise of 1e-10 in the function."""
 COARSE = 3e-4
 """The same for a function in single precision."""
 LONGEST = 0.2
-"""Part of its range that a joint may move in one step."""
+"""Largest motion of a joint in one step, as a fraction of its range."""
 LOST = 1e-14
-"""Damping of each joint that is never gone below: less is lost in rounding beside the slopes, and where a joint moves
-nothing there is no step left to compute."""
+"""Lower bound of the damping, per joint. A smaller one is lost in rounding beside the slopes, and the system is then
+singular if a joint has no effect."""
 DAMPING = 1e-2
-"""First damping, as a part of the mean diagonal of the squared slopes."""
+"""First damping, relative to the mean diagonal of the squared slopes."""
 
 
 class Ends(NamedTuple):
-    """Where the lanes of a walk ended, in the order of their seeds."""
+    """End points of the lanes of a walk, in the order of their seeds."""
 
     q: Array
     """Best joint values of each, (k, n)."""
     away: Array
-    """Features less the target's there, (k, m); NaN where the seed itself cannot be put together."""
+    """Features minus the target's there, (k, m); NaN if the mechanism cannot be assembled at the seed itself."""
     solved: Flags
-    """Both tolerances met, (k,)."""
+    """Whether both tolerances are met, (k,)."""
 
 
 def walk(
     asker: Asker, length: float, seeds: Array, steps: int, *, first_only: bool = True, polish: bool = False
 ) -> Ends:
-    """Walk from every seed, (k, n), downhill.
+    """Minimise from every seed, (k, n).
 
     Args:
         asker: The function and the target.
-        length: Of the mechanism [m].
-        seeds: Inside the limits.
-        steps: At most, of each lane.
+        length: Length of the mechanism [m].
+        seeds: Joint values inside the limits.
+        steps: Most steps of each lane.
         first_only: Stop as soon as one lane meets both tolerances.
-        polish: Lower the goal's own weighted error, not the squared error: for a goal that may be out of reach.
+        polish: Minimise the goal's own weighted error, not the squared error: for a goal that may be out of reach.
     """
     box = asker.box
     dof, rows = box.dof, 1 + box.dof
@@ -82,7 +82,7 @@ def walk(
         better = value < cost
         with np.errstate(invalid="ignore"):
             drop = cost - value
-        # Nielsen 1999: how the damping follows from what a step promised and what it brought.
+        # Nielsen 1999: update the damping by the ratio of the actual to the predicted decrease.
         gain = np.where(better, drop / promised, 0.0) if step else np.ones(len(lanes))
         q[better], away[better], slopes[better] = trial[better], got[better], turned[better]
         if step:
@@ -112,16 +112,16 @@ def walk(
 
 
 def squared(residual: Array) -> Array:
-    """Half of the squared residuals of each lane, infinite where nothing closes, (k, m) -> (k,)."""
+    """Return half of the squared residuals of each lane, infinite without a pose, (k, m) -> (k,)."""
     value = (residual**2).sum(axis=1) / 2
     return np.where(np.isnan(value), np.inf, value)
 
 
 def polish_weights(asker: Asker, away: Array, length: float) -> Array:
-    """Roots of the weights that make squares of the weighted error, (k, m).
+    """Return the square roots of the weights that turn the weighted error into squares, (k, m).
 
-    ``K_P |Δp|`` has a kink at 0, and is the square ``(K_P / 2|Δp|) |Δp|²`` of fixed weight at every other place, with
-    half of its slope (Weiszfeld 1937).
+    ``K_P |Δp|`` has a kink at 0. Everywhere else it equals the square ``(K_P / 2|Δp|) |Δp|²`` with fixed weight, with half
+    of its slope (Weiszfeld 1937).
     """
     weights = np.empty_like(away)
     far = np.maximum(np.sqrt((away[:, :3] ** 2).sum(axis=1)), 1e-9 * length)
@@ -132,7 +132,7 @@ def polish_weights(asker: Asker, away: Array, length: float) -> Array:
 
 
 def look(asker: Asker, q: Array) -> tuple[Array, Array]:
-    """Differences from the target at joint values, (k, n) -> (k, m), and their slopes, (k, m, n), in one call."""
+    """Return differences from the target, (k, n) -> (k, m), and their slopes, (k, m, n), from one call of the function."""
     box, count = asker.box, len(q)
     step = (COARSE if box.single else DIFFERENCE) * box.span
     step = np.where(q + step > box.upper, -step, step)
@@ -145,12 +145,12 @@ def look(asker: Asker, q: Array) -> tuple[Array, Array]:
     taken = rows[:, 1 + joint, joint] - q if not box.partial else (q + step) - q
     with np.errstate(invalid="ignore", divide="ignore"):
         slopes = (got[:, 1:] - got[:, :1]) / taken[:, :, None]
-    slopes[~np.isfinite(slopes)] = 0.0  # A joint without a range, or one that nothing is known about here.
+    slopes[~np.isfinite(slopes)] = 0.0  # The joint has no range, or no pose is known here.
     return got[:, 0], np.swapaxes(slopes, 1, 2)
 
 
 def _other_side(asker: Asker, q: Array, step: Array, got: Array) -> Array:
-    """Where the mechanism cannot be put together a step ahead, look a step behind; fill `got` in and return the steps."""
+    """Evaluate a step backward if the mechanism cannot be assembled a step forward; update `got` and return the steps."""
     box = asker.box
     behind = q - step
     again = np.isnan(got[:, 1:, 0]) & ~np.isnan(got[:, :1, 0]) & (behind >= box.lower) & (behind <= box.upper)
@@ -169,9 +169,9 @@ def _other_side(asker: Asker, q: Array, step: Array, got: Array) -> Array:
 def bounded_step(
     residual: Array, slopes: Array, damping: Array, q: Array, box: Mechanism
 ) -> tuple[Array, Array]:
-    """Damped least-squares steps under the limits, in parts of the ranges, (k, n), and what they promise, (k,).
+    """Return damped least-squares steps within the limits, relative to the ranges, (k, n), and the predicted decrease, (k,).
 
-    A joint that the step would push through a limit stops there, and the step of the others is computed anew.
+    A joint that the step would push through a limit stops there, and the step of the others is computed again.
     """
     dof = box.dof
     span = box.span
@@ -204,7 +204,7 @@ def bounded_step(
 
 
 def into_range(box: Mechanism, q: Array) -> Array:
-    """Joint values inside the limits, joints that turn fully by whole turns, (k, n)."""
+    """Move joint values inside the limits, (k, n); periodic joints by whole turns."""
     outside = box.full & ((q < box.lower) | (q > box.upper))
     turned = np.where(outside, box.lower + np.mod(q - box.lower, TURN), q)
     return np.clip(turned, box.lower, box.upper)

@@ -1,7 +1,7 @@
-"""The samples of a function: made once, sorted by where the tip is, dropped with the arm.
+"""Samples of black-box kinematics: computed once, sorted by the pose of the tip, dropped with the arm.
 
-Without axes nothing can be divided out, as the compiled atlas does, so all joints are sampled, and the samples are
-filed under the whole of what a goal compares.
+Without axes nothing can be divided out as in the compiled atlas. So all joints are sampled, and the samples are indexed by
+all features that a goal compares.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from .asking import features
 Array = NDArray[np.float64]
 
 _DEAR = 8
-"""A function that runs Python for every row gets this many times fewer samples."""
+"""A function that runs Python code for every row gets this many times fewer samples."""
 
 
 MOST_FEATURES = 16
-"""Kinds of goals and tools whose features are kept, the last ones used."""
+"""Number of kinds of goals and tools whose features are kept, the last ones used."""
 
 
 class Samples:
     """Joint values spread over the limits, their poses, and their features for each kind of goal."""
 
     def __init__(self, box: Mechanism, count: int) -> None:
-        """Ask the function.
+        """Evaluate the function.
 
         Raises:
-            InvalidRobot: The mechanism cannot be put together at any of the samples.
+            InvalidRobot: The mechanism cannot be assembled at any of the samples.
         """
         began = time.perf_counter()
         wanted = min(count if box.cheap else max(count // _DEAR, 8), 64**box.dof)
@@ -50,34 +50,34 @@ class Samples:
         place = self.poses[:, :3, 3]
         spread_of = float(np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=1).mean()))
         self.length = spread_of if spread_of > 1e-9 else 1.0
-        """How far the tip is from its mean, root mean square [m]: makes lengths and directions comparable."""
+        """Root mean square distance of the tip from its mean [m]: makes lengths and directions comparable."""
         self.samples = len(self.q)
-        """Number of samples where the mechanism can be put together."""
+        """Number of samples at which the mechanism can be assembled."""
         self.evaluations = len(q)
-        """Poses asked for."""
+        """Poses evaluated."""
         self.memory = self.q.nbytes + self.poses.nbytes
-        """[bytes], without the features."""
+        """Memory [bytes], without the features."""
         self.build_time = time.perf_counter() - began
-        """[s]"""
+        """Time for building [s]."""
         self._features: LRUCache[tuple[Kind, bytes | None], Array] = LRUCache(MOST_FEATURES)
 
     def nearest(self, goal: Goal, target: Array, count: int) -> NDArray[np.int64]:
-        """Samples nearest to the features of a target, (m,), nearest first, (k,)."""
+        """Return the samples nearest to the features of a target, (m,), nearest first, (k,)."""
         columns = self._features.get(goal.prepared_as, lambda: self._columns(goal))
         return nearest_columns(columns, self._scaled(target[None], goal.form)[0], min(count, self.samples))
 
     def _columns(self, goal: Goal) -> Array:
-        """Features of all samples, (m, N): one feature after the other, as `nearest_columns` goes through them."""
+        """Return features of all samples, (m, N): one feature after the other, as `nearest_columns` reads them."""
         points = features(self.poses, goal.tip, tuple(range(goal.columns)))
         return np.ascontiguousarray(self._scaled(points, goal.form).T)
 
     def _scaled(self, points: Array, kind: Kind) -> Array:
-        """Two columns hold the third."""
+        """Scale features; two columns determine the third."""
         place, turn = points[:, :3] / self.length, points[:, 3:9]
         return np.concatenate([place, turn * np.sqrt(kind.column_weight)], axis=1)
 
     def __repr__(self) -> str:
-        """Size and cost."""
+        """Return size and cost."""
         return f"Samples({self.samples} samples, {self.memory / 2**20:.1f} MiB, built in {self.build_time * 1e3:.0f} ms)"
 
 
@@ -85,24 +85,24 @@ _samples: WeakCache[Mechanism, int, Samples] = WeakCache()
 
 
 def samples_of(box: Mechanism, count: int) -> Samples:
-    """The samples of a function: made at the first call, dropped with the arm."""
+    """Return the samples of a function: computed at the first call, dropped with the arm."""
     return _samples.of(box).get(count, lambda: Samples(box, count))
 
 
 def spread(box: Mechanism, count: int) -> Array:
-    """Joint values spread inside the limits, (count, n); none is a rounding outside, where nobody may ask a function."""
+    """Return joint values spread inside the limits, (count, n); none exceeds a limit by a rounding error."""
     return np.clip(spread_inside(box.lower, box.upper, box.turns, count), box.lower, box.upper)
 
 
 def nearest_columns(points: Array, target: Array, count: int) -> NDArray[np.int64]:
-    """Numbers of the points nearest to a target, nearest first, (count,).
+    """Return the indices of the points nearest to a target, nearest first, (count,).
 
-    All are compared. Among 16,384 samples that takes a fifth of a millisecond longer than a k-d tree does, and nothing to
-    build; the walks that begin there take some milliseconds.
+    All points are compared. With 16,384 samples this takes a fifth of a millisecond longer than a k-d tree, but needs no
+    building; the walks that start there take some milliseconds.
 
     Args:
-        points: One in each column, (m, N).
-        target: (m,)
+        points: One point in each column, (m, N).
+        target: Features, (m,).
         count: At least 1 and at most N.
     """
     away = np.zeros(points.shape[1])
