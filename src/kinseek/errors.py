@@ -1,15 +1,20 @@
 """Every error kinseek raises.
 
-    KinseekError ├── InvalidRobot(ValueError)     the arm: file, links, joints, limits │   └── FailedKinematics         a
-    function given to Arm.from_fk raises or returns no pose; carries q ├── InvalidGoal(ValueError)      the target: pose,
-    tolerances, weights ├── InvalidProblem(ValueError)   the call: joint vectors, start, budget ├── InvalidSolver(ValueError)
-    the search's own parameters ├── InvalidExport(ValueError)    the export of a controller: target, folder, memory ├──
-    InvalidScene(ValueError)     a collision scene: shapes, bodies, pairs, files of geometry ├── InvalidMap(ValueError) a map
-    of the workspace: grid, store, workers ├── InvalidUse(TypeError)         a result is misused: a solution as a truth value
-    ├── MissingExtra(ImportError)    an optional dependency is not installed ├── PathInterrupted(RuntimeError) an iterator of
-    poses raised; carries the path up to there ├── MapInterrupted(RuntimeError) the making of a map ended early; finished
-    blocks stay stored ├── InternalError(AssertionError) kinseek contradicts itself: a bug in kinseek, please report it └──
-    NotReached(RuntimeError) raised only by require(); carries the solution or the path
+    KinseekError
+    ├── InvalidRobot(ValueError)     the arm: file, links, joints, limits
+    │   └── FailedKinematics         a function given to Arm.from_fk raises or returns no pose; carries q
+    ├── InvalidGoal(ValueError)      the target: pose, tolerances, weights
+    ├── InvalidProblem(ValueError)   the call: joint vectors, start, budget
+    ├── InvalidSolver(ValueError)    the search's own parameters
+    ├── InvalidExport(ValueError)    the export for a controller: target, folder, memory
+    ├── InvalidScene(ValueError)     a collision scene: shapes, bodies, pairs, files of geometry
+    ├── InvalidMap(ValueError)       a map of the workspace: grid, store, workers
+    ├── InvalidUse(TypeError)        a result is misused, such as a solution as a truth value
+    ├── MissingExtra(ImportError)    an optional dependency is not installed
+    ├── PathInterrupted(RuntimeError) an iterator of poses raised; carries the path through the poses before
+    ├── MapInterrupted(RuntimeError) the making of a map ended early; finished blocks stay in its store
+    ├── InternalError(AssertionError) kinseek contradicts itself: a bug in kinseek, please report it
+    └── NotReached(RuntimeError)     raised only by require(); carries the solution or the path
 
 A missed tolerance is reported as a status of the solution; no exception is raised.
 

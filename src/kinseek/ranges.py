@@ -29,7 +29,7 @@ def read_ranges(
     Args:
         free: Name or names among `AXES`.
         box: Lower and upper end of the accepted deviation of some axes, [m] or [rad].
-        kind: Kind of the goal; one that constrains the orientation itself takes x, y and z only.
+        kind: Kind of the goal; for any kind but a pose only x, y and z are valid axes.
 
     Returns:
         The ranges of all six axes, or None if neither is given.

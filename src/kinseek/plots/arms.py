@@ -51,14 +51,14 @@ def arm(
         goal: A pose or a `Goal` of one target, drawn as its axes x, y and z in red, green and blue; a position goal is drawn
             as a star.
         ax: Axes in space to draw on, such as those of `space`.
-        size: Of a new figure before its margins are cut [inch].
-        view: Elevation and azimuth of the eye of a new figure [degrees].
+        size: Size of a new figure before its margins are cut [inch].
+        view: Elevation and azimuth of the camera of a new figure [degrees].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
-        InvalidProblem: An arm that is a function, or joint values that do not fit it.
+        InvalidProblem: An arm with black-box kinematics, or joint values that do not fit it.
         InvalidUse: No joint values, a batch of goals, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
