@@ -55,7 +55,7 @@ class Circle(NamedTuple):
         along = np.einsum("ki,ki->k", away, R @ self.axis)
         across = np.sqrt(np.maximum(np.einsum("ki,ki->k", away, away) - along**2, 0.0))
         near = np.hypot(along, across - self.radius)
-        arm = float(np.linalg.norm(self.centre)) + self.radius  # Bounds the distance of its points from the tip.
+        arm = float(np.linalg.norm(self.centre)) + self.radius  # Bounds the distance of its points.
         near = near - position - 2.0 * np.sin(np.minimum(orientation, np.pi) / 2) * arm
         lengths = self.length + np.linalg.norm(away, axis=1) + np.linalg.norm(T[:, :3, 3], axis=1) + arm
         return np.asarray(near > self.length + MARGIN * lengths)
