@@ -1,4 +1,4 @@
-"""``python -m kinseek`` is the command line."""
+"""Run the command line with ``python -m kinseek``."""
 
 from .cli import main
 

@@ -1,4 +1,4 @@
-"""The front door: an `Arm` and its inverse kinematics; its forward kinematics are in `kinematics`."""
+"""The main class, `Arm`, and its inverse kinematics; its forward kinematics are in `kinematics`."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ States = NDArray[np.object_]
 
 
 class IkOptions(TypedDict, total=False):
-    """What `Arm.ik` takes beside the goal; it is explained there."""
+    """Keyword arguments of `Arm.ik`, which documents them."""
 
     near: Joints | None
     solver: Solver | None
@@ -67,7 +67,7 @@ class IkOptions(TypedDict, total=False):
 
 
 class BranchesOptions(TypedDict, total=False):
-    """What `Arm.branches` takes beside the goal; it is explained there."""
+    """Keyword arguments of `Arm.branches`, which documents them."""
 
     near: Joints | None
     order: Order
@@ -85,19 +85,19 @@ class BranchesOptions(TypedDict, total=False):
 class Arm(ForwardArm):
     """A serial arm. Make one with `kinseek.load`, `Arm.from_dh` or `Arm.from_fk`.
 
-    A class derived from it keeps its own attributes in copies, in pickles and in the arms that `with_tool`, `with_locked`
-    and `with_limits` make; these copy the arm and never call ``__init__``.
+    A subclass keeps its own attributes in copies, in pickles and in the arms that `with_tool`, `with_locked` and
+    `with_limits` return. These methods copy the arm and do not call ``__init__``.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
-        """Wrap what a reader made."""
+        """Wrap the mechanism that a reader returned."""
         super().__init__(mechanism)
         self._index: AtlasIndex | None = None
         self._place_index: AtlasIndex | None = None
         self._branch_index: BranchIndex | None = None
 
     def __getstate__(self) -> Any:
-        """Copy and pickle everything but the atlas, which is rebuilt where it is needed."""
+        """Copy and pickle everything but the atlas, which is rebuilt when it is needed."""
         state = super().__getstate__()
         attributes, slots = state if isinstance(state, tuple) else (state, None)
         attributes = {
@@ -109,16 +109,16 @@ class Arm(ForwardArm):
         return attributes if slots is None else (attributes, slots)
 
     def _with(self, mechanism: Mechanism) -> Self:
-        """The same arm in all but its mechanism."""
+        """Return a copy of this arm with another mechanism."""
         arm = super()._with(mechanism)
         arm._index = arm._place_index = arm._branch_index = None
         return arm
 
     @property
     def atlas(self) -> AtlasIndex | Samples:
-        """The sorted samples that `ik` looks poses up in: built once, at the first call.
+        """The sorted samples in which `ik` looks up poses, built at the first call.
 
-        Those of a function are `kinseek.solvers.black_box.samples.Samples`, with the same figures.
+        For black-box kinematics they are `kinseek.solvers.black_box.samples.Samples`, which reports the same figures.
         """
         return samples_of(self._mechanism, SAMPLES) if self._axes is None else self._atlas_along(self._axes)
 
@@ -128,7 +128,7 @@ class Arm(ForwardArm):
         return self._index
 
     def _atlas_for(self, axes: SerialChain, goal: Goal) -> AtlasIndex:
-        """That of a goal; of a place of the tip, which is asked for most, it is at hand."""
+        """Return the atlas for a goal; that of goals for the tip, the most frequent case, is cached."""
         if goal.tool is not None or goal.form.columns:
             return atlas_of(axes, goal)
         if self._place_index is None:
@@ -161,45 +161,48 @@ class Arm(ForwardArm):
         trace: bool = False,
         bad: Literal["error", "skip"] = "error",
     ) -> Solution:
-        """Find joint values that reach a goal, or come as near to it as the search can.
+        """Find joint values that reach a goal; if none are found, return the closest that the search found.
 
         Args:
             goal: A pose, (4, 4) or (..., 4, 4); an object that carries one (SciPy, pinocchio, spatialmath);
                 or a `Goal`.
-            near: Joint values that the answer shall be near to, (n,) or (..., n), [rad] or [m], or by name as `fk` takes
-                them; they may lie outside the limits.
+            near: Joint values to which the solution should be close, (n,) or (..., n), [rad] or [m], or by name as in `fk`.
+                They may lie outside the limits.
             solver: One of `kinseek.solvers`; by default the `Atlas`.
-            threads: Threads for a batch, of the default solver; every core unless given.
-            progress: Show a progress bar, of the default solver for a batch, or of a `solver` that has one.
-            prove: Try to prove of every missed pose that it is out of reach, see `Arm.prove`; and of one that is blocked,
-                that every answer inside the limits hits something, where the arm has no joints to spare.
-            prefer: Which of all answers: ``"mid-range"``, ``"limits"`` (far from them) or ``"dexterity"``, as
-                `order` in `Arm.branches`. Where the arm has joints to spare, the best along the self-motion.
-            cost: Instead of `prefer`, a function from joint values, (k, n), to numbers, (k,): the least is best.
-            valid: A function from joint values, (n,), to a bool, asked of one answer after the other until it agrees.
-                If it never does, the solution is no success, and `rejected` says how many it refused.
-            scene: What the arm may hit, see docs/collisions.md: the first answer that is free in it, in order of preference;
-                where the arm has joints to spare, more and more of the self-motion is looked at. If every answer found hits
-                something, the status is `Status.BLOCKED`, and `contacts` says what is in the way.
-            clearance: How far apart bodies of the scene have to be [m].
-            time_limit: [s], after which no further part of the work is begun: the answer is the best so far, and
-                `out_of_time` says of each target whether its search was cut short. What an arm needs once, its atlas and
-                the compiled kernels, is made in any case.
-            trace: Keep what the search does, pass by pass, as `Solution.trace`. The answer is the same bits.
-            bad: What to do where a matrix is no pose: ``"error"`` refuses the batch and names the first of them; ``"skip"``
-                answers the others with the same bits, and marks these, `Status.INVALID`, their joint values NaN.
+            threads: Number of threads for a batch with the default solver; by default every core.
+            progress: Show a progress bar. The default solver shows one for a batch; another `solver` shows one if it has
+                one.
+            prove: Try to prove that each missed pose is out of reach, see `Arm.prove`. If the arm is not redundant, also try
+                to prove that every solution of a blocked pose collides.
+            prefer: Which solution to return: ``"mid-range"``, ``"limits"`` (far from them) or ``"dexterity"``, as `order` in
+                `Arm.branches`. If the arm is redundant, the best one along the self-motion.
+            cost: Alternative to `prefer`: a function from joint values, (k, n), to costs, (k,). The solution with the lowest
+                cost is returned.
+            valid: A function from joint values, (n,), to a bool. It is called for one solution after the other until it
+                returns True. If it never does, `success` is False, and `rejected` is the number of solutions for which it
+                returned False.
+            scene: The collision scene, see docs/collisions.md. The first collision-free solution in order of preference is
+                returned. If the arm is redundant, the self-motion is sampled more and more densely. If every solution found
+                collides, the status is `Status.BLOCKED`, and `contacts` lists the colliding pairs.
+            clearance: Minimum distance between bodies of the scene [m].
+            time_limit: [s], after which no further part of the work is begun. The solution is the best so far, and
+                `out_of_time` reports for each target whether its search was cut short. The atlas and the compiled kernels,
+                which an arm needs once, are made in any case.
+            trace: Keep what the search does, pass by pass, as `Solution.trace`. The solution is identical bit for bit.
+            bad: How to treat a matrix that is not a pose: ``"error"`` rejects the batch and names the first such matrix;
+                ``"skip"`` marks them `Status.INVALID` with NaN joint values and solves the others, bit for bit as without
+                them.
 
         Returns:
-            Joint values inside the limits, their errors recomputed by FK, and whether these meet the
-            tolerances.
+            Joint values inside the limits, their errors recomputed by FK, and whether the errors meet the tolerances.
 
         Raises:
             InvalidGoal: Not a pose.
             InvalidProblem: `near` does not fit the arm, an unknown preference, two of them, a preference with a
                 `solver` or `trace`, a `cost` or `valid` that fails, or a clearance without a scene.
-            InvalidScene: A scene of another arm, or a clearance that is no length.
+            InvalidScene: The scene belongs to another arm, or the clearance is not a length.
             InvalidUse: Traces of more targets than fit into memory.
-            InvalidSolver: The solver's parameters do not fit the arm, or `threads` is no whole number of at least 1.
+            InvalidSolver: The solver's parameters do not fit the arm, or `threads` is not an integer of at least 1.
         """
         if threads is not None:
             threads = as_integer("threads", threads, 1)
@@ -213,8 +216,9 @@ class Arm(ForwardArm):
             and not clearance
         )
         if plain and (axes := self._axes) is not None and (T := plain_array(goal, (4, 4))) is not None:
-            # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform. It also
-            # gives up on the first that is out of reach: what that takes is compiled on the other way.
+            # A short path for one plain pose: the kernel itself rejects a matrix that is not a rigid transform. The kernel
+            # also gives up on the first pose that is out of reach, because the code that handles it is compiled in the other
+            # path.
             q, index = np.empty(axes.dof), self._index or self._atlas_along(axes)
             if near is None:
                 report = solve_plain(index.address, T, q)
@@ -229,7 +233,7 @@ class Arm(ForwardArm):
                         warn_of_distance(hypot(*T[:3, 3]), axes.reach, 2)
                     return quick_solution(axes, T.tobytes(), start, q, report)
         _require_scene(scene, clearance)
-        if bad != "error" and not isinstance(goal, Goal):  # A goal has no such poses.
+        if bad != "error" and not isinstance(goal, Goal):  # A goal has no invalid matrices.
             options: dict[str, Any] = {
                 "solver": solver,
                 "threads": threads,
@@ -316,36 +320,37 @@ class Arm(ForwardArm):
         prove: bool = False,
         time_limit: float | None = None,
     ) -> Branches | BranchesBatch:
-        """Find every distinct answer to a goal; where the arm has joints to spare, a well-spread sample of them.
+        """Find every distinct solution of a goal; if the arm is redundant, a well-spread sample of the solutions.
 
         Args:
             goal: As in `ik`: a pose, (4, 4) or (..., 4, 4), an object that carries one, or a `Goal`.
-            near: Joint values, (n,) or (..., n), [rad] or [m], or by name: answers come nearest to them first.
-            order: What comes first unless `near` or `cost` say it: ``"mid-range"`` (nearest to the middle of the
-                ranges, each joint measured in half its range), ``"limits"`` (farthest from the limits, by the same
-                measure) or ``"dexterity"`` (most manipulability, Yoshikawa 1985).
-            cost: A function from joint values, (k, n), to numbers, (k,): the least comes first.
-            valid: A function from joint values, (n,), to a bool: answers that it refuses are left out and counted.
-            scene: What the arm may hit: answers that hit something are left out, and counted with those that were refused.
-            clearance: How far apart bodies of the scene have to be [m].
-            copies: Add every answer turned by full turns, as far as the limits allow. Without it no two answers are
-                equal modulo 2π.
-            count: How many to return at most, 1 to 100,000; 50 where the arm has joints to spare, all of them elsewhere.
-            threads: Threads for a batch; every core unless given.
-            prove: Prove that there is no other answer, and find what is lacking, by branch and bound; `complete` then
-                says whether the proof succeeded. See docs/proof.md.
-            time_limit: [s], after which no further part of the work is begun; `out_of_time` then says that answers, or
-                the proof, may be lacking.
+            near: Joint values, (n,) or (..., n), [rad] or [m], or by name: solutions are sorted by their distance from them.
+            order: Sort order unless `near` or `cost` is given: ``"mid-range"`` (nearest to the middle of the ranges, each
+                joint measured in half its range), ``"limits"`` (farthest from the limits, by the same measure) or
+                ``"dexterity"`` (highest manipulability, Yoshikawa 1985).
+            cost: A function from joint values, (k, n), to costs, (k,): the lowest comes first.
+            valid: A function from joint values, (n,), to a bool: solutions for which it returns False are left out and
+                counted.
+            scene: The collision scene: solutions that collide are left out, and counted with those that `valid` rejects.
+            clearance: Minimum distance between bodies of the scene [m].
+            copies: Add copies of every solution shifted by full turns, as far as the limits allow. Without it no two
+                solutions are equal modulo 2π.
+            count: Maximum number of solutions, 1 to 100,000. The default is 50 if the arm is redundant, otherwise all.
+            threads: Number of threads for a batch; by default every core.
+            prove: Prove by branch and bound that there is no other solution, and find the missing ones. `complete` then
+                reports whether the proof succeeded. See docs/proof.md.
+            time_limit: [s], after which no further part of the work is begun; `out_of_time` then reports that solutions, or
+                the proof, may be missing.
 
         Returns:
-            The answers to one goal, every one inside the limits and within the tolerances by plain FK; for a batch a
-            sequence of them. An unreachable goal has none.
+            The solutions of one goal, each inside the limits and within the tolerances by plain FK; for a batch a sequence
+            of these. For an unreachable goal they are empty.
 
         Raises:
             InvalidGoal: Not a pose.
             InvalidProblem: `near` does not fit the arm, an unknown order, two orders at once, or a `cost` or `valid`
                 that fails; the message names q.
-            InvalidSolver: `threads` is no whole number of at least 1.
+            InvalidSolver: `threads` is not an integer of at least 1.
         """
         if threads is not None:
             threads = as_integer("threads", threads, 1)
@@ -355,7 +360,7 @@ class Arm(ForwardArm):
         plain = plain and time_limit is None and scene is None and not clearance
         plain = plain and count is None
         if plain and (axes := self._axes) is not None and (T := plain_array(goal, (4, 4))) is not None:
-            # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
+            # A short path for one plain pose: the kernel itself rejects a matrix that is not a rigid transform.
             found = self._branches.plain(axes, T)
             if found is not None:
                 return found
@@ -394,19 +399,18 @@ class Arm(ForwardArm):
 
         Args:
             goal: One pose, or an object that carries one, or a `Goal`.
-            gap: Unless None, go on until the bounds on the least weighted error are this close, relative to
-                the upper one.
-            budget: Boxes of joint values to examine; 0 gives valid, wide bounds.
-            threads: Threads that share the boxes; every core unless given. The certificate has the same bits.
-            time_limit: [s], after which no further boxes are begun; the bounds hold as far as they are then.
+            gap: If given, continue until the bounds on the least weighted error are this close, relative to the upper one.
+            budget: Maximum number of boxes of joint values to examine; 0 gives valid but wide bounds.
+            threads: Number of threads that share the boxes; by default every core. The certificate does not depend on it.
+            time_limit: [s], after which no further boxes are begun; the bounds computed by then are valid.
 
         Returns:
             The verdict, a witness or the best pose found, and bounds on the error of every pose.
 
         Raises:
             InvalidGoal: Not a pose.
-            InvalidProblem: A batch, a gap or budget out of its range, or an arm that is a function.
-            InvalidSolver: `threads` is no whole number of at least 1.
+            InvalidProblem: A batch, a gap or budget out of its range, or an arm with black-box kinematics.
+            InvalidSolver: `threads` is not an integer of at least 1.
         """
         self._require_axes(_NO_PROOF)
         if threads is not None:
@@ -438,47 +442,49 @@ class Arm(ForwardArm):
         progress: bool = False,
         time_limit: float | None = None,
     ) -> Motion:
-        """Find one continuous motion through many poses: as few breaks as possible, then the least cost.
+        """Find one continuous motion through many poses: first the fewest breaks, then the lowest cost.
 
         Args:
-            Ts: Poses, (N, 4, 4); or a `Goal` with N targets, which may leave axes free; or a row of poses or goals, an
-                iterator too.
-            start: Joint values to begin with, (n,), [rad] or [m]; they must reach the first pose.
-            end: Joint values to end with, (n,); they must reach the last pose.
-            closed: Shall the last pose lead on to the first? The full turns of a joint come back as well. If the last pose
-                is the first one again, the last row is the first one to the last bit, except for full turns of joints
-                without limits.
-            max_step: How far each joint may go from pose to pose, one number or (n,), [rad] or [m]; more is a break.
-            times: When each pose is due, (N,), [s]: no joint goes faster from pose to pose than it may, by `velocity`, or
-                without it by the robot's file, see `velocity` of an arm.
-            velocity: Of the joints, one number or (n,), [rad/s] or [m/s]. The cost is then the time that the motion takes.
-            weights: Of each joint in the cost, (n,).
-            cost: In place of distance or time, a function from joint values, (k, n), to numbers, (k,), added up over all
-                poses; where joints are to spare the squared steps are added to it.
-            valid: A function from joint values, (n,), to a bool, asked of the poses and of points between them.
-            scene: What the arm may hit, see docs/collisions.md: poses are free in it, and so is the whole way from each to
-                the next, every joint moving straight, which is proved and not sampled. Where that cannot be, there is a
-                break or a missed pose, and `why` names the bodies.
-            clearance: How far apart bodies of the scene have to be [m].
-            prove: Try to prove of every step that one unbroken branch leads on inside the limits (`Path.certified`), of
-                missed poses that they are out of reach, and where answers are isolated that no continuous motion leads on;
-                with a budget for the whole path, so that some may stay undecided, see docs/paths.md.
-            threads: Threads that share the poses; every core unless given. The answer has the same bits.
+            Ts: Poses, (N, 4, 4); or a `Goal` with N targets, which may leave axes free; or a sequence or iterator of poses
+                or goals.
+            start: Joint values at the first pose, (n,), [rad] or [m]; they must reach it.
+            end: Joint values at the last pose, (n,); they must reach it.
+            closed: Does the last pose lead back to the first? The full turns of each joint then return to their start, too.
+                If the last pose equals the first one, the last row equals the first one bit for bit, except for full turns
+                of joints without limits.
+            max_step: Maximum motion of each joint from pose to pose, one number or (n,), [rad] or [m]; more is a break.
+            times: Time of each pose, (N,), [s]. No joint exceeds its speed limit between poses: `velocity`, or by default
+                the limit in the robot's file, see `velocity` of an arm.
+            velocity: Speed limit of each joint, one number or (n,), [rad/s] or [m/s]. The cost is then the duration of the
+                motion.
+            weights: Weight of each joint in the cost, (n,).
+            cost: A function from joint values, (k, n), to costs, (k,), summed over all poses, in place of distance or time.
+                If the arm is redundant, the squared steps are added to it.
+            valid: A function from joint values, (n,), to a bool, called at the poses and at points between them.
+            scene: The collision scene, see docs/collisions.md. Poses are free of collision, and so is the whole motion
+                between consecutive poses, with every joint moving linearly; this is proved, not sampled. If that is
+                impossible, there is a break or a missed pose, and `why` names the bodies.
+            clearance: Minimum distance between bodies of the scene [m].
+            prove: Try to prove of every step that one unbroken branch inside the limits connects its poses
+                (`Path.certified`), and of missed poses that they are out of reach. Where solutions are isolated, try to
+                prove that no continuous motion continues. There is one budget for the whole path, so some steps and poses
+                may stay undecided, see docs/paths.md.
+            threads: Number of threads that share the poses; by default every core. The path does not depend on it.
             progress: Show a progress bar.
-            time_limit: [s], after which no further part of the work is begun: poses that were not planned by then are
-                missed (`Path.planned`), those at which `cost` was not called cost 0, breaks are not planned again, and
-                steps and poses stay unproved. `Path.out_of_time` says that the time was up. Poses are read from an iterator
-                whatever that takes, and what an arm needs once is made in any case.
+            time_limit: [s], after which no further part of the work is begun. Poses that were not planned by then are missed
+                (`Path.planned`), poses at which `cost` was not called cost 0, breaks are not replanned, and steps and poses
+                stay unproved. `Path.out_of_time` reports that the time was up. An iterator is read to its end, and what an
+                arm needs once is made, whatever time that takes.
 
         Returns:
-            Joint values inside the limits for every pose, judged by plain FK, the breaks, and what is in the way at each.
+            Joint values inside the limits for every pose, judged by plain FK, the breaks, and the reason for each.
 
         Raises:
-            InvalidGoal: Not poses, or none; the message names the first that is wrong.
-            InvalidProblem: Something does not fit: `start` misses the first pose, `times` do not increase, and so on.
-            InvalidScene: A scene of another arm, or a clearance that is no length.
-            InvalidSolver: `threads` is no whole number of at least 1.
-            PathInterrupted: An iterator raised; the error carries the path through the poses that came before.
+            InvalidGoal: No poses, or an invalid one; the message names the first invalid one.
+            InvalidProblem: An argument does not fit: for example, `start` misses the first pose, or `times` do not increase.
+            InvalidScene: The scene belongs to another arm, or the clearance is not a length.
+            InvalidSolver: `threads` is not an integer of at least 1.
+            PathInterrupted: An iterator raised; the error carries the path through the poses before it.
         """
         from .paths.front import follow_poses
 
@@ -515,32 +521,33 @@ class Arm(ForwardArm):
         valid: Valid | None = None,
         threads: int | None = None,
     ) -> Iterator[Motion]:
-        """Follow poses that come one after the other, with the same memory however many they are.
+        """Follow a stream of poses with memory that does not depend on their number.
 
-        Of the poses to come no more than `look_ahead` are known when joint values are handed out. So there may be more
-        breaks than with `follow`, which knows all poses.
+        When joint values are yielded, at most `look_ahead` later poses are known. So there may be more breaks than with
+        `follow`, which knows all poses.
 
         Args:
-            poses: An iterator of poses, (4, 4), or of goals; an array (N, 4, 4) or a `Goal` with N targets, too.
-            window: Poses from the beginning of one piece to that of the next.
-            look_ahead: Poses beyond the end of a piece that are looked at.
-            start: Joint values to begin with, (n,), [rad] or [m]; they must reach the first pose.
-            max_step: How far each joint may go from pose to pose, one number or (n,), [rad] or [m]; more is a break.
-            velocity: Of the joints, one number or (n,), [rad/s] or [m/s]. The cost is then the time that the motion takes.
-            weights: Of each joint in the cost, (n,).
+            poses: An iterator of poses, (4, 4), or of goals; or an array (N, 4, 4), or a `Goal` with N targets.
+            window: Number of poses from the beginning of one piece to the beginning of the next.
+            look_ahead: Number of poses beyond the end of a piece that are considered.
+            start: Joint values at the first pose, (n,), [rad] or [m]; they must reach it.
+            max_step: Maximum motion of each joint from pose to pose, one number or (n,), [rad] or [m]; more is a break.
+            velocity: Speed limit of each joint, one number or (n,), [rad/s] or [m/s]. The cost is then the duration of the
+                motion.
+            weights: Weight of each joint in the cost, (n,).
             cost: As in `follow`.
             valid: As in `follow`.
             threads: As in `follow`.
 
         Yields:
-            Pieces of the path. Each begins with the last pose of the one before, at the same joint values: its rows but the
-            first are new. `breaks` and `why` count from the beginning of the piece.
+            Pieces of the path. Each begins with the last pose of the previous piece, at the same joint values; all rows but
+            the first are new. `breaks` and `why` count from the beginning of the piece.
 
         Raises:
-            InvalidGoal: No poses; or one that is none, once the pieces of all before it are handed out; its number is named.
+            InvalidGoal: No poses; or an invalid pose, named by its number, after the pieces of all poses before it.
             InvalidProblem: As `follow`.
-            InvalidSolver: `window`, `look_ahead` or `threads` is no whole number, or too small.
-            Exception: What the iterator raises, once the pieces of all poses before it are handed out.
+            InvalidSolver: `window`, `look_ahead` or `threads` is not an integer, or is too small.
+            Exception: Any error that the iterator raises, after the pieces of all poses before it.
         """
         from .paths.stream import stream
 
@@ -558,18 +565,18 @@ class Arm(ForwardArm):
         velocity: ArrayLike | None = None,
         recover: bool = True,
     ) -> Tracker:
-        """Begin to servo from joint values: one pose in, one set of joint values out, with bounded work.
+        """Start servoing from joint values: each step takes one pose and returns joint values, with bounded work.
 
         Args:
-            q0: Where the arm is, (n,), [rad] or [m]; a joint outside its limits comes back as fast as it may.
+            q0: Current joint values, (n,), [rad] or [m]. A joint outside its limits returns at the maximum speed.
             period: Time between two steps [s].
-            velocity: Of the joints, one number or (n,), [rad/s] or [m/s]; no joint ever goes faster. Those of the robot's
-                file unless given; where that says nothing, nothing bounds the speed.
-            recover: Go back to the pose after a time out of reach, also by another branch, see `Tracker`. It needs the
-                speed of every joint. False: the arm stays on its branch until `switch` is called.
+            velocity: Speed limit of each joint, one number or (n,), [rad/s] or [m/s], never exceeded. By default the limits
+                in the robot's file; a joint without one is not limited in speed.
+            recover: Return to the pose after a time out of reach, if necessary on another branch, see `Tracker`. This needs
+                the speed limit of every joint. False: the arm stays on its branch until `switch` is called.
 
         Raises:
-            InvalidProblem: Something does not fit the arm, or the arm is a function.
+            InvalidProblem: An argument does not fit the arm, or the arm has black-box kinematics.
         """
         from .paths.tracker import Tracker
 
@@ -614,19 +621,20 @@ def load(
     """Load an arm.
 
     Args:
-        source: Name of a bundled arm (`kinseek robots` lists them); a path to a .urdf, .xacro or MJCF .xml file; the text
-            of a URDF; a model of yourdfpy (``URDF``), pinocchio (``Model``) or MuJoCo (``MjModel``); or, where the package
-            robot_descriptions is installed, a name of it, such as ``"panda_description"``.
-        base: Link that stays; the root of the file unless given.
-        tip: Link whose pose is meant; the only leaf of the file unless given.
-        args: Of a .xacro file: values of its arguments, by name.
-        packages: Of a .xacro file: folders of the ROS packages that it finds files in, by name.
-        trusted: Of a .xacro file: False where it may be anybody's. xacro lets Python evaluate expressions of the file; then
-            they are computed without it, and those that are no plain sums are refused.
+        source: Name of a bundled arm (`kinseek robots` lists them); a path to a .urdf, .xacro or MJCF .xml file; the text of
+            a URDF; a model of yourdfpy (``URDF``), pinocchio (``Model``) or MuJoCo (``MjModel``); or, if the package
+            robot_descriptions is installed, a name of one of its descriptions, such as ``"panda_description"``.
+        base: Fixed link; by default the root of the file.
+        tip: Link whose pose is controlled; by default the only leaf of the file.
+        args: For a .xacro file: values of its arguments, by name.
+        packages: For a .xacro file: folders of the ROS packages in which it finds files, by name.
+        trusted: For a .xacro file: pass False if its origin is not trusted. xacro lets Python evaluate the expressions of a
+            file; with False kinseek evaluates them itself, and rejects expressions other than arithmetic, comparisons and a
+            list of functions.
 
     Raises:
-        InvalidRobot: Unknown name, missing or broken file, unknown or unconnected links, bad joints, arguments that the file
-            does not ask for.
-        MissingExtra: An MJCF file, and MuJoCo is not installed.
+        InvalidRobot: Unknown name, missing or broken file, unknown or unconnected links, bad joints, or arguments that the
+            file does not declare.
+        MissingExtra: MuJoCo is not installed, and the source is an MJCF file.
     """
     return Arm(read(source, base, tip, args=args, packages=packages, trusted=trusted))

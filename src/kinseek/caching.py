@@ -1,4 +1,4 @@
-"""What an arm needs once, such as its atlas: made at the first call, kept with the arm and dropped with it."""
+"""Caches of what an arm needs once, such as its atlas: made at the first call, and dropped with the arm."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ Thing = TypeVar("Thing")
 
 
 class LRUCache(Generic[Key, Thing]):
-    """Things under their keys, each made once; of those that may go, the ones used last are kept. Shared by threads."""
+    """A cache whose values are made at the first request; the least recently used ones are dropped. Thread-safe."""
 
     def __init__(self, most: int | None = None, may_go: Callable[[Key], bool] = lambda key: True) -> None:
-        """Keep nothing yet.
+        """Make an empty cache.
 
         Args:
-            most: How many of those that may go are kept; None keeps all.
-            may_go: Whether what has this key may be forgotten.
+            most: Maximum number of droppable values that are kept; None keeps all.
+            may_go: Whether the value of a key may be dropped.
         """
         self._most, self._may_go = most, may_go
         self._things: OrderedDict[Key, Thing] = OrderedDict()
         self._making = Lock()
-        """Held while something is made, so that no two threads make the same; making one thing may ask for another."""
+        """Held while a value is made, so that no two threads make the same one. Making one value may request another."""
 
     def get(self, key: Key, make: Callable[[], Thing]) -> Thing:
-        """What has this key; made now if it is asked for the first time, or was forgotten."""
+        """Return the value of a key; make it if it is not in the cache."""
         with self._making.now:
             if key not in self._things:
                 self._things[key] = make()
@@ -46,21 +46,21 @@ class LRUCache(Generic[Key, Thing]):
             del self._things[oldest]
 
     def __len__(self) -> int:
-        """How many things there are."""
+        """Number of values."""
         return len(self._things)
 
 
 class WeakCache(Generic[Owner, Key, Thing]):
-    """A `LRUCache` for each owner, that goes when its owner goes. What is kept must not hold its owner itself."""
+    """An `LRUCache` for each owner, dropped with its owner. Cached values must not refer to the owner."""
 
     def __init__(self, most: int | None = None, may_go: Callable[[Key], bool] = lambda key: True) -> None:
-        """Keep nothing yet; see `LRUCache`, whose arguments hold for each owner."""
+        """Make an empty cache; the arguments are those of `LRUCache` and apply to each owner."""
         self._most, self._may_go = most, may_go
         self._owners: weakref.WeakKeyDictionary[Owner, LRUCache[Key, Thing]] = weakref.WeakKeyDictionary()
         self._adding = Lock()
 
     def of(self, owner: Owner) -> LRUCache[Key, Thing]:
-        """What is kept for one owner."""
+        """Return the cache of one owner."""
         with self._adding.now:
             mine = self._owners.get(owner)
             if mine is None:

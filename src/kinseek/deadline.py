@@ -1,4 +1,4 @@
-"""How much longer a call may take: asked between chunks of work, so that what was found is kept."""
+"""Time limits of calls, checked between chunks of work so that the results so far are kept."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from numbers import Real
 from .errors import InvalidProblem
 
 MOST = 1e300
-"""[s] Longer than this is without end."""
+"""A longer time limit counts as no limit [s]."""
 
 
 class TimeUp(Exception):
-    """Raised by `Deadline.check` inside a call, which catches it and keeps what was found; no caller sees it."""
+    """Raised by `Deadline.check` inside a call, which catches it and keeps its results; no caller sees it."""
 
 
 class Deadline:
@@ -24,10 +24,10 @@ class Deadline:
     """
 
     def __init__(self, time_limit: float | None = None) -> None:
-        """Begin to count now; None never ends.
+        """Start the time limit now.
 
         Args:
-            time_limit: [s]
+            time_limit: [s]; None sets no limit.
         """
         self.begin = time.monotonic()
         if time_limit is None:
@@ -37,12 +37,12 @@ class Deadline:
             raise InvalidProblem(
                 f"time_limit must be a number of seconds above 0, or None, got {time_limit!r}"
             )
-        # A whole number may be larger than any float.
+        # An integer may be larger than any float.
         self.end = self.begin + float(time_limit) if time_limit <= MOST else math.inf
 
     @property
     def limited(self) -> bool:
-        """Is there an end at all?"""
+        """Is there a time limit?"""
         return self.end < math.inf
 
     @property
@@ -51,7 +51,7 @@ class Deadline:
         return self.end < math.inf and time.monotonic() >= self.end
 
     def check(self) -> None:
-        """Stop a part of the work that is too long to wait for.
+        """Raise an error if the time is up.
 
         Raises:
             TimeUp: The time is up.
@@ -60,16 +60,16 @@ class Deadline:
             raise TimeUp
 
     def share(self, part: float) -> Deadline:
-        """A deadline for the first step of some work: it ends when this part of the time left is over."""
+        """Return a deadline for the first step of some work: it ends after this fraction of the time left."""
         return self if self.left is None else Deadline(part * self.left)
 
     def before(self, part: float) -> Deadline:
-        """A deadline that leaves time for a last step: this part of the time spent so far, at most half of what is left."""
+        """Return a deadline that leaves this fraction of the time spent so far, at most half the rest, for a last step."""
         if self.left is None:
             return self
         return Deadline(max(self.left / 2, self.left - part * (time.monotonic() - self.begin)))
 
     @property
     def left(self) -> float | None:
-        """Seconds left, as a time limit for a part of the work: above 0 even if the time is up; None without an end."""
+        """Seconds left, as a time limit for a part of the work. Above 0 even if the time is up; None without a limit."""
         return None if self.end == math.inf else max(self.end - time.monotonic(), 1e-9)

@@ -2,24 +2,24 @@
 
     KinseekError
     ├── InvalidRobot(ValueError)     the arm: file, links, joints, limits
-    │   └── FailedKinematics         a function given to Arm.from_fk raises, or gives no pose; carries the q
+    │   └── FailedKinematics         a function given to Arm.from_fk raises or returns no pose; carries q
     ├── InvalidGoal(ValueError)      the target: pose, tolerances, weights
     ├── InvalidProblem(ValueError)   the call: joint vectors, start, budget
     ├── InvalidSolver(ValueError)    the search's own parameters
-    ├── InvalidExport(ValueError)    what a controller is given: target, folder, memory
-    ├── InvalidScene(ValueError)     what an arm may hit: shapes, bodies, pairs, files of geometry
+    ├── InvalidExport(ValueError)    the export for a controller: target, folder, memory
+    ├── InvalidScene(ValueError)     a collision scene: shapes, bodies, pairs, files of geometry
     ├── InvalidMap(ValueError)       a map of the workspace: grid, store, workers
-    ├── InvalidUse(TypeError)         a result is used as what it is not: a solution as a truth value
+    ├── InvalidUse(TypeError)        a result is misused, such as a solution as a truth value
     ├── MissingExtra(ImportError)    an optional dependency is not installed
-    ├── PathInterrupted(RuntimeError) an iterator of poses raised; carries the path through those before
-    ├── MapInterrupted(RuntimeError) the making of a map ended early; what is done stays in its store
-    ├── InternalError(AssertionError) kinseek contradicts itself: a fault of kinseek, to be reported
-    └── NotReached(RuntimeError)     raised only by require(); carries the solution, or the path
+    ├── PathInterrupted(RuntimeError) an iterator of poses raised; carries the path through the poses before
+    ├── MapInterrupted(RuntimeError) the making of a map ended early; finished blocks stay in its store
+    ├── InternalError(AssertionError) kinseek contradicts itself: a bug in kinseek, please report it
+    └── NotReached(RuntimeError)     raised only by require(); carries the solution or the path
 
-Missing a tolerance is a status of the solution, never an exception.
+A missed tolerance is reported as a status of the solution; no exception is raised.
 
-Two warnings: `UnitWarning(UserWarning)`, a number is taken as it is, and another unit would explain it better; and
-`RepairWarning(UserWarning)`, a matrix that was no rotation was brought onto one, because that was asked for.
+Two warnings: `UnitWarning(UserWarning)`, a number is probably in another unit, but is used unchanged; and
+`RepairWarning(UserWarning)`, a matrix that was not a rotation was replaced by the nearest one, as the caller requested.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from typing import Any
 from .printable import printable
 
 _LONGEST, _COMPARED = 100, 200
-"""Letters of a name that others are suggested for, and names that it is compared with, at most."""
+"""Maximum length of a name for which others are suggested, and maximum number of names with which it is compared."""
 
 
 class _OneLine:
-    """A message that names things of files: it is one line, and its characters do nothing to a terminal."""
+    """A message that names things from files: it fits one line, and its characters have no effect on a terminal."""
 
     def __str__(self) -> str:
-        """The message, with escapes for what is not printable."""
+        """The message, with escapes for characters that are not printable."""
         return printable(super().__str__().replace("\r\n", " ").replace("\n", " "))
 
 
@@ -48,17 +48,17 @@ class KinseekError(_OneLine, Exception):
 
 
 class InvalidRobot(KinseekError, ValueError):
-    """The description of an arm cannot be used; the message says which part, and what would be valid."""
+    """The description of an arm cannot be used; the message names the invalid part and the valid choices."""
 
 
 class FailedKinematics(InvalidRobot):
-    """A function given as forward kinematics raises, or gives something that is no pose; the cause is chained."""
+    """A function given as forward kinematics raises, or returns something that is not a pose; the cause is chained."""
 
     def __init__(self, message: str, q: Any) -> None:
-        """Carry the joint values that did it."""
+        """Store the joint values at which the function failed."""
         super().__init__(message)
         self.q = q
-        """(n,)"""
+        """Joint values at which the function failed, (n,)."""
 
     def __reduce__(self) -> tuple[type[FailedKinematics], tuple[str, Any]]:
         """Pickle with the joint values."""
@@ -74,39 +74,39 @@ class InvalidProblem(KinseekError, ValueError):
 
 
 class InvalidSolver(KinseekError, ValueError):
-    """A parameter of a search is out of its range, or the search would not fit into memory."""
+    """A parameter of a search is out of its range, or the search does not fit into memory."""
 
 
 class InvalidExport(KinseekError, ValueError):
-    """An arm cannot be written for a controller so: target, form, folder, or more memory than there is."""
+    """An arm cannot be exported: wrong target, form or folder, or more memory than the controller has."""
 
 
 class InvalidScene(KinseekError, ValueError):
-    """What an arm may hit cannot be used: a shape, a body, a pair of them, a file with geometry."""
+    """A collision scene is invalid: a shape, a body, a pair of bodies, or a file with geometry."""
 
 
 class InvalidMap(KinseekError, ValueError):
-    """A map of the workspace cannot be made so: the grid, the store, or a worker with another version."""
+    """A map of the workspace cannot be made: invalid grid or store, or a worker with another version."""
 
 
 class InvalidUse(KinseekError, TypeError):
-    """A result is used as what it is not: a solution as a truth value, the answer to one target as a sequence."""
+    """A result is misused: a solution as a truth value, or the solution of one target as a sequence."""
 
 
 class MissingExtra(KinseekError, ImportError):
     """A feature needs an optional dependency; the message says how to install it."""
 
     def __init__(self, feature: str, extra: str) -> None:
-        """Name the feature and the extra that brings it."""
+        """Name the feature and the extra that provides it."""
         super().__init__(f"{feature} needs an optional dependency: pip install 'kinseek[{extra}]'")
         self.extra = extra
 
 
 class PathInterrupted(KinseekError, RuntimeError):
-    """The iterator that gave the poses of a path raised; its error is chained."""
+    """The iterator of the poses of a path raised an error; the error is chained."""
 
     def __init__(self, message: str, path: Any) -> None:
-        """Carry the path through the poses that came before, so that nothing found is lost."""
+        """Store the path through the poses before the error."""
         super().__init__(message)
         self.path = path
 
@@ -116,10 +116,10 @@ class PathInterrupted(KinseekError, RuntimeError):
 
 
 class MapInterrupted(KinseekError, RuntimeError):
-    """The making of a map ended early: workers or scheduler gone, disk full. What is done stays; the same call goes on."""
+    """The making of a map ended early: worker or scheduler gone, disk full. Finished blocks stay; the same call resumes."""
 
     def __init__(self, message: str, done: int, blocks: int) -> None:
-        """Carry how many of the blocks are done."""
+        """Store how many of the blocks are done."""
         super().__init__(message)
         self.done, self.blocks = done, blocks
 
@@ -129,35 +129,35 @@ class MapInterrupted(KinseekError, RuntimeError):
 
 
 class InternalError(KinseekError, AssertionError):
-    """Two results of kinseek contradict each other: a fault of kinseek, never of the call.
+    """Two results of kinseek contradict each other. This is a bug in kinseek, never an error of the call.
 
-    The message holds what a report needs. Do not rely on any result of the call.
+    The message holds what a bug report needs. Do not rely on any result of the call.
     """
 
 
 class NotReached(KinseekError, RuntimeError):
-    """An answer misses a tolerance and the caller asked to be told by an exception."""
+    """A tolerance is missed, and the caller requested an exception by `require`."""
 
     def __init__(self, message: str, solution: Any) -> None:
-        """Carry the whole solution, so that nothing found is lost."""
+        """Store the whole solution."""
         super().__init__(message)
         self.solution = solution
 
     def __reduce__(self) -> tuple[type[NotReached], tuple[str, Any]]:
-        """Pickle with the solution, so that worker processes may raise it."""
+        """Pickle with the solution, so that worker processes can raise it."""
         return type(self), (str(self), self.solution)
 
 
 class UnitWarning(_OneLine, UserWarning):
-    """An angle beyond a full turn or a length far beyond the arm: degrees or millimetres, perhaps."""
+    """An angle beyond a full turn or a length far beyond the arm's reach: perhaps degrees or millimetres."""
 
 
 class RepairWarning(_OneLine, UserWarning):
-    """A rounded matrix was brought onto the nearest rotation; the message tells how far it was from one."""
+    """A rounded matrix was replaced by the nearest rotation; the message reports how far it was from one."""
 
 
 def suggest(got: str, valid: Iterable[str], noun: str) -> str:
-    """Return ``unknown <noun> 'got'``, the near matches and the valid choices, as one sentence."""
+    """Return ``unknown <noun> 'got'``, the similar names and the valid choices, as one sentence."""
     choices = sorted(valid)
     said = unknown(got, choices, noun)
     end = "" if said.endswith("?") else "."
@@ -165,21 +165,21 @@ def suggest(got: str, valid: Iterable[str], noun: str) -> str:
 
 
 def unknown(got: str, valid: Iterable[str], noun: str) -> str:
-    """Return ``unknown <noun> 'got'`` and the near matches, without the valid choices."""
+    """Return ``unknown <noun> 'got'`` and the similar names, without the valid choices."""
     near = near_names(got, valid)
     return f"unknown {noun} {got!r}" + (f"; did you mean {' or '.join(map(repr, near))}?" if near else "")
 
 
 def near_names(got: str, valid: Iterable[str]) -> list[str]:
-    """Return up to three names that look like a misspelt one, the most similar first.
+    """Return up to three names that resemble a misspelt one, the most similar first.
 
-    Names come from files: `difflib` needs up to a millisecond for two names of 100 letters, and the time grows faster than
-    the square of their length. So longer names are left out, and only the names of the most similar lengths are compared.
+    Names come from files. `difflib` needs up to a millisecond for two names of 100 characters, and its time grows faster
+    than the square of their length. So longer names are left out, and only the names closest in length are compared.
     """
     if len(got) > _LONGEST:
         return []
     names = [name for name in valid if len(name) <= _LONGEST]
-    folded = got.casefold()  # A name in other letters, UR5e for ur5e, is the nearest of all.
+    folded = got.casefold()  # A name that differs only in case, such as UR5e for ur5e, is the nearest of all.
     if same := sorted(name for name in names if name.casefold() == folded):
         return same[:3]
     few = heapq.nsmallest(_COMPARED, names, key=lambda name: abs(len(name) - len(got)))

@@ -1,12 +1,12 @@
-"""What a forked child needs: no lock that a thread of its parent holds, and nothing that was left half done.
+"""Fork safety: a forked child must not inherit a lock held by a parent's thread, or anything half done.
 
-Of the threads of a process, `os.fork` gives the child only the one that forked. A lock that another thread held is never
-released there, and what that thread had begun is never finished. There are two remedies:
+After `os.fork` the child has only the thread that forked. A lock that another thread held is never released in the child,
+and work that another thread had begun is never finished. There are two remedies:
 
-- A `Lock` guards one object, and may be held for long. In the child it is replaced by a new one. What it guards must
-  hold at every moment, or be made again.
-- A lock of the whole process, and a module that is being imported, cannot be replaced. The fork waits until the other
-  threads are done with it (`finish_first`, `importing`).
+- A `Lock` guards one object and may be held for long. The child replaces it by a new one. The state that it guards must be
+  valid at every moment, or be rebuilt.
+- A lock of the whole process, or a module that is being imported, cannot be replaced. The fork waits until the other threads
+  are done with it (`finish_first`, `importing`).
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from threading import RLock
 from typing import Any, Protocol
 
 _ROOMS = ("branches", "collision", "notebook", "paths", "proof", "robots", "solvers", "structure")
-"""Packages from which functions import when they are first called."""
+"""Packages that functions of kinseek import when they are first called."""
 
 
 class Lock:
-    """A reentrant lock of one object, taken by ``with lock.now:``; a forked child has a new one.
+    """A reentrant lock of one object, acquired by ``with lock.now:``; a forked child has a new one.
 
-    It takes part in neither pickles nor copies.
+    Pickles and copies leave it out.
     """
 
     def __init__(self) -> None:
-        """Make it free."""
+        """Make a free lock."""
         self._after: dict[int, Any] = {}
 
     @property
@@ -46,9 +46,9 @@ class _Held(Protocol):
 
 
 def finish_first(lock: _Held) -> None:
-    """Let forks wait until no other thread holds a lock, which has to be reentrant, and hold it meanwhile.
+    """Make forks wait until no other thread holds a reentrant lock, and hold it during the fork.
 
-    Of two such locks that a thread may hold together, the one that it takes first must be given last: forks take them in
+    If a thread may hold two such locks at once, register the lock that it acquires first last, because forks acquire them in
     that order.
     """
     _waited_for.append(lock)
@@ -57,14 +57,14 @@ def finish_first(lock: _Held) -> None:
 _waited_for: list[_Held] = []
 
 importing = RLock()
-"""Held while a function imports a package of others: a child could never import what a lost thread had begun to import."""
+"""Held while a function imports a package. A child could never finish an import that another thread had begun."""
 finish_first(importing)
 
 _forks = 0
-"""How many forks led to this process."""
+"""Number of forks that led to this process."""
 
 _held: list[_Held] = []
-"""What the thread that forks holds meanwhile."""
+"""Locks that the forking thread holds during the fork."""
 
 
 def _before() -> None:
@@ -76,7 +76,7 @@ def _before() -> None:
 
 def _after() -> None:
     held = list(_held)
-    _held.clear()  # The next thread that forks begins as soon as the last lock is free.
+    _held.clear()  # The next thread that forks may start as soon as the last lock is released.
     for lock in reversed(held):
         lock.release()
 
@@ -91,10 +91,11 @@ _loaded = False
 
 
 def _load() -> None:
-    """Import what functions of kinseek import later, which waits for the threads that are importing it.
+    """Import the modules that functions of kinseek import later, after waiting for threads that are importing them.
 
-    Only the first fork beside other threads does so. None of these modules may itself register a pair of functions before
-    and after forks, as `logging` and `concurrent.futures` do: of this fork, Python would call the second one alone.
+    Only the first fork of a process with several threads does so. None of these modules may itself register functions to be
+    called before and after forks, as `logging` and `concurrent.futures` do: for this fork Python would call only the second
+    one.
     """
     global _loaded  # noqa: PLW0603  # There is one process.
     if _loaded or len(sys._current_frames()) == 1:
@@ -102,7 +103,7 @@ def _load() -> None:
     for room in _ROOMS:
         package = import_module(f"{__package__}.{room}")
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
-            with suppress(ImportError):  # Of an extra that is not installed.
+            with suppress(ImportError):  # The module belongs to an extra that is not installed.
                 import_module(module.name)
     _loaded = True
 

@@ -1,4 +1,4 @@
-"""What is asked: a `Goal`."""
+"""The class `Goal`: the pose to reach, or the part of it that matters, and its tolerances."""
 
 from __future__ import annotations
 
@@ -44,66 +44,64 @@ Array = NDArray[np.float64]
 
 
 Frame = Literal["tool", "base"]
-"""Whose axes the deviation of a goal is measured along; see `Goal`."""
+"""Frame whose axes the deviation of a goal is measured along; see `Goal`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Goal(Lazy):
-    """What of the hand's pose matters, how exactly, and how position and orientation are weighed.
+    """The part of the tip's pose that matters, its tolerances, and the weights of position and orientation.
 
     Build one with `Goal.pose`, `Goal.position` or `Goal.pointing`.
 
-    Two measures live side by side. The *tolerances*, in [m] and [rad], decide success. The *weights* are the
-    paper's K_P and K_A (Sec. 2.2): they steer the searches, and they say what "nearest" means when the goal
-    is out of reach.
+    There are two separate measures. The *tolerances*, in [m] and [rad], decide success. The *weights* are the paper's K_P
+    and K_A (Sec. 2.2): they guide the searches, and define "nearest" if the goal is out of reach.
 
-    A goal may leave axes *free*, or give them a *range* that is satisfied anywhere inside. Let T = (R, p) be the pose
-    reached and T_g = (R_g, p_g) the one wanted. The deviation has six components, along the axes of the `frame`:
+    A goal may leave axes *free*, or give them a *range* within which any deviation is accepted. Let T = (R, p) be the pose
+    reached and T_g = (R_g, p_g) the target. The deviation has six components, along the axes of the `frame`:
 
     - x, y, z: the components of p - p_g, [m];
-    - rx, ry, rz: the components of the rotation vector (axis times angle, at most π long) of R_gᵀ R with
-      ``frame="tool"``, the axes of the wanted pose, or of R R_gᵀ with ``frame="base"``, the axes of the frame in which
-      the goal is given.
+    - rx, ry, rz: the components of the rotation vector (axis times angle, at most π long) of R_gᵀ R with ``frame="tool"``
+      (the axes of the target pose), or of R R_gᵀ with ``frame="base"`` (the axes of the frame in which the goal is given).
 
-    What of x, y, z sticks out of their ranges is a vector, and its length is the position error; likewise rx, ry, rz
-    and the orientation error. A free axis has the range of all values. Where one rotation axis is free and the other
-    two have no range, the orientation error is the angle between that axis as reached and as wanted: exactly that of
-    a pointing goal, and in the tool frame, with nothing else free, it is one. Where all three are free and nothing
-    else is, it is a position goal. The weighted error of a goal with ranges is K_P times the position error plus
-    K_A (1 - cos of the orientation error).
+    The position error is the length of the vector by which x, y, z exceed their ranges; the orientation error is the same
+    for rx, ry, rz. A free axis has the range of all values. If one rotation axis is free and the other two have no range,
+    the orientation error is the angle between the directions of that axis as reached and as wanted. This is exactly the
+    error of a pointing goal; in the tool frame, with nothing else free, the goal becomes a pointing goal. If all three
+    rotation axes are free and nothing else is, it becomes a position goal. The weighted error of a goal with ranges is K_P
+    times the position error plus K_A (1 - cos of the orientation error).
     """
 
     target: Array
-    """Wanted pose of the tip in the base, (..., 4, 4), lengths in [m]. Leading dimensions make a batch."""
+    """Wanted pose of the tip in the base, (..., 4, 4), lengths in [m]. Leading dimensions are the batch."""
     kind: str = POSE.name
-    """``"pose"``, ``"position"`` (any orientation), ``"pointing"`` (any turn about the tool axis) or ``"box"``."""
+    """``"pose"``, ``"position"`` (any orientation), ``"pointing"`` (any rotation about the tool axis) or ``"box"``."""
     tool_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """The axis of the tip that a pointing goal aligns, in tip coordinates."""
     position_tolerance: float = DEFAULT_TOLERANCE
-    """[m]"""
+    """Largest position error that counts as success [m]."""
     orientation_tolerance: float = DEFAULT_TOLERANCE
-    """[rad]"""
+    """Largest orientation error that counts as success [rad]."""
     position_weight: float = DEFAULT_WEIGHT
     """The paper's K_P, per [m]."""
     orientation_weight: float = DEFAULT_WEIGHT
     """The paper's K_A, per unit of 1 - cos φ."""
     tool: Array | None = None
-    """T_tip_tool, (4, 4): the goal speaks of the tool, and errors are measured there; None: of the tip."""
+    """T_tip_tool, (4, 4): the goal is a pose of the tool, and errors are measured there. None: of the tip."""
     base: Array | None = None
-    """T_reference_base, (4, 4): where the arm's base stands in the frame in which the goal is given; None: there."""
+    """T_reference_base, (4, 4): pose of the arm's base in the frame in which the goal is given. None: the identity."""
     ranges: Ranges | None = None
-    """Of a box goal: lower and upper end of the deviation along x, y, z [m] and rx, ry, rz [rad]; see `Goal.pose`."""
+    """For a box goal: lower and upper end of the deviation along x, y, z [m] and rx, ry, rz [rad]; see `Goal.pose`."""
     frame: Frame = "tool"
-    """Of a box goal: ``"tool"`` or ``"base"``, whose axes the ranges are along."""
+    """For a box goal: ``"tool"`` or ``"base"``, the frame whose axes the ranges are along."""
     swing: tuple[float, float, float] | None = None
-    """Of a box goal: the axis in the frame of which only the direction counts; then rx, ry, rz have no ranges."""
+    """For a box goal: the axis in the frame of which only the direction matters; rx, ry, rz then have no ranges."""
 
     def __post_init__(self) -> None:
-        """Check every number.
+        """Validate every field.
 
         Raises:
-            InvalidGoal: A tolerance is negative or not finite, a weight not positive, a number too large or too small to
-                compute with, the target not a pose.
+            InvalidGoal: A tolerance is negative or not finite, a weight is not positive, a number is too large or too small
+                to compute with, or the target is not a pose.
         """
         for name in TOLERANCES:
             check_tolerance(name, getattr(self, name))
@@ -135,19 +133,20 @@ class Goal(Lazy):
         frame: Frame = "tool",
         **options: Unpack[GoalOptions],
     ) -> Self:
-        """Ask for the whole pose, or for all of it but some axes; `Goal` says how deviations are measured.
+        """Make a goal of a whole pose, or of all of it but some axes; `Goal` defines how deviations are measured.
 
         Args:
             target: (..., 4, 4), or an object that carries a 4x4 (SciPy, pinocchio, spatialmath).
-            free: Axes among x, y, z, rx, ry, rz along and about which any deviation will do: a name, or several.
-            box: Of some axes, a range (lower, upper) in which any deviation will do, [m] or [rad]; a length may be
-                infinite, an angle lies in [-π, π].
-            frame: ``"tool"``: the axes are those of the wanted pose; ``"base"``: those in which the goal is given.
+            free: Axes among x, y, z, rx, ry, rz along and about which any deviation is accepted: one name, or several.
+            box: A range (lower, upper) of accepted deviations for some axes, [m] or [rad]. A length may be infinite; an
+                angle lies in [-π, π].
+            frame: ``"tool"``: the axes are those of the target pose; ``"base"``: those of the frame in which the goal is
+                given.
             options: Tolerances, weights, ``tool=`` and ``base=``, as named in `Goal`.
 
         Raises:
-            InvalidGoal: Not a pose, an option out of its range, an unknown axis, one that is both free and boxed, a
-                range that is none, or nothing left to reach.
+            InvalidGoal: Not a pose, an option out of its range, an unknown axis, an axis that is both free and boxed, an
+                invalid range, or a goal that leaves everything free.
         """
         ranges = read_ranges(free, box)
         if frame not in FRAMES:
@@ -172,12 +171,12 @@ class Goal(Lazy):
         box: Mapping[str, Sequence[float]] | None = None,
         **options: Unpack[GoalOptions],
     ) -> Self:
-        """Ask for the tip's position [m], (..., 3), and leave its orientation free.
+        """Make a goal of the tip's position with any orientation.
 
         Args:
-            position: Of the tip in the base [m], (..., 3).
-            free: Axes among x, y and z of the base along which any deviation will do.
-            box: Of some of these axes, a range (lower, upper) in which any deviation will do, [m].
+            position: Position of the tip in the base [m], (..., 3).
+            free: Axes among x, y and z of the base along which any deviation is accepted.
+            box: A range (lower, upper) of accepted deviations for some of these axes, [m].
             options: Tolerances, weights, ``tool=`` and ``base=``, as named in `Goal`.
 
         Raises:
@@ -202,14 +201,14 @@ class Goal(Lazy):
         box: Mapping[str, Sequence[float]] | None = None,
         **options: Unpack[GoalOptions],
     ) -> Self:
-        """Ask for a position and for a tool axis along a direction; the turn about it is free.
+        """Make a goal of a position and a direction of the tool axis; the rotation about that axis is free.
 
         Args:
-            position: Of the tip in the base [m], (..., 3).
-            direction: Where the tool axis shall point, in base coordinates, (3,); any length but zero.
-            tool_axis: The axis in tip (or tool) coordinates, (3,); any length but zero.
-            free: Axes among x, y and z of the base along which any deviation will do.
-            box: Of some of these axes, a range (lower, upper) in which any deviation will do, [m].
+            position: Position of the tip in the base [m], (..., 3).
+            direction: Direction of the tool axis in base coordinates, (3,), of any length but zero.
+            tool_axis: The axis in tip (or tool) coordinates, (3,), of any length but zero.
+            free: Axes among x, y and z of the base along which any deviation is accepted.
+            box: A range (lower, upper) of accepted deviations for some of these axes, [m].
             options: Tolerances, weights, ``tool=`` and ``base=``, as named in `Goal`.
 
         Raises:
@@ -224,13 +223,13 @@ class Goal(Lazy):
 
     @classmethod
     def _checked(cls, target: Array, kind: Kind) -> Self:
-        """A goal with the usual tolerances and weights, of a target that is a pose for sure, and the goal's own."""
+        """Make a goal with default tolerances and weights from a valid pose that the goal may own."""
         goal = object.__new__(cls)
         goal.__dict__.update(_USUAL, target=target, kind=kind.name)
         return goal
 
     def __repr__(self) -> str:
-        """One line: what is wanted where, and what was said beside it."""
+        """One line: the target, and the options that are not the default."""
         parts = (
             [f"pose, batch of shape {self.shape}"]
             if self.shape
@@ -260,19 +259,19 @@ class Goal(Lazy):
 
     @property
     def form(self) -> Kind:
-        """What its kind fixes of a pose."""
+        """The kind: which parts of a pose the goal constrains."""
         return KINDS[self.kind]
 
     @property
     def seeded_as(self) -> Kind:
-        """Kind of the samples that give it seeds: ranges that leave every orientation need positions alone."""
+        """Kind of the samples used as seeds: goals whose ranges accept every orientation need positions only."""
         if not self.form.ranges or self.ranges is None:
             return self.form
         return POSITION if self.swing is None and len(free_turns(self.ranges)) == 3 else POSE
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Axes among x, y, z, rx, ry and rz of which any deviation will do; of a direction the axis nearest to it."""
+        """Axes among x, y, z, rx, ry and rz with no constraint; for a direction, the axis nearest to it."""
         if self.ranges is not None:
             named = zip(AXES, self.ranges, strict=True)
             return tuple(axis for axis, pair in named if pair in (FREE_PLACE, FREE_TURN))
@@ -282,23 +281,23 @@ class Goal(Lazy):
 
     @property
     def within(self) -> dict[str, tuple[float, float]]:
-        """Axes that have a range in which any deviation will do, and it: lower and upper end, [m] or [rad]."""
+        """Axes with a range of accepted deviations, and the range: lower and upper end, [m] or [rad]."""
         named = dict(zip(AXES, self.ranges or (), strict=False))
         return {axis: pair for axis, pair in named.items() if pair != PINNED and axis not in self.free}
 
     @property
     def prepared_as(self) -> tuple[Kind, bytes | None]:
-        """What an arm needs once for such a goal is kept under this: goals with the same share it."""
+        """Cache key of what an arm needs once for such a goal; goals with the same key share it."""
         return self.form, None if self.tip is None else self.tip.tobytes()
 
     def require_plain(self, what: str) -> None:
-        """Refuse free axes and ranges.
+        """Reject free axes and ranges.
 
         Args:
-            what: What does not know them.
+            what: Name of the feature that does not support them.
 
         Raises:
-            InvalidProblem: The goal has them.
+            InvalidProblem: The goal has free axes or ranges.
         """
         if self.form.ranges:
             taken = ", ".join(kind.noun for kind in PLAIN_KINDS)
@@ -308,11 +307,11 @@ class Goal(Lazy):
             )
 
     def measure(self, arrays: ChainArrays, q: Array) -> Array:
-        """Judge joint values by plain forward kinematics.
+        """Compute the errors of joint values by plain forward kinematics.
 
         Args:
-            arrays: The arm, its tip moved as `tip` says; see `Problem.arrays`.
-            q: Joint values, one row a target, (k, n), [rad] or [m].
+            arrays: The arm, its tip moved by `tip`; see `Problem.arrays`.
+            q: Joint values, one row per target, (k, n), [rad] or [m].
 
         Returns:
             Position error [m], orientation error [rad] and weighted error of each, (k, 3).
@@ -323,13 +322,13 @@ class Goal(Lazy):
         return judge(arrays, q, self.targets, self.arrays)
 
     def met(self, measured: Array) -> NDArray[np.bool_]:
-        """Whether both tolerances are met, (k,), by what `measure` says, (k, 2 or more)."""
+        """Return whether both tolerances are met, (k,), given the errors from `measure`, (k, 2 or more)."""
         near = measured[:, 0] <= self.position_tolerance
         return np.asarray(near & (measured[:, 1] <= self.orientation_tolerance))
 
     @property
     def axis_weights(self) -> Array:
-        """K_A of the columns as kernels take it, (3,); of a goal with ranges the first counts."""
+        """K_A of the columns as kernels take it, (3,); for a goal with ranges only the first is used."""
         if self.form.ranges:
             return np.array([self.orientation_weight, 0.0, 0.0])
         return self.arrays.axis_weights
@@ -340,19 +339,19 @@ class Goal(Lazy):
         return self.target.shape[:-2]
 
     def at(self, target: Array) -> Goal:
-        """The same goal with another target."""
+        """Return the same goal with another target."""
         return replace(self, target=target)
 
     @lazy
     def tip_rotation(self) -> Array:
-        """Turns the tip so that a pointing goal's tool axis becomes x, which kernels align, (3, 3)."""
+        """Rotation of the tip that maps a pointing goal's tool axis to x, the axis that kernels align, (3, 3)."""
         if not self.form.turned:
             return np.eye(3)
         return _x_onto(tuple(self.tool_axis))
 
     @property
     def columns(self) -> int:
-        """Columns of the rotation that count: 3 of a pose, 1 (the tool axis, turned to x) of a direction, else 0.
+        """Number of compared columns of the rotation: 3 for a pose, 1 (the tool axis, mapped to x) for a direction, else 0.
 
         Raises:
             InvalidProblem: The goal has ranges.
@@ -362,12 +361,12 @@ class Goal(Lazy):
 
     @property
     def paper_columns(self) -> int:
-        """Columns of the rotation that the paper's error counts, x and y of a pose: 2, 1 or 0 (Sec. 2.2)."""
+        """Number of rotation columns in the paper's error, x and y for a pose: 2, 1 or 0 (Sec. 2.2)."""
         return min(self.columns, 2)
 
     @lazy
     def tip(self) -> Array | None:
-        """What kernels append to the arm's tip, (4, 4): the tool, and the rotation of a pointing goal; None: nothing."""
+        """Transform that kernels append to the tip, (4, 4): the tool, and a pointing goal's rotation; None: identity."""
         if self.tool is None and not self.form.turned:
             return None
         end = np.eye(4) if self.tool is None else self.tool.copy()
@@ -386,7 +385,7 @@ class Goal(Lazy):
 
     @lazy
     def frames(self) -> Array:
-        """Axes of the frame along which a box goal's ranges are, in the arm's base, as columns, (k, 3, 3)."""
+        """Axes along which a box goal's ranges are measured, in the arm's base, as columns, (k, 3, 3)."""
         if self.frame == "tool":
             return np.ascontiguousarray(self.targets[:, :, :3])
         axes = np.eye(3) if self.base is None else self.base[:3, :3].T
@@ -405,7 +404,7 @@ class Goal(Lazy):
 
     @lazy
     def arrays(self) -> GoalArrays:
-        """The first target with the paper's weights: x and y columns count for a pose (Sec. 2.2)."""
+        """The first target with the paper's weights: the x and y columns are compared for a pose (Sec. 2.2)."""
         return GoalArrays(
             self.targets[0] if len(self.targets) else np.eye(4)[:3].copy(),
             float(self.position_weight),
@@ -414,4 +413,4 @@ class Goal(Lazy):
 
 
 _USUAL = {each.name: each.default for each in fields(Goal)}
-"""The fields of a goal of which only its target and its kind are told."""
+"""Default fields of a goal that is given by its target and kind alone."""

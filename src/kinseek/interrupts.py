@@ -1,7 +1,7 @@
-"""Work that no signal handler may break into, in a thread of its own, while the caller waits where Ctrl-C is heard.
+"""Run work in a thread of its own, where no signal handler interrupts it, while the caller waits and can receive Ctrl-C.
 
-Handlers run in the main thread, between any two of its steps. Python's own conditions, futures and pools take steps in it
-while they wait: Ctrl-C in the midst of one leaves a lock released twice, and a RuntimeError in the place of the
+Handlers run in the main thread, between any two of its bytecode steps. Python's own conditions, futures and pools run such
+steps while they wait: Ctrl-C in the middle of one releases a lock twice, and raises a RuntimeError instead of the
 KeyboardInterrupt. So the main thread starts a thread and waits for it by calls into C only, which a handler ends cleanly.
 """
 
@@ -18,43 +18,43 @@ from typing import Any, Generic, TypeVar
 R = TypeVar("R")
 
 OFTEN = 0.1
-"""So often a thread that waits looks up [s]: a signal that comes just before it falls asleep does not wake it."""
+"""Polling interval of a waiting thread [s]: a signal that arrives just before the thread sleeps does not wake it."""
 
 
 def next_item(queue: SimpleQueue[R]) -> R:
-    """Wait for the next thing that another thread puts there."""
+    """Wait for the next item that another thread puts into the queue."""
     while True:
         with suppress(Empty):
             return queue.get(timeout=OFTEN)
 
 
 class SignalSafeThread(Generic[R]):
-    """Something to be done in a thread of its own."""
+    """A function to be run in a thread of its own."""
 
     def __init__(
         self, work: Callable[[], R], ended: Callable[[], object] = lambda: None, kept: bool = False
     ) -> None:
-        """Begin nothing yet.
+        """Prepare the thread; `begin` starts it.
 
         Args:
-            work: What to do.
-            ended: Called there at the end.
-            kept: Python waits for it before it ends itself. To begin takes several times as long.
+            work: The function to run.
+            ended: Called in the thread at the end.
+            kept: Python waits for the thread before it exits. Starting it then takes several times as long.
         """
         self._work, self._on_end, self._kept = work, ended, kept
         self._ended, self._results, self._errors = SimpleQueue[None](), list[R](), list[BaseException]()
         self._begun = self._done = False
 
     def begin(self) -> None:
-        """Begin."""
+        """Start the thread."""
         _thread.start_new_thread(self._keep if self._kept else self._run, ())
         self._begun = True
 
     def _keep(self) -> None:
-        """Begin in a `Thread`, which Python waits for: to start one is to wait in steps, so that is done aside, too."""
+        """Start in a `Thread`, which Python joins at exit. Starting one waits in Python, so a thread does it, too."""
         try:
             threading.Thread(target=self._run, name="kinseek").start()
-        except BaseException as error:  # There may be no more threads: who waits shall hear of it.
+        except BaseException as error:  # There may be no more threads; the waiting caller must get the error.
             self._errors.append(error)
             self._end()
 
@@ -72,24 +72,24 @@ class SignalSafeThread(Generic[R]):
         self._on_end()
 
     def wait(self) -> None:
-        """Wait for the end. After a wait that Ctrl-C broke off, wait again."""
+        """Wait for the end. If Ctrl-C interrupts the wait, call it again."""
         if self._begun and not self._done:
             next_item(self._ended)
 
     def outcome(self) -> R:
-        """What came of it: ask after the end."""
+        """Return the result, or raise the error of the work; call it after the end."""
         for error in self._errors:
             raise error
         return self._results[0]
 
 
 def uninterrupted(work: Callable[[], R], stop: Callable[[], object] | None = None) -> R:
-    """Do some work where no signal handler runs.
+    """Run some work where no signal handler interrupts it.
 
     Args:
-        work: What to do.
-        stop: Called where a handler raises, as after Ctrl-C, to make the work come to its end, which is then waited for;
-            None leaves it behind.
+        work: The function to run.
+        stop: Called if a signal handler raises, as after Ctrl-C, to make the work end; then its end is awaited. None
+            abandons the work.
     """
     if threading.get_ident() != threading.main_thread().ident:
         return work()
@@ -97,7 +97,7 @@ def uninterrupted(work: Callable[[], R], stop: Callable[[], object] | None = Non
     try:
         aside.begin()
         aside.wait()
-    except BaseException:  # A handler's: the work itself raises nothing here.
+    except BaseException:  # Raised by a signal handler: the work itself raises nothing here.
         if stop is not None:
             stop()
             aside.wait()
@@ -106,10 +106,10 @@ def uninterrupted(work: Callable[[], R], stop: Callable[[], object] | None = Non
 
 
 def raise_of_handler(error: BaseException) -> None:
-    """Raise what a signal handler raised, if that is what led to an error.
+    """Raise what a signal handler raised, if that caused an error.
 
-    Code that reports the errors of other code, a user's function or a parser, calls this first: a handler may raise in the
-    midst of that code, such as a TimeoutError, and its exception is meant for the caller of kinseek.
+    Code that reports the errors of other code, such as a user's function or a parser, calls this first. A handler may raise
+    in the middle of that code, for example a TimeoutError, and its exception is meant for the caller of kinseek.
     """
     handlers = [signal.getsignal(number) for number in signal.valid_signals()]
     functions: list[Any] = [getattr(handler, "func", handler) for handler in handlers if callable(handler)]

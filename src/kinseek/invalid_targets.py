@@ -1,4 +1,4 @@
-"""Batches of which some targets are no poses: the others are answered, and these marked."""
+"""Batches with invalid targets: the valid targets are solved, the invalid ones are marked."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from .solution import Solution
 Array = NDArray[np.float64]
 
 WAYS = ("error", "skip")
-"""What may be done with a target that is no pose."""
+"""Ways to treat a target that is not a pose."""
 
 
 def without_invalid(
     bad: str, target: Any, near: Any, mechanism: Mechanism, ask: Callable[[Array, Any], Solution]
 ) -> Solution:
-    """Answer the targets that are poses, and mark those that are none.
+    """Solve the targets that are poses, and mark the others as invalid.
 
     Args:
-        bad: What to do with these, ``"skip"``.
+        bad: How to treat invalid targets, ``"skip"``.
         target: As `as_pose` takes it, (..., 4, 4).
         near: As `Arm.ik` takes it.
         mechanism: The arm.
-        ask: Answers a batch, (k, 4, 4), near to joint values, (n,), (k, n) or None.
+        ask: Solves a batch, (k, 4, 4), close to joint values, (n,), (k, n) or None.
 
     Raises:
         InvalidProblem: `bad` is another word.
@@ -44,7 +44,7 @@ def without_invalid(
         return ask(matrix, near)
     shape, chosen = good.shape, good.ravel()
     start = None if near is None else as_joints(mechanism, near, "near")
-    # As for a whole batch: a row of values for every target, if it is not one for all.
+    # As for a whole batch: a row of values for every target, unless one row is shared by all.
     poses = np.where(good[..., None, None], matrix, np.eye(4))
     starts = Problem(mechanism, Goal.pose(poses), start).near
     if starts is not None and starts.ndim > 1:
@@ -53,7 +53,7 @@ def without_invalid(
 
 
 def _spread(solved: Solution, poses: Array, good: NDArray[np.bool_], near: Array | None) -> Solution:
-    """Put the answers to some targets of a batch in their places."""
+    """Put the solutions of some targets of a batch in their places."""
     shape = good.shape
 
     def column(values: NDArray[Any]) -> Any:

@@ -1,7 +1,7 @@
-"""What there is to ask of a hand: the kinds of goal, and all that a search has to know of each.
+"""The kinds of goal, and what a search needs to know of each.
 
-A search reads these numbers and never the name, so that a new kind is one line here, a way to make such goals in
-`kinseek.goal`, and a judge where the ones of `kernels.arm` do not do.
+A search reads these numbers and never the name. A new kind therefore needs one line here, a constructor in `kinseek.goal`,
+and an error function if those of `kernels.arm` do not fit.
 """
 
 from __future__ import annotations
@@ -12,31 +12,31 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Kind:
-    """What a kind of goal fixes of the pose."""
+    """The part of the pose that a kind of goal constrains."""
 
     name: str
     noun: str
-    """For messages."""
+    """Its name in messages."""
     columns: int
-    """Columns of the rotation that are compared: 3 of a pose, 1 (the tool axis, turned to x) of a direction, else 0."""
+    """Number of compared columns of the rotation: 3 for a pose, 1 (the tool axis, mapped to x) for a direction, else 0."""
     constraints: int
-    """Of the six ways in which a hand can move, those that the goal fixes."""
+    """Number of the six degrees of freedom of the tip that the goal constrains."""
     turned: bool = False
-    """Is the tip turned so that its tool axis becomes x, the one column that counts?"""
+    """Is the tip rotated so that its tool axis becomes x, the one column that is compared?"""
     ranges: bool = False
-    """Are deviations measured against ranges? Then the columns say nothing."""
+    """Are deviations measured against ranges? Then `columns` has no meaning."""
 
     @property
     def column_weight(self) -> float:
-        """Weight of the square of each column's chord, |c - c_g|², that makes their sum the square of a small angle.
+        """Weight of each column's squared chord, |c - c_g|², with which their sum is the square of a small rotation angle.
 
-        A turn moves two of three columns, and one that is compared alone as far as the angle itself.
+        A rotation about one column moves the other two. A column that is compared alone moves by the angle itself.
         """
         return 0.5 if self.columns == 3 else 1.0
 
     @property
     def longest_chord(self) -> float:
-        """Length of all columns' chords together at half a turn: |R - R_g| = 2√2 sin φ/2, |x - x_g| = 2 sin φ/2."""
+        """Norm of all columns' chords at half a turn: |R - R_g| = 2√2 sin φ/2, |x - x_g| = 2 sin φ/2."""
         return 2.0 * math.sqrt(2.0) if self.columns == 3 else 2.0
 
 
@@ -47,4 +47,4 @@ BOX = Kind("box", "a goal with free axes or ranges", columns=3, constraints=6, r
 
 KINDS: dict[str, Kind] = {kind.name: kind for kind in (POSE, POINTING, POSITION, BOX)}
 PLAIN_KINDS = tuple(kind for kind in KINDS.values() if not kind.ranges)
-"""Kinds that every search takes."""
+"""Kinds that every search supports."""

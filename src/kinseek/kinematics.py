@@ -1,6 +1,6 @@
-"""What an arm is and where its links go: names, limits, forward kinematics, and other arms made of it.
+"""Forward kinematics of an arm: names, limits, poses of links, Jacobians, and modified copies of the arm.
 
-`kinseek.Arm` adds to it what is the other way round.
+`kinseek.Arm` adds the inverse kinematics.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from .validation import as_integer
 Array = NDArray[np.float64]
 
 MOST_NUMBERS = 2**31
-"""Joint values that are drawn at a time: 16 GiB."""
+"""Maximum number of joint values drawn at a time: 16 GiB."""
 
 _LARGEST_SEED = 2**128
-"""`numpy.random.SeedSequence` makes seeds of so many bits."""
+"""`numpy.random.SeedSequence` makes seeds of at most this many bits."""
 
 
 class ForwardArm(Lazy):
-    """An arm as far as its forward kinematics go; `kinseek.Arm` is one that can also be asked for joint values."""
+    """An arm with its forward kinematics; `kinseek.Arm` adds the inverse kinematics."""
 
     def __init__(self, mechanism: Mechanism) -> None:
-        """Wrap what a reader made."""
+        """Wrap the mechanism that a reader returned."""
         self._mechanism = as_mechanism(mechanism)
         self._axes = self._mechanism.axes
 
     def _with(self, mechanism: Mechanism) -> Self:
-        """The same arm in all but its mechanism."""
+        """Return a copy of this arm with another mechanism."""
         arm = copy(self)
         arm._mechanism, arm._axes = mechanism, mechanism.axes
         return arm
@@ -62,9 +62,9 @@ class ForwardArm(Lazy):
         """Build an arm from Denavit-Hartenberg rows (a [m], alpha [rad], d [m], theta [rad]).
 
         Args:
-            rows: One a joint, (n, 4), or mappings with the names a, alpha, d and theta.
+            rows: One row per joint, (n, 4), or mappings with the names a, alpha, d and theta.
             lower: Lower limits, (n,) or by name of joint, [rad] or [m].
-            upper: Upper limits, likewise; infinite limits make a continuous joint.
+            upper: Upper limits, in the same form; infinite limits make a continuous joint.
             options: ``convention="standard" | "modified"``, ``kinds="RRP…"``, ``names``, ``base`` and
                 ``tool`` (4, 4), ``name``; see `kinseek.robots.read_dh`.
 
@@ -86,27 +86,27 @@ class ForwardArm(Lazy):
         partial: bool = False,
         name: str = "black_box",
     ) -> Self:
-        """Build an arm from nothing but its forward kinematics: any mechanism at all.
+        """Build an arm from its forward kinematics alone, for any mechanism.
 
         Args:
-            fk: A function of joint values, (k, n) -> (k, 4, 4), or (n,) -> (4, 4) with ``vectorized=False``; lengths in
-                [m]. A Numba-compiled function of one row is looped over in compiled code. Searches ask it inside the
-                limits only; the same q must give the same pose.
-            lower: Lower limits, (n,), in whatever units `fk` takes; or by name, which also gives the joints their names and
-                their order, unless `names` does.
-            upper: Upper limits, likewise.
+            fk: A function of joint values, (k, n) -> (k, 4, 4), or (n,) -> (4, 4) with ``vectorized=False``; lengths in [m].
+                A Numba-compiled function of one row is called in a compiled loop. Searches call it inside the limits only;
+                the same q must give the same pose.
+            lower: Lower limits, (n,), in the units that `fk` takes; or by name, which also defines the joints' names and
+                their order unless `names` is given.
+            upper: Upper limits, in the same form.
             vectorized: Does `fk` take many rows at once?
-            names: One a joint, all different.
-            kinds: One word, or one a joint: ``"number"`` is a number between its limits and nothing else is assumed of
-                it (the default); ``"revolute"`` an angle [rad] whose pose repeats after 2π; ``"continuous"`` one that
-                turns without end, its limits are not read; ``"prismatic"`` a slide [m].
-            partial: `fk` answers NaN where the mechanism cannot be put together; such joint values are never an answer.
-                Without it NaN is an error.
-            name: Of the mechanism, for messages.
+            names: One per joint, all different.
+            kinds: One word for all joints, or one per joint. ``"number"`` (the default) is a number between its limits, with
+                no other assumption; ``"revolute"`` an angle [rad] whose pose repeats after 2π; ``"continuous"`` an angle
+                without limits, whose entries in `lower` and `upper` are ignored; ``"prismatic"`` a slide [m].
+            partial: `fk` may return NaN where the mechanism cannot be assembled; such joint values are never a solution.
+                Otherwise NaN is an error.
+            name: Name of the mechanism, for messages.
 
         Raises:
-            InvalidRobot: Not a function, limits that do not fit, unknown kinds, names not unique.
-            FailedKinematics: `fk` raises or gives no rigid transform, now or in a later search; it names the q.
+            InvalidRobot: Not a function, limits that do not fit, unknown kinds, or names that are not unique.
+            FailedKinematics: `fk` raises or returns no rigid transform, now or in a later search; the error names q.
         """
         return cls(
             black_box(
@@ -116,28 +116,28 @@ class ForwardArm(Lazy):
 
     @property
     def mechanism(self) -> Mechanism:
-        """What the arm is made of: a `SerialChain`, or a `BlackBox` where only a function is known."""
+        """The mechanism: a `SerialChain`, or a `BlackBox` for black-box kinematics."""
         return self._mechanism
 
     @property
     def axes(self) -> SerialChain | None:
-        """Its axes and links; None where only a function is known."""
+        """The arm's axes and links; None for black-box kinematics."""
         return self._axes
 
     @property
     def chain(self) -> SerialChain:
-        """Its axes and links, for what cannot do without them.
+        """The arm's axes and links, for methods that require them.
 
         Raises:
-            InvalidProblem: The arm is a function; `mechanism` is there, and `axes` is None.
+            InvalidProblem: The arm has black-box kinematics; `mechanism` is available, and `axes` is None.
         """
         return self._require_axes("a chain is made of axes and links")
 
     @property
     def structure(self) -> Structure:
-        """Which of its axes meet or run parallel, how exactly, and what comes of it: a word and a sentence.
+        """Which of its axes intersect or are parallel, how exactly, and the resulting method: a word and a sentence.
 
-        Where that makes a closed form, `branches` does not search; where it does so once a joint is given, `ik` seldom does.
+        If this gives a closed form, `branches` does not search. If it gives one once a joint is fixed, `ik` seldom searches.
         """
         axes = self._axes
         return FUNCTION if axes is None else structure_of(axes.arrays, arm_length(axes))
@@ -159,7 +159,7 @@ class ForwardArm(Lazy):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Of each joint variable: ``"revolute"``, ``"continuous"`` or ``"prismatic"``; of a function also ``"number"``."""
+        """Kind of each joint: ``"revolute"``, ``"continuous"``, ``"prismatic"``, or ``"number"`` in black-box kinematics."""
         return self._mechanism.kinds
 
     @property
@@ -169,15 +169,15 @@ class ForwardArm(Lazy):
 
     @property
     def tip(self) -> str:
-        """Name of the link whose pose is meant, or that carries the tool of `with_tool`."""
+        """Name of the link whose pose is controlled, or that carries the tool of `with_tool`."""
         return self._mechanism.tip
 
     @property
     def lower(self) -> Array:
         """Lower limits, (n,), [rad] or [m].
 
-        A continuous joint has no limits: lower and upper are -π and π, one turn in which answers lie unless `near` asks for
-        another.
+        A continuous joint has no limits: its lower and upper values are -π and π, the turn in which solutions lie unless
+        `near` selects another.
         """
         return self._mechanism.lower.copy()
 
@@ -188,25 +188,25 @@ class ForwardArm(Lazy):
 
     @property
     def velocity(self) -> Array:
-        """How fast each joint may go by the robot's file, (n,), [rad/s] or [m/s]; NaN where it gives no speed above 0.
+        """Speed limits from the robot's file, (n,), [rad/s] or [m/s]; NaN where the file has no limit above 0.
 
-        A URDF gives it in ``<limit velocity=…>``, where 0 stands if nobody knew it; MJCF, Denavit-Hartenberg rows and
-        functions have no place for it. A joint that others mimic goes no faster than these may.
+        A URDF gives it in ``<limit velocity=…>``, where 0 means that the speed is unknown. MJCF, Denavit-Hartenberg rows and
+        black-box kinematics cannot specify it. The limit of a joint that others mimic takes their speed limits into account.
         """
         return self._mechanism.velocity.copy()
 
     def sample(self, n: int, seed: int = 0) -> Rows:
-        """Joint values drawn uniformly from inside the limits; the same seed gives the same values.
+        """Draw joint values uniformly from inside the limits; the same seed gives the same values.
 
         Args:
-            n: How many.
-            seed: A whole number of at least 0.
+            n: Number of joint vectors.
+            seed: An integer of at least 0.
 
         Returns:
-            (n, dof), [rad] or [m].
+            Joint values, (n, dof), [rad] or [m].
 
         Raises:
-            InvalidProblem: `n` or `seed` is no whole number of at least 0, or the values would take more than 16 GiB.
+            InvalidProblem: `n` or `seed` is not an integer of at least 0, or the values would take more than 16 GiB.
         """
         rows = as_integer("n", n, 0, error=InvalidProblem)
         seed = as_integer("seed", seed, 0, _LARGEST_SEED, InvalidProblem)
@@ -220,7 +220,7 @@ class ForwardArm(Lazy):
         )
         within: Rows = np.clip(
             drawn, self._mechanism.lower, self._mechanism.upper
-        )  # Rounding may lead past a limit.
+        )  # Rounding may exceed a limit.
         return within
 
     @overload
@@ -234,23 +234,23 @@ class ForwardArm(Lazy):
     @overload
     def fk(self, q: Joints, link: str | None = None) -> Array: ...
     def fk(self, q: Joints, link: str | None = None) -> Array:
-        """Pose of the tip in the base, or of any link on the way to it.
+        """Return the pose of the tip, or of any link between base and tip, in the base.
 
         Args:
-            q: Joint values, (..., n), [rad] or [m]; may lie outside the limits. Or by name, in any order: a mapping from
-                every joint of `joint_names` to its value or its values, (...); or an object with ``name`` and ``position``,
-                as a ROS JointState, whose further joints are passed over.
-            link: Name of a link or joint between base and tip, fixed ones included. A joint stands for the frame that it
-                moves, a name of both for the link. Without it: the tip, moved to the tool of `with_tool` if there is one;
-                ``link=arm.tip`` is the link that carries the tool.
+            q: Joint values, (..., n), [rad] or [m]; they may lie outside the limits. Or by name, in any order: a mapping
+                from every joint of `joint_names` to its value or values, (...); or an object with ``name`` and ``position``
+                such as a ROS JointState, whose unknown joints are ignored.
+            link: Name of a link or joint between base and tip, including fixed ones. A joint stands for the frame that it
+                moves; a name that both have stands for the link. By default the tip, moved to the tool of `with_tool` if
+                there is one; ``link=arm.tip`` is the link that carries the tool.
 
         Returns:
             Transforms, (..., 4, 4), lengths in [m].
 
         Raises:
-            InvalidProblem: A wrong shape, NaN or infinity, unknown or lacking names, an unknown link, or a link of an arm
-                that is a function.
-            FailedKinematics: The arm is a function, and it fails.
+            InvalidProblem: A wrong shape, NaN or infinity, unknown or missing names, an unknown link, or a link of an arm
+                with black-box kinematics.
+            FailedKinematics: The arm has black-box kinematics, and its function fails.
         """
         joints = as_joints(self._mechanism, q)
         flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
@@ -263,20 +263,21 @@ class ForwardArm(Lazy):
         return self._mechanism.forward(flat).reshape(*joints.shape[:-1], 4, 4)
 
     def jacobian(self, q: Joints) -> Array:
-        """How fast the tip moves and turns for each joint: the geometric Jacobian (Siciliano et al. 2009, Sec. 3.1).
+        """Return the geometric Jacobian of the tip (Siciliano et al. 2009, Sec. 3.1).
 
         Rows 0 to 2 are the velocity of the tip's origin, rows 3 to 5 the angular velocity, both along the axes of the base.
-        So ``jacobian(q) @ dq`` is the twist that joint velocities ``dq`` give the tip, which is the tool of `with_tool` if
-        there is one. A joint that others mimic moves these too.
+        So ``jacobian(q) @ dq`` is the twist of the tip for joint velocities ``dq``. The tip is the tool of `with_tool` if
+        there is one. The column of a joint that others mimic includes their motion.
 
         Args:
-            q: Joint values, (..., n), [rad] or [m], or by name as `fk` takes them; may lie outside the limits.
+            q: Joint values, (..., n), [rad] or [m], or by name as in `fk`; they may lie outside the limits.
 
         Returns:
-            (..., 6, n): of a joint that turns [m/rad] and [rad/rad], of one that slides [m/m] and [rad/m].
+            (..., 6, n), in [m/rad] and [rad/rad] for a revolute joint, in [m/m] and [rad/m] for a prismatic joint.
 
         Raises:
-            InvalidProblem: A wrong shape, NaN or infinity, or an arm that is a function, whose derivatives nobody knows.
+            InvalidProblem: A wrong shape, NaN or infinity, or an arm with black-box kinematics, whose derivatives are
+                unknown.
         """
         chain = self._require_axes("a Jacobian is worked out from axes")
         joints = as_joints(self._mechanism, q)
@@ -284,17 +285,17 @@ class ForwardArm(Lazy):
         return jacobian_many(chain.arrays, flat).reshape(*joints.shape[:-1], 6, self.dof)
 
     def manipulability(self, q: Joints) -> Any:
-        """How far the arm is from singular: the product of the Jacobian's singular values (Yoshikawa 1985, eq. 4).
+        """Return the manipulability: the product of the Jacobian's singular values (Yoshikawa 1985, eq. 4).
 
-        It is √det(J Jᵀ) where the arm can move in all six directions. Of an arm that can do so nowhere, a planar one for
-        example, only as many singular values count as it can have anywhere. Metres and radians are mixed, as in the paper:
-        compare values of one arm.
+        It is √det(J Jᵀ) if the arm can move in all six directions. If an arm can do so nowhere, such as a planar arm, only
+        as many singular values count as can be positive anywhere. As in the paper, metres and radians are mixed, so compare
+        only values of one arm.
 
         Args:
-            q: Joint values, (..., n), [rad] or [m], or by name as `fk` takes them; may lie outside the limits.
+            q: Joint values, (..., n), [rad] or [m], or by name as in `fk`; they may lie outside the limits.
 
         Returns:
-            At least 0, and 0 at a singularity; a float, or (...).
+            At least 0, and 0 at a singularity; a float, or an array (...).
 
         Raises:
             InvalidProblem: As `jacobian`.
@@ -307,30 +308,30 @@ class ForwardArm(Lazy):
         return values if J.ndim > 2 else float(values)
 
     def with_locked(self, values: Mapping[str, float]) -> Self:
-        """The arm with some joints locked; its `q` holds only the joints that are left.
+        """Return the arm with some joints locked; its `q` holds only the remaining joints.
 
         Args:
-            values: Of each joint to lock, its value, [rad] or [m]. Joints that mimic it are locked with it.
+            values: Value of each joint to lock, [rad] or [m]. Joints that mimic it are locked with it.
 
         Raises:
-            InvalidRobot: Unknown joints, values that are no numbers or outside the limits, or every joint locked.
+            InvalidRobot: Unknown joints, values that are not numbers or are outside the limits, or every joint locked.
         """
         return self._with(with_locked(self._require_axes("joints are locked along axes"), values))
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Self:
-        """The arm with narrower limits.
+        """Return the arm with narrower limits.
 
         Args:
-            limits: Of each joint to narrow, its lower and upper limit, [rad] or [m]. A continuous joint takes any up to
-                a full turn apart.
+            limits: Lower and upper limit of each joint to narrow, [rad] or [m]. A continuous joint takes any limits up to a
+                full turn apart.
 
         Raises:
-            InvalidRobot: Unknown joints, limits that are no numbers, inverted, or wider than those of the arm.
+            InvalidRobot: Unknown joints, limits that are not numbers, inverted, or wider than those of the arm.
         """
         return self._with(with_limits(self._mechanism, limits))
 
     def with_tool(self, tool: Any) -> Self:
-        """The arm with its tip moved to a tool: `fk` and goals speak of it.
+        """Return the arm with its tip moved to a tool: `fk` and goals then refer to the tool.
 
         Args:
             tool: T_tip_tool, (4, 4), or an object that carries one, lengths in [m].
@@ -342,19 +343,19 @@ class ForwardArm(Lazy):
         return self._with(with_tool(chain, one_pose(tool, "tool")))
 
     def _require_axes(self, why: str) -> SerialChain:
-        """The axes and links, or a refusal of what a function has not; `why` says what would need them."""
+        """Return the axes and links, or raise an error for black-box kinematics; `why` names the feature that needs them."""
         if self._axes is None:
             raise InvalidProblem(no_axes(self._mechanism, why))
         return self._axes
 
     def _repr_html_(self) -> str:
-        """For notebooks: the joints, and a picture in the middle of their limits."""
+        """HTML for notebooks: the joints, and a picture in the middle of their limits."""
         from .notebook.cards import arm_card
 
         return arm_card(self)
 
     def __repr__(self) -> str:
-        """Name, joints and frames; whether it carries a tool, and where joints are locked."""
+        """Name, joints and frames, whether it carries a tool, and which joints are locked."""
         tool = " + tool" if self._axes is not None and self._axes.tooled else ""
         locked = () if self._axes is None else self._axes.locked
         where = "".join(f", {printable(name)} locked at {value:.6g}" for name, value in locked)

@@ -1,8 +1,8 @@
-"""Attributes that are computed when they are first read, without a lock, and that are no part of an object's state.
+"""Attributes that are computed when they are first read, without a lock, and that are not part of an object's state.
 
 `functools.cached_property` is not used for two reasons. In Python 3.11 it holds one lock of the class while it computes a
-value: a child that is forked meanwhile waits for that lock for ever. And the value it adds to an object stays in
-pickles and copies, which raise an error if it is added while they are being made.
+value; a child that is forked meanwhile waits for that lock forever. And the value that it adds to an object stays in pickles
+and copies, which raise an error if it is added while they are being made.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ T = TypeVar("T")
 
 
 class Made:
-    """A descriptor whose value is computed when it is first read, and then kept in the object's `__dict__`.
+    """A descriptor whose value is computed when it is first read, and then stored in the object's `__dict__`.
 
-    It has no `__set__`, so that what an object holds itself goes before it.
+    It has no `__set__`, so a value that the object stores itself takes precedence.
     """
 
     name: str
@@ -51,7 +51,7 @@ class lazy(Made, Generic[T]):  # noqa: N801  # Used as a decorator, as `property
     @overload
     def __get__(self, instance: object, owner: type) -> T: ...
     def __get__(self, instance: object | None, owner: type) -> Self | T:
-        """Return the value; the descriptor itself if the class is asked."""
+        """Return the value, or the descriptor itself if it is read from the class."""
         if instance is None:
             return self
         value: T = instance.__dict__.setdefault(self.name, self._compute(instance))
@@ -59,9 +59,10 @@ class lazy(Made, Generic[T]):  # noqa: N801  # Used as a decorator, as `property
 
 
 class Lazy:
-    """A base class of what has lazy attributes: pickles and copies leave them out.
+    """A base class for objects with lazy attributes, which pickles and copies leave out.
 
-    They can be made while another thread uses the object, and their bytes do not depend on what was read before.
+    Pickles and copies can be made while another thread uses the object, and their bytes do not depend on what was read
+    before.
     """
 
     _lazy: ClassVar[Mapping[str, Made]] = {}
@@ -73,7 +74,7 @@ class Lazy:
         cls._lazy = {name: value for name, value in attributes.items() if isinstance(value, Made)}
 
     def __getstate__(self) -> Any:
-        """Return what the object is made of, as pickle and copy take it."""
+        """Return the state of the object, as pickle and copy take it."""
         state: Any = super().__getstate__()
         attributes, slots = state if isinstance(state, tuple) else (state, None)
         # A dictionary of strings is copied in one step: no other thread can add to it meanwhile.

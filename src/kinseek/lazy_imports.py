@@ -1,4 +1,4 @@
-"""Names of a package that are imported when they are first asked for, so that an answer does not wait for them."""
+"""Names of a package that are imported at their first use, so that importing the package stays fast."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 def lazy_names(
     package: dict[str, Any], modules: Mapping[str, str]
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """What a package has as its `__getattr__` and its `__dir__` (PEP 562).
+    """Return the `__getattr__` and `__dir__` of a package with lazy names (PEP 562).
 
     Args:
-        package: Its `globals()`: a name that was asked for once is kept there.
-        modules: Module of each name, as the package would import it: ``{"Scene": ".collision"}``. If it is of that name,
-            it is what is meant: ``{"collision": ".collision"}``.
+        package: Its `globals()`: a name is stored there after its first use.
+        modules: Module of each name, as the package would import it: ``{"Scene": ".collision"}``. If the module has the same
+            name, the name is the module itself: ``{"collision": ".collision"}``.
     """
 
     def imported(name: str) -> Any:

@@ -1,6 +1,6 @@
-"""Reading poses: what users hold, checked, and brought onto a rigid transform where rounding left it beside one.
+"""Reading poses: validate arrays and objects of other libraries, and correct matrices that rounding made inexact.
 
-`pose` writes one down without guessing a quaternion's order.
+`pose` builds a pose from a position and a rotation whose convention is named explicitly.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ _FLOAT = np.dtype(np.float64)
 
 
 _REPAIRABLE = 1e-6
-"""A matrix closer than this to a rotation is brought onto one; farther away it is refused."""
+"""A matrix closer than this to a rotation is replaced by the nearest rotation; others are rejected."""
 _ROUNDED = 0.1
-"""Where `repair` is said, this far: what was written down with two digits is at most 0.03 away."""
+"""The same limit with `repair`: a rotation written with two digits is at most 0.03 away."""
 
 
 class OneRotation(TypedDict, total=False):
-    """What `pose` takes beside one position; it is explained there."""
+    """Keyword arguments of `pose` for one position; `pose` documents them."""
 
     quat_wxyz: Sequence[float] | None
     quat_xyzw: Sequence[float] | None
@@ -44,7 +44,7 @@ class OneRotation(TypedDict, total=False):
 
 
 class Rotations(TypedDict, total=False):
-    """What `pose` takes beside any positions; it is explained there."""
+    """Keyword arguments of `pose` for any positions; `pose` documents them."""
 
     quat_wxyz: ArrayLike | None
     quat_xyzw: ArrayLike | None
@@ -70,29 +70,29 @@ def pose(
     rotation: Any = None,
     repair: bool = False,
 ) -> Array:
-    """Write a pose down; at most one rotation, none means no turn.
+    """Build a pose from a position and at most one rotation; without one the pose is not rotated.
 
     Args:
-        position: [m], (..., 3). Or a whole pose, (..., 4, 4), or an object that carries one, and no rotation.
+        position: Position [m], (..., 3). Or a whole pose, (..., 4, 4), or an object that carries one, without a rotation.
         quat_wxyz: Quaternion with its real part first, (..., 4); need not be of unit length.
         quat_xyzw: Quaternion with its real part last, (..., 4); need not be of unit length.
         rpy: Roll, pitch, yaw [rad] about the fixed axes x, y, z in this order, as in URDF, (..., 3).
         rotvec: Rotation vector, axis times angle [rad], (..., 3).
         degrees: `rpy` and `rotvec` are in degrees.
         rotation: Rotation matrix, (..., 3, 3), or an object with ``.as_matrix()``, such as a SciPy ``Rotation``.
-        repair: Bring a matrix that was rounded to a few digits onto the nearest rotation, and say by a warning how far it
-            was from one. Without it a matrix farther than 1e-6 from a rotation is refused; with it, farther than 0.1.
+        repair: Replace a matrix that was rounded to a few digits by the nearest rotation, and report by a warning how far it
+            was from one. A matrix farther than 1e-6 from a rotation is rejected; with `repair`, one farther than 0.1.
 
     Returns:
         Transform, (..., 4, 4).
 
     Raises:
         InvalidGoal: Wrong shapes, NaN or infinity, a zero quaternion, more than one rotation, a quaternion in degrees, a
-            matrix that is no rotation, `repair` where there is no matrix.
+            matrix that is not a rotation, or `repair` without a matrix.
 
     Warns:
-        UnitWarning: `rpy` or `rotvec` has an angle beyond 2π, and `degrees` is not said.
-        RepairWarning: A matrix was farther than 1e-6 from a rotation, and `repair` is said.
+        UnitWarning: `rpy` or `rotvec` has an angle beyond 2π, and `degrees` is not given.
+        RepairWarning: A matrix was farther than 1e-6 from a rotation, and `repair` is given.
     """
     given = {
         "quat_wxyz": quat_wxyz,
@@ -132,13 +132,13 @@ def pose(
 
 
 def plain_array(value: Any, shape: tuple[int, ...]) -> Array | None:
-    """An array of doubles of this shape as a kernel takes it; None of anything else, which is to be read with more care.
+    """Return an array of doubles of this shape in the layout of kernels; None for anything else, which needs a full check.
 
-    What lies otherwise in memory, as a transposed matrix does or a field of a packed record, is copied.
+    Other memory layouts, such as a transposed matrix or a field of a packed record, are copied.
     """
     if type(value) is not np.ndarray or value.shape != shape:
         return None
-    # The type of an array that comes out of a pickle is the same by its value alone.
+    # The type of an array from a pickle is equal by value, but is another object.
     if value.dtype is not _FLOAT and value.dtype != _FLOAT:
         return None
     flags = value.flags
@@ -146,9 +146,9 @@ def plain_array(value: Any, shape: tuple[int, ...]) -> Array | None:
 
 
 def plain_place(position: Any) -> Array | None:
-    """The pose of a place that is not turned, (4, 4): of three doubles or Python floats, each at most `LARGEST` from 0.
+    """Return the pose of an unrotated position, (4, 4), given three doubles or Python floats of magnitude at most `LARGEST`.
 
-    None of anything else, which is to be read with more care.
+    Return None for anything else, which needs a full check.
     """
     if type(position) is np.ndarray:
         if position.shape != (3,) or position.dtype != _FLOAT:
@@ -169,23 +169,23 @@ def as_pose(target: Any) -> Array:
     """Read a pose, or a batch of them, from an array or from an object that carries a 4x4.
 
     Args:
-        target: (..., 4, 4), lengths in [m]; or an object with ``.homogeneous``, ``.A`` or ``.as_matrix()``;
-            or a list of such objects.
+        target: (..., 4, 4), lengths in [m]; or an object with ``.homogeneous``, ``.A`` or ``.as_matrix()``; or a list of
+            such objects.
 
     Returns:
         (..., 4, 4), every rotation orthonormal to rounding.
 
     Raises:
-        InvalidGoal: Wrong shape, NaN or infinity, farther than 1e-6 from a rigid transform, or a position farther off
-            than arithmetic bears.
+        InvalidGoal: Wrong shape, NaN or infinity, farther than 1e-6 from a rigid transform, or a position too far away to
+            compute with.
     """
     return _rigid(_matrix_of(target), _REPAIRABLE, 2)
 
 
 def _rigid(matrix: Array, repairable: float, level: int) -> Array:
-    """Check poses, (..., 4, 4), as `as_pose` does, and bring those onto a rotation that are no farther than that from one.
+    """Validate poses, (..., 4, 4), as `as_pose` does, and replace rotations off by at most `repairable` by the nearest one.
 
-    What is repaired beyond what `as_pose` repairs is told; `level` calls lie between here and the line to blame.
+    A warning reports repairs beyond those of `as_pose`; `level` is the number of calls between here and the line to blame.
     """
     _require_shape(matrix)
     if all_rigid(np.ascontiguousarray(matrix.reshape(-1, 4, 4))):
@@ -219,7 +219,7 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
             stacklevel=level,
         )
     loose = ~rigid_each(np.ascontiguousarray(matrix.reshape(-1, 4, 4))).reshape(matrix.shape[:-2])
-    if loose.any():  # Only these: what else is in a batch changes nothing.
+    if loose.any():  # Only these: the others in the batch must stay unchanged.
         left, _, right = np.linalg.svd(turn[loose])
         matrix[loose, :3, :3] = left @ right
         matrix[loose, 3, :] = [0, 0, 0, 1]
@@ -232,8 +232,8 @@ def _require_shape(matrix: Array) -> None:
 
 
 def _measured(matrix: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Rotations of finite matrices, (..., 4, 4), how far they and the last rows are from a pose's, and which reflect."""
-    # Whatever is larger is no rotation either, and has no square.
+    """Return the rotations of finite matrices, (..., 4, 4), the errors of rotations and last rows, and which reflect."""
+    # Larger values are not rotations either, and their squares overflow.
     turn = np.clip(matrix[..., :3, :3], -1e6, 1e6)
     off = np.abs(np.swapaxes(turn, -1, -2) @ turn - np.eye(3)).max(axis=(-2, -1))
     row = np.abs(matrix[..., 3, :] - [0, 0, 0, 1]).max(axis=-1)
@@ -241,13 +241,13 @@ def _measured(matrix: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
 
 
 def good_and_bad(target: Any) -> tuple[Array, NDArray[np.bool_]]:
-    """Read a batch of poses of which some may be none.
+    """Read a batch of poses of which some may be invalid.
 
     Args:
         target: As `as_pose` takes it.
 
     Returns:
-        What was given, (..., 4, 4), and which of them `as_pose` would take, (...).
+        The matrices, (..., 4, 4), and which of them `as_pose` would accept, (...).
 
     Raises:
         InvalidGoal: Wrong shape.
@@ -262,7 +262,7 @@ def good_and_bad(target: Any) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def one_pose(value: Any, name: str) -> Array:
-    """Read one pose, (4, 4), as `as_pose`; errors begin with its name."""
+    """Read one pose, (4, 4), as `as_pose` does; error messages begin with its name."""
     try:
         matrix = as_pose(value)
     except InvalidGoal as error:
@@ -273,7 +273,7 @@ def one_pose(value: Any, name: str) -> Array:
 
 
 _CARRIERS = ("homogeneous", "A", "as_matrix")
-"""What objects call the 4x4 that they carry."""
+"""Attributes under which objects of other libraries carry a 4x4."""
 
 
 def _matrix_of(target: Any) -> Array:
@@ -320,7 +320,7 @@ def _why_not_rigid(off: float, row: float, mirrored: bool, where: str, repairabl
 
 
 def _whole(position: Any) -> Array | None:
-    """What is given for a position, if it is a whole pose, (..., 4, 4), or an object that carries one."""
+    """Return the argument `position` as an array if it is a whole pose, (..., 4, 4), or an object that carries one."""
     if isinstance(position, np.ndarray):
         return position if position.shape[-2:] == (4, 4) else None
     carries = any(hasattr(position, name) for name in _CARRIERS)
@@ -404,12 +404,12 @@ def _index(where: NDArray[np.int64]) -> str:
 
 
 def row_of(values: Iterable[float]) -> str:
-    """Numbers in brackets, six digits, for people."""
+    """Format numbers in brackets with six digits for messages."""
     return f"[{', '.join(f'{round(float(value), 6) + 0.0:.6g}' for value in values)}]"
 
 
 def rpy_of(turn: Array) -> tuple[float, float, float]:
-    """Roll, pitch and yaw of a rotation, (3, 3), for people [rad]; without a yaw where it cannot be told from the roll."""
+    """Return roll, pitch and yaw of a rotation, (3, 3), for messages [rad]; at a gimbal lock the yaw is 0."""
     level = math.hypot(turn[0, 0], turn[1, 0])
     pitch = math.atan2(-turn[2, 0], level)
     if level < 1e-9:

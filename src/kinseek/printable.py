@@ -1,4 +1,4 @@
-"""Names from files, as people may see them: no character of them acts on a terminal or hides in a line."""
+"""Names from files made safe to print: no character acts on a terminal or stays invisible in a line."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import html
 
 
 def printable(text: str, keep: str = "") -> str:
-    r"""Escape every character that a terminal would act on or that nobody would see, as `repr` does.
+    r"""Escape every character that acts on a terminal or is invisible, as `repr` does.
 
     These are the Unicode categories C* (control, format such as U+202E, surrogate, private use, unassigned) and all
-    separators except the space. Backslashes stay as they are, so the result is for people and cannot be read back.
+    separators except the space. Backslashes stay as they are, so the result is for display and cannot be parsed back.
 
     Args:
         text: A name from a file, or a line with such names.
@@ -24,5 +24,5 @@ def printable(text: str, keep: str = "") -> str:
 
 
 def in_html(text: str) -> str:
-    """The same inside HTML: no tag, no entity."""
+    """Escape text as `printable` does, and for HTML: no tag and no entity remains."""
     return html.escape(printable(text))

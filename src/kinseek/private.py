@@ -1,7 +1,7 @@
-"""Folders and files that no other user can change: what is read from them may be run.
+"""Folders and files that no other user can change, so that code read from them may be run.
 
-On systems without user ids (Windows) a user's folders are protected by access lists, which are not checked here; only links
-are refused.
+On systems without user ids (Windows) access lists protect a user's folders. They are not checked here; only links are
+rejected.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 MOST_LINKS = 40
-"""As many links as Linux follows in one path."""
+"""Maximum number of links in one path, the limit of Linux."""
 
 
 class NotPrivate(OSError):
@@ -20,26 +20,26 @@ class NotPrivate(OSError):
 
 
 def user_cache() -> str:
-    """Return where this user's programs keep caches: `XDG_CACHE_HOME`, else `LOCALAPPDATA`, else ``~/.cache``.
+    """Return the user's cache folder: `XDG_CACHE_HOME`, else `LOCALAPPDATA`, else ``~/.cache``.
 
-    A relative path does not count: so says the XDG Base Directory Specification.
+    A relative path is ignored, as the XDG Base Directory Specification requires.
     """
     named = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or ""
     return named if os.path.isabs(os.path.expanduser(named)) else "~/.cache"
 
 
 def private_folder(base: Path, *names: str) -> Path:
-    """Return a folder that no other user can change or replace; what is missing of it is made, for this user alone.
+    """Return a folder that no other user can change or replace; missing folders are made, for this user alone.
 
-    Every folder on the way belongs to this user or to root, and nobody else can write to it, except to one like ``/tmp``,
-    where nobody can replace what belongs to others. Links on the way are followed once.
+    Every folder on the way must belong to this user or to root and not be writable by others. Folders like ``/tmp``, where
+    nobody can replace the files of others, are accepted, too. Links on the way are followed once.
 
     Args:
         base: A folder of the user's choice; its path may contain links.
-        names: Folders below it, one in the other, that kinseek makes: they belong to this user and are no links.
+        names: Nested folders below it that kinseek makes: they belong to this user and are not links.
 
     Returns:
-        Its path without links. Whatever happens to links later, this path leads to the same folder.
+        Its path without links. If links change later, this path still leads to the same folder.
 
     Raises:
         NotPrivate: Another user can change it; the message names the folder and the reason.
@@ -60,7 +60,7 @@ def read_private(path: Path) -> bytes:
 
     Raises:
         NotPrivate: It is a link, belongs to another user, or others may write to it.
-        OSError: It cannot be read, or is no regular file.
+        OSError: It cannot be read, or is not a regular file.
     """
     flags = [getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY")]
     try:
@@ -70,7 +70,7 @@ def read_private(path: Path) -> bytes:
             raise NotPrivate(f"{path} is a link") from None
         raise
     try:
-        # The open file is checked, not its name: that may stand for another file by now.
+        # The open file is checked, not its name, which may refer to another file by now.
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
             raise OSError(f"{path} is no regular file")
@@ -85,7 +85,7 @@ def require_private(path: Path, status: os.stat_result) -> None:
     """Check that a folder or file belongs to this user, and that nobody else may write to it.
 
     Raises:
-        NotPrivate: The message names it and the reason.
+        NotPrivate: The check failed; the message names the file and the reason.
     """
     if not hasattr(os, "getuid"):
         return
@@ -121,10 +121,10 @@ def _followed(path: Path) -> Path:
 
 
 def _made(folder: Path) -> os.stat_result:
-    """Make a folder if there is nothing of its name, and return the status of what is there; links are not followed.
+    """Make a folder if nothing of its name exists, and return the status of what exists; links are not followed.
 
     Raises:
-        NotADirectoryError: There is something else than a folder or a link.
+        NotADirectoryError: Something other than a folder or a link exists there.
     """
     try:
         status = folder.lstat()
@@ -138,7 +138,7 @@ def _made(folder: Path) -> os.stat_result:
 
 
 def _require_safe(path: Path, status: os.stat_result) -> None:
-    """Check a folder on the way, or a link: nobody but this user and root may replace what belongs to others in it."""
+    """Check a folder on the way, or a link: only this user and root may replace the files of others in it."""
     if not hasattr(os, "getuid"):
         return
     if status.st_uid not in (0, os.getuid()):

@@ -1,4 +1,4 @@
-"""What a solver is given: an arm, a goal, where to start, and how much work it may spend."""
+"""The input of a solver: an arm, a goal, a start, and limits on the work."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Problem(Lazy):
-    """One inverse-kinematics question, or a batch of them that differ in their targets.
+    """One inverse-kinematics problem, or a batch of problems that differ in their targets.
 
     Raises:
-        InvalidProblem: `near` of a wrong shape or not finite, a budget below one, a time limit that is none.
+        InvalidProblem: `near` of a wrong shape or not finite, a budget below one, or an invalid time limit.
     """
 
     mechanism: Mechanism
@@ -37,16 +37,17 @@ class Problem(Lazy):
     near: Array | None = None
     """Joint values to start from and to stay close to, (n,) or (..., n), [rad] or [m]."""
     budget: int | None = None
-    """FK evaluations a search may spend per target; None leaves it to the search's own parameters."""
+    """Maximum number of FK evaluations per target; None leaves it to the search's own parameters."""
     time_limit: float | None = None
-    """Seconds after which a search begins no further part of its work, and gives the best it has; None sets no limit.
+    """Seconds after which a search begins no further part of its work and returns its best result; None sets no limit.
 
-    What an arm needs once, its atlas and the compiled kernels, is made in any case."""
+    What an arm needs once, its atlas and the compiled kernels, is made in any case.
+    """
     trace: bool = False
-    """Keep what the search does, pass by pass? The answers are the same bits; see `kinseek.trace.Trace`."""
+    """Record what the search does, pass by pass? The solutions are identical bit for bit; see `kinseek.trace.Trace`."""
 
     def __post_init__(self) -> None:
-        """Check the start against the arm."""
+        """Validate the start against the arm."""
         if self.near is not None:
             near, batch = as_joints(self.mechanism, self.near, "near"), self.goal.shape
             fits = near.ndim - 1 <= len(batch) and all(
@@ -64,15 +65,15 @@ class Problem(Lazy):
 
     @property
     def axes(self) -> SerialChain | None:
-        """The arm with its axes and links; None where it is a function of which only values are known."""
+        """The arm with its axes and links; None for black-box kinematics."""
         return self.mechanism.axes
 
     @property
     def chain(self) -> SerialChain:
-        """The arm with its axes and links, for what cannot do without them.
+        """The arm with its axes and links, for callers that require them.
 
         Raises:
-            InvalidProblem: It is a function of which only values are known.
+            InvalidProblem: The arm has black-box kinematics.
         """
         axes = self.mechanism.axes
         if axes is None:
@@ -81,7 +82,7 @@ class Problem(Lazy):
 
     @lazy
     def arrays(self) -> ChainArrays:
-        """The chain as kernels take it, its tip moved to the goal's tool and turned the way the goal needs."""
+        """The chain as kernels take it, with its tip moved to the goal's tool and rotated as the goal requires."""
         arrays, tip = self.chain.arrays, self.goal.tip
         if tip is None:
             return arrays
@@ -100,15 +101,15 @@ class Problem(Lazy):
 
     @property
     def limits(self) -> tuple[Array, Array]:
-        """Lower and upper limits, (n,); of a continuous joint, which has none, π to either side of `near` or of 0."""
+        """Lower and upper limits, (n,); for a continuous joint, which has none, π to either side of `near` or of 0."""
         arm = self.mechanism
         near = np.zeros(arm.dof) if self.near is None else self.near
         return np.where(arm.endless, near - np.pi, arm.lower), np.where(arm.endless, near + np.pi, arm.upper)
 
     def placed(self, q: Array) -> Array:
-        """Choose the full turns of continuous joints, (..., n): within π of `near`, or of 0 where there is none.
+        """Choose the full turns of continuous joints, (..., n): within π of `near`, or of 0 if it is not given.
 
-        A continuous joint has no limits and no seam: every number of full turns gives the same pose.
+        A continuous joint has no limits: every number of full turns gives the same pose.
         """
         free = self.mechanism.endless
         if not free.any():
@@ -119,7 +120,7 @@ class Problem(Lazy):
         return np.where(free, np.clip(turned, near - np.pi, near + np.pi), q)
 
     def each(self) -> Iterator[Problem]:
-        """One problem a target, in order."""
+        """Iterate over the targets, one problem each, in order."""
         if not self.goal.shape:
             yield self
             return
@@ -131,18 +132,18 @@ class Problem(Lazy):
 
 
 class MadeWhenAsked(Made):
-    """The field `problem` of a result, made when it is first asked for: the fast ways of `Arm` leave it out.
+    """The field `problem` of a result, made when it is first read, because the fast paths of `Arm` leave it out.
 
-    They leave a `_question` instead: the arm, or the problem of another pose of a batch; a goal, a pose (4, 4), or its
-    bytes; and what the answer shall be near to, (n,), or None. A result that was given its problem never comes here, since
-    what an object holds itself goes first.
+    They store a `_question` instead: the arm, or the problem of another pose of a batch; a goal, a pose (4, 4), or its
+    bytes; and the joint values to which the solution should be close, (n,), or None. A result that stores its problem does
+    not use this descriptor, because an object's own value takes precedence.
     """
 
     def __get__(self, result: Any, owner: type) -> Problem:
-        """Make the problem and leave it with the result.
+        """Make the problem and store it in the result.
 
         Raises:
-            AttributeError: Asked of the class; `dataclasses` takes that for a field without a default.
+            AttributeError: Read from the class; `dataclasses` takes that for a field without a default.
         """
         question = None if result is None else result.__dict__.get("_question")
         if question is None:
@@ -158,19 +159,19 @@ class MadeWhenAsked(Made):
         return made
 
     def can_be_remade(self, state: Mapping[str, Any]) -> bool:
-        """Return whether the result holds what it is made of."""
+        """Return whether the result holds the data that the problem is made of."""
         return "_question" in state
 
 
 FEW = 8192
-"""Numbers that BLAS multiplies on one thread: OpenBLAS shares the work of more than 10,000."""
+"""Size of an array that BLAS multiplies on one thread: OpenBLAS uses several threads for more than 10,000 numbers."""
 
 
 def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
     """Read joint values, (..., n), [rad] or [m], or by name, as `robots.named.in_order` takes them.
 
     Raises:
-        InvalidProblem: Not numbers, a wrong shape, NaN or infinity, unknown or lacking names.
+        InvalidProblem: Not numbers, a wrong shape, NaN or infinity, or unknown or missing names.
     """
     if not isinstance(q, np.ndarray | list | tuple):
         q = in_order(q, arm.joint_names, name, InvalidProblem)
@@ -183,8 +184,8 @@ def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
             f"{name} must have shape ({arm.dof},) or (..., {arm.dof}), got {joints.shape}. "
             f"Joints: {', '.join(arm.joint_names)}"
         )
-    # One look tells of most that all are finite, and none too large. Of long ones BLAS would ask other threads, which costs
-    # microseconds, and tens of milliseconds where other work is running.
+    # One dot product shows for most arrays that all values are finite and none is too large. For long ones BLAS would use
+    # other threads, which costs microseconds, and tens of milliseconds while other work is running.
     few = joints.size <= FEW
     squares = np.vdot(joints, joints) if few else np.einsum("i,i->", joints.ravel(), joints.ravel())
     if squares <= LARGEST**2:
@@ -205,7 +206,7 @@ def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
 
 
 def within_limits(arm: Mechanism, q: Array) -> Array:
-    """Joint values inside the limits nearest to `q`, full turns taken off where that helps, (..., n)."""
+    """Return the joint values inside the limits nearest to `q`, with full turns removed where that helps, (..., n)."""
     turns = np.where(arm.turns, TURN, np.inf)
     below, above = q < arm.lower, q > arm.upper
     up = np.where(below, np.ceil((arm.lower - q) / turns), 0.0)

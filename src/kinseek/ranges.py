@@ -1,4 +1,4 @@
-"""What a goal leaves open: axes whose deviation does not matter, and ranges in which it may lie."""
+"""Free axes of a goal, and ranges of accepted deviations."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def read_ranges(
 
     Args:
         free: Name or names among `AXES`.
-        box: Of some axes, where the deviation may lie: lower and upper end, [m] or [rad].
-        kind: Of the goal that is asked; one that says of the orientation what it wants takes x, y and z alone.
+        box: Lower and upper end of the accepted deviation of some axes, [m] or [rad].
+        kind: Kind of the goal; for any kind but a pose only x, y and z are valid axes.
 
     Returns:
-        The ranges of all six axes, or None where nothing was said.
+        The ranges of all six axes, or None if neither is given.
 
     Raises:
-        InvalidGoal: Unknown axes, one that is both free and boxed, a range that is none, nothing left to reach.
+        InvalidGoal: Unknown axes, an axis that is both free and boxed, an invalid range, or nothing left to reach.
     """
     try:
         names = [free] if isinstance(free, str) else list(free)
@@ -75,10 +75,10 @@ def read_ranges(
 
 
 def check_ranges(ranges: object) -> Ranges:
-    """Check the six ranges of a goal that was written down by hand.
+    """Validate the six ranges of a goal whose fields were given directly.
 
     Raises:
-        InvalidGoal: Not six pairs, or a pair that is no range.
+        InvalidGoal: Not six pairs, or a pair that is not a range.
     """
     try:
         table = np.array(ranges, dtype=np.float64)
@@ -91,12 +91,12 @@ def check_ranges(ranges: object) -> Ranges:
 
 
 def free_turns(ranges: Ranges) -> list[int]:
-    """Which of rx, ry and rz are free, as 0, 1 and 2."""
+    """Return which of rx, ry and rz are free, as 0, 1 and 2."""
     return [i for i, pair in enumerate(ranges[3:]) if pair == FREE_TURN]
 
 
 def unit(axis: int) -> tuple[float, float, float]:
-    """Unit vector along axis 0, 1 or 2."""
+    """Return the unit vector along axis 0, 1 or 2."""
     return (float(axis == 0), float(axis == 1), float(axis == 2))
 
 

@@ -1,8 +1,9 @@
-"""What the type of an array may say of its shape, so that a type checker can tell one pose from a batch.
+"""Array types with a known number of dimensions, so that a type checker can distinguish one pose from a batch.
 
-NumPy's types know the number of dimensions of some arrays: of ``np.zeros((4, 4))``, of what `kinseek.pose` makes of plain
-lists, of what `Arm.fk` makes of one joint vector. Of others, of every ``NDArray[np.float64]``, they know nothing. Overloads
-take these first, by a type that no known shape fits: ``tuple[Any, ...]`` fits every tuple, ``tuple[Never, ...]`` included.
+NumPy's types know the number of dimensions of some arrays: of ``np.zeros((4, 4))``, of the result of `kinseek.pose` for
+plain lists, and of the result of `Arm.fk` for one joint vector. For others, such as every ``NDArray[np.float64]``, they do
+not. Overloads match these first, by a type that no known shape fits: ``tuple[Any, ...]`` fits every tuple, including
+``tuple[Never, ...]``.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 Unshaped = np.ndarray[tuple[Never, ...], np.dtype[Any]]
-"""An array of which only that is known: what is written ``NDArray[...]``."""
+"""An array of unknown shape, as ``NDArray[...]`` declares it."""
 Vector = np.ndarray[tuple[int], np.dtype[Any]]
 Matrix = np.ndarray[tuple[int, int], np.dtype[Any]]
 Stack = np.ndarray[tuple[int, int, int], np.dtype[Any]]
@@ -24,11 +25,11 @@ Rows = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 Pose = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 """One pose, (4, 4)."""
 Poses = np.ndarray[tuple[int, int, int], np.dtype[np.float64]]
-"""Poses one after the other, (k, 4, 4)."""
+"""A sequence of poses, (k, 4, 4)."""
 
 
 class JointMessage(Protocol):
-    """What tells joint values by name, as a ROS JointState does; it may tell of joints that an arm has not."""
+    """Joint values by name, such as a ROS JointState. Unknown names are ignored."""
 
     @property
     def name(self) -> Any:
@@ -36,7 +37,7 @@ class JointMessage(Protocol):
 
     @property
     def position(self) -> Any:
-        """Of each of them its value, [rad] or [m]."""
+        """Value of each of these joints, [rad] or [m]."""
 
 
 ByName = Mapping[str, ArrayLike] | JointMessage
@@ -45,8 +46,8 @@ Joints = ArrayLike | ByName
 """Joint values, (..., n) base to tip, or by name, [rad] or [m]."""
 
 OneGoal = Matrix | Sequence[Sequence[float]]
-"""What is one goal by its type."""
+"""Types that are certainly one goal."""
 ManyGoals = Stack | Sequence[Matrix]
-"""What is a batch of goals by its type."""
+"""Types that are certainly a batch of goals."""
 UnshapedGoal = Unshaped | Sequence[Unshaped]
-"""An array that may be either."""
+"""An array that may be one goal or a batch."""

@@ -1,4 +1,4 @@
-"""What comes back: joint values, and an honest account of what they reach."""
+"""The result of a search: joint values, and the errors that they leave."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .robots.mechanism import Mechanism
 from .robots.named import by_name
 from .trace import Trace
 
-if TYPE_CHECKING:  # Defaults of type variables come with Python 3.13; type checkers know them everywhere.
+if TYPE_CHECKING:  # Python 3.13 introduces defaults of type variables; type checkers always support them.
     from typing_extensions import TypeVar
 
     Flag = TypeVar("Flag", default=Any)
@@ -59,20 +59,20 @@ _NONE: Any = 0
 
 
 class _Reported(Made):
-    """A field that stands in a kernel's report and is taken from it at the first look: most answers are asked for q alone.
+    """A field that is read from a kernel's report at its first use, because most callers read only q.
 
-    It stands aside where an object holds the field itself, as `problem.MadeWhenAsked` does.
+    If an object stores the field itself, its value takes precedence, as with `problem.MadeWhenAsked`.
     """
 
     def __init__(self, place: int) -> None:
-        """Take the number at a place of the report, see `quick_solution`."""
+        """Use the number at a position of the report, see `quick_solution`."""
         self.place = place
 
     def __get__(self, solution: Any, owner: type) -> Any:
-        """Take it from the report and leave it with the solution.
+        """Read the number from the report and store it in the solution.
 
         Raises:
-            AttributeError: Asked of the class; `dataclasses` takes that for a field without a default.
+            AttributeError: Read from the class; `dataclasses` takes that for a field without a default.
         """
         report = None if solution is None else solution.__dict__.get("_report")
         if report is None:
@@ -87,42 +87,42 @@ class _Reported(Made):
 
 @dataclass(frozen=True, eq=False)
 class Solution(Lazy, Generic[Flag, Number, Count, State]):
-    """The answer to one target, or to a batch of them; then every field has the batch's leading shape (...).
+    """The solution of one target, or of a batch; in a batch every field has the leading shape (...) of the batch.
 
     Errors are recomputed from `q` by plain forward kinematics, never taken from a search's own residual.
 
-    A batch has a length and can be iterated and indexed as its arrays can: ``solution[3]``, ``solution[2:5]``,
-    ``solution[~solution.success]``. A solution has no truth value; ask ``solution.success``.
+    A batch has a length, and can be iterated and indexed like its arrays: ``solution[3]``, ``solution[2:5]``,
+    ``solution[~solution.success]``. A solution has no truth value; use ``solution.success``.
 
     Attributes:
         q: Joint values inside the limits, (..., n), [rad] or [m].
-        success: Are both tolerances met, is it free in the `scene`, and did `valid`, where there are these, agree? bool, or
-            (...) bool.
+        success: Are both tolerances met, is the solution free of collision in the `scene` if one is given, and did `valid`,
+            if given, return True? bool, or (...) bool.
         position_error: [m], float or (...).
         orientation_error: [rad], float or (...).
         weighted_error: The paper's K_P |p - p_g| + K_A [(1 - x·x_g) + (1 - y·y_g)] (Sec. 2.2), no unit, float or (...).
-        evaluations: FK evaluations spent, the deterministic measure of work, int or (...).
-        nodes_created: Nodes of the search tree that were made, int or (...); 0 where the search grows no tree.
-        nodes_expanded: Nodes of the search tree that were visited, int or (...); 0 where the search grows no tree.
-        problem: What was asked.
+        evaluations: Number of FK evaluations, the deterministic measure of work, int or (...).
+        nodes_created: Number of search-tree nodes that were made, int or (...); 0 if the search builds no tree.
+        nodes_expanded: Number of search-tree nodes that were visited, int or (...); 0 if the search builds no tree.
+        problem: The problem that was solved.
         proved_unreachable: Is it proved that no joint values inside the limits reach the goal? bool or (...) bool.
-        rejected: How many answers the user's `valid` refused, int or (...); without success, every answer that was
-            found.
+        rejected: Number of solutions for which the user's `valid` returned False, int or (...); without success, every
+            solution that was found.
         out_of_time: Did the time limit end the search before it was done? bool or (...) bool.
-        invalid: Was the target no pose, and skipped? Then `q` and the errors are NaN, and in `problem` the identity stands
-            for it. bool or (...) bool; see ``bad=`` in `Arm.ik`.
-        blocked: How many answers hit something in the `scene`, or came closer than the clearance, int or (...); without
-            success, every answer that was found but for those that `valid` refused.
-        proved_blocked: Is it proved that every answer inside the limits hits something in the `scene`, or comes closer than
-            the clearance? bool or (...) bool.
-        trace: What the search did, pass by pass, if it was asked for; see there.
-        contacts: The pairs of bodies that are in the way at `q`, and how deep, where the status is `Status.BLOCKED` or
+        invalid: Was the target skipped because it is not a pose? Then `q` and the errors are NaN, and `problem` has the
+            identity in its place. bool or (...) bool; see ``bad=`` in `Arm.ik`.
+        blocked: Number of solutions that collide in the `scene` or come closer than the clearance, int or (...); without
+            success, every solution that was found, except those that `valid` rejected.
+        proved_blocked: Is it proved that every solution inside the limits collides in the `scene`, or comes closer than the
+            clearance? bool or (...) bool.
+        trace: What the search did, pass by pass, if requested; see the property.
+        contacts: The colliding pairs of bodies at `q` and their depth, if the status is `Status.BLOCKED` or
             `Status.PROVED_BLOCKED`.
 
-    For type checkers this class is generic in the types of its flags, numbers, counts and status. An array's type need not
-    tell its shape, so `Arm.ik` fills them in where the goal's type says that it is one pose or a batch: then ``success`` is
-    a bool or an array. Where it does not, or where `Solution` is written alone, they are ``Any``: what is right for one pose
-    and what is right for a batch both pass, and a name that does not exist never does.
+    For type checkers this class is generic in the types of its flags, numbers, counts and status. `Arm.ik` sets them if the
+    goal's type shows that it is one pose or a batch: then ``success`` is a bool or an array. Otherwise, and if `Solution` is
+    written alone, they are ``Any``: code for one pose and code for a batch both pass, but a name that does not exist never
+    does.
     """
 
     q: Array
@@ -150,12 +150,12 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
     blocked: Count = _NONE
     proved_blocked: Flag = _NO
     _trace: Any = None
-    """`Trace`, or an object array of them, (...); None where none was kept."""
+    """A `Trace`, or an object array of them, (...); None if no trace was requested."""
     _contacts: Any = None
-    """A tuple of contacts, or an object array of them, (...); None where there was no scene."""
+    """A tuple of contacts, or an object array of them, (...); None without a scene."""
 
     def __post_init__(self) -> None:
-        """Give a batch its shape in every field, those that were left at their defaults too."""
+        """Give every field the shape of the batch, including those left at their defaults."""
         if isinstance(self.success, np.ndarray):
             for name in _columns(self):
                 if not isinstance(value := getattr(self, name), np.ndarray):
@@ -165,10 +165,10 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
     def trace(self) -> Any:
         """What the search did, pass by pass: a `Trace`, or an object array of them, (...).
 
-        It is kept in copies and pickles, and where one answer or some are taken out of a batch.
+        Copies and pickles keep it, and so do solutions taken out of a batch.
 
         Raises:
-            InvalidUse: It was not asked for, or the search keeps none.
+            InvalidUse: It was not requested, or the search keeps none.
         """
         if self._trace is not None:
             return self._trace
@@ -180,7 +180,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
 
     @property
     def contacts(self) -> Any:
-        """What is in the way at `q` where the target is blocked, the deepest pair first; empty elsewhere.
+        """The colliding pairs at `q` of a blocked target, the deepest pair first; empty for other targets.
 
         A tuple of contacts with `a`, `b` and `depth` [m], or an object array of them, (...).
         """
@@ -190,15 +190,15 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         result = np.empty(solution.success.shape, dtype=object)
         result.fill(())
         if self._contacts is not None:
-            known = self._contacts != np.array(None)  # Of a target that was no pose nothing is known.
+            known = self._contacts != np.array(None)  # None for a target that is not a pose.
             result[known] = self._contacts[known]
         return result
 
     @property
     def joints(self) -> dict[str, Any]:
-        """Joint values by name, base to tip: of each a float, or (...) of a batch, [rad] or [m].
+        """Joint values by name, base to tip: for each joint a float, or (...) for a batch, [rad] or [m].
 
-        `Arm.fk` and ``near=`` take it as it is. For a ROS JointState: ``name=list(joints), position=list(joints.values())``.
+        `Arm.fk` and ``near=`` accept it. For a ROS JointState: ``name=list(joints), position=list(joints.values())``.
         """
         return by_name(self.problem.mechanism.joint_names, self.q)
 
@@ -228,7 +228,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         return cast("State", next((status for given, status in reasons if given), Status.BEST_EFFORT))
 
     def __bool__(self) -> bool:
-        """Refuse: an answer that misses its goal would count as true.
+        """Raise an error: otherwise a solution that misses its goal would count as true.
 
         Raises:
             InvalidUse: Always.
@@ -241,19 +241,19 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         """Return the length of a batch: the first number of its shape.
 
         Raises:
-            InvalidUse: It is the answer to one target.
+            InvalidUse: The solution has one target.
         """
         return self._batch[0]
 
     def __iter__(self) -> Iterator[Solution]:
-        """Go through a batch along its first dimension: one solution a target, or smaller batches."""
+        """Iterate over a batch along its first dimension: one solution per target, or smaller batches."""
         return self.each() if len(self._batch) == 1 else (self[i] for i in range(len(self)))
 
     def __getitem__(self, index: Any) -> Solution:
-        """Return the answer to one target of a batch, or to some, as a NumPy index takes them: ``3``, ``2:5``, a mask.
+        """Return the solution of one target of a batch, or of some, for a NumPy index: ``3``, ``2:5``, a mask.
 
         Raises:
-            InvalidUse: It is the answer to one target, or this is no index.
+            InvalidUse: The solution has one target, or the index is invalid.
             IndexError: Out of the batch's range.
         """
         shape = self._batch
@@ -293,7 +293,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         """Shape of the batch.
 
         Raises:
-            InvalidUse: It is the answer to one target.
+            InvalidUse: The solution has one target.
         """
         if isinstance(self.success, np.ndarray):
             return tuple(self.success.shape)
@@ -303,7 +303,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         )
 
     def _one(self, number: int) -> Solution:
-        """Return the answer to one target of a batch, by its number in C order."""
+        """Return the solution of one target of a batch, by its number in C order."""
         problem, shape = self.problem, self._batch
         at = np.unravel_index(number, shape)
         near = problem.near
@@ -319,7 +319,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         )
 
     def each(self) -> Iterator[Solution[bool, float, int, Status]]:
-        """One solution a target, in C order; of one target, itself."""
+        """Iterate over the solutions of all targets in C order; for one target, over the solution itself."""
         if not isinstance(self.success, np.ndarray):
             yield cast("Solution[bool, float, int, Status]", self)
             return
@@ -358,9 +358,9 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         )
 
     def to_frame(self) -> Any:
-        """A ``pandas.DataFrame``: a row for each target; its joint values by name, then status, errors and evaluations.
+        """Return a ``pandas.DataFrame`` with a row per target: joint values by name, status, errors and evaluations.
 
-        The rows of a batch of several dimensions are called by all their numbers.
+        For a batch of several dimensions the row index has as many levels.
 
         Raises:
             MissingExtra: pandas is not installed.
@@ -370,13 +370,13 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         return solution_frame(self)
 
     def _repr_html_(self) -> str:
-        """For notebooks: a table and a picture; of a batch its first rows."""
+        """HTML for notebooks: a table and a picture; for a batch, of its first rows."""
         from .notebook.cards import solution_card
 
         return solution_card(self)
 
     def __repr__(self) -> str:
-        """Short enough to print in a shell."""
+        """A summary short enough to print in a shell."""
         if not isinstance(self.success, np.ndarray):
             return (
                 f"Solution({Status(self.status).name}, q={np.array2string(self.q, precision=4, separator=', ')}, "
@@ -392,40 +392,40 @@ _NO_COLUMNS = ("q", "problem", "_trace", "_contacts")
 
 
 def _columns(solution: Solution) -> list[str]:
-    """Names of the fields that have one entry a target."""
+    """Names of the fields with one entry per target."""
     return [each.name for each in fields(solution) if each.name not in _NO_COLUMNS]
 
 
 def conclude(
     problem: Problem, q: Array, work: NDArray[np.int64], out_of_time: NDArray[np.bool_] | None = None
 ) -> Solution:
-    """Judge joint values by plain FK.
+    """Make a solution of joint values, with their errors by plain FK.
 
     Args:
-        problem: What was asked, a batch of k targets.
-        q: What was found, (k, n).
+        problem: The problem, a batch of k targets.
+        q: Joint values found, (k, n).
         work: Evaluations, nodes created and nodes expanded of each, (k, 3).
-        out_of_time: Was the search for it cut short? (k,); None: none was.
+        out_of_time: Was the search for it cut short? (k,); None: no search was.
     """
     return reported(problem, q, judge(problem, q), work, out_of_time)
 
 
 def judge(problem: Problem, q: Array) -> Array:
-    """Position error [m], orientation error [rad] and weighted error of joint values, one row a target, (k, 3)."""
+    """Position error [m], orientation error [rad] and weighted error of joint values, one row per target, (k, 3)."""
     if problem.axes is None:
         return judge_function(problem.mechanism, problem.goal, q)
     return problem.goal.measure(problem.arrays, np.ascontiguousarray(q))
 
 
 def with_traces(solution: Solution, traces: Sequence[Trace | None]) -> Solution:
-    """Give a solution the traces of its targets, in C order; a search that keeps none leaves it as it is."""
+    """Add the traces of its targets, in C order, to a solution; a search without traces leaves it unchanged."""
     if any(trace is None for trace in traces):
         return solution if solution._trace is None else replace(solution, _trace=None)
     shape = solution.problem.goal.shape
     if not shape:
         return replace(solution, _trace=traces[0])
     kept = np.empty(len(traces), dtype=object)
-    for i, trace in enumerate(traces):  # One by one: a trace is a sequence, which NumPy would take apart.
+    for i, trace in enumerate(traces):  # One by one: NumPy would take a trace apart.
         kept[i] = trace
     return replace(solution, _trace=kept.reshape(shape))
 
@@ -437,7 +437,7 @@ def reported(
     work: NDArray[np.int64],
     out_of_time: NDArray[np.bool_] | None = None,
 ) -> Solution:
-    """Make a solution of joint values that are judged already.
+    """Make a solution of joint values whose errors are known.
 
     Args:
         problem: As in `conclude`.
@@ -467,9 +467,9 @@ def reported(
 
 
 def judge_function(box: Mechanism, goal: Goal, q: Array) -> Array:
-    """Ask a function for its poses anew, (k, n), and judge them: errors [m], [rad] and weighted, (k, 3).
+    """Call black-box kinematics at q, (k, n), and return the errors [m], [rad] and weighted, (k, 3).
 
-    Infinite where the mechanism cannot be put together.
+    They are infinite where the mechanism cannot be assembled.
     """
     poses = box.forward(q)
     absent = np.isnan(poses).any(axis=(1, 2))
@@ -488,13 +488,13 @@ def quick_solution(
     q: Array,
     report: tuple[float, float, float, int, bool],
 ) -> Solution:
-    """Make a solution of one target as fast as Python can.
+    """Make a solution of one target with as little Python work as possible.
 
     Args:
         chain: The arm.
-        asked: The goal; or of a plain pose the bytes of its matrix, for the caller may write the next into it, and bytes
-            are copied faster than an array is.
-        near: What the answer shall be near to, (n,).
+        asked: The goal; or, for a plain pose, the bytes of its matrix, because the caller may overwrite the matrix, and
+            bytes are copied faster than an array.
+        near: Joint values to which the solution should be close, (n,).
         q: Joint values, (n,).
         report: Position error [m], orientation error [rad], weighted error, FK evaluations, success.
     """
@@ -504,6 +504,6 @@ def quick_solution(
         q,
         report[4],
         (*report, 0),
-    )  # No nodes: it grows no tree.
+    )  # No nodes: this search builds no tree.
     result["_question"] = chain, asked, None if near is None else near.copy()
     return solution

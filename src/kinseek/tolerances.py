@@ -1,4 +1,4 @@
-"""How exactly a goal is to be reached, and how position and orientation are weighed against each other."""
+"""Tolerances of a goal, and weights of position against orientation."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from .errors import InvalidGoal
 from .kernels.arm.pose_error import HEAVIEST, LARGEST, LIGHTEST
 
 DEFAULT_TOLERANCE = 1e-6
-"""[m] and [rad]"""
+"""Default tolerance, [m] and [rad]."""
 DEFAULT_WEIGHT = 1.0
 
 TOLERANCES = {"position_tolerance": " m", "orientation_tolerance": " rad"}
-"""And their units."""
+"""Names of the tolerances, and their units."""
 WEIGHTS = ("position_weight", "orientation_weight")
 
 
 class GoalOptions(TypedDict, total=False):
-    """The fields of a `Goal` that say how exactly, of what tool, and how position and orientation are weighed."""
+    """The fields of a `Goal` for tolerances, weights, tool and base."""
 
     position_tolerance: float
     orientation_tolerance: float
@@ -31,10 +31,10 @@ class GoalOptions(TypedDict, total=False):
 
 
 def check_tolerance(name: str, value: float) -> None:
-    """Refuse what is no tolerance.
+    """Validate a tolerance.
 
     Raises:
-        InvalidGoal: Negative, not finite, or so large that it says nothing.
+        InvalidGoal: Negative, not finite, or too large to be a tolerance.
     """
     if type(value) is float and 0.0 <= value <= LARGEST:
         return
@@ -48,7 +48,7 @@ def check_tolerance(name: str, value: float) -> None:
 
 
 def check_weight(name: str, value: float) -> None:
-    """Refuse what is no weight.
+    """Validate a weight.
 
     Raises:
         InvalidGoal: Not positive, not finite, or too small or too large to compute with.
@@ -65,7 +65,7 @@ def check_weight(name: str, value: float) -> None:
 
 
 def said(values: Mapping[str, float]) -> list[str]:
-    """Of tolerances and weights by name, those that are not the default, as text."""
+    """Format those of some tolerances and weights, by name, that are not the default."""
     usual = {**dict.fromkeys(TOLERANCES, DEFAULT_TOLERANCE), **dict.fromkeys(WEIGHTS, DEFAULT_WEIGHT)}
     return [
         f"{name}={value:g}{TOLERANCES.get(name, '')}"

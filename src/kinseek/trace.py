@@ -1,9 +1,9 @@
-"""What a search did, pass by pass: kept when it is asked for with ``trace=True``.
+"""A record of a search, pass by pass, kept with ``trace=True``.
 
 >>> solution = arm.ik(target, solver=kinseek.DivideAndConquer(breadth=3), trace=True)   # doctest: +SKIP
 >>> print(solution.trace)                                                               # doctest: +SKIP
 
-A trace holds numbers and sentences alone, nothing of the arm or the search, so that it can be pickled and kept.
+A trace holds only numbers and sentences, and no reference to the arm or the search, so it can be pickled and stored.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from .printable import printable
 Array = NDArray[np.float64]
 
 WIDTH, NAME = 80, 12
-"""Letters of a line of the printed table, and of a pass's name in it, if there is room for no more."""
+"""Maximum length of a line of the printed table, and of a pass's name in it if space is short."""
 
 SHOWN = 40
-"""Passes that are printed; of more, the first and the last half of them."""
+"""Maximum number of passes that are printed: the first and the last half of them."""
 
 MOST_MEMORY = 2**28
-"""[bytes] that the traces of a batch may take."""
+"""Maximum memory of the traces of a batch [bytes]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pass:
-    """One pass of a search: where it looked, the best that is known after it, and what it took.
+    """One pass of a search: the region searched, the best joint values after it, and the work it took.
 
-    Errors are those of `q` by plain forward kinematics, which are not counted among the evaluations.
+    Errors are those of `q` by plain forward kinematics; `evaluations` does not include computing them.
 
     Attributes:
-        name: What the pass is, such as ``"pass 2"``, ``"sweep 1"`` or ``"look-up"``.
+        name: Name of the pass, such as ``"pass 2"``, ``"sweep 1"`` or ``"look-up"``.
         q: The best joint values known after the pass, (n,), [rad] or [m].
         weighted_error: Of q, no unit.
         position_error: Of q [m].
@@ -47,16 +47,16 @@ class Pass:
         evaluations: FK evaluations of this pass alone.
         nodes_created: Nodes made in this pass.
         nodes_expanded: Nodes visited in this pass.
-        memory: Held by the search's own tables while the pass ran [bytes].
-        spacing: Between neighbouring values of each joint, (n,), [rad] or [m]; NaN for a joint that the pass left alone.
-            None where the pass has no grid.
-        lower: Lowest value of each joint in the pass's window, (n,), [rad] or [m]. Where a joint turns fully, the window
-            may reach beyond the joint's range: it goes on at the other end. None where there is no window.
-        upper: The highest, likewise.
-        counts: Number of values of each joint in the window, (n,); 1 for a joint that the pass left alone.
-        cells: Windows of this pass: more than one where a beam is followed; `lower` and `upper` are those around the best.
-        start: Where the pass began, (n,), if that is not the best known before it, as a seed is; else None.
-        start_error: Weighted error there; NaN where there is no `start`.
+        memory: Memory of the search's own tables during the pass [bytes].
+        spacing: Distance between neighbouring values of each joint, (n,), [rad] or [m]; NaN for a joint that the pass does
+            not vary. None if the pass has no grid.
+        lower: Lowest value of each joint in the pass's window, (n,), [rad] or [m]. If a joint has a full turn, the window
+            may extend beyond the joint's range and then continues at its other end. None without a window.
+        upper: Highest value of each joint in the window, in the same form.
+        counts: Number of values of each joint in the window, (n,); 1 for a joint that the pass does not vary.
+        cells: Number of windows of this pass, more than one in a beam search; `lower` and `upper` are those around the best.
+        start: Joint values where the pass began, (n,), if they differ from the best before it, as a seed does; else None.
+        start_error: Weighted error at `start`; NaN if there is none.
     """
 
     name: str
@@ -102,7 +102,7 @@ class Pass:
         return {each.name: _plain(getattr(self, each.name)) for each in fields(self)}
 
     def __repr__(self) -> str:
-        """Short enough for a list of them."""
+        """A short form for lists of passes."""
         return (
             f"Pass({self.name!r}, {self.evaluations:,} evaluations, weighted error {self.weighted_error:.3g})"
         )
@@ -112,14 +112,14 @@ class Pass:
 class Trace:
     """What a search did, pass by pass; ``print(trace)`` shows it as a table.
 
-    A trace can be iterated, indexed and asked for its length: it is a sequence of its passes.
+    A trace is a sequence of its passes: it has a length, and can be iterated and indexed.
 
     Attributes:
         search: Name of the search.
-        joint_names: One a joint, base to tip.
-        kinds: Of each joint: ``"revolute"``, ``"continuous"``, ``"prismatic"`` or ``"number"``.
-        passes: In order.
-        notes: What is worth knowing about this search, a sentence each.
+        joint_names: Names of the joints, base to tip.
+        kinds: Kind of each joint: ``"revolute"``, ``"continuous"``, ``"prismatic"`` or ``"number"``.
+        passes: The passes, in order.
+        notes: Remarks on this search, one sentence each.
     """
 
     search: str
@@ -160,11 +160,11 @@ class Trace:
 
     @property
     def memory(self) -> int:
-        """The most that was held at a time [bytes]."""
+        """Largest memory during any pass [bytes]."""
         return max((each.memory for each in self.passes), default=0)
 
     def rows(self) -> list[dict[str, Any]]:
-        """One flat mapping a pass, with a column for every number of every joint: what a table or a CSV file takes."""
+        """Return one flat mapping per pass, with a column for each number of each joint, for a table or a CSV file."""
         rows: list[dict[str, Any]] = []
         for number, (each, spent) in enumerate(zip(self.passes, self.evaluations.tolist(), strict=True), 1):
             row: dict[str, Any] = {"number": number, "evaluations_so_far": spent}
@@ -180,7 +180,7 @@ class Trace:
         return rows
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as JSON takes it: lists for arrays, None for NaN and infinity."""
+        """All fields as JSON takes them: lists for arrays, None for NaN and infinity."""
         return {
             "search": self.search,
             "joint_names": list(self.joint_names),
@@ -199,7 +199,7 @@ class Trace:
         return len(self.passes)
 
     def __iter__(self) -> Iterator[Pass]:
-        """Go through the passes."""
+        """Iterate over the passes."""
         return iter(self.passes)
 
     def __getitem__(self, number: int) -> Pass:
@@ -207,7 +207,7 @@ class Trace:
         return self.passes[number]
 
     def __repr__(self) -> str:
-        """Short; the table is what `print` shows."""
+        """A short form; `print` shows the table."""
         if not self.passes:
             return f"Trace({self.search!r}, no passes)"
         spent, last = int(self.evaluations[-1]), self.passes[-1]
@@ -215,7 +215,7 @@ class Trace:
         return f"Trace({self.search!r}, {passes}, {spent:,} evaluations, weighted error {last.weighted_error:.3g})"
 
     def __str__(self) -> str:
-        """A table of the passes, within 80 columns; the spacing is the widest of all joints."""
+        """A table of the passes, within 80 columns; the spacing is the largest of all joints."""
         slides = "prismatic" in self.kinds or "number" in self.kinds
         turns = any(kind in ("revolute", "continuous") for kind in self.kinds)
         unit = "rad or m" if slides and turns else "m" if slides else "rad"
@@ -248,7 +248,7 @@ class Trace:
         return "\n".join(map(printable, [*lines, *(part for note in self.notes for part in _wrapped(note))]))
 
     def _line(self, each: Pass, spent: int) -> tuple[str, ...]:
-        """One pass as words."""
+        """Format one pass as the columns of the table."""
         if each.counts is None:
             values = ""
         else:
@@ -264,16 +264,16 @@ class Trace:
 
 
 def require_memory(targets: int, passes: int, dof: int, notes: int = 0) -> None:
-    """Refuse to keep what would not fit.
+    """Check that traces fit into memory.
 
     Args:
         targets: Number of targets.
-        passes: Of one target, at most.
+        passes: Maximum number of passes of one target.
         dof: Number of joints.
-        notes: Sentences of one target, at most.
+        notes: Maximum number of notes of one target.
 
     Raises:
-        InvalidUse: With the memory that the traces would take.
+        InvalidUse: The traces would take too much memory; the message says how much.
     """
     each = passes * pass_memory(dof) + 512 * (notes + 1)
     if targets * each <= MOST_MEMORY:
@@ -287,12 +287,12 @@ def require_memory(targets: int, passes: int, dof: int, notes: int = 0) -> None:
 
 
 def pass_memory(dof: int) -> int:
-    """What a pass takes at most [bytes]: itself, its numbers, and six arrays of one number a joint."""
+    """Maximum memory of a pass [bytes]: the object, its numbers, and six arrays of one number per joint."""
     return 1024 + 6 * (112 + 8 * dof)
 
 
 def _plain(value: Any) -> Any:
-    """Numbers and lists of them as JSON takes them."""
+    """Convert numbers and lists of them to what JSON accepts."""
     if isinstance(value, np.ndarray):
         return [_plain(each) for each in value.tolist()]
     if isinstance(value, float) and not np.isfinite(value):
@@ -301,7 +301,7 @@ def _plain(value: Any) -> Any:
 
 
 def _bytes(count: int) -> str:
-    """A size in words."""
+    """Format a size in bytes."""
     size, units = float(count), ("bytes", "KiB", "MiB", "GiB", "TiB")
     for unit in units[:-1]:
         if size < 1024:
@@ -311,7 +311,7 @@ def _bytes(count: int) -> str:
 
 
 def _shortened(name: str, room: int) -> str:
-    """The name of a pass in so many letters, with its number, which stands at the end."""
+    """Shorten the name of a pass to this length, keeping the number at its end."""
     if len(name) <= room:
         return name
     end = name.rpartition(" ")[2][-6:]
@@ -319,7 +319,7 @@ def _shortened(name: str, room: int) -> str:
 
 
 def _wrapped(note: str) -> list[str]:
-    """A note in lines."""
+    """Wrap a note into lines."""
     import textwrap
 
     return textwrap.wrap(note, WIDTH, initial_indent="note: ", subsequent_indent="      ")

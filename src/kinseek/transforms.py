@@ -1,4 +1,4 @@
-"""Rotations and rigid transforms as matrices; what is given as one is checked in `poses`."""
+"""Rotations and rigid transforms as matrices; `poses` validates user input."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _TINY = 1e-300
-"""Stands for a length of 0 where it is divided by: no length that anybody gives is shorter."""
+"""Replaces a length of 0 in divisions; no real length is as short."""
 
 
 def rotation(axis: Array, angle: float) -> Array:
@@ -21,7 +21,7 @@ def rotation(axis: Array, angle: float) -> Array:
 
 
 def rotations(vectors: Array) -> Array:
-    """Rotation matrices of rotation vectors [rad], (..., 3) -> (..., 3, 3), by Rodrigues' formula."""
+    """Return rotation matrices of rotation vectors [rad], (..., 3) -> (..., 3, 3), by Rodrigues' formula."""
     angles = np.linalg.norm(vectors, axis=-1)
     x, y, z = np.moveaxis(vectors / np.maximum(angles, _TINY)[..., None], -1, 0)
     zero = np.zeros_like(x)
@@ -42,7 +42,7 @@ def from_rpy(angles: Array) -> Array:
 
 def from_quaternion(wxyz: Array) -> Array:
     """Rotation matrices of quaternions with their real part first and of any length but 0, (..., 4) -> (..., 3, 3)."""
-    scaled = wxyz / np.abs(wxyz).max(axis=-1, keepdims=True)  # Or the squares of a length might overflow.
+    scaled = wxyz / np.abs(wxyz).max(axis=-1, keepdims=True)  # Squares of a length might overflow.
     w, x, y, z = np.moveaxis(scaled / np.linalg.norm(scaled, axis=-1, keepdims=True), -1, 0)
     return _matrix(
         [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -52,10 +52,10 @@ def from_quaternion(wxyz: Array) -> Array:
 
 
 def quaternion(turn: Array) -> Array:
-    """Unit quaternions w, x, y, z of rotations, (..., 3, 3) -> (..., 4); the first number that is not 0 is above 0.
+    """Unit quaternions w, x, y, z of rotations, (..., 3, 3) -> (..., 4); the first nonzero number is positive.
 
-    Shepperd 1978: the products of any two of its numbers are sums of the rotation's. Those with the largest number give all
-    four without the difference of nearly equal numbers.
+    Shepperd 1978: the products of any two numbers of the quaternion are sums of entries of the rotation. Those with the
+    largest number give all four without subtracting nearly equal numbers.
     """
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(turn, (-2, -1), (0, 1))
     products = _matrix(  # 4 q qᵀ
@@ -72,7 +72,7 @@ def quaternion(turn: Array) -> Array:
 
 
 def rotation_onto(start: Array, end: Array) -> Array:
-    """A rotation that takes the unit vector `start` onto `end`, (3, 3)."""
+    """Return a rotation that maps the unit vector `start` to `end`, (3, 3)."""
     frames = []
     for axis in (start, end):
         other = np.eye(3)[np.argmin(np.abs(axis))]
@@ -83,13 +83,13 @@ def rotation_onto(start: Array, end: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """As `np.cross` of two vectors, (3,), which takes twenty times as long."""
+    """Cross product of two vectors, (3,); `np.cross` takes twenty times as long."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def transform(turn: Array, translation: Sequence[float] | Array) -> Array:
-    """Put a rotation, (3, 3), and a translation [m], (3,), together, (4, 4)."""
+    """Combine a rotation, (3, 3), and a translation [m], (3,), into a transform, (4, 4)."""
     pose = np.eye(4)
     pose[:3, :3] = turn
     pose[:3, 3] = translation
@@ -103,12 +103,12 @@ def inverse(A: Array) -> Array:
 
 
 def square(A: Array) -> Array:
-    """A transform without its last row, (3, 4), with it, (4, 4)."""
+    """Append the last row to a transform, (3, 4) -> (4, 4)."""
     whole = np.zeros((4, 4))
     whole[:3], whole[3, 3] = A, 1.0
     return whole
 
 
 def _matrix(*rows: Sequence[Array]) -> Array:
-    """Matrices of rows of their numbers, each (...), as (..., rows, columns)."""
+    """Assemble matrices from rows of numbers, each (...), as (..., rows, columns)."""
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -1,4 +1,4 @@
-"""Angles that mean the same after a full turn: the way from one to another, and ranges that hold a turn."""
+"""Angles modulo full turns: differences between them, and ranges that contain a full turn."""
 
 from __future__ import annotations
 
@@ -9,46 +9,51 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 TURN = 2 * np.pi
-"""[rad]"""
+"""A full turn [rad]."""
 
 _ROUNDINGS = 8.0 * np.finfo(float).eps
-"""Relative to the larger end of a range, or to a turn: what 15 decimal digits leave of both ends, as many as a double keeps.
-A range that is shorter by no more holds a turn: forward kinematics rounds an angle by as much. A range of ±3.14159 does not:
-it leaves 5.3e-6 rad out."""
+"""Rounding of a range's ends, relative to the larger end or to a turn: both ends written with 15 decimal digits.
+
+A range that is shorter than a turn by no more than this contains a full turn, because forward kinematics rounds an angle by
+as much. A range of ±3.14159 does not: it excludes 5.3e-6 rad.
+"""
 _SAME_END = 1e-6
-"""Part of a turn by which a range may miss a whole number of them and still end where it begins."""
+"""Largest distance of a range from a whole number of turns, as a fraction of a turn, with which its ends still coincide."""
 
 
 def nearest_turns(gap: Array) -> Array:
-    """The angle of whole turns that is nearest to an angle [rad], of any shape."""
+    """Return the multiple of a full turn that is nearest to an angle [rad], of any shape."""
     return np.asarray(TURN * np.round(gap / TURN))
 
 
 def shortest(gap: Array) -> Array:
-    """The same angle within [-π, π]: from one direction to another the short way round [rad], of any shape."""
+    """Return the same angle within [-π, π], i.e. the shortest difference of two directions [rad], of any shape."""
     return np.asarray(gap - nearest_turns(gap))
 
 
 def holds_a_turn(lower: Array, upper: Array) -> Flags:
-    """Of each range [rad], (n,): does it hold every direction, but for rounding in the 15th digit of its ends?
+    """Return whether each range [rad], (n,), contains every direction, up to rounding in the 15th digit of its ends.
 
-    A range that was meant as a turn and written with fewer digits does not: inside of it there is no way across the gap.
+    A range that was meant as a turn but written with fewer digits does not: no motion inside it crosses the gap.
     """
     large = np.maximum(np.maximum(np.abs(lower), np.abs(upper)), TURN)
     return np.asarray(upper - lower >= TURN - _ROUNDINGS * large)
 
 
 def ends_meet(lower: Array, upper: Array) -> Flags:
-    """Of each range [rad], (n,): is it nearly a whole number of turns, so that it ends about where it begins?
+    """Return whether each range [rad], (n,), is nearly a whole number of turns, so that its ends nearly coincide.
 
-    This decides where a grid search looks next, never what it returns or what is claimed: ±3.14159 counts.
+    This decides where a grid search looks next, never its results or claims. So ±3.14159 counts.
     """
     turns = (upper - lower) / TURN
     return np.asarray((turns > 0.5) & (np.abs(turns - np.round(turns)) < _SAME_END))
 
 
 def one_turn(lower: Array, upper: Array, turning: Flags) -> tuple[Array, Array]:
-    """Ranges, (n,), cut to the turn in their middle where they are `turning` and wider: one turn has every direction."""
+    """Cut the ranges, (n,), that are `turning` and wider than a turn to the turn in their middle.
+
+    One turn has every direction.
+    """
     lower, upper = lower.copy(), upper.copy()
     wide = turning & (upper - lower > TURN)
     middle = (lower + upper) / 2

@@ -1,6 +1,6 @@
-"""Numbers that another unit would explain better: degrees where radians are read, millimetres where metres are.
+"""Warnings of numbers that are probably in another unit: degrees instead of radians, millimetres instead of metres.
 
-Nothing is changed and nothing refused: a `UnitWarning` names the value and says what would be written for the other unit.
+No value is changed or rejected: a `UnitWarning` names the value and says how to write it in the other unit.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from .turns import TURN
 Array = NDArray[np.float64]
 
 TURNS_OF_A_JOINT = 4 * math.pi * 1.001
-"""Limits beyond it [rad] are asked about: wrists that turn twice to either side are the widest that are sold."""
+"""Limits beyond this cause a warning [rad]: the wrists with the widest range turn twice to either side."""
 FAR = 10.0
-"""Goals farther away than this many times the reach are asked about."""
+"""A goal farther away than this multiple of the reach causes a warning."""
 
 
 def warn_of_angles(angles: Array | Sequence[float], what: str, advice: str, level: int) -> None:
-    """Warn of angles beyond a full turn: nobody needs them to write a rotation down.
+    """Warn of angles beyond a full turn, which no rotation requires.
 
     Args:
         angles: Any number of them, [rad].
-        what: What they are called.
+        what: Their name in the message.
         advice: What to write if they are degrees.
-        level: Calls between here and the line to blame.
+        level: Number of calls between here and the line to blame.
     """
     most = float(np.abs(angles).max(initial=0.0))
     if most > TURN * (1 + 1e-9):
@@ -44,13 +44,13 @@ def warn_of_angles(angles: Array | Sequence[float], what: str, advice: str, leve
 def warn_of_joints(
     names: Sequence[str], kinds: Sequence[str], lower: Array, upper: Array, where: str, advice: str
 ) -> None:
-    """Warn of limits of joints that turn, beyond two turns to one side.
+    """Warn of limits of revolute joints beyond two turns to one side.
 
     Args:
-        names: Of the joints.
-        kinds: Of the joints.
-        lower: (n,), [rad] or [m].
-        upper: (n,), [rad] or [m].
+        names: Names of the joints.
+        kinds: Kinds of the joints.
+        lower: Lower limits, (n,), [rad] or [m].
+        upper: Upper limits, (n,), [rad] or [m].
         where: The file.
         advice: How degrees are written there.
     """
@@ -69,12 +69,12 @@ def warn_of_joints(
 
 
 def warn_of_distance(far: float, reach: float, level: int) -> None:
-    """Warn of a goal that is many times as far away as the arm is long.
+    """Warn of a goal whose distance is many times the arm's reach.
 
     Args:
         far: Distance of the goal from the base [m].
-        reach: No pose of the tip is farther from the base [m].
-        level: Calls between here and the line to blame.
+        reach: Upper bound on the distance of the tip from the base [m].
+        level: Number of calls between here and the line to blame.
     """
     if 0.0 < FAR * reach < far:
         unit = "millimetres" if far <= 1000 * reach else "other units"

@@ -1,4 +1,4 @@
-"""Arrays of real numbers, single numbers and whole ones, read strictly: NumPy drops imaginary parts and masks silently."""
+"""Strict reading of arrays and numbers: NumPy drops imaginary parts and masks silently."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from .errors import InvalidSolver, KinseekError
 
 NO_BOUND = 2**62
-"""Kernels take numbers of 64 bits; a bound as large as this is only named to who exceeds it."""
+"""Default bound of integers, because kernels take 64-bit numbers. A message names it only if a value exceeds it."""
 
 
 def as_float_array(values: Any) -> NDArray[np.float64]:
-    """Make an array of floats, of the caller's own, of values that lose nothing by it.
+    """Make a new array of floats from values that can be converted without loss.
 
     Raises:
-        ValueError: Some are not real, or masked; or they are no numbers, as `numpy.array` says it, which may raise a
-            TypeError or an OverflowError too.
+        ValueError: Some values are not real, or masked; or not numbers. In the last case `numpy.array` raises, and it may
+            also raise a TypeError or an OverflowError.
     """
     if isinstance(values, np.ndarray):
         if values.dtype.kind == "c" and (count := np.count_nonzero(values.imag)):
@@ -46,14 +46,14 @@ def arrays_equal(one: Any, other: Any) -> bool:
 
 
 def as_number(name: str, value: Any, least: float, most: float, error: type[KinseekError]) -> float:
-    """Read a real number in a range: of Python, NumPy or another library, but no bool and no text.
+    """Read a real number in a range, of Python, NumPy or another library; bools and text are rejected.
 
     Args:
-        name: What it is, for the message.
-        value: What was given.
-        least: The smallest that is allowed.
-        most: The largest that is allowed.
-        error: What to raise.
+        name: Its name in the message.
+        value: The value to read.
+        least: Smallest valid value.
+        most: Largest valid value.
+        error: Type of the error to raise.
 
     Raises:
         KinseekError: Not a number, or out of its range; of the type `error`.
@@ -67,14 +67,14 @@ def as_number(name: str, value: Any, least: float, most: float, error: type[Kins
 def as_integer(
     name: str, value: Any, least: int, most: int = NO_BOUND, error: type[KinseekError] = InvalidSolver
 ) -> int:
-    """Read a whole number in a range: an integer of Python, NumPy or another library, but no bool and no float.
+    """Read an integer in a range, of Python, NumPy or another library; bools and floats are rejected.
 
     Args:
-        name: What it is, for the message.
-        value: What was given.
-        least: The smallest that is allowed.
-        most: The largest that is allowed.
-        error: What to raise.
+        name: Its name in the message.
+        value: The value to read.
+        least: Smallest valid value.
+        most: Largest valid value.
+        error: Type of the error to raise.
 
     Raises:
         KinseekError: Not a whole number, or out of its range; of the type `error`.

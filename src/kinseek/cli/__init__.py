@@ -1,7 +1,7 @@
-"""The command line, one file a command in `commands`. It computes nothing itself.
+"""The command line, with one file per command in `commands`. It has no computations of its own.
 
 Exit codes: 0 done or reached, 1 not reached or found wanting, 2 misuse or output that cannot be written, 130 stopped with
-Ctrl-C, 141 the reader of a pipe has gone.
+Ctrl-C, 141 the reader of a pipe is gone.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit.
 
     Args:
-        arguments: The words after the program's name; those of the process unless given.
+        arguments: The words after the program's name; by default those of the process.
     """
     try:
         from .program import run

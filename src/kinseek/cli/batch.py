@@ -1,4 +1,4 @@
-"""``solve --batch``: a file of poses, a file of answers."""
+"""``solve --batch``: a file of poses in, a file of solutions out."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ Columns = dict[str, NDArray[Any]]
 def solve_file(
     question: Question, source: Path, out: Path, deg: bool, every: bool, count: int | None, as_json: bool
 ) -> int:
-    """Answer every pose of a file, and write the answers when all are there.
+    """Solve every pose of a file, and write the solutions when all are computed.
 
     Args:
-        question: What is asked.
+        question: The arm and the options of the command line.
         source: The poses, as `read_poses` takes them.
-        out: Where the answers go: a row a pose, or with `every` a row an answer.
+        out: The output file: a row per pose, or with `every` a row per solution.
         deg: Are angles of the poses in degrees?
-        every: Is every answer wanted?
-        count: How many of them at most.
-        as_json: Is the summary for a program?
+        every: Is every solution requested?
+        count: Maximum number of these per pose.
+        as_json: Print the summary as JSON?
 
     Returns:
-        0 where every pose was reached, else 1.
+        0 if every pose was reached, else 1.
 
     Raises:
-        InvalidProblem: A file cannot be read or written, or is both.
-        InvalidGoal: A row is no pose; it is named.
+        InvalidProblem: A file cannot be read or written, or both are the same file.
+        InvalidGoal: A row is not a pose; the message names it.
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
-    place = writable(out, source)  # Before any work is done.
+    place = writable(out, source)  # Checked before any work is done.
     goal = question.asked.goal(read_poses(source, question.asked.position_only, deg))
     clock = time.perf_counter()
     if every:
@@ -90,10 +90,10 @@ def _answers(arm: Arm, found: BranchesBatch) -> Columns:
 
 
 def beside(joints: Columns, others: Columns) -> Columns:
-    """Joint values and what is known of them.
+    """Combine joint values with the other columns.
 
     Raises:
-        InvalidProblem: A joint is called like one of the other columns.
+        InvalidProblem: A joint has the name of one of the other columns.
     """
     if both := joints.keys() & others.keys():
         raise InvalidProblem(f"a joint is called {both.pop()!r}, as is a column of the answers")

@@ -1,7 +1,7 @@
-"""How long answers take on this machine: kinseek's, and those of the peers that are installed.
+"""Benchmark of kinseek and of the installed peers on this machine.
 
-Poses are those of random postures inside the limits. Every call is timed from Python, one pose after the other, for a number
-of seconds at most; what came of it is judged afterwards by kinseek's plain forward kinematics.
+Poses are those of random postures inside the limits. Every call is timed from Python, one pose after the other, up to a time
+limit. Results are checked afterwards by kinseek's plain forward kinematics.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from .peers import PEERS, Peer, Unsuitable
 Array = NDArray[np.float64]
 
 STRICT = 1e-6
-"""Largest errors of an answer that counts as reached, [m] and [rad]."""
+"""Largest errors of a solution that counts as reached, [m] and [rad]."""
 _WARM = 20
-"""Calls before time is taken."""
+"""Number of calls before timing starts."""
 _SLACK = 1e-9
-"""How far outside the limits an answer may be, for rounding."""
+"""Tolerance for rounding of a solution's joint values outside the limits."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class Row:
     what: str
     who: str
     median: float | None = None
-    """[µs] a pose."""
+    """Median time per pose [µs]."""
     slow: float | None = None
-    """[µs], which 99 of 100 calls stay below; None of a batch."""
+    """99th percentile of the times [µs]; None for a batch."""
     good: float | None = None
-    """Which part of the poses was reached, or proved to be out of reach."""
+    """Fraction of the poses that was reached, or proved to be out of reach."""
     poses: int = 0
     why_not: str = ""
     """Why nothing was measured."""
@@ -56,9 +56,9 @@ def measure(arm: Arm, poses: int, seconds: float, peers: Sequence[Peer] = PEERS)
 
     Args:
         arm: An arm with axes.
-        poses: How many.
-        seconds: After so many [s] no further call is made for the same line.
-        peers: Those that are not installed are left out.
+        poses: Number of poses.
+        seconds: Time after which no further call is made for the same line [s].
+        peers: Other libraries; those that are not installed are left out.
     """
     q = arm.sample(poses, seed=1)
     targets, near = (
@@ -82,7 +82,7 @@ def measure(arm: Arm, poses: int, seconds: float, peers: Sequence[Peer] = PEERS)
 
 
 def reached(arm: Arm, q: Array, targets: Array) -> NDArray[np.bool_]:
-    """Which joint values, (k, n), reach their poses, (k, 4, 4), inside the limits; NaN reaches nothing."""
+    """Return which joint values, (k, n), reach their poses, (k, 4, 4), inside the limits; NaN reaches nothing."""
     found = np.asarray(np.isfinite(q).all(axis=1))
     T = arm.fk(np.where(found.reshape(-1, 1), q, arm.lower))
     away = np.linalg.norm(T[:, :3, 3] - targets[:, :3, 3], axis=1)
@@ -95,7 +95,7 @@ def reached(arm: Arm, q: Array, targets: Array) -> NDArray[np.bool_]:
 
 
 def machine() -> str:
-    """Processor, cores that may be used, system and versions, in one line."""
+    """Return processor, number of usable cores, system and versions in one line."""
     name, info = platform.processor() or platform.machine(), Path("/proc/cpuinfo")
     if info.is_file():
         lines = info.read_text(encoding="utf-8").splitlines()
@@ -109,7 +109,7 @@ def _cores() -> int:
 
 
 def _timed(call: Callable[[int], Any], count: int, seconds: float) -> tuple[Array, list[Any]]:
-    """Times of calls [µs], and what they return, for so many seconds at most."""
+    """Return the times of calls [µs] and their results, for up to `seconds`."""
     for k in range(min(_WARM, count)):
         call(k)
     times, answers, clock = [], [], time.perf_counter_ns
@@ -145,12 +145,12 @@ def _peer(peer: Peer, arm: Arm, targets: Array, seconds: float) -> Row:
         who = peer.name
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Theirs.
+            warnings.simplefilter("ignore")  # Warnings of the peer.
             solve = peer.make(arm)
             return _each(what, who, lambda k: solve(targets[k]), arm, targets, seconds)
     except Unsuitable as error:
         return Row(what, who, why_not=str(error))
-    except Exception as error:  # Whatever another library may raise.
+    except Exception as error:  # Other libraries may raise anything.
         return Row(what, who, why_not=f"failed: {type(error).__name__}: {error}")
 
 
@@ -169,7 +169,7 @@ def _branches(arm: Arm, targets: Array, seconds: float) -> Row:
 
 
 def _out_of_reach(arm: Arm, targets: Array) -> Array:
-    """The poses, moved along their way from the base until they are surely out of reach."""
+    """Move the poses away from the base until they are certainly out of reach."""
     rng, far = np.random.default_rng(3), targets.copy()
     ways = rng.normal(size=(len(far), 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Poses as a table: which columns there are, and from rows to transforms."""
+"""Poses as a table: the columns, and the conversion of rows to transforms."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from .goals import IN_DEGREES
 Array = NDArray[np.float64]
 
 POSITION = ("x", "y", "z")
-"""[m]"""
+"""Columns of a position [m]."""
 ROTATIONS = {
     "quat_wxyz": ("qw", "qx", "qy", "qz"),
     "rpy": ("roll", "pitch", "yaw"),
     "rotvec": ("rotvec_x", "rotvec_y", "rotvec_z"),
 }
-"""Of each way to give a rotation beside a position, its columns; angles in [rad]."""
+"""Columns of each form of a rotation beside a position; angles in [rad]."""
 MATRIX = tuple(f"m{row}{column}" for row in range(4) for column in range(4))
-"""The whole transform instead, row by row."""
+"""Columns of a whole transform, row by row, as an alternative."""
 
 _TURNS = " or ".join(", ".join(names) for names in ROTATIONS.values())
 VALID = f"{', '.join(POSITION)} with {_TURNS}; or {MATRIX[0]} … {MATRIX[-1]}"
-"""All of it, for messages."""
+"""All valid columns, for messages."""
 
 
 def poses_of(columns: Mapping[str, Array], where: str, position_only: bool, deg: bool) -> Array:
-    """Make transforms, (N, 4, 4), of the columns of a table.
+    """Make transforms, (N, 4, 4), from the columns of a table.
 
     Args:
-        columns: Of each name its values, (N,), lengths in [m].
+        columns: Values of each name, (N,), lengths in [m].
         where: The file, for messages.
-        position_only: Is no rotation needed?
+        position_only: Is a rotation unnecessary?
         deg: Are angles in degrees?
 
     Raises:
-        InvalidGoal: Unknown, missing or too many columns, no rows, or a row that is no pose; it is named.
+        InvalidGoal: Unknown, missing or too many columns, no rows, or a row that is not a pose; the message names it.
     """
     turn = _kind_of_rotation(columns, where, position_only)
     names = MATRIX if turn == "matrix" else (*POSITION, *ROTATIONS.get(turn, ()))
@@ -61,32 +61,32 @@ def poses_of(columns: Mapping[str, Array], where: str, position_only: bool, deg:
         return pose(rows[:, :3], **({turn: rows[:, 3:]} if turn else {"quat_wxyz": [1.0, 0.0, 0.0, 0.0]}))
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnitWarning)  # Said above, in the words of a command line.
+        warnings.simplefilter("ignore", UnitWarning)  # Reported above in terms of the command line.
         return _row_by_row(made, table, where)
 
 
 def rigid(matrices: Array, where: str) -> Array:
-    """Make sure that every matrix, (N, 4, 4), is a rigid transform.
+    """Check that every matrix, (N, 4, 4), is a rigid transform.
 
     Raises:
-        InvalidGoal: One is not; its row is named.
+        InvalidGoal: One is not; the message names its row.
     """
     refuse_empty(len(matrices), where)
     return _row_by_row(as_pose, matrices, where)
 
 
 def refuse_empty(rows: int, where: str) -> None:
-    """Refuse a table without rows.
+    """Reject a table without rows.
 
     Raises:
-        InvalidGoal: It has none.
+        InvalidGoal: It has no rows.
     """
     if rows == 0:
         raise InvalidGoal(f"{where} holds no poses: it has no rows")
 
 
 def _kind_of_rotation(columns: Mapping[str, Array], where: str, position_only: bool) -> str:
-    """How rotations are given: a key of `ROTATIONS`, ``"matrix"``, or nothing where only the position counts."""
+    """Return the form of rotations: a key of `ROTATIONS`, ``"matrix"``, or empty if only the position is required."""
     known = {name for names in (POSITION, MATRIX, *ROTATIONS.values()) for name in names}
     for name in columns:
         if name not in known:
@@ -111,7 +111,7 @@ def _kind_of_rotation(columns: Mapping[str, Array], where: str, position_only: b
 
 
 def _row_by_row(make: Callable[[Array], Array], rows: Array, where: str) -> Array:
-    """Make poses of all rows at once; if that fails, look for the first row that does it, by halves."""
+    """Make poses of all rows at once; if that fails, find the first row that causes it by bisection."""
     try:
         return make(rows)
     except InvalidGoal:

@@ -1,4 +1,4 @@
-"""Tables in files, by the ending of the name: poses that are read, answers that are written as a whole or not at all."""
+"""Tables in files by file type: reading of poses, and atomic writing of solutions."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from .words import is_number
 Array = NDArray[np.float64]
 
 MOST_HEADER = 2**20
-"""Letters of the first row of a .csv file."""
+"""Maximum length of the first row of a .csv file."""
 MOST_VALUES = 2**24
-"""Numbers in a Parquet file of any size."""
+"""Maximum number of values in a Parquet file, independent of its size."""
 VALUES_OF_A_BYTE = 16
-"""Numbers for each byte of a larger one: those of a column that stays the same take hardly any."""
+"""Maximum number of values per byte of a larger one: those of a constant column take hardly any space."""
 BYTES_OF_A_VALUE = 16
-"""Of all pages unpacked, for each number that there may be: 8 in a page of numbers, and as many in a dictionary."""
+"""Maximum size of all unpacked pages, per allowed value: 8 in a page of numbers, and as many in a dictionary."""
 
 ENDINGS = (".csv", ".npy", ".parquet")
 
@@ -41,13 +41,13 @@ def read_poses(path: Path, position_only: bool, deg: bool, option: str = "--batc
 
     Args:
         path: A table with named columns in a .csv or .parquet file, or an array (N, 4, 4) in a .npy file.
-        position_only: Are columns of a rotation not needed?
+        position_only: Are columns of a rotation unnecessary?
         deg: Are angles in degrees?
-        option: What names the file on the command line, for messages.
+        option: The option with the file on the command line, for messages.
 
     Raises:
-        InvalidProblem: No such file, no regular file, or one of another kind.
-        InvalidGoal: What is in it are no poses; the message names the column and the row, counted from 1 without the header.
+        InvalidProblem: The file does not exist, is not a regular file, or is of another kind.
+        InvalidGoal: Its contents are not poses; the message names the column and the row, counted from 1 without the header.
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
     where = str(path)
@@ -67,10 +67,10 @@ def read_poses(path: Path, position_only: bool, deg: bool, option: str = "--batc
 
 
 def ending(path: Path, option: str) -> str:
-    """The ending of a file's name.
+    """Return the ending of a file's name.
 
     Raises:
-        InvalidProblem: None that is known.
+        InvalidProblem: The ending is unknown.
     """
     found = path.suffix.lower()
     if found not in ENDINGS:
@@ -79,10 +79,10 @@ def ending(path: Path, option: str) -> str:
 
 
 def writable(path: Path, source: Path, option: str = "--out", read: str = "--batch") -> Path:
-    """Where a file will be written, links followed; options are what name it and the file that is read.
+    """Return the path of an output file, with links resolved; `option` and `read` are the options of both files.
 
     Raises:
-        InvalidProblem: An unknown ending, no such folder, or what is there is no regular file, or the one that is read.
+        InvalidProblem: An unknown ending, a missing folder, a target that is not a regular file, or the input file itself.
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
     if ending(path, option) == ".parquet":
@@ -98,12 +98,12 @@ def writable(path: Path, source: Path, option: str = "--out", read: str = "--bat
 
 
 def write_columns(path: Path, columns: Mapping[str, NDArray[Any]], joints: Sequence[str]) -> None:
-    """Write a table as a whole, or not at all.
+    """Write a table completely, or not at all.
 
     Args:
-        path: As `writable` returns it.
-        columns: Of each name its values, (N,).
-        joints: Which of them are joint values; a .npy file has them in one field ``q``, (N, n).
+        path: A path from `writable`.
+        columns: Values of each name, (N,).
+        joints: Names of the columns with joint values; a .npy file has them in one field ``q``, (N, n).
 
     Raises:
         InvalidProblem: It cannot be written.
@@ -125,14 +125,14 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[Any]], joints: Seque
 
 @contextlib.contextmanager
 def _whole(path: Path) -> Iterator[BinaryIO]:
-    """A file that takes the place of `path` when all is written; until then, and after a failure, nothing is changed."""
+    """Open a file that replaces `path` when it is complete; until then, and after a failure, nothing is changed."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     file = part.open("xb")
     try:
         with file:
             yield file
         part.replace(path)
-    except BaseException:  # Ctrl-C too.
+    except BaseException:  # Includes Ctrl-C.
         part.unlink(missing_ok=True)
         raise
 
@@ -153,7 +153,7 @@ def _csv(path: Path) -> dict[str, Array]:
             _refuse_twice(names, str(path))
             try:
                 with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", UserWarning)  # Of no rows: that is said later.
+                    warnings.simplefilter("ignore", UserWarning)  # About missing rows, reported later.
                     table = np.loadtxt(file, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
             except ValueError as error:
                 file.seek(0)
@@ -190,9 +190,9 @@ def _explain(rows: Iterator[list[str]], names: list[str], where: str, error: Val
 
 def _npy(path: Path) -> Array:
     try:
-        # Mapped, a file cannot claim more than it holds; and this opens no archive, as numpy.load does.
+        # A mapped file cannot claim more data than it has; and unlike numpy.load this opens no archive.
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Of shapes that overflow: they are refused.
+            warnings.simplefilter("ignore")  # About overflowing shapes, which are rejected.
             array = np.lib.format.open_memmap(path, mode="r")
     except OSError:
         raise
@@ -223,10 +223,10 @@ def _parquet(path: Path) -> dict[str, Array]:
 
 
 def _require_numbers(file: Any, path: Path) -> None:
-    """Refuse, before it is unpacked, a Parquet file of other columns, or of many more numbers than it has bytes.
+    """Before unpacking, reject a Parquet file with other columns, or with many more values than bytes.
 
     Raises:
-        InvalidGoal: It is refused.
+        InvalidGoal: It is rejected.
     """
     from pyarrow import types
 
@@ -237,7 +237,7 @@ def _require_numbers(file: Any, path: Path) -> None:
             raise InvalidGoal(f"{path}: column {column.name} holds {column.type!s:.200}, expected numbers")
     groups = [report.row_group(i) for i in range(report.num_row_groups)]
     parts = [group.column(j) for group in groups for j in range(group.num_columns)]
-    held = sum(abs(part.num_values) for part in parts)  # Of a damaged file one may be below zero.
+    held = sum(abs(part.num_values) for part in parts)  # May be negative in a damaged file.
     count = max(held, report.num_rows * len(schema.names))
     if count > (most := max(MOST_VALUES, VALUES_OF_A_BYTE * path.stat().st_size)):
         raise InvalidGoal(
@@ -245,9 +245,9 @@ def _require_numbers(file: Any, path: Path) -> None:
         )
     try:
         if sum(abs(part.total_compressed_size) for part in parts) > path.stat().st_size:
-            raise ValueError("columns overlap")  # Else each page could be looked at very often.
+            raise ValueError("columns overlap")  # Otherwise a page could be read repeatedly.
         with path.open("rb") as raw:
-            # pyarrow reads no page of a column without values, and writes no place of one.
+            # pyarrow reads no page of a column without values, and writes no offset for it.
             unpacked = sum(unpacked_bytes(raw, part) for part in parts if part.num_values > 0)
     except ValueError as error:
         raise InvalidGoal(f"{str(path)!r} is no Parquet file that can be read: {error}") from None
@@ -267,7 +267,7 @@ def _pyarrow() -> tuple[Any, Any]:
 
 
 def _records(columns: Mapping[str, NDArray[Any]], joints: Sequence[str]) -> NDArray[Any]:
-    """One record a row, joint values together in its field ``q``."""
+    """Return one record per row, with the joint values in its field ``q``."""
     fields = {"q": np.stack([columns[name] for name in joints], axis=1)}
     fields |= {name: values for name, values in columns.items() if name not in joints}
     records = np.empty(
@@ -289,4 +289,4 @@ def _write_csv(file: BinaryIO, columns: Mapping[str, NDArray[Any]]) -> None:
         if each
     ]
     writer.writerows(zip(*lists, strict=True))
-    text.detach()  # Flushed, and left open.
+    text.detach()  # Flushes, and leaves the file open.

@@ -1,4 +1,4 @@
-"""From the options of a command line to a goal."""
+"""Conversion of command-line options to a goal."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from kinseek.units import warn_of_angles
 from .words import LENGTHS, numbers
 
 TURNS = ("rpy", "quat_wxyz", "quat_xyzw", "rotvec")
-"""How a rotation may be given: the names of `kinseek.pose`, and of the options."""
+"""Forms of a rotation: the names of arguments of `kinseek.pose`, and of the options."""
 IN_DEGREES = ("rpy", "rotvec")
-"""Those that ``--deg`` is about."""
+"""Forms that ``--deg`` applies to."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What of a pose matters, and how closely it has to be met."""
+    """The constrained part of a pose, and its tolerances."""
 
     position_only: bool = False
     free: Sequence[str] = ()
@@ -34,14 +34,14 @@ class Asked:
     tolerances: GoalOptions = field(default_factory=GoalOptions)
 
     def goal(self, targets: NDArray[np.float64]) -> Goal:
-        """The goal of one pose, (4, 4), or of many, (..., 4, 4)."""
+        """Return the goal of one pose, (4, 4), or of many, (..., 4, 4)."""
         if self.position_only:
             return Goal.position(targets[..., :3, 3], free=self.free, **self.tolerances)
         return Goal.pose(targets, free=self.free, frame=cast("Frame", self.frame), **self.tolerances)
 
 
 def take_turns(words: dict[str, Any]) -> dict[str, str]:
-    """Take the rotations that were given out of the options of a command, and what stands for those that were not."""
+    """Remove the rotations from the options of a command, and return those that were given."""
     taken = {name: words.pop(name) for name in TURNS}
     return {name: text for name, text in taken.items() if text is not None}
 
@@ -69,5 +69,5 @@ def target_of(
         if name in IN_DEGREES and not deg:
             warn_of_angles(values, f"{options[name]} {text}", "add --deg", 1)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnitWarning)  # Said above, in the words of a command line.
+        warnings.simplefilter("ignore", UnitWarning)  # Reported above in terms of the command line.
         return pose(position, **turn)

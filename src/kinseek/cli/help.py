@@ -11,25 +11,25 @@ from typing import Any, TypeVar
 import click
 
 _WIDEST, _TWO_COLUMNS = 100, 70
-"""Letters in a line at most, and from how many on names and their meaning stand side by side."""
+"""Maximum width of a line, and width from which names and their meaning are side by side."""
 _NAMES = 28
-"""Letters of the column of names."""
+"""Width of the column of names."""
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
 class Option(click.Option):
-    """An option that belongs to a group, and whose help may be made when it is asked for."""
+    """An option that belongs to a group, and whose help may be made at its first use."""
 
     def __init__(
         self, *args: Any, group: str = "Options", later: Callable[[], str] | None = None, **rest: Any
     ) -> None:
-        """Keep the group, and what makes the help."""
+        """Store the group, and the function that makes the help."""
         super().__init__(*args, **rest)
         self.group, self._later = group, later
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        """Its name and its help."""
+        """Return its name and its help."""
         if self._later is not None:
             self.help = self._later()
         return super().get_help_record(ctx)
@@ -46,12 +46,12 @@ class Command(click.Command):
         more: Sequence[str] = (),
         **rest: Any,
     ) -> None:
-        """Keep what help needs: examples, arguments with their meaning, and further paragraphs."""
+        """Store examples, arguments with their meaning, and further paragraphs for the help."""
         super().__init__(*args, **rest)
         self.examples, self._arguments, self._more = tuple(examples), tuple(arguments), tuple(more)
 
     def get_help(self, ctx: click.Context) -> str:
-        """Lay the help out as wide as the terminal is."""
+        """Format the help for the width of the terminal."""
         width = help_width()
         parts = [paragraph(f"Usage: {' '.join([ctx.command_path, *self.collect_usage_pieces(ctx)])}", width)]
         parts += [paragraph(text, width) for text in (self.help or "").split("\n\n")]
@@ -72,7 +72,7 @@ class Command(click.Command):
 
 
 def option(*names: str, **rest: Any) -> Callable[[Decorated], Decorated]:
-    """Declare an option of a command; `group` and `later` as `Option` takes them."""
+    """Declare an option of a command; `group` and `later` as in `Option`."""
     return click.option(*names, cls=Option, **rest)
 
 
@@ -90,17 +90,17 @@ def together(
 
 
 def help_width() -> int:
-    """Letters in a line of help; on a pipe as many as COLUMNS says, or 80."""
+    """Return the width of help; on a pipe the value of COLUMNS, or 80."""
     return min(shutil.get_terminal_size().columns, _WIDEST)
 
 
 def paragraph(text: str, width: int) -> str:
-    """Break a text into lines."""
+    """Wrap a text into lines."""
     return _filled(" ".join(text.split()), width, "", "")
 
 
 def definitions(rows: Sequence[tuple[str, str]], width: int) -> str:
-    """Names and what they mean: side by side where there is room, else the meaning below the name."""
+    """Format names and their meaning: side by side if there is space, otherwise the meaning below the name."""
     side_by_side = width >= _TWO_COLUMNS
     lines, gap = [], " " * (_NAMES + 4 if side_by_side else 6)
     for name, text in rows:
@@ -112,7 +112,7 @@ def definitions(rows: Sequence[tuple[str, str]], width: int) -> str:
 
 
 def _command_line(words: str, width: int) -> str:
-    """A command to be copied: it is broken before options, and a shell reads on."""
+    """Format a command for copying: it is wrapped before options, with line continuations."""
     kept = re.sub(r" (?!--)", "\N{NO-BREAK SPACE}", words)
     lines = _filled(kept, width - 2, "  ", "      ").splitlines()
     return " \\\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")

@@ -1,4 +1,4 @@
-"""``solve --jsonl``: a pose a line on standard input, an answer a line on standard output, at once."""
+"""``solve --jsonl``: a pose per line on standard input, a solution per line on standard output, without delay."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ _KEYS = ("id", "matrix", "position", *TURNS, "near")
 
 
 def solve_lines(question: Question, deg: bool, every: bool, count: int | None) -> int:
-    """Answer one line after the other; a line that is no pose gets an error line, and the next is read.
+    """Solve one line after the other; a line that is not a pose gives an error line, and the next one is read.
 
     Args:
-        question: What is asked of every line.
+        question: The arm and the options of the command line.
         deg: Are angles in degrees?
-        every: Is every answer wanted?
-        count: How many of them at most.
+        every: Is every solution requested?
+        count: Maximum number of these per pose.
 
     Returns:
-        2 where a line was wrong or the output cannot be written, 141 where nobody reads it, 1 where a pose was not reached,
-        else 0.
+        2 if a line was wrong or the output cannot be written, 141 if the reader is gone, 1 if a pose was not reached, else
+        0.
     """
     code = 0
     with direct_output():
@@ -59,7 +59,7 @@ def solve_lines(question: Question, deg: bool, every: bool, count: int | None) -
 
 
 def _lines() -> Iterator[tuple[int, bytes]]:
-    """Lines that hold something, with their numbers, each as soon as it is there."""
+    """Yield the lines that are not empty, with their numbers, as soon as each arrives."""
     if sys.stdin is None:
         raise InvalidProblem("--jsonl reads standard input, and there is none")
     stream: Any = getattr(sys.stdin, "buffer", sys.stdin)
@@ -77,7 +77,7 @@ def _read(line: bytes | str) -> dict[str, Any]:
         raise InvalidGoal(f"not JSON: {error.msg} at letter {error.pos + 1}") from None
     except InvalidGoal:
         raise
-    except (ValueError, RecursionError) as error:  # No text, or nested without end.
+    except (ValueError, RecursionError) as error:  # Not text, or nested too deeply.
         raise InvalidGoal(f"not JSON: {error}") from None
     if not isinstance(asked, dict):
         raise InvalidGoal(f"a line must be an object with {', '.join(_KEYS)}; got {type(asked).__name__}")
@@ -88,7 +88,7 @@ def _read(line: bytes | str) -> dict[str, Any]:
 
 
 def _finite(text: str) -> float:
-    """Read a number that an answer can repeat; Python reads NaN and infinities as well, which are not JSON."""
+    """Read a number that can be repeated in the output; Python also reads NaN and infinities, which are not JSON."""
     number = float(text)
     if not math.isfinite(number):
         raise InvalidGoal(f"numbers must be finite, got {text}")
@@ -127,12 +127,12 @@ def _target(asked: dict[str, Any], number: int, position_only: bool, deg: bool) 
         else:
             warn_of_angles(turn[name], f"line {number:,}: {name}", "add --deg", 1)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnitWarning)  # Said above, in the words of a command line.
+        warnings.simplefilter("ignore", UnitWarning)  # Reported above in terms of the command line.
         return one_pose(pose(asked["position"], **turn), "position")
 
 
 def _are_numbers(value: Any) -> bool:
-    """Whether it is a list of numbers that an array of floats holds; JSON has integers of any length."""
+    """Return whether a value is a list of numbers that floats can represent; integers in JSON have any length."""
     return isinstance(value, list) and all(
         isinstance(each, int | float) and abs(each) <= sys.float_info.max for each in value
     )

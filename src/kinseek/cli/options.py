@@ -25,7 +25,7 @@ Completion = Callable[[click.Context, click.Parameter, str], list[CompletionItem
 
 
 def complete(words: Callable[[], Iterable[str]]) -> Completion:
-    """What a shell completes: the words that begin so."""
+    """Return a completion of the words that start with the incomplete one."""
 
     def completed(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         return [CompletionItem(word) for word in words() if word.startswith(incomplete)]
@@ -34,19 +34,19 @@ def complete(words: Callable[[], Iterable[str]]) -> Completion:
 
 
 class Chain(NamedTuple):
-    """Which part of a robot's file is the arm, and what the file needs to be read."""
+    """The part of a robot's file that is the arm, and the options for reading the file."""
 
     base: str | None
     tip: str | None
     args: dict[str, str]
-    """Of a xacro file, by name."""
+    """Arguments of a xacro file, by name."""
     packages: dict[str, str]
     """Folders of ROS packages, by name."""
     untrusted: bool
-    """Is the file anybody's?"""
+    """Is the file from an untrusted source?"""
 
     def load(self, arm: str) -> Arm:
-        """Load it.
+        """Load the arm.
 
         Raises:
             KinseekError: As `kinseek.load`.
@@ -56,13 +56,13 @@ class Chain(NamedTuple):
 
 
 _PLAIN = re.compile(r"[A-Za-z0-9_./:-]+")
-"""A name that no shell takes for a command, a pattern, several words or several lines."""
+"""A name that no shell interprets as a command, a pattern, several words or several lines."""
 
 
 def complete_joints(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Joints of the arm that was named before, for JOINT=VALUE.
+    """Complete JOINT=VALUE with joints of the arm named earlier.
 
-    A shell inserts a completion unquoted, so joints with other letters in their names are left out. ``--untrusted`` may
+    A shell inserts a completion unquoted, so joints with other characters in their names are left out. ``--untrusted`` may
     still follow on the line, so no file is trusted here.
     """
     arm = ctx.params.get("arm") or next(iter(ctx.args), "")
@@ -76,7 +76,7 @@ def complete_joints(ctx: click.Context, param: click.Parameter, incomplete: str)
 
 
 def _complete_arms(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Bundled arms that begin so, or files."""
+    """Complete bundled arms, or files."""
     from kinseek.robots.catalog import catalog_names
 
     names = [name for name in catalog_names() if name.startswith(incomplete)]
@@ -87,7 +87,7 @@ arm_argument = click.argument("arm", metavar="ARM", shell_complete=_complete_arm
 
 
 def _pairs(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
-    """Read NAME=TEXT, once for each name."""
+    """Read NAME=TEXT, each name once."""
     pairs: dict[str, str] = {}
     for text in given:
         name, equals, value = text.partition("=")

@@ -1,4 +1,4 @@
-"""One place where output is written: at the end, as a whole, and a reader that has gone or a full disk is told there."""
+"""Output is written at one place: at the end, as a whole, where a closed pipe or a full disk is handled."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from kinseek.errors import UnitWarning
 from kinseek.printable import printable
 
 CANNOT_WRITE, READER_GONE = 2, 141
-"""Exit codes; 141 is what a shell says of a program that a closed pipe ended (128 + SIGPIPE)."""
+"""Exit codes; 141 is what a shell reports for a program that was ended by a closed pipe (128 + SIGPIPE)."""
 
 
 class _Held(io.StringIO):
-    """What is printed, held back; it looks like the stream that it will be written to."""
+    """A buffer for printed text, with the properties of the stream that it will be written to."""
 
     def __init__(self, stream: Any) -> None:
         super().__init__()
@@ -31,13 +31,13 @@ class _Held(io.StringIO):
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
-        """The stream's."""
+        """The encoding of the stream."""
         return getattr(self.stream, "encoding", None) or "utf-8"
 
 
 @contextlib.contextmanager
 def held_output() -> Iterator[io.StringIO]:
-    """Hold back what is printed."""
+    """Buffer what is printed."""
     held = _Held(sys.stdout)
     with contextlib.redirect_stdout(held):
         yield held
@@ -45,13 +45,13 @@ def held_output() -> Iterator[io.StringIO]:
 
 @contextlib.contextmanager
 def direct_output() -> Iterator[None]:
-    """Let what is printed go on at once, for answers that somebody waits for; `write_out` says whether it arrived."""
+    """Print without buffering, for results that somebody waits for; `write_out` reports whether writing succeeded."""
     with contextlib.redirect_stdout(getattr(sys.stdout, "stream", sys.stdout)):
         yield
 
 
 def write_out(text: str, code: int) -> int:
-    """Write to stdout; the exit code, or another if that fails."""
+    """Write to stdout; return `code`, or another exit code if writing fails."""
     if not text:
         return code
     stream = sys.stdout
@@ -59,8 +59,8 @@ def write_out(text: str, code: int) -> int:
         if stream is None:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF))
         encoding = getattr(stream, "encoding", None) or "utf-8"
-        text = printable(text, "\n\t")  # Names are escaped where they are printed, and whatever is not, here.
-        stream.write(text.encode(encoding, "backslashreplace").decode(encoding))  # No letter stops the rest.
+        text = printable(text, "\n\t")  # Names are escaped earlier, all else here.
+        stream.write(text.encode(encoding, "backslashreplace").decode(encoding))  # No letter may stop it.
         stream.flush()
     except BrokenPipeError:
         _forget(stream)
@@ -73,20 +73,20 @@ def write_out(text: str, code: int) -> int:
 
 
 def complain(message: str) -> None:
-    """Say something in one line on stderr, if there is one."""
+    """Print a one-line message on stderr, if there is one."""
     with contextlib.suppress(OSError):
         if sys.stderr is not None:
             print(f"kinseek: {printable(' '.join(message.split()))}", file=sys.stderr, flush=True)
 
 
 def on_terminal() -> bool:
-    """Does somebody watch stderr?"""
+    """Return whether stderr is a terminal."""
     return sys.stderr is not None and sys.stderr.isatty()
 
 
 @contextlib.contextmanager
 def warnings_in_one_line() -> Iterator[None]:
-    """Say what units look wrong in a line each, without the line of our own code that found it."""
+    """Print each unit warning in one line, without the line of kinseek's code that raised it."""
     with warnings.catch_warnings():
         show = warnings.showwarning
 
@@ -102,7 +102,7 @@ def warnings_in_one_line() -> Iterator[None]:
 
 
 def _forget(stream: Any) -> None:
-    """Lead what is left of a stream nowhere, or Python would try to write it once more at its end."""
+    """Redirect a broken stream to the null device; otherwise Python would try to write to it again at exit."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())

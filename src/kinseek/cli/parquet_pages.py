@@ -1,6 +1,6 @@
-"""What the pages of a Parquet file unpack to, by the header of each page: pyarrow believes it, and reserves the memory.
+"""Unpacked sizes of the pages of a Parquet file, from the header of each page: pyarrow trusts it, and reserves the memory.
 
-The footer says it, too, but nobody compares it with the pages. A header is a struct PageHeader of
+The footer has the size, too, but no reader compares it with the pages. A header is a struct PageHeader of
 https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift in the compact protocol of Thrift,
 https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md.
 """
@@ -10,15 +10,15 @@ from __future__ import annotations
 from typing import Any, BinaryIO
 
 _KIND, _UNPACKED, _PACKED, _VALUES = 1, 2, 3, 1
-"""Fields of a header: kind of the page, its bytes when it is unpacked, and in the file; of its inner header: values."""
+"""Fields of a header: kind of the page, its size unpacked and in the file; field of its inner header: values."""
 _INNER = {0: 5, 3: 8}
-"""By the kind of a page with values, the field with its inner header."""
+"""Field with the inner header, by the kind of a page with values."""
 _BOOLEANS, _BYTE, _INTEGERS, _DOUBLE, _BINARY, _STRUCT = (1, 2), 3, (4, 5, 6), 7, 8, 12
 """Types of a field; a header has no lists."""
 
 
 def unpacked_bytes(file: BinaryIO, column: Any) -> int:
-    """Add up what all pages of a column unpack to.
+    """Return the total unpacked size of all pages of a column.
 
     Args:
         file: The Parquet file.
@@ -42,12 +42,12 @@ def unpacked_bytes(file: BinaryIO, column: Any) -> int:
         except (IndexError, KeyError, TypeError, OverflowError, RecursionError):
             raise ValueError("the header of a page is damaged") from None
         at = file.tell() + packed
-        # pyarrow cuts longer numbers off, and would so find other sizes, and other pages behind.
+        # pyarrow truncates longer numbers, and would so find other sizes and other following pages.
         if not (all(0 <= size < 2**31 for size in (unpacked, packed, held)) and at <= end):
             raise ValueError("a page has an impossible size")
         total += unpacked
         values += held
-    if values < column.num_values:  # pyarrow looks for more behind the column, if an old writer is named.
+    if values < column.num_values:  # For some old writers pyarrow reads beyond the column.
         raise ValueError(f"the pages of a column hold {values:,} values, expected {column.num_values:,}")
     return total
 
@@ -58,7 +58,7 @@ def _struct(file: BinaryIO) -> dict[int, Any]:
     name = 0
     while kind := file.read(1)[0]:
         name = name + (kind >> 4) if kind >> 4 else _signed(_varint(file))
-        if name in fields or not 0 < name < 2**15:  # pyarrow takes the last one, and cuts longer numbers off.
+        if name in fields or not 0 < name < 2**15:  # pyarrow uses the last one, and truncates longer numbers.
             raise ValueError("the header of a page has a field twice, or one of an impossible number")
         fields[name] = _value(file, kind & 15)
     return fields

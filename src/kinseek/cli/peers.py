@@ -1,7 +1,7 @@
-"""Other libraries of inverse kinematics, asked for joint values: each is imported only if it is there.
+"""Adapters of other inverse-kinematics libraries; each is imported only if it is installed.
 
-They are given the arm's own chain and no file, limits on, tolerances at 1e-6 or below, restarts where they have any, and
-never a start from the answer: one that wants a start gets the middle of the ranges.
+They get the arm's own chain instead of a file, limits, tolerances of 1e-6 or below, and restarts if they have any. They
+never start from the solution: a peer that needs a start gets the middle of the ranges.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from kinseek.transforms import square
 
 Array = NDArray[np.float64]
 Solve = Callable[[Array], Array | None]
-"""A pose, (4, 4), to joint values, (n,), or None."""
+"""A function from a pose, (4, 4), to joint values, (n,), or None."""
 
 TIGHT = 5e-7
-"""What a peer is asked for, [m] and [rad]: below the tolerance by which it is judged."""
+"""Tolerance given to a peer, [m] and [rad]: below the one by which its results are checked."""
 _RESTARTS, _STEPS = 100, 100
 
 
 class Unsuitable(Exception):
-    """A peer can do nothing with this arm; the message says why."""
+    """A peer does not support this arm; the message says why."""
 
 
 class Peer(NamedTuple):
@@ -36,19 +36,19 @@ class Peer(NamedTuple):
 
     name: str
     module: str
-    """What is imported."""
+    """Name of the module to import."""
     package: str
-    """What is installed."""
+    """Name of the package to install."""
     make: Callable[[Arm], Solve]
 
     @property
     def installed(self) -> bool:
-        """Is it in this environment?"""
+        """Is it installed in this environment?"""
         return find_spec(self.module) is not None
 
 
 def _plain(arm: Arm) -> list[Array]:
-    """The frame of every joint in the one before it, and of the tip in the last, (4, 4) each; joints move along z.
+    """Return the frame of every joint in the previous one, and of the tip in the last, (4, 4) each; joints move along z.
 
     Raises:
         Unsuitable: Joints follow others.
@@ -67,10 +67,10 @@ def _plain(arm: Arm) -> list[Array]:
 
 
 def eaik(arm: Arm) -> Solve:
-    """Every answer in closed form, then the first inside the limits; exact ones before those of least squares.
+    """Compute every solution in closed form, and return the first inside the limits; exact ones precede least-squares ones.
 
     Raises:
-        Unsuitable: Not six joints that turn, or no closed form.
+        Unsuitable: Not six revolute joints, or no closed form.
     """
     if arm.dof != 6 or "prismatic" in arm.kinds:
         raise Unsuitable("six joints that turn only")
@@ -102,7 +102,7 @@ def eaik(arm: Arm) -> Solve:
 
 
 def pinocchio(arm: Arm) -> Solve:
-    """The loop of pinocchio's manual in Python, damped, clamped to the limits, with random restarts.
+    """The Python loop of pinocchio's manual, damped, clamped to the limits, with random restarts.
 
     Raises:
         Unsuitable: Joints follow others.
@@ -157,7 +157,7 @@ def robotics_toolbox(arm: Arm) -> Solve:
 
 
 def ikpy(arm: Arm) -> Solve:
-    """SciPy's bounded least squares from the middle of the ranges, once: it has no restarts.
+    """SciPy's bounded least squares from the middle of the ranges, without restarts.
 
     Raises:
         Unsuitable: Joints follow others.
@@ -183,9 +183,7 @@ def ikpy(arm: Arm) -> Solve:
         )
     whole = chain.Chain(links, active_links_mask=[False, *[True] * arm.dof, False])
     search = import_module("ikpy.inverse_kinematics").inverse_kinematic_optimization
-    tight = (
-        {"tol": 1e-14} if "tol" in signature(search).parameters else {}
-    )  # Before ikpy 4 there is no such thing.
+    tight = {"tol": 1e-14} if "tol" in signature(search).parameters else {}  # Only ikpy 4 and later has this.
     start = np.concatenate([[0.0], (arm.lower + arm.upper) / 2, [0.0]])
 
     def solve(T: Array) -> Array | None:

@@ -1,4 +1,4 @@
-"""The program: which commands there are, and how one runs. A command is imported when it is called."""
+"""The program: its commands, and their execution. A command is imported when it is called."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ COMMANDS = (
     "kernels",
     "completion",
 )
-"""In the order of ``--help``; each is a file in `commands` with its command in `command`."""
+"""Commands in the order of ``--help``; each is a file in `commands` with its command in `command`."""
 
 COMPLETE = "_KINSEEK_COMPLETE"
-"""Set by a shell that asks what comes next."""
+"""Set by a shell that requests a completion."""
 
 
 class Program(click.Group):
@@ -44,7 +44,7 @@ class Program(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import one; None where there is none of that name."""
+        """Import a command; return None if there is none of that name."""
         if cmd_name not in COMMANDS:
             return None
         return cast(click.Command, import_module(f".commands.{cmd_name}", __package__).command)
@@ -62,7 +62,7 @@ class Program(click.Group):
         return super().resolve_command(ctx, args)
 
     def get_help(self, ctx: click.Context) -> str:
-        """Lay the help out as wide as the terminal is."""
+        """Format the help for the width of the terminal."""
         width = help_width()
         commands = [self.get_command(ctx, name) for name in COMMANDS]
         rows = [
@@ -106,8 +106,8 @@ PROGRAM = Program(
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command line and return its exit code; a mistake becomes one line on stderr."""
-    if COMPLETE in os.environ:  # A shell asks what comes next; the answer is bytes.
+    """Run one command line and return its exit code; an error becomes one line on stderr."""
+    if COMPLETE in os.environ:  # A shell requests a completion; it expects bytes.
         PROGRAM.main([], prog_name="kinseek", complete_var=COMPLETE)
     with held_output() as held, warnings_in_one_line():
         code = _run(arguments)

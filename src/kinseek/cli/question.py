@@ -1,4 +1,4 @@
-"""What one command line asks of an arm, for one pose or many."""
+"""The request of one command line to an arm, for one pose or many."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .goals import Asked
 
 @dataclass(frozen=True)
 class Question:
-    """An arm, what matters of a pose, and which answer is wanted."""
+    """An arm, the constrained part of a pose, and the selection of solutions."""
 
     arm: Arm
     asked: Asked
@@ -34,10 +34,10 @@ class Question:
     trace: bool = False
     scene: Scene | None = None
     clearance: float = 0.0
-    """[m]"""
+    """Minimum distance of bodies [m]."""
 
     def answer(self, goal: Goal, progress: bool = False) -> Solution:
-        """Answer one goal, or a batch."""
+        """Solve one goal, or a batch."""
         return self.arm.ik(
             goal,
             near=self.near,
@@ -51,7 +51,7 @@ class Question:
         )
 
     def answer_with_proof(self, goal: Goal) -> tuple[Solution, Certificate | None]:
-        """Answer one goal, and keep what `prove` found out on the way; in a scene it proves more than one thing."""
+        """Solve one goal, and keep the certificate of `prove`; in a scene it proves more than one statement."""
         if self.scene is not None:
             return self.answer(goal), None
         from kinseek.proof.branch_and_bound import prove, refuse_ranges
@@ -62,10 +62,10 @@ class Question:
         return replace(solution, proved_unreachable=proof.verdict is Verdict.UNREACHABLE), proof
 
     def branches(self, goal: Goal, count: int | None = None) -> Branches | BranchesBatch:
-        """Every answer to one goal, or to each of a batch.
+        """Return every solution of one goal, or of each of a batch.
 
         Raises:
-            InvalidProblem: A search or a trace is asked for, too.
+            InvalidProblem: A search or a trace is requested, too.
         """
         if self.search is not None or self.trace:
             raise InvalidProblem(

@@ -1,4 +1,4 @@
-"""What the commands print: tables for people, JSON for programs."""
+"""The output of the commands: tables for people, JSON for programs."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _POSTURES = 20_000
-"""Postures from which `show` measures the reach."""
+"""Number of postures from which `show` measures the reach."""
 _ENDLESS = 100_000
-"""Letters in a line that holds any table."""
+"""Line length that fits any table."""
 _LISTED = 10
-"""Rows that were not reached, for people."""
+"""Maximum number of missed rows that are listed for people."""
 
 
 def print_robots() -> None:
@@ -54,7 +54,7 @@ def print_robots() -> None:
 
 
 def print_arm(arm: Arm, limits: str = "") -> None:
-    """Print joints, limits, speeds and reach, and where the limits come from if that is known."""
+    """Print joints, limits, speeds and reach, and the source of the limits if it is known."""
     _print(f"{arm.name}: {arm.dof} joints, base {arm.base}, tip {arm.tip}")
     small, large = _units(arm.kinds)
     rows = []
@@ -87,7 +87,7 @@ def print_arm(arm: Arm, limits: str = "") -> None:
 
 
 def print_bench(arm: Arm, rows: Sequence[Row], machine: str, as_json: bool) -> None:
-    """Print what was measured."""
+    """Print the measurements."""
     if as_json:
         _print_json({**_arm_facts(arm), "machine": machine, "rows": [asdict(row) for row in rows]})
         return
@@ -108,7 +108,7 @@ def print_bench(arm: Arm, rows: Sequence[Row], machine: str, as_json: bool) -> N
 
 
 def print_checkup(name: str, found: Checkup, as_json: bool) -> None:
-    """Print what was found out about a file, the worst first."""
+    """Print the findings about a file, the most severe first."""
     order = list(Severity)
     findings = sorted(found.findings, key=lambda finding: order.index(finding.severity))
     counts = {severity: sum(each.severity is severity for each in findings) for severity in order}
@@ -128,15 +128,15 @@ def print_checkup(name: str, found: Checkup, as_json: bool) -> None:
 
 
 def print_parts(folder: FilePath, parts: Parts) -> None:
-    """Print what was written for a controller, and how it becomes a program."""
+    """Print what was written for a controller, and how to build a program from it."""
     _print(f"{folder}: {', '.join(sorted(parts.files))}")
-    place = folder.as_posix()  # Which cmd.exe takes unquoted, too.
+    place = folder.as_posix()  # Also works unquoted in cmd.exe.
     place = f"./{place}" if place.startswith("-") else place
-    print(f"cd {shlex.quote(printable(place))} && {parts.command}")  # To be copied, so in one line.
+    print(f"cd {shlex.quote(printable(place))} && {parts.command}")  # One line, for copying.
 
 
 def _units(kinds: Sequence[str]) -> tuple[str, str]:
-    """Units of joint values, the small numbers and the large."""
+    """Return units of joint values: the small and the large ones."""
     slides, turns = "prismatic" in kinds, any(kind != "prismatic" for kind in kinds)
     if slides and turns:
         return "rad or m", "deg or mm"
@@ -144,7 +144,7 @@ def _units(kinds: Sequence[str]) -> tuple[str, str]:
 
 
 def reach(arm: Arm) -> tuple[float, float]:
-    """Largest distance of the tip from the base [m]: one measured, and one bounded by link sums."""
+    """Return the largest distance of the tip from the base [m]: measured, and bounded by the links' lengths."""
     return float(np.linalg.norm(arm.fk(arm.sample(_POSTURES))[:, :3, 3], axis=1).max()), arm.chain.reach
 
 
@@ -171,7 +171,7 @@ def print_solution(
     proof: Certificate | None = None,
     in_scene: bool = False,
 ) -> None:
-    """Print an answer and how good it is."""
+    """Print a solution and its errors."""
     facts = solution_facts(arm, solution, search, seconds, proof)
     if as_json:
         facts |= solution_facts_of_scene(solution) if in_scene else {}
@@ -211,7 +211,7 @@ def print_solution(
 def solution_facts(
     arm: Arm, solution: Solution, search: Solver | None, seconds: float, proof: Certificate | None = None
 ) -> dict[str, Any]:
-    """All that `solve` says, as JSON takes it: lengths in m, angles in rad, time in s."""
+    """Return the full report of `solve` as JSON takes it: lengths in m, angles in rad, time in s."""
     goal = solution.problem.goal
     room = np.minimum(solution.q - arm.lower, arm.upper - solution.q)
     joints = [
@@ -248,7 +248,7 @@ def solution_facts(
 
 
 def answer_facts(solution: Solution, in_scene: bool = False) -> dict[str, Any]:
-    """What is said of an answer in a line of JSON."""
+    """Return the report of a solution in a line of JSON."""
     turns = bool(solution.problem.goal.form.columns)
     facts = {
         "success": bool(solution.success),
@@ -262,7 +262,7 @@ def answer_facts(solution: Solution, in_scene: bool = False) -> dict[str, Any]:
 
 
 def branches_facts(found: Branches, in_scene: bool = False) -> dict[str, Any]:
-    """All answers to a goal, as JSON takes them."""
+    """Return all solutions of a goal, as JSON takes them."""
     turns = bool(found.problem.goal.form.columns)
     answers = [
         {"q": q.tolist(), "position_error": float(place), "orientation_error": float(turn) if turns else None}
@@ -273,7 +273,7 @@ def branches_facts(found: Branches, in_scene: bool = False) -> dict[str, Any]:
 
 
 def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool, in_scene: bool = False) -> None:
-    """Print every answer to a goal."""
+    """Print every solution of a goal."""
     goal = found.problem.goal
     if as_json:
         facts = branches_facts(found, in_scene)
@@ -298,7 +298,7 @@ def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool, in_
 
 
 def _print_answers(arm: Arm, rows: Sequence[Sequence[str]]) -> None:
-    """Print answers, one a line; where names of joints are too wide for that, they get short ones."""
+    """Print solutions, one per line; if names of joints are too wide for that, use short ones."""
     units = ["m" if kind == "prismatic" else "rad" for kind in arm.kinds]
     short = [f"j{i + 1}" for i in range(arm.dof)]
 
@@ -317,7 +317,7 @@ def _print_answers(arm: Arm, rows: Sequence[Sequence[str]]) -> None:
 
 
 def print_batch(arm: Arm, reached: NDArray[np.bool_], out: str, seconds: float, as_json: bool) -> None:
-    """Print what became of the poses of a file, (N,)."""
+    """Print the results for the poses of a file, (N,)."""
     missed = (np.flatnonzero(~reached) + 1).tolist()
     if as_json:
         facts = {"poses": len(reached), "reached": int(reached.sum()), "not_reached": missed}
@@ -331,7 +331,7 @@ def print_batch(arm: Arm, reached: NDArray[np.bool_], out: str, seconds: float, 
 
 
 def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) -> None:
-    """Print what became of a path, its poses counted from 0 as in Python: a row of a file, counted from 1, is called row."""
+    """Print the result for a path. Poses count from 0 as in Python; rows of a file, called "row", count from 1."""
     facts = {
         "poses": len(path),
         "status": path.status.name,
@@ -391,7 +391,7 @@ def _goal_facts(goal: Goal) -> dict[str, Any]:
 
 
 def _openness(goal: Goal) -> dict[str, Any]:
-    """What a goal leaves open: axes of which any deviation will do, ranges of others, and the frame of all these axes."""
+    """Return the open part of a goal: free axes, ranges of others, and the frame of all these axes."""
     ranges = {axis: [end if np.isfinite(end) else None for end in pair] for axis, pair in goal.within.items()}
     return {"free": list(goal.free), "ranges": ranges, "frame": goal.frame}
 
@@ -417,7 +417,7 @@ def _arm_facts(arm: Arm) -> dict[str, Any]:
 
 
 def _both(kind: str, value: float) -> tuple[str, str]:
-    """A joint's value in rad and deg, or in m and mm."""
+    """Format a joint's value in rad and deg, or in m and mm."""
     if kind == "prismatic":
         return f"{value:.6f} m", f"{value * 1000:.3f} mm"
     return f"{value:.6f} rad", f"{np.rad2deg(value):.3f} deg"

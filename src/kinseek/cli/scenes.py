@@ -1,4 +1,4 @@
-"""``--scene`` and what belongs to it: what the arm may hit, from files, and how it is told what it hit."""
+"""``--scene`` and its options: the collision scene from files, and the report of collisions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from kinseek.solution import Solution
 from .help import option, together
 
 SELF, SKIP = "self", "skip"
-"""Words that stand in place of a file: nothing but the arm; and of a folder: leave meshes out that are not found."""
+"""Words in place of a file: the arm alone; and in place of a folder: leave out meshes that are not found."""
 
 GROUP = "What it may hit"
 
@@ -28,27 +28,27 @@ _OPTIONS = {
     'missing="skip"': f"--meshes {SKIP}",
     "prefix=": "name the bodies of one of the files otherwise",
 }
-"""What a message says of Python, and how it is said here."""
+"""Terms of Python in messages, and their equivalents on the command line."""
 
 _LISTED = 10
-"""Pairs in the way that people are told of."""
+"""Maximum number of colliding pairs that are listed for people."""
 
 
 class Cell(NamedTuple):
-    """What a command line says of what the arm may hit."""
+    """The options of a command line about the collision scene."""
 
     scene: tuple[str, ...]
     clearance: float
-    """[m]"""
+    """Minimum distance of bodies [m]."""
     srdf: str | None
     capsules: float | None
-    """[m]"""
+    """Radius of capsules that replace links [m]."""
     meshes: tuple[str, ...]
     untrusted: bool
-    """Is a xacro file anybody's?"""
+    """Is a xacro file from an untrusted source?"""
 
     def of(self, arm: Arm) -> Scene | None:
-        """Make the scene of an arm; None where none is asked for.
+        """Make the scene of an arm; None if no scene is requested.
 
         Raises:
             InvalidProblem: Options without --scene.
@@ -122,7 +122,7 @@ _scene_options = together(
 
 
 def scene_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Declare the options of `Cell`; the command gets all of them as `cell`. It stands below `chain_options`."""
+    """Declare the options of `Cell`; the command gets all of them as `cell`. Apply it below `chain_options`."""
 
     @functools.wraps(command)
     def called(**options: Any) -> Any:
@@ -133,13 +133,13 @@ def scene_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def solution_facts_of_scene(solution: Solution) -> dict[str, Any]:
-    """What is said of one answer in a scene, as JSON takes it: lengths in m."""
+    """Return the collision report of one solution, as JSON takes it: lengths in m."""
     contacts = [{"a": each.a, "b": each.b, "depth": each.depth} for each in solution.contacts]
     return {"blocked": int(solution.blocked), "contacts": contacts}
 
 
 def solution_lines_of_scene(solution: Solution) -> list[str]:
-    """The same for people."""
+    """Return the same for people."""
     if solution.success and solution.blocked:
         return [f"{_answers(int(solution.blocked))} before it hit something"]
     lines = [f"{_answers(int(solution.blocked))} tried; in the way of that which hits the least:"]
@@ -149,19 +149,19 @@ def solution_lines_of_scene(solution: Solution) -> list[str]:
 
 
 def branches_facts_of_scene(found: Branches) -> dict[str, Any]:
-    """What is said of all answers in a scene, as JSON takes it."""
+    """Return the collision report of all solutions, as JSON takes it."""
     return {"blocked": int(found.rejected), "proved_blocked": bool(found.proved_blocked)}
 
 
 def branches_line_of_scene(found: Branches) -> str:
-    """The same for people."""
+    """Return the same for people."""
     if found.proved_blocked:
         return "it is proved that the arm hits something in every answer"
     return f"{_answers(int(found.rejected))} left out, which hit something"
 
 
 def contacts_column(solution: Solution) -> np.ndarray[Any, Any]:
-    """Of each pose of a batch what is in its way, in words, (N,)."""
+    """Return the colliding pairs of each pose of a batch as text, (N,)."""
     return np.array(["; ".join(map(str, each)) for each in np.atleast_1d(solution.contacts)], dtype=str)
 
 

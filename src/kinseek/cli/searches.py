@@ -1,4 +1,4 @@
-"""``--solver`` and its options, made from the fields of the searches: nothing is written twice."""
+"""``--solver`` and its options, generated from the fields of the searches."""
 
 from __future__ import annotations
 
@@ -23,47 +23,47 @@ READABLE = (bool, int, float, str, NoneType)
 
 @dataclass(frozen=True)
 class Parameter:
-    """A field of a search that can be given on a command line."""
+    """A field of a search that can be set on the command line."""
 
     name: str
     types: tuple[Any, ...]
-    """What it may be, the members of a union apart."""
+    """Its possible types, with unions split into their members."""
     default: object
     owner: type
     """The search."""
 
     @property
     def help(self) -> str:
-        """What stands below the field in the source, read when it is asked for: that takes longer than a search."""
+        """The field's docstring, read from the source when it is needed, because that takes longer than a search."""
         return _docstrings(self.owner).get(self.name, "")
 
     @property
     def option(self) -> str:
-        """As it is written on a command line."""
+        """Its form on the command line."""
         return option_of(self.name)
 
 
 def option_of(field: str) -> str:
-    """A field's name as an option."""
+    """Return a field's name as an option."""
     return "--" + field.replace("_", "-")
 
 
 @cache
 def searches() -> dict[str, type[OwnSolver]]:
-    """The searches under their names on the command line."""
+    """Return the searches by their names on the command line."""
     return {re.sub(r"(?<=[a-z])(?=[A-Z])", "-", cls.__name__).lower(): cls for cls in ALL_SOLVERS}
 
 
 @cache
 def searches_in_words() -> str:
-    """The searches and what may be expected of each, for help."""
+    """Return the searches with a description of each, for help."""
     words = [f"{name}: {summary(cls)}" for name, cls in searches().items()]
     return f"{'. '.join(words)}. Kinseek's default unless given."
 
 
 @cache
 def parameters(search: str) -> dict[str, Parameter]:
-    """The fields of a search that a command line can give; a search inside a search is none of them."""
+    """Return the fields of a search that can be set on the command line; a nested search is excluded."""
     cls: Any = searches()[search]
     hints = get_type_hints(cls)
     found = {}
@@ -76,7 +76,7 @@ def parameters(search: str) -> dict[str, Parameter]:
 
 
 def search_options(only: Sequence[str] = ()) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Give a command one option for every field of every search, or of some; they arrive as keyword arguments."""
+    """Give a command one option for every field of all searches, or of some; they arrive as keyword arguments."""
     owners: dict[str, list[str]] = {}
     for search in only or searches():
         for name in parameters(search):
@@ -87,11 +87,11 @@ def search_options(only: Sequence[str] = ()) -> Callable[[Callable[..., Any]], C
 
 
 def make_search(search: str | None, given: Mapping[str, object]) -> Solver | None:
-    """Build the search that was asked for; None when none was, and the arm then takes its own.
+    """Build the requested search; None if none is requested, and the arm then uses its own.
 
     Args:
         search: Name of the search.
-        given: Values of the options as Click hands them over, None where an option was not given.
+        given: Values of the options from Click, None for an option that was not given.
 
     Raises:
         InvalidSolver: An unknown search, an option of another search, or a value out of its range.
@@ -137,7 +137,7 @@ def _shape(parameter: Parameter) -> str:
 def _read(parameter: Parameter, value: object) -> object:
     if not isinstance(value, str):
         return value
-    for kind in sorted(parameter.types, key=lambda t: t is str):  # A word only where nothing else fits.
+    for kind in sorted(parameter.types, key=lambda t: t is str):  # A word only if no number fits.
         try:
             if kind is NoneType and value.lower() == "none":
                 return None
@@ -152,10 +152,10 @@ def _read(parameter: Parameter, value: object) -> object:
 
 
 def _part(text: str, kinds: tuple[type, ...]) -> object:
-    """What stands for one joint.
+    """Read the value for one joint.
 
     Raises:
-        ValueError: It is of none of these kinds.
+        ValueError: It has none of these types.
     """
     if NoneType in kinds and text.strip().lower() == "none":
         return None
@@ -164,7 +164,7 @@ def _part(text: str, kinds: tuple[type, ...]) -> object:
 
 @cache
 def _docstrings(cls: type) -> dict[str, str]:
-    """Docstrings that stand below the fields of a class and of those that it comes from, by field."""
+    """Return the docstrings below the fields of a class and of its base classes, by field."""
     notes = {}
     for owner in reversed([each for each in cls.__mro__ if is_dataclass(each)]):
         (tree,) = ast.parse(textwrap.dedent(inspect.getsource(owner))).body

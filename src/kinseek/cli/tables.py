@@ -1,7 +1,7 @@
-"""Text as wide as the terminal: tables and sentences that fit it, and in a pipe one row a line with nothing cut.
+"""Tables and sentences that fit the width of the terminal; in a pipe, one row per line with nothing cut.
 
-Where a row is wider than the terminal its cells go on in the next line, set in; a cell that is wider still is broken
-at its blanks. So nothing is ever cut off, however narrow the terminal is.
+If a row is wider than the terminal, its cells continue in the next line, indented. A cell that is still wider is wrapped at
+its blanks. So nothing is cut off, however narrow the terminal is.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from collections.abc import Sequence
 from kinseek.printable import printable
 
 _GAP = "  "
-"""Between two columns."""
+"""Space between two columns."""
 _INDENT = "  "
-"""Before what goes on in the next line."""
+"""Indentation of continuation lines."""
 
 
 def terminal_width() -> int | None:
-    """Letters in a line of the terminal that is written to; None where it is none: there lines have no end."""
+    """Return the width of the terminal that is written to; None for other streams, whose lines are not limited."""
     return shutil.get_terminal_size().columns if sys.stdout is not None and sys.stdout.isatty() else None
 
 
@@ -30,14 +30,14 @@ def table(
     width: int | None,
     blocks: Sequence[int] | None = None,
 ) -> str:
-    """Lay a table out.
+    """Lay out a table.
 
     Args:
-        columns: Their names, in several lines where that is narrower; one that starts with > is set flush right. Without
-            any name there is no header.
+        columns: Their names, in several lines if that is narrower; a name that starts with > is right-aligned. Without any
+            name there is no header.
         rows: Cells, as many as there are columns; each is one line.
-        width: Letters in a line, or None: every row is one line.
-        blocks: How many neighbouring columns stay together where a row is broken; each for itself unless given.
+        width: Width of a line, or None: every row is one line.
+        blocks: Numbers of neighbouring columns that stay together when a row is wrapped; by default each column is separate.
     """
     right = [name.startswith(">") for name in columns]
     names = [name.removeprefix(">") for name in columns]
@@ -60,13 +60,13 @@ def table(
 
 
 def sentence(text: str, width: int | None) -> str:
-    """Break a sentence at its blanks."""
+    """Wrap a sentence at its blanks."""
     text = printable(text)
     return text if width is None else _wrapped(text, width, _INDENT)
 
 
 def _groups(wide: Sequence[int], width: int | None, blocks: Sequence[int]) -> list[list[int]]:
-    """Which columns share a line."""
+    """Return which columns share a line."""
     groups: list[list[int]] = [[]]
     used, first = 0, 0
     for count in blocks:
@@ -74,7 +74,7 @@ def _groups(wide: Sequence[int], width: int | None, blocks: Sequence[int]) -> li
         first += count
         letters = sum(wide[i] for i in block) + len(_GAP) * (count - 1)
         more = letters + (len(_GAP) if groups[-1] else 0)
-        # The last column, if it is text, may be broken where it stands, but not into a ribbon.
+        # The last column, if it is text, may be wrapped in place, but not into a narrow ribbon.
         fits = width is None or used + more <= width or _ribbon(first - 1, wide, used, width)
         if groups[-1] and not fits:
             groups.append([])
@@ -89,14 +89,14 @@ def _ribbon(i: int, wide: Sequence[int], used: int, width: int) -> bool:
 
 
 def _broken(text: str, before: int, width: int | None) -> str:
-    """Break a line, the rest of its last cell below the cell's beginning where there is room."""
+    """Wrap a line, with the rest of its last cell below the cell's beginning if there is space."""
     if width is None or len(text) <= width:
         return text
     return _wrapped(text, width, " " * before if width - before >= 30 else _INDENT)
 
 
 def _wrapped(text: str, width: int, indent: str) -> str:
-    """Break a line at blanks; those inside it stay as they are."""
+    """Wrap a line at blanks; blanks inside it stay."""
     return textwrap.fill(
         text,
         width,

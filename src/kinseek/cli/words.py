@@ -1,4 +1,4 @@
-"""From the words of a command line to numbers: lists after an option, negative numbers, joint values."""
+"""Conversion of command-line words to numbers: lists after an option, negative numbers, joint values."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ LENGTHS = {
     "--near": None,
     "--lock": None,
 }
-"""Options that take a list, and how many numbers; None is as many as follow, or as many JOINT=VALUE."""
+"""Options that take a list, and its length; None means any number of values, or of JOINT=VALUE."""
 
 
 def gather(words: Sequence[str]) -> list[str]:
     """Join the numbers after an option of `LENGTHS` into one word, and protect the numbers of ``fk``.
 
-    So a list may be written ``--at -0.3 0 0.4`` or ``--at -0.3,0,0.4``, and a minus sign starts no option.
+    So a list may be written ``--at -0.3 0 0.4`` or ``--at -0.3,0,0.4``, and a minus sign does not start an option.
     """
     if words[:1] == ["fk"]:
         return _numbers_last(words)
@@ -45,7 +45,7 @@ def gather(words: Sequence[str]) -> list[str]:
 
 
 def is_number(word: str) -> bool:
-    """Is every part of the word between commas a number, NaN and infinity included?"""
+    """Return whether every part of the word between commas is a number, including NaN and infinity."""
     try:
         return bool([float(part) for part in word.split(",")])
     except ValueError:
@@ -53,10 +53,10 @@ def is_number(word: str) -> bool:
 
 
 def numbers(text: str, option: str, count: int | None = None) -> list[float]:
-    """Read numbers apart by blanks or commas.
+    """Read numbers separated by blanks or commas.
 
     Raises:
-        InvalidProblem: Another number of them than `count`, or words that are no numbers.
+        InvalidProblem: Another number of values than `count`, or words that are not numbers.
     """
     words = text.replace(",", " ").split()
     for word in words:
@@ -68,10 +68,10 @@ def numbers(text: str, option: str, count: int | None = None) -> list[float]:
 
 
 def size(text: str | None, option: str) -> int | None:
-    """Read a number of bytes, ``64k`` and ``4M`` being 1024 and 1024² of them; None where none was given.
+    """Read a size in bytes, with ``64k`` and ``4M`` for multiples of 1024 and 1024²; None if it is not given.
 
     Raises:
-        InvalidProblem: It is none.
+        InvalidProblem: It is not a size.
     """
     if text is None:
         return None
@@ -83,10 +83,10 @@ def size(text: str | None, option: str) -> int | None:
 
 
 def named_values(text: str, option: str) -> dict[str, float]:
-    """Read JOINT=VALUE apart by blanks or commas.
+    """Read JOINT=VALUE separated by blanks or commas.
 
     Raises:
-        InvalidProblem: Something else, a joint twice, or none.
+        InvalidProblem: Something else, a repeated joint, or no value.
     """
     found: dict[str, float] = {}
     for word in text.replace(",", " ").split():
@@ -102,7 +102,7 @@ def named_values(text: str, option: str) -> dict[str, float]:
 
 
 def in_radians(arm: Arm, values: Mapping[str, float], option: str, degrees: bool) -> dict[str, float]:
-    """Values of some joints, [m] of a prismatic joint, else [rad], from what was given, which may be in degrees.
+    """Convert values of some joints to [m] for a prismatic joint, else [rad]; the input may be in degrees.
 
     Raises:
         InvalidProblem: The arm has no such joint.
@@ -116,10 +116,10 @@ def in_radians(arm: Arm, values: Mapping[str, float], option: str, degrees: bool
 
 
 def joint_values(arm: Arm, text: str, option: str, degrees: bool) -> NDArray[np.float64]:
-    """Read one number a joint, or JOINT=VALUE of every joint, as `joints_in_order` takes them.
+    """Read one number per joint, or JOINT=VALUE of every joint, as `joints_in_order` takes them.
 
     Raises:
-        InvalidProblem: Not one number a joint.
+        InvalidProblem: Not one number per joint.
     """
     values = named_values(text, option) if "=" in text else numbers(text, option)
     return joints_in_order(arm, values, option, degrees)
@@ -128,10 +128,10 @@ def joint_values(arm: Arm, text: str, option: str, degrees: bool) -> NDArray[np.
 def joints_in_order(
     arm: Arm, values: Sequence[float] | Mapping[str, float], option: str, degrees: bool
 ) -> NDArray[np.float64]:
-    """Joint values, (n,), [m] of a prismatic joint, else [rad], of one number a joint in order or by name.
+    """Return joint values, (n,), [m] for a prismatic joint, else [rad], from one number per joint in order or by name.
 
     Raises:
-        InvalidProblem: Not one number a joint.
+        InvalidProblem: Not one number per joint.
     """
     names = ", ".join(arm.joint_names)
     if isinstance(values, Mapping):
@@ -143,19 +143,19 @@ def joints_in_order(
         raise InvalidProblem(f"{option} needs {arm.dof} numbers, got {len(values)}. Joints: {names}")
     q = np.array(values, dtype=np.float64)
     turns = np.array([kind != "prismatic" for kind in arm.kinds])
-    if not degrees:  # Many turns are no surprise where the limits are as wide.
+    if not degrees:  # Many turns are expected if the limits are as wide.
         outside = turns & ((q < arm.lower) | (q > arm.upper))
         warn_of_angles(np.where(outside & np.isfinite(q), q, 0.0), option, "add --deg", 1)
     return np.where(turns & degrees, np.deg2rad(q), q)
 
 
 def _is_named(word: str, most: int | None) -> bool:
-    """Is it JOINT=VALUE, after an option that takes them?"""
+    """Return whether a word is JOINT=VALUE after an option that takes them."""
     return most is None and "=" in word and not word.startswith("-")
 
 
 def _belongs(word: str, most: int | None, taken: Sequence[str]) -> bool:
-    """Is a word that is no number still meant for the list before it? Then its error can say so."""
+    """Return whether a word that is not a number still belongs to the list before it, so that its error can say so."""
     return most is not None and len(taken) < most and not word.startswith("--") and "," not in "".join(taken)
 
 

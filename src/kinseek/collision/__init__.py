@@ -1,4 +1,4 @@
-"""What an arm may hit: bodies and their shapes, the pairs of them that count, and answers that are free."""
+"""Collision scenes: bodies and their shapes, the pairs that are checked, and collision-free solutions."""
 
 from .scene import Scene
 from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere

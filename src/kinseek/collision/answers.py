@@ -1,4 +1,4 @@
-"""Answers that are free: the branches in order of preference, then more of the self-motion, then away from what is hit."""
+"""Collision-free solutions: branches in order of preference, more of the self-motion, then motion away from contacts."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ from .shapes import length_or_zero
 Array = NDArray[np.float64]
 
 _MORE = (8, 20)
-"""Where no answer of the first sample is free, samples of so many times its size."""
+"""Sizes of further samples, as multiples of the first, if no solution of the first sample is free."""
 
 _AT_ONCE = 16
-"""Answers that are looked at in one call: eight lie side by side, and most poses have no more than sixteen."""
+"""Solutions checked in one call: eight fit into vector lanes, and most poses have at most sixteen."""
 
 _ESCAPES = 3
-"""Answers, those that hit the least of the first `SPREAD`, that are moved away from what they hit."""
+"""Number of solutions that are moved away from contacts, the least colliding ones of the first `SPREAD`."""
 
 
 @dataclass
 class Judge(ManyAtOnce):
-    """Asks of one answer after the other whether it is free, and the user's `valid`, and counts."""
+    """Checks solutions one after the other for collisions and with the user's `valid`, and counts the rejected ones."""
 
     scene: Scene
     clearance: float
@@ -47,23 +47,23 @@ class Judge(ManyAtOnce):
     blocked: int = 0
     refused: int = 0
     seen: list[Array] = field(default_factory=list)
-    """Answers that hit something, (n,) each."""
+    """Solutions that collide, (n,) each."""
     spared: Array | None = None
-    """The first answer that is free, and that the user did not agree to, (n,)."""
+    """The first solution that is free of collision but that `valid` rejects, (n,)."""
 
     def __call__(self, q: Array) -> bool:
-        """Is it free, and does the user agree?"""
+        """Return whether a solution is free of collision and `valid` accepts it."""
         return self._agrees(q, self.scene.free(q, self.clearance))
 
     def many(self, q: Array) -> NDArray[np.bool_]:
-        """The same of each of some answers, (k, n) -> (k,)."""
+        """Do the same for several solutions, (k, n) -> (k,)."""
         free = self.scene.free(q, self.clearance)
         return np.array(
             [self._agrees(one, report) for one, report in zip(q, free, strict=True)], dtype=np.bool_
         )
 
     def first(self, candidates: Array) -> Array | None:
-        """The first of some answers, (k, n), that is free and agreed to; many are looked at in one call."""
+        """Return the first of some solutions, (k, n), that is free and accepted; several are checked in one call."""
         for begin in range(0, len(candidates), _AT_ONCE):
             some = candidates[begin : begin + _AT_ONCE]
             for q, free in zip(some, self.scene.free(some, self.clearance), strict=True):
@@ -85,24 +85,24 @@ class Judge(ManyAtOnce):
 
 @dataclass
 class _Pick:
-    """The answer to one target."""
+    """The solution of one target."""
 
     q: Array
     evaluations: int
     success: bool
-    """Free and agreed to; also where no answer was found, and the errors say so."""
+    """Free of collision and accepted. Also true if no solution was found, which the errors then show."""
     judge: Judge
     out_of_time: bool
     contacts: tuple[Contact, ...] = ()
     proved: bool = False
-    """Is it proved that every answer hits something?"""
+    """Is it proved that every solution collides?"""
 
 
 def judge_of(scene: Any, mechanism: Mechanism, clearance: float, valid: Valid | None) -> Judge:
-    """Make sure that a scene is that of an arm, and ask it about answers.
+    """Validate a scene against an arm, and make the judge of solutions.
 
     Raises:
-        InvalidScene: It is none, or of another arm, or of this one with other joints locked; a clearance that is no length.
+        InvalidScene: Not a scene, a scene of another arm or of this one with other joints locked, or an invalid clearance.
     """
     if not isinstance(scene, Scene):
         raise InvalidScene(
@@ -126,12 +126,12 @@ def free_solution(
     threads: int | None,
     prove: bool = False,
 ) -> Solution:
-    """Answer every target by what is free in a scene; see `Arm.ik`.
+    """Find collision-free solutions of every target; see `Arm.ik`.
 
-    With `prove` what is blocked is proved to be so, where that can be; that it is out of reach `Arm.ik` proves itself.
+    With `prove` it tries to prove that blocked targets are blocked. `Arm.ik` itself proves that targets are out of reach.
 
     Raises:
-        InvalidScene: A scene of another arm, or a clearance that is none.
+        InvalidScene: The scene belongs to another arm, or the clearance is invalid.
         InvalidProblem: As `preferred`.
     """
     judge_of(scene, problem.mechanism, clearance, valid)
@@ -178,10 +178,10 @@ def _pick(
     threads: int | None,
     deadline: Deadline,
 ) -> _Pick:
-    """Choose an answer to one target."""
+    """Choose the solution of one target."""
     index, spent = index_of(problem), 0
     if prefer is not None or cost is not None:
-        # It checks what is preferred, and slides along the self-motion as far as that is free.
+        # `preferred` checks its candidates, and slides along the self-motion as far as that is free.
         solution = preferred(problem, prefer, cost, judge, threads)
         spent += solution.evaluations
         if solution.success or not (judge.blocked or judge.refused):
@@ -196,7 +196,7 @@ def _pick(
             prefer or ORDERS[0], cost, copies=cost is not None, count=many * SPREAD if many > 1 else None
         )
         found = branches_of(replace(problem, time_limit=deadline.left), selection, threads)
-        assert isinstance(found, Branches)  # One target has one.
+        assert isinstance(found, Branches)  # True for one target.
         spent, candidates, late = spent + found.evaluations, found.q, found.out_of_time
         if not len(candidates):
             last = Atlas().solve(replace(problem, time_limit=deadline.left))
@@ -212,10 +212,10 @@ def _pick(
 def free_branches(
     problem: Problem, selection: Selection, scene: Scene, clearance: float, threads: int | None
 ) -> Branches | BranchesBatch:
-    """Every branch that is free in a scene; see `Arm.branches`.
+    """Find every collision-free branch; see `Arm.branches`.
 
     Raises:
-        InvalidScene: A scene of another arm, or a clearance that is none.
+        InvalidScene: The scene belongs to another arm, or the clearance is invalid.
     """
     judge, deadline = (
         judge_of(scene, problem.mechanism, clearance, selection.valid),
@@ -237,13 +237,13 @@ def free_branches(
 
 
 def all_blocked(problem: Problem, judge: Judge, deadline: Deadline) -> tuple[Array | None, bool]:
-    """Look for answers that nobody found yet, and prove that each that there is hits something.
+    """Search for missing solutions, and prove that every solution collides.
 
-    Around each of the complete answers a box holds all joint values that meet the tolerances (see `proof.isolation`), and
-    one pair of bodies is in contact all over it.
+    Around each solution of the complete set, a box contains all joint values that meet the tolerances (see
+    `proof.isolation`). One pair of bodies is in contact everywhere in it.
 
     Returns:
-        An answer that is free and agreed to, (n,), or None; and whether it is proved that there is none that is free.
+        A free and accepted solution, (n,), or None; and whether it is proved that no free solution exists.
     """
     problem = replace(problem, near=None)
     found = branches_of(problem, Selection())
@@ -258,7 +258,7 @@ def all_blocked(problem: Problem, judge: Judge, deadline: Deadline) -> tuple[Arr
 
 
 def _proved(problem: Problem, pick: _Pick, deadline: Deadline) -> _Pick:
-    """Prove that a target is blocked, or find the answer that the search has missed."""
+    """Prove that a target is blocked, or find the solution that the search missed."""
     if index_of(problem).freedom:
         return pick
     found, proved = all_blocked(problem, pick.judge, deadline)
@@ -270,7 +270,7 @@ def _proved(problem: Problem, pick: _Pick, deadline: Deadline) -> _Pick:
 def _escaped(
     problem: Problem, index: BranchIndex, judge: Judge, spent: int, late: bool, deadline: Deadline
 ) -> _Pick:
-    """No answer found is free and agreed to: move those that hit the least away from what they hit."""
+    """If no solution is free and accepted, move the least colliding ones away from their contacts."""
     scene, blocked = judge.scene, np.array(judge.seen[:SPREAD]).reshape(-1, problem.chain.dof)
     if judge.spared is not None or not len(blocked):
         return _Pick(problem.start if judge.spared is None else judge.spared, spent, False, judge, late)

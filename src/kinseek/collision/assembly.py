@@ -1,4 +1,4 @@
-"""An engine made of a scene's bodies, and what it is asked about pairs of them at random joint values."""
+"""The collision engine of a scene's bodies, and its results at random joint values."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from .motion import Speeds
 from .pairs import Pair, key
 
 MOST_PAIRS = 200_000
-"""Of shapes that count: each takes some 6 kB."""
+"""Maximum number of checked pairs of shapes: each takes some 6 kB."""
 
 
 @dataclass(frozen=True)
 class Assembly(Lazy):
-    """The engine of a scene, and which parts are of which body."""
+    """The engine of a scene, and the body of each part."""
 
     chain: SerialChain
     engine: Engine
     owners: list[tuple[str, str]]
-    """Of each pair of parts the names of the two bodies."""
+    """Names of the two bodies of each pair of parts."""
     numbers: dict[str, list[int]]
-    """Of each body the numbers of its parts."""
+    """Numbers of the parts of each body."""
 
     @lazy
     def speeds(self) -> Speeds:
-        """How fast bodies can move."""
+        """Bounds on the speeds of bodies."""
         return Speeds(self.chain, self.engine)
 
     def stand(self, bodies: Iterable[Body]) -> None:
-        """Put bodies that stand in the base where they are now; nothing is built anew."""
+        """Update the poses of bodies fixed in the base, without rebuilding the engine."""
         with self.engine as engine:
             engine.stand(
                 {
@@ -50,7 +50,7 @@ class Assembly(Lazy):
 
 
 def assemble(chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair]) -> Assembly:
-    """Make the engine of the pairs that count, with the bodies that are in one.
+    """Build the engine of the checked pairs, with the bodies that occur in one.
 
     Raises:
         InvalidScene: Too many pairs of shapes.
@@ -78,7 +78,7 @@ def assemble(chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair]) 
 
 
 def digest(bodies: Iterable[Body], pairs: Iterable[Pair]) -> str:
-    """Of all that answers depend on: shapes, where they are, padding, and which pairs count."""
+    """Return a digest of everything that results depend on: shapes, poses, padding, and checked pairs."""
     report = hashlib.sha256()
     for body in bodies:
         report.update(f"{body.name!r} {body.frame.joints} {body.padding!r}".encode())
@@ -86,7 +86,7 @@ def digest(bodies: Iterable[Body], pairs: Iterable[Pair]) -> str:
             report.update(type(part.shape).__name__.encode())
             report.update(np.ascontiguousarray(body.frame.pose @ part.pose).tobytes())
             for item in fields(part.shape):
-                if item.name != "name":  # Of a mesh, for messages.
+                if item.name != "name":  # The name of a mesh, for messages.
                     report.update(np.ascontiguousarray(getattr(part.shape, item.name)).tobytes())
     for pair in pairs:
         report.update(f"{pair.a!r} {pair.b!r} {pair.counts}".encode())
@@ -96,14 +96,14 @@ def digest(bodies: Iterable[Body], pairs: Iterable[Pair]) -> str:
 def sampled(
     chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair], samples: int, skip_never: bool
 ) -> dict[tuple[str, str], str]:
-    """Which pairs touch at all of some random joint values, or, with `skip_never`, at none of them; with the reason."""
+    """Return the pairs that touch at all random joint values, or with `skip_never` at none of them, with the reason."""
     bodies, found = list(bodies), dict[tuple[str, str], str]()
     q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (samples, chain.dof))
     for pair in pairs:
         engine = assemble(chain, bodies, [pair]).engine
         if skip_never:
             count = samples - int(engine.exactly_free(q, 0.0).sum())
-        else:  # The first sample at which they are apart ends it.
+        else:  # The first sample without contact ends it.
             count = next((i for i in range(samples) if engine.exactly_free(q[i : i + 1], 0.0)[0]), samples)
             count = samples if count == samples else 1
         if count == samples:

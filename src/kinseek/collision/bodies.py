@@ -1,4 +1,4 @@
-"""Bodies of an arm: the links of its file with their collision elements, or capsules where it has none."""
+"""Bodies of an arm: the links of its file with their collision elements, or capsules if it has none."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from .shapes import MOST_BYTES, Box, Capsule, Cylinder, Mesh, Shape, Sphere, len
 Array = NDArray[np.float64]
 
 SHORT = 1e-6
-"""A link shorter than this [m] gets no capsule."""
+"""A link shorter than this gets no capsule [m]."""
 
 _SAME = 1e-6
-"""How far the links of a file may be from those of the arm that it is said to be of [m]."""
+"""Tolerance for comparing the links of a file with those of the arm [m]."""
 
 
 class Part(NamedTuple):
@@ -41,16 +41,16 @@ class Part(NamedTuple):
 
     shape: Shape
     pose: Array
-    """In the frame of its body, (4, 4), lengths in [m]."""
+    """Pose in the frame of the body, (4, 4), lengths in [m]."""
 
 
 @dataclass
 class Body:
-    """What is called by one name: a link, an obstacle, or what is attached to a link."""
+    """A named body: a link, an obstacle, or an object attached to a link."""
 
     name: str
     frame: Frame
-    """Which joint of the arm carries it, and its pose in the frame of that joint; no joint: it stands in the base."""
+    """Joint of the arm that carries it, and its pose in that joint's frame. Without a joint it is fixed in the base."""
     parts: list[Part] = field(default_factory=list)
     is_link: bool = False
     padding: float = 0.0
@@ -59,24 +59,24 @@ class Body:
 
 @dataclass
 class ArmBodies:
-    """What is known of an arm's own bodies."""
+    """The bodies of an arm, with notes from reading them."""
 
     bodies: list[Body]
     neighbours: list[tuple[str, str]]
-    """Pairs of links with a joint between them."""
+    """Pairs of links that a joint connects."""
     notes: list[str]
-    """What a user should know: what was left out, what stands in for something."""
+    """Notes for the user: what was left out, and what was replaced."""
     links: dict[str, Frame]
-    """All links, those without geometry too."""
+    """All links, including those without geometry."""
     robot: str = ""
-    """Name that the file gives the robot."""
+    """Name of the robot in the file."""
 
 
 def chain_of(arm: Any) -> SerialChain:
-    """The axes and links of an arm, or of what `kinseek.load` takes.
+    """Return the axes and links of an arm, or of anything that `kinseek.load` takes.
 
     Raises:
-        InvalidProblem: The arm is a function.
+        InvalidProblem: The arm has black-box kinematics.
     """
     mechanism = getattr(arm, "mechanism", arm)
     if hasattr(mechanism, "joint_names") and hasattr(mechanism, "axes"):
@@ -95,10 +95,10 @@ def arm_bodies(
     joints: Mapping[str, float],
     skip: bool,
 ) -> ArmBodies:
-    """The bodies of an arm: those of its file, or capsules where it has none; see `Scene.of`.
+    """Return the bodies of an arm: those of its file, or capsules if it has none; see `Scene.of`.
 
     Raises:
-        InvalidScene: Neither geometry nor `capsules`, or both, or what `read_bodies` refuses.
+        InvalidScene: Neither geometry nor `capsules`, or both, or an error of `read_bodies`.
     """
     file = described(chain, urdf)
     known = {name: Path(folder).expanduser().resolve() for name, folder in chain.packages.items()}
@@ -123,18 +123,18 @@ def arm_bodies(
 
 
 def described(chain: SerialChain, urdf: str | Path | bytes | None) -> tuple[bytes, Path] | None:
-    """Find the text of an arm's URDF, and the path that what it names is relative to; None where it came from no URDF.
+    """Return the text of an arm's URDF, and the path to which its references are relative; None if there is no URDF.
 
     Raises:
         InvalidRobot: The file cannot be read.
     """
-    if urdf is None:  # What the arm was loaded from, a xacro file with its arguments expanded.
+    if urdf is None:  # The text that the arm was loaded from; of a xacro file, after expansion.
         return (chain.urdf, Path(chain.source).expanduser()) if chain.urdf else None
     if is_text(urdf):
         return (urdf.encode() if isinstance(urdf, str) else bytes(urdf)), Path("the URDF text")
     path = Path(str(urdf)).expanduser()
     if path.suffix.lower() not in (".urdf", ".xacro", ".xml") or not path.is_file():
-        file_bytes(path)  # Says what is wrong with it.
+        file_bytes(path)  # Raises an error that describes the problem.
         raise InvalidScene(f"urdf must be a .urdf or .xacro file, or the text of one, got {str(urdf)!r}")
     text = (
         expand_xacro(path, packages=chain.packages) if path.suffix.lower() == ".xacro" else file_bytes(path)
@@ -155,13 +155,13 @@ def read_bodies(
     Args:
         chain: The arm.
         text: The URDF.
-        path: Where it lies.
+        path: Its path.
         folders: Folders of packages by name.
-        skip: Leave meshes out that cannot be read, and note it?
-        joints: Values of joints that are not the arm's, [rad] or [m].
+        skip: Leave unreadable meshes out, with a note?
+        joints: Values of joints that do not belong to the arm, [rad] or [m].
 
     Raises:
-        InvalidScene: A mesh or another element that cannot be used, links or joints that do not fit.
+        InvalidScene: A mesh or another element that cannot be used, or links or joints that do not fit.
     """
     robot = root_element(text, str(path))
     _require_same(chain, text, path)
@@ -179,38 +179,38 @@ def read_bodies(
 
 
 class MeshFiles:
-    """The meshes that one file names. One that is named again is the same object, and all share one budget."""
+    """The meshes referenced by one file. A repeated reference gives the same object, and all share one budget."""
 
     def __init__(self, path: Path, folders: Mapping[str, Path], hull: bool = True) -> None:
-        """Read the meshes that the file at `path` names, in packages by name, and take their convex hulls or not."""
+        """Read meshes for the file at `path`, with packages by name, and with or without taking their convex hulls."""
         self.path = path
         self._folders, self._hull, self._budget = folders, hull, Budget(2 * MOST_BYTES)
         self._known: dict[tuple[str, tuple[float, ...]], Mesh] = {}
 
     def read(self, name: str, scale: Array) -> Mesh:
-        """Read one of them, with a factor along each axis, (3,).
+        """Read one mesh, with a factor along each axis, (3,).
 
         Raises:
-            InvalidRobot: It is nowhere.
+            InvalidRobot: The file does not exist.
             InvalidScene: It cannot be read, or has no hull; or the budget is spent.
         """
         key = name, tuple(scale.tolist())
         if key not in self._known:
             found = mesh_path(name, self.path, self._folders, "meshes=")
             mesh = Mesh.read(found, scale, self._hull, budget=self._budget)
-            mesh.geometry()  # Says now that there is no hull.
+            mesh.geometry()  # Raises an error now if there is no hull.
             self._known[key] = mesh
         return self._known[key]
 
 
 def parts_of(link: Any, meshes: MeshFiles, skip: bool, notes: list[str]) -> list[Part]:
-    """The collision elements of a link.
+    """Return the collision elements of a link.
 
     Args:
-        link: Of the file.
-        meshes: What the file names.
-        skip: Leave meshes out that cannot be read, and note it?
-        notes: What was left out is added here.
+        link: Link of the file.
+        meshes: The meshes referenced by the file.
+        skip: Leave unreadable meshes out, with a note?
+        notes: Notes on omitted meshes are appended here.
 
     Raises:
         InvalidScene: A mesh or another element that cannot be used.
@@ -232,13 +232,13 @@ def parts_of(link: Any, meshes: MeshFiles, skip: bool, notes: list[str]) -> list
 
 
 def capsules_along(chain: SerialChain, radius: float) -> ArmBodies:
-    """Capsules from joint to joint, a stand-in for geometry that nobody gave."""
+    """Return capsules from joint to joint, as a substitute for missing geometry."""
     bodies: list[Body] = []
     names = {frame.joints: name for name, frame in reversed(list(chain.frames.items()))}
     for k in range(len(chain.leader) + 1):
         end = chain.fixed[k, :, 3]
         if chain.tooled and k == len(chain.leader):
-            # The link ends where the tool begins; what shape that has is unknown.
+            # The link ends where the tool begins; the shape of the tool is unknown.
             end = chain.frames[chain.tip].pose[:3, 3]
         if (span := float(np.linalg.norm(end))) < SHORT:
             continue
@@ -249,13 +249,13 @@ def capsules_along(chain: SerialChain, radius: float) -> ArmBodies:
         f"capsules of radius {radius:g} m along the links stand in for geometry that the file does not have: what is free "
         f"of them may touch in truth, and the other way round"
     )
-    # An arm names its links from base to tip, and its joints behind them.
+    # An arm lists the names of its links from base to tip, and then those of its joints.
     last = list(chain.frames).index(chain.tip)
     return ArmBodies(bodies, neighbours, [note], dict(list(chain.frames.items())[: last + 1]), chain.name)
 
 
 def package_folders(meshes: Iterable[str | Path] | Mapping[str, str | Path]) -> dict[str, Path]:
-    """Folders of packages by name, from such a mapping, or from folders that are packages or hold packages.
+    """Return folders of packages by name, from such a mapping, or from folders that are packages or contain packages.
 
     Raises:
         InvalidScene: Not folders.
@@ -282,7 +282,7 @@ def package_folders(meshes: Iterable[str | Path] | Mapping[str, str | Path]) -> 
 
 
 class _Unreadable(InvalidScene):
-    """A mesh that may be left out: what else is wrong in a file has to be mended."""
+    """A mesh that may be left out; other errors in a file must be fixed."""
 
 
 def _shape(element: Any, meshes: MeshFiles) -> Shape:
@@ -310,7 +310,7 @@ def _shape(element: Any, meshes: MeshFiles) -> Shape:
 
 
 def _require_same(chain: SerialChain, text: bytes, path: Path) -> None:
-    """Make sure that a file moves its links as the arm does."""
+    """Check that the links of a file move as those of the arm."""
     try:
         other = read_urdf_text(text, chain.base, chain.tip, where=str(path))
     except InvalidRobot as error:
@@ -341,7 +341,7 @@ def _require_same(chain: SerialChain, text: bytes, path: Path) -> None:
 def _frames(
     robot: Any, chain: SerialChain, path: Path, joints: Mapping[str, float], notes: list[str]
 ) -> dict[str, Frame]:
-    """Where every link of the file is carried along; links that other joints move stand where `joints` puts them."""
+    """Return the frame of every link of the file. `joints` places the links that are moved by other joints."""
     elements = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}
     spine = [chain.tip]
     while spine[-1] != chain.base:
@@ -372,7 +372,7 @@ def _frames(
 
 
 class _Others:
-    """Joints of a file that are not the arm's: where they stand."""
+    """Values and poses of those joints of a file that do not belong to the arm."""
 
     def __init__(self, robot: Any, chain: SerialChain, joints: Mapping[str, float], path: Path) -> None:
         self.chain, self.given, self.path = chain, joints, path
@@ -390,7 +390,7 @@ class _Others:
         self.limits = {joint.get("name"): joint.find("limit") for joint in robot.findall("joint")}
 
     def pose(self, joint: Any) -> Array:
-        """Pose of the link below in that above, (4, 4)."""
+        """Return the pose of the child link in the parent link, (4, 4)."""
         name, kind = joint.get("name"), joint.get("type")
         origin = origin_of(joint)
         if kind == "fixed":
@@ -426,7 +426,7 @@ class _Others:
 
 
 def _neighbours(robot: Any, solid: set[str]) -> list[tuple[str, str]]:
-    """Pairs of links with geometry that one joint connects, fixed links without geometry between them passed over."""
+    """Return the pairs of links with geometry that one joint connects; fixed links without geometry are skipped."""
     joints = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}
     pairs = []
     for child in solid & joints.keys():
@@ -443,7 +443,7 @@ def _neighbours(robot: Any, solid: set[str]) -> list[tuple[str, str]]:
 
 
 def _z_along(way: Array) -> Array:
-    """A rotation that brings z onto a unit vector, (3, 3)."""
+    """Return a rotation that maps z to a unit vector, (3, 3)."""
     helper = np.eye(3)[np.argmin(np.abs(way))]
     x = np.cross(helper, way)
     x /= np.linalg.norm(x)

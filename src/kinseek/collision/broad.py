@@ -1,4 +1,4 @@
-"""The first pass: what is free or touches for sure, by spheres, planes and points that prove it, for many q at once."""
+"""The broad phase: proves for many q at once, by spheres, planes and points, which pairs are free and which touch."""
 
 from __future__ import annotations
 
@@ -28,32 +28,32 @@ Flags = NDArray[np.bool_]
 Verdicts = NDArray[np.int64]
 
 _STEPS = 16
-"""Planes tried between two parts; what no plane parts and no point shows to touch is in doubt."""
+"""Maximum number of planes tried per pair; without a separating plane or a common point the pair is in doubt."""
 
 _NEAR = 1e-6
-"""Groups that may come nearer than this are looked at always, in the order in which joints carry them [m]."""
+"""Groups that may come nearer than this are always checked, in the order of the joints that carry them [m]."""
 
 _NO_DOUBTS = np.zeros((0, 0), dtype=np.bool_)
-"""For the kernel: the pairs in doubt are not asked."""
+"""Passed to the kernel if the pairs in doubt are not requested."""
 
 
 class Broad:
-    """The first pass over the pairs of a scene.
+    """The broad phase of the pairs of a scene.
 
     Args:
         chain: The arm.
         solids: All parts.
-        pairs: Numbers of the two parts of each pair; at most one of them stands in the base.
-        pads: How much closer each pair is than its parts, for their padding [m].
+        pairs: Numbers of the two parts of each pair; at most one of them is fixed in the base.
+        pads: Padding of each pair, by which it is closer than its parts [m].
     """
 
     def __init__(
         self, chain: SerialChain, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]], pads: Array
     ) -> None:
-        """Put the covers of all parts where their joints carry them."""
+        """Attach the covers of all parts to their joints."""
         self.count = len(pairs)
         parts = [Member.of(solid) for solid in solids]
-        # A cloud is looked at handful by handful: what is free of all of them is free of the cloud.
+        # A cloud is split into small neighbourhoods: free of all of them implies free of the cloud.
         pieces = [[i] for i in range(len(parts))]
         for i, solid in enumerate(solids):
             if isinstance(solid.shape, Points) and len(solid.shape.places) > COUNT:
@@ -65,7 +65,7 @@ class Broad:
         pads = np.asarray(pads, dtype=np.float64)[numbers]
         self._firsts = np.searchsorted(numbers, np.arange(self.count))
         gathered = _gathered(parts, pairs)
-        # A group of several parts is one more part: what is free of all that holds them is free of each.
+        # A group of several parts is one more part: free of its cover implies free of each.
         number: dict[Group, int] = {(i,): i for i in range(len(parts))}
         for group in sorted({group for each in gathered for group in each.groups} - number.keys()):
             number[group] = len(parts)
@@ -85,7 +85,7 @@ class Broad:
             for each, (one, other) in zip(gathered, sides, strict=True)
         ]
         inside = [max(far, chart.apart if chart else far) for far, chart in zip(apart, charts, strict=True)]
-        # Those that are never near come last, so that a kernel may end before them.
+        # Pairs that are never near come last, so that a kernel may end before them.
         rising = sorted(range(len(gathered)), key=lambda m: max(inside[m], _NEAR))
         order = [n for m in rising for n in gathered[m].pairs]
         ends = np.cumsum([len(gathered[m].pairs) for m in rising], dtype=np.int64)
@@ -108,16 +108,16 @@ class Broad:
         self._handle = handle_of(self._arrays)
 
     def verdicts(self, q: Array, clearance: float, touch: float) -> tuple[Verdicts, int]:
-        """Sort joint values, (k, n), into free, touching and in doubt, and count the last; see `sort_out`."""
+        """Classify joint values, (k, n), as free, touching or in doubt, and count the last; see `sort_out`."""
         return self._ask(q, clearance, touch, _NO_DOUBTS)
 
     def sort_out(self, q: Array, clearance: float, touch: float) -> tuple[Verdicts, Flags]:
-        """Sort joint values, (k, n), into free, touching and in doubt.
+        """Classify joint values, (k, n), as free, touching or in doubt.
 
         Args:
             q: Joint values.
-            clearance: What is nearer than this touches [m].
-            touch: What is farther apart than the clearance and this is free [m].
+            clearance: Parts closer than this touch [m].
+            touch: Parts farther apart than the clearance plus this are free [m].
 
         Returns:
             `FREE`, `TOUCH` or `DOUBT` of `kernels.collision.gaps`, (k,), and the pairs in doubt, (k, pairs).
@@ -135,9 +135,9 @@ class Broad:
         return verdicts, sort_out(self._handle, q, clearance, least, _STEPS, LANES, verdicts, doubts)
 
     def bounds(self, q: Array, steps: int = 0) -> Array:
-        """No pair is closer than this, (k, n) -> (k, pairs) [m]; where it is negative it says nothing.
+        """Return lower bounds on the distance of each pair, (k, n) -> (k, pairs) [m]; a negative bound has no meaning.
 
-        With `steps` those that may be the nearest are looked at more closely.
+        With `steps` planes are tried between pairs that may be the nearest.
         """
         out = self._table_of(q, np.float64)
         bound_pairs(self._handle, np.ascontiguousarray(q), steps, LANES, out)
@@ -149,7 +149,7 @@ class Broad:
 
 
 def _handfuls(solid: Solid) -> list[Member]:
-    """The points of a cloud in neighbourhoods of at most `COUNT`."""
+    """Split the points of a cloud into neighbourhoods of at most `COUNT`."""
     shape = solid.shape
     assert isinstance(shape, Points)
     left, found = [shape.places], []
@@ -166,20 +166,20 @@ def _handfuls(solid: Solid) -> list[Member]:
 
 
 Group = tuple[int, ...]
-"""Numbers of the parts that are looked at together."""
+"""Numbers of parts that are checked together."""
 
 
 class _Gathered(NamedTuple):
-    """Pairs whose parts the same two joints carry."""
+    """Pairs whose parts are carried by the same two joints."""
 
     groups: tuple[Group, Group]
-    """That of the earlier joint first."""
+    """The group of the proximal joint first."""
     pairs: list[int]
 
 
 def _gathered(parts: Sequence[Member], pairs: Sequence[tuple[int, int]]) -> list[_Gathered]:
-    """Gather pairs; what stands in the base stands alone."""
-    # What one joint carries is one side of a meeting, and so is each part that stands.
+    """Group the pairs by their two joints; each part fixed in the base is a group of its own."""
+    # One side of a meeting is all that one joint carries, or one part that is fixed in the base.
     side_of = [(part.joint, -1 if part.joint else i) for i, part in enumerate(parts)]
     gathered: dict[tuple[tuple[int, int], ...], list[int]] = {}
     for n, pair in enumerate(pairs):
@@ -192,9 +192,9 @@ def _gathered(parts: Sequence[Member], pairs: Sequence[tuple[int, int]]) -> list
     return meetings
 
 
-@lru_cache(maxsize=64)  # A scene that changes leaves the arm as it is.
+@lru_cache(maxsize=64)  # A changed scene leaves the arm the same.
 def _together(parts: tuple[Carried, ...]) -> Member:
-    """What holds some parts that one joint carries."""
+    """Return a cover of some parts that one joint carries."""
     return Member.together([part.member(0) for part in parts])
 
 
@@ -205,10 +205,10 @@ def _chart(
     pairs: Sequence[tuple[int, int]],
     pads: Array,
 ) -> Chart | None:
-    """The chart of two groups that the arm carries, with one or two turning joints between them."""
+    """Return the chart of two groups that the arm carries with one or two revolute joints between them."""
     (one, other), numbers = meeting
     if max(*one, *other) >= len(solids):
-        return None  # A handful of a cloud, which stands.
+        return None  # A neighbourhood of a cloud, fixed in the base.
     first, last = solids[one[0]].joint, solids[other[0]].joint
     if first == 0 or not 1 <= last - first <= 2 or chain.prismatic[first:last].any():
         return None
@@ -228,12 +228,12 @@ def _chart(
 
 
 def _beyond(apart: Sequence[float]) -> Array:
-    """Bounds that are worth to be known."""
+    """Replace bounds too small to be useful by `NEVER_APART`."""
     return np.array([bound if bound > _NEAR else NEVER_APART for bound in apart], dtype=np.float64)
 
 
 class _Reach:
-    """How far parts are apart at least at any q, by how far an arm reaches from the first joint between them."""
+    """Lower bounds on distances at any q, from the arm's reach beyond the first joint between two parts."""
 
     def __init__(self, chain: SerialChain, parts: Sequence[Member]) -> None:
         lengths = np.linalg.norm(chain.fixed[:, :, 3], axis=1) * (1.0 + 1e-12)
@@ -244,7 +244,7 @@ class _Reach:
         self._away = [_distance(part, chain.fixed[part.joint, :, 3]) for part in parts]
 
     def apart(self, one: int, other: int) -> float:
-        """Of two parts, that of the earlier joint first [m]; `NEVER_APART` where a joint between slides, or none is."""
+        """Bound for two parts, proximal first [m]; `NEVER_APART` if there is no joint between them, or a prismatic one."""
         first, last = self._joints[one], self._joints[other]
         if last == first or self._slides[last] > self._slides[first]:
             return NEVER_APART
@@ -253,7 +253,7 @@ class _Reach:
 
 
 def _distance(part: Member, point: Array) -> float:
-    """So far from a part is a point in the frame of its joint at least [m]."""
+    """Return a lower bound on the distance of a part from a point in the frame of its joint [m]."""
     local = np.abs(part.core[:, :3].T @ (point - part.core[:, 3])) - part.half
     box = np.linalg.norm(np.maximum(local, 0.0)) - part.thick
     return float(max(box, np.linalg.norm(point - part.ball[:3]) - part.ball[3]))

@@ -1,4 +1,4 @@
-"""What kernels know of a scene, put together from covers of its parts."""
+"""The collision model for kernels, assembled from the covers of a scene's parts."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9
-"""Of what bounds are worked out from, relative to the size of the scene, and at least so many [m]."""
+"""Rounding error of the data that bounds are computed from, relative to the size of the scene, and at least this [m]."""
 
 NEVER_APART = -1e300
-"""A bound on a distance that says nothing."""
+"""A lower bound on a distance without meaning."""
 
 
 class Member(NamedTuple):
-    """A part, or several that one joint carries, in the frame of that joint; see `Cover`."""
+    """A part, or several carried by one joint, in the frame of that joint; see `Cover`."""
 
     joint: int
     rough: Array
@@ -41,26 +41,26 @@ class Member(NamedTuple):
     exact: bool
     solid: bool
     corners: Array
-    """(3, k)"""
+    """Points of the hull, (3, k) [m]."""
     ball: Array
-    """Around all of it: x, y, z, radius, (4,)."""
+    """Sphere around all of it: x, y, z, radius, (4,)."""
 
     @classmethod
     def of(cls, solid: Solid) -> Self:
-        """Put the cover of a part where its joint carries it."""
-        # To coal a point of a cloud is a grain: it shall never touch what is said to be free.
+        """Return the cover of a part in the frame of its joint."""
+        # coal represents a point as a small triangle; a pair reported as free must be free of it, too.
         thick = solid.shape.thickness + GRAIN * isinstance(solid.shape, Points)
         return cls.placed(solid.joint, solid.pose, solid.shape.cover, thick)
 
     @classmethod
     def inside(cls, solid: Solid) -> Self:
-        """Put what is known to be in a part where its joint carries it."""
+        """Return the inner cover of a part in the frame of its joint."""
         cover = cover_of_many(solid.shape.inner_corners, solid.shape.thickness)
         return cls.placed(solid.joint, solid.pose, cover, solid.shape.thickness)._replace(solid=True)
 
     @classmethod
     def placed(cls, joint: int, pose: Array, cover: Cover, thick: float) -> Self:
-        """Put a cover somewhere."""
+        """Return a cover transformed by a pose."""
         turn, place = pose[:3, :3], pose[:3, 3:]
         spheres = (cover.rough, cover.outer, cover.inner)
         rough, outer, inner = (np.vstack([turn @ s[:3] + place, s[3:]]) for s in spheres)
@@ -73,14 +73,14 @@ class Member(NamedTuple):
 
     @classmethod
     def together(cls, parts: Sequence[Self]) -> Self:
-        """What holds some parts that one joint carries."""
+        """Return a cover of some parts that one joint carries."""
         thick = max(part.thick for part in parts)
         cover = cover_of_many(np.concatenate([part.corners.T for part in parts]), thick)
         return cls.placed(parts[0].joint, np.eye(4), cover, thick)
 
 
 class Charts(NamedTuple):
-    """Those of some meetings, see the fields of `CollisionModel`."""
+    """Charts of some meetings; see the fields of `CollisionModel`."""
 
     chart_of: NDArray[np.int64]
     chart: Array
@@ -89,16 +89,16 @@ class Charts(NamedTuple):
 
 
 class Meeting(NamedTuple):
-    """Two groups of parts that are looked at together."""
+    """Two groups of parts that are checked together."""
 
     one: int
-    """The part that holds all of the group of the earlier joint."""
+    """Number of the part that covers the group of the proximal joint."""
     other: int
-    """The same of the other group."""
+    """Number of the part that covers the other group."""
     first: int
-    """Of its pairs."""
+    """First of its pairs."""
     last: int
-    """One past the last."""
+    """One past its last pair."""
 
 
 def make_collision_model(
@@ -112,7 +112,7 @@ def make_collision_model(
     apart_inside: Array,
     charts: Charts,
 ) -> CollisionModel:
-    """Put together what kernels know of a scene; see the fields of `CollisionModel`."""
+    """Assemble the collision model for kernels; see the fields of `CollisionModel`."""
     used = sorted({part for meeting in meetings for part in meeting[:2]})
     balls = np.array([part.ball for part in parts]).reshape(-1, 4)
     corner_at, corners = _flat([part.corners for part in parts])
@@ -146,10 +146,10 @@ def make_collision_model(
 
 
 def _flat(columns: Sequence[Array]) -> tuple[NDArray[np.int64], Array]:
-    """Corners of all parts, (3, k) each, one part after the other, repeated until loops are full; and where each begins.
+    """Concatenate the corners of all parts, (3, k) each, padded to full vector lanes, with their start indices.
 
     Raises:
-        InvalidScene: So many corners that a kernel could not number them.
+        InvalidScene: More corners than a kernel can number.
     """
     most = max((one.shape[1] for one in columns), default=0)
     if most > 2**NUMBERS - BLOCK:

@@ -1,8 +1,8 @@
-"""Charts of two groups of parts: whether they are free of each other, by the one or two joints between them.
+"""Charts of two groups of parts: whether they are free of each other, tabulated over the one or two joints between them.
 
-How an arm's wrist lies to its forearm depends on two joints alone, so it is worked out once for all: full turns of both are
-cut into cells, and what is known of the middle of each, less what anything can move within the cell, holds all over the
-cell. Such groups are always close to each other; without a chart they would be looked at for every q.
+The pose of an arm's wrist relative to its forearm depends on two joints only, so it is tabulated once. Full turns of both
+joints are divided into cells. The bound at the centre of a cell, minus the largest possible motion within the cell, holds in
+the whole cell. Such groups are always close to each other; without a chart they would be checked for every q.
 """
 
 from __future__ import annotations
@@ -29,48 +29,51 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _FIRST, _LEVELS, _FINER = 1024, 4, 2
-"""Cells of a chart, a power of two; on how many levels all of them are cut into four each, while some leave something
-open; and on how many more those that do."""
+"""Number of cells of a chart, and of levels of refinement.
+
+A chart starts with a power of two of cells. On the first levels all cells are divided into four while some are undecided; on
+the further levels only undecided cells are divided.
+"""
 
 _STEPS = 24
-"""Planes tried between two parts."""
+"""Maximum number of planes tried between two parts."""
 
 _MARGIN = 1e-9
-"""Of an angle: what rounding may put into the next cell [rad]."""
+"""Angle that rounding may move into the next cell [rad]."""
 
 
 class Carried(NamedTuple):
-    """A part as one joint carries it, to know it again by."""
+    """A part in the frame of its joint, used as a cache key."""
 
     shape: Shape
     pose: bytes
-    """In the frame of that joint, (4, 4) row by row."""
+    """Pose in the frame of that joint, (4, 4), row by row."""
 
     @classmethod
     def of(cls, solid: Solid) -> Self:
-        """What is there of a part, wherever its joint stands in an arm."""
+        """Return the key of a part, which does not depend on the joint's position in an arm."""
         return cls(solid.shape, solid.pose.tobytes())
 
     def member(self, joint: int) -> Member:
-        """Its cover, on such a joint."""
+        """Return its cover, carried by the given joint."""
         pose = np.frombuffer(self.pose).reshape(4, 4)
         return Member.placed(joint, pose, self.shape.cover, self.shape.thickness)
 
 
 class Chart(NamedTuple):
-    """Of two groups."""
+    """The chart of two groups."""
 
     cells: Array
     """See `CollisionModel.chart`, (k,)."""
     below: NDArray[np.int64]
     """See `CollisionModel.below`, (k,)."""
     axes: tuple[int, ...]
-    """The two joints, or one twice, and how many parts their turns are cut into."""
+    """The two joints, or one twice, and the number of parts into which their turns are divided."""
     apart: float
-    """The groups are never closer than this inside the limits [m]; `NEVER_APART` where that is not known."""
+    """Lower bound on the distance of the groups inside the limits [m]; `NEVER_APART` if it is unknown."""
 
 
-@lru_cache(maxsize=64)  # A scene that changes, or a part in it that moves, leaves the arm as it is.
+@lru_cache(maxsize=64)  # A changed scene, or a moved part in it, leaves the arm the same.
 def chart_of(
     joints: tuple[int, int],
     links: bytes,
@@ -80,16 +83,17 @@ def chart_of(
     pairs: tuple[tuple[int, int], ...],
     pads: tuple[float, ...],
 ) -> Chart:
-    """Make the chart of two groups with one or two turning joints between them.
+    """Make the chart of two groups with one or two revolute joints between them.
 
     Args:
-        joints: Which carry the two groups, from 1 on.
-        links: From the frame that carries the first group to the first joint, and from that to the second, (1 or 2, 3, 4).
-        limits: Of the joints between [rad]; nothing is worked out outside.
-        parts: Of the first group.
-        others: Of the second.
-        pairs: Numbers of the two parts of each pair that counts.
-        pads: How much closer each pair is than its parts [m].
+        joints: Joints that carry the two groups, counted from 1.
+        links: Transforms from the frame that carries the first group to the first joint, and from there to the second, (1 or
+            2, 3, 4).
+        limits: Limits of the joints between them [rad]; nothing is computed outside.
+        parts: Parts of the first group.
+        others: Parts of the second group.
+        pairs: Numbers of the two parts of each checked pair.
+        pads: Padding of each pair, by which it is closer than its parts [m].
     """
     ways = np.frombuffer(links).reshape(-1, 3, 4)
     turning = len(ways)
@@ -121,7 +125,7 @@ def chart_of(
     again = (1, 4) if turning == 1 else (2, 2)
 
     def report(where: NDArray[np.int64], counts: tuple[int, int]) -> Array:
-        """What is known all over some cells, by row and column."""
+        """Return the bounds that hold in whole cells, by row and column."""
         angles = ((where + 0.5) * (2 * np.pi / np.array(counts)))[:, 2 - turning :]
         q = np.ascontiguousarray(angles)
         bounds, depths = np.empty((len(q), len(pairs))), np.empty(len(q))
@@ -132,7 +136,7 @@ def chart_of(
         return np.where(free > 0, free, np.minimum(-deep, 0.0))
 
     def within_limits(counts: tuple[int, int]) -> Flags:
-        """Which cells have a share of what is inside limits."""
+        """Return which cells overlap the limits."""
         along = [_inside(count, limit) for count, limit in zip(counts[2 - turning :], limits, strict=True)]
         asked = np.zeros(counts, dtype=np.bool_)
         asked[np.ix_(*([0], *along)[-2:])] = True
@@ -141,7 +145,7 @@ def chart_of(
     counts = _counts(moves, _FIRST)
     grid = np.zeros(counts)
     for level in range(_LEVELS):
-        if level > 0:  # What holds all over a cell holds all over its parts.
+        if level > 0:  # A bound that holds in a cell holds in its parts.
             grid = grid.repeat(again[0], axis=0).repeat(again[1], axis=1)
             counts = (counts[0] * again[0], counts[1] * again[1])
         where = np.argwhere(within_limits(counts) & (grid == 0))
@@ -171,7 +175,7 @@ def chart_of(
 
 
 def charts_of(charts: Sequence[Chart | None]) -> Charts:
-    """Those of some meetings as kernels take them."""
+    """Convert the charts of some meetings for kernels."""
     some = [chart for chart in charts if chart is not None]
     firsts = np.cumsum([0, *(len(chart.cells) for chart in some)])
     numbers = np.cumsum([chart is not None for chart in charts], dtype=np.int64) - 1
@@ -185,7 +189,7 @@ def charts_of(charts: Sequence[Chart | None]) -> Charts:
 
 
 def _inside(count: int, limits: tuple[float, float]) -> NDArray[np.int64]:
-    """Which of so many parts of a turn have a share of what is inside limits [rad]."""
+    """Return which of `count` equal parts of a turn overlap the limits [rad]."""
     low, high = (limit * count / (2 * np.pi) for limit in limits)
     if not high - low < count:
         return np.arange(count)
@@ -193,7 +197,7 @@ def _inside(count: int, limits: tuple[float, float]) -> NDArray[np.int64]:
 
 
 def _moves(links: Array, parts: Sequence[Member], others: Sequence[Member]) -> tuple[float, float]:
-    """How far a point of one group moves at most, as the other sees it, for each radian of two joints [m]."""
+    """Return the largest motion of a point of one group, seen from the other, per radian of each joint [m]."""
     one, thick = _corners(parts)
     two, thicker = _corners(others)
     last = float(np.hypot(two[0], two[1]).max()) + thicker
@@ -208,7 +212,7 @@ def _moves(links: Array, parts: Sequence[Member], others: Sequence[Member]) -> t
 
 
 def _counts(moves: tuple[float, float], size: int) -> tuple[int, int]:
-    """Into how many parts to cut the turns of two joints, so that little moves within a cell."""
+    """Return the numbers of parts into which the turns of two joints are divided, so that motion within a cell is small."""
     tried = [2**k for k in range(size.bit_length())]
     return min(
         ((count, size // count) for count in tried),
@@ -217,5 +221,5 @@ def _counts(moves: tuple[float, float], size: int) -> tuple[int, int]:
 
 
 def _corners(parts: Sequence[Member]) -> tuple[Array, float]:
-    """All corners, (3, k), and how much thicker they are at most."""
+    """Return all corners, (3, k), and the largest thickness."""
     return np.concatenate([part.corners for part in parts], axis=1), max(part.thick for part in parts)

@@ -1,4 +1,4 @@
-"""What is in a scene: the links of an arm, what stands around it and what it carries, and which pairs of these count."""
+"""The contents of a scene: links of an arm, obstacles, attached objects, and the pairs of these that are checked."""
 
 from __future__ import annotations
 
@@ -27,17 +27,20 @@ Array = NDArray[np.float64]
 
 
 MOST_SHAPES = 2_000
-"""Of all bodies of a scene together. Every two bodies are a pair, also two that never move against each other, and the time
-in which pinocchio takes shapes grows with the cube of their number."""
+"""Maximum number of shapes in a scene.
+
+Every two bodies are a pair, even if they never move relative to each other, and the time that pinocchio needs for adding
+shapes grows with the cube of their number.
+"""
 
 
 class Contents:
-    """The bodies of a scene, by name, and the pairs of them that never count; what it answers stands in `Scene`."""
+    """The bodies of a scene, by name, and the pairs of them that are never checked; `Scene` has the queries."""
 
     def __init__(
         self, chain: SerialChain, arm: ArmBodies, never: dict[tuple[str, str], str], samples: int
     ) -> None:
-        """Put together what `Scene.of` has read."""
+        """Assemble the data that `Scene.of` has read."""
         self._samples = samples
         self._chain, self._links = chain, arm.links
         self._bodies = dict[str, Body]()
@@ -52,18 +55,19 @@ class Contents:
         """Add a box.
 
         Args:
-            name: Of the new body.
-            size: Edges along its x, y and z [m].
-            pose: Of its middle in the base of the arm, (4, 4), or an object that carries one; the base itself unless given.
+            name: Name of the new body.
+            size: Edge lengths along its x, y and z axes [m].
+            pose: Pose of its centre in the base of the arm, (4, 4), or an object that carries one; by default the base
+                itself.
 
         Raises:
-            InvalidScene: A name that is taken, a size that is none.
-            InvalidGoal: `pose` is none.
+            InvalidScene: The name is taken, or the size is invalid.
+            InvalidGoal: `pose` is invalid.
         """
         self.add(name, Box(size), pose)
 
     def add_sphere(self, name: str, radius: float, pose: Any = None) -> None:
-        """Add a ball of a radius [m]; see `add_box`."""
+        """Add a sphere with a radius [m]; see `add_box`."""
         self.add(name, Sphere(radius), pose)
 
     def add_cylinder(self, name: str, radius: float, length: float, pose: Any = None) -> None:
@@ -71,7 +75,7 @@ class Contents:
         self.add(name, Cylinder(radius, length), pose)
 
     def add_capsule(self, name: str, radius: float, length: float, pose: Any = None) -> None:
-        """Add a cylinder with round ends about the z axis of its pose; `length` [m] is without these; see `add_box`."""
+        """Add a cylinder with round ends about the z axis of its pose; `length` [m] excludes the ends; see `add_box`."""
         self.add(name, Capsule(radius, length), pose)
 
     def add_mesh(
@@ -84,22 +88,24 @@ class Contents:
         hull: bool = False,
         simplify: float | None = None,
     ) -> None:
-        """Add what a file of triangles holds.
+        """Add a triangle mesh from a file.
 
-        A closed mesh is solid. One that is open is a surface: what lies wholly behind it does not touch it; `notes` says so.
+        A closed mesh is solid. An open mesh is a surface: a body wholly behind it does not touch it, and `notes` reports
+        this.
 
         Args:
-            name: Of the new body.
+            name: Name of the new body.
             path: An STL, OBJ, PLY, GLB or DAE (COLLADA) file.
             pose: See `add_box`.
             scale: One factor, or one along each axis.
-            hull: Take its convex hull: faster, and solid in any case.
-            simplify: Fewer triangles, no point moved farther than this [m]; the body gets as much thicker, so that what is
-                free of it is free of the mesh, and `notes` says by how much. Nothing is simplified otherwise.
+            hull: Use its convex hull, which is faster to check and always solid.
+            simplify: Simplify to fewer triangles, moving no point farther than this [m]. The body is made thicker by the
+                same distance, so that free of it implies free of the mesh; `notes` reports how much. By default nothing is
+                simplified.
 
         Raises:
-            InvalidScene: As `add_box`, or the file is missing, empty or cannot be read; more than a million triangles
-                without `hull` or `simplify`.
+            InvalidScene: As `add_box`, or the file is missing, empty or cannot be read, or it has more than a million
+                triangles without `hull` or `simplify`.
         """
         mesh = Mesh.read(path, scale, hull, simplify)
         self.add(name, mesh, pose)
@@ -109,19 +115,19 @@ class Contents:
             )
 
     def add_points(self, name: str, cloud: ArrayLike, radius: float, pose: Any = None) -> None:
-        """Add a cloud of points, (k, 3) [m], as a depth camera gives it; each is a ball of a radius [m]; see `add_box`.
+        """Add a point cloud, (k, 3) [m], as from a depth camera; each point is a sphere with a radius [m]; see `add_box`.
 
         Raises:
-            InvalidScene: As `add_box`, or NaN in the cloud; the message says how many points hold it.
+            InvalidScene: As `add_box`, or NaN in the cloud; the message gives the number of such points.
         """
         self.add(name, Points(cloud, radius), pose)
 
     def add(self, name: str, shape: Shape, pose: Any = None) -> None:
-        """Add a shape of `kinseek.collision`, as the other ways to add do.
+        """Add a shape of `kinseek.collision`.
 
         Raises:
-            InvalidScene: A name that is taken, or no shape.
-            InvalidGoal: `pose` is none.
+            InvalidScene: The name is taken, or `shape` is not a shape.
+            InvalidGoal: `pose` is invalid.
         """
         self._enter(Body(self._new(name), Frame(0, np.eye(4)), [_part(shape, pose)]))
 
@@ -135,25 +141,26 @@ class Contents:
         missing: Literal["error", "skip"] = "error",
         trusted: bool = True,
     ) -> tuple[str, ...]:
-        """Add all that stands in a file: its meshes count as those of `add_mesh` do.
+        """Add all objects of a file; meshes are treated as in `add_mesh`.
 
         Args:
             path: A ``.urdf`` or ``.xacro`` file whose joints are all fixed: its links with collision elements, by their
-                names. Or a ``.scene`` file as MoveIt writes it: its objects by theirs, boxes, spheres, cylinders and meshes.
-            pose: Of the root link, or of MoveIt's planning frame, in the base of the arm, (4, 4), or an object that carries
-                one; the base itself unless given.
-            prefix: Put before every name, where a file is added twice.
-            meshes: Folders of packages, or ``"skip"``, as in `Scene.of`; those known of the arm are looked at, too.
-            missing: What to do about a mesh that cannot be read, as in `Scene.of`.
+                names. Or a MoveIt ``.scene`` file: its objects by their names, which are boxes, spheres, cylinders and
+                meshes.
+            pose: Pose of the root link, or of MoveIt's planning frame, in the base of the arm, (4, 4), or an object that
+                carries one; by default the base itself.
+            prefix: Prefix of all names, for a file that is added twice.
+            meshes: Folders of packages, or ``"skip"``, as in `Scene.of`; the folders known for the arm are searched, too.
+            missing: How to treat a mesh that cannot be read, as in `Scene.of`.
             trusted: May Python evaluate the expressions of a xacro file?
 
         Returns:
-            Names of the new bodies. All are added, or none.
+            Names of the new bodies. Either all are added, or none.
 
         Raises:
-            InvalidScene: The file cannot be read, holds a joint that moves, a shape that is not known or none at all; a mesh
-                that is missing, empty or broken; a name that is taken.
-            InvalidGoal: `pose` is none.
+            InvalidScene: The file cannot be read, or it has a movable joint, an unknown shape or no shapes; a mesh is
+                missing, empty or broken; or a name is taken.
+            InvalidGoal: `pose` is invalid.
             MissingExtra: trimesh is not installed.
         """
         meshes, skip = read_missing(meshes, missing)
@@ -182,21 +189,21 @@ class Contents:
         touches: Iterable[str] = (),
         padding: float = 0.0,
     ) -> None:
-        """Attach a shape to a link: a tool, or what a gripper holds. It moves with the link, and may hit what the link may.
+        """Attach a shape to a link: a tool, or an object in a gripper. It moves with the link, and is checked like a link.
 
-        As among links, pairs that touch at all of the scene's random joint values do not count; `pairs` names them.
+        Pairs that touch at every one of the scene's random joint values are not checked, as for links; `pairs` lists them.
 
         Args:
-            name: Of the new body.
+            name: Name of the new body.
             shape: A `Box`, `Sphere`, `Cylinder`, `Capsule` or hull of a `Mesh` from `kinseek.collision`.
-            to: A link of the file, with geometry or without.
-            pose: Of the shape in the frame of that link, (4, 4), or an object that carries one; its frame unless given.
-            touches: Names of bodies that it may touch, beside that link.
+            to: A link of the file, with or without geometry.
+            pose: Pose of the shape in the frame of that link, (4, 4), or an object that carries one; by default that frame.
+            touches: Names of bodies that it may touch, in addition to that link.
             padding: Added to it on every side [m].
 
         Raises:
-            InvalidScene: A name that is taken, an unknown link or body, a shape that cannot be carried.
-            InvalidGoal: `pose` is none.
+            InvalidScene: The name is taken, the link or a body is unknown, or the shape cannot be attached.
+            InvalidGoal: `pose` is invalid.
         """
         if to not in self._links:
             raise InvalidScene(suggest(str(to), self._links, "link"))
@@ -221,22 +228,22 @@ class Contents:
         self._sample(self._samples, False, name)
 
     def add_arm(self, name: str, other: Contents, q: Any, pose: Any = None) -> None:
-        """Add another arm as an obstacle that stands at joint values, until `move` puts it to others.
+        """Add another arm as an obstacle at fixed joint values; `move` changes them.
 
-        Its links and what is attached to them are taken from its own scene, as they are now, with their padding; what stands
-        around it is not. Their names here are ``name/link``. Whether the other arm hits itself is not looked at.
+        Its links and the objects attached to them are taken from its own scene in their current state, with their padding;
+        the obstacles around it are not. Their names here are ``name/link``. Self-collision of the other arm is not checked.
 
         Args:
-            name: Of the other arm in this scene.
+            name: Name of the other arm in this scene.
             other: The scene of the other arm; it may be of the same model.
             q: Joint values of the other arm, (m,), [rad] or [m], or by name.
-            pose: Of the base of the other arm in the base of this one, (4, 4), or an object that carries one; the same base
-                unless given.
+            pose: Pose of the base of the other arm in the base of this one, (4, 4), or an object that carries one; by
+                default the same base.
 
         Raises:
-            InvalidScene: A name that is taken, or no scene.
+            InvalidScene: The name is taken, or `other` is not a scene.
             InvalidProblem: `q` does not fit the other arm.
-            InvalidGoal: `pose` is none.
+            InvalidGoal: `pose` is invalid.
         """
         if not isinstance(other, Contents):
             raise InvalidScene(
@@ -253,10 +260,10 @@ class Contents:
         self._others[name], self._assembly = arm, None
 
     def move(self, name: str, q: Any) -> None:
-        """Put another arm of the scene to other joint values; nothing is built anew.
+        """Move another arm of the scene to other joint values, without rebuilding the engine.
 
         Args:
-            name: As it was added by `add_arm`.
+            name: Its name in `add_arm`.
             q: Its joint values, (m,), [rad] or [m], or by name.
 
         Raises:
@@ -272,7 +279,7 @@ class Contents:
             self._assembly.stand(moved)
 
     def allow(self, a: str, b: str, reason: str = "said: they may touch") -> None:
-        """Leave a pair of bodies out of what counts.
+        """Exclude a pair of bodies from the checks.
 
         Raises:
             InvalidScene: An unknown body.
@@ -283,10 +290,10 @@ class Contents:
         self._assembly = None
 
     def remove(self, name: str) -> None:
-        """Take a body away that was added or attached, or another arm.
+        """Remove a body that was added or attached, or another arm.
 
         Raises:
-            InvalidScene: There is none, or it is a link of an arm.
+            InvalidScene: It does not exist, or it is a link of an arm.
         """
         if (other := self._others.pop(name, None)) is not None:
             for body in other.names:
@@ -308,33 +315,33 @@ class Contents:
 
     @property
     def arm(self) -> str:
-        """The arm, for messages: its name and its joints."""
+        """Name and joints of the arm, for messages."""
         return f"{self._chain.name!r} with joints {', '.join(self._chain.joint_names)}"
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Names of all bodies: links of the arm with geometry, then what was added."""
+        """Names of all bodies: links of the arm with geometry, then added bodies."""
         return tuple(self._bodies)
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
-        """All pairs of bodies, those that count and those that do not with the reason; each prints as a line."""
+        """All pairs of bodies: those that are checked, and the others with the reason; each prints as a line."""
         return tuple(pairs_of(self._bodies.values(), self._never))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was left out, what stands in for something, where joints stand that are not the arm's: a sentence each."""
+        """One sentence each on what was left out, what was replaced, and the values of joints that are not the arm's."""
         return tuple(self._notes)
 
     @property
     def _made(self) -> Assembly:
-        """The engine of what is in the scene now, and whose its parts are."""
+        """The engine of the current contents, and the body of each part."""
         if self._assembly is None:
             self._assembly = assemble(self._chain, self._bodies.values(), self.pairs)
         return self._assembly
 
     def _sample(self, samples: int, skip_never: bool, name: str | None = None) -> None:
-        """Find pairs of what the arm carries that touch at all samples, or at none; of those of one body if it is named."""
+        """Find the pairs carried by the arm that touch at all samples, or at none; if `name` is given, only its pairs."""
         carried = {body.name for body in self._bodies.values() if body.is_link or body.frame.joints}
         open_pairs = [pair for pair in self.pairs if pair.counts and {pair.a, pair.b} <= carried]
         open_pairs = [pair for pair in open_pairs if name in (None, pair.a, pair.b)]
@@ -378,7 +385,7 @@ class Contents:
             )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle and copy what it is made of; the engine is made anew."""
+        """Pickle and copy the contents; the engine is rebuilt."""
         state = {**self.__dict__, "_assembly": None}
         return state | {
             "_bodies": dict(self._bodies),
@@ -400,10 +407,10 @@ class Contents:
 
 
 def read_missing(meshes: Any, missing: str) -> tuple[Any, bool]:
-    """Folders of packages, and whether meshes are left out that cannot be read.
+    """Return folders of packages, and whether unreadable meshes are left out.
 
     Raises:
-        InvalidScene: `missing` is neither word for it.
+        InvalidScene: `missing` is neither ``"error"`` nor ``"skip"``.
     """
     if missing not in ("error", "skip"):
         raise InvalidScene(suggest(str(missing), ("error", "skip"), "value of missing"))
@@ -415,7 +422,7 @@ def one_q(chain: SerialChain, q: Any) -> Array:
     """Read the joint values of an arm, (n,).
 
     Raises:
-        InvalidProblem: They do not fit it.
+        InvalidProblem: They do not fit the arm.
     """
     joints = as_joints(chain, q)
     if joints.ndim > 1:
@@ -429,5 +436,5 @@ def _part(shape: Shape, pose: Any) -> Part:
             f"expected a Box, Sphere, Cylinder, Capsule, Mesh or Points of kinseek.collision, got {type(shape).__name__}"
         )
     if isinstance(shape, Mesh) and shape.hull:
-        shape.geometry()  # Says now that there is none.
+        shape.geometry()  # Raises an error now if there is none.
     return Part(shape, np.eye(4) if pose is None else one_pose(pose, "pose"))

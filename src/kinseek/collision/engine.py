@@ -1,4 +1,4 @@
-"""The exact library: coal, asked through pinocchio, on a model made of the arm's own fixed transforms."""
+"""Exact collision checks by coal through pinocchio, on a model built from the arm's own fixed transforms."""
 
 from __future__ import annotations
 
@@ -22,52 +22,52 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 TOUCH = 1e-6
-"""What is closer than this [m] touches: coal's distances are known that well."""
+"""Parts closer than this touch [m]: the accuracy of coal's distances."""
 
 
 _LOOKS = 24
-"""Planes tried between parts that may be the nearest."""
+"""Number of planes tried between parts that may be the nearest."""
 
 _ALONE = 1024
-"""Joint values for which it is not worth while to start another thread."""
+"""Number of joint values up to which starting another thread does not pay."""
 
 _CHUNKS, _SHORTEST = 8, 256
-"""Into so many pieces for each thread a batch is cut, none of fewer joint values."""
+"""Number of pieces per thread into which a batch is divided, and minimum number of joint values in each."""
 
 
 class Solid(NamedTuple):
     """One part of a body, as the engine takes it."""
 
     joint: int
-    """The joint that carries it; 0: it stands in the base."""
+    """The joint that carries it; 0 if it is fixed in the base."""
     shape: Shape
     pose: Array
-    """In the frame of that joint, (4, 4), lengths in [m]."""
+    """Pose in the frame of that joint, (4, 4), lengths in [m]."""
     padding: float
-    """[m]"""
+    """Added to it on every side [m]."""
 
 
 class Near(NamedTuple):
-    """How near two parts are."""
+    """The distance of two parts."""
 
     pair: int
     distance: float
-    """[m], negative where they are in each other."""
+    """Distance [m], negative if they penetrate."""
     points: tuple[Array, Array]
-    """Where, on either of them, in the base, (3,) each [m]."""
+    """Nearest points on each of them, in the base, (3,) each [m]."""
 
 
 class Engine:
-    """The pairs of a scene that count, ready to be asked: by one thread at a time, ``with engine:``.
+    """Collision checks of the checked pairs of a scene, used by one thread at a time, ``with engine:``.
 
     Args:
         chain: The arm.
         solids: All parts.
-        pairs: Numbers of the two parts of each pair that counts.
+        pairs: Numbers of the two parts of each checked pair.
     """
 
     def __init__(self, chain: SerialChain, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]) -> None:
-        """Tell pinocchio and coal."""
+        """Build the models of pinocchio and coal."""
         self._pin = pin = library("pinocchio")
         self._chain, self.solids, self.pairs = chain, list(solids), pairs
         self._model = pin.Model()
@@ -86,7 +86,7 @@ class Engine:
         for i, j in pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(i, j))
         self._placed = pin.GeometryData(self._geometry)
-        # Every pair begins anew, or an answer would depend on what was asked before it.
+        # Every pair starts from a fresh guess; otherwise a result would depend on previous checks.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)
             for request in (*self._placed.collisionRequests, *self._placed.distanceRequests):
@@ -98,12 +98,12 @@ class Engine:
         self._clearance, self._lock, self._taken = np.nan, Lock(), list[Any]()
         self._fitted: Broad | None = None
         self._moving: Mapping[int, Array] = {}
-        """What `stand` is doing."""
+        """Poses that `stand` is setting."""
         self._shells = [n for n, pair in enumerate(pairs) if any(_is_shell(solids[i]) for i in pair)]
 
     @property
     def _broad(self) -> Broad:
-        """The first pass; fitted when it is first asked, by one thread: that may take seconds."""
+        """The broad phase, fitted by one thread at its first use, which may take seconds."""
         fitted = self._fitted
         if fitted is None:
             with self:
@@ -112,7 +112,7 @@ class Engine:
         return fitted
 
     def stand(self, poses: Mapping[int, Array]) -> None:
-        """Put parts that stand in the base somewhere else: their numbers, and their poses, (4, 4)."""
+        """Move parts that are fixed in the base: their numbers, and their new poses, (4, 4)."""
         self._moving = poses
         for number, pose in poses.items():
             self.solids[number] = self.solids[number]._replace(pose=pose)
@@ -121,23 +121,23 @@ class Engine:
         self._fitted, self._moving = None, {}
 
     def __enter__(self) -> Self:
-        """Wait until nobody else asks: placements are kept between calls."""
+        """Wait until the engine is free, because it keeps placements between calls."""
         lock = self._lock.now
         lock.acquire()
         self._taken.append(lock)
-        if self._moving:  # Ctrl-C or a fork came in the middle of it.
+        if self._moving:  # Ctrl-C or a fork interrupted `stand`.
             self.stand(self._moving)
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Let the next one ask."""
+        """Release the engine."""
         self._taken.pop().release()
 
     def free(self, q: Array, clearance: float, threads: int | None = 1) -> Flags:
-        """Is every pair farther apart than `clearance`? (k, n) -> (k,).
+        """Return whether every pair is farther apart than `clearance`, (k, n) -> (k,).
 
-        The first pass tells of most joint values; of the others coal is asked about the pairs in doubt. It waits by itself
-        until nobody else asks coal.
+        The broad phase decides most joint values; for the others coal checks the pairs in doubt. The method itself acquires
+        the engine for coal.
         """
         if not self.pairs:
             return np.ones(len(q), dtype=np.bool_)
@@ -167,28 +167,28 @@ class Engine:
         return free
 
     def exactly_free(self, q: Array, clearance: float) -> Flags:
-        """The same by coal alone, pair by pair: its tree of boxes misses meshes that are flat."""
+        """Do the same by coal alone, pair by pair, because coal's tree of boxes misses flat meshes."""
         self.set_clearance(clearance)
         return np.array([self._is_free(one) for one in q], dtype=np.bool_)
 
     def bounds(self, q: Array) -> Array:
-        """No pair is closer than this, padding taken off, (k, n) -> (k, pairs) [m]; by spheres alone."""
+        """Return lower bounds on the distance of each pair, with padding, (k, n) -> (k, pairs) [m]; from spheres alone."""
         return self._broad.bounds(q)
 
     def near(self, q: Array) -> list[Near]:
-        """How near the parts of every pair are at q, (n,)."""
+        """Return the distances of all pairs at q, (n,)."""
         self.place(q)
         return [self.near_pair(n) for n in range(len(self.pairs))]
 
     def nearest(self, q: Array) -> Near | None:
-        """The two parts that are nearest to each other at q, (n,); None without pairs."""
+        """Return the two parts that are nearest to each other at q, (n,); None without pairs."""
         if not self.pairs:
             return None
         bounds = self._broad.bounds(q[None], _LOOKS)[0]
         self.place(q)
         best: Near | None = None
         for n in np.argsort(bounds):
-            # A bound below 0 says nothing: how deep parts are in each other spheres do not tell.
+            # A bound below 0 has no meaning: spheres do not measure penetration depth.
             if best is not None and bounds[n] > max(best.distance, 0.0):
                 break
             found = self.near_pair(int(n))
@@ -197,7 +197,7 @@ class Engine:
         return best
 
     def touching(self, q: Array, clearance: float) -> list[Near]:
-        """The parts that are not farther apart than `clearance` at q, (n,), and how near they are."""
+        """Return the parts that are at most `clearance` apart at q, (n,), with their distances."""
         if not self.pairs:
             return []
         self.set_clearance(clearance)
@@ -206,26 +206,26 @@ class Engine:
         return [self.near_pair(int(n)) for n in close if self.touch(int(n))]
 
     def is_convex(self, n: int) -> bool:
-        """Are both parts of a pair convex?"""
+        """Return whether both parts of a pair are convex."""
         return not any(
             isinstance(self.solids[i].shape, Points) or _is_shell(self.solids[i]) for i in self.pairs[n]
         )
 
     def larger(self, n: int) -> float:
-        """How much closer the parts of a pair are than what coal takes of them [m]."""
+        """Return how much smaller the distance of a pair is than the distance of its coal shapes [m]."""
         return float(self._larger[n])
 
     def set_clearance(self, clearance: float) -> None:
-        """From now on what is not farther apart than this touches [m]."""
+        """Set the distance up to which parts touch [m]."""
         if clearance == self._clearance:
             return
-        self._clearance = np.nan  # Ctrl-C or a fork may come before all requests have it.
+        self._clearance = np.nan  # Ctrl-C or a fork may interrupt before all requests have it.
         for request, larger in zip(self._placed.collisionRequests, self._larger, strict=True):
             request.security_margin = clearance + larger + TOUCH
         self._clearance = clearance
 
     def place(self, q: Array) -> None:
-        """Bring all parts to where they are at q, (n,)."""
+        """Update the placements of all parts for q, (n,)."""
         self._pin.updateGeometryPlacements(
             self._model, self._data, self._geometry, self._placed, self._physical(q)
         )
@@ -240,11 +240,11 @@ class Engine:
         return np.asarray(self._chain.multiplier * q[self._chain.leader] + self._chain.offset)
 
     def touch(self, n: int) -> bool:
-        """Do the parts of a pair touch, where they were placed last?"""
+        """Return whether the parts of a pair touch at the last placements."""
         return bool(self._pin.computeCollision(self._geometry, self._placed, n)) or self._inside(n)
 
     def near_pair(self, n: int) -> Near:
-        """How near the parts of a pair are, where they were placed last."""
+        """Return the distance of a pair at the last placements."""
         result = self._pin.computeDistance(self._geometry, self._placed, n)
         distance = float(result.min_distance)
         if self._inside(n):
@@ -253,9 +253,9 @@ class Engine:
         return Near(n, distance - float(self._larger[n]), points)
 
     def _inside(self, n: int) -> bool:
-        """Is one part wholly inside a closed mesh of which only the surface is known to coal?
+        """Return whether one part is wholly inside a closed mesh, of which coal knows only the surface.
 
-        The other is in one piece. So where their surfaces do not meet, one of its points is as good as any.
+        The other part is connected. So if the surfaces do not intersect, testing any one of its points is enough.
         """
         for shell, other in (self.pairs[n], self.pairs[n][::-1]):
             if not _is_shell(self.solids[shell]):

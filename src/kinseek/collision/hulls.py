@@ -1,4 +1,4 @@
-"""How far points lie beyond the planes of a convex hull, and which points of many may be its corners."""
+"""Distances of points beyond the planes of a convex hull, and selection of points that may be its corners."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ from .shapes import library
 Array = NDArray[np.float64]
 
 MOST_CORNERS = 18_000
-"""Points that may be corners of one hull. For so many on two circles Qhull takes some seconds, and for twice as many four
-times as long."""
+"""Maximum number of candidate corners of one hull. For this number on two circles Qhull takes some seconds, and four times
+as long for twice as many.
+"""
 
 _PRODUCTS = 2**24
-"""Of points and planes that are computed at once."""
+"""Maximum number of point-plane products computed at once."""
 
 _DIRECTIONS = (32, 128, 512, 2048, 8192)
-"""In so many directions the farthest points are looked for, until few points lie outside their hull."""
+"""Numbers of directions in which the farthest points are searched, until few points lie outside their hull."""
 
 _HELPS = 0.9
-"""More directions are not tried after a step that leaves more than this share of the points."""
+"""No more directions are tried after a step that keeps more than this fraction of the points."""
 
 _DEEP = 1e-9
-"""A point that lies this much below all sides of a hull is inside, whatever rounding does, as a share of the hull's size."""
+"""Depth below all sides of a hull beyond which a point is inside despite rounding, relative to the hull's size."""
 
 
 def farthest_beyond(points: Array, planes: Array) -> Array:
-    """How far points (k, 3) lie beyond the planes (4, f) of a convex hull, negative inside, (k,).
+    """Return how far points (k, 3) lie beyond the planes (4, f) of a convex hull, negative inside, (k,).
 
     The memory does not grow with the number of planes.
     """
@@ -40,9 +41,9 @@ def farthest_beyond(points: Array, planes: Array) -> Array:
 
 
 def outermost(points: Array, most: int = MOST_CORNERS) -> Array:
-    """Leave points out that lie inside the hull of others, (k, 3) -> (l, 3); of at most so many points none.
+    """Remove points that lie inside the hull of the others, (k, 3) -> (l, 3); at most `most` points are returned unchanged.
 
-    The hull stays the same. There may be more than `most` points left.
+    The hull stays the same. More than `most` points may remain.
     """
     for count in _DIRECTIONS:
         if len(points) <= most:
@@ -54,20 +55,20 @@ def outermost(points: Array, most: int = MOST_CORNERS) -> Array:
 
 
 def _inside_farthest(points: Array, count: int) -> NDArray[np.bool_]:
-    """Which points lie inside the hull of those that are farthest in some directions?"""
+    """Return which points lie inside the hull of the farthest points in `count` directions."""
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     scaled = (points - low) / np.where(size > 0, size, 1.0)
     farthest = np.unique([np.argmax(scaled @ way) for way in _directions(count)])
     spatial = library("scipy.spatial")
     try:
         hull = spatial.ConvexHull(scaled[farthest])
-    except spatial.QhullError:  # They are too few, or lie in a plane.
+    except spatial.QhullError:  # Too few points, or all in a plane.
         return np.zeros(len(points), dtype=np.bool_)
     return farthest_beyond(scaled, np.ascontiguousarray(hull.equations.T)) < -_DEEP
 
 
 def _directions(count: int) -> Array:
-    """Unit vectors that are evenly spread, (count, 3): a Fibonacci lattice (Swinbank and Purser 2006)."""
+    """Return evenly spread unit vectors, (count, 3): a Fibonacci lattice (Swinbank and Purser 2006)."""
     numbers = np.arange(count) + 0.5
     z, angles = 1 - 2 * numbers / count, np.pi * (1 + np.sqrt(5)) * numbers
     around = np.sqrt(1 - z**2)

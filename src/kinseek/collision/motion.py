@@ -1,9 +1,8 @@
-"""Motions between two q that are free all along: proved by how far a point can move, not by a number of samples.
+"""Collision checks of whole motions between two q, proved by bounds on motion instead of samples.
 
-Conservative advancement (Mirtich 1996): a pair of bodies that is a distance d apart at one moment of a motion cannot touch
-before one of them has moved by d as the other sees it. How fast any point of it can move follows from the lengths of the
-links. So every moment looked at covers an interval around itself, and the motion is free when the intervals of every pair
-cover it.
+Conservative advancement (Mirtich 1996): two bodies at distance d at one moment of a motion cannot touch before one of them
+has moved by d relative to the other. The lengths of the links bound the speed of any point. So every checked moment covers
+an interval around itself, and the motion is free if the intervals of every pair cover it.
 """
 
 from __future__ import annotations
@@ -18,17 +17,17 @@ from .engine import TOUCH, Engine, Solid
 Array = NDArray[np.float64]
 
 FINEST = 1e-5
-"""A motion on which bodies come this near to touching, or to the clearance, is not called free [m]."""
+"""A motion that comes this close to contact, or to the clearance, is not reported as free [m]."""
 
 _MOST = 20_000
-"""Moments of one motion looked at, at most; a motion that needs more is not called free."""
+"""Maximum number of moments checked per motion; a motion that needs more is not reported as free."""
 
 _TOGETHER = 512
-"""Motions looked at side by side."""
+"""Number of motions checked together."""
 
 
 class Speeds:
-    """How far points of one part of a pair move at most, as the other sees them.
+    """Bounds on the motion of points of one part of each pair, relative to the other part.
 
     Args:
         chain: The arm.
@@ -36,7 +35,7 @@ class Speeds:
     """
 
     def __init__(self, chain: SerialChain, engine: Engine) -> None:
-        """Work out what does not depend on the motion."""
+        """Compute what does not depend on the motion."""
         self._chain, self.engine = chain, engine
         joints = len(chain.leader)
         ends = np.array(
@@ -52,23 +51,23 @@ class Speeds:
         """Joints between the two parts, (pairs, joints)."""
 
     def of(self, q0: Array, q1: Array) -> Array:
-        """From q0 to q1, (k, n) each: so far goes any point of one part of each pair at most, (k, pairs) [m]."""
+        """Return bounds on the motion of any point of each pair's parts from q0 to q1, (k, n) each, (k, pairs) [m]."""
         chain = self._chain
         ends = [chain.multiplier * q[:, chain.leader] + chain.offset for q in (q0, q1)]
         travel = np.abs(ends[1] - ends[0])
         slides = np.where(chain.prismatic, np.maximum(np.abs(ends[0]), np.abs(ends[1])), 0.0)
         lengths = np.linalg.norm(chain.fixed[:-1, :, 3], axis=1) + slides
         before = np.concatenate([np.zeros((len(q0), 1)), np.cumsum(lengths, axis=1)], axis=1)
-        """Way from the base to the frame of each joint, along the links at their longest."""
+        """Maximum distance from the base to the frame of each joint along the links."""
         reach = before[:, self._ends[:, 1], None] - before[:, None, 1:] + self._radii[:, None]
         far = travel[:, None] * np.where(chain.prismatic, 1.0, reach)
         return np.asarray(np.where(self._moves, far, 0.0).sum(axis=2))
 
 
 def stops(speeds: Speeds, q0: Array, q1: Array, clearance: float) -> Array:
-    """Where the straight ways from q0 to q1, (k, n) each, are not free, in shares of them, (k,); NaN where all of it is.
+    """Return where the linear motions from q0 to q1, (k, n) each, are not free, as fractions, (k,); NaN if all is free.
 
-    It is one such place, and not the first on the way. See `Scene.free_motion`.
+    The place is not necessarily the first on the way. See `Scene.free_motion`.
     """
     found = np.full(len(q0), np.nan)
     if speeds.engine.pairs:
@@ -81,11 +80,11 @@ def stops(speeds: Speeds, q0: Array, q1: Array, clearance: float) -> Array:
 
 
 def surely_hits(speeds: Speeds, q: Array, reach: Array, clearance: float) -> bool:
-    """Is one pair of bodies at most a clearance apart wherever no joint is farther than `reach` from q? (n,) both.
+    """Return whether one pair is within the clearance wherever no joint is farther than `reach` from q, (n,) both.
 
-    Bodies that are a distance d apart are at most d + m apart after no point of one has moved by more than m as the other
-    sees it. Of convex bodies that holds where they are in each other too, d then being less the way that takes them apart:
-    the differences of their points hold a ball of that radius about zero, and no motion by less leaves zero out (Brouwer).
+    Bodies at distance d are at most d + m apart after no point of one has moved by more than m relative to the other. For
+    convex bodies this also holds if they penetrate, with d the negative penetration depth: the differences of their points
+    contain a ball of that radius about zero, and no smaller motion can exclude zero (Brouwer).
     """
     if not np.isfinite(reach).all():
         return False
@@ -99,7 +98,7 @@ def surely_hits(speeds: Speeds, q: Array, reach: Array, clearance: float) -> boo
 
 
 def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, clearance: float) -> Array:
-    """Look at the middle of every motion, then at the middles of the halves that it does not cover, and so on."""
+    """Check the middle of every motion, then the middles of the halves that it does not cover, and so on."""
     least, found = clearance + FINEST, np.full(len(q0), np.nan)
     number, moment, half = np.arange(len(q0)), np.full(len(q0), 0.5), 0.5
     left, looked = np.ones(rates.shape, dtype=np.bool_), np.zeros(len(q0), dtype=np.int64)
@@ -127,6 +126,6 @@ def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, clearance: flo
 
 
 def _radius(solid: Solid) -> float:
-    """No point of a part is farther from the frame of the joint that carries it [m]."""
+    """Return a bound on the distance of any point of a part from the frame of its joint [m]."""
     corners = solid.shape.corners @ solid.pose[:3, :3].T + solid.pose[:3, 3]
     return float(np.linalg.norm(corners, axis=1).max()) + solid.shape.thickness + solid.padding + TOUCH

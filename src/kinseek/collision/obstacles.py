@@ -1,4 +1,4 @@
-"""Obstacles that stand in a file: a URDF whose joints are fixed, or the text that MoveIt writes of a planning scene."""
+"""Obstacles from files: a URDF whose joints are fixed, or a planning scene in MoveIt's text format."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 URDF, XACRO, MOVEIT = ".urdf", ".xacro", ".scene"
 
 DIGITS = 9
-"""Of a whole number in a file: more of anything is no description."""
+"""Maximum number of digits of an integer in a file; a larger number is invalid."""
 
 
 def obstacles(
@@ -35,14 +35,14 @@ def obstacles(
     Args:
         path: A .urdf, .xacro or .scene file.
         folders: Folders of packages by name.
-        skip: Leave meshes out that cannot be read?
+        skip: Leave unreadable meshes out?
         trusted: May Python evaluate the expressions of a xacro file?
 
     Returns:
-        Bodies with their poses in the root of the file, and notes of what was left out.
+        Bodies with their poses in the root of the file, and notes on omitted meshes.
 
     Raises:
-        InvalidScene: The file cannot be read, holds joints that move, or no shapes.
+        InvalidScene: The file cannot be read, has movable joints, or has no shapes.
     """
     try:
         if path.suffix.lower() == MOVEIT:
@@ -85,21 +85,21 @@ class _Word(NamedTuple):
 
 
 class _Words:
-    """The words of a MoveIt scene, one after the other."""
+    """Tokenizer of a MoveIt scene."""
 
     def __init__(self, text: str, where: str) -> None:
         self._where = where
         lines = text.splitlines()
         starts = [n for n, line in enumerate(lines) if line.startswith("*")]
-        # Who writes poses of objects, beside those of shapes, begins them in the line below the first name; else that
-        # holds a number of shapes (moveit_core, PlanningScene::loadGeometryFromStream).
+        # A file with poses of objects, besides those of shapes, has a pose in the line below the first name; otherwise that
+        # line has a number of shapes (moveit_core, PlanningScene::loadGeometryFromStream).
         below = lines[starts[0] + 1] if starts and starts[0] + 1 < len(lines) else ""
         self.has_poses = len(below.split()) > 1
         self._left = self._split(lines[1:])
 
     @staticmethod
     def _split(lines: list[str]) -> Iterator[_Word]:
-        for number, line in enumerate(lines, start=2):  # The first is the name of the scene.
+        for number, line in enumerate(lines, start=2):  # The first line is the scene's name.
             if line.startswith("*"):
                 yield _Word("*", number)
                 yield _Word(line[1:].strip(), number)
@@ -114,11 +114,11 @@ class _Words:
         return word
 
     def wrong(self, word: _Word, expected: str) -> InvalidScene:
-        """Say of a word that it is not what was expected."""
+        """Make the error for a word that is not the expected one."""
         return InvalidScene(f"{self._where}: line {word.line}: expected {expected}, got {word.text!r}")
 
     def numbers(self, count: int, what: str) -> list[float]:
-        """Take so many finite numbers."""
+        """Read `count` finite numbers."""
         found = []
         for _ in range(count):
             word = self.take(what)
@@ -131,14 +131,14 @@ class _Words:
         return found
 
     def count(self, what: str) -> int:
-        """Take a whole number of at least 0."""
+        """Read an integer of at least 0."""
         word = self.take(what)
         if not (word.text.isascii() and word.text.isdigit() and len(word.text) <= DIGITS):
             raise self.wrong(word, f"the {what}")
         return int(word.text)
 
     def pose(self, what: str) -> Array:
-        """Take a position and a quaternion, real part last, (4, 4)."""
+        """Read a position and a quaternion, real part last, (4, 4)."""
         place, turn = self.numbers(3, f"the position of {what}"), self.numbers(4, f"the rotation of {what}")
         try:
             return np.asarray(pose(place, quat_xyzw=turn))

@@ -1,4 +1,4 @@
-"""Other arms of a cell: obstacles that stand at joint values of their own."""
+"""Other arms in a scene: obstacles at joint values of their own."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OtherArm:
-    """An arm that stands in the scene of another one."""
+    """An arm that is an obstacle in the scene of another one."""
 
     name: str
     chain: SerialChain
     base: Array
-    """Pose of its base in that of the other, (4, 4)."""
+    """Pose of its base in the base of the scene's arm, (4, 4)."""
     bodies: list[Body]
-    """In its own scene."""
+    """Its bodies in its own scene."""
 
     @property
     def names(self) -> list[str]:
-        """What its bodies are called in the scene of the other."""
+        """Names of its bodies in the other scene."""
         return [f"{self.name}/{body.name}" for body in self.bodies]
 
     def at(self, q: Array) -> list[Body]:
-        """Its bodies in the scene of the other, where they are at q, (m,)."""
+        """Return its bodies in the other scene at q, (m,)."""
         carrying = {body.frame.joints for body in self.bodies}
         poses = {
             k: self.base @ forward_many(self.chain.arrays_to(Frame(k, np.eye(4))), q[None])[0]

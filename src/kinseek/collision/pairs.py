@@ -1,4 +1,4 @@
-"""Pairs of bodies: which count, and why the others do not."""
+"""Pairs of bodies: which are checked, and why the others are not."""
 
 from __future__ import annotations
 
@@ -20,46 +20,47 @@ ATTACHED = "attached: it is carried by this link"
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two bodies, and whether it is looked whether they touch."""
+    """Two bodies, and whether they are checked for collision."""
 
     a: str
     b: str
     reason: str = ""
-    """Why it never counts; empty where it does."""
+    """Why it is never checked; empty if it is."""
 
     @property
     def counts(self) -> bool:
-        """Is it looked at?"""
+        """Is it checked?"""
         return not self.reason
 
     def __str__(self) -> str:
-        """One line for people."""
+        """A line for display."""
         return printable(f"{self.a} - {self.b}: {self.reason or 'counts'}")
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Two bodies that touch, or come closer than they may."""
+    """Two bodies that touch, or are closer than the clearance."""
 
     a: str
     b: str
     depth: float
-    """How deep they are in each other [m]: how far one has to be moved, at least, until they only touch. Negative where they
-    are apart and closer than the clearance."""
+    """Penetration depth [m]: the shortest motion of one body after which they only touch. Negative if they are apart, and
+    closer than the clearance.
+    """
 
     def __str__(self) -> str:
-        """One phrase for people."""
+        """A phrase for display."""
         how = f"{self.depth * 1e3:.1f} mm deep" if self.depth >= 0 else f"{-self.depth * 1e3:.1f} mm apart"
         return printable(f"{self.a} and {self.b}, {how}")
 
 
 def key(a: str, b: str) -> tuple[str, str]:
-    """The two names of a pair in one order."""
+    """Return the two names of a pair in a fixed order."""
     return (a, b) if a <= b else (b, a)
 
 
 def pairs_of(bodies: Iterable[Body], never: dict[tuple[str, str], str]) -> list[Pair]:
-    """All pairs of bodies, in order; `never` says why some never count."""
+    """Return all pairs of bodies, in order; `never` gives the reasons of pairs that are not checked."""
     bodies = list(bodies)
     pairs = []
     for i, a in enumerate(bodies):
@@ -74,10 +75,10 @@ def pairs_of(bodies: Iterable[Body], never: dict[tuple[str, str], str]) -> list[
 
 
 def disabled_by(srdf: str | Path | bytes, arm: ArmBodies) -> tuple[dict[tuple[str, str], str], list[str]]:
-    """Pairs that an SRDF file disables, with its reason, and notes.
+    """Return the pairs that an SRDF file disables, with the reason, and notes.
 
     Raises:
-        InvalidScene: It cannot be read, or is that of another robot.
+        InvalidScene: It cannot be read, or belongs to another robot.
     """
     where = "the SRDF text" if is_text(srdf) else str(srdf)
     try:

@@ -1,4 +1,4 @@
-"""A scene: an arm, what stands around it, and which of these touch at joint values."""
+"""A scene: an arm, its obstacles, and collision checks at joint values."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ Flags = NDArray[np.bool_]
 
 
 class Nearest(NamedTuple):
-    """The two bodies that are nearest to each other, of all pairs that count."""
+    """The two bodies that are nearest to each other, among all checked pairs."""
 
     a: str
     b: str
     distance: float
-    """[m], negative where they are in each other."""
+    """Distance [m], negative if they penetrate."""
     point_a: Array
-    """On the first, in the base of the arm, (3,) [m]; padding and the radius of a cloud's points are not in it."""
+    """Nearest point on the first, in the base of the arm, (3,) [m], without padding and the radius of a cloud's points."""
     point_b: Array
 
 
 class Scene(Contents):
-    """An arm and what it may hit. Make one with `Scene.of`.
+    """An arm and its obstacles, for collision checks. Make one with `Scene.of`.
 
-    Bodies have names: those of the arm are called as its links, the others as they were added. Poses are in the base of the
-    arm. A scene belongs to one arm, with the joints locked that were locked when it was made; limits and tool may be others.
-    Threads may share it, and wait for each other; a copy, `copy.copy(scene)`, goes its own way.
+    Bodies have names: those of the arm are the names of its links, the others are given when they are added. Poses are in
+    the base of the arm. A scene belongs to one arm, with the joints locked that were locked when it was made; its limits and
+    tool may differ. Threads may share it, but use it one at a time; a copy, `copy.copy(scene)`, is independent.
     """
 
     @classmethod
@@ -61,28 +61,28 @@ class Scene(Contents):
         samples: int = 1000,
         never: Literal["check", "skip"] = "check",
     ) -> Self:
-        """Make the scene of an arm by itself.
+        """Make the scene of an arm without obstacles.
 
         Args:
-            arm: An `Arm`, or what `kinseek.load` takes.
-            meshes: Folders of the packages that ``package://`` addresses of the file name: packages, folders of packages, or
+            arm: An `Arm`, or anything that `kinseek.load` takes.
+            meshes: Folders of the packages that ``package://`` addresses in the file name: packages, folders of packages, or
                 a mapping from names to folders. ``"skip"`` is short for ``missing="skip"``.
-            srdf: An SRDF file, or its text, whose disabled pairs never count.
+            srdf: An SRDF file, or its text, whose disabled pairs are not checked.
             padding: Added to every shape of the arm on every side [m].
-            capsules: For an arm whose file has no collision elements: the radius of capsules that stand in for links [m].
-            urdf: The file with the geometry, or its text, where it is not the one that the arm was loaded from.
-            joints: Values of joints of the file that are not the arm's, a gripper's for example, by name, [rad] or [m]; the
-                others stand at 0, or at the limit nearest to it.
-            missing: What to do about a mesh that cannot be read: ``"error"``, or ``"skip"``, which leaves it out and says so
+            capsules: For an arm whose file has no collision elements: the radius of capsules that replace its links [m].
+            urdf: The file with the geometry, or its text, if the arm was not loaded from it.
+            joints: Values of joints of the file that are not the arm's, such as a gripper's, by name, [rad] or [m]. The
+                others are at 0, or at the limit nearest to it.
+            missing: How to treat a mesh that cannot be read: ``"error"``, or ``"skip"``, which leaves it out and reports it
                 in `notes`.
-            samples: At how many random joint values inside the limits it is looked which links always touch each other.
-            never: What to do about links that touch at none of these: ``"check"`` looks at them all the same; ``"skip"``
-                leaves them out, as MoveIt's assistant does, which is faster, and which samples cannot prove right.
+            samples: Number of random joint values inside the limits that determine which links always touch each other.
+            never: How to treat links that touch at none of these: ``"check"`` checks them; ``"skip"`` leaves them out, as
+                MoveIt's assistant does. This is faster, but samples cannot prove that it is right.
 
         Raises:
             InvalidScene: No geometry and no `capsules`; a mesh that is missing, empty or broken; folders, an SRDF or joints
                 that do not fit.
-            InvalidProblem: The arm is a function.
+            InvalidProblem: The arm has black-box kinematics.
             MissingExtra: pinocchio or trimesh is not installed.
         """
         library("pinocchio")
@@ -106,20 +106,20 @@ class Scene(Contents):
         return scene
 
     def free(self, q: Any, clearance: float = 0.0, threads: int | None = None) -> Any:
-        """Is every pair that counts farther apart than a clearance?
+        """Return whether every checked pair is farther apart than a clearance.
 
         Args:
-            q: Joint values, (..., n), [rad] or [m], or by name as `Arm.fk` takes them.
-            clearance: [m], at least 0.
-            threads: That share the rows of a large batch; None takes every core.
+            q: Joint values, (..., n), [rad] or [m], or by name as in `Arm.fk`.
+            clearance: Minimum distance [m], at least 0.
+            threads: Number of threads that share the rows of a large batch; None uses every core.
 
         Returns:
-            bool, or (...) bool. What is closer than a thousandth of a millimetre touches.
+            bool, or (...) bool. Bodies closer than a thousandth of a millimetre touch.
 
         Raises:
             InvalidProblem: `q` does not fit the arm.
-            InvalidScene: `clearance` is no length.
-            InvalidSolver: `threads` is no whole number of at least 1.
+            InvalidScene: `clearance` is not a length.
+            InvalidSolver: `threads` is not an integer of at least 1.
         """
         joints = as_joints(self._chain, q)
         least = length_or_zero("clearance", clearance)
@@ -129,13 +129,13 @@ class Scene(Contents):
         return free.reshape(joints.shape[:-1]) if joints.ndim > 1 else bool(free[0])
 
     def distance(self, q: Any) -> Any:
-        """Distance of the two bodies that are nearest to each other, of all pairs that count.
+        """Return the distance of the two nearest bodies, among all checked pairs.
 
         Args:
             q: As in `free`.
 
         Returns:
-            [m], float or (...), negative where bodies are in each other; infinite without pairs.
+            [m], float or (...), negative if bodies penetrate; infinite without pairs.
 
         Raises:
             InvalidProblem: `q` does not fit the arm.
@@ -147,11 +147,11 @@ class Scene(Contents):
         return distances.reshape(joints.shape[:-1]) if joints.ndim > 1 else float(distances[0])
 
     def nearest(self, q: Any) -> Nearest:
-        """The two bodies that are nearest to each other at one q, (n,), how far they are apart, and where.
+        """Return the two nearest bodies at one q, (n,), their distance, and the nearest points.
 
         Raises:
             InvalidProblem: `q` does not fit the arm.
-            InvalidScene: No pair counts.
+            InvalidScene: No pair is checked.
         """
         joints = self._one(q)
         with self._asked as engine:
@@ -162,11 +162,11 @@ class Scene(Contents):
         return Nearest(a, b, near.distance, point_a, point_b)
 
     def hits(self, q: Any, clearance: float = 0.0) -> tuple[Contact, ...]:
-        """The pairs of bodies that touch at one q, (n,), or are closer than a clearance [m], the deepest first.
+        """Return the pairs that touch at one q, (n,), or are closer than a clearance [m], the deepest first.
 
         Raises:
             InvalidProblem: `q` does not fit the arm.
-            InvalidScene: `clearance` is no length.
+            InvalidScene: `clearance` is not a length.
         """
         joints, least = self._one(q), length_or_zero("clearance", clearance)
         found: dict[tuple[str, str], Near] = {}
@@ -179,36 +179,36 @@ class Scene(Contents):
         return tuple(sorted(contacts, key=lambda contact: -contact.depth))
 
     def free_motion(self, q0: Any, q1: Any, clearance: float = 0.0) -> Any:
-        """Is every q on the straight way between two free, every joint moving at its own constant speed?
+        """Return whether every q of the linear motion between two joint values is free of collision.
 
-        It is proved, by how far any point of a link can move and how far bodies are apart, not looked at in samples. A
-        motion on which bodies come within a hundredth of a millimetre of touching, or of the clearance, is not called free.
+        The result is proved by bounds on the motion of links and on distances, not by samples. A motion that comes within a
+        hundredth of a millimetre of contact, or of the clearance, is not reported as free.
 
         Args:
             q0: Joint values, (..., n), [rad] or [m], or by name.
-            q1: The other ends, likewise; a continuous joint goes there straight, full turns too.
-            clearance: How far apart bodies have to be all along [m].
+            q1: The other ends, in the same form; a continuous joint moves linearly, including full turns.
+            clearance: Minimum distance of bodies along the motion [m].
 
         Returns:
             bool, or (...) bool.
 
         Raises:
             InvalidProblem: `q0` or `q1` does not fit the arm, or they do not fit each other.
-            InvalidScene: `clearance` is no length.
+            InvalidScene: `clearance` is not a length.
         """
         starts, way, shape = self._ways(q0, q1)
         free = np.isnan(self._stops(starts, way, clearance))
         return free.reshape(shape) if shape else bool(free[0])
 
     def hits_between(self, q0: Any, q1: Any, clearance: float = 0.0) -> tuple[Contact, ...]:
-        """What is in the way from one q to another, (n,) each: the pairs that touch, or are too close, at one q between.
+        """Return the pairs that touch, or are too close, at one q of the linear motion between two, (n,) each.
 
-        It is empty where `free_motion` is true. A pair that comes within a hundredth of a millimetre of touching, or of the
+        It is empty if `free_motion` is true. A pair that comes within a hundredth of a millimetre of contact, or of the
         clearance, counts.
 
         Raises:
             InvalidProblem: `q0` or `q1` does not fit the arm.
-            InvalidScene: `clearance` is no length.
+            InvalidScene: `clearance` is not a length.
         """
         starts, way, _ = self._ways(self._one(q0), self._one(q1))
         (stop,) = self._stops(starts, way, clearance)
@@ -217,11 +217,11 @@ class Scene(Contents):
         q = starts[0] + stop * way[0]
         if found := self.hits(q, clearance + FINEST + TOUCH):
             return found
-        near = self.nearest(q)  # It was too near for too long to be told from touching.
+        near = self.nearest(q)  # Too near for too long to be separable.
         return (Contact(near.a, near.b, -near.distance),)
 
     def _ways(self, q0: Any, q1: Any) -> tuple[Array, Array, tuple[int, ...]]:
-        """Where motions begin, (k, n), what each joint moves, (k, n), and the shape of all."""
+        """Return the starts of motions, (k, n), the motion of each joint, (k, n), and the shape of the batch."""
         ends = [as_joints(self._chain, q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
         try:
             one, other = np.broadcast_arrays(*ends)
@@ -238,26 +238,26 @@ class Scene(Contents):
             return stops(self._made.speeds, starts, starts + way, least)
 
     def hits_around(self, q: Any, reach: Any, clearance: float = 0.0) -> bool:
-        """Is it sure that bodies touch, or are too close, wherever no joint is farther than `reach` from q?
+        """Return whether bodies certainly touch, or are too close, wherever no joint is farther than `reach` from q.
 
         Args:
             q: Joint values, (n,), [rad] or [m], or by name.
-            reach: How far each joint may be off, (n,), [rad] or [m].
-            clearance: How far apart bodies have to be [m].
+            reach: Maximum deviation of each joint, (n,), [rad] or [m].
+            clearance: Minimum distance of bodies [m].
 
         Returns:
-            True where one pair does all over there. False says nothing.
+            True if one pair touches or is too close in the whole range. False has no meaning.
 
         Raises:
             InvalidProblem: `q` does not fit the arm.
-            InvalidScene: `clearance` is no length.
+            InvalidScene: `clearance` is not a length.
         """
         joints, least = self._one(q), length_or_zero("clearance", clearance)
         with self._asked:
             return surely_hits(self._made.speeds, joints, np.asarray(reach, dtype=np.float64), least)
 
     def fits(self, mechanism: Mechanism) -> bool:
-        """Is this the scene of an arm? Its limits and its tool may be others."""
+        """Return whether this is the scene of an arm. The arm's limits and tool may differ."""
         chain, own = mechanism.axes, self._chain
         return (
             chain is not None
@@ -270,10 +270,10 @@ class Scene(Contents):
 
     @property
     def digest(self) -> str:
-        """Of all that its answers depend on beside the arm: shapes, where they stand, padding, and which pairs count."""
+        """Digest of everything besides the arm that results depend on: shapes, poses, padding, and checked pairs."""
         return digest(self._bodies.values(), self.pairs)
 
     @property
     def _asked(self) -> Engine:
-        """The engine of the scene as it is now."""
+        """The engine of the current scene."""
         return self._made.engine

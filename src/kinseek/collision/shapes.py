@@ -1,7 +1,7 @@
-"""Shapes of bodies: what each is made of, what surely holds it, and how coal is told of it.
+"""Shapes of bodies, points whose hull contains them, and their conversion for coal.
 
-Every shape lies in the hull of its `corners`, made thicker by its `thickness`. Bounds that prove something, outer spheres
-and how far a point of it can be, are worked out from these two alone.
+Every shape lies in the hull of its `corners`, made thicker by its `thickness`. Conservative bounds, such as outer spheres
+and the reach of its points, are computed from these two alone.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 GRAIN = 1e-5
-"""A point of a cloud is a triangle of this size [m] to coal, which has no points: a cloud is that much larger than it is."""
+"""A point of a cloud is a triangle of this size for coal, which has no points; the cloud is larger by as much [m]."""
 
 MOST_TRIANGLES = 1_000_000
-"""Of one mesh."""
+"""Maximum number of triangles of one mesh."""
 
 MOST_BYTES = 2**30
-"""Of the file of one mesh: it may hold more triangles than are taken, and be simplified."""
+"""Maximum size of the file of one mesh: it may have more triangles than allowed, and be simplified."""
 
 _SIDES = 16
-"""Of the prism around a cylinder."""
+"""Number of sides of the prism around a cylinder."""
 
 
 def library(name: str) -> Any:
-    """Import what the extra brings.
+    """Import a package of the extra.
 
     Raises:
         MissingExtra: It is not installed.
@@ -54,42 +54,42 @@ def library(name: str) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Shape(Lazy, ABC):
-    """One shape in its own frame, lengths in [m]."""
+    """A shape in its own frame, lengths in [m]."""
 
     @property
     def thickness(self) -> float:
-        """How far the shape may reach beyond the hull of its corners [m]."""
+        """Bound on how far the shape extends beyond the hull of its corners [m]."""
         return 0.0
 
     @lazy
     @abstractmethod
     def corners(self) -> Array:
-        """Points whose hull, made thicker by `thickness`, holds the shape, (k, 3) [m]."""
+        """Points whose hull, made thicker by `thickness`, contains the shape, (k, 3) [m]."""
 
     @property
     def is_hull(self) -> bool:
-        """Is the shape nothing but that thicker hull?"""
+        """Is the shape equal to that thickened hull?"""
         return True
 
     @property
     def inner_corners(self) -> Array:
-        """Points whose hull, made thicker by `thickness`, lies inside the shape, (k, 3) [m]; none where none are known."""
+        """Points whose hull, made thicker by `thickness`, lies inside the shape, (k, 3) [m]; empty if none are known."""
         return self.corners if self.is_hull else np.zeros((0, 3))
 
     @lazy
     def cover(self) -> Cover:
-        """What holds it and what it holds, for a first look; fitted once."""
+        """Outer and inner bounds of the shape for the broad phase, fitted once."""
         from .spheres import cover_of
 
         return cover_of(self)
 
     @abstractmethod
     def geometry(self) -> Any:
-        """What coal takes."""
+        """Return the geometry for coal."""
 
     @property
     def excess(self) -> float:
-        """How much larger the shape is than what coal takes [m]."""
+        """How much larger the shape is than its geometry for coal [m]."""
         return 0.0
 
 
@@ -102,10 +102,10 @@ class Box(Shape):
     """
 
     size: ArrayLike
-    """Edges along x, y and z [m]."""
+    """Edge lengths along x, y and z [m]."""
 
     def __post_init__(self) -> None:
-        """Check it."""
+        """Validate the size."""
         object.__setattr__(self, "size", lengths("size", self.size, 3))
 
     @lazy
@@ -115,23 +115,23 @@ class Box(Shape):
         return np.asarray(signs * self.size)
 
     def geometry(self) -> Any:
-        """What coal takes."""
+        """Return the geometry for coal."""
         return library("coal").Box(*np.asarray(self.size))
 
 
 @dataclass(frozen=True, eq=False)
 class Sphere(Shape):
-    """A ball about the origin.
+    """A sphere about the origin.
 
     Raises:
         InvalidScene: Not a radius above zero.
     """
 
     radius: float
-    """[m]"""
+    """Radius [m]."""
 
     def __post_init__(self) -> None:
-        """Check it."""
+        """Validate the radius."""
         object.__setattr__(self, "radius", length("radius", self.radius))
 
     @property
@@ -141,35 +141,35 @@ class Sphere(Shape):
 
     @lazy
     def corners(self) -> Array:
-        """Its middle."""
+        """Its centre."""
         return np.zeros((1, 3))
 
     def geometry(self) -> Any:
-        """What coal takes."""
+        """Return the geometry for coal."""
         return library("coal").Sphere(self.radius)
 
 
 @dataclass(frozen=True, eq=False)
 class Cylinder(Shape):
-    """A cylinder about the z axis, its middle at the origin, as URDF has it.
+    """A cylinder about the z axis, centred at the origin as in URDF.
 
     Raises:
         InvalidScene: Not a radius and a length above zero.
     """
 
     radius: float
-    """[m]"""
+    """Radius [m]."""
     length: float
-    """[m]"""
+    """Length [m]."""
 
     def __post_init__(self) -> None:
-        """Check it."""
+        """Validate radius and length."""
         object.__setattr__(self, "radius", length("radius", self.radius))
         object.__setattr__(self, "length", length("length", self.length))
 
     @property
     def is_hull(self) -> bool:
-        """No: the hull of its corners is a prism around it."""
+        """False: the hull of its corners is a prism around it."""
         return False
 
     @property
@@ -179,32 +179,32 @@ class Cylinder(Shape):
 
     @lazy
     def corners(self) -> Array:
-        """The corners of a prism that stands around it."""
+        """The corners of a prism around it."""
         angles = np.arange(_SIDES) * 2 * np.pi / _SIDES
         ring = self.radius / np.cos(np.pi / _SIDES) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         ends = [np.column_stack([ring, np.full(_SIDES, z)]) for z in (-self.length / 2, self.length / 2)]
         return np.concatenate(ends)
 
     def geometry(self) -> Any:
-        """What coal takes."""
+        """Return the geometry for coal."""
         return library("coal").Cylinder(self.radius, self.length)
 
 
 @dataclass(frozen=True, eq=False)
 class Capsule(Shape):
-    """All that is within `radius` of a piece of the z axis, its middle at the origin.
+    """All points within `radius` of a segment of the z axis, centred at the origin.
 
     Raises:
         InvalidScene: Not a radius and a length above zero.
     """
 
     radius: float
-    """[m]"""
+    """Radius [m]."""
     length: float
-    """Of the piece of the axis, without the round ends [m]."""
+    """Length of the segment, without the round ends [m]."""
 
     def __post_init__(self) -> None:
-        """Check it."""
+        """Validate radius and length."""
         object.__setattr__(self, "radius", length("radius", self.radius))
         object.__setattr__(self, "length", length("length", self.length))
 
@@ -215,36 +215,36 @@ class Capsule(Shape):
 
     @lazy
     def corners(self) -> Array:
-        """Both ends of the piece of the axis."""
+        """Both ends of the segment."""
         return np.array([[0.0, 0.0, -self.length / 2], [0.0, 0.0, self.length / 2]])
 
     def geometry(self) -> Any:
-        """What coal takes."""
+        """Return the geometry for coal."""
         return library("coal").Capsule(self.radius, self.length)
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh(Shape):
-    """Triangles, or their convex hull. `Mesh.read` makes them of a file.
+    """Triangles, or their convex hull. `Mesh.read` reads them from a file.
 
     Raises:
-        InvalidScene: No triangles, NaN, more than a million triangles that are no hull. When its hull is first needed:
-            more than 18,000 points that may be corners of it.
+        InvalidScene: No triangles, NaN, or more than a million triangles without `hull`. When its hull is first needed: more
+            than 18,000 points that may be corners of it.
     """
 
     vertices: Array
-    """(k, 3) [m]"""
+    """Vertices, (k, 3) [m]."""
     faces: NDArray[np.int64]
-    """Numbers of the corners of each triangle, (f, 3)."""
+    """Indices of the vertices of each triangle, (f, 3)."""
     hull: bool = True
-    """Does the convex hull count? It holds the mesh, so what is free of it is free of the mesh."""
+    """Is its convex hull used? The hull contains the mesh, so free of the hull implies free of the mesh."""
     name: str = "the mesh"
-    """For messages."""
+    """Name for messages."""
     thicker: float = 0.0
-    """Added to it on every side, for what simplifying took off [m]."""
+    """Added to it on every side to make up for simplification [m]."""
 
     def __post_init__(self) -> None:
-        """Check it."""
+        """Validate the mesh."""
         try:
             vertices = np.array(self.vertices, dtype=np.float64).reshape(-1, 3)
             faces = np.array(self.faces, dtype=np.int64).reshape(-1, 3)
@@ -274,19 +274,19 @@ class Mesh(Shape):
         *,
         budget: Budget | None = None,
     ) -> Mesh:
-        """Read an STL, OBJ, PLY, GLB or DAE (COLLADA) file; all bodies in it together.
+        """Read an STL, OBJ, PLY, GLB or DAE (COLLADA) file, with all bodies in it merged.
 
         Args:
             path: The file.
             scale: One factor, or one along each axis.
             hull: See the field.
-            simplify: Put vertices together, so that no point moves farther than this [m]. The mesh is then made thicker by
-                as much as points have moved, so that what is free of it is free of what the file holds.
-            budget: What all meshes of a file may take together, from which this one is taken off.
+            simplify: Merge vertices such that no point moves farther than this [m]. The mesh is then made thicker by the
+                distance that points have moved, so that free of it implies free of the original mesh.
+            budget: Shared limit of all meshes of a file, from which this mesh is deducted.
 
         Raises:
-            InvalidScene: The file is missing, of another kind, cannot be read, would unpack to more than a mesh has or than
-                the budget has left, or holds no triangles; or `simplify` is no length.
+            InvalidScene: The file is missing, of another kind, cannot be read, would unpack to more than a mesh or the
+                budget allows, or has no triangles; or `simplify` is not a length.
             MissingExtra: trimesh is not installed.
         """
         library("trimesh")
@@ -311,22 +311,22 @@ class Mesh(Shape):
 
     @property
     def thickness(self) -> float:
-        """What simplifying took off."""
+        """The bound on motion by simplification."""
         return self.thicker
 
     @property
     def excess(self) -> float:
-        """What simplifying took off: coal does not know of it."""
+        """The bound on motion by simplification, which coal does not include."""
         return self.thicker
 
     @property
     def is_hull(self) -> bool:
-        """Does its hull count?"""
+        """Is its hull used?"""
         return self.hull
 
     @lazy
     def corners(self) -> Array:
-        """The corners of its hull; of the box around it if it is no hull and coal cannot make one."""
+        """The corners of its hull; or of its bounding box if it is not used as a hull and coal cannot make one."""
         if not self._is_solid:
             return self.vertices
         try:
@@ -338,7 +338,7 @@ class Mesh(Shape):
 
     @lazy
     def closed(self) -> bool:
-        """Does every edge belong to two triangles, so that there is an inside?"""
+        """Does every edge belong to two triangles, so that the mesh has an inside?"""
         _, places = np.unique(self.vertices.round(9), axis=0, return_inverse=True)
         corners = places.ravel()[self.faces]
         edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
@@ -346,9 +346,9 @@ class Mesh(Shape):
         return bool((counts % 2 == 0).all())
 
     def holds(self, point: Array) -> bool:
-        """Does a point (3,) lie inside? By the winding number (Van Oosterom and Strackee 1983).
+        """Return whether a point (3,) lies inside, by the winding number (Van Oosterom and Strackee 1983).
 
-        A closed mesh alone has an inside.
+        Only a closed mesh has an inside.
         """
         if not self.closed or (point < self._least).any() or (point > self._most).any():
             return False
@@ -360,7 +360,7 @@ class Mesh(Shape):
         return bool(abs(np.arctan2(top, bottom).sum()) > np.pi)
 
     def geometry(self) -> Any:
-        """What coal takes."""
+        """Return the geometry for coal."""
         return self._hull if self.hull else triangles(self.vertices, self.faces)
 
     @lazy
@@ -373,7 +373,7 @@ class Mesh(Shape):
 
     @lazy
     def _is_solid(self) -> bool:
-        """Do the vertices span all three directions, so that there is a hull?"""
+        """Do the vertices span all three directions, so that they have a hull?"""
         off = self.vertices - self.vertices.mean(axis=0)
         spread = np.linalg.svd(off.T @ off, compute_uv=False)
         return bool(spread[2] > 1e-12 * max(spread[0], 1e-30))
@@ -394,7 +394,7 @@ class Mesh(Shape):
         points = coal.StdVec_Vec3s()
         for vertex in outer:
             points.append(vertex)
-        try:  # Flat sides stay whole: cut into triangles, a corner may have more neighbours than coal takes.
+        try:  # Flat sides stay whole: if cut into triangles, a corner may have more neighbours than coal accepts.
             return coal.ConvexBase.convexHull(points, False, "")
         except RuntimeError as error:
             why = str(error).rpartition("message:")[2].strip()
@@ -403,21 +403,21 @@ class Mesh(Shape):
 
 @dataclass(frozen=True, eq=False)
 class Points(Shape):
-    """A cloud of points, each a small ball.
+    """A point cloud; each point is a small sphere.
 
     Raises:
-        InvalidScene: No points, NaN or infinity, not a radius above zero.
+        InvalidScene: No points, NaN or infinity, or not a radius above zero.
     """
 
     cloud: ArrayLike
-    """(k, 3) [m]"""
+    """Points, (k, 3) [m]."""
     radius: float
-    """Of every point [m]."""
+    """Radius of every point [m]."""
     places: Array = field(init=False, repr=False)
-    """The cloud, read (k, 3) [m]."""
+    """The points as a float array, (k, 3) [m]."""
 
     def __post_init__(self) -> None:
-        """Check it."""
+        """Validate points and radius."""
         try:
             cloud = np.array(self.cloud, dtype=np.float64)
         except (TypeError, ValueError, OverflowError) as error:
@@ -441,34 +441,34 @@ class Points(Shape):
 
     @property
     def is_hull(self) -> bool:
-        """No: they lie in the box around them."""
+        """False: the points do not fill their bounding box."""
         return False
 
     @property
     def excess(self) -> float:
-        """The radius of its points: to coal they have none."""
+        """The radius of its points, which coal does not include."""
         return self.radius
 
     @lazy
     def corners(self) -> Array:
-        """The corners of the box around all points."""
+        """The corners of the bounding box of all points."""
         return box_corners(self.places)
 
     def geometry(self) -> Any:
-        """What coal takes."""
+        """Return the geometry for coal."""
         grain = GRAIN * np.array([[1.0, 0.0, 0.0], [-0.5, 0.75, 0.25], [-0.5, -0.75, -0.25]])
         vertices = (self.places[:, None] + grain).reshape(-1, 3)
         return triangles(vertices, np.arange(len(vertices)).reshape(-1, 3))
 
 
 def box_corners(points: Array) -> Array:
-    """The corners of the box around points, (k, 3) -> (8, 3)."""
+    """Return the corners of the bounding box of points, (k, 3) -> (8, 3)."""
     ends = np.stack([points.min(axis=0), points.max(axis=0)])
     return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
 
 
 def triangles(vertices: Array, faces: NDArray[np.int64]) -> Any:
-    """Triangles as coal takes them, in a tree of boxes."""
+    """Convert triangles to coal's tree of boxes."""
     model = library("coal").BVHModelOBBRSS()
     model.beginModel(len(faces), len(vertices))
     model.addVertices(np.ascontiguousarray(vertices))
@@ -481,7 +481,7 @@ def length(name: str, value: Any) -> float:
     """Read a length above 0 [m].
 
     Raises:
-        InvalidScene: It is none.
+        InvalidScene: It is invalid.
     """
     return float(lengths(name, [value], 1)[0])
 
@@ -490,7 +490,7 @@ def length_or_zero(name: str, value: Any) -> float:
     """Read a length of at least 0 [m].
 
     Raises:
-        InvalidScene: It is none.
+        InvalidScene: It is invalid.
     """
     if isinstance(value, int | float | np.number) and value == 0:
         return 0.0
@@ -501,10 +501,10 @@ def length_or_zero(name: str, value: Any) -> float:
 
 
 def lengths(name: str, values: Any, count: int) -> Array:
-    """Read so many lengths above 0 [m].
+    """Read `count` lengths above 0 [m].
 
     Raises:
-        InvalidScene: They are none.
+        InvalidScene: They are invalid.
     """
     try:
         found = np.array(values, dtype=np.float64)

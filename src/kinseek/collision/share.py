@@ -1,7 +1,7 @@
-"""Short work shared by threads: what takes a millisecond shall not wait a tenth of one for helpers.
+"""Threads for short work: a call of a millisecond must not wait a tenth of that for other threads.
 
-`solvers.threads.spread` also shows progress, keeps a deadline and hears Ctrl-C while others work; it takes some 60 µs more a
-call, which is a quarter of what two threads need for the smallest batch that is shared.
+`solvers.threads.spread` also shows progress, checks a deadline and handles Ctrl-C while others work. It takes some 60 µs
+more per call, a quarter of the time of two threads for the smallest batch that is shared.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from queue import SimpleQueue
 
 
 def share(work: Callable[[int], object], pieces: Iterable[int], threads: int) -> None:
-    """Do some work for every piece; this thread takes its share, and waits for the others by calls into C only.
+    """Do some work for every piece; the calling thread takes part, and then waits for the others by calls into C only.
 
-    After Ctrl-C no further piece is begun, and the others are waited for: a piece should take a millisecond or so.
+    After Ctrl-C no further piece is begun, and the pieces in progress are awaited. A piece should take about a millisecond.
 
     Args:
-        work: Takes a piece; what it raises ends the work, and is raised here.
-        pieces: Each is taken by one thread.
-        threads: In all.
+        work: Called with a piece; an error that it raises ends the work, and is raised here.
+        pieces: Each is processed by one thread.
+        threads: Total number of threads.
     """
     left, ended, errors = iter(pieces), SimpleQueue[None](), list[BaseException]()
 
     def drain() -> None:
-        for piece in left:  # Each thread takes the next piece that nobody has.
+        for piece in left:  # Each thread takes the next free piece.
             if errors:
                 return
             work(piece)

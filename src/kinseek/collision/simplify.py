@@ -1,8 +1,8 @@
-"""Fewer triangles, with a bound on how far any point has moved: by putting vertices of a grid's cell together.
+"""Mesh simplification with a bound on how far any point moves, by merging the vertices in each cell of a grid.
 
-After Rossignac and Borrel (1993). What collapses to a line or a point stays as a sliver, so that the simplified triangles,
-made thicker by the bound, hold the original ones. A closed mesh stays closed, as every edge keeps an even number of
-triangles.
+After Rossignac and Borrel (1993). Triangles that collapse to a line or a point stay as slivers, so that the simplified
+triangles, made thicker by the bound, contain the original ones. A closed mesh stays closed, because every edge keeps an even
+number of triangles.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _SLIVER = 1e-7
-"""Width of what stands for a line or a point [m]; it is a part of the bound."""
+"""Width of a sliver that replaces a line or a point [m]; it is part of the bound."""
 
 
 def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array, Indices, float]:
-    """Put together what lies in one cell of a grid.
+    """Merge the vertices in each cell of a grid.
 
     Args:
-        vertices: (k, 3) [m].
-        faces: (f, 3)
-        tolerance: No point moves farther [m].
+        vertices: Vertices, (k, 3) [m].
+        faces: Triangles as indices of vertices, (f, 3).
+        tolerance: Maximum motion of any point [m].
 
     Returns:
-        Vertices (m, 3), faces (g, 3), and how far points have moved at most [m].
+        Vertices (m, 3), faces (g, 3), and the maximum distance that points have moved [m].
     """
     sliver = min(_SLIVER, tolerance / 2)
     cells = np.floor((vertices - vertices.min(axis=0)) / (2 * (tolerance - sliver) / np.sqrt(3.0)))
@@ -52,12 +52,12 @@ def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array
     up = np.where(lost[:, :1] == lost[:, 1:], sliver / 2, 0.0)
     end = end + up * [0, 0, 1]
     slivers = np.arange(3 * len(lost)).reshape(3, -1).T + count
-    # Both ways round, so that they enclose nothing and every edge of them counts twice.
+    # In both orientations, so that they enclose no volume and each of their edges counts twice.
     kept = np.concatenate([whole, slivers, slivers[:, ::-1]])
     return np.concatenate([middle, begin, end, side]), kept, moved
 
 
 def _missing(lines: Indices, edges: Indices, count: int) -> Indices:
-    """Those of some lines that are no edges, once each, (k, 2)."""
+    """Return the lines that are not edges, once each, (k, 2)."""
     numbers = np.setdiff1d(lines @ [count, 1], edges @ [count, 1])
     return np.stack([numbers // count, numbers % count], axis=1).astype(np.int64)

@@ -1,10 +1,10 @@
-"""Spheres that hold a shape, and spheres that lie in it: what a first look at a scene goes by.
+"""Spheres that contain a shape, and spheres inside it, for the broad phase.
 
-The hull of a shape is cut into pieces by planes, and each piece lies in a ball around its corners; so the balls hold the
-shape, by construction, wherever the cuts are. The piece whose ball stands out farthest is cut again, across that of its
-axes that helps most, and a ball's centre is moved inwards where it then stands out less.
+Planes cut the hull of a shape into pieces, and each piece lies in a sphere around its corners. So the spheres contain the
+shape by construction, wherever the cuts are. The piece whose sphere protrudes most is cut again, across the one of its axes
+that helps most. A sphere's centre is moved inwards if the sphere then protrudes less.
 
-Balls in the body are as large as the planes of its sides allow.
+Inner spheres are as large as the planes of the body's sides allow.
 """
 
 from __future__ import annotations
@@ -24,40 +24,42 @@ from .shapes import Box, Capsule, Shape, Sphere, library
 Array = NDArray[np.float64]
 
 FEW, COUNT = 8, 32
-"""Spheres of one part: few for a first look, and more, outer and inner; so many that lanes are full."""
+"""Numbers of spheres of one part: few for a quick check, and more, outer and inner, for full vector lanes."""
 
 _CANDIDATES, _SAMPLES = 300, 800
-"""Places of inner spheres that are tried, and points of the body by which they are chosen."""
+"""Numbers of candidate inner spheres, and of points of the body by which they are chosen."""
 
 _MOST_CORNERS = 2**13
-"""Of a hull that is cut into pieces; for so many of two circles that takes some 15 s. Slices hold larger ones."""
+"""Maximum number of corners of a hull that is cut into pieces; this many on two circles take some 15 s. Larger hulls use
+slices.
+"""
 
 _PULLS = np.linspace(0.0, 1.0, 9)[:, None]
-"""Shares of the way from the middle of a piece to that of the hull at which the centre of its ball is tried."""
+"""Fractions of the way from the centre of a piece to that of the hull, at which the centre of its sphere is tried."""
 
 _NONE = -1e30
-"""Radius of a sphere that is not there: it overlaps nothing."""
+"""Radius of an absent sphere: it overlaps nothing."""
 
 
 class Cover(NamedTuple):
-    """What is known of a shape for sure, in its own frame, lengths in [m]."""
+    """Guaranteed bounds of a shape, in its own frame, lengths in [m]."""
 
     rough: Array
-    """Spheres that hold the shape together: x, y, z, radius, (4, FEW); some may be there twice."""
+    """Spheres that together contain the shape: x, y, z, radius, (4, FEW); some may be repeated."""
     outer: Array
-    """More of them, which stand out less, (4, COUNT)."""
+    """More spheres that contain the shape and protrude less, (4, COUNT)."""
     inner: Array
-    """Spheres inside the shape, likewise; those that are not there have a radius far below 0."""
+    """Spheres inside the shape, (4, COUNT); absent ones have a radius far below 0."""
     core: Array
-    """Pose of a box that, made thicker by the shape's `thickness`, holds the shape, (4, 4)."""
+    """Pose of a box that, made thicker by the shape's `thickness`, contains the shape, (4, 4)."""
     half: Array
-    """Half of its edges, (3,)."""
+    """Half of its edge lengths, (3,)."""
     exact: bool
-    """Is that box the very shape?"""
+    """Is the thickened box equal to the shape?"""
     corners: Array
-    """Points whose hull, made thicker, holds the shape, (k, 3)."""
+    """Points whose thickened hull contains the shape, (k, 3)."""
     solid: bool
-    """Is that thicker hull the very shape?"""
+    """Is the thickened hull equal to the shape?"""
     ball: Array
     """A small sphere around the corners: x, y, z, radius, (4,)."""
 
@@ -89,13 +91,13 @@ def cover_of(shape: Shape) -> Cover:
 
 
 def cover_of_many(points: Array, thickness: float) -> Cover:
-    """Fit spheres and a box to all that lies in a hull of points, made thicker; nothing is said of what is inside."""
+    """Fit spheres and a box to the thickened hull of points; the cover has no inner spheres."""
     cover = cover_of(_Thick(points, thickness))
     return cover._replace(inner=_padded(np.zeros((4, 0))), exact=False, solid=False)
 
 
 def rough_cover(points: Array, thickness: float) -> Cover:
-    """The same in a hurry: slices, and a box along the axes."""
+    """Do the same faster: with slices, and a box along the axes."""
     low, high = points.min(axis=0), points.max(axis=0)
     core = np.eye(4)
     core[:3, 3] = (low + high) / 2
@@ -105,7 +107,7 @@ def rough_cover(points: Array, thickness: float) -> Cover:
 
 
 def ball_around(points: Array) -> Array:
-    """A small sphere around points, (k, 3): x, y, z, radius; by the way of Badoiu and Clarkson (2003)."""
+    """Return a small sphere around points, (k, 3): x, y, z, radius; by the method of Badoiu and Clarkson (2003)."""
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     for step in range(1, 100):
         away = np.linalg.norm(points - centre, axis=1)
@@ -115,7 +117,7 @@ def ball_around(points: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Thick(Shape):
-    """A hull of points, made thicker: what holds some shapes together."""
+    """A thickened hull of points, which contains some shapes."""
 
     points: Array
     thick: float
@@ -137,7 +139,7 @@ class _Thick(Shape):
 
 
 def slices(corners: Array, thickness: float, most: int = COUNT) -> Array:
-    """Spheres around slices of a cylinder about the longest axis of the corners, x, y, z, radius, (4, at most `most`)."""
+    """Return spheres around slices of a cylinder about the corners' longest axis, x, y, z, radius, (4, at most `most`)."""
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     off = corners - middle
     axis = np.linalg.eigh(off.T @ off)[1][:, -1]
@@ -155,7 +157,7 @@ def slices(corners: Array, thickness: float, most: int = COUNT) -> Array:
 
 
 def _balls_around_cells(half: Array, most: int) -> Array:
-    """Balls around equal cells of a box about the origin, x, y, z, radius, (4, at most `most`)."""
+    """Return spheres around equal cells of a box about the origin, x, y, z, radius, (4, at most `most`)."""
     counts = [
         (i, j, k)
         for i in range(1, most + 1)
@@ -176,10 +178,11 @@ def pieces_of(
     most: int = COUNT,
     begun: Sequence[tuple[float, Array, Array]] = (),
 ) -> list[tuple[float, Array, Array]]:
-    """Cut the hull with this surface, (f, 3, 3), and these planes into so many pieces, or those that it is cut into already.
+    """Cut the hull with this surface, (f, 3, 3), and these planes into `most` pieces, starting from the pieces in `begun`.
 
     Returns:
-        Of each how far its ball stands out of the hull [m], the ball, x, y, z, radius, (4,), and its surface, (f, 3, 3).
+        For each piece how far its sphere protrudes from the hull [m], the sphere, x, y, z, radius, (4,), and the piece's
+        surface, (f, 3, 3).
     """
     middle = (triangles.min(axis=(0, 1)) + triangles.max(axis=(0, 1))) / 2
     triangles = triangles - middle
@@ -209,11 +212,11 @@ def pieces_of(
 
 
 def cut(triangles: Array, direction: Array, at: float) -> tuple[Array, Array]:
-    """Cut a convex body with this surface, (f, 3, 3), in two along a plane: the surfaces of both, with the cut itself."""
+    """Cut a convex body with this surface, (f, 3, 3), along a plane; return the closed surfaces of both parts."""
     side = triangles @ direction - at
     crossed = (side.min(axis=1) < 0) & (side.max(axis=1) > 0)
     split, heights = triangles[crossed], side[crossed]
-    # Turn each so that its first corner stands alone on its side; corners in the plane stand on neither.
+    # Rotate each triangle so that its first corner is alone on its side; corners in the plane are on neither side.
     above = (heights > 0).sum(axis=1) == 1
     alone = np.where(above, (heights > 0).argmax(axis=1), (heights < 0).argmax(axis=1))
     rows, turned = np.arange(len(split))[:, None], (alone[:, None] + np.arange(3)) % 3
@@ -234,11 +237,12 @@ def cut(triangles: Array, direction: Array, at: float) -> tuple[Array, Array]:
 
 
 def _balls_inside(shape: Shape, hull: Any) -> Array:
-    """Balls inside a shape with this hull of its inner corners, or None; those first that hold the most of it."""
+    """Return spheres inside a shape with this hull of its inner corners, or None, those that contain most of it first."""
     if hull is None:
         if not len(shape.inner_corners):
             return np.zeros((4, 0))
-        # A ball, a line, a flat hull or one of too many corners: made thicker, every point of it is the middle of a ball.
+        # A ball, a line, a flat hull or one of too many corners: after thickening, every point is the centre of a sphere
+        # inside.
         ends = shape.inner_corners
         share = np.linspace(0.0, 1.0, COUNT)[:, None] if len(ends) > 1 else np.zeros((1, 1))
         places = ends[0] + share * (ends[-1] - ends[0])
@@ -264,12 +268,12 @@ def _balls_inside(shape: Shape, hull: Any) -> Array:
 
 
 def _squares(one: Array, other: Array) -> Array:
-    """Squared distances of points, (k, 3) and (l, 3) -> (k, l), good enough to choose by."""
+    """Return squared distances of points, (k, 3) and (l, 3) -> (k, l), accurate enough for comparisons."""
     return np.asarray((one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1) - 2 * one @ other.T)
 
 
 def _frame_of(corners: Array) -> Array:
-    """Axes of a small box around points: their own or the frame's, (4, 4); its place is where the first point lies."""
+    """Return the axes of a small box around points, either their own or the frame's, (4, 4), placed at the first point."""
     off = corners - corners.mean(axis=0)
     best, least = np.eye(3), np.inf
     own = np.linalg.eigh(off.T @ off)[1]
@@ -283,7 +287,7 @@ def _frame_of(corners: Array) -> Array:
 
 
 def _hull(corners: Array) -> Any:
-    """The convex hull of points, or None if they span no volume or are too many."""
+    """Return the convex hull of points, or None if they span no volume or are too many."""
     if (
         not 4 <= len(corners) <= _MOST_CORNERS
         or np.linalg.matrix_rank(corners - corners.mean(axis=0), tol=1e-9) < 3
@@ -292,17 +296,17 @@ def _hull(corners: Array) -> Any:
     spatial = library("scipy.spatial")
     try:
         return spatial.ConvexHull(corners)
-    except spatial.QhullError:  # So thin that rounding decides: slices hold it too.
+    except spatial.QhullError:  # So thin that rounding decides: slices are used instead.
         return None
 
 
 def _unique_planes(equations: Array) -> Array:
-    """Planes of a hull, (4, f): those of triangles on one flat side once."""
+    """Return the planes of a hull, (4, f), without the repetitions from triangles on one flat side."""
     return np.ascontiguousarray(np.unique(equations.round(13), axis=0).T)
 
 
 def _padded(spheres: Array, count: int = COUNT) -> Array:
-    """So many spheres that lanes are full."""
+    """Pad spheres to `count`, for full vector lanes."""
     if not spheres.shape[1]:
         return np.vstack([np.zeros((3, count)), np.full(count, _NONE)])
     return np.ascontiguousarray(spheres[:, np.arange(count) % spheres.shape[1]])

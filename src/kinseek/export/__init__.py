@@ -1,4 +1,4 @@
-"""Arms where no Python runs: C and machine code for small controllers, WebAssembly for web pages.
+"""Export of arms for use without Python: C and machine code for small controllers, WebAssembly for web pages.
 
 See docs/embedded.md and docs/page.md.
 

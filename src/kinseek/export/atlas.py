@@ -1,4 +1,4 @@
-"""The atlas: sorted samples in flash, and what refines the nearest."""
+"""Export of the atlas: sorted samples in flash, and the refinement of the nearest ones."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from kinseek.errors import InvalidExport
 from kinseek.goal import Goal
-from kinseek.kernels import jit  # Whole: what names its decorators is taken for a file of kernels.
+from kinseek.kernels import jit  # Not by name: naming its decorators marks a file of kernels.
 from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.kernels.atlas.task import CLOSED, DISTANT, ENDING, EVALUATIONS, ITERATE, ROUTINES, SEARCH
 from kinseek.kernels.entry import ENTRIES
@@ -23,10 +23,10 @@ _LINE = 64
 
 
 def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
-    """What the search brings along.
+    """Return the design of the search.
 
     Raises:
-        InvalidExport: A goal that a controller does not know, or more memory than there is.
+        InvalidExport: A goal that the exported program does not support, or too little memory.
     """
     plain = Goal.pose(np.eye(4))
     options = ("kind", "position_tolerance", "orientation_tolerance", "position_weight", "orientation_weight")
@@ -43,7 +43,7 @@ def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
         blob.extend(b"\0" * (-len(blob) % _LINE))
         rows.append((len(blob), *each.shape, *(1,) * (ROW - 1 - each.ndim)))
         blob.extend(each.astype(each.dtype.newbyteorder("<")).tobytes())
-    # What a call works on; and of the last resort, which walks to the nearest pose, what `settle` makes.
+    # Working memory of a call, including that of the fallback, which moves to the nearest pose as in `settle`.
     scratch = LAYOUT.count.of(dof=dof, joints=joints) + EVALUATIONS + 1
     room = room_for(scratch, 12, 6 * joints, 3 * joints, dof, dof, dof, dof * dof, dof * dof, dof)
     taken = room + 8 * (DISTANT + 1 + ROW * len(rows) + 1)

@@ -1,10 +1,10 @@
-"""C functions of the declared entries: what each takes has its type there, and the table of arguments is made inside."""
+"""C functions of the declared entries, with typed arguments; they build the table of arguments inside."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from kinseek.kernels import jit  # Whole: what names its decorators is taken for a file of kernels.
+from kinseek.kernels import jit  # Not by name: naming its decorators marks a file of kernels.
 from kinseek.kernels.entry import Bundle, Dimension, Entry, Leaf
 
 _C = {"f": "double", "i": "int64_t", "b": "bool"}
@@ -12,7 +12,7 @@ _ROUTINE_C = {"float64": "double", "int64": "int64_t"}
 
 
 def c_declarations(entries: Iterable[Entry]) -> str:
-    """Structures and prototypes, with a comment for each of what its dimensions are."""
+    """Return structures and prototypes, each with a comment on its dimensions."""
     wanted = list(entries)
     bundles: dict[str, Bundle] = {}
     for one in wanted:
@@ -22,30 +22,33 @@ def c_declarations(entries: Iterable[Entry]) -> str:
 
 
 def c_definitions(entries: Iterable[Entry]) -> str:
-    """The functions themselves."""
+    """Return the definitions of the functions."""
     return "\n\n".join(map(_function, entries))
 
 
 def prototype(routine: jit.Routine) -> str:
-    """A routine as C declares it: where functions have types, as in WebAssembly, its address is worth something only so."""
+    """Return the C prototype of a routine.
+
+    In WebAssembly functions have types, so a routine's address is only valid with its prototype.
+    """
     result, _, given = routine.signature.rstrip(")").partition("(")
     each = (_ROUTINE_C[word.strip()] for word in given.split(","))
     return f"extern {_ROUTINE_C[result]} {routine.name}({', '.join(each)});"
 
 
 def name_of(bundle: Bundle) -> str:
-    """What C calls a bundle."""
+    """Return the C name of a bundle."""
     return f"Kinseek{bundle.made_of.__name__}"
 
 
 def _lengths(name: str, leaf: Leaf) -> list[str]:
-    """Names of the lengths of an array that only it has."""
+    """Return the names of the lengths that only this array has."""
     free = [i for i, each in enumerate(leaf.shape) if each.name == "*"]
     return [f"{name}_length" if len(free) == 1 else f"{name}_length{i}" for i in free]
 
 
 def _member(name: str, leaf: Leaf) -> list[str]:
-    """What C is given for a number or an array: its type and name, and lengths that only it has."""
+    """Return type and name of a number or an array in C, and of lengths that only it has."""
     if not leaf.shape:
         return [f"{_C[leaf.element]} {name}"]
     const = "" if leaf.written else "const "
@@ -67,7 +70,7 @@ def _shape(leaf: Leaf) -> str:
 
 
 def _named(one: Entry) -> list[str]:
-    """Names of the dimensions that mean the same in a whole call."""
+    """Return the names of the dimensions that are shared in a whole call."""
     each = (d.name for _, leaf in one.leaves() for d in leaf.shape)
     return list(dict.fromkeys(name for name in each if name and name != "*"))
 

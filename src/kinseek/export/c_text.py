@@ -1,4 +1,4 @@
-"""Constants as C."""
+"""Formatting of constants in C."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ELEMENTS = {"f": "double", "i": "int64_t", "b": "bool"}
 
 
 def array(name: str, values: NDArray[Any]) -> str:
-    """An array of constants in C, every number to the last bit."""
+    """Format an array of constants in C, every number exactly."""
     flat = np.ravel(values)
     write = number if flat.dtype.kind == "f" else lambda each: str(int(each))
     words = ", ".join(write(each) for each in flat.tolist())
@@ -25,7 +25,7 @@ def array(name: str, values: NDArray[Any]) -> str:
 
 
 def number(value: float) -> str:
-    """A number to the last bit.
+    """Format a number exactly.
 
     Raises:
         InvalidExport: It is not finite.
@@ -36,7 +36,7 @@ def number(value: float) -> str:
 
 
 def string(text: str) -> str:
-    """A string in C, and safe in a comment: whatever is no plain letter as the octal numbers of its bytes in UTF-8."""
+    """Format a string in C, also safe in a comment: every character but plain letters becomes octal UTF-8 bytes."""
     plain = "".join(
         chr(byte) if chr(byte) in _PLAIN else f"\\{byte:03o}" for byte in text.encode("utf-8", "replace")
     )
@@ -44,16 +44,16 @@ def string(text: str) -> str:
 
 
 def structure(kind: str, name: str, fields: dict[str, str]) -> str:
-    """A constant structure."""
+    """Format a constant structure."""
     lines = [f"    .{field} = {value}," for field, value in fields.items()]
     return "\n".join([f"static const {kind} {name} = {{", *lines, "};"])
 
 
 def defined(guard: str, values: dict[str, object]) -> str:
-    """A header that gives names to numbers."""
+    """Format a header with named numbers."""
     return guarded(guard, [f"#define KINSEEK_{name} {value}" for name, value in values.items()])
 
 
 def guarded(guard: str, lines: list[str]) -> str:
-    """A header that may be included twice."""
+    """Format a header with an include guard."""
     return "\n".join([f"#ifndef {guard}", f"#define {guard}", "", *lines, "", "#endif", ""])

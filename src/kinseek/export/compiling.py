@@ -1,4 +1,4 @@
-"""Machine code of declared kernels for another processor, made in a process of its own: see `emit`."""
+"""Compilation of declared kernels for another processor, in a separate process: see `emit`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 
 import kinseek
 from kinseek.errors import InvalidExport, MissingExtra
-from kinseek.kernels import jit  # Whole: what names its decorators is taken for a file of kernels.
+from kinseek.kernels import jit  # Not by name: naming its decorators marks a file of kernels.
 from kinseek.kernels.entry import Entry
 
 from .targets import Cpu, Target
@@ -30,19 +30,19 @@ def compiled(
     lanes: int = 1,
     sizes: Sequence[int] = (1, 1, 1, 1),
 ) -> tuple[dict[str, Any], bytes]:
-    """Compile entries and routines, whose modules are imported by now.
+    """Compile entries and routines, whose modules have been imported.
 
     Args:
-        target: What for.
-        cpu: Which processor of it.
-        entries: What may be called from outside.
-        routines: What these call by address, by name.
-        name: Of the file wanted, one of `controller.FORMS`.
-        lanes: Leaves that a descent tabulates at once.
-        sizes: What the memory of a descent is made for.
+        target: The target.
+        cpu: Processor of the target.
+        entries: Functions that may be called from outside.
+        routines: Names of the routines that these call by address.
+        name: Name of the output file, one of `controller.FORMS`.
+        lanes: Number of leaves that a descent tabulates at once.
+        sizes: Sizes for which the memory of a descent is made.
 
     Returns:
-        What `emit` tells of them, and the file.
+        The report of `emit`, and the file.
 
     Raises:
         MissingExtra: Numba is not installed.

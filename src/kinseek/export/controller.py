@@ -1,4 +1,4 @@
-"""An arm as C and machine code: its constants, forward kinematics, and a search in a fixed memory."""
+"""Export of an arm as C and machine code: its constants, forward kinematics, and a search in fixed memory."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .grid import grid_design
 from .targets import Cpu, Target, target_of
 
 FORMS = {"object": "kernels.o", "assembly": "kernels.s", "llvm": "kernels.ll"}
-"""How the kernels may be written, and the file that holds them."""
+"""Forms of the kernels, and the file that contains them."""
 
 _MARK = "/* Written by kinseek"
 _CODE = (
@@ -49,37 +49,38 @@ _GENERATED = ("arm.h", "constants.h", "goal.h", "calls.h", "calls.c", "plan.h", 
 
 @dataclass(frozen=True)
 class Parts:
-    """What is to be written, and what it will take of the part."""
+    """The files to write, and the memory that they need on the controller."""
 
     files: dict[str, bytes]
-    """Each by its name."""
+    """Contents of each file by name."""
     target: Target
     cpu: Cpu
     code: int
-    """[bytes] of machine code and constants of the kernels."""
+    """Size of machine code and constants of the kernels [bytes]."""
     constants: int
-    """[bytes] of the arm's constants and the plan of the search."""
+    """Size of the arm's constants and the plan of the search [bytes]."""
     ram: int
-    """[bytes] of static memory; the stack comes on top of it."""
+    """Size of static memory, without the stack [bytes]."""
     lanes: int
-    """Leaves that are tabulated at once."""
+    """Number of leaves that are tabulated at once."""
     most_lanes: int
-    """Leaves that the search would tabulate at once without a limit on memory."""
+    """Number of leaves that the search would tabulate at once without a memory limit."""
     kernels: str
-    """Name of the file that holds the kernels."""
+    """Name of the file with the kernels."""
     asks: tuple[str, ...] = ()
-    """Functions that the kernels ask for; besides, a compiler for the part may bring its own for what it has no
-    instructions for."""
+    """External functions that the kernels call; a compiler may add its own for instructions that the controller does not
+    have.
+    """
 
     @property
     def flash(self) -> int:
-        """[bytes] of kernels and constants; the little C around them and the C library come on top of it."""
+        """Size of kernels and constants, without the small C code around them and the C library [bytes]."""
         return self.code + self.constants
 
     @property
     def command(self) -> str:
-        """What compiles and links the program, in the folder; bare metal also needs what starts the part."""
-        llvm = self.kernels == FORMS["llvm"]  # Which GCC does not read.
+        """Command that compiles and links the program, in the folder; bare metal also needs startup code."""
+        llvm = self.kernels == FORMS["llvm"]  # GCC does not read it.
         words = [
             f"clang --target={self.target.triple}" if llvm else self.target.compiler,
             "-O2",
@@ -90,7 +91,7 @@ class Parts:
         return " ".join(filter(None, [*words, "-lm -o solve"]))
 
     def __str__(self) -> str:
-        """What it takes, in a few sentences."""
+        """A summary of the memory in a few sentences."""
         said = [
             f"{self.target.triple}, {self.cpu.name}: flash {self.flash:,} bytes (kernels {self.code:,}, constants "
             f"{self.constants:,}; the C around them and the C library come on top), RAM {self.ram:,} bytes (the stack "
@@ -104,20 +105,19 @@ class Parts:
         return " ".join(said)
 
     def write(self, folder: str | Path) -> Path:
-        """Write all files into a folder, which is made unless it is there.
+        """Write all files into a folder, and make the folder if it does not exist.
 
         Raises:
-            InvalidExport: There is no place for the folder, it holds files of these names that are not kinseek's, or
-                it cannot be written.
+            InvalidExport: The folder cannot be made or written, or it has files of these names that are not kinseek's.
         """
         place = checked_folder(folder)
-        stale = (*FORMS.values(), *_GENERATED)  # What an earlier export wrote and this one may not.
+        stale = (*FORMS.values(), *_GENERATED)  # Files that an earlier export wrote and this one may not.
         write_files(place, self.files, stale)
         return place
 
 
 def checked_folder(folder: str | Path) -> Path:
-    """Look whether files may be written into a folder.
+    """Check that files may be written into a folder.
 
     Raises:
         InvalidExport: As `Parts.write`.
@@ -138,29 +138,29 @@ def to_c(
     flash: int | None = None,
     form: str = "object",
 ) -> Parts:
-    """Write an arm as C and machine code into a folder; `prepare` and `Parts.write` in one.
+    """Write an arm as C and machine code into a folder; this combines `prepare` and `Parts.write`.
 
     Args:
-        arm: With axes and links.
-        folder: Made unless it is there; the folder around it must be there.
+        arm: An arm with axes and links.
+        folder: Output folder; it is made if it does not exist, but its parent must exist.
         target: A name of `TARGETS`.
-        cpu: A processor of the target; its first unless given.
-        search: Divide and conquer with the dynamic tree, by default with its own defaults; or the atlas, for parts with some
-            4 MB of flash.
-        goal: One pose or position that the program solves; its kind and weights hold for all goals on the part. Unless
-            given, a pose that the arm can reach.
-        ram: [bytes] that static memory may take; the search tabulates fewer leaves where it must.
-        flash: [bytes] that kernels and constants may take.
-        form: ``"object"``, ``"assembly"`` or ``"llvm"``: how the kernels are written.
+        cpu: A processor of the target; by default its first.
+        search: Divide and conquer with the dynamic tree, with its default parameters unless given; or the atlas, for
+            controllers with some 4 MB of flash.
+        goal: One pose or position that the program solves; its kind and weights apply to all goals on the controller. By
+            default a pose that the arm can reach.
+        ram: Limit of static memory [bytes]; the search tabulates fewer leaves if necessary.
+        flash: Limit of kernels and constants [bytes].
+        form: Form of the kernels: ``"object"``, ``"assembly"`` or ``"llvm"``.
 
     Returns:
-        What was written, and what it takes.
+        The files written, and the memory that they need.
 
     Raises:
-        InvalidExport: An unknown target, processor or form, an arm that is a function, a goal or search that the program
-            does not know, more memory needed than there is, or a folder as in `Parts.write`.
+        InvalidExport: An unknown target, processor or form, an arm with black-box kinematics, an unsupported goal or search,
+            too little memory, or a folder as in `Parts.write`.
         InvalidSolver: Parameters of the search that do not fit the arm.
-        MissingExtra: Numba is not installed: it compiles the kernels.
+        MissingExtra: Numba, which compiles the kernels, is not installed.
     """
     checked_folder(folder)
     parts = prepare(arm, target, cpu=cpu, search=search, goal=goal, ram=ram, flash=flash, form=form)
@@ -180,23 +180,23 @@ def prepare(
     form: str = "object",
     notice: Callable[[str], object] = lambda words: None,
 ) -> Parts:
-    """Compile an arm for a part, and say what it takes before anything is written.
+    """Compile an arm for a controller, and report the memory that it needs before anything is written.
 
     Args:
-        arm: As in `to_c`, and so are all but the last.
+        arm: As in `to_c`, as are all arguments but the last.
         target: A name of `TARGETS`.
         cpu: A processor of the target.
         search: Divide and conquer, or the atlas.
-        goal: What the program solves.
-        ram: [bytes] that static memory may take.
-        flash: [bytes] that kernels and constants may take.
+        goal: The goal that the program solves.
+        ram: Limit of static memory [bytes].
+        flash: Limit of kernels and constants [bytes].
         form: ``"object"``, ``"assembly"`` or ``"llvm"``.
-        notice: Told, once everything is checked, that compiling begins.
+        notice: Called with a message when all checks have passed and compilation begins.
 
     Raises:
-        InvalidExport: As `to_c`, but for the folder.
+        InvalidExport: As `to_c`, except for the folder.
         InvalidSolver: Parameters of the search that do not fit the arm.
-        MissingExtra: Numba is not installed: it compiles the kernels.
+        MissingExtra: Numba, which compiles the kernels, is not installed.
     """
     chosen = target_of(target)
     part = chosen.cpu(cpu)
@@ -243,7 +243,7 @@ def prepare(
 
 
 def _problem(arm: Arm, search: DivideAndConquer | Atlas, goal: Goal | None) -> Problem:
-    """The goal as a problem, where the program knows the search and goals of its kind.
+    """Return the goal as a problem, if the program supports the search and goals of its kind.
 
     Raises:
         InvalidExport: It does not.
@@ -265,7 +265,7 @@ def _problem(arm: Arm, search: DivideAndConquer | Atlas, goal: Goal | None) -> P
 def _texts(
     arm: Arm, search: DivideAndConquer | Atlas, problem: Problem, design: Design
 ) -> tuple[dict[str, str], int]:
-    """All files in C, by name, and the bytes of the constants that the part holds."""
+    """Return all C files by name, and the size of the constants on the controller [bytes]."""
     constants, taken = chain_constants(design.chain, design.axis_weights)
     numbers = {
         "NAME": string(arm.name),

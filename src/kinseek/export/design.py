@@ -1,4 +1,4 @@
-"""What a search brings along to a part."""
+"""The parts that a search adds to an exported program."""
 
 from __future__ import annotations
 
@@ -14,55 +14,55 @@ from kinseek.kernels.entry import Entry
 from .c_text import array, guarded, structure
 
 C = Path(__file__).parent / "c"
-"""Files in C that are written as they are; what a search adds stands in a folder of its own."""
+"""C files that are copied unchanged; files of a search are in a folder of their own."""
 
-_HEAD, _ALIGNMENT = 64, 32  # As c/runtime.c has them at most: less where addresses are short.
+_HEAD, _ALIGNMENT = 64, 32  # Maxima as in c/runtime.c; short addresses need less.
 
 
 @dataclass(frozen=True)
 class Design:
-    """What a search brings along: what is compiled for it, its constants, and the memory it takes."""
+    """The parts that a search adds: its compiled kernels, its constants, and its memory."""
 
     folder: str
-    """Below `C`."""
+    """Folder of its C files below `C`."""
     entries: tuple[Entry, ...]
     routines: tuple[str, ...]
     numbers: dict[str, object]
-    """Constants that C has by name."""
+    """Named constants in C."""
     chain: ChainArrays
     axis_weights: NDArray[np.float64]
     texts: dict[str, str]
-    """Files of constants."""
+    """Text files of constants."""
     data: dict[str, bytes]
-    """Files of constants that are no text."""
+    """Binary files of constants."""
     constants: int
-    """[bytes] of all these, but for the chain and the weights."""
+    """Size of all these, without the chain and the weights [bytes]."""
     room: int
-    """[bytes] of working memory, see `room_for`."""
+    """Size of working memory, see `room_for` [bytes]."""
     ram: int
-    """[bytes] of static memory, working memory included."""
+    """Size of static memory, including working memory [bytes]."""
     lanes: int = 1
-    """Leaves that are tabulated at once."""
+    """Number of leaves that are tabulated at once."""
     most_lanes: int = 1
-    """Leaves that would be tabulated at once without a limit on memory."""
+    """Number of leaves that would be tabulated at once without a memory limit."""
     sizes: tuple[int, ...] = (1, 1, 1, 1)
-    """What the memory of a descent is made for."""
+    """Sizes for which the memory of a descent is made."""
     memory: int | None = None
-    """Numbers that it then holds; None where there is no descent."""
+    """Number of values in that memory; None without a descent."""
 
 
 def room_for(*numbers: int) -> int:
-    """Bytes of working memory for arrays of so many numbers at once."""
+    """Return the bytes of working memory for simultaneous arrays of these lengths."""
     return sum(_HEAD + _ALIGNMENT + 8 * each for each in numbers)
 
 
 def chain_constants(chain: ChainArrays, axis_weights: NDArray[np.float64]) -> tuple[str, int]:
-    """What forward kinematics and the measure of errors need, as C, and its bytes."""
+    """Return the constants of forward kinematics and the error measure in C, and their size in bytes."""
     arrays = {f"chain_{name}": each for name, each in chain._asdict().items()} | {
         "axis_weights": axis_weights
     }
     lines = ['#include "calls.h"', *(array(name, each) for name, each in arrays.items())]
     lines.append(structure("KinseekChainArrays", "chain", {name: f"chain_{name}" for name in chain._fields}))
-    # Not every file that includes them makes use of all.
+    # Not every file that includes them uses all.
     unused = [line.replace("static const ", "__attribute__((unused)) static const ", 1) for line in lines]
     return guarded("KINSEEK_CONSTANTS_H", unused), sum(each.nbytes for each in arrays.values())

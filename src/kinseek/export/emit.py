@@ -1,8 +1,8 @@
-"""emit.py JOB.json: compile declared entries for a target; a process of its own, for it compiles kernels of another size.
+"""emit.py JOB.json: compile declared entries for a target, in a separate process because the kernels' sizes differ.
 
-Numba types the entries and lowers them. For the x86-64 it also optimises them, as it does for this machine, which gives the
-same bits; for any other processor nothing is optimised before the code is that processor's. A wrapper that takes all
-arguments from a table of 64-bit numbers goes beside each entry.
+Numba types the entries and lowers them. For x86-64 it also optimises them as for this machine, which gives the same bits.
+For any other processor, optimisation starts when the code is for that processor. Each entry gets a wrapper that takes all
+arguments from a table of 64-bit numbers.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from types import CodeType, ModuleType
 from typing import Any
 
 SIZED, CONSTANT = "kinseek.kernels.grid.memory", "MOST_LANES"
-"""The module that says how many leaves a search tabulates at most, and the name that it has there."""
+"""The module with the maximum number of leaves that a search tabulates, and the name of this constant."""
 
 
 class _Loader(SourceFileLoader):
@@ -31,7 +31,7 @@ class _Loader(SourceFileLoader):
         self.value = value
 
     def get_code(self, fullname: str) -> CodeType:
-        """Compile the source with the other value, and keep nothing on disk.
+        """Compile the source with the other value, without a cache on disk.
 
         Raises:
             ImportError: The module has no such constant.
@@ -48,7 +48,7 @@ class _Loader(SourceFileLoader):
 
 
 class _Finder(importlib.abc.MetaPathFinder):
-    """Gives the sized module to `_Loader`."""
+    """Assigns `_Loader` to the sized module."""
 
     def __init__(self, value: int) -> None:
         self.value = value
@@ -56,7 +56,7 @@ class _Finder(importlib.abc.MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Find the one module."""
+        """Find the sized module."""
         if fullname != SIZED:
             return None
         spec = PathFinder.find_spec(fullname, path, target)
@@ -67,7 +67,7 @@ class _Finder(importlib.abc.MetaPathFinder):
 
 
 def main() -> None:
-    """Do the job that a file describes, and write beside it what came of it."""
+    """Do the job that a file describes, and write the results beside it."""
     path = Path(sys.argv[1])
     job = json.loads(path.read_text(encoding="utf-8"))
     sys.dont_write_bytecode = True
@@ -85,10 +85,10 @@ def main() -> None:
 
 
 def _lowered(entries: list[str], routines: list[str]) -> tuple[Any, tuple[str, str]]:
-    """One module with all entries and routines, and the processor and its features that Numba compiled them for."""
+    """Return one module with all entries and routines, and the processor and features that Numba compiled for."""
     import llvmlite.binding as llvm
 
-    from kinseek.kernels import jit  # Whole: what names its decorators is taken for a file of kernels.
+    from kinseek.kernels import jit  # Not by name: naming its decorators marks a file of kernels.
     from kinseek.kernels.entry import ENTRIES
 
     whole: Any = None
@@ -97,7 +97,7 @@ def _lowered(entries: list[str], routines: list[str]) -> tuple[Any, tuple[str, s
         parts, codegen = _with_wrapper(ENTRIES[name] if name in entries else jit.ROUTINES[name])
         for part in parts:
             one = llvm.parse_bitcode(part)
-            for each in [*one.functions, *one.global_variables]:  # What two entries share comes twice.
+            for each in [*one.functions, *one.global_variables]:  # Shared parts of two entries come twice.
                 if not each.is_declaration and each.linkage == llvm.Linkage.external and each.name != name:
                     each.linkage = "linkonce_odr"
             if whole is None:
@@ -111,7 +111,7 @@ def _lowered(entries: list[str], routines: list[str]) -> tuple[Any, tuple[str, s
 
 
 def _with_wrapper(one: Any) -> tuple[list[bytes], Any]:
-    """A wrapper and the compiled function that it calls, as bitcode, and what Numba generated that with."""
+    """Return a wrapper and the function that it calls as bitcode, and Numba's code generator."""
     import llvmlite.binding as llvm
 
     from kinseek.kernels.wrapper import compiled, wrapper_of
@@ -121,12 +121,12 @@ def _with_wrapper(one: Any) -> tuple[list[bytes], Any]:
     final = code._final_module
     wrapper = llvm.parse_assembly(wrapper_of(one, made, one.name))
     wrapper.triple, wrapper.data_layout = final.triple, final.data_layout
-    # The wrapper goes first: of what may come twice only that is linked which something asks for.
+    # The wrapper goes first: of duplicate functions only those are linked that are referenced.
     return [wrapper.as_bitcode(), final.as_bitcode()], code._codegen
 
 
 def _written(module: Any, host: tuple[str, str], job: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Optimise for the target, and write the object file, and the assembly of the processor or of LLVM if that is wanted."""
+    """Optimise for the target; write the object file, and if requested the assembly of the processor or of LLVM."""
     import llvmlite.binding as llvm
 
     llvm.initialize_all_targets()
@@ -145,7 +145,7 @@ def _written(module: Any, host: tuple[str, str], job: dict[str, Any], folder: Pa
     builder = llvm.create_pass_builder(machine, tuning)
     passes = llvm.create_new_module_pass_manager()
     if not job["optimised"]:
-        # Only references to memory are counted atomically, and a part without threads has nobody to count against.
+        # Only reference counts are atomic, and a controller without threads needs no atomic operations.
         passes.add_lower_atomic_pass()
         passes.run(module, builder)
         passes = builder.getModulePassManager()
@@ -154,13 +154,13 @@ def _written(module: Any, host: tuple[str, str], job: dict[str, Any], folder: Pa
     module.verify()
     data = machine.emit_object(module)
     (folder / "kernels.o").write_bytes(data)
-    # The others as they are asked for: to write machine code a second time takes as long as the first.
+    # The others are written on request, because writing machine code again takes as long as the first time.
     if job["file"] == "kernels.s":
         (folder / "kernels.s").write_text(machine.emit_assembly(module), encoding="utf-8")
     if job["file"] == "kernels.ll":
         (folder / "kernels.ll").write_text(str(module), encoding="utf-8")
     asked = [each.name for each in [*module.functions, *module.global_variables] if each.is_declaration]
-    # Names in WebAssembly do not end where LLVM takes them to; those of code and data do.
+    # Names in WebAssembly do not end where LLVM expects; those of code and data do.
     sections = [
         ((one.name() or b"").decode(errors="replace"), one.size())
         for one in llvm.ObjectFileRef.from_data(data).sections()

@@ -1,4 +1,4 @@
-"""The folder of an export. Only files that kinseek wrote are replaced, and links in the folder are never followed."""
+"""Output folder of an export. Only files that kinseek wrote are replaced, and links in the folder are never followed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def own_folder(folder: str | Path, names: Collection[str], marked: str, mark: st
         mark: The beginning of that file.
 
     Raises:
-        InvalidExport: The folder is no path, cannot be made, or holds files of these names that are not kinseek's.
+        InvalidExport: The folder is not a path, cannot be made, or has files of these names that are not kinseek's.
     """
     if not isinstance(folder, str | Path) or not str(folder):
         raise InvalidExport(f"folder must be a path, got {folder!r}")
@@ -70,7 +70,7 @@ def _beginning(path: Path, letters: int) -> str:
 
 
 def _write_anew(path: Path, content: bytes) -> None:
-    """Replace a file or link; what a link leads to stays as it is."""
+    """Replace a file or link; the target of a link stays unchanged."""
     path.unlink(missing_ok=True)
-    with path.open("xb") as file:  # O_EXCL fails at a link that is put there meanwhile.
+    with path.open("xb") as file:  # O_EXCL fails if a link appears meanwhile.
         file.write(content)

@@ -1,4 +1,4 @@
-"""Divide and conquer with the dynamic tree, in a memory of a fixed size."""
+"""Export of divide and conquer with the dynamic tree, in memory of a fixed size."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from .design import Design, room_for
 
 
 def grid_design(search: DivideAndConquer, problem: Problem, ram: int | None) -> Design:
-    """What the search brings along; it tabulates fewer leaves at once where `ram`, [bytes], asks for it.
+    """Return the design of the search; it tabulates fewer leaves at once if the limit `ram` [bytes] requires it.
 
     Raises:
-        InvalidExport: A search that a controller does not know, or more memory than there is.
+        InvalidExport: A search that the exported program does not support, or too little memory.
         InvalidSolver: Parameters of the search that do not fit the arm.
     """
     if search.tree != "dynamic":
@@ -81,7 +81,7 @@ def grid_design(search: DivideAndConquer, problem: Problem, ram: int | None) -> 
 
 
 def _plan_in_c(plan: Any) -> tuple[str, int]:
-    """The grid and the passes, and their bytes."""
+    """Return the grid and the passes in C, and their size in bytes."""
     grid, passes = plan.grid, plan.passes
     arrays = {name: getattr(grid, name) for name in ("step", "wraps")}
     arrays |= {name: getattr(passes, name) for name in ("spacings", "later", "first", "counts")}
@@ -115,7 +115,7 @@ def _plan_in_c(plan: Any) -> tuple[str, int]:
 
 
 def _lanes(problem: Problem, plan: Any) -> int:
-    """Leaves that the search tabulates at once: those of the suffix that it chooses for a full window of each pass."""
+    """Return the number of leaves tabulated at once: those of the suffix that it chooses for a full window of each pass."""
     passes, size = plan.passes, plan.grid.size
     windows = [passes.counts]
     windows += [
@@ -129,7 +129,7 @@ def _lanes(problem: Problem, plan: Any) -> int:
 
 
 def _numbers_a_lane() -> int:
-    """Numbers of a search's memory that each tabulated leaf takes."""
+    """Return the number of values in a search's memory for each tabulated leaf."""
     taken = 0
     for leaf in TAKEN_SCRATCH.fields.values():
         lengths = [each.plus for each in getattr(leaf, "shape", ()) if not each.name]

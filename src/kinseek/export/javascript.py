@@ -1,7 +1,7 @@
-"""Arms for a web page or for Node: numbers as JSON, and JavaScript that calls the WebAssembly module.
+"""Export of arms for a web page or Node: numbers as JSON, and JavaScript that calls the WebAssembly module.
 
-Of an arm only its chain and what follows from it are written: the samples of the atlas, megabytes, are made anew where
-they are used, by the kernel that makes them here.
+For an arm only its chain and derived data are written. The samples of the atlas, which take megabytes, are computed by the
+JavaScript with the same kernel as in Python.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ from .folder import own_folder, write_files
 from .wasm import CALLED, PLACES, wasm_module
 
 SCRIPT = Path(__file__).parent / "js" / "kinseek.js"
-"""Written as it is."""
+"""Copied unchanged."""
 
 _MARK = "// SPDX-License-Identifier: Apache-2.0\n// Inverse kinematics"
-"""The beginning of `SCRIPT`, also of earlier versions."""
+"""The beginning of `SCRIPT`, including earlier versions."""
 
 _MADE = (
     "atlas.tree.points",
@@ -54,7 +54,7 @@ _MADE = (
     "atlas.middle",
     "atlas.poses",
 )
-"""Rows of a task that are made where they are used."""
+"""Rows of a task that JavaScript computes."""
 _KINDS = {"f": "<f8", "i": "<i8", "b": "|b1"}
 
 
@@ -62,16 +62,16 @@ def to_wasm(arms: Sequence[Arm], folder: str | Path, module: bytes | None = None
     """Write arms and the kernels for a web page or for Node: see docs/page.md.
 
     Args:
-        arms: With axes and links.
-        folder: Made unless it is there; the folder around it must be there.
-        module: The kernels, from an earlier `wasm_module`; compiled unless given.
+        arms: Arms with axes and links.
+        folder: Output folder; it is made if it does not exist, but its parent must exist.
+        module: The kernels, from an earlier `wasm_module`; by default they are compiled.
 
     Returns:
         The folder.
 
     Raises:
-        InvalidExport: An arm that is a function, two of one name, or a folder that cannot be written or holds files of
-            these names that are not kinseek's.
+        InvalidExport: An arm with black-box kinematics, two arms of one name, or a folder that cannot be written or has
+            files of these names that are not kinseek's.
         MissingExtra: Numba or ziglang is not installed.
     """
     arms_json = json.dumps(arms_as_data(arms), allow_nan=False).encode()
@@ -83,10 +83,10 @@ def to_wasm(arms: Sequence[Arm], folder: str | Path, module: bytes | None = None
 
 
 def arms_as_data(arms: Sequence[Arm]) -> dict[str, Any]:
-    """What JavaScript needs to know of the kernels and of arms, as JSON has it.
+    """Return the data on kernels and arms for JavaScript, as JSON takes them.
 
     Raises:
-        InvalidExport: An arm that is a function, or two of one name.
+        InvalidExport: An arm with black-box kinematics, or two arms of one name.
     """
     names = [arm.name for arm in arms]
     if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -117,7 +117,7 @@ def _entry_as_data(name: str) -> dict[str, Any]:
 
 
 def _row_names(rows: Any, before: str) -> Iterator[str]:
-    """Names of the rows of a task's handle, in their order, and of what is in them."""
+    """Yield the names of the rows of a task's handle, in order, including nested ones."""
     for name, row in rows.rows.items():
         if isinstance(row, str):
             yield before + name
@@ -152,13 +152,13 @@ def _arm_as_data(arm: Arm) -> dict[str, Any]:
 
 
 def _array_as_data(values: NDArray[Any]) -> dict[str, Any]:
-    """An array to the last bit."""
+    """Convert an array exactly."""
     data = values.astype(_KINDS[values.dtype.kind]).tobytes()
     return {"kind": values.dtype.kind, "shape": values.shape, "data": base64.b64encode(data).decode()}
 
 
 def _samples(problem: Problem, index: BranchIndex, division: Division) -> dict[str, Any]:
-    """How the middle joints are sampled, see `robots.sampling.middle_samples`."""
+    """Return how the middle joints are sampled, see `robots.sampling.middle_samples`."""
     chain = problem.chain
     first, last = int(division.head != NONE), chain.dof - int(division.tail != NONE)
     lower, upper = one_turn(chain.lower[first:last], chain.upper[first:last], chain.turns[first:last])
@@ -173,14 +173,14 @@ def _samples(problem: Problem, index: BranchIndex, division: Division) -> dict[s
 
 
 def _proof_as_data(problem: Problem) -> dict[str, Any]:
-    """What proofs about an arm have in common: of what they take, only the target and the margin for rounding vary.
+    """Return the constant arguments of proofs about an arm; only the target and the margin for rounding vary.
 
-    The target that they take is ``left · pose · right``, and the margin ``margin_a · (reach + distance of that target)``.
+    The target argument is ``left · pose · right``, and the margin is ``margin_a · (reach + distance of that target)``.
     """
     form, wanted, roll = question(problem)
     chain, fixed = problem.chain, problem.arrays.fixed
     left = inverse(fixed[0]) if form.head != NONE else np.eye(4)[:3]
-    right = square(inverse(left)) @ square(wanted.target)  # For the pose of this problem is the identity.
+    right = square(inverse(left)) @ square(wanted.target)  # The pose of this problem is the identity.
     boxes = start_boxes(chain, roll.present)
     run = Run(problem, (form, wanted, roll), boxes, np.zeros(chain.dof), tuning_of(problem, OFTEN, STEPS))
     takes = ENTRIES["ks_search_boxes"].takes

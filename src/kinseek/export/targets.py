@@ -1,4 +1,4 @@
-"""Processors that machine code can be written for."""
+"""Processors for which machine code can be written."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from kinseek.errors import InvalidExport, suggest
 
 @dataclass(frozen=True)
 class Cpu:
-    """One processor, or a family whose programs all its members run."""
+    """One processor, or a family whose members all run the same programs."""
 
     name: str
-    """As LLVM calls it."""
+    """Name in LLVM."""
     features: str = ""
-    """What it has beyond the name, as LLVM calls it."""
+    """Additional features, in LLVM's notation."""
     options: str = ""
-    """What a C compiler must be told so that its code fits."""
+    """Options that a C compiler needs to make matching code."""
 
 
 @dataclass(frozen=True)
@@ -25,20 +25,20 @@ class Target:
 
     name: str
     triple: str
-    """As LLVM calls it."""
+    """Target triple in LLVM."""
     compiler: str
-    """The C compiler that Debian, or PyPI, has for it."""
+    """Name of the C compiler for it in Debian, or on PyPI."""
     cpus: tuple[Cpu, ...]
-    """Those known; the first unless another is asked for."""
+    """The supported processors; the first is the default."""
     bits: int
-    """Of an address."""
+    """Bits of an address."""
     relocation: str = "static"
     abi: str = ""
     numba: bool = False
-    """Can Numba itself optimise for it? Then the answers have the bits that kinseek has on such a processor."""
+    """Can Numba itself optimise for it? Then results have the same bits as kinseek on such a processor."""
 
     def cpu(self, name: str | None) -> Cpu:
-        """The processor of a name; the first unless given.
+        """Return the processor of a name; by default the first.
 
         Raises:
             InvalidExport: None has that name.
@@ -51,8 +51,9 @@ class Target:
         return known[name]
 
 
-# Hard-float calls would be right for a Cortex-M with a floating-point unit, but LLVM cannot be told of them from Python, and
-# what it then makes of `aapcs16` links and computes other numbers. So numbers are passed in the integer registers (softfp).
+# Hard-float calls would be right for a Cortex-M with a floating-point unit, but Python bindings cannot set them in LLVM, and
+# the code that it then makes for `aapcs16` links but computes wrong numbers. So numbers are passed in the integer registers
+# (softfp).
 _THUMB = "-mthumb -mfloat-abi=softfp"
 
 _KNOWN = (
@@ -97,14 +98,14 @@ _KNOWN = (
 )
 
 TARGETS: dict[str, Target] = {one.name: one for one in _KNOWN}
-"""All of them by name."""
+"""All targets by name."""
 
 
 def target_of(name: str) -> Target:
-    """The target of a name.
+    """Return the target of a name.
 
     Raises:
-        InvalidExport: None has it.
+        InvalidExport: None has that name.
     """
     if name not in TARGETS:
         raise InvalidExport(suggest(str(name), TARGETS, "target"))

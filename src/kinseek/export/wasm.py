@@ -1,4 +1,4 @@
-"""The kernels as one WebAssembly module, the same for every arm: compiled as for any other processor, linked by zig."""
+"""The kernels as one WebAssembly module, the same for every arm; zig links it."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ PLACES = {
     "ks_closed_routine": CLOSED,
     "ks_far_routine": DISTANT,
 }
-"""Routines that kernels call, and where their addresses stand in a task."""
+"""Routines that kernels call, and the positions of their addresses in a task."""
 
 RUNTIME = Path(__file__).parent / "js" / "runtime.c"
-"""Memory, for the kernels."""
+"""Memory management for the kernels."""
 
 
 def wasm_module(notice: Callable[[str], object] = lambda words: None) -> bytes:
     """Compile and link the kernels.
 
     Args:
-        notice: Told that compiling begins.
+        notice: Called with a message when compilation begins.
 
     Raises:
         MissingExtra: Numba or ziglang is not installed.
@@ -68,7 +68,7 @@ def wasm_module(notice: Callable[[str], object] = lambda words: None) -> bytes:
         "-O2",
         "-s",
     ]
-    # Kernels call each other by address: JavaScript puts those that they may call into the table of functions.
+    # Kernels call each other by address: JavaScript puts the callable ones into the table of functions.
     command += [
         "-Wl,--no-entry",
         "-Wl,--export-table",

@@ -1,4 +1,4 @@
-"""Maps: what an arm reaches of its whole workspace, on a laptop or on a cluster."""
+"""Maps of what an arm reaches in its whole workspace, computed on one machine or on a cluster."""
 
 from .base import best_base
 from .cost import Estimate, estimate

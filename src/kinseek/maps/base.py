@@ -1,4 +1,4 @@
-"""Where to put the base of an arm, for a list of poses that it shall reach."""
+"""Ranking of base placements of an arm, for a list of poses that it must reach."""
 
 from __future__ import annotations
 
@@ -25,24 +25,25 @@ QUALITIES = (LIMITS, DEXTERITY)
 
 
 def best_base(arm: Arm, poses: Any, candidates: Any, by: str = LIMITS) -> xarray.Dataset:
-    """Rank places for the base of an arm by what it reaches of a task.
+    """Rank base placements of an arm by how well it reaches the poses of a task.
 
-    More poses reached come first; of places that reach as many, that whose worst pose is best. One process; a candidate
-    with n poses costs n questions for all answers, some tens of microseconds each.
+    Placements that reach more poses come first; among equals, the one whose worst pose is best. Runs in one process; a
+    candidate with n poses costs n searches for all solutions, some tens of microseconds each.
 
     Args:
-        arm: With axes.
-        poses: Of the task, (n, 4, 4), lengths in [m].
-        candidates: Places of the base in the frame of these poses, (k, 4, 4), lengths in [m].
-        by: What makes a pose a good one: ``"limit_distance"`` or ``"dexterity"``, see `reach`.
+        arm: An arm with axes.
+        poses: Poses of the task, (n, 4, 4), lengths in [m].
+        candidates: Base poses in the frame of these poses, (k, 4, 4), lengths in [m].
+        by: Quality of a pose: ``"limit_distance"`` or ``"dexterity"``, see `reach`.
 
     Returns:
-        Along ``candidate``, the best first: its number as it was given, ``base``, how many poses are reached, the quality of
-        the worst of these, and ``limiting``, the number of the pose that is worst: one not reached, if there is one.
+        A dataset along ``candidate``, the best first: its number in `candidates`, ``base``, the number of poses reached, the
+            quality of the worst of these, and ``limiting``, the number of the worst pose: one that is not reached, if there
+            is one.
 
     Raises:
         InvalidGoal: Not poses.
-        InvalidMap: No poses, no candidates, a function as an arm, or an unknown quality.
+        InvalidMap: No poses, no candidates, an arm with black-box kinematics, or an unknown quality.
     """
     task, places = as_pose(poses).reshape(-1, 4, 4), as_pose(candidates).reshape(-1, 4, 4)
     if by not in QUALITIES:

@@ -1,4 +1,4 @@
-"""What a worker does: one block of a map, each arm's atlas built once a process."""
+"""The work of a worker: one block of a map. Each process builds an arm's atlas once."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ Index = tuple[int, ...]
 
 @lru_cache(maxsize=1)
 def version() -> str:
-    """Of kinseek, with a digest of what its answers are computed by: equal ones give equal bits."""
+    """Return the version of kinseek with a digest of the code that computes solutions; equal versions give equal bits."""
     return f"{kinseek.__version__}+{source_digest()}"
 
 
 def digest(chain: SerialChain) -> str:
-    """Of what an arm's answers depend on: axes, limits, couplings."""
+    """Return a digest of the data that an arm's solutions depend on: axes, limits, couplings."""
     report = hashlib.sha256(repr(chain.kinds).encode())
     for array in (
         chain.fixed,
@@ -55,7 +55,7 @@ def digest(chain: SerialChain) -> str:
 
 @dataclass(frozen=True)
 class Work:
-    """All that a worker has to know; some kB."""
+    """All data that a worker needs; some kB."""
 
     chain: SerialChain
     arm: str
@@ -71,37 +71,37 @@ class Work:
     budget: int
     version: str
     store: str | None
-    """Folder that the block is written to; None: it is sent back."""
+    """Folder that the block is written to; None: the block is sent back."""
     scene: Scene | None = None
-    """Answers have to be free in it; it makes the work larger by its meshes."""
+    """Scene in which solutions must be free of collision; its meshes make the work larger."""
     clearance: float = 0.0
-    """In the scene [m]."""
+    """Minimum distance between bodies of the scene [m]."""
     cell: str | None = None
     """Digest of the scene."""
 
     def part(self, index: Index) -> tuple[slice, ...]:
-        """The cells of a block."""
+        """Return the cells of a block."""
         return tuple(slice(i * n, (i + 1) * n) for i, n in zip(index, self.chunks, strict=True))
 
 
 def slim(chain: SerialChain) -> SerialChain:
-    """An arm as it travels: axes and limits, without its file."""
+    """Return the arm as it is sent to workers: axes and limits, without its file."""
     return replace(chain, urdf=b"", packages={}, frames={}, source="")
 
 
 class BlockScratch:
-    """What a process keeps for an arm and a grid."""
+    """Data that a process keeps for an arm and a grid."""
 
     def __init__(self, work: Work) -> None:
-        """Make the arm; its atlas is built at the first question."""
+        """Make the arm; its atlas is built when the first pose is solved."""
         self.grid: Grid | Rings = grid_of(work.grid)
-        # What comes over the wire may not be written to, and kernels take no such arrays.
+        # Received arrays may be read-only, which kernels do not accept.
         chain = deepcopy(work.chain)
         self.first: FirstJoint | None = divided(chain) if isinstance(self.grid, Rings) else None
         self.arm = Arm(chain if self.first is None else self.first.chain)
         self.scene = deepcopy(work.scene)
         if self.scene is not None:
-            self.scene.free(self.arm.sample(1))  # Fits its spheres now, and not in what is timed.
+            self.scene.free(self.arm.sample(1))  # Fits its spheres now, outside the timed part.
 
 
 _scratches: dict[str, BlockScratch] = {}
@@ -109,7 +109,7 @@ _making = Lock()
 
 
 def scratch_of(work: Work) -> BlockScratch:
-    """The scratch memory of this process for such work; the last few are kept."""
+    """Return the scratch data of this process for this work; the last few are cached."""
     key = f"{work.arm} {work.cell} {sorted(work.grid.items())}"
     with _making.now:
         if key not in _scratches:
@@ -120,13 +120,13 @@ def scratch_of(work: Work) -> BlockScratch:
 
 
 def compute(work: Work, index: Index) -> dict[str, Array]:
-    """Answer the poses of one block: an array of each variable."""
+    """Solve the poses of one block: an array of each variable."""
     scratch = scratch_of(work)
     return answered(work, scratch, scratch.grid.poses(work.part(index)), work.part(index))
 
 
 def answered(work: Work, scratch: BlockScratch, poses: Array, part: Sequence[slice]) -> dict[str, Array]:
-    """Of each variable an array, for poses, (..., 4, 4), that are the middles of a part of the grid's cells."""
+    """Return an array of each variable for poses, (..., 4, 4), at the centres of a part of the grid's cells."""
 
     def goal(T: Array) -> Goal:
         position, orientation = work.position_tolerance, work.orientation_tolerance
@@ -143,7 +143,7 @@ def answered(work: Work, scratch: BlockScratch, poses: Array, part: Sequence[sli
         found = values[REACHED] == 1
         judge = Judge(scratch.arm, scratch.grid, work.depth, work.budget, goal(np.eye(4)))
         cells = cells_of_block(judge, part, found, wholly=scratch.scene is None)
-        # A scene takes poses away: what is empty stays so, but what else is known of a cell is known without it.
+        # A scene removes solutions: an empty cell stays empty, but other results for a cell were computed without the scene.
         if scratch.scene is not None:
             cells["cell"][(cells["cell"] == TOUCHED) & ~found] = UNDECIDED
         values |= cells
@@ -151,7 +151,7 @@ def answered(work: Work, scratch: BlockScratch, poses: Array, part: Sequence[sli
 
 
 def do(work: Work, index: Index) -> dict[str, Array] | None:
-    """Do one block, on a worker: write it to the store, or send it back; a block that is written already is left alone.
+    """Compute one block on a worker, and write it to the store or return it; a block that is written already is skipped.
 
     Raises:
         InvalidMap: The worker has another version of kinseek, or does not see the store.
@@ -176,5 +176,5 @@ def _here() -> str:
 
     try:
         return str(get_worker().address)
-    except ValueError:  # No worker: this process.
+    except ValueError:  # Not a worker: this process.
         return "here"

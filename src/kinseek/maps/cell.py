@@ -1,7 +1,7 @@
-"""A cell of a grid, or a part of one: its halves, a ball of poses that holds it, poses inside of it.
+"""A cell of a grid, or a part of one: its halves, a ball of poses that contains it, and poses inside it.
 
-A cell is a box of places, a region of the sphere that the tip's z axis points to, and an arc of turns about that axis. Where
-the turn may be any, the arc is left out.
+A cell is a box of positions, a region of the sphere of directions of the tip's z axis, and an arc of rotations about that
+axis. The arc is omitted if any rotation is included.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from .orientations import about_z, ball, direction, farthest, shortest_turn, twi
 Array = NDArray[np.float64]
 
 MARGIN = 4e-6
-"""By which a ball is wider than it need be, relative to it: a place may lie beside the grid by a millionth of a cell and
-still count as of the cell beside it, and rounding of the ball's size stays far below."""
+"""Relative enlargement of a ball. A position may lie outside the grid by a millionth of a cell and still belong to the
+nearest cell; the rounding error of the ball's size is far smaller.
+"""
 
 INSIDE = 1e-3
-"""How far inside a cell a pose is asked for that shall lie in it, as a part of its width: tolerances are smaller."""
+"""Distance from a cell's sides, as a fraction of its width, of a pose that must lie inside; tolerances are smaller."""
 
 STRIDES = 1.1127756842787055 ** -np.arange(1.0, 7.0)
 """Steps of an additive sequence that fills six dimensions evenly: powers of the root of x⁷ = x + 1 (Roberts 2018)."""
 
 
 LEVER = 0.2
-"""A turn counts, when a cell is cut, as the way of a point so far off, as a part of the arm's reach."""
+"""Lever arm by which rotations are compared with lengths when a cell is halved, as a fraction of the arm's reach."""
 
 
 @dataclass(frozen=True)
@@ -38,18 +39,18 @@ class Cell:
     """A cell, or a part of one."""
 
     box: Array
-    """From and to along each dimension of places [m], (d, 2)."""
+    """Lower and upper end along each dimension of positions [m], (d, 2)."""
     region: Array
-    """Polar angle from and to, azimuth from and to [rad], (4,)."""
+    """Lower and upper polar angle, lower and upper azimuth [rad], (4,)."""
     frame: Array
-    """From which turns are counted, (3, 3): that of the whole cell."""
+    """Rotation from which the rotation about z is measured, (3, 3): that of the whole cell."""
     arc: tuple[float, float] | None
-    """Turns from and to [rad]; None: any turn, all around."""
+    """Lower and upper rotation about z [rad]; None: any rotation."""
     ring: bool
-    """Are the places distances from an axis, and heights along it?"""
+    """Are the positions given as distances from an axis, and heights along it?"""
 
     def halves(self, lever: float) -> tuple[Cell, Cell]:
-        """Cut where it is longest; both halves have the same volume. A turn counts as the way of a point `lever` [m] off."""
+        """Halve the cell along its longest side, into equal volumes. Rotations are measured at a lever arm `lever` [m]."""
         sides = self.box[:, 1] - self.box[:, 0]
         polar, azimuth = self.region[1] - self.region[0], self.region[3] - self.region[2]
         across = azimuth * np.sin(np.clip(np.pi / 2, self.region[0], self.region[1]))
@@ -58,7 +59,7 @@ class Cell:
         longest, places = int(np.argmax(lengths)), len(sides)
         if longest < places:
             low, high = self.box[longest]
-            ring = self.ring and longest == 0  # The volume of a ring grows with the square of its radius.
+            ring = self.ring and longest == 0  # A ring's volume grows with the squared radius.
             middle = np.sqrt((low**2 + high**2) / 2) if ring else (low + high) / 2
             below, above = self.box.copy(), self.box.copy()
             below[longest, 1] = above[longest, 0] = middle
@@ -75,11 +76,11 @@ class Cell:
         return replace(self, region=below), replace(self, region=above)
 
     def ball(self) -> tuple[Array, float, float]:
-        """A pose, (4, 4), and how far off it any pose of the cell is at most, [m] and [rad].
+        """Return a pose, (4, 4), and the largest deviation of any pose of the cell from it, [m] and [rad].
 
-        A part of a cell has its own centre c' on the sphere. From c to d by way of c' is another turn than straight there,
-        by the area of the triangle c, c', d about d: 2 asin(tan(a/2) tan(b/2)) at most, a and b its sides at c'. Where any
-        turn will do, that of the shortest way from c' counts.
+        A part of a cell has its own centre c' on the sphere. The path from c to d by way of c' rotates differently from the
+        direct path, by the area of the triangle c, c', d about d. This is at most 2 asin(tan(a/2) tan(b/2)), with a and b
+        its sides at c'. If any rotation is included, the shortest path from c' is used instead.
         """
         c, region = self.frame[:, 2], self.region[None]
         centre = np.array([[self.region[:2].mean(), self.region[2:].mean()]])
@@ -96,16 +97,16 @@ class Cell:
         return T, half * (1.0 + MARGIN), min(angle * (1.0 + MARGIN), np.pi)
 
     def pose(self, place: Array, d: Array, turn: float) -> Array:
-        """The pose at a place, (d,), with the z axis along d, (3,), and so much turned about it [rad]; (4, 4)."""
+        """Return the pose at a position, (d,), with the z axis along d, (3,), rotated about it by `turn` [rad]; (4, 4)."""
         T = np.eye(4)
         T[:3, :3] = shortest_turn(self.frame[:, 2], d) @ self.frame @ about_z(turn)
         T[:3, 3] = (place[0], 0.0, place[1]) if self.ring else place
         return T
 
     def nearest(self, T: Array) -> Array:
-        """The pose inside the cell that is nearest to a pose in each of its coordinates, both (4, 4).
+        """Return the pose inside the cell that is nearest to a pose in each of its coordinates, both (4, 4).
 
-        Of a ring it is turned about the axis as that pose is.
+        In a ring it has the same angle about the axis as that pose.
         """
         back = about_z(-azimuths(T)) if self.ring else np.eye(3)
         place, R = T[:3, 3], back @ T[:3, :3]
@@ -125,7 +126,7 @@ class Cell:
         return near
 
     def spread(self, count: int) -> Array:
-        """Poses all over the cell, the same in every call, (count, 4, 4)."""
+        """Return poses spread over the cell, the same in every call, (count, 4, 4)."""
         share = np.mod(0.5 + np.arange(1, count + 1)[:, None] * STRIDES, 1.0)
         places = self.box[:, 0] + share[:, : len(self.box)] * (self.box[:, 1] - self.box[:, 0])
         polar, azimuth, turn = share[:, 3:].T
@@ -138,14 +139,14 @@ class Cell:
 
 
 def _within(value: Array, ends: Array) -> Array:
-    """The nearest value of an interval, a little inside."""
+    """Return the nearest value slightly inside an interval."""
     low, high = ends[..., 0], ends[..., 1]
     inset = INSIDE * (high - low)
     return np.clip(value, low + inset, high - inset)
 
 
 def whole_cell(grid: Grid | Rings, index: tuple[int, ...], rolls: bool = False) -> Cell:
-    """A cell of a grid; with `rolls` all that are turned otherwise about the tip's z axis together."""
+    """Return a cell of a grid; with `rolls` the union of all cells that differ in the rotation about the tip's z axis."""
     middles = np.array([each[i] for each, i in zip(grid.places, index, strict=False)])
     half = np.array(grid.widths) / 2
     turns = grid.orientations

@@ -1,11 +1,11 @@
-"""Whole cells judged: somewhere reached, proved empty, or undecided.
+"""Classification of whole cells: reached somewhere, proved empty, or undecided.
 
-A ball of poses that holds a cell is asked for as one goal, with the half diagonal and the half angle as tolerances: if no
-joint values meet these, the cell is empty, every pose of it. Else joint values are led into the cell, from where the proof
-saw them, and poses all over the cell are asked. Neither: the cell is cut in half, and its halves, down to some depth.
+A ball of poses that contains a cell is one goal, with the half diagonal and the half angle as tolerances. If no joint values
+meet these, the whole cell is empty. Otherwise joint values are moved into the cell, starting where the proof found them, and
+poses spread over the cell are tried. If both fail, the cell is halved, down to some depth.
 
-Where the last joint turns about the tip's z axis, a pose is reached if it is reached turned otherwise about that axis, as
-far as that joint's limits go. So all cells of one place and direction are judged as one.
+If the last joint rotates about the tip's z axis, all rotations of a pose about that axis are reached together, within the
+limits of that joint. So all cells of one position and direction are classified together.
 """
 
 from __future__ import annotations
@@ -55,35 +55,36 @@ ATTRIBUTES: dict[str, dict[str, Any]] = {
 SHARES = ("empty_share", "whole_share")
 
 FIRST = 1000
-"""Boxes of a first proof: what most empty cells take. What it does not end is looked for an answer."""
+"""Maximum number of boxes of a first proof, enough for most empty cells. If it does not end, a solution is searched."""
 
 BETWEEN = 3000
-"""Boxes of a proof about a part that may be cut again: its halves go on with what it leaves, and in smaller balls."""
+"""Maximum number of boxes of a proof about a part that may be halved again; its halves continue with the remaining boxes."""
 
 SAMPLES = 64
-"""Poses of a cell that are asked."""
+"""Number of poses of a cell that are tried."""
 
 OFTEN = 4
-"""Turns of the last joint that are looked at for each cell that it could bring the hand into."""
+"""Number of values of the last joint tried per cell that it could move the tip into."""
 
 STEPS, LONGEST, DAMPING = 30, 0.3, 1e-6
-"""Steps that lead joint values into a cell, the longest of one joint [rad] or [m], and their damping: where the arm is
-singular, beside a cell at the edge of reach, they are many and short."""
+"""Maximum number of steps that move joint values into a cell, longest step of one joint [rad] or [m], and damping. Near a
+singularity, beside a cell at the edge of the workspace, the steps are many and short.
+"""
 
 
 def cells_of_block(
     judge: Judge, part: Sequence[slice], found: Flags, wholly: bool = True
 ) -> dict[str, Array]:
-    """Judge the cells of a block.
+    """Classify the cells of a block.
 
     Args:
-        judge: Of the grid.
-        part: Which cells, of each dimension.
-        found: Where the middle of a cell is reached, of the block's shape.
-        wholly: Also prove how much of each cell is reached? Else nothing is proved of that.
+        judge: Judge of the grid.
+        part: Range of cells along each dimension.
+        found: Cells whose centre is reached, of the block's shape.
+        wholly: Also prove how much of each cell is reached? Otherwise nothing about that is proved.
 
     Returns:
-        Of what `ATTRIBUTES` names an array of the block's shape.
+        An array of the block's shape for each name in `ATTRIBUTES`.
     """
     grid = judge.grid
     known = np.empty(found.shape, dtype="int8")
@@ -106,7 +107,7 @@ def cells_of_block(
 
 
 NOTHING = Search(ENDED, 0, 0.0, np.zeros(0), np.inf, np.inf, np.zeros((0, 0)), 0.0, np.inf)
-"""A proof that took no boxes."""
+"""A proof that examined no boxes."""
 
 
 class Part(NamedTuple):
@@ -114,52 +115,52 @@ class Part(NamedTuple):
 
     cell: Cell
     level: int
-    """How often it was cut in half."""
+    """Number of times it was halved."""
     boxes: Array | None = None
-    """Boxes that hold all joint values whose pose lies in it, as a proof about a larger part has left them, (k, 2 dof)."""
+    """Boxes that contain all joint values whose pose lies in it, left by a proof about a larger part, (k, 2 dof)."""
 
 
 class Verdict(NamedTuple):
-    """What is known of a cell."""
+    """The result for a cell."""
 
     known: int
     """REACHED, EMPTY or UNDECIDED."""
     empty: float
-    """Share of its volume that is proved empty."""
+    """Fraction of its volume that is proved empty."""
     left: list[Part]
-    """Those that are not proved empty; none of an empty cell."""
+    """Parts that are not proved empty; none for an empty cell."""
     q: Array | None = None
-    """(n,), joint values whose pose lies in the cell, where some are known."""
+    """Joint values whose pose lies in the cell, (n,), if known."""
 
 
 class Judge:
-    """Judges cells of a grid."""
+    """Classifies cells of a grid."""
 
     def __init__(
         self, arm: Arm, grid: Grid | Rings, depth: int, budget: int, goal: Goal | None = None
     ) -> None:
-        """Take what judges.
+        """Prepare the classification.
 
         Args:
-            arm: Of which the grid speaks.
-            grid: Whose cells they are.
-            depth: How often a cell is cut in half.
-            budget: Boxes of joint values that one proof may look at.
-            goal: Any pose, with the tolerances within which a pose counts as reached; those of `Goal.pose` unless given.
+            arm: The arm of the grid.
+            grid: Grid of the cells.
+            depth: Number of times a cell is halved.
+            budget: Maximum number of boxes of joint values per proof.
+            goal: Any pose, with the tolerances within which a pose counts as reached; by default those of `Goal.pose`.
         """
         self.arm, self.grid, self.depth, self.budget = arm, grid, depth, budget
         self.goal = Goal.pose(np.eye(4)) if goal is None else goal
         self.last = LastJoint.of(arm.chain)
         self.free = self.last is not None and self.last.free
-        """Does the last joint turn all around? Then all cells of one place and direction are one question."""
+        """Can the last joint make a full turn? Then all cells of one position and direction have the same result."""
 
     def row(self, place: Index, numbers: Sequence[int], found: Flags) -> list[Verdict]:
-        """Judge cells of one place and direction.
+        """Classify cells of one position and direction.
 
         Args:
-            place: Numbers of the place.
-            numbers: Of the orientations.
-            found: Of each, is its middle reached?
+            place: Index of the position.
+            numbers: Indices of the orientations.
+            found: Is the centre of each reached?
         """
         known, stack = Verdict(REACHED, 0.0, []), None
         if found.all() or (self.free and found.any()):
@@ -175,7 +176,7 @@ class Judge:
         ]
 
     def whole(self, place: Index, numbers: NDArray[np.int64], touched: Flags) -> Array:
-        """Share of cells of one place and direction that is proved to be reached, all of it; 0 where none is touched."""
+        """Return the proved reached fraction of each cell of one position and direction; 0 for cells not `touched`."""
         share = np.zeros(len(numbers))
         some = np.flatnonzero(touched)
         for i in some[:1] if self.free else some:
@@ -184,12 +185,12 @@ class Judge:
         return share
 
     def stack(self, place: Index, region: int) -> Verdict:
-        """Judge all cells of one place and direction together, as if the last joint turned all around."""
+        """Classify all cells of one position and direction together, as if the last joint could make a full turn."""
         cell = whole_cell(self.grid, (*place, region * self.grid.orientations.arcs), rolls=True)
         return self._judged(opened(self.arm.chain), cell, [Part(cell, 0)], (*place, region))
 
     def cell(self, index: Index, stack: Verdict | None = None) -> Verdict:
-        """Judge one cell, or what its stack leaves of it, if that is known."""
+        """Classify one cell, or the parts that its stack leaves of it, if known."""
         cell = whole_cell(self.grid, index)
         parts = [Part(cell, 0)]
         if stack is not None and stack.left:
@@ -197,7 +198,7 @@ class Judge:
         return self._judged(self.arm.chain, cell, parts, index)
 
     def _judged(self, chain: SerialChain, cell: Cell, left: list[Part], index: Index) -> Verdict:
-        """Judge a cell of which some parts are left; of a stack the last number is that of the direction."""
+        """Classify a cell of which some parts are left; the last index of a stack is that of the direction."""
         empty, open_ = 1.0 - sum(0.5**part.level for part in left), list[Part]()
         whole = self._excluded(chain, Part(cell, 0), min(FIRST, self.budget))
         if whole.outcome == ENDED:
@@ -228,7 +229,7 @@ class Judge:
         return Verdict(UNDECIDED, empty, open_) if open_ else Verdict(EMPTY, 1.0, [])
 
     def _excluded(self, chain: SerialChain, part: Part, budget: int) -> Search:
-        """Look for joint values whose pose is in a ball around a part of a cell, or prove that there are none."""
+        """Search joint values whose pose is in a ball around a part of a cell, or prove that there are none."""
         T, position, angle = wide_ball(part.cell, self.last)
         position, angle = position + self.goal.position_tolerance, angle + self.goal.orientation_tolerance
         goal = Goal.pose(T, position_tolerance=position, orientation_tolerance=min(angle, np.pi))
@@ -237,13 +238,13 @@ class Judge:
         return excluded(Problem(chain, goal), budget, threads=1, begin=part.boxes)
 
     def _sampled(self, cell: Cell) -> Array | None:
-        """Joint values, (n,), to one of some poses all over a cell; None if no answer to any is found."""
+        """Return joint values, (n,), for one of some poses spread over a cell; None if no solution is found."""
         T = cell.spread(SAMPLES)
         found = reached(self.arm, Goal.pose(T))
         return self.arm.ik(T[int(np.argmax(found))], threads=1).q if found.any() else None
 
     def _turned(self, q: Array | None, place: Index, numbers: Sequence[int]) -> Flags:
-        """Which cells of one place and direction does the hand come through when the last joint turns all it can?"""
+        """Return which cells of one position and direction the tip passes when the last joint moves through its range."""
         if q is None:
             return np.zeros(len(numbers), dtype=bool)
         turned = np.tile(q, (OFTEN * self.grid.orientations.arcs, 1))
@@ -254,7 +255,7 @@ class Judge:
         )
 
     def _entered(self, chain: SerialChain, cell: Cell, q: Array, index: Index) -> Array | None:
-        """Joint values, (n,), whose pose lies in a cell, where steps from others, (n,), lead to some."""
+        """Return joint values, (n,), whose pose lies in a cell, by steps from `q`, (n,); None if the steps fail."""
         weights = np.repeat([1.0, LEVER * chain.reach], 3)
         low, high = open_limits(chain)
         for _ in range(STEPS):
@@ -269,16 +270,16 @@ class Judge:
         return None
 
     def _lies_in(self, cell: Cell, T: Array, index: Index) -> bool:
-        """Does a pose, (4, 4), lie in a cell, or in a stack?"""
+        """Return whether a pose, (4, 4), lies in a cell, or in a stack."""
         *place, number = (int(i) for i in self.grid.cells_of(T))
         return (*place, number if cell.arc is not None else number // self.grid.orientations.arcs) == index
 
 
 def _inherited(search: Search) -> Array | None:
-    """The boxes that a proof about a part has left for its halves; None where these are not all."""
+    """Return the boxes that a proof about a part leaves for its halves; None if these are incomplete."""
     return search.left if search.outcome == STOPPED and search.stuck == 0.0 else None
 
 
 def turn_vector(R: Array) -> Array:
-    """Axis times sine of the angle of a rotation, (3, 3) -> (3,)."""
+    """Return axis times sine of the angle of a rotation, (3, 3) -> (3,)."""
     return np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2

@@ -1,4 +1,4 @@
-"""What a map will take, from a part of it that is done on trial."""
+"""Estimate of the cost of a map, from computing a sample of its cells."""
 
 from __future__ import annotations
 
@@ -27,42 +27,42 @@ from .processes import Worker
 Array = NDArray[np.float64]
 
 _ROW = 64
-"""Cells that are tried at a time where they are proved: neighbours, as in a block."""
+"""Number of cells computed at a time with proofs: neighbours, as in a block."""
 
 _MANY = 4096
-"""And where they are not: from anywhere, and so many that what a call takes, whatever its size, hardly counts."""
+"""Number of cells computed at a time without proofs, at random; so many that the overhead of a call is small."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a map will take."""
+    """The estimated cost of a map."""
 
     cells: int
     seconds: float
-    """Of one core for each cell, the mean of those tried."""
+    """Time per cell on one core, the mean of the sample [s]."""
     error: float
-    """Of that mean, as a part of it: two standard errors."""
+    """Two standard errors of that mean, relative to it."""
     tried: int
-    """Cells."""
+    """Number of cells in the sample."""
     cores: int
-    """That work at once."""
+    """Number of cores that work at once."""
     start: float
-    """Seconds until they do: processes are started, and the arm's atlas is built in each."""
+    """Time until they do [s]: processes are started, and each builds the arm's atlas."""
     memory: int
-    """Of all values before they are compressed [bytes]; what a store takes is much less."""
+    """Size of all values before compression [bytes]; a store takes much less."""
 
     @property
     def core_hours(self) -> float:
-        """Of one core."""
+        """Core hours in total."""
         return self.cells * self.seconds / 3600
 
     @property
     def duration(self) -> float:
-        """Seconds, if all cores are free, with the start."""
+        """Duration if all cores are free, including the start [s]."""
         return self.start + self.cells * self.seconds / self.cores
 
     def __str__(self) -> str:
-        """One sentence."""
+        """A one-sentence summary."""
         cores = f"{self.cores} core{'s' * (self.cores > 1)}"
         each = f"{self.seconds * 1e6:.3g} µs" if self.seconds < 1e-3 else f"{self.seconds * 1e3:.3g} ms"
         return (
@@ -81,21 +81,21 @@ def estimate(
     cores: int | None = None,
     **options: Any,
 ) -> Estimate:
-    """Say what a map will take, by trying cells drawn from all of it, on one core of this machine.
+    """Estimate the cost of a map by computing random cells of it on one core of this machine.
 
     Args:
         arm: As in `reach`.
         grid: As in `reach`.
         what: As in `reach`.
-        seconds: How long to try.
-        cores: Of a cluster that is there already; otherwise processes are started on those of this machine, which is tried
-            too, once.
-        options: Those of `reach` that say what is made: ``prove``, ``depth``, ``budget``, ``patience``, ``scene``,
+        seconds: Duration of the sample.
+        cores: Number of cores of an existing cluster; by default processes are started on those of this machine, and one
+            such start is measured.
+        options: The options of `reach` that define the result: ``prove``, ``depth``, ``budget``, ``patience``, ``scene``,
             ``clearance`` and tolerances.
 
     Raises:
         InvalidMap: As `reach`.
-        MissingExtra: Processes would be started, and what they need is not installed.
+        MissingExtra: Processes would be started, and a required package is not installed.
     """
     if cores is not None:
         cores = as_integer("cores", cores, 1, error=InvalidMap)
@@ -104,7 +104,7 @@ def estimate(
     number = min(_ROW, grid.shape[-1]) if work.prove else _MANY
 
     def some() -> tuple[Array, tuple[slice, ...]]:
-        if not work.prove:  # Where they lie is of no account then.
+        if not work.prove:  # Their positions do not matter then.
             return grid.middles(rng.integers(grid.shape, size=(number, len(grid.shape)))), ()
         place = [int(rng.integers(n)) for n in grid.shape[:-1]]
         first = int(rng.integers(grid.shape[-1] - number + 1))
@@ -139,7 +139,7 @@ def estimate(
 
 @lru_cache(maxsize=1)
 def _processes() -> float:
-    """Seconds to start a process of `processes.compute_all`; a core starts one."""
+    """Return the time to start a process of `processes.compute_all` [s]; each core starts one."""
     require_extra()
     began = time.perf_counter()
     with Worker() as worker:

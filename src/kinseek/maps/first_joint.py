@@ -1,4 +1,4 @@
-"""The first joint divided out: a pose turned about the first axis is reached by the same joint values but for the first."""
+"""The first joint divided out: a pose rotated about the first axis needs a change of the first joint only."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ Array = NDArray[np.float64]
 FULL = 2 * np.pi
 
 ISOLATED = 6
-"""Joints that a pose leaves none of to choose."""
+"""Number of joints up to which a pose has isolated solutions."""
 
 FEW = 12
-"""Answers asked first of an arm with joints to spare. Of a Panda's 1,506 poses one was not served all around by these."""
+"""Number of solutions tried first for a redundant arm; they covered all but one of a Panda's 1,506 poses all around."""
 
 
 class FirstJoint(NamedTuple):
-    """An arm without the limits of its first joint, seen from that joint's frame."""
+    """An arm without the limits of its first joint, in that joint's frame."""
 
     chain: SerialChain
     place: Array
-    """Of the first joint's frame in the base of the arm, (4, 4), lengths in [m]."""
+    """Pose of the first joint's frame in the base of the arm, (4, 4), lengths in [m]."""
     sign: float
-    """Which way the hand goes round when the joint's value grows."""
+    """Sign of the tip's rotation about the axis when the joint's value grows."""
     lower: float
-    """Of the first joint, [rad]."""
+    """Lower limit of the first joint [rad]."""
     upper: float
 
     @property
     def whole(self) -> bool:
-        """Does the joint turn all around?"""
+        """Can the joint make a full turn?"""
         return self.upper - self.lower >= FULL
 
 
 def divided(chain: SerialChain) -> FirstJoint:
-    """Take the first joint's limits and place out of an arm.
+    """Remove the first joint's limits and pose from an arm.
 
     Raises:
-        InvalidMap: The first joint slides, is coupled with others, or turns by less than half a turn.
+        InvalidMap: The first joint is prismatic, is coupled with others, or turns by less than half a turn.
     """
     name = chain.joint_names[0]
     lower, upper, sign = float(chain.lower[0]), float(chain.upper[0]), float(chain.multiplier[0])
@@ -77,27 +77,28 @@ def divided(chain: SerialChain) -> FirstJoint:
         ("continuous", *chain.kinds[1:]),
     )
     if endless:
-        upper = lower + FULL  # As they come, -π and π are a rounding less than a full turn apart.
+        upper = lower + FULL  # As given, -π and π are a rounding error less than a full turn apart.
     return FirstJoint(replace(free, fixed=fixed), place, sign, lower, upper)
 
 
 def turns(
     first: FirstJoint, arm: Arm, poses: Array, found: NDArray[np.bool_], goal: Callable[[Array], Goal]
 ) -> tuple[Array, Array]:
-    """About the first axis, how far each pose can be turned and be reached: from and to [rad].
+    """Return the range of rotations about the first axis for which each pose is reached: from and to [rad].
 
-    An answer with first joint a serves all turns that take a from one limit to the other. Half a turn at least, so what one
-    answer leaves is an arc of less than half a circle; and what several leave, where such arcs meet, is one arc or nothing.
+    A solution with first joint a covers all rotations that move a between its limits. This is at least half a turn, so one
+    solution leaves an uncovered arc shorter than half a circle. The arc that several solutions leave is the intersection of
+    such arcs, which is one arc or empty.
 
     Args:
-        first: What was divided out.
-        arm: Of `first.chain`.
-        poses: In the first joint's frame, (k, 4, 4), lengths in [m].
-        found: Which of them are reached somewhere, (k,).
+        first: The arm with its first joint divided out.
+        arm: Arm of `first.chain`.
+        poses: Poses in the first joint's frame, (k, 4, 4), lengths in [m].
+        found: Poses that are reached at some rotation, (k,).
         goal: Makes a goal of poses, with tolerances.
 
     Returns:
-        (k,) and (k,), NaN where nothing is reached. The first lies in [-π, π], and the turns from it up to the second.
+        (k,) and (k,), NaN if nothing is reached. The first lies in [-π, π]; rotations from it up to the second are reached.
     """
     begins = np.where(found, -np.pi, np.nan)
     ends = np.where(found, np.pi, np.nan)
@@ -107,7 +108,7 @@ def turns(
     every = np.flatnonzero(found)
     for begin in range(0, len(every), STEP):
         some = every[begin : begin + STEP]
-        if arm.dof > ISOLATED:  # Answers are a sample, and a few of them serve nearly every pose all around.
+        if arm.dof > ISOLATED:  # Solutions are a sample, and a few cover nearly every pose all around.
             low, high = _left(first, gap, *every_answer(arm, goal(poses[some]), count=FEW))
             some = some[low < high]
             if not len(some):
@@ -122,11 +123,11 @@ def turns(
 def _left(
     first: FirstJoint, gap: float, q: Array, firsts: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> tuple[Array, Array]:
-    """The arc of turns [rad] at which no answer to a pose is inside the first joint's limits, of each; none if low >= high.
+    """Return for each pose the arc [rad] at which no solution is inside the first joint's limits; empty if low >= high.
 
     Args:
-        first: What was divided out.
-        gap: That the limits leave [rad].
+        first: The arm with its first joint divided out.
+        gap: Arc outside the limits [rad].
         q: See `every_answer`.
         firsts: See `every_answer`.
         counts: See `every_answer`.

@@ -1,4 +1,4 @@
-"""Reached or not, of many poses in a scene: answers in lanes first, then all branches, then more of the self-motion."""
+"""Reachability of many poses in a scene: batched solutions first, then all branches, then more of the self-motion."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ Flags = NDArray[np.bool_]
 def reached_freely(
     arm: Arm, goal: Goal, scene: Scene, clearance: float, patience: int | None = PATIENCE
 ) -> Flags:
-    """Say of many poses whether an answer is found that is free in a scene; one thread.
+    """Return for many poses whether a collision-free solution is found; one thread.
 
-    The first answer of most is free. Where it is not, all branches are asked in one call; and where none of these is free,
-    and they are a sample of endlessly many, `Arm.ik` looks through more of them.
+    For most poses the first solution is free. Otherwise all branches are computed in one call. If none of these is free and
+    they are a sample of infinitely many, `Arm.ik` searches more of them.
 
     Args:
-        arm: With axes.
+        arm: An arm with axes.
         goal: Poses, (k, 4, 4), and tolerances.
-        scene: Of the arm.
-        clearance: How far apart its bodies have to be [m].
+        scene: Scene of the arm.
+        clearance: Minimum distance of its bodies [m].
         patience: See `search.reached`.
 
     Returns:
-        (k,): is there an answer that is free? A no is no proof.
+        Is a free solution found, (k,)? False proves nothing.
     """
     free = reached(arm, goal, patience)
     left = np.flatnonzero(free)

@@ -1,4 +1,4 @@
-"""Which poses a map is made of: boxes of positions, or rings about the first joint's axis, times orientations."""
+"""Grids of poses: boxes of positions, or rings about the first joint's axis, times orientations."""
 
 from __future__ import annotations
 
@@ -20,41 +20,41 @@ from .orientations import Orientations, about_z, orientations_of
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Range = tuple[float, float, float]
-"""From, to, and the width of a cell [m]."""
+"""Lower end, upper end, and width of a cell [m]."""
 
 MOST = 10**11
-"""Cells of a grid."""
+"""Maximum number of cells of a grid."""
 
 BLOCK = 524_288
-"""Poses of a block, more or less: a tenth of a second to some seconds of one core."""
+"""Approximate number of poses of a block: a tenth of a second to some seconds of one core."""
 
 _FITS = 1e-6
-"""By how much of a cell a range may miss a whole number of cells: numbers such as 0.05 are rounded."""
+"""Tolerance, as a fraction of a cell, for a range to be a whole number of cells: numbers such as 0.05 are rounded."""
 
 
 class Cells(Lazy):
-    """What grids of both kinds have in common. Places are along `places`, orientations are the last dimension."""
+    """The common base of both kinds of grid. Positions are along `places`; orientations are the last dimension."""
 
     names: ClassVar[tuple[str, ...]]
     """Dimensions before that of orientations."""
     rows: ClassVar[tuple[int, ...]]
-    """Coordinates of a pose's position that these are."""
+    """Coordinates of a pose's position that these dimensions are."""
     orientations: Orientations
 
     @lazy
     def places(self) -> tuple[Array, ...]:
-        """Middles of the cells along each dimension before the last [m]."""
+        """Centres of the cells along each dimension before the last [m]."""
         ranges = (getattr(self, name) for name in self.names)
         return tuple(low + step * (np.arange(_count(low, high, step)) + 0.5) for low, high, step in ranges)
 
     @property
     def widths(self) -> tuple[float, ...]:
-        """Of a cell along each dimension before the last [m]."""
+        """Widths of a cell along each dimension before the last [m]."""
         return tuple(float(getattr(self, name)[2]) for name in self.names)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Cells along each dimension, orientations last."""
+        """Number of cells along each dimension, orientations last."""
         return (*(_count(*getattr(self, name)) for name in self.names), len(self.orientations))
 
     @property
@@ -64,16 +64,16 @@ class Cells(Lazy):
 
     @property
     def size(self) -> int:
-        """Cells of all."""
+        """Total number of cells."""
         return int(np.prod([float(n) for n in self.shape]))
 
     @property
     def half_diagonal(self) -> float:
-        """No position of a cell is farther from its middle [m]."""
+        """Largest distance of a position in a cell from its centre [m]."""
         return float(np.linalg.norm(self.widths)) / 2
 
     def chunks(self, poses: int = BLOCK) -> tuple[int, ...]:
-        """Shape of the blocks of about so many poses: a cube of places with as many orientations as fit."""
+        """Return the shape of blocks of about `poses` poses: a cube of positions with as many orientations as fit."""
         if self.size <= poses:
             return self.shape
         turns = min(self.shape[-1], poses)
@@ -85,10 +85,10 @@ class Cells(Lazy):
         return (*sides, turns)
 
     def middles(self, cells: Indices) -> Array:
-        """Poses in the middles of some cells, wherever they are, (k, 4, 4), lengths in [m].
+        """Return the poses at the centres of some cells, (k, 4, 4), lengths in [m].
 
         Args:
-            cells: Numbers of each along every dimension, (k, d).
+            cells: Indices of each cell along every dimension, (k, d).
         """
         T = np.tile(np.eye(4), (len(cells), 1, 1))
         T[:, :3, :3] = self.orientations.matrices[cells[:, -1]]
@@ -97,7 +97,7 @@ class Cells(Lazy):
         return T
 
     def description(self) -> dict[str, Any]:
-        """What it is made of, as JSON has it."""
+        """Return the definition of the grid, as JSON takes it."""
         ranges = {name: list(map(float, getattr(self, name))) for name in self.names}
         turns = {"orientations": len(self.orientations), "directions": len(self.orientations.regions)}
         digest = hashlib.sha256(np.ascontiguousarray(self.orientations.regions).tobytes()).hexdigest()
@@ -129,27 +129,27 @@ class Grid(Cells):
     """Boxes of positions in the arm's base, times orientations of its tip.
 
     Raises:
-        InvalidMap: A range that is none, or more cells than a map can have.
+        InvalidMap: An invalid range, or more cells than a map can have.
     """
 
     names: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     rows: ClassVar[tuple[int, ...]] = (0, 1, 2)
     x: Range
-    """From, to, and the width of a cell [m]; the cells fill the range."""
+    """Lower end, upper end, and width of a cell [m]; the cells fill the range."""
     y: Range
     z: Range
     orientations: Orientations
     """A grid on SO(3), see `kinseek.maps.orientations`."""
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
+        """Validate the ranges."""
         self._check()
 
     def poses(self, part: Sequence[slice]) -> Array:
-        """Poses in the middles of some cells, (a, b, c, k, 4, 4), lengths in [m].
+        """Return the poses at the centres of some cells, (a, b, c, k, 4, 4), lengths in [m].
 
         Args:
-            part: Of each dimension, which cells.
+            part: Range of cells along each dimension.
         """
         x, y, z = (each[some] for each, some in zip(self.places, part, strict=False))
         turns = self.orientations.matrices[part[-1]]
@@ -162,7 +162,7 @@ class Grid(Cells):
         return T
 
     def cells_of(self, T: ArrayLike) -> tuple[Indices, ...]:
-        """Numbers of the cells that poses lie in, one array (...) a dimension; -1 outside of the grid.
+        """Return the indices of the cells that contain poses, one array (...) per dimension; -1 outside the grid.
 
         Args:
             T: Poses, (..., 4, 4), lengths in [m].
@@ -173,42 +173,44 @@ class Grid(Cells):
 
     @property
     def volume(self) -> float:
-        """Of the boxes of positions [m³]."""
+        """Volume of the boxes of positions [m³]."""
         return float(np.prod([len(each) for each in self.places]) * np.prod(self.widths))
 
 
 @dataclass(frozen=True, eq=False)
 class Rings(Cells):
-    """Rings of poses about the axis of an arm's first joint, times orientations: one plane of cells serves all around.
+    """Rings of poses about the axis of an arm's first joint, times orientations: one plane of cells represents all of them.
 
-    A pose turned about the first axis is reached by the same joint values but for the first. So what counts of a position
-    is its distance from the axis and its height along it, measured in the frame of the first joint; orientations are those
-    of the pose that lies in the plane of that frame's x and z axes.
+    A pose rotated about the first axis needs a change of the first joint only. So a position is given by its distance from
+    the axis and its height along it, measured in the frame of the first joint. Orientations are those of the rotated pose in
+    the plane of that frame's x and z axes.
 
     Raises:
-        InvalidMap: A range that is none, a negative radius, or more cells than a map can have.
+        InvalidMap: An invalid range, a negative radius, or more cells than a map can have.
     """
 
     names: ClassVar[tuple[str, ...]] = ("radius", "height")
     rows: ClassVar[tuple[int, ...]] = (0, 2)
     radius: Range
-    """Distance from the first axis: from, to, and the width of a cell [m]."""
+    """Distance from the first axis: lower end, upper end, and width of a cell [m]."""
     height: Range
-    """Along the first axis, from where the first joint's frame stands: from, to, and the width of a cell [m]."""
+    """Height along the first axis, from the origin of the first joint's frame: lower end, upper end, and width of a cell
+    [m].
+    """
     orientations: Orientations
     """A grid on SO(3), see `kinseek.maps.orientations`."""
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
+        """Validate the ranges."""
         self._check()
         if self.radius[0] < 0.0:
             raise InvalidMap(f"radius begins at {self.radius[0]:g} m; a distance from an axis is at least 0")
 
     def poses(self, part: Sequence[slice]) -> Array:
-        """Poses in the middles of some cells in the first joint's frame, (a, b, k, 4, 4), lengths in [m].
+        """Return the poses at the centres of some cells in the first joint's frame, (a, b, k, 4, 4), lengths in [m].
 
         Args:
-            part: Of each dimension, which cells.
+            part: Range of cells along each dimension.
         """
         radius, height = (each[some] for each, some in zip(self.places, part, strict=False))
         turns = self.orientations.matrices[part[-1]]
@@ -220,7 +222,7 @@ class Rings(Cells):
         return T
 
     def cells_of(self, T: ArrayLike) -> tuple[Indices, ...]:
-        """Numbers of the cells that poses lie in, one array (...) a dimension; -1 outside of the grid.
+        """Return the indices of the cells that contain poses, one array (...) per dimension; -1 outside the grid.
 
         Args:
             T: Poses in the first joint's frame, (..., 4, 4), lengths in [m].
@@ -233,21 +235,21 @@ class Rings(Cells):
 
     @property
     def volume(self) -> float:
-        """Of the rings of positions [m³]."""
+        """Volume of the rings of positions [m³]."""
         low, high, _ = self.radius
         return float(np.pi * (high**2 - low**2) * (self.height[1] - self.height[0]))
 
 
 def azimuths(T: Array) -> Array:
-    """How far poses in the first joint's frame, (..., 4, 4), are turned about its axis from its x axis, (...) [rad]."""
+    """Return the azimuth of poses in the first joint's frame, (..., 4, 4), from its x axis about its axis, (...) [rad]."""
     return np.asarray(np.arctan2(T[..., 1, 3], T[..., 0, 3]))
 
 
 def grid_of(description: dict[str, Any]) -> Grid | Rings:
-    """Make the grid that `Cells.description` tells of; the last few are kept.
+    """Make the grid from `Cells.description`; the last few are cached.
 
     Raises:
-        InvalidMap: It tells of no grid, or another version made its orientations.
+        InvalidMap: The description is not of a grid, or another version made its orientations.
     """
     return _grid_of(json.dumps(description))
 

@@ -1,4 +1,4 @@
-"""The last joint divided out: a pose turned about the tip's z axis is reached by the same joint values but for the last."""
+"""The last joint divided out: a pose rotated about the tip's z axis needs a change of the last joint only."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ from .cell import Cell
 Array = NDArray[np.float64]
 
 ON_AXIS = 1e-4
-"""A last joint turns about the tip's z axis if that is no more off [m], and no more tilted [rad]. What is asked of all turns
-at once allows for it."""
+"""Largest offset [m] and tilt [rad] with which a last joint counts as rotating about the tip's z axis. Goals that represent
+all rotations allow for it.
+"""
 
 
 class LastJoint(NamedTuple):
-    """What a last joint that turns about the tip's z axis gives."""
+    """A last joint that rotates about the tip's z axis."""
 
     free: bool
-    """Does it turn all around?"""
+    """Can it make a full turn?"""
     position: float
-    """By how much the tip misses a pose that is turned about its z axis, if the joint makes that turn, at most [m]."""
+    """Largest position error of the tip, when the joint makes a rotation of the pose about its z axis [m]."""
     orientation: float
-    """And [rad]."""
+    """Largest orientation error in that case [rad]."""
 
     @classmethod
     def of(cls, chain: SerialChain) -> LastJoint | None:
-        """The last joint of an arm; None if it does anything else than turn about the tip's z axis."""
+        """Return the last joint of an arm; None if it does not rotate about the tip's z axis."""
         off = float(np.hypot(*chain.fixed[-1][:2, 3]))
         tilt = float(np.hypot(*chain.fixed[-1][:2, 2]))
         if divide(chain, POSE).tail != TURN or max(off, tilt) > ON_AXIS:
@@ -44,10 +45,10 @@ class LastJoint(NamedTuple):
 
 
 def wide_ball(part: Cell, last: LastJoint | None) -> tuple[Array, float, float]:
-    """A ball that holds a part of a cell, see `Cell.ball`; of a stack it allows for what the last joint misses.
+    """Return a ball that contains a part of a cell, see `Cell.ball`; for a stack it includes the last joint's errors.
 
     Args:
-        part: Of a cell, or of all cells of one place and direction.
+        part: Part of a cell, or of all cells of one position and direction.
         last: The last joint of the arm.
     """
     T, position, angle = part.ball()
@@ -57,6 +58,6 @@ def wide_ball(part: Cell, last: LastJoint | None) -> tuple[Array, float, float]:
 
 
 def opened(chain: SerialChain) -> SerialChain:
-    """The same arm with a last joint that turns all around."""
+    """Return the same arm with a last joint that can make a full turn."""
     lower, upper = np.append(chain.lower[:-1], -np.pi), np.append(chain.upper[:-1], np.pi)
     return chain.limited(lower, upper, (*chain.kinds[:-1], "continuous"))

@@ -1,4 +1,4 @@
-"""What an arm reaches: a map of a whole grid of poses, made block by block and kept in a store."""
+"""Maps of what an arm reaches on a grid of poses, computed block by block and kept in a store."""
 
 from __future__ import annotations
 
@@ -45,32 +45,34 @@ TURNS: dict[str, dict[str, Any]] = {
 
 
 class Options(TypedDict, total=False):
-    """What of a map is made, and how exactly."""
+    """Options of a map."""
 
     prove: bool
-    """Also say of each whole cell whether it is reached somewhere, proved empty, or undecided? Not unless asked."""
+    """Also classify each whole cell as reached somewhere, proved empty, or undecided? Default False."""
     depth: int
-    """How often a cell is cut in half before it is called undecided; 2. For ``whole_share`` 8 is the most: beyond it nothing
-    changes there. Below 4, and of cells of 3 cm and more below 8, it is 0 nearly everywhere."""
+    """Number of times a cell is halved before it is called undecided; default 2. Beyond 8 ``whole_share`` does not change.
+    Below 4 it is 0 nearly everywhere, and for cells of 3 cm and more below 8.
+    """
     budget: int
-    """Boxes of joint values that one proof looks at, at most; 10,000."""
+    """Maximum number of boxes of joint values per proof; default 10,000."""
     patience: int | None
-    """FK evaluations for a pose that its first samples do not lead to, or of which the closed form is not sure; 1,000.
-    None takes as many as `Arm.ik`, and finds hardly more."""
+    """Maximum number of FK evaluations for a pose not solved from its first samples, or for which the closed form is not
+    certain; default 1,000. None uses as many as `Arm.ik`, and finds hardly more.
+    """
     block: int | None
-    """Poses of a block, about; a block is what is lost when a worker dies. None takes 524,288, and with ``prove`` 8,192."""
+    """Approximate number of poses per block; a block is lost if a worker dies. None means 524,288, with ``prove`` 8,192."""
     position_tolerance: float
-    """[m], 1e-6."""
+    """Largest position error of a reached pose [m]; default 1e-6."""
     orientation_tolerance: float
-    """[rad], 1e-6."""
+    """Largest orientation error of a reached pose [rad]; default 1e-6."""
     scene: Scene | None
-    """What the arm may hit: a pose is reached where an answer is found that is free in it. A `Grid` only."""
+    """The collision scene: a pose is reached if a collision-free solution is found. For a `Grid` only."""
     clearance: float
-    """How far apart bodies of the scene have to be [m]; 0."""
+    """Minimum distance between bodies of the scene [m]; default 0."""
 
 
 PROVED = 8192
-"""Cells of a block where whole cells are proved: some seconds of one core."""
+"""Number of cells of a block with proofs of whole cells: some seconds of one core."""
 
 
 DEFAULTS = Options(
@@ -87,10 +89,10 @@ DEFAULTS = Options(
 
 
 def options_of(given: Mapping[str, Any]) -> Options:
-    """All options, those not given by default.
+    """Return all options, with defaults for those not given.
 
     Raises:
-        InvalidMap: An unknown one.
+        InvalidMap: An unknown option.
     """
     for name in given:
         if name not in DEFAULTS:
@@ -108,32 +110,32 @@ def reach(
     progress: bool = False,
     **options: Unpack[Options],
 ) -> xarray.Dataset:
-    """Make a map: of each cell of a grid, what the arm can do in its middle.
+    """Make a map: for each cell of a grid, what the arm can do at its centre.
 
     Args:
-        arm: With axes; its tip is what is mapped, so `Arm.with_tool` maps a tool.
+        arm: An arm with axes; its tip is mapped, so use `Arm.with_tool` to map a tool.
         grid: `Grid`, boxes of positions in the arm's base; or `Rings`, with the first joint divided out.
-        what: ``"reached"``, ``"branches"``, ``"dexterity"`` and ``"limit_distance"``; each variable of the map says what it
-            is. All but the first ask for every answer, which takes ten to thirty times as long. With joints to spare the
-            answers are a sample of endlessly many.
-        store: A folder that the map is written to, block by block. Where it holds a part of this map, that is not done
-            again. Unless a client is given, it and all folders in it have to belong to this user, and nobody else may write
-            to them. On a cluster all workers have to see it. Without it the map stays in memory.
-        client: A ``distributed.Client`` of a cluster; otherwise a process is started for each core of this machine, which
-            nobody else can reach. Who may connect to the cluster is up to its settings.
+        what: ``"reached"``, ``"branches"``, ``"dexterity"`` and ``"limit_distance"``; each variable of the map describes
+            itself. All but the first need every solution, which takes ten to thirty times as long. For a redundant arm the
+            solutions are a sample of infinitely many.
+        store: A folder that the map is written to, block by block. Blocks of this map that it already has are not computed
+            again. Unless a client is given, it and all folders in it must belong to this user, and nobody else may write to
+            them. On a cluster all workers must see it. By default the map stays in memory.
+        client: A ``distributed.Client`` of a cluster; by default a process is started for each core of this machine, which
+            nobody else can reach. The cluster's settings control who may connect to it.
         progress: Show a progress bar.
-        options: What is made, and how exactly, see `Options`: ``prove``, ``depth``, ``budget``, ``patience``, ``block``,
+        options: Options of the map, see `Options`: ``prove``, ``depth``, ``budget``, ``patience``, ``block``,
             ``position_tolerance``, ``orientation_tolerance``, ``scene`` and ``clearance``.
 
     Returns:
-        A Dataset along the grid's dimensions and ``orientation``, with units and provenance; from a store it is read where
-        it is used.
+        A Dataset along the grid's dimensions and ``orientation``, with units and provenance; data in a store are read
+        lazily.
 
     Raises:
-        InvalidMap: A function as an arm, unknown measures, a store of another map or that another user can change, workers
-            with another version, rings in a scene.
-        InvalidScene: A scene of another arm, or a clearance that is no length.
-        MapInterrupted: Scheduler gone, disk full, or a block that workers do not survive: the same call goes on.
+        InvalidMap: An arm with black-box kinematics, unknown measures, a store of another map or that another user can
+            change, workers with another version, or rings in a scene.
+        InvalidScene: The scene belongs to another arm, or the clearance is not a length.
+        MapInterrupted: Scheduler gone, disk full, or a block that kills its workers; the same call resumes.
         MissingExtra: xarray, Dask or Zarr is not installed.
     """
     require_extra()
@@ -152,13 +154,13 @@ def reach(
 
 
 def open_map(store: str | Path) -> xarray.Dataset:
-    """Open a map that `reach` has written, whole or in part; what is not done yet has the variables' fill values.
+    """Open a finished or unfinished map that `reach` has written; missing blocks have the variables' fill values.
 
     Args:
         store: Its folder.
 
     Raises:
-        InvalidMap: There is no map, or one that `reach` did not make so.
+        InvalidMap: There is no map, or one that `reach` did not make.
         MissingExtra: xarray, Dask or Zarr is not installed.
     """
     require_extra()
@@ -168,10 +170,10 @@ def open_map(store: str | Path) -> xarray.Dataset:
 def work_of(
     arm: Arm, grid: Grid | Rings, what: Sequence[str], *, store: str | None, **options: Unpack[Options]
 ) -> Work:
-    """What workers are told.
+    """Return the data that workers need.
 
     Raises:
-        InvalidMap: It makes no map.
+        InvalidMap: The arguments make no map.
     """
     if arm.axes is None:
         raise InvalidMap(f"a map needs axes and links, and {arm.name!r} is a function")
@@ -221,16 +223,16 @@ def work_of(
 
 
 def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) -> Store:
-    """The store that is there already, if it is of this map, or a new one.
+    """Return the existing store, if it is of this map, or a new one.
 
     Args:
-        arm: What is mapped.
-        grid: Where.
-        work: What workers are told.
+        arm: The arm.
+        grid: The grid.
+        work: The data that workers need.
         cluster: May another user own or change the store? A cluster may run as one.
 
     Raises:
-        InvalidMap: It is of another map, another user can change it, or it cannot be made.
+        InvalidMap: The store is of another map, another user can change it, or it cannot be made.
     """
     variables: dict[str, tuple[str, float, dict[str, Any]]] = {
         name: (measure.dtype, measure.fill, dict(measure.attributes))
@@ -271,7 +273,7 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
         first = divided(work.chain)
         description["first_frame"] = first.place.tolist()
         description["first_turns"] = min(1.0, (first.upper - first.lower) / FULL)
-    description = json.loads(json.dumps(description))  # As it comes back from a store.
+    description = json.loads(json.dumps(description))  # In the form in which a store returns it.
     path = None if work.store is None else Path(work.store)
     if path is not None and path.exists():
         if not cluster:
@@ -323,7 +325,7 @@ def _coordinates(grid: Grid | Rings) -> dict[str, tuple[tuple[str, ...], Any, di
 
 
 def require_extra() -> None:
-    """See that what maps are made with is there.
+    """Check that the packages for maps are installed.
 
     Raises:
         MissingExtra: xarray, Dask or Zarr is not installed.

@@ -1,4 +1,4 @@
-"""What a map says of each pose, and how a block of poses is answered."""
+"""The variables of a map, and their computation for a block of poses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Measure(NamedTuple):
 
     dtype: str
     fill: float
-    """Where no pose is reached, or no block is done yet."""
+    """Value where no pose is reached, or the block is not done yet."""
     attributes: dict[str, Any]
 
 
@@ -68,17 +68,17 @@ MEASURES = {
         },
     ),
 }
-"""By name, in the order in which a map has them."""
+"""All variables by name, in their order in a map."""
 
 PIECE = 131_072
-"""Poses that are asked at a time: few enough that their arrays are used again and not cleared anew by the system."""
+"""Number of poses solved at a time, small enough that memory is reused instead of being cleared by the system again."""
 
 STEP = 256
-"""Poses whose branches are asked for at a time."""
+"""Number of poses whose branches are computed at a time."""
 
 
 def checked(what: Sequence[str]) -> tuple[str, ...]:
-    """The measures that are asked for, each once, in their order, `REACHED` among them.
+    """Return the requested measures, each once, in their order, with `REACHED`.
 
     Raises:
         InvalidMap: One of them is unknown.
@@ -103,17 +103,17 @@ def measured(
     scene: Scene | None = None,
     clearance: float = 0.0,
 ) -> dict[str, Array]:
-    """Answer a block of poses, (..., 4, 4), by one thread: of each measure an array (...).
+    """Solve a block of poses, (..., 4, 4), on one thread, and return an array (...) of each measure.
 
     Args:
-        arm: Has its atlas already, or builds it now.
-        poses: Lengths in [m].
+        arm: The arm; its atlas is built now unless it exists.
+        poses: Poses, lengths in [m].
         what: Names of measures.
-        goal: Says with which tolerances.
-        free: So many first joints have no say in the distance from limits.
+        goal: Makes goals with the tolerances.
+        free: Number of first joints that are ignored in the distance from limits.
         patience: See `search.reached`.
-        scene: Answers have to be free in it.
-        clearance: So far apart bodies have to be in it [m].
+        scene: Scene in which solutions must be free.
+        clearance: Minimum distance of bodies in it [m].
     """
     flat = poses.reshape(-1, 4, 4)
     found = np.zeros(len(flat), dtype=bool)
@@ -144,7 +144,7 @@ def _best(
     scene: Scene | None,
     clearance: float,
 ) -> None:
-    """Write the measures of all answers to a goal, whose poses have these numbers."""
+    """Write the measures of all solutions of a goal whose poses have these numbers."""
     q, firsts, counts = every_answer(arm, goal, scene, clearance)
     if BRANCHES in values:
         values[BRANCHES][some] = counts
@@ -161,23 +161,23 @@ def every_answer(
     clearance: float = 0.0,
     count: int | None = None,
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """All answers to a goal each of whose poses, k of them, is reached, free in a scene if there is one: one each, at least.
+    """Return all solutions of a goal whose k poses are all reached, collision-free in a scene; at least one each.
 
     Args:
-        arm: Has its atlas already, or builds it now.
+        arm: The arm; its atlas is built now unless it exists.
         goal: Poses, (k, 4, 4), and tolerances.
-        scene: They have to be free in it.
-        clearance: So far apart bodies have to be in it [m].
-        count: Of each pose, no more.
+        scene: Scene in which solutions must be free.
+        clearance: Minimum distance of bodies in it [m].
+        count: Maximum number of solutions of each pose.
 
     Returns:
-        Joint values, (m, n); of each pose, which of these is its first, (k,), and how many they are, (k,).
+        Joint values, (m, n); the index of the first solution of each pose, (k,), and their number, (k,).
     """
     answers = cast(
         BranchesBatch, arm.branches(goal, count=count, scene=scene, clearance=clearance, threads=1)
     )
     counts, q = answers.counts, answers.q
-    lacking = np.flatnonzero(counts == 0)  # `ik` found one that the search for all did not.
+    lacking = np.flatnonzero(counts == 0)  # `ik` found one that the search for all missed.
     if len(lacking):
         single = arm.ik(goal.at(goal.target[lacking]), scene=scene, clearance=clearance, threads=1)
         q = np.insert(q, answers.offsets[lacking], single.q, axis=0)
@@ -186,9 +186,9 @@ def every_answer(
 
 
 def limit_distance(arm: Arm, q: Array, free: int = 0) -> Array:
-    """How far joint values, (k, n), are from the nearest limit, each joint measured in half its range, (k,); at most 1.
+    """Return the distance of joint values, (k, n), from the nearest limit, relative to half the range, (k,); at most 1.
 
-    A joint that can turn more than once counts where it is nearest to the middle.
+    A joint that can turn more than once is measured at the full turn nearest to the middle.
     """
     chain = arm.chain
     half = np.maximum((chain.upper - chain.lower) / 2, 1e-12)

@@ -1,14 +1,16 @@
-"""An even grid of orientations, with a covering radius that is proved.
+"""An even grid of orientations with a proved covering radius.
 
-A rotation is where it takes the z axis, a point of the sphere, and a turn about that: the sphere times a circle, locally
-(the Hopf fibration, by which Yershova, Jain, LaValle and Mitchell 2010 build grids on SO(3)). The sphere is cut into regions
-of equal area, collars of rectangles between two caps (Leopardi 2006, "A partition of the unit sphere into regions of equal
-area and small diameter"), the circle into equal arcs. So all cells have the same volume, and any number of them will do.
+A rotation is determined by the image of the z axis, a point of the sphere, and a rotation about that. So SO(3) is locally
+the sphere times a circle (the Hopf fibration, with which Yershova, Jain, LaValle and Mitchell 2010 build grids on SO(3)).
+The sphere is divided into regions of equal area, collars of rectangles between two caps (Leopardi 2006, "A partition of the
+unit sphere into regions of equal area and small diameter"), and the circle into equal arcs. So all cells have the same
+volume, and their number is arbitrary.
 
-The cell of region i, with centre c, and arc j is { S(c, d) R Rz(t) : d in the region, |t| <= half an arc }, with R the
-cell's own rotation, R z = c, and S(c, d) the shortest turn of c onto d. Over each d the arcs tile the circle, so the cells
-tile SO(3). The axis of S(c, d) is across c, and Rz(t) moved to the base turns about c: so a member is off R by the angle Ω
-with cos(Ω/2) = cos(σ/2) cos(t/2), σ the angle of c and d. That is largest in a corner of the region at the end of the arc.
+The cell of region i, with centre c, and arc j is { S(c, d) R Rz(t) : d in the region, |t| <= half an arc }. Here R is the
+cell's own rotation, R z = c, and S(c, d) is the shortest rotation of c onto d. For each d the arcs tile the circle, so the
+cells tile SO(3). The axis of S(c, d) is perpendicular to c, and Rz(t) moved to the base rotates about c. So the angle Ω
+between a member and R satisfies cos(Ω/2) = cos(σ/2) cos(t/2), with σ the angle of c and d. It is largest in a corner of the
+region at the end of the arc.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MOST = 10_000_000
-"""Orientations of a grid."""
+"""Maximum number of orientations of a grid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +36,11 @@ class Orientations(Lazy):
     """A grid of orientations whose cells have equal volume and tile SO(3). Make one with `orientations`."""
 
     regions: Array
-    """Of each region of the sphere: polar angle from and to, azimuth from and to, [rad], (n, 4)."""
+    """Lower and upper polar angle, lower and upper azimuth of each region of the sphere [rad], (n, 4)."""
     arcs: int
-    """Turns about the z axis of the tip for each region."""
+    """Number of rotations about the z axis of the tip for each region."""
     _collars: tuple[Array, Indices] = field(repr=False)
-    """Polar angles where collars begin, [rad], (c + 1,), and the number of the first region of each, (c + 1,)."""
+    """Polar angles where collars begin [rad], (c + 1,), and the index of the first region of each, (c + 1,)."""
 
     def __len__(self) -> int:
         """Return the number of orientations."""
@@ -53,12 +55,12 @@ class Orientations(Lazy):
 
     @lazy
     def directions(self) -> Array:
-        """Centre of each region, where the z axis of the tip points, (n, 3)."""
+        """Centre of each region, the direction of the tip's z axis, (n, 3)."""
         return direction(*self.centres.T)
 
     @lazy
     def centres(self) -> Array:
-        """Polar angle and azimuth of each region's centre [rad], (n, 2); that of a cap is its pole."""
+        """Polar angle and azimuth of each region's centre [rad], (n, 2); the centre of a cap is its pole."""
         polar = self.regions[:, :2].mean(axis=1)
         polar[0], polar[-1] = (0.0, np.pi) if len(self.regions) > 1 else (0.0, 0.0)
         return np.stack([polar, self.regions[:, 2:].mean(axis=1)], axis=1)
@@ -70,28 +72,28 @@ class Orientations(Lazy):
 
     @lazy
     def radii(self) -> Array:
-        """How far a region's farthest point is from its centre [rad], (n,)."""
+        """Largest angle of a point of each region from its centre [rad], (n,)."""
         return farthest(self.regions, self.centres)
 
     @lazy
     def half_angles(self) -> Array:
-        """Of each orientation: no member of its cell is farther off [rad], (k,)."""
+        """Largest angle between each orientation and a member of its cell [rad], (k,)."""
         return np.repeat(ball(self.radii, self.half_arc), self.arcs)
 
     @property
     def covering_radius(self) -> float:
-        """Every orientation is at most so far from one of the grid [rad]: a bound, and no sample."""
+        """Upper bound on the angle of any orientation to the nearest one of the grid [rad]; proved, not sampled."""
         return float(self.half_angles.max())
 
     @lazy
     def matrices(self) -> Array:
-        """All rotations, (k, 3, 3), those of one direction one after the other."""
+        """All rotations, (k, 3, 3), grouped by direction."""
         turns = (2 * np.arange(self.arcs) + 1) * self.half_arc - np.pi
         return (self.frames[:, None] @ about_z(turns)[None]).reshape(-1, 3, 3)
 
     @lazy
     def frames(self) -> Array:
-        """Of each region the rotation from which turns are counted: z onto its centre, (n, 3, 3)."""
+        """Rotation of each region from which rotations about z are measured: z onto its centre, (n, 3, 3)."""
         polar, azimuth = self.centres.T
         c, s = np.cos(polar), np.sin(polar)
         tilts = np.zeros((len(polar), 3, 3))
@@ -99,13 +101,13 @@ class Orientations(Lazy):
         return np.asarray(about_z(azimuth) @ tilts)
 
     def nearest(self, R: ArrayLike) -> Indices:
-        """Return the number of the cell that each rotation lies in.
+        """Return the index of the cell that contains each rotation.
 
         Args:
             R: Rotations, (..., 3, 3).
 
         Returns:
-            (...), from 0.
+            Indices from 0, (...).
         """
         rotations = np.asarray(R, dtype=float)
         d = rotations[..., :, 2]
@@ -126,20 +128,20 @@ class Orientations(Lazy):
 def orientations(count: int) -> Orientations:
     """Return an even grid on SO(3).
 
-    Directions of the tip's z axis times turns about it, both as wide as gives the least covering radius. All orientations
-    stand for the same volume of SO(3), so a share of them is a share of all orientations.
+    It combines directions of the tip's z axis with rotations about it, in the proportion with the least covering radius. All
+    orientations represent the same volume of SO(3), so a fraction of the grid is a fraction of all orientations.
 
     Args:
-        count: Orientations wanted, 1 to 10,000,000; the grid has as many, or a few more where that is more even.
+        count: Number of orientations, 1 to 10,000,000; the grid has as many, or a few more if that is more even.
 
     Returns:
-        The grid; ``covering_radius`` says how fine it is [rad].
+        The grid; ``covering_radius`` is its resolution [rad].
 
     Raises:
-        InvalidMap: `count` is no whole number in that range.
+        InvalidMap: `count` is not an integer in that range.
     """
     count = as_integer("count", count, 1, MOST, InvalidMap)
-    middle = round(float(np.cbrt(np.pi * count)))  # Arcs as wide as regions: (2π/m)² = 4π/n and n m = count.
+    middle = round(float(np.cbrt(np.pi * count)))  # Arcs as wide as regions: (2π/m)² = 4π/n, n m = count.
     fits = [m for m in range(max(1, middle // 2), 2 * middle + 1) if count % m == 0]
     tried = {
         m: _grid(-(-int(count) // m), m)
@@ -152,10 +154,10 @@ def orientations(count: int) -> Orientations:
 
 
 def orientations_of(count: int, directions: int) -> Orientations:
-    """Return the grid that has so many orientations and so many directions, as `orientations` has made it.
+    """Return the grid with these numbers of orientations and directions, as `orientations` makes it.
 
     Raises:
-        InvalidMap: `orientations` makes none of such numbers.
+        InvalidMap: `orientations` makes no grid with these numbers.
     """
     count = as_integer("the number of orientations", count, 1, 2 * MOST, InvalidMap)
     directions = as_integer("the number of directions", directions, 1, count, InvalidMap)
@@ -177,7 +179,7 @@ def _grid(directions: int, arcs: int) -> Orientations:
 
 
 def _collars(count: int) -> tuple[Array, list[int]]:
-    """Where collars begin [rad], (c + 1,), and how many regions each has; Leopardi 2006, Section 3."""
+    """Return where collars begin [rad], (c + 1,), and the number of regions of each; Leopardi 2006, Section 3."""
     if count <= 2:
         return np.linspace(0.0, np.pi, count + 1), [1] * count
     cap = 2.0 * np.arcsin(np.sqrt(1.0 / count))
@@ -195,13 +197,13 @@ def _collars(count: int) -> tuple[Array, list[int]]:
 
 
 def direction(polar: ArrayLike, azimuth: ArrayLike) -> Array:
-    """Points of the sphere, (..., 3)."""
+    """Return points of the sphere, (..., 3)."""
     p, a = np.asarray(polar), np.asarray(azimuth)
     return np.stack([np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)], axis=-1)
 
 
 def about_z(angle: ArrayLike) -> Array:
-    """Turns about z, (..., 3, 3)."""
+    """Return rotations about z, (..., 3, 3)."""
     t = np.asarray(angle, dtype=float)
     R = np.zeros((*t.shape, 3, 3))
     R[..., 0, 0] = R[..., 1, 1] = np.cos(t)
@@ -210,10 +212,10 @@ def about_z(angle: ArrayLike) -> Array:
 
 
 def farthest(regions: Array, centres: Array) -> Array:
-    """How far the farthest point of each rectangle, (n, 4), is from a point inside, (n, 2), [rad].
+    """Return the largest angle of a point of each rectangle, (n, 4), from a point inside, (n, 2), [rad].
 
-    Along a parallel the distance grows with the difference of azimuths, so the farthest point lies on the meridians at the
-    sides. There cos σ = A cos θ + B sin θ, which is least at an end, or at atan2(B, A) + π where that lies between them.
+    Along a parallel the angle grows with the difference of azimuths, so the farthest point lies on the meridians at the
+    sides. There cos σ = A cos θ + B sin θ, which is least at an end, or at atan2(B, A) + π if that lies between them.
     """
     low, high = regions[:, 0], regions[:, 1]
     wide = np.minimum(np.maximum(centres[:, 1] - regions[:, 2], regions[:, 3] - centres[:, 1]), np.pi)
@@ -224,15 +226,15 @@ def farthest(regions: Array, centres: Array) -> Array:
 
 
 def ball(swing: ArrayLike, half_turn: ArrayLike) -> Array:
-    """Angle of a turn by at most `swing` across an axis after one of at most `half_turn` about it [rad]; see above."""
+    """Return the largest angle of a rotation by at most `half_turn` and one by `swing` about a perpendicular axis [rad]."""
     cosine = np.cos(np.asarray(swing) / 2) * np.cos(np.asarray(half_turn) / 2)
     return np.asarray(2.0 * np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 def twist(c: Array, frames: Array, rotations: Array) -> Array:
-    """The turn t of R = S(c, d) F Rz(t), [rad]: c and F of cells, (..., 3) and (..., 3, 3), and R, (..., 3, 3)."""
+    """Return the angle t of R = S(c, d) F Rz(t) [rad] for cells' c and F, (..., 3) and (..., 3, 3), and R, (..., 3, 3)."""
     d = rotations[..., :, 2]
-    # The shortest turn of c onto d takes x to x - (c+d)·x / (1+c·d) (c+d) + 2 (c·x) d. Its inverse is that of d onto c.
+    # The shortest rotation of c onto d maps x to x - (c+d)·x / (1+c·d) (c+d) + 2 (c·x) d. Its inverse is that of d onto c.
     x, total = rotations[..., :, 0], c + d
     scale = np.maximum(1.0 + np.sum(c * d, axis=-1, keepdims=True), 1e-300)
     back = x - np.sum(total * x, axis=-1, keepdims=True) / scale * total
@@ -243,7 +245,7 @@ def twist(c: Array, frames: Array, rotations: Array) -> Array:
 
 
 def shortest_turn(c: Array, d: Array) -> Array:
-    """The rotation by the least angle that takes one unit vector, (3,), onto another that is not opposite, (3, 3)."""
+    """Return the rotation by the least angle from one unit vector, (3,), to another that is not opposite, (3, 3)."""
     v = np.cross(c, d)
     K = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
     return np.asarray(np.eye(3) + K + K @ K / (1.0 + c @ d))

@@ -1,4 +1,4 @@
-"""Processes of this machine that compute blocks. Each one is reached through two pipes, so nothing listens anywhere."""
+"""Local processes that compute blocks. Each one is connected by two pipes, so no port is opened."""
 
 from __future__ import annotations
 
@@ -21,18 +21,20 @@ PROGRAM = (
     "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
     "from kinseek.maps.processes import serve; serve()"
 )
-"""What such a process runs. It first gets the search path of this process, so it imports the same kinseek. It does not
-import the user's script, which therefore needs no ``if __name__ == "__main__"``."""
+"""Program of such a process. It first receives the search path of this process, so it imports the same kinseek. It does not
+import the user's script, which therefore needs no ``if __name__ == "__main__"``.
+"""
 
 MEMORY = {"MALLOC_TRIM_THRESHOLD_": str(64 << 20), "MALLOC_MMAP_THRESHOLD_": str(32 << 20)}
-"""Environment variables of such a process. Without them the C library returns memory after each array, and the system has to
-clear it for the next one."""
+"""Environment variables of such a process. Without them the C library returns memory after each array, and the system must
+clear it for the next one.
+"""
 
 READY = b"kinseek computes blocks\n"
-"""The first words of such a process. Before them its output may hold what is printed when Python starts."""
+"""First output of such a process. Any earlier output may come from the start of Python."""
 
 ATTEMPTS = 3
-"""So many processes may end in turn before the map is interrupted."""
+"""Number of processes that may end in a row before the map is interrupted."""
 
 
 class WorkerDied(Exception):
@@ -125,12 +127,12 @@ def compute_all(work: Work, todo: Sequence[Index], done: Callable[[Index, Any], 
     """Compute blocks, in a process for each core.
 
     Args:
-        work: What they are blocks of.
+        work: The work that the blocks belong to.
         todo: Their indices.
-        done: Called in this thread with the index of each block that is computed, and what `do` returned.
+        done: Called in this thread with the index of each computed block and the result of `do`.
 
     Raises:
-        WorkerDied: Several processes ended in turn.
+        WorkerDied: Several processes ended in a row.
         OSError: A block cannot be written.
         InvalidMap: As `do`.
     """
@@ -179,16 +181,16 @@ def compute_all(work: Work, todo: Sequence[Index], done: Callable[[Index, Any], 
 
 
 def serve() -> None:
-    """Compute blocks as `Worker` asks for them: the main function of the process."""
+    """Compute blocks on the requests of `Worker`: the main function of the process."""
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Nothing that is printed may come between the answers.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Printed text must not mix with the results.
 
     answers.write(READY)
     answers.flush()
     blocks = SimpleQueue[Index]()
 
     def read() -> None:
-        """Read requests. There are no more if the other process has ended: then this one ends in the midst of its block."""
+        """Read requests until the other process has ended; then this one ends in the middle of its block."""
         try:
             while True:
                 blocks.put(pickle.load(sys.stdin.buffer))

@@ -1,4 +1,4 @@
-"""What a finished map tells: values at any pose, shares, volumes."""
+"""Reading a finished map: values at any pose, fractions, volumes."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ TYPES: dict[str, tuple[str, float]] = {
     "cell": ("int8", -1),
     **dict.fromkeys(SHARES, ("float32", np.nan)),
 }
-"""Of each variable its type, and its value where nothing is known."""
+"""Type of each variable, and its value where nothing is known."""
 
 
 MOST_LOADED = 2**30
-"""Bytes of a map that is read as a whole, where parts of it are asked for one after the other."""
+"""Maximum size of a map that is loaded as a whole when its parts are read one after the other [bytes]."""
 
 
 def opened(store: Store) -> xarray.Dataset:
-    """Return the map in a store, which anybody may have made.
+    """Return the map in a store of unknown origin.
 
     Raises:
         InvalidMap: It is not as `reach` makes it.
@@ -56,26 +56,26 @@ def opened(store: Store) -> xarray.Dataset:
         dataset: xarray.Dataset = store.dataset()
     except InvalidMap:
         raise
-    except Exception as error:  # Zarr and xarray raise whatever they meet.
+    except Exception as error:  # Zarr and xarray raise many kinds of errors.
         raise_of_handler(error)
         raise InvalidMap(f"the map in {store.place!r} cannot be read: {error!s:.500}") from error
     return dataset
 
 
 def grid_of_map(dataset: xarray.Dataset) -> Grid | Rings:
-    """The grid of a map.
+    """Return the grid of a map.
 
     Raises:
-        InvalidMap: It is none that `reach` made.
+        InvalidMap: `reach` did not make it.
     """
     return grid_of(described(dataset)["grid"])
 
 
 def described(dataset: xarray.Dataset) -> dict[str, Any]:
-    """What a map is of.
+    """Return the description of a map.
 
     Raises:
-        InvalidMap: It is none that `reach` made.
+        InvalidMap: `reach` did not make it.
     """
     try:
         report: dict[str, Any] = dataset.attrs[DESCRIPTION]
@@ -86,10 +86,10 @@ def described(dataset: xarray.Dataset) -> dict[str, Any]:
 
 
 def _require_description(report: Any) -> None:
-    """Refuse what says of a map what cannot be.
+    """Validate the description of a map.
 
     Raises:
-        InvalidMap: Something that is missing, unknown or of another type.
+        InvalidMap: Something is missing, unknown or of another type.
     """
     what = "this is no map that maps.reach made: "
     if not isinstance(report, dict) or not isinstance(report.get("grid"), dict):
@@ -114,21 +114,21 @@ def _require_description(report: Any) -> None:
 
 
 def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
-    """Read a map at any poses: the values of the cells that they lie in.
+    """Read a map at any poses: the values of the cells that contain them.
 
-    Of `Rings`, ``reached`` also asks whether the first joint can turn so far.
+    For `Rings`, ``reached`` also depends on whether the first joint can turn so far.
 
     Args:
-        dataset: A map; ``dataset.load()`` before many small questions, else each reads the store.
-        poses: In the arm's base, (..., 4, 4), lengths in [m].
+        dataset: A map; call ``dataset.load()`` before many small calls, otherwise each reads the store.
+        poses: Poses in the arm's base, (..., 4, 4), lengths in [m].
 
     Returns:
-        Of each variable of the map an array (...), and ``inside``. Outside of the map, where that is False, nothing is
-        known: whole numbers are -1, all others NaN.
+        An array (...) of each variable of the map, and ``inside``. Outside the map, where that is False, integers are -1 and
+        all others NaN.
 
     Raises:
-        InvalidMap: It is no map.
-        InvalidGoal: Wrong shape, NaN, no rigid transform, as of `Goal.pose`.
+        InvalidMap: It is not a map.
+        InvalidGoal: Wrong shape, NaN, or not a rigid transform, as in `Goal.pose`.
     """
     report, T = described(dataset), as_pose(poses)
     grid = grid_of(report["grid"])
@@ -152,7 +152,7 @@ def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
 
 
 def _values(variable: xarray.DataArray, cells: tuple[Indices, ...]) -> Array:
-    """Read the values of some cells, and of a store no other blocks than theirs."""
+    """Read the values of some cells; from a store only their blocks."""
     flat, data = tuple(each.ravel() for each in cells), variable.data
     with _reading():
         there = data[flat] if isinstance(data, np.ndarray) else data.vindex[flat].compute()
@@ -161,32 +161,32 @@ def _values(variable: xarray.DataArray, cells: tuple[Indices, ...]) -> Array:
 
 @contextmanager
 def _reading() -> Iterator[None]:
-    """Say it of a map if its values cannot be read.
+    """Turn an error while reading values into one about the map.
 
     Raises:
-        InvalidMap: They cannot.
+        InvalidMap: The values cannot be read.
     """
     try:
         yield
     except InvalidMap:
         raise
-    except Exception as error:  # Codecs raise whatever they meet.
+    except Exception as error:  # Codecs raise many kinds of errors.
         raise_of_handler(error)
         raise InvalidMap(f"the values of the map cannot be read: {error!s:.500}") from error
 
 
 def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
-    """Make of a map of `Rings` one of boxes of positions, each with the values of the cell that its middle lies in.
+    """Convert a map of `Rings` to boxes of positions, each with the values of the cell that contains its centre.
 
     Args:
         dataset: A map of `Rings`.
-        grid: The boxes and orientations that are wanted.
+        grid: The boxes and orientations.
 
     Returns:
-        A Dataset along the dimensions of the grid; outside of the rings nothing is known: ``reached`` is -1.
+        A Dataset along the dimensions of the grid; outside the rings ``reached`` is -1, unknown.
 
     Raises:
-        InvalidMap: It is no map.
+        InvalidMap: It is not a map.
     """
     import xarray
 
@@ -209,15 +209,16 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
 
 
 def capability(dataset: xarray.Dataset) -> xarray.DataArray:
-    """Share of all orientations that are reached, of each position (Zacharias, Borst and Hirzinger 2007).
+    """Return the fraction of orientations reached at each position (Zacharias, Borst and Hirzinger 2007).
 
-    Of `Rings` it is the mean around the ring. NaN where a block is not done. `plots.map_slice` and `plots.cloud` draw it.
+    For `Rings` it is the mean around the ring. It is NaN if a block is not done. `plots.map_slice` and `plots.cloud` draw
+    it.
 
     Args:
         dataset: A map.
 
     Raises:
-        InvalidMap: It is no map.
+        InvalidMap: It is not a map.
     """
     grid, known = grid_of_map(dataset), dataset[REACHED]
     share = (known == 1).astype(float)
@@ -230,26 +231,26 @@ def capability(dataset: xarray.Dataset) -> xarray.DataArray:
 
 
 class Volume(NamedTuple):
-    """How much an arm reaches, as far as a map with ``prove=True`` tells: from `least` to `most`."""
+    """Bounds on the volume of the workspace from a map with ``prove=True``: from `least` to `most`."""
 
     least: float
-    """Of all that is proved to be reached: what is reached is no less than this."""
+    """Volume that is proved reached: a lower bound of the reached volume."""
     touched: float
-    """Of the cells in which a pose is reached. The arm need not reach all of these cells."""
+    """Volume of the cells in which a pose is reached. The arm need not reach all of these cells."""
     most: float
-    """Of all that is not proved empty: what is reached is no more than this."""
+    """Volume that is not proved empty: an upper bound of the reached volume."""
 
 
 def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
-    """Bound the workspace inside of a map's range.
+    """Bound the volume of the workspace inside a map's range.
 
     Args:
         dataset: A map made with ``prove=True``.
-        what: ``"poses"``: cubic metres times the share of all orientations; or ``"positions"``, reached with any
+        what: ``"poses"``: cubic metres times the fraction of all orientations; or ``"positions"``, reached with any
             orientation, [m³].
 
     Raises:
-        InvalidMap: It is no map, it is not proved, or it is not finished.
+        InvalidMap: It is not a map, is not proved, or is not finished.
     """
     grid = grid_of_map(dataset)
     if what not in ("poses", "positions"):
@@ -258,12 +259,8 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
         raise InvalidMap("a volume is bounded by proofs: maps.reach(..., prove=True) makes such a map")
     with _reading():
         cell = dataset["cell"]
-        last = cell.isel(
-            dict.fromkeys(cell.dims, -1)
-        )  # Of most maps that are not finished, this is not known.
-        if bool(last < 0) or bool(
-            (cell < 0).any()
-        ):  # Block by block, and before anything is read as a whole.
+        last = cell.isel(dict.fromkeys(cell.dims, -1))  # For most unfinished maps this is unknown.
+        if bool(last < 0) or bool((cell < 0).any()):  # Block by block, before loading anything as a whole.
             raise InvalidMap("the map is not finished; the call of maps.reach that began it goes on with it")
         known, empty, whole = (dataset[name].transpose(*grid.dims).values for name in ("cell", *SHARES))
     weights = np.full(known.shape[:-1], grid.volume / np.prod(known.shape[:-1]))
@@ -273,8 +270,8 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
     touched, left = known == TOUCHED, np.where(known == EMPTY, 0.0, 1.0 - empty)
     gather = np.mean if what == "poses" else np.max
     if what == "positions":
-        whole = np.floor(whole)  # Of parts of cells it is not known whether their positions are the same.
-    # An answer serves all turns that take the first joint from one limit to the other.
+        whole = np.floor(whole)  # Parts of cells may or may not share positions.
+    # A solution covers all rotations that move the first joint between its limits.
     if isinstance(grid, Rings):
         whole = whole * described(dataset)["first_turns"]
     return Volume(

@@ -1,4 +1,4 @@
-"""Blocks handed out to the workers of a Dask cluster, or to processes of this machine."""
+"""Distribution of blocks to the workers of a Dask cluster, or to processes of this machine."""
 
 from __future__ import annotations
 
@@ -19,29 +19,30 @@ if TYPE_CHECKING:
 Written = Callable[[Index, Mapping[str, Any]], None]
 
 AHEAD = 4
-"""Tasks for each thread of the cluster that are handed out before any is done: enough that none waits for the client."""
+"""Number of tasks submitted ahead for each thread of the cluster, enough that no thread waits for the client."""
 
 ENOUGH, MOST = 1.0, 16
-"""A task takes blocks until so many seconds are over, and so many blocks at most: Dask takes some twenty milliseconds for
-it, a fifth of what a block may take."""
+"""Minimum duration of a task [s], and maximum number of its blocks. The overhead of Dask is some twenty milliseconds per
+task, a fifth of the time of a fast block.
+"""
 
 
 def run(
     work: Work, todo: Sequence[Index], blocks: int, client: Client | None, progress: bool, written: Written
 ) -> None:
-    """Do some blocks.
+    """Compute some blocks.
 
     Args:
-        work: What they are blocks of.
-        todo: Their numbers.
-        blocks: How many there are in all, for messages.
-        client: Of a cluster; None starts a process for each core, or none where there is one block only.
+        work: The work that the blocks belong to.
+        todo: Their indices.
+        blocks: Total number of blocks, for messages.
+        client: Client of a cluster; None starts a process for each core, or none if there is only one block.
         progress: Show a progress bar.
-        written: Takes what comes back of a block where the work has no store.
+        written: Called with the values of a block if the work has no store.
 
     Raises:
-        InvalidMap: A worker has another version of kinseek, or none, or does not see the store.
-        MapInterrupted: The scheduler is gone, several workers ended in turn, or the disk is full.
+        InvalidMap: A worker has another version of kinseek or none, or does not see the store.
+        MapInterrupted: The scheduler is gone, several workers ended in a row, or the disk is full.
     """
     if not todo:
         return
@@ -87,14 +88,14 @@ def _in_processes(
 
 
 def _require_same(client: Client, work: Work) -> None:
-    """Refuse workers that would give other bits, or none.
+    """Check that all workers compute the same bits as this process.
 
     Raises:
-        InvalidMap: There is one; the message names it.
+        InvalidMap: A worker does not, or has no kinseek; the message names it.
     """
 
     def ask() -> str:
-        # A function in a function travels as it is; one of a module would need that module there.
+        # A nested function is sent as it is; a function of a module would need that module on the worker.
         try:
             from kinseek.maps.block import version
         except ImportError as error:
@@ -131,7 +132,7 @@ def _spread(
     threads = max(sum(client.nthreads().values()), 1)
 
     def submit() -> Any:
-        """Hand out half an even share of what is left: fewer and fewer blocks, so that all threads end together."""
+        """Submit half an even share of the remaining blocks: fewer and fewer, so that all threads end together."""
         some = [left.popleft() for _ in range(min(MOST, -(-len(left) // (2 * threads))))]
         futures.add(future := client.submit(_in_turn, work, some, pure=False))
         return future
@@ -163,16 +164,16 @@ def _spread(
     except OSError as error:
         raise _interrupted(f"a block cannot be written: {error}", before + done, blocks) from error
     finally:
-        if futures and not gone:  # The cluster may be somebody else's: leave it no work.
+        if futures and not gone:  # Others may use the cluster: leave no tasks on it.
             client.cancel(list(futures))
 
 
 def _in_turn(work: Work, some: list[Index]) -> tuple[list[tuple[Index, Any]], list[Index], OSError | None]:
-    """Do blocks until that has taken long enough.
+    """Compute blocks until `ENOUGH` seconds are over.
 
     Returns:
-        Those that are done, with their values where there is no store; the others; and what came of a disk that is full:
-        raised here, it would fill the terminal with pages from each worker's log.
+        The finished blocks, with their values if there is no store; the others; and the error of a full disk. If it were
+        raised here, each worker's log would fill the terminal.
     """
     until, made = time.monotonic() + ENOUGH, list[tuple[Index, Any]]()
     for index in some:

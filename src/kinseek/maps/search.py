@@ -1,9 +1,9 @@
-"""Reached or not, of many poses, and a cheap no.
+"""Reachability of many poses, with a fast rejection of unreachable ones.
 
-Who asks `arm.ik` for a pose that is out of reach gets the nearest one, which takes a hundred times as long as an answer.
-A map wants no nearest pose. So lengths and angles are asked first, the gate of a proof; then the closed form, where the arm
-has one; then where the hand wants the wrist; then the first samples of the atlas for each pose, eight poses at a time, as in
-any batch; what is left gets a limited number of FK evaluations.
+For a pose out of reach `arm.ik` returns the nearest one, which takes a hundred times as long as a solution and is not needed
+for a map. So the tests come in order of cost: first lengths and angles, as at the start of a proof; then the closed form, if
+the arm has one; then the required position of the wrist; then the first samples of the atlas for each pose, eight poses at a
+time, as in any batch. The remaining poses get a limited number of FK evaluations.
 """
 
 from __future__ import annotations
@@ -33,28 +33,31 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 PATIENCE = 1000
-"""FK evaluations for a pose that its first samples do not lead to."""
+"""Maximum number of FK evaluations for a pose that is not solved from its first samples."""
 
 TURNED = 1e-12
-"""By so much tolerances are tighter [m] and [rad] where a pose stands for others that are turned about the tip's z axis:
-rounding of the hand's pose when the last joint makes that turn."""
+"""Reduction of tolerances, [m] and [rad], if one pose represents others that are rotated about the tip's z axis: the
+rounding error of the tip's pose after that rotation of the last joint.
+"""
 
 
 def reached(arm: Arm, goal: Goal, patience: int | None = PATIENCE) -> Flags:
-    """Say of many poses whether an answer is found; one thread.
+    """Return whether a solution is found for each of many poses; one thread.
 
     Args:
-        arm: With axes.
+        arm: An arm with axes.
         goal: Poses, (k, 4, 4), and tolerances.
-        patience: FK evaluations for a pose that resists; None: as many as `Arm.ik` takes.
+        patience: Maximum number of FK evaluations per pose; None: as many as `Arm.ik` uses.
 
     Returns:
-        (k,): is there an answer inside the limits and within the tolerances, by plain forward kinematics? A no is no proof.
+        Is there a solution inside the limits and within the tolerances, by plain forward kinematics, (k,)? False proves
+        nothing.
     """
     last, targets = LastJoint.of(arm.chain), goal.targets
     if last is None or not last.free:
         return _reached(arm, goal, patience)
-    # Where the last joint turns all around, poses that differ by such a turn are one question; grids have them in a row.
+    # If the last joint can make a full turn, poses that differ by its rotation have the same result; grids list them
+    # together.
     firsts = np.append(True, (targets[1:, :, 2:] != targets[:-1, :, 2:]).any(axis=(1, 2)))[: len(targets)]
     position = goal.position_tolerance - last.position - TURNED
     orientation = goal.orientation_tolerance - last.orientation - TURNED
@@ -87,7 +90,7 @@ def _reached(arm: Arm, goal: Goal, patience: int | None) -> Flags:
 
 
 def beyond(arm: Arm, targets: Array, goal: Goal) -> Flags:
-    """Say of poses, (k, 3, 4), which of them the circle of `wrist` proves out of reach, (k,)."""
+    """Return which poses, (k, 3, 4), the circle of `wrist` proves out of reach, (k,)."""
     out = np.zeros(len(targets), dtype=bool)
     if len(targets):
         for circle in circles(arm.chain):
@@ -96,12 +99,12 @@ def beyond(arm: Arm, targets: Array, goal: Goal) -> Flags:
 
 
 def ruled_out(arm: Arm, goal: Goal) -> Flags:
-    """Say of poses, (k, 4, 4), which of them lengths and angles prove out of reach, (k,)."""
+    """Return which poses, (k, 4, 4), lengths and angles prove out of reach, (k,)."""
     targets = goal.targets
     closed = np.zeros(len(targets))
     far = float(np.linalg.norm(targets[:, :, 3], axis=1).max(initial=0.0))
     form, tolerances, _ = question(Problem(arm.mechanism, goal.at(np.eye(4))))
-    # What the question does to a pose: A T B, and of the identity it made A B.
+    # The goal maps a pose T to A T B, and the identity to A B.
     before = inverse(arm.chain.fixed[0]) if divide(arm.chain, goal.form).head != NONE else np.eye(4)[:3]
     after = (square(inverse(before)) @ square(tolerances.target))[:3]
     lengths = far + float(np.linalg.norm(before[:, 3])) + float(np.linalg.norm(after[:, 3]))

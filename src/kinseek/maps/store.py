@@ -1,7 +1,8 @@
-"""Where a map is kept: a Zarr store, written block by block, each once and whole.
+"""Storage of maps in a Zarr store, written block by block, each once and completely.
 
-The blocks are the chunks of the arrays. When all variables of a block are written, and not before, its mark is: so a block
-without a mark is made anew, whatever lies there. Zarr writes a chunk beside its place and moves it there when it is whole.
+The blocks are the chunks of the arrays. A block is marked when all its variables are written, and not before. So a block
+without a mark is computed again, whatever the store has in its place. Zarr writes a chunk to a temporary file and then moves
+it to its place.
 """
 
 from __future__ import annotations
@@ -33,29 +34,31 @@ Array = NDArray[np.float64]
 Index = tuple[int, ...]
 
 DESCRIPTION = "kinseek"
-"""Attribute that says what the map is of; a store without it is none of ours."""
+"""Attribute with the description of the map; kinseek did not make a store without it."""
 
 _DONE = "blocks/done"
 
 _ROTATION = "rotation"
 _METADATA = "zarr.json"
 MOST_BYTES = 2**20
-"""Of a file of metadata."""
+"""Maximum size of a file of metadata [bytes]."""
 MOST_ARRAYS = 1_000
-"""Entries of a store's folder; a map has some ten."""
+"""Maximum number of entries of a store's folder; a map has some ten."""
 MOST_PLACES = 2**22
-"""Cells along one dimension of positions, of a map that is opened."""
+"""Maximum number of cells along one dimension of positions when a map is opened."""
 MOST_BLOCKS = 2**18
-"""Of a map that is opened: 10¹¹ cells in blocks of usual size. Each has an entry in a table of tasks."""
+"""Maximum number of blocks when a map is opened: 10¹¹ cells in blocks of the usual size. Each has an entry in a table of
+tasks.
+"""
 MOST_CHUNK = 2**26
-"""Cells of a block of a map that is opened."""
+"""Maximum number of cells of a block when a map is opened."""
 CODECS = frozenset({"blosc", "bytes", "crc32c", "gzip", "zstd"})
-"""What Zarr writes by itself, or by its configuration."""
+"""Codecs that Zarr uses by default, or by its configuration."""
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 class Store:
-    """A map's arrays, on disk or in memory; always of Zarr format 3, of which no codec unpickles anything."""
+    """The arrays of a map, on disk or in memory; always in Zarr format 3, none of whose codecs unpickles data."""
 
     def __init__(self, group: Any, place: str) -> None:
         """Wrap a Zarr group; `place` is its name for messages."""
@@ -80,10 +83,10 @@ class Store:
 
         Args:
             path: Its folder; None: in memory.
-            description: What it is of; has ``dims``, ``shape``, ``chunks`` and the names of ``variables``.
-            variables: Type, value where nothing is known, and attributes of each.
+            description: Description of the map, with ``dims``, ``shape``, ``chunks`` and the names of ``variables``.
+            variables: Type, fill value and attributes of each.
             coordinates: Dimensions, values and attributes of each.
-            attributes: Of the whole.
+            attributes: Attributes of the whole store.
 
         Raises:
             InvalidMap: The folder cannot be written.
@@ -127,20 +130,20 @@ class Store:
 
     @classmethod
     def at(cls, path: str, who: Callable[[], str] = lambda: "here") -> Store:
-        """The store in a folder, opened once a process.
+        """Return the store in a folder, opened once per process.
 
         Args:
             path: Its folder.
-            who: Says who does not find it.
+            who: Returns the name of the worker, for messages.
 
         Raises:
             InvalidMap: There is none.
         """
         try:
             _require_small_metadata(Path(path))
-            stamp = os.stat(Path(path) / _METADATA)  # Another map may stand there since it was opened.
+            stamp = os.stat(Path(path) / _METADATA)  # Another map may have replaced it.
             return _opened(path, stamp.st_ino, stamp.st_mtime_ns)
-        except Exception as error:  # Zarr raises whatever it meets in metadata that is not its own.
+        except Exception as error:  # Zarr raises many kinds of errors for foreign metadata.
             raise_of_handler(error)
             raise InvalidMap(
                 f"no map in {path!r} ({who()}): {error!s:.500}. On a cluster the folder must be one that all workers see"
@@ -148,7 +151,7 @@ class Store:
 
     @property
     def blocks(self) -> Index:
-        """How many blocks there are along each dimension."""
+        """Number of blocks along each dimension."""
         return tuple(self._done.shape)
 
     def missing(self) -> list[Index]:
@@ -175,9 +178,10 @@ class Store:
         self._done[index] = self._done[index] + 1
 
     def dataset(self) -> Any:
-        """The map as an ``xarray.Dataset``, read where it is used.
+        """The map as an ``xarray.Dataset`` that is read lazily.
 
-        The places of its cells are those of its grid. Texts among the attributes have escapes for what is not printable.
+        The coordinates of its cells are those of its grid. Texts among the attributes have escapes for characters that are
+        not printable.
         """
         import xarray
 
@@ -191,7 +195,7 @@ class Store:
                 zarr_format=3,
                 consolidated=False,
                 chunks={},
-                decode_cf=False,  # A foreign map may have attributes that xarray computes with.
+                decode_cf=False,  # Foreign attributes could make xarray compute.
                 drop_variables=others,
             )
         dataset = dataset.assign_coords(
@@ -207,10 +211,10 @@ class Store:
         return dataset
 
     def require_sound(self, types: Mapping[str, tuple[str, float]]) -> None:
-        """Refuse what `create` does not make of the description: then reading it takes what its grid takes.
+        """Check that the store matches its description, so that reading it takes no more than its grid requires.
 
         Args:
-            types: Type of each variable, and its value where nothing is known.
+            types: Type of each variable, and its fill value.
 
         Raises:
             InvalidMap: Something is different.
@@ -250,12 +254,12 @@ class Store:
         fill: float,
         dims: tuple[str, ...] | None = None,
     ) -> None:
-        """Refuse an array that is not as `create` makes it; `chunks` None: of any that are no larger than it."""
+        """Check that an array is as `create` makes it; with `chunks` None, any chunks no larger than the array are valid."""
         array = self._group[name]
         codecs = {codec.to_dict()["name"] for codec in array.metadata.codecs}
         there = array.shape, array.dtype, array.metadata.dimension_names
         as_made = there == (shape, np.dtype(dtype), dims)
-        if not as_made or repr(float(array.fill_value)) != repr(float(fill)):  # NaN is no number's equal.
+        if not as_made or repr(float(array.fill_value)) != repr(float(fill)):  # NaN equals nothing.
             raise self._unsound(f"its array {name!r} is not of the shape and type that maps.reach gives it")
         fits = all(n <= most for n, most in zip(array.chunks, shape, strict=True))
         if array.chunks != chunks and (chunks is not None or not fits):
@@ -276,21 +280,21 @@ def _opened(path: str, inode: int, changed: int) -> Store:
     with _quiet():
         # Not consolidated: such metadata may describe arrays of the other format.
         group = zarr.open_group(path, mode="r+", zarr_format=3, use_consolidated=False)
-        if group.metadata.zarr_format != 3:  # Zarr itself believes what zarr.json says of the format.
+        if group.metadata.zarr_format != 3:  # Zarr itself trusts the format in zarr.json.
             raise ValueError("it is of Zarr format 2, which can hold pickles")
         return Store(group, path)
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Zarr from warning: its warnings show names of files as they are, with characters that act on a terminal."""
+    """Suppress warnings of Zarr, which show names of files with characters that act on a terminal."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
 
 
 def _require_small_metadata(folder: Path) -> None:
-    """Refuse metadata that is no regular file or larger than that of a map.
+    """Check that metadata files are regular files and not larger than those of a map.
 
     Raises:
         InvalidMap: Such a file, or too many entries in the folder.
@@ -302,7 +306,7 @@ def _require_small_metadata(folder: Path) -> None:
     for place in ("", _DONE, *names):
         try:
             found = os.stat(folder / place / _METADATA)
-        except OSError:  # Zarr says what is missing.
+        except OSError:  # Zarr reports what is missing.
             continue
         if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES:
             raise InvalidMap(
@@ -312,7 +316,7 @@ def _require_small_metadata(folder: Path) -> None:
 
 
 def compare(place: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
-    """Refuse a store of another map.
+    """Check that a store is of the requested map.
 
     Raises:
         InvalidMap: They differ; the message says in what.
@@ -326,7 +330,7 @@ def compare(place: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
 
 
 def require_own(path: Path) -> None:
-    """Refuse a store that another user can change, or with folders that are links: blocks could be written elsewhere.
+    """Check that no other user can change a store, and that its folders are not links, which could redirect blocks.
 
     Raises:
         InvalidMap: A folder belongs to another user, others may write to it, or it is a link.
@@ -355,7 +359,7 @@ def _require_own_folder(store: Path, folder: Path) -> None:
 
 
 def _forbid_others_to_write(folder: Path) -> None:
-    """Give a new store and the folders in it the modes that the umask asks for, without write permission for others."""
+    """Give a new store and the folders in it the modes of the umask, without write permission for others."""
     mode = stat.S_IMODE((folder / _DONE).stat().st_mode) & ~_OTHERS_WRITE
     for inner, _, _ in os.walk(folder, topdown=False):
         os.chmod(inner, mode)

@@ -1,8 +1,8 @@
-"""How much of a cell is reached for certain, every pose of it.
+"""The fraction of a cell of which every pose is proved reached.
 
-A ball of poses holds a part of the cell. Of an answer to its middle it can be proved that it moves along wherever the pose
-goes in the ball, inside the limits (`kernels.paths.around`). Where no answer does, the part is cut in half: it may be too
-large for the proof, or too near the edge of reach.
+A ball of poses contains a part of the cell. For a solution of its centre it can be proved that the solution continues to
+every pose of the ball, inside the limits (`kernels.paths.around`). If this fails for every solution, the part is halved: it
+may be too large for the proof, or too near the edge of the workspace.
 """
 
 from __future__ import annotations
@@ -27,14 +27,19 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 DEPTH = 8
-"""How often a cell is cut in half at most. Twice as often proves more of it, at sixteen times the cost."""
+"""Maximum number of halvings of a cell. Twice as many prove more of it, at sixteen times the cost."""
 
 PROBES = 4
-"""Balls that are tried before a cell is cut. Where none is proved, hardly any part is: a cut cell has hundreds."""
+"""Number of balls that are tried before a cell is halved. If none is proved, hardly any part is, and a divided cell has
+hundreds.
+"""
 
 
 def whole_share(arm: Arm, cell: Cell, depth: int) -> float:
-    """Share of a cell that is proved to be reached, all of it; the cell is cut in half so often, or `DEPTH` times."""
+    """Return the fraction of a cell that is proved completely reached.
+
+    The cell is halved `depth` times, at most `DEPTH` times.
+    """
     parts, share, last = [cell], 0.0, LastJoint.of(arm.chain)
     depth = min(depth, DEPTH)
     if not _promising(arm, cell, depth, last):
@@ -51,7 +56,7 @@ def whole_share(arm: Arm, cell: Cell, depth: int) -> float:
 
 
 def _promising(arm: Arm, cell: Cell, depth: int, last: LastJoint | None) -> bool:
-    """Is any of some balls proved that are as small as the smallest parts, and lie all over the cell?"""
+    """Return whether a ball the size of the smallest parts is proved, for some balls spread over the cell."""
     part = cell
     for _ in range(depth):
         part, _ = part.halves(LEVER * arm.chain.reach)
@@ -62,13 +67,13 @@ def _promising(arm: Arm, cell: Cell, depth: int, last: LastJoint | None) -> bool
 
 
 def around(arm: Arm, T: Array, position: Array, orientation: Array) -> Flags:
-    """Say of balls of poses whether every pose of them is proved to be reached.
+    """Return for balls of poses whether every pose of them is proved reached.
 
     Args:
-        arm: With axes.
-        T: Middles of the balls, (k, 4, 4), lengths in [m].
+        arm: An arm with axes.
+        T: Centres of the balls, (k, 4, 4), lengths in [m].
         position: Radii, (k,), [m].
-        orientation: And by how much poses are turned at most, (k,), [rad].
+        orientation: Largest rotations, (k,), [rad].
     """
     held = np.zeros(len(T), dtype=bool)
     spare = arm.dof - 6
@@ -92,7 +97,7 @@ def around(arm: Arm, T: Array, position: Array, orientation: Array) -> Flags:
 
 
 def _answers(arm: Arm, T: Array, spare: int) -> tuple[NDArray[np.int64], Array]:
-    """Answers to poses, and the number of the pose of each: all of them, or one each with joints to spare."""
+    """Return solutions of poses with the index of each one's pose: all of them, or one each for a redundant arm."""
     if spare:
         solution = arm.ik(T, threads=1)
         return np.flatnonzero(solution.success), np.ascontiguousarray(solution.q[solution.success])

@@ -1,9 +1,9 @@
-"""A cheap no: the hand asks for a point of the last axis but one on some circle, and the arm is too short for all of that.
+"""Fast rejection of poses: a pose requires a point of the second-last axis on a circle that the arm is too short to reach.
 
-Turns about the last axis leave that circle. And the way from the first axis to that point is no longer than one from axis
-to axis, whatever the joints are: turns about an axis leave the distances of its points to those of the next as they are.
-The gate of a proof goes on to the last axis by one more such step, as if it could lie along the others; where it lies
-across, as a Panda's does, the circle tells more.
+Rotations about the last axis preserve that circle. The distance from the first axis to that point is at most the length of a
+path from axis to axis, for all joint values: rotations about an axis preserve the distances of its points to those of the
+next axis. The first test of a proof extends this path to the last axis by one more step, as if that step could be aligned
+with the others. If it is perpendicular to them, as in a Panda, the circle gives a stronger bound.
 """
 
 from __future__ import annotations
@@ -21,40 +21,41 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 PARALLEL = 1e-4
-"""sin² of the angle between two axes up to which they count as parallel: any of their points will do."""
+"""sin² of the angle between two axes up to which they count as parallel, so that any pair of their points is a nearest one.
+"""
 
 MARGIN = 1e-9
-"""For rounding, relative to the lengths that are added."""
+"""Margin for rounding, relative to the lengths that are added."""
 
 
 class Circle(NamedTuple):
-    """Where the hand has a point of the last axis but one, and how far off that can be."""
+    """Circle on which a pose requires a point of the second-last axis, and the largest distance of that point."""
 
     centre: Array
-    """In the tip's frame [m], (3,)."""
+    """Centre in the tip's frame [m], (3,)."""
     axis: Array
-    """Of the circle, in the tip's frame, (3,)."""
+    """Axis of the circle in the tip's frame, (3,)."""
     radius: float
-    """[m]"""
+    """Radius [m]."""
     shoulder: Array
-    """A point that stands still, in the base [m], (3,)."""
+    """A fixed point in the base [m], (3,)."""
     length: float
-    """The point is no farther from there [m]."""
+    """Upper bound on the distance of the point from `shoulder` [m]."""
 
     def beyond(self, T: Array, position: Array | float, orientation: Array | float) -> Flags:
-        """Is all of the circle out of reach, for all poses in balls?
+        """Return whether the whole circle is out of reach, for all poses in balls.
 
         Args:
-            T: Middles of the balls, (k, 3 or 4, 4), lengths in [m].
+            T: Centres of the balls, (k, 3 or 4, 4), lengths in [m].
             position: Their radii, (k,) or one for all [m].
-            orientation: And by how much poses are turned at most, likewise [rad].
+            orientation: Their largest rotations, (k,) or one for all [rad].
         """
         R, centre = T[:, :3, :3], T[:, :3, :3] @ self.centre + T[:, :3, 3]
         away = self.shoulder - centre
         along = np.einsum("ki,ki->k", away, R @ self.axis)
         across = np.sqrt(np.maximum(np.einsum("ki,ki->k", away, away) - along**2, 0.0))
         near = np.hypot(along, across - self.radius)
-        arm = float(np.linalg.norm(self.centre)) + self.radius  # No point of it is farther from the tip.
+        arm = float(np.linalg.norm(self.centre)) + self.radius  # Bounds the distance of its points.
         near = near - position - 2.0 * np.sin(np.minimum(orientation, np.pi) / 2) * arm
         lengths = self.length + np.linalg.norm(away, axis=1) + np.linalg.norm(T[:, :3, 3], axis=1) + arm
         return np.asarray(near > self.length + MARGIN * lengths)
@@ -64,7 +65,7 @@ _kept: WeakCache[SerialChain, None, list[Circle]] = WeakCache()
 
 
 def circles(chain: SerialChain) -> list[Circle]:
-    """What the hand says of points of the last axis but one: nothing of an arm that slides, or has not three joints."""
+    """Return the circles of an arm: none if it has a prismatic joint or fewer than three joints."""
     return _kept.of(chain).get(None, lambda: _circles(chain))
 
 
@@ -89,13 +90,13 @@ def _circles(chain: SerialChain) -> list[Circle]:
     back, tip = inverse(chain.fixed[-2]), inverse(chain.fixed[-1])
     made = []
     for point, length in zip(points, lengths, strict=True):
-        x, y, z = back[:, 3] + back[:, 2] * point  # As the frame of the last joint has it.
+        x, y, z = back[:, 3] + back[:, 2] * point  # In the frame of the last joint.
         made.append(Circle(_on(tip, z), tip[:, 2], float(np.hypot(x, y)), shoulder, length))
     return made
 
 
 def _feet(fixed: Array) -> tuple[float, float]:
-    """Where along an axis the next is nearest, and where along that [m], the next placed by (3, 4)."""
+    """Return where along an axis and along the next, placed by (3, 4), they are nearest to each other [m]."""
     axis, point = fixed[:, 2], fixed[:, 3]
     c, along = float(axis[2]), float(axis @ point)
     if 1.0 - c * c < PARALLEL:
@@ -104,5 +105,5 @@ def _feet(fixed: Array) -> tuple[float, float]:
 
 
 def _on(fixed: Array, along: float) -> Array:
-    """The point of an axis, placed by (3, 4), so far along it [m], (3,)."""
+    """Return the point at a coordinate along an axis, placed by (3, 4), [m], (3,)."""
     return np.asarray(fixed[:, 3] + fixed[:, 2] * along)

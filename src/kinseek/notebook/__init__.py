@@ -1,4 +1,5 @@
-"""What notebooks show: a small table and a picture of an arm, an answer, branches or a proof; and tables for pandas.
+"""Notebook output: a small table and a picture of an arm, a solution, branches or a proof; and tables for pandas.
 
-Nothing is computed here. The functions take the objects of the rooms above, which import this room when a notebook asks.
+This package computes no results. Its functions take the objects of other packages, which import it when a notebook displays
+them.
 """

@@ -1,4 +1,4 @@
-"""Arms, answers, branches and proofs as HTML for notebooks: a table with a picture beside it; every text is escaped."""
+"""Arms, solutions, branches and proofs as HTML for notebooks: a table with a picture beside it; every text is escaped."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from .picture import Target, draw
 Array = NDArray[np.float64]
 
 HEAD = 10
-"""Rows of a batch that are shown, and answers that are drawn."""
+"""Maximum number of rows of a batch that are shown, and of solutions that are drawn."""
 MOST_JOINTS = 20
-"""Joints that are shown."""
+"""Maximum number of joints that are shown."""
 
 
 _TABLE = '<table style="color:inherit">'
 
 
 def arm_card(arm: Any) -> str:
-    """The joints of an arm and their limits, and the arm in the middle of them."""
+    """The joints of an arm and their limits, and the arm at the middle of its limits."""
     mechanism = arm.mechanism
     rows = []
     for name, kind, low, high in zip(arm.joint_names, arm.kinds, arm.lower, arm.upper, strict=True):
@@ -39,7 +39,7 @@ def arm_card(arm: Any) -> str:
 
 
 def solution_card(solution: Any) -> str:
-    """An answer with its errors, or the first answers of a batch."""
+    """A solution with its errors, or the first solutions of a batch."""
     if isinstance(solution.success, np.ndarray):
         return _batch_card(solution)
     if solution.invalid:
@@ -72,7 +72,7 @@ def _batch_card(solution: Any) -> str:
 
 
 def branches_card(branches: Any) -> str:
-    """The first answers to one goal, and the arm in all of these."""
+    """The first solutions of one goal, and the arm at all of these."""
     names = branches.problem.mechanism.joint_names
     rows = [
         [str(i), *map(_short, q[:MOST_JOINTS]), f"{place:.1e}"]
@@ -86,7 +86,7 @@ def branches_card(branches: Any) -> str:
 
 
 def branches_batch_card(batch: Any) -> str:
-    """How many answers the first goals have."""
+    """The number of solutions of the first goals."""
     rows = [
         [
             _place(i, batch.shape),
@@ -101,7 +101,7 @@ def branches_batch_card(batch: Any) -> str:
 
 
 def certificate_card(certificate: Any) -> str:
-    """What is proved, the bounds, and the best joint values found."""
+    """The verdict, the bounds, and the best joint values found."""
     problem = certificate.problem
     facts = [
         ("weighted error of any pose", f"at least {certificate.lower_bound:.6g}"),
@@ -115,7 +115,7 @@ def certificate_card(certificate: Any) -> str:
 
 
 def _picture(mechanism: Any, rows: Array, goal: Any = None) -> str:
-    """The arm at joint values, (k, n); "" of a function, whose links nobody knows, and without joint values."""
+    """Draw the arm at joint values, (k, n); "" without joint values, or for black-box kinematics with unknown links."""
     if mechanism.axes is None or not len(rows):
         return ""
     tool = None if goal is None else goal.tool
@@ -125,7 +125,7 @@ def _picture(mechanism: Any, rows: Array, goal: Any = None) -> str:
 def _target(goal: Any) -> Target:
     place = goal.targets[0]
     counted: list[tuple[int, Array]] = []
-    if goal.form.turned:  # The axis that counts is turned to x.
+    if goal.form.turned:  # The compared axis is mapped to x.
         counted = [(int(np.argmax(np.abs(goal.tool_axis))), place[:, 0])]
     elif goal.form.columns:
         counted = [(i, place[:, i]) for i in range(3) if not goal.free or f"r{'xyz'[i]}" not in goal.free]
@@ -154,7 +154,7 @@ def _errors(goal: Any, answer: Any) -> list[tuple[str, str]]:
 
 
 def _bar(value: float, low: float, high: float) -> str:
-    """A line from limit to limit with a dot at the value."""
+    """Draw a line between the limits with a dot at the value."""
     share = (value - low) / (high - low) if high > low else 0.5
     return (
         f'<svg width="84" height="10" fill="currentColor"><title>{low:.4g} to {high:.4g}</title>'
@@ -172,7 +172,7 @@ def _card(title: str, table: str, picture: str) -> str:
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]], plain: int = -1) -> str:
-    """A table; the cells of the column `plain` are HTML already."""
+    """Make a table; the cells of the column `plain` are HTML already."""
     lines = "".join(
         "<tr>"
         + "".join(f"<td>{cell if i == plain else in_html(cell)}</td>" for i, cell in enumerate(row))

@@ -1,4 +1,4 @@
-"""Results as pandas tables, where pandas is there."""
+"""Results as pandas tables, if pandas is installed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ERRORS = ("position_error", "orientation_error")
 
 
 def solution_frame(solution: Any) -> Any:
-    """A row for each target of a `Solution`."""
+    """Return a table with a row for each target of a `Solution`."""
     shape = np.shape(solution.success) or (1,)
     names = solution.problem.mechanism.joint_names
     status = [status.name for status in np.ravel(np.asarray(solution.status, dtype=object))]
@@ -29,17 +29,17 @@ def solution_frame(solution: Any) -> Any:
 
 
 def branches_frame(branches: Any) -> Any:
-    """A row for each answer of `Branches`."""
+    """Return a table with a row for each solution in `Branches`."""
     facts = {name: getattr(branches, name) for name in _ERRORS}
     names = branches.problem.mechanism.joint_names
     return _frame(names, branches.q, facts, {"branch": np.arange(len(branches))})
 
 
 def branches_batch_frame(batch: Any) -> Any:
-    """A row for each answer to each goal of a `BranchesBatch`.
+    """Return a table with a row for each solution of each goal of a `BranchesBatch`.
 
     Raises:
-        InvalidUse: There are no goals, so nobody knows the joints.
+        InvalidUse: The batch is empty, so the joints are unknown.
     """
     if not batch.each:
         raise InvalidUse("a batch of no goals has no table")
@@ -52,13 +52,13 @@ def branches_batch_frame(batch: Any) -> Any:
 
 
 def _frame(names: Sequence[str], q: Array, facts: Mapping[str, Any], index: Mapping[str, Any]) -> Any:
-    """A ``pandas.DataFrame``: a column for each joint, one for each fact, a row for each answer.
+    """Return a ``pandas.DataFrame``: a column for each joint, one for each fact, a row for each solution.
 
     Args:
-        names: Of the joints.
+        names: Names of the joints.
         q: Joint values, (k, n).
-        facts: Further columns, (k,) each. A joint that has such a name is called ``joint NAME``.
-        index: What each row is called by: names of the levels, and numbers, (k,) each.
+        facts: Further columns, (k,) each. A joint with the name of one of them is renamed to ``joint NAME``.
+        index: Row index: names of the levels, and numbers, (k,) each.
 
     Raises:
         MissingExtra: pandas is not installed.

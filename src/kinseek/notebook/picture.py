@@ -1,4 +1,4 @@
-"""An arm as inline SVG, seen from the side and above: lines in the colour of the text, legible on light and dark pages."""
+"""An arm as inline SVG, seen from the side and above, with lines in the text colour, legible on light and dark pages."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ _VIEW = np.array(
         [np.cos(_AZIMUTH) * np.sin(_ELEVATION), np.sin(_AZIMUTH) * np.sin(_ELEVATION), -np.cos(_ELEVATION)],
     ]
 )
-"""From metres to the picture: to the right, and down."""
+"""Projection from metres to the picture: to the right, and down."""
 _AXES = ("#e5484d", "#2f9e62", "#3b82f6")
-"""x, y and z: red, green and blue that stand out on white and on black."""
+"""Colours of x, y and z: red, green and blue with contrast to white and black."""
 _ROUND_LENGTHS = (1.0, 2.0, 5.0)
 
 
 class Target(NamedTuple):
-    """Where the tip shall be, and what of its orientation counts."""
+    """Target position of the tip, and the constrained axes of its orientation."""
 
     position: Array
-    """[m], (3,)"""
+    """Position [m], (3,)."""
     axes: Sequence[tuple[int, Array]]
-    """Those that count: their numbers and directions, (3,)."""
+    """The constrained axes: their indices and directions, (3,)."""
 
 
 def draw(chain: SerialChain, rows: Array, tool: Array | None = None, target: Target | None = None) -> str:
-    """Draw an arm at joint values, the first of them strong and the others faint, with its shadow on the floor.
+    """Draw an arm at joint values, the first of them solid and the others faint, with its shadow on the floor.
 
     Args:
         chain: The arm.
         rows: Joint values, (k, n), k at least 1, [rad] or [m].
-        tool: A tool behind the tip, (4, 4), lengths in [m].
-        target: Where the tip shall be.
+        tool: T_tip_tool, (4, 4), lengths in [m].
+        target: Target of the tip.
     """
     arms = [joint_points(chain, q) for q in rows]
     tips = chain.forward(np.ascontiguousarray(rows))
@@ -79,7 +79,7 @@ def draw(chain: SerialChain, rows: Array, tool: Array | None = None, target: Tar
 
 
 class _Sheet:
-    """Places on the picture, from points in metres that all have to fit."""
+    """The drawing area, scaled to points in metres that must all fit."""
 
     def __init__(self, points: Array) -> None:
         flat = points @ _VIEW.T
@@ -111,7 +111,7 @@ class _Sheet:
         )
 
     def rule(self) -> str:
-        """A line of a round length with the length written at it."""
+        """Draw a scale bar of a round length with its label."""
         length = max(
             factor * 10.0**power
             for power in range(-9, 9)
@@ -128,7 +128,7 @@ class _Sheet:
 
 
 def _tile(points: Array, floor: float) -> Array:
-    """Corners of a piece of the floor under all points, with some room around them, (5, 3)."""
+    """Return the corners of a part of the floor below all points, with some margin, (5, 3)."""
     room = 0.08 * float(np.ptp(points, axis=0).max()) + 1e-9
     (a, b), (c, d) = points[:, :2].min(axis=0) - room, points[:, :2].max(axis=0) + room
     return np.array([[a, b, floor], [c, b, floor], [c, d, floor], [a, d, floor], [a, b, floor]])

@@ -1,14 +1,14 @@
-"""Pictures of arms, answers, searches and proofs with Matplotlib (extra ``plot``).
+"""Pictures of arms, solutions, searches and proofs with Matplotlib (extra ``plot``).
 
 >>> from kinseek import plots
 >>> figure = plots.branches(arm.branches(target))   # doctest: +SKIP
 >>> plots.save(figure, "branches.png")              # doctest: +SKIP
 
-Every function returns a Matplotlib figure, and draws on axes of your own where it takes ``ax=``. What it shows is what it
-is given: an answer, a trace, a certificate, joint values. Where a picture takes more than that, such as a landscape of
-errors, an argument says how much is computed. docs/plots.md shows all of them.
+Every function returns a Matplotlib figure; functions with ``ax=`` can draw on given axes. They show their arguments: a
+solution, a trace, a certificate, joint values. If a picture needs further computations, such as a landscape of errors, an
+argument limits them. docs/plots.md shows all pictures.
 
-`space`, `plane`, `draw_arm`, `draw_frame`, `draw_line`, `same_scale` and `trim` are for pictures of your own.
+`space`, `plane`, `draw_arm`, `draw_frame`, `draw_line`, `same_scale` and `trim` help to make other pictures.
 """
 
 from __future__ import annotations

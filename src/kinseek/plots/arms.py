@@ -21,16 +21,16 @@ from .shown import count_of
 Array = NDArray[np.float64]
 
 VIEW = (22.0, -60.0)
-"""Elevation and azimuth of the eye [degrees]."""
+"""Elevation and azimuth of the camera [degrees]."""
 
 FRAME_PART = 0.14
-"""Length of the axes of a goal, as a part of the longest side of the picture."""
+"""Length of the axes of a goal, relative to the longest side of the picture."""
 
 ASIDE = 6.0
-"""By so much [pt] the label of y stands farther off: it is printed aslant, and numbers lie below it."""
+"""Additional distance of the label of y [pt]: it is printed at an angle above numbers."""
 
 SHORTEST = 0.4
-"""Of the sides of a picture in space, as a part of the longest."""
+"""Minimum side of a picture in space, relative to the longest side."""
 
 
 @drawn
@@ -46,19 +46,19 @@ def arm(
     """Draw an arm in true proportions: solid at its first joint values, as ghosts at the others.
 
     Args:
-        arm: With axes; where the links of a function are, only its author knows.
+        arm: An arm with axes; the links of black-box kinematics are unknown.
         q: Joint values, (n,) or (k, n), [rad] or [m].
-        goal: A pose or a `Goal` of one target, drawn as its axes x, y and z in red, green and blue; as a star where it asks
-            for a position alone.
+        goal: A pose or a `Goal` of one target, drawn as its axes x, y and z in red, green and blue; a position goal is drawn
+            as a star.
         ax: Axes in space to draw on, such as those of `space`.
-        size: Of a new figure before its margins are cut [inch].
-        view: Elevation and azimuth of the eye of a new figure [degrees].
+        size: Size of a new figure before its margins are cut [inch].
+        view: Elevation and azimuth of the camera of a new figure [degrees].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
-        InvalidProblem: An arm that is a function, or joint values that do not fit it.
+        InvalidProblem: An arm with black-box kinematics, or joint values that do not fit it.
         InvalidUse: No joint values, a batch of goals, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
@@ -78,21 +78,21 @@ def branches(
     size: tuple[float, float] = (6.0, 5.2),
     view: tuple[float, float] = VIEW,
 ) -> Any:
-    """Draw all answers to a goal, `arm.branches(goal)`: one solid, the others as ghosts.
+    """Draw all solutions of a goal, `arm.branches(goal)`: one solid, the others as ghosts.
 
     Args:
-        branches: Of one goal, with at least one answer.
-        chosen: Which is solid, from 0 on.
+        branches: Branches of one goal, with at least one solution.
+        chosen: Index of the solid one.
         ax: Axes in space to draw on, such as those of `space`.
-        size: Of a new figure before its margins are cut [inch].
-        view: Elevation and azimuth of the eye of a new figure [degrees].
+        size: Size of a new figure before its margins are cut [inch].
+        view: Elevation and azimuth of the camera of a new figure [degrees].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
-        InvalidProblem: An arm that is a function.
-        InvalidUse: No branches, none among them, no such number, or other axes.
+        InvalidProblem: An arm with black-box kinematics.
+        InvalidUse: Not branches, none among them, an index out of range, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
     if not isinstance(branches, Branches):
@@ -118,7 +118,7 @@ def branches(
 
 
 def draw_line(axes: Any, points: ArrayLike, **look: Any) -> None:
-    """Draw a line through points, (k, 2) or (k, 3) [m]; `look` as Matplotlib's `plot` takes it."""
+    """Draw a line through points, (k, 2) or (k, 3) [m]; `look` has keyword arguments of Matplotlib's `plot`."""
     axes.plot(*np.asarray(points, dtype=float).T, **look)
 
 
@@ -126,7 +126,7 @@ def draw_arm(axes: Any, arm: Arm | Mechanism, q: ArrayLike, color: str = COLOURS
     """Draw a serial arm as a line through its joints at joint values q, (n,).
 
     Raises:
-        InvalidProblem: An arm that is a function: nobody knows where its joints are.
+        InvalidProblem: An arm with black-box kinematics, whose joints are unknown.
     """
     points = joint_points(_chain_of(arm), np.asarray(q, dtype=float))
     draw_line(axes, points, **({"color": color, "linewidth": 2.5, "solid_capstyle": "round"} | look))
@@ -142,10 +142,10 @@ def draw_frame(axes: Any, T: ArrayLike, length: float) -> None:
 
 
 def _chain_of(arm: Arm | Mechanism) -> SerialChain:
-    """Its axes and links.
+    """Return the axes and links of an arm.
 
     Raises:
-        InvalidProblem: An arm that is a function.
+        InvalidProblem: An arm with black-box kinematics.
     """
     if arm.axes is None:
         raise InvalidProblem(
@@ -162,7 +162,7 @@ def _draw(axes: Any, arm: Arm | Mechanism, q: ArrayLike, goal: Goal | ArrayLike 
         raise InvalidUse(
             f"q must have shape ({mechanism.dof},) or (k, {mechanism.dof}), got {np.shape(q)}; nothing to draw"
         )
-    # Colours of their own as long as they can be told apart.
+    # Separate colours while they can be distinguished.
     few = len(rows) <= len(COLOURS)
     for i in range(len(rows) - 1, 0, -1):
         color = COLOURS[i] if few else COLOURS[-1]
@@ -176,7 +176,7 @@ def _draw(axes: Any, arm: Arm | Mechanism, q: ArrayLike, goal: Goal | ArrayLike 
 
 
 def _widen(axes: Any) -> None:
-    """Give a flat picture some depth: where a side is short, numbers of two axes are printed over each other."""
+    """Give a flat picture some depth; on a short side the numbers of two axes would overlap."""
     ends = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
     sides = np.ptp(ends, axis=1)
     more = np.maximum(SHORTEST * sides.max() - sides, 0.0) / 2
@@ -184,7 +184,7 @@ def _widen(axes: Any) -> None:
 
 
 def _draw_goal(axes: Any, goal: Goal | ArrayLike) -> None:
-    """Its axes, or a star where the orientation is free, in the arm's base."""
+    """Draw a goal as its axes, or as a star if the orientation is free, in the arm's base."""
     asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
     if asked.shape:
         raise InvalidUse(f"one goal is drawn, got a batch of shape {asked.shape}; choose one")

@@ -1,4 +1,4 @@
-"""The atlas of an arm: its sorted samples, and those that a pose is looked up among."""
+"""Pictures of the atlas of an arm: its sorted samples, and those among which a pose is looked up."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ GREY, NEIGHBOURS, OWN = "0.8", COLOURS[0], COLOURS[1]
 
 @drawn
 def samples(arm: Arm, pose: ArrayLike, *, size: tuple[float, float] = (9.4, 5.0)) -> Any:
-    """Draw the samples of an arm's atlas in hand space, and the leaf of its tree that a pose lies in.
+    """Draw the samples of an arm's atlas in tip space, and the leaf of its tree that contains a pose.
 
-    The first joint and the last one are divided out: what is left of a pose is how far the last axis is from the first, its
-    height along it, and its direction. On the left every sample, on the right what is around the pose: an arrow is a
-    sample, along its direction as far as it lies in the plane. Red are the samples of the leaf that the pose lies in, blue
-    those of the leaves beside it that are looked at too.
+    The first joint and the last one are divided out. The remaining coordinates of a pose are the distance of the last axis
+    from the first, its height along it, and its direction. The left side shows every sample, the right side the samples
+    around the pose. An arrow is a sample, along its direction as far as it lies in the plane. Samples of the leaf that
+    contains the pose are red, those of neighbouring leaves that are also searched are blue.
 
     Args:
-        arm: With axes, the first and the last of which turn, and no other joint with them.
-        pose: (4, 4).
-        size: Of the figure [inch].
+        arm: An arm with axes whose first and last joints are revolute and not coupled with others.
+        pose: A pose, (4, 4).
+        size: Size of the figure [inch].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
         InvalidGoal: Not a pose.
-        InvalidProblem: An arm that is a function.
-        InvalidUse: A batch of poses, or an arm of which the first and last joint cannot be divided out.
+        InvalidProblem: An arm with black-box kinematics.
+        InvalidUse: A batch of poses, or an arm whose first and last joint cannot be divided out.
         MissingExtra: Matplotlib is not installed.
     """
     goal = Goal.pose(pose)
@@ -78,7 +78,7 @@ def samples(arm: Arm, pose: ArrayLike, *, size: tuple[float, float] = (9.4, 5.0)
         axes.plot(*wanted[:2], "*", color="black", markersize=11, label="the pose", linestyle="none")
         axes.set(xlabel="radius from the first axis [m]", ylabel="height along it [m]", aspect="equal")
     far = np.abs(every[:, :2] - wanted[:2]).max(axis=1)
-    least = 0.05 * division.length  # All samples may be in one place: of two joints none is in the middle.
+    least = 0.05 * division.length  # All samples may coincide: with two joints there is none in the middle.
     around = float(np.percentile(far[near], 70)) if len(near) else 0.0
     spread = 1.15 * max(least, float(far[own].max()), around)
     right.set(xlim=wanted[0] + spread * np.array([-1, 1]), ylim=wanted[1] + spread * np.array([-1, 1]))
@@ -91,7 +91,10 @@ def samples(arm: Arm, pose: ArrayLike, *, size: tuple[float, float] = (9.4, 5.0)
 
 
 def coordinates(K: Array, division: Division) -> Array:
-    """What is left of poses, (k, 3, 4), with both joints divided out, (k, 5); as `kernels.atlas.samples.coordinates`."""
+    """Return the coordinates of poses, (k, 3, 4), with both joints divided out, (k, 5).
+
+    They are as in `kernels.atlas.samples.coordinates`.
+    """
     r = np.hypot(K[:, 0, 3], K[:, 1, 3])
     cosine, sine = np.where(r > 0, K[:, :2, 3].T / np.maximum(r, 1e-300), [[1.0], [0.0]])
     flat = division.length * r / np.hypot(r, division.length)
@@ -107,7 +110,7 @@ def coordinates(K: Array, division: Division) -> Array:
 
 
 def leaf_of(tree: Tree, point: Array) -> int:
-    """The leaf that a point, (5,), lies in."""
+    """Return the leaf that contains a point, (5,)."""
     node, inner = 0, len(tree.points) - 1
     while node < inner:
         node = 2 * node + (1 if point[tree.axis[node]] < tree.split[node] else 2)
@@ -115,14 +118,14 @@ def leaf_of(tree: Tree, point: Array) -> int:
 
 
 def _seen(index: AtlasIndex, target: Array) -> Array:
-    """A pose, (3, 4), as the samples are kept, (1, 3, 4)."""
+    """Convert a pose, (3, 4), to the form of the stored samples, (1, 3, 4)."""
     sorted_ = index.sorted
     whole = square(sorted_.inverse_head) @ square(target) @ square(sorted_.inverse_tip)
     return np.asarray(whole[None, :3])
 
 
 def _arrows(axes: Any, points: Array, **look: Any) -> None:
-    """An arrow at every point, along its direction in the plane of radius and height."""
+    """Draw an arrow at every point, along its direction in the plane of radius and height."""
     unit = np.linalg.norm(points[:, 2:], axis=1)[:, None]
     along = points[:, [2, 4]] / np.maximum(unit, 1e-300)
     axes.quiver(*points[:, :2].T, *along.T, angles="xy", scale=18.0, pivot="tail", **look)

@@ -1,4 +1,4 @@
-"""Figures, axes and their look, and files of pictures."""
+"""Figures, axes and their style, and image files."""
 
 from __future__ import annotations
 
@@ -17,30 +17,31 @@ from kinseek.printable import printable
 P = ParamSpec("P")
 
 COLOURS = ("#0072b2", "#c23b00", "#009e73", "#e69f00", "#7a4e8f", "#56b4e9", "#000000", "#999999")
-"""Apart for most eyes, and in grey."""
+"""Colours that most people can distinguish, also in grey."""
 
 ZOOM = 0.85
-"""Of the box in space, so that numbers and labels beside it stay in the picture."""
+"""Zoom of the box in space, so that numbers and labels beside it stay in the picture."""
 
 NUMBERS, LABEL = 11.5, 30.0
-"""Way of numbers and of a label from an axis of a cube [pt], with Matplotlib's own 8 and 21 in it."""
+"""Distance of numbers and of a label from an axis of a cube [pt], including Matplotlib's own 8 and 21."""
 
 EDGE, TITLE = 0.08, 0.25
-"""What stays around a picture in space whose margins are cut, and above it for a title [inch]."""
+"""Margin around a picture in space after trimming, and above it for a title [inch]."""
 
 HINTED = 1.08
-"""How much wider a title may become when the picture is saved with more dots an inch: letters are moved onto whole dots, and
-of a line of 60 letters the width in inches differs by 7.5 % between 72 and 300 dots an inch."""
+"""Factor by which a title may become wider when the picture is saved with more dots per inch. Characters are moved to whole
+dots, so the width of a line of 60 characters differs by 7.5 % between 72 and 300 dots per inch.
+"""
 
 LETTERS = 9
-"""[pt]"""
+"""Font size [pt]."""
 
 LOOK = {"font.size": LETTERS, "axes.titlesize": LETTERS + 0.5, "legend.fontsize": LETTERS}
-"""Of what the functions of this package draw; no setting of Matplotlib's is changed for what others draw."""
+"""Matplotlib settings for the functions of this package; settings for other drawings are not changed."""
 
 
 def pyplot() -> Any:
-    """Matplotlib's pyplot.
+    """Import Matplotlib's pyplot.
 
     Raises:
         MissingExtra: Matplotlib is not installed.
@@ -54,10 +55,10 @@ def pyplot() -> Any:
 
 @contextmanager
 def _looking() -> Iterator[None]:
-    """Draw with our look.
+    """Apply the style of this package.
 
-    Matplotlib's own `rc_context` puts every setting back, also those that a backend makes when the first figure loads it: it
-    left notebooks in a state in which pyplot shows no figure any more.
+    Matplotlib's own `rc_context` restores every setting, including those that a backend changes when the first figure loads
+    it. In notebooks pyplot then showed no more figures.
     """
     settings = pyplot().rcParams
     before = {name: settings[name] for name in LOOK}
@@ -69,19 +70,20 @@ def _looking() -> Iterator[None]:
 
 
 def _leave_to_the_cell(figure: Any) -> None:
-    """Take a figure out of pyplot in a notebook.
+    """Remove a figure from pyplot in a notebook.
 
-    There pyplot shows its figures at the end of a cell, and the cell shows the figure that it returns: the same one twice.
+    There pyplot shows its figures at the end of a cell, and the cell also shows the figure that it returns: the same one
+    twice.
     """
     if "inline" in pyplot().get_backend():
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         pyplot().close(figure)
-        FigureCanvasAgg(figure)  # Closed, it may have a canvas that cannot draw.
+        FigureCanvasAgg(figure)  # A closed figure may have a canvas that cannot draw.
 
 
 def drawn(draw: Callable[P, Any]) -> Callable[P, Any]:
-    """Let a function draw with our look, on its own figure or on axes that it is given."""
+    """Decorate a function to draw with the package's style, on its own figure or on given axes."""
 
     @wraps(draw)
     def dressed(*given: P.args, **named: P.kwargs) -> Any:
@@ -97,9 +99,9 @@ def space(
     """Make a figure with axes in space, lengths in [m].
 
     Args:
-        size: Of the figure [inch].
-        elevation: Of the eye [degrees].
-        azimuth: Of the eye [degrees].
+        size: Size of the figure [inch].
+        elevation: Elevation of the camera [degrees].
+        azimuth: Azimuth of the camera [degrees].
 
     Raises:
         MissingExtra: Matplotlib is not installed.
@@ -115,12 +117,12 @@ def space(
 
 
 def plane(columns: int = 1, size: tuple[float, float] = (5.2, 4.2), rows: int = 1) -> tuple[Any, Any]:
-    """Make a figure with axes in a plane, an array of them if there are more than one.
+    """Make a figure with axes in a plane, or an array of them if there are more than one.
 
     Args:
-        columns: Axes beside each other.
-        size: Of the figure [inch].
-        rows: Axes below each other.
+        columns: Number of axes beside each other.
+        size: Size of the figure [inch].
+        rows: Number of axes below each other.
 
     Raises:
         MissingExtra: Matplotlib is not installed.
@@ -135,10 +137,10 @@ def plane(columns: int = 1, size: tuple[float, float] = (5.2, 4.2), rows: int = 
 
 
 def given_or_new(ax: Any, size: tuple[float, float]) -> tuple[Any, Any]:
-    """The axes in a plane that were given and their figure, or new ones.
+    """Return the given axes in a plane with their figure, or new ones.
 
     Raises:
-        InvalidUse: They are no axes in a plane.
+        InvalidUse: Not axes in a plane.
         MissingExtra: Matplotlib is not installed.
     """
     if ax is None:
@@ -147,10 +149,10 @@ def given_or_new(ax: Any, size: tuple[float, float]) -> tuple[Any, Any]:
 
 
 def given_or_new_space(ax: Any, size: tuple[float, float], view: tuple[float, float]) -> tuple[Any, Any]:
-    """The axes in space that were given and their figure, or new ones, seen from (elevation, azimuth) [degrees].
+    """Return the given axes in space with their figure, or new ones, seen from (elevation, azimuth) [degrees].
 
     Raises:
-        InvalidUse: They are no axes in space.
+        InvalidUse: Not axes in space.
         MissingExtra: Matplotlib is not installed.
     """
     if ax is None:
@@ -170,12 +172,12 @@ def _figure_of(ax: Any, in_space: bool) -> Any:
 
 
 def text_of(name: str) -> str:
-    """A name from a file, as a text of Matplotlib: no formula, and escapes for what is not printable."""
+    """Return a name from a file as a text for Matplotlib, without formulas, and with escapes for unprintable characters."""
     return printable(name).replace("$", r"\$")
 
 
 def same_scale(axes: Any) -> None:
-    """Let a metre be as long along every axis."""
+    """Scale a metre equally along every axis."""
     if not hasattr(axes, "get_zlim"):
         axes.set_aspect("equal")
         return
@@ -188,24 +190,24 @@ def same_scale(axes: Any) -> None:
     towards = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
     seen = sides * np.sqrt(1.0 - np.square(towards))
     for i, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
-        # An axis that is short, or points at the eye, has few numbers, else they are printed over each other. Those of z
-        # stand above each other and take less room.
+        # A short axis, or one that points at the camera, gets few numbers so that they do not overlap. Those of z are above
+        # each other and need less space.
         least = 2 if i == 2 else 1
         axis.set_major_locator(MaxNLocator(max(least, round(5 * seen[i] / seen.max())), min_n_ticks=least))
-        # Matplotlib moves numbers and label away from an axis by a share of the two other sides: into the numbers where
-        # those are short, out of the picture where they are long. Here the way is as long as beside a cube.
+        # Matplotlib moves numbers and label away from an axis in proportion to the two other sides: into the numbers if
+        # those are short, out of the picture if they are long. Here the distance is that of a cube.
         beside = np.linalg.norm(np.delete(sides, i)) / np.linalg.norm(sides) / np.sqrt(2 / 3)
         axis.labelpad = LABEL / beside - 21.0
         axis.set_tick_params(pad=NUMBERS / beside - 8.0)
 
 
 def trim(figure: Any, axes: Any, title: str = "") -> None:
-    """Cut the margins of a figure with one axes in space, which are wide where an arm is long or flat; put a title on top.
+    """Cut the margins of a figure with one axes in space, which are wide for a long or flat arm, and add a title.
 
-    The last thing to do before it is saved or shown: what is drawn later may not fit.
+    Call it last, before the figure is saved or shown: later additions may not fit.
 
     Raises:
-        InvalidUse: Axes in a plane, or none.
+        InvalidUse: Axes in a plane, or no axes.
     """
     _figure_of(axes, in_space=True)
     words = figure.suptitle(title, va="top", fontsize=LOOK["axes.titlesize"])
@@ -223,7 +225,7 @@ def trim(figure: Any, axes: Any, title: str = "") -> None:
 
 
 def _extent_in_space(axes: Any) -> Any:
-    """Box on the page [px] of axes in space with their numbers and labels, without the empty square around them."""
+    """Return the bounding box [px] of axes in space with their numbers and labels, without the empty square around them."""
     from matplotlib.transforms import Bbox
     from mpl_toolkits.mplot3d.proj3d import proj_transform
 
@@ -238,10 +240,10 @@ def _extent_in_space(axes: Any) -> Any:
 
 
 def save(figure: Any, path: str | Path, dpi: int = 110) -> Path:
-    """Write a PNG of `dpi` dots an inch, without the name of the program that made it, and forget the figure.
+    """Write a PNG with `dpi` dots per inch, without the name of the program, and close the figure.
 
     Raises:
-        InvalidUse: The path ends in that of another format.
+        InvalidUse: The path has the extension of another format.
     """
     if Path(path).suffix.lower() != ".png":
         raise InvalidUse(f"pictures are PNG files: the path must end in .png, got {str(path)!r}")

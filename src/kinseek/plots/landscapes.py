@@ -1,4 +1,4 @@
-"""The error over two joints: the landscape that a search moves in, and a search closing in on its answer."""
+"""Landscapes of the error over two joints, and the progress of a search towards its solution."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ Array = NDArray[np.float64]
 Pair = tuple[int | str, int | str]
 
 POINTS = 241
-"""Values of each joint at which a landscape of errors is measured, unless told otherwise."""
+"""Default number of values of each joint at which a landscape of errors is computed."""
 
 LEAST_ERROR = 1e-12
-"""Where a logarithmic axis of errors ends: less is rounding."""
+"""Lower end of a logarithmic axis of errors: smaller errors are rounding."""
 
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
 
 LOG_ERROR = "log10 of the weighted error"
 
 MOST_NODES = 2500
-"""Of a pass that is drawn: more cannot be told apart."""
+"""Maximum number of nodes of a pass that is drawn; more cannot be distinguished."""
 
 
 @drawn
@@ -46,23 +46,23 @@ def landscape(
 ) -> Any:
     """Draw the weighted error over the ranges of two joints: darker is nearer to the goal.
 
-    All other joints stand where the answer has them. The answer is a cross, other answers are circles.
+    All other joints have their values in the solution. The solution is drawn as a cross, other solutions as circles.
 
     Args:
-        solution: Of one target.
-        joints: Which two, by number from 0 on or by name.
+        solution: Solution of one target.
+        joints: The two joints, by index from 0 or by name.
         answers: Other joint values to mark, (k, n), such as those of `arm.branches`.
-        within: Lowest and highest values of the first joint and of the second, (2, 2); their whole ranges unless given.
-        points: Values of each joint; points² errors are computed.
-        ax: Axes in a plane to draw on; a new figure has a bar of the colours beside them.
-        size: Of a new figure [inch].
+        within: Lowest and highest values of the first joint and of the second, (2, 2); by default their whole ranges.
+        points: Number of values of each joint; points² errors are computed.
+        ax: Axes in a plane to draw on; a new figure also has a colour bar.
+        size: Size of a new figure [inch].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
-        InvalidProblem: Answers that do not fit the arm.
-        InvalidUse: A batch, not two joints of the arm, ends that do not rise, too few points, or other axes.
+        InvalidProblem: `answers` do not fit the arm.
+        InvalidUse: A batch, not two joints of the arm, ends in the wrong order, too few points, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
     one, points = judged(solution), count_of("points", points, 2)
@@ -74,7 +74,7 @@ def landscape(
     figure, axes = given_or_new(ax, size)
     low, high = np.array(one.problem.limits)[:, [x, y]] if within is None else _ends(within)
     image = _shade(axes, one, (x, y), low, high, points, "viridis")
-    # The deepest hundredth, some dots around an answer, would take most of the colours.
+    # The deepest hundredth, some dots around a solution, would take most of the colours.
     image.set_clim(vmin=float(np.percentile(np.asarray(image.get_array()), 1)))
     if ax is None:
         figure.colorbar(image, ax=axes, label=LOG_ERROR, pad=0.01, extend="min")
@@ -95,27 +95,27 @@ def passes(
     points: int = 121,
     panel: float = 2.7,
 ) -> Any:
-    """Draw what a search over grids visits, pass by pass: each panel is the window of a pass and all of its nodes.
+    """Draw the nodes of a grid search, pass by pass: each panel is the window of a pass with all of its nodes.
 
-    A node has the colour of its weighted error, the best known after the pass is ringed, and the frame is the window of the
-    next pass, which the next panel shows. All other joints stand where the pass's best has them, for the nodes and for the
-    landscape behind them; of an arm with two joints the nodes are all that were visited, with a beam those of the window
-    around the best.
+    The colour of a node is its weighted error. A ring marks the best joint values known after the pass, and a frame the
+    window of the next pass, which the next panel shows. All other joints have the values of the pass's best, for the nodes
+    and for the landscape behind them. For an arm with two joints the nodes are all that were visited; with a beam they are
+    those of the window around the best.
 
     Args:
-        solution: Of one target, with its trace.
-        joints: Which two, by number from 0 on or by name.
-        first: How many passes at most.
-        points: Values of each joint at which the landscape behind the nodes is measured; points² errors are computed for
-            each panel, and one for each node.
-        panel: Size of each [inch].
+        solution: Solution of one target, with its trace.
+        joints: The two joints, by index from 0 or by name.
+        first: Maximum number of passes.
+        points: Number of values of each joint at which the landscape behind the nodes is computed; points² errors are
+            computed for each panel, and one for each node.
+        panel: Size of each panel [inch].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
-        InvalidUse: No trace, a batch, not two joints of the arm, no pass with a window, a window of more nodes than can be
-            told apart, or less than one panel or two points.
+        InvalidUse: No trace, a batch, not two joints of the arm, no pass with a window, a window with too many nodes to
+            distinguish, or less than one panel or two points.
         MissingExtra: Matplotlib is not installed.
     """
     trace = trace_of(judged(solution))
@@ -184,17 +184,17 @@ def windows(
     points: int = POINTS,
     size: tuple[float, float] = (8.6, 4.2),
 ) -> Any:
-    """Draw the windows of the passes closing in on the answer, over the landscape of the weighted error.
+    """Draw how the windows of the passes shrink around the solution, over the landscape of the weighted error.
 
-    On the left the whole ranges of two joints, on the right what is around the answer, a cross; all other joints stand where
-    the answer has them. A frame is a window, a dot the best known after its pass, and darker is nearer to the goal.
-    Windows too small to see are left out.
+    The left side shows the whole ranges of two joints, the right side the neighbourhood of the solution, a cross. All other
+    joints have their values in the solution. A frame is a window, a dot the best known after its pass, and darker is nearer
+    to the goal. Windows too small to see are left out.
 
     Args:
-        solution: Of one target, with its trace.
-        joints: Which two, by number from 0 on or by name.
-        points: Values of each joint at which the landscape is measured; 2 points² errors are computed.
-        size: Of the figure [inch].
+        solution: Solution of one target, with its trace.
+        joints: The two joints, by index from 0 or by name.
+        points: Number of values of each joint at which the landscape is computed; 2 points² errors are computed.
+        size: Size of the figure [inch].
 
     Returns:
         The Matplotlib figure.
@@ -222,7 +222,7 @@ def windows(
         for i, pass_ in enumerate(shown):
             start, end = (each_end[[x, y]] for each_end in pass_.ends)
             wide = end - start
-            if (wide < (high - low) / 60).any() or i == 6:  # As many colours as can be told apart on grey.
+            if (wide < (high - low) / 60).any() or i == 6:  # As many colours as are distinct on grey.
                 break
             colour = COLOURS[i % 6]
             _frame(each, solution, pass_, x, y, edgecolor=colour, linewidth=1.6)
@@ -255,7 +255,7 @@ def windows(
 
 
 def errors_at(solution: Solution, q: Array) -> Array:
-    """Weighted errors at joint values, (k, n) -> (k,)."""
+    """Return the weighted errors at joint values, (k, n) -> (k,)."""
     problem = solution.problem
     target = np.broadcast_to(problem.goal.target, (len(q), 4, 4))
     many = replace(problem, goal=problem.goal.at(target), near=None, trace=False)
@@ -271,7 +271,7 @@ def _over(solution: Solution, joints: tuple[int, int], first: Array, second: Arr
 
 
 def _nodes(solution: Solution, each: Pass, x: int, y: int) -> Array:
-    """Log10 of the weighted error at the nodes of a pass, the other joints as its best has them."""
+    """Log10 of the weighted error at the nodes of a pass, with the other joints as in its best."""
     return _over(replace(solution, q=each.q), (x, y), each.values(x), each.values(y)).T
 
 
@@ -303,7 +303,7 @@ def _ends(within: ArrayLike) -> tuple[Array, Array]:
 
 
 def _around(solution: Solution, each: Pass, following: Pass | None, x: int, y: int) -> tuple[Array, Array]:
-    """Lowest and highest values of a panel, (2,) each: the window, and the next one where it sticks out of it."""
+    """Return the lowest and highest values of a panel, (2,) each: the window, and the part of the next one beyond it."""
     low, high = np.array(each.ends)[:, [x, y]]
     ends = [(low, high)]
     if following is not None:
@@ -318,27 +318,27 @@ def _around(solution: Solution, each: Pass, following: Pass | None, x: int, y: i
 
 
 def _greys() -> Any:
-    """Dark to light, and never so dark or light that a coloured line is lost on it."""
+    """Return greys from dark to light, with enough contrast to coloured lines."""
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("greys", ["0.3", "0.97"])
 
 
 def _cross(axes: Any, place: Array) -> None:
-    """Mark an answer, on any ground."""
+    """Mark a solution, visible on any background."""
     axes.plot(*place, "x", color="white", markeredgewidth=4, markersize=9, zorder=5)
     axes.plot(*place, "x", color="black", markeredgewidth=1.8, markersize=8, zorder=6)
 
 
 def _frame(axes: Any, solution: Solution, each: Pass, x: int, y: int, **look: Any) -> None:
-    """Draw the window of a pass; of a joint that turns fully at both ends of its range."""
+    """Draw the window of a pass; for a joint with a full turn, at both ends of its range."""
     start, end = (each_end[[x, y]] for each_end in each.ends)
     for turn in _turns(solution, (x, y)):
         axes.add_patch(pyplot().Rectangle(start + turn, *(end - start), fill=False, **look))
 
 
 def _turns(solution: Solution, joints: tuple[int, int]) -> list[Array]:
-    """By what a window is moved to be seen at both ends of the range of a joint that turns fully."""
+    """Return the shifts with which a window is seen at both ends of the range of a joint with a full turn."""
     wraps, lower, upper = solution.problem.mechanism.wraps, *solution.problem.limits
     ways = [(-1, 0, 1) if wraps[joint] else (0,) for joint in joints]
     full = [upper[joint] - lower[joint] for joint in joints]
@@ -351,7 +351,7 @@ def _name_axes(axes: Any, solution: Solution, x: int, y: int) -> None:
 
 
 def _spacings(solution: Solution, spacing: Array, x: int, y: int) -> str:
-    """How far nodes are from their neighbours along two joints, with units."""
+    """Return the distances of neighbouring nodes along two joints, with units."""
     kinds = solution.problem.mechanism.kinds
     report = [f"{spacing[i]:.2g} {unit_of(kinds[i])}".rstrip() for i in (x, y)]
     return report[0] if report[0] == report[1] else f"{report[0]} and {report[1]}"

@@ -1,4 +1,4 @@
-"""Maps of workspaces: slices, the capability cloud, bounds of the volume, places for the base."""
+"""Pictures of maps of workspaces: slices, the capability cloud, bounds of the volume, base placements."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ CELLS = {
 }
 
 ARROW = 0.3
-"""Length of an arrow that shows which way a base looks [inch]."""
+"""Length of an arrow that shows the direction of a base [inch]."""
 
 SHARES = "viridis"
-"""Colours of a share."""
+"""Colour map of fractions."""
 
 
 @drawn
@@ -39,22 +39,22 @@ def map_slice(
     size: tuple[float, float] | None = None,
     **where: float,
 ) -> Any:
-    """Draw a plane of a map: the share of orientations that is reached, or what is known of one orientation.
+    """Draw a plane of a map: the fraction of orientations reached, or the results for one orientation.
 
     Args:
-        dataset: A map that `kinseek.maps.reach` made, or its capability.
-        orientation: Number of one; without it the capability of all. Of a map with ``prove=True``, what is known of each
-            cell. Not of a capability, which has no single orientations.
+        dataset: A map from `kinseek.maps.reach`, or its capability.
+        orientation: Index of one orientation; by default the capability of all. For a map with ``prove=True``, the class of
+            each cell is drawn. Not for a capability, which has no single orientations.
         ax: Axes in a plane to draw on.
-        size: Of a new figure [inch]; as wide as the plane asks for unless given.
-        where: Of one dimension of a `Grid`, where the plane is: ``z=0.4`` [m]; the nearest cells are drawn. The middle of y
-            unless given. `Rings` are a plane already.
+        size: Size of a new figure [inch]; by default as wide as the plane requires.
+        where: Position of the plane along one dimension of a `Grid`: ``z=0.4`` [m]; the nearest cells are drawn. By default
+            the middle of y. `Rings` are a plane already.
 
     Returns:
         The Matplotlib figure.
 
     Raises:
-        InvalidMap: It is no map.
+        InvalidMap: It is not a map.
         InvalidUse: No such dimension or orientation, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
@@ -97,7 +97,7 @@ def map_slice(
 
 
 def _one(figure: Any, axes: Any, plane: Any, look: dict[str, Any]) -> None:
-    """Colour the cells of one orientation, and say what the colours mean."""
+    """Colour the cells of one orientation, with a legend."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
@@ -132,21 +132,21 @@ def cloud(
     size: tuple[float, float] = (6.2, 5.0),
     view: tuple[float, float] = (22.0, -60.0),
 ) -> Any:
-    """Draw the capability of a map in space: a dot for each position, its colour the share of orientations that is reached.
+    """Draw the capability of a map in space: a dot for each position, coloured by the fraction of orientations reached.
 
     Args:
-        dataset: A map of a `Grid` that `kinseek.maps.reach` made, or its capability.
-        least: Positions with a smaller share are left out.
-        cut: Leave out the quarter in front, so that the inside is seen.
+        dataset: A map of a `Grid` from `kinseek.maps.reach`, or its capability.
+        least: Positions with a smaller fraction are left out.
+        cut: Leave out the front quarter, so that the inside is visible.
         ax: Axes in space to draw on.
-        size: Of a new figure [inch].
-        view: Elevation and azimuth of the eye [degrees].
+        size: Size of a new figure [inch].
+        view: Elevation and azimuth of the camera [degrees].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
-        InvalidMap: It is no map.
+        InvalidMap: It is not a map.
         InvalidUse: A map of `Rings`, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
@@ -185,19 +185,19 @@ def cloud(
 def volumes(
     datasets: Sequence[Any], *, what: str = "poses", ax: Any = None, size: tuple[float, float] = (5.6, 4.0)
 ) -> Any:
-    """Draw how the bounds of a workspace's volume close in as cells get smaller.
+    """Draw how the bounds of a workspace's volume converge as cells get smaller.
 
     Args:
         datasets: Maps of one arm, made with ``prove=True``, with cells of several sizes.
         what: ``"poses"`` or ``"positions"``, see `kinseek.maps.volume`.
         ax: Axes in a plane to draw on.
-        size: Of a new figure [inch].
+        size: Size of a new figure [inch].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
-        InvalidMap: One is no map, or not proved.
+        InvalidMap: One is not a map, or not proved.
         InvalidUse: No maps, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
@@ -221,15 +221,15 @@ def volumes(
 
 @drawn
 def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] | None = None) -> Any:
-    """Draw places for a base from above: how many poses each reaches, and the best.
+    """Draw base placements from above: how many poses each reaches, and the best.
 
-    Where several candidates stand in one place, each is an arrow along the x axis of the base. Candidates that differ in
-    height or tilt alone lie on each other, the best in front.
+    If several candidates have the same position, each is an arrow along the x axis of the base. Candidates that differ only
+    in height or tilt overlap, with the best in front.
 
     Args:
-        ranked: What `kinseek.maps.best_base` gave.
+        ranked: The result of `kinseek.maps.best_base`.
         ax: Axes in a plane to draw on.
-        size: Of a new figure [inch]; as wide as the places ask for unless given.
+        size: Size of a new figure [inch]; by default as wide as the positions require.
 
     Returns:
         The Matplotlib figure.
@@ -258,22 +258,22 @@ def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] | None = Non
 
 
 def _is_capability(dataset: Any) -> bool:
-    """Is it what `kinseek.maps.capability` gave, and no map?"""
+    """Return whether a dataset is a result of `kinseek.maps.capability` instead of a map."""
     return not hasattr(dataset, "data_vars")
 
 
 def _share(dataset: Any) -> Any:
-    """The capability, of a map or as it is."""
+    """Return the capability of a map, or the capability itself."""
     return dataset if _is_capability(dataset) else capability(dataset)
 
 
 def _dot(shape: tuple[int, ...]) -> float:
-    """Area of a dot [points²] that hides what lies behind it, where so many stand side by side in a usual figure."""
+    """Return the area of a dot [points²] that hides the dots behind it, for this number side by side in a usual figure."""
     return float(np.clip(150.0 / max(shape), 2.0, 16.0) ** 2)
 
 
 def _size(extent: Sequence[float], least: float) -> tuple[float, float]:
-    """Width and height of a figure [inch] of a plane, from left, right, low, high, with room for a scale beside it."""
+    """Return width and height of a figure [inch] for a plane from left, right, low, high, with space for a scale."""
     left, right, low, high = extent
     wide = (right - left) / max(high - low, 1e-9)
     if 4.0 * wide + 2.0 > 8.0:

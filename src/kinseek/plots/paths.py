@@ -1,4 +1,4 @@
-"""Joint values over a path: against their limits, with what a controller has to know, steps and breaks."""
+"""Pictures of joint values along a path, with limits, steps and breaks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .shown import axis_label, unit_of
 Array = NDArray[np.float64]
 
 MARKED = 200
-"""Rows up to which each is a dot."""
+"""Maximum number of rows with which each row is marked by a dot."""
 
 
 @drawn
@@ -30,25 +30,25 @@ def joints(
     times: ArrayLike | None = None,
     size: tuple[float, float] | None = None,
 ) -> Any:
-    """Draw joint values over a path, a panel a joint, between its limits (dashed), and mark the largest step in each unit.
+    """Draw joint values along a path, a panel per joint, between its limits (dashed), and mark the largest step per unit.
 
-    A joint without limits has none drawn. Steps are differences of the values as they stand: a joint that jumps by a full
-    turn does so here too.
+    A joint without limits has no dashed lines. Steps are plain differences of the values, so a jump by a full turn is a
+    step.
 
     Args:
         q: Joint values row by row, (N, n), [rad] or [m].
-        arm: Whose joints they are.
-        breaks: Numbers of the rows, from 1 to N - 1, to which no motion leads from the row before: lines are broken there, a
-            dotted line marks the place, and the step does not count.
-        times: Of the rows, (N,), [s], rising; numbers of the rows unless given.
-        size: Of the figure [inch].
+        arm: The arm of these joints.
+        breaks: Indices of the rows, from 1 to N - 1, to which no motion leads from the previous row. Lines are broken there,
+            a dotted line marks the place, and the step is ignored.
+        times: Times of the rows, (N,), [s], increasing; by default the indices of the rows.
+        size: Size of the figure [inch].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
         InvalidProblem: Joint values that do not fit the arm.
-        InvalidUse: Less than two rows, breaks that are no such numbers, or times that do not fit or rise.
+        InvalidUse: Fewer than two rows, invalid breaks, or times that do not fit or increase.
         MissingExtra: Matplotlib is not installed.
     """
     rows = as_joints(arm.mechanism, q)
@@ -87,7 +87,7 @@ def joints(
 
 
 def _report(rows: Array, largest: dict[int, int], arm: Arm, breaks: int) -> str:
-    """The largest steps, and the number of breaks, in words."""
+    """Describe the largest steps, and the number of breaks."""
     report = []
     for joint, row in largest.items():
         step = abs(float(rows[row, joint] - rows[row - 1, joint]))
@@ -98,7 +98,7 @@ def _report(rows: Array, largest: dict[int, int], arm: Arm, breaks: int) -> str:
 
 
 def _largest_steps(rows: Array, cuts: list[int], units: Sequence[str]) -> dict[int, int]:
-    """Of each unit the joint with the largest step, and the row to which it leads; breaks do not count."""
+    """Return for each unit the joint with the largest step, and the row that it leads to; breaks are ignored."""
     steps = np.abs(np.diff(rows, axis=0))
     steps[[cut - 1 for cut in cuts]] = -1.0
     largest = {}

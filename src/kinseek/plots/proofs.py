@@ -1,4 +1,4 @@
-"""The boxes of joint values that a proof looks at: which are proved empty, and which are left."""
+"""Pictures of the boxes of joint values in a proof: those proved empty, and those left."""
 
 from __future__ import annotations
 
@@ -23,19 +23,20 @@ from .shown import axis_label, count_of, two_joints
 Array = NDArray[np.float64]
 
 MOST = 2000
-"""Boxes that are looked at for a picture, unless told otherwise."""
+"""Default number of boxes that are examined for a picture."""
 
 EMPTY, LEFT = "Blues", COLOURS[1]
 
 
 class Look(NamedTuple):
-    """One look of the proof at a box: centre and half widths in one row, [rad] or [m]."""
+    """One step of the proof: centre and half widths of a box in one row, [rad] or [m]."""
 
     box: Array
-    """(2 k,), of the k joints that are not divided out."""
+    """The box, (2 k,), for the k joints that are not divided out."""
     left: Array
-    """What is left of it: (0, 2 k) if it is proved empty; (1, 2 k) if it was cut from its sides, or is itself left since it
-    holds an answer or is as small as numbers allow; (2, 2 k) if it was halved."""
+    """The rest of it: (0, 2 k) if it is proved empty; (1, 2 k) if it was cut from its sides, or is kept because it contains
+    a solution or is as small as numbers allow; (2, 2 k) if it was halved.
+    """
 
 
 @drawn
@@ -47,29 +48,28 @@ def boxes(
     ax: Any = None,
     size: tuple[float, float] = (5.8, 5.2),
 ) -> Any:
-    """Draw the boxes of joint values that a proof looks at: blue is proved empty, darker where it took longer, red is left.
+    """Draw the boxes of a proof: blue is proved empty, darker after more steps; red is left.
 
-    Of more than two joints a slice is drawn: all other joints stand where the certificate's best pose has them. A last joint
-    that is divided out is in no box.
+    For more than two joints a slice is drawn, with all other joints as in the certificate's best pose. Boxes do not include
+    a last joint that is divided out.
 
-    A certificate counts its boxes and does not keep them, so the proof is run again here, by the same kernel, one look at a
-    time and the widest box first: what a budget leaves is spread evenly. With a budget that suffices the boxes are those of
-    the proof.
+    A certificate does not store its boxes. So the proof is repeated by the same kernel, one step at a time and the widest
+    box first, so that the boxes left by a budget are spread evenly. With a sufficient budget the boxes are those of the
+    proof.
 
     Args:
         certificate: From `arm.prove`.
-        joints: Which two are the axes of the picture, by number from 0 on or by name; those whose slice has the most
-            boxes unless given.
-        most: Boxes to look at, 2,000 unless told otherwise, which takes about a tenth of a second.
+        joints: The two axes of the picture, by index from 0 or by name; by default those whose slice has the most boxes.
+        most: Number of boxes to examine; the default of 2,000 takes about a tenth of a second.
         ax: Axes in a plane to draw on.
-        size: Of a new figure [inch].
+        size: Size of a new figure [inch].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
-        InvalidUse: No certificate, other axes, not two joints, one that is divided out, less than two that are not, or a
-            goal that takes no box, since lengths and angles decide.
+        InvalidUse: Not a certificate, other axes, not two joints, one that is divided out, fewer than two that are not, or a
+            goal that needs no boxes because lengths and angles decide.
         MissingExtra: Matplotlib is not installed.
     """
     if not isinstance(certificate, Certificate):
@@ -94,17 +94,17 @@ def boxes(
 
 
 def watched(problem: Problem, most: int = MOST) -> list[Look]:
-    """Look at boxes as `Arm.prove` does, one at a time, widest first, until none is left or so many have been looked at.
+    """Examine boxes as `Arm.prove` does, one at a time, widest first, until none is left or `most` are examined.
 
     Args:
-        problem: One target, no ranges.
-        most: Looks at most.
+        problem: One target without ranges.
+        most: Maximum number of steps.
     """
     asked = question(problem)
-    tuning = tuning_of(problem, most + 1, 0)  # No steps towards an answer: boxes alone are wanted.
+    tuning = tuning_of(problem, most + 1, 0)  # No steps towards a solution: only boxes are needed.
     looks: list[Look] = []
     waiting: list[tuple[float, int, Array]] = []
-    number = count()  # Boxes of the same size come in the order in which they were cut.
+    number = count()  # Boxes of the same size are ordered by their creation.
 
     def put(boxes: Array) -> None:
         for box in boxes:
@@ -117,7 +117,7 @@ def watched(problem: Problem, most: int = MOST) -> list[Look]:
         found = run.go(1, Watch()) == FOUND
         if run.seen == 0:  # Lengths and angles alone decide.
             return []
-        undecided = found or run.figures[STUCK] > 0.0  # It holds an answer, or is as small as numbers allow.
+        undecided = found or run.figures[STUCK] > 0.0  # Contains a solution, or cannot be halved.
         looks.append(Look(box, box[None] if undecided else run.boxes[: run.counts[COUNT]].copy()))
         if not undecided:
             put(looks[-1].left)
@@ -128,32 +128,32 @@ class Slice(NamedTuple):
     """A plane of two joints through joint values."""
 
     q: Array
-    """(k,), of the joints that are not divided out."""
+    """Joint values, (k,), of the joints that are not divided out."""
     x: int
     y: int
 
     def meets(self, box: Array) -> bool:
-        """Does it go through a box, (2 k,)?"""
+        """Return whether it intersects a box, (2 k,)."""
         k = len(self.q)
         others = np.delete(np.arange(k), [self.x, self.y])
         return bool((np.abs(self.q - box[:k]) <= box[k:])[others].all())
 
     def part(self, box: Array) -> tuple[float, float, float, float]:
-        """Left, lower, width and height of a box in it."""
+        """Return left, lower end, width and height of a box in it."""
         c, h = box[: len(self.q)], box[len(self.q) :]
         x, y = self.x, self.y
         return float(c[x] - h[x]), float(c[y] - h[y]), float(2 * h[x]), float(2 * h[y])
 
 
 def _within(whole: Array, q: Array) -> Array:
-    """Joint values that are not divided out, (k,), brought into the box of all by whole turns."""
+    """Shift joint values that are not divided out, (k,), into the box of all by whole turns."""
     k = len(whole) // 2
     gap = q[:k] - whole[:k]
     return np.where(np.abs(gap) > whole[k:], q[:k] - nearest_turns(gap), q[:k])
 
 
 def _axes_of(problem: Problem, looks: list[Look], q: Array, joints: object) -> tuple[int, int]:
-    """The two joints of the picture."""
+    """Return the two joints of the picture."""
     names, k = problem.mechanism.joint_names, len(q)
     if k < 2:
         raise InvalidUse(
@@ -174,7 +174,7 @@ def _axes_of(problem: Problem, looks: list[Look], q: Array, joints: object) -> t
 
 
 def _paint(axes: Any, slice_: Slice, looks: list[Look]) -> int:
-    """Paint boxes over those that they are parts of; how many are left."""
+    """Paint boxes over the boxes that they are parts of; return the number of boxes left."""
     from matplotlib import colormaps
     from matplotlib.patches import Rectangle
 

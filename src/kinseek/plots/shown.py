@@ -1,4 +1,4 @@
-"""What of a trace is shown: which trace, which pass, which joint; and what cannot be shown is refused by name."""
+"""Selection of traces, passes and joints for pictures, with error messages for those that cannot be shown."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def trace_of(traced: Trace | Solution) -> Trace:
-    """The trace of one target.
+    """Return the trace of one target.
 
     Raises:
         InvalidUse: A batch, something else, or no trace.
@@ -34,7 +34,7 @@ def trace_of(traced: Trace | Solution) -> Trace:
 
 
 def judged(solution: Solution) -> Solution:
-    """A solution, which says how far off any joint values are; a trace alone does not.
+    """Return a solution, which defines the error of any joint values; a trace alone does not.
 
     Raises:
         InvalidUse: Something else.
@@ -50,7 +50,7 @@ def judged(solution: Solution) -> Solution:
 
 
 def named(traces: Mapping[str, Trace | Solution] | Sequence[Trace | Solution]) -> dict[str, Trace]:
-    """Traces by name; without one, by that of their search."""
+    """Return traces by name; without names, by the names of their searches."""
     if isinstance(traces, Mapping):
         named = {name: trace_of(each) for name, each in traces.items()}
     else:
@@ -64,7 +64,7 @@ def named(traces: Mapping[str, Trace | Solution] | Sequence[Trace | Solution]) -
 
 
 def joint_of(names: Sequence[str], joint: int | str) -> int:
-    """The number of a joint, from 0 on."""
+    """Return the index of a joint, from 0."""
     if not isinstance(joint, str):
         return as_integer("a joint, unless it is a name,", joint, 0, len(names) - 1, InvalidUse)
     if joint not in names:
@@ -73,7 +73,7 @@ def joint_of(names: Sequence[str], joint: int | str) -> int:
 
 
 def turning(trace: Trace, joint: int | str) -> int:
-    """The number of a joint that turns, from 0 on."""
+    """Return the index of a revolute joint, from 0."""
     names, d = trace.joint_names, joint_of(trace.joint_names, joint)
     if trace.kinds[d] not in ("revolute", "continuous"):
         raise InvalidUse(f"joint {names[d]!r} is {trace.kinds[d]}: it does not turn in a circle")
@@ -81,12 +81,12 @@ def turning(trace: Trace, joint: int | str) -> int:
 
 
 def pass_of(trace: Trace, number: int) -> Pass:
-    """Pass by its number, from 1 on."""
+    """Return a pass by its number, from 1."""
     return trace[as_integer("number, that of a pass of this search,", number, 1, len(trace), InvalidUse) - 1]
 
 
 def with_windows(trace: Trace) -> list[Pass]:
-    """The passes that have a window.
+    """Return the passes that have a window.
 
     Raises:
         InvalidUse: None has.
@@ -100,7 +100,7 @@ def with_windows(trace: Trace) -> list[Pass]:
 
 
 def two_joints(names: Sequence[str], joints: object) -> tuple[int, int]:
-    """The numbers of two different joints, from 0 on."""
+    """Return the indices of two different joints, from 0."""
     if not isinstance(joints, Sequence) or isinstance(joints, str) or len(joints) != 2:
         raise InvalidUse(f"joints must be two, by number or by name; got {joints!r}")
     x, y = (joint_of(names, joint) for joint in joints)
@@ -110,20 +110,20 @@ def two_joints(names: Sequence[str], joints: object) -> tuple[int, int]:
 
 
 def count_of(name: str, value: int, least: int) -> int:
-    """A whole number of at least so many."""
+    """Return an integer of at least `least`."""
     return as_integer(name, value, least, error=InvalidUse)
 
 
 UNITS = {"prismatic": "m", "number": ""}
-"""Of the values of a joint, by its kind; of all others radians."""
+"""Units of joint values by kind of joint; all others are in radians."""
 
 
 def unit_of(kind: str) -> str:
-    """Unit of a joint's values, "" of a mere number."""
+    """Return the unit of a joint's values, "" for a plain number."""
     return UNITS.get(kind, "rad")
 
 
 def axis_label(name: str, kind: str) -> str:
-    """What an axis of a joint's values is called."""
+    """Return the label of an axis with a joint's values."""
     unit, name = unit_of(kind), text_of(name)
     return f"{name} [{unit}]" if unit else name

@@ -1,4 +1,4 @@
-"""Pictures of what searches did, from their traces: Figures 1 to 3 of the paper, and searches side by side."""
+"""Pictures of searches from their traces: Figures 1 to 3 of the paper, and comparisons of searches."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .shown import judged, named, pass_of, trace_of, turning, with_windows
 Array = NDArray[np.float64]
 
 MOST_LEAVES = 1000
-"""Of a tree that is drawn."""
+"""Maximum number of leaves of a tree that is drawn."""
 
 
 @drawn
@@ -31,16 +31,16 @@ def progress(
     ax: Any = None,
     size: tuple[float, float] = (6.4, 4.2),
 ) -> Any:
-    """Draw the error of the best known against the FK evaluations spent, of any searches side by side.
+    """Draw the error of the best known joint values against the number of FK evaluations, for one or several searches.
 
-    A mark is the end of a pass, or of some where they are many; no evaluations at all are drawn as one.
+    A mark is the end of a pass; if there are many passes, only some are marked. Zero evaluations are drawn as one.
 
     Args:
-        traces: Of single targets, or solutions that have them: by name, or in a sequence, where each is called what its
-            search is called.
+        traces: Traces of single targets, or solutions with traces: by name, or in a sequence, with the names of their
+            searches.
         error: ``"weighted"``, ``"position"`` [m] or ``"orientation"`` [rad].
         ax: Axes in a plane to draw on.
-        size: Of a new figure [inch].
+        size: Size of a new figure [inch].
 
     Returns:
         The Matplotlib figure.
@@ -77,18 +77,18 @@ def progress(
 def tree(solution: Solution, number: int = 1, size: tuple[float, float] = (7.2, 3.6)) -> Any:
     """Draw the search tree of one pass over a grid, as Fig. 1 of the paper: a level for each joint, a leaf for each node.
 
-    The leaves have the colour of their weighted error, and the way to the best of them is drawn bold.
+    The leaves are coloured by their weighted error, and the path to the best leaf is bold.
 
     Args:
-        solution: Of one target, with its trace.
-        number: Of the pass, from 1 on.
-        size: Of the figure [inch].
+        solution: Solution of one target, with its trace.
+        number: Number of the pass, from 1.
+        size: Size of the figure [inch].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
-        InvalidUse: No trace, a batch, a pass without a window, or more leaves than can be told apart.
+        InvalidUse: No trace, a batch, a pass without a window, or too many leaves to distinguish.
         MissingExtra: Matplotlib is not installed.
     """
     trace = trace_of(judged(solution))
@@ -149,19 +149,19 @@ def tree(solution: Solution, number: int = 1, size: tuple[float, float] = (7.2, 
 
 @drawn
 def circles(solution: Solution | Trace, joint: int | str = 0, passes: int = 3, size: float = 2.5) -> Any:
-    """Draw the values that the first passes try for a joint that turns as spokes of a circle, as Fig. 2 of the paper.
+    """Draw the values that the first passes try for a revolute joint as spokes of a circle, as Fig. 2 of the paper.
 
     Args:
-        solution: Of one target with its trace, or the trace.
-        joint: Its number from 0 on, or its name.
-        passes: How many, of those that try more than one value of it.
-        size: Of each circle [inch].
+        solution: Solution of one target with its trace, or the trace.
+        joint: Index of the joint from 0, or its name.
+        passes: Number of passes, of those that try more than one value of the joint.
+        size: Size of each circle [inch].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
-        InvalidUse: No trace, a batch, no such joint, one that slides, no pass with a window, or less than one pass.
+        InvalidUse: No trace, a batch, no such joint, a prismatic joint, no pass with a window, or less than one pass.
         MissingExtra: Matplotlib is not installed.
     """
     trace = trace_of(solution)
@@ -188,13 +188,15 @@ def breadths(
     number: int = 2,
     size: float = 2.5,
 ) -> Any:
-    """Draw what one pass of several searches tries for a joint that turns, as Fig. 3 of the paper does for three breadths.
+    """Draw the values that one pass of several searches tries for a revolute joint, as Fig. 3 of the paper.
+
+    That figure shows three breadths.
 
     Args:
         traces: As in `progress`, of searches for the same target.
-        joint: Its number from 0 on, or its name.
-        number: Of the pass, from 1 on.
-        size: Of each circle [inch].
+        joint: Index of the joint from 0, or its name.
+        number: Number of the pass, from 1.
+        size: Size of each circle [inch].
 
     Returns:
         The Matplotlib figure.
@@ -216,7 +218,7 @@ def breadths(
 
 
 def _spokes(shown: Mapping[str, Pass], d: int, caption: str, size: float) -> Any:
-    """A circle for each pass, its values of joint d as spokes."""
+    """Draw a circle for each pass, with its values of joint d as spokes."""
     figure, axes = plane(len(shown), size=(size * len(shown), size + 0.9))
     around = np.linspace(0, 2 * np.pi, 200)
     for i, (each, (name, pass_)) in enumerate(zip(np.ravel(axes), shown.items(), strict=True)):

@@ -1,4 +1,4 @@
-"""What an arm reaches of a plane, at one orientation."""
+"""Pictures of the reachable part of a plane at one orientation."""
 
 from __future__ import annotations
 
@@ -35,29 +35,30 @@ def workspace(
     ax: Any = None,
     size: tuple[float, float] = (6.0, 5.4),
 ) -> Any:
-    """Draw what an arm reaches of a plane through a goal, with the goal's orientation: reached, or proved out of reach.
+    """Draw which part of a plane through a goal an arm reaches, with the goal's orientation, or provably cannot reach.
 
-    Each cell has the colour of its centre. What is not reached and not proved either, within the budget, has a colour of its
-    own.
+    Each cell is coloured by the result at its centre. Cells that are neither reached nor proved unreachable within the
+    budget have a colour of their own.
 
     Args:
-        arm: With axes, if anything shall be proved.
-        goal: A pose or a `Goal` of one target without ranges: the plane goes through its position, and its orientation, or
-            direction, is asked everywhere.
-        plane: Two of the axes x, y and z of the frame in which the goal is given, along which the picture is. Unless given
-            those in which an arm moves that moves in a plane, else ``"xz"``.
-        width: Of the picture [m], around the arm's base; twice its reach unless given.
-        cells: Along each side; cells² goals are solved, 2,304 unless told otherwise, some tenths of a second to seconds.
-        budget: Boxes that a proof may look at, for each cell that is not reached; 0 leaves the proofs out.
+        arm: An arm; proofs require axes.
+        goal: A pose or a `Goal` of one target without ranges. The plane goes through its position, and its orientation, or
+            direction, is requested in every cell.
+        plane: Two of the axes x, y and z of the frame in which the goal is given, along which the picture is. By default the
+            plane of motion of a planar arm, else ``"xz"``.
+        width: Width of the picture [m], around the arm's base; by default twice its reach.
+        cells: Number of cells along each side; cells² goals are solved, by default 2,304, which takes some tenths of a
+            second to seconds.
+        budget: Maximum number of boxes of a proof, for each cell that is not reached; 0 disables the proofs.
         ax: Axes in a plane to draw on.
-        size: Of a new figure [inch].
+        size: Size of a new figure [inch].
 
     Returns:
         The Matplotlib figure.
 
     Raises:
         InvalidGoal: Not a pose.
-        InvalidProblem: A goal with ranges, or a proof asked of an arm that is a function; ``budget=0`` asks for none.
+        InvalidProblem: A goal with ranges, or proofs for an arm with black-box kinematics; ``budget=0`` disables them.
         InvalidUse: A batch of goals, no such plane, a width or a number out of its range, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
@@ -94,7 +95,7 @@ def workspace(
 
 
 def _plane(arm: Arm, goal: Goal) -> str:
-    """The axes along which an arm moves in a plane, of the frame in which the goal is given; of others, x and z."""
+    """Return the axes of a planar arm's plane of motion, in the frame in which the goal is given; for other arms x and z."""
     places = arm.fk(arm.sample(64))[:, :3, 3]
     places = places[np.isfinite(places).all(axis=1)]
     if goal.base is not None:
@@ -105,7 +106,7 @@ def _plane(arm: Arm, goal: Goal) -> str:
 
 
 def _extent(arm: Arm, goal: Goal, width: float | None) -> tuple[Array, float]:
-    """Middle and half width of the picture [m], in the frame in which the goal is given."""
+    """Return centre and half width of the picture [m], in the frame in which the goal is given."""
     if width is not None:
         if not np.isfinite(width) or width <= 0:
             raise InvalidUse(f"width must be a positive length [m], got {width!r}")
@@ -123,7 +124,7 @@ def _extent(arm: Arm, goal: Goal, width: float | None) -> tuple[Array, float]:
 def _colour(
     figure: Any, axes: Any, verdict: NDArray[np.int64], extent: tuple[float, float, float], own: bool
 ) -> None:
-    """Colour the cells, and say what the colours that occur mean."""
+    """Colour the cells, with a legend of the colours that occur."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 

@@ -1,11 +1,11 @@
-"""An arm in the browser: drag its goal, and see the answer, every branch, and how near it comes (extra ``view``).
+"""An arm in the browser: drag its goal, and see the solution, every branch, and its errors (extra ``view``).
 
 >>> import kinseek
 >>> from kinseek import viewer
 >>> viewer.show(kinseek.load("ur5e"))        # doctest: +SKIP
 
-Nothing is computed here that `Arm` does not compute: what is asked and answered is in `session`, what takes longer in
-`clouds`, how an arm is drawn in `drawing` and `meshes`; `page`, `scene` and `panel` show it to one person with viser.
+All results are computed by `Arm`. `session` solves goals, `clouds` does slower computations, `drawing` and `meshes` draw the
+arm. `page`, `scene` and `panel` show it to one person with viser.
 """
 
 from __future__ import annotations
@@ -35,24 +35,24 @@ def show(
 ) -> Viewer:
     """Show an arm on a page in the browser, with a goal to drag.
 
-    Everyone who opens the page has a goal of their own. What they set is kept in their browser.
+    Everyone who opens the page has a goal of their own. Their settings are kept in their browser.
 
     Args:
-        arm: Any arm; of one that is a function the tip alone is shown, and nothing can be proved.
-        host: Address to listen at. The default is reached from this machine alone; ``"0.0.0.0"`` lets the network in. Pages
-            of other sites are refused.
-        port: Port to listen at; if it is taken, the next free one is, and that is said. 0 takes any.
-        share: Make a public address through viser's own relay, share.viser.studio. Whoever has it can use the page.
-        open_browser: Open a browser; unless given, where there is a screen.
-        block: Wait until Ctrl-C. Without it the viewer goes on beside the program, until `Viewer.stop`.
-        packages: Folders of ROS packages by name, where a robot's file names meshes as ``package://``.
+        arm: Any arm; with black-box kinematics only the tip is shown, and nothing can be proved.
+        host: Address to listen at. The default is reachable from this machine only; ``"0.0.0.0"`` accepts the network. Pages
+            of other sites are rejected.
+        port: Port to listen at; if it is taken, the next free one is used and reported. 0 uses any free port.
+        share: Make a public address through viser's own relay, share.viser.studio. Anyone who has it can use the page.
+        open_browser: Open a browser; by default if there is a screen.
+        block: Wait until Ctrl-C. Otherwise the viewer runs beside the program until `Viewer.stop`.
+        packages: Folders of ROS packages by name, if a robot's file names meshes as ``package://``.
 
     Returns:
-        The viewer; if it was waited for, it has stopped.
+        The viewer; with `block` it has stopped.
 
     Raises:
         MissingExtra: viser is not installed.
-        InvalidUse: No arm, an address that is not this machine's, no free port, or a version of viser that is not known.
+        InvalidUse: Not an arm, an address that is not this machine's, no free port, or an unsupported version of viser.
     """
     if not isinstance(arm, Arm):
         raise InvalidUse(f"show takes an Arm, as kinseek.load gives it, got {type(arm).__name__}")

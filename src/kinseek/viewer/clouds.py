@@ -1,4 +1,4 @@
-"""Clouds of points around a goal: the atlas's samples, what a search visits, what is reachable, a proof's boxes."""
+"""Point clouds around a goal: samples of the atlas, nodes of a search, the reachable region, boxes of a proof."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ from .options import ViewerOptions
 Array = NDArray[np.float64]
 
 NEAREST = 400
-"""Samples of the atlas that are shown."""
+"""Number of samples of the atlas that are shown."""
 
 NODES = 2_000
-"""Nodes of a pass that are shown at most; of more, so many spread evenly among them."""
+"""Maximum number of nodes of a pass that are shown; if there are more, this many spread evenly among them."""
 
 PLACES, PIECE = 6_000, 128
-"""Places tried for what is reachable, and how many at a stretch."""
+"""Number of positions tried for the reachable region, and number tried at a time."""
 
 BOXES = (30, 100, 300, 1_000, 3_000, 10_000, 30_000)
-"""Boxes examined, at which those left are shown."""
+"""Numbers of examined boxes at which the remaining ones are shown."""
 
 
 class Cloud(NamedTuple):
     """Points, and a number between 0 and 1 for the colour of each."""
 
     points: Array
-    """(k, 3) [m]"""
+    """Points, (k, 3) [m]."""
     shade: Array
-    """(k,)"""
+    """Colour values, (k,)."""
 
 
 class Reached(NamedTuple):
-    """What is reachable at one orientation, as far as it is known by now."""
+    """The part of the reachable region at one orientation that is known so far."""
 
     points: Array
-    """Places where an answer was found, (k, 3) [m]."""
+    """Positions with a solution, (k, 3) [m]."""
     tried: int
     total: int
 
@@ -62,11 +62,11 @@ def completed(chain: SerialChain, q: Array, target: Array) -> tuple[Array, NDArr
 
     Args:
         chain: The arm.
-        q: Joint values, (k, n): those of the joints between count.
+        q: Joint values, (k, n), of which those of the joints between are used.
         target: Pose of the tip, (4, 4).
 
     Returns:
-        Joint values, (k, n), inside the limits, and whether they were so by themselves, (k,).
+        Joint values, (k, n), inside the limits, and whether they were inside without correction, (k,).
     """
     division, q = divide(chain, POSE), np.array(q, dtype=float)
     head, last = square(inverse(chain.fixed[0])), square(inverse(chain.fixed[-1]))
@@ -90,7 +90,7 @@ def completed(chain: SerialChain, q: Array, target: Array) -> tuple[Array, NDArr
 
 
 def samples_around(arm: Arm, options: ViewerOptions) -> Cloud:
-    """Where the atlas's samples nearest to a goal bring the tip, shaded by how far it leans, (k up to `NEAREST`)."""
+    """Return the tip positions of the atlas's samples nearest to a goal, shaded by tilt, (k up to `NEAREST`)."""
     index, target = arm.atlas, options.target
     if isinstance(index, Samples):
         poses, length = index.poses, index.length
@@ -111,7 +111,7 @@ def samples_around(arm: Arm, options: ViewerOptions) -> Cloud:
 
 
 def visited(arm: Arm, one: Pass) -> Array:
-    """Where the nodes of a pass bring the tip, (k up to `NODES`, 3) [m]; of a search without a grid, where it began."""
+    """Return the tip positions at the nodes of a pass, (k up to `NODES`, 3) [m]; without a grid, at its start."""
     if one.counts is None or one.lower is None or one.upper is None:
         return arm.fk(one.q[None] if one.start is None else np.stack([one.start, one.q]))[:, :3, 3]
     total = float(np.prod(one.counts.astype(float)))
@@ -131,15 +131,15 @@ def visited(arm: Arm, one: Pass) -> Array:
 def reachable(
     arm: Arm, options: ViewerOptions, stopped: Callable[[], bool], known: Reached | None = None
 ) -> Iterator[Reached]:
-    """Try the goal's orientation at places all over the arm's reach, a piece after the other.
+    """Try the goal's orientation at positions all over the arm's reach, piece by piece.
 
-    A place is shown where an answer was found; where none is shown none was found, which is no proof.
+    A position is shown if a solution was found. A position that is not shown is not proved unreachable.
 
     Args:
         arm: The arm.
-        options: Whose orientation and free axes count.
-        stopped: Is it no longer wanted?
-        known: Where to go on.
+        options: Options with the orientation and free axes.
+        stopped: Returns whether the result is no longer needed.
+        known: Result to continue from.
     """
     low, high = surroundings(arm)
     places = low + np.random.default_rng(0).random((PLACES, 3)) * (high - low)
@@ -156,7 +156,7 @@ def reachable(
 
 
 def surroundings(arm: Arm) -> tuple[Array, Array]:
-    """Corners of a box that holds the tip, as far as samples show; flat for an arm in a plane, (3,) each [m]."""
+    """Return the corners of a box that contains the tip, from samples, (3,) each [m]; flat for a planar arm."""
     places = arm.fk(arm.sample(4_000 if arm.mechanism.cheap else 500))[:, :3, 3]
     places = places[np.isfinite(places).all(axis=1)]
     low, high = places.min(axis=0), places.max(axis=0)
@@ -165,16 +165,16 @@ def surroundings(arm: Arm) -> tuple[Array, Array]:
 
 
 def boxes_left(arm: Arm, options: ViewerOptions, q: Array, examined: int) -> Cloud | str:
-    """Where the boxes that a proof has not excluded yet bring the tip, their middles, shaded by their bounds.
+    """Return the tip positions at the centres of the boxes that a proof has not excluded yet, shaded by their bounds.
 
     Args:
         arm: The arm.
-        options: Whose goal was missed.
+        options: Options with the missed goal.
         q: The best joint values known, (n,).
-        examined: Boxes after which to look.
+        examined: Number of examined boxes.
 
     Returns:
-        The cloud, or why there is none.
+        The cloud, or the reason why there is none.
     """
     from kinseek.proof.boxes import enclosed
 
@@ -197,6 +197,6 @@ def boxes_left(arm: Arm, options: ViewerOptions, q: Array, examined: int) -> Clo
 
 
 def same_question(one: ViewerOptions, other: ViewerOptions) -> bool:
-    """Is the same reachable for both: the same orientation, and the same axes free?"""
+    """Return whether both options have the same reachable region: the same orientation and the same free axes."""
     turned = np.abs(one.target[:3, :3] - other.target[:3, :3]).max()
     return one.free == other.free and bool(turned < 1e-9 or set(one.free) >= {"rx", "ry", "rz"})

@@ -1,12 +1,12 @@
-"""Who may open a page, and which messages are read: viser itself lets every site in and believes what it is sent.
+"""Access control of a page: viser itself accepts requests from every site, and trusts the messages that it receives.
 
-A page of any site that is open in the user's browser can connect to a server on this machine. The browser says from where,
-in `Origin`; a name that its owner points at this machine later (DNS rebinding) is seen in `Host`. Both are checked before
-anything is answered. Messages that no page sends are ignored.
+A page of any site that is open in the user's browser can connect to a server on this machine. The browser reports the page's
+site in `Origin`. A name whose owner points it at this machine later (DNS rebinding) is visible in `Host`. Both are checked
+before any reply. Messages that no page of kinseek sends are ignored.
 
 viser's page connects to any server that its address names, and runs the JavaScript that this server sends. A link on a
-foreign page could thus run foreign code as a page of this server. Such addresses are refused, and a policy tells the browser
-that the page connects to its own server only.
+foreign page could thus run foreign code as a page of this server. Such addresses are rejected, and a policy restricts the
+page's connections to its own server.
 """
 
 from __future__ import annotations
@@ -26,34 +26,35 @@ from urllib.parse import parse_qsl
 from kinseek.errors import InvalidUse
 
 SUPPORTED = "viser>=1.1.1,<1.2"
-"""Versions whose server is known; the extra `view` asks for the same."""
+"""Versions of viser whose server is supported; the extra `view` requires the same."""
 
 MOST_MESSAGE = 2**20
-"""Bytes of a message from a page; what a browser keeps is the longest."""
+"""Maximum size of a message from a page [bytes]; the longest is the state kept by a browser."""
 MOST_TEXT = 200
-"""Letters of a name, or of what is typed."""
+"""Maximum length of a name, or of typed text."""
 FAR = 1e9
-"""No number of a page is larger: it is of lengths in metres, of angles, or of pixels."""
+"""Maximum number in a message, for lengths in metres, angles and pixels."""
 
 POLICY = "connect-src 'self' data: blob:"
-"""Content-Security-Policy of the page. It fetches the WebAssembly and images that it holds as ``data:`` and ``blob:``.
-Frames are not limited, so that a notebook can show the page."""
+"""Content-Security-Policy of the page. The page fetches the WebAssembly and images that it contains as ``data:`` and
+``blob:``. Frames are not restricted, so that a notebook can show the page.
+"""
 _SERVER_KEYS = ("websocket", "playbackPath")
-"""Parts of a query by which viser's page takes its messages from elsewhere; the policy alone would allow ``data:``."""
+"""Query parameters with which viser's page takes its messages from elsewhere; the policy alone would allow ``data:``."""
 
 _AUTHORITY = re.compile(r"(\[[0-9a-f:.]+\]|[a-z0-9._-]+)(?::([0-9]{1,5}))?", re.IGNORECASE)
-"""A host and its port."""
+"""Pattern of a host and its port."""
 _ORIGIN = re.compile(r"(https?)://(.+)", re.IGNORECASE)
 _PORTS = {"http": "80", "https": "443"}
 _PROTOCOL = re.compile(r"viser-v[0-9A-Za-z.+-]{1,32}")
-"""By which a page says what version it is: viser prints it, if it is another one."""
+"""Pattern of the version that a page reports: viser prints another version."""
 
 _log = logging.getLogger("kinseek.viewer.connections")
-_log.addHandler(logging.NullHandler())  # Without any handler Python would print broken requests on stderr.
+_log.addHandler(logging.NullHandler())  # Without a handler Python would print broken requests on stderr.
 
 
 def is_loopback(host: str) -> bool:
-    """Does only this machine reach it?"""
+    """Return whether only this machine can reach a host."""
     try:
         return ip_address(host).is_loopback
     except ValueError:
@@ -61,11 +62,11 @@ def is_loopback(host: str) -> bool:
 
 
 def refusal(headers: Any, alone: bool) -> str:
-    """Why a request is refused; empty if it is not.
+    """Return why a request is rejected; empty if it is accepted.
 
     Args:
-        headers: Those of the request, as websockets gives them.
-        alone: Does the server listen for this machine alone? Then the host has to be a name of it.
+        headers: Headers of the request, as websockets returns them.
+        alone: Does the server listen for this machine only? Then the host must be a name of it.
     """
     hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
     host = _AUTHORITY.fullmatch(hosts[0]) if len(hosts) == 1 else None
@@ -88,7 +89,7 @@ def names_a_server(path: str) -> bool:
 
 
 def _is_of(origin: str, host: re.Match[str]) -> bool:
-    """Is the page of the host that it asks? The port counts: others on this machine may serve pages, too."""
+    """Return whether the page belongs to the requested host. The port counts: other servers may use other ports here."""
     found = _ORIGIN.fullmatch(origin)
     place = _AUTHORITY.fullmatch(found[2]) if found else None
     if found is None or place is None:
@@ -98,23 +99,23 @@ def _is_of(origin: str, host: re.Match[str]) -> bool:
 
 
 class Door:
-    """What stands before a server of viser."""
+    """The access control in front of a viser server."""
 
     def __init__(self, alone: bool, anyone: bool = False) -> None:
-        """Say who may come.
+        """Set who has access.
 
         Args:
-            alone: Does the server listen for this machine alone?
-            anyone: Is no request refused, since it comes by a relay?
+            alone: Does the server listen for this machine only?
+            anyone: Accept all requests, because they come through a relay?
         """
         self._alone, self._anyone = alone, anyone
         self._there = False
 
     def put_before(self, server: Any) -> None:
-        """Stand before viser's `WebsockServer`, which has not been started.
+        """Install the checks in viser's `WebsockServer`, which has not been started.
 
-        viser calls `websockets.asyncio.server.serve` and offers no way to give it options. Its method gets other names to
-        look up here, of this server alone: nothing changes for other servers of the process.
+        viser calls `websockets.asyncio.server.serve` and offers no way to pass options to it. For this server alone, its
+        method looks up other names here; other servers of the process are unchanged.
 
         Raises:
             InvalidUse: This version of viser has no such method.
@@ -130,7 +131,7 @@ class Door:
             raise _unsupported() from error
 
     def require(self) -> None:
-        """Make sure that the server has come by.
+        """Check that viser has used the installed function.
 
         Raises:
             InvalidUse: It has not: this version of viser serves in another way.
@@ -139,7 +140,7 @@ class Door:
             raise _unsupported()
 
     def _serve(self, handler: Any, *where: Any, **options: Any) -> Any:
-        """What viser calls for `websockets.asyncio.server.serve`, in the server's own loop."""
+        """Replacement of `websockets.asyncio.server.serve`, called by viser in the server's own loop."""
         from websockets.asyncio.server import ServerConnection, serve
 
         self._there = True
@@ -158,11 +159,11 @@ class Door:
                 return connection.respond(HTTPStatus.NOT_FOUND, "NOT FOUND")
 
         def with_policy(connection: Any, request: Any, reply: Any) -> None:
-            """Every reply has it, also those of websockets itself."""
+            """Add the policy to every reply, including those of websockets itself."""
             reply.headers["Content-Security-Policy"] = POLICY
 
         class Connection(ServerConnection):
-            """One that ignores what no page sends."""
+            """A connection that ignores messages that no page sends."""
 
             async def recv(self, *args: Any, **named: Any) -> Any:
                 while not is_message(message := await super().recv(*args, **named)):
@@ -183,7 +184,7 @@ def _unsupported() -> InvalidUse:
 
 
 class _Instead:
-    """A module with another function in it, or in a module in it."""
+    """A module in which one function, possibly in a submodule, is replaced."""
 
     def __init__(self, module: Any, names: list[str], function: Any) -> None:
         self._module, (name, *rest) = module, names
@@ -195,12 +196,12 @@ class _Instead:
 
 
 def _log_exception(loop: Any, context: Mapping[str, Any]) -> None:
-    """A message that made a fault ends there; asyncio would print it."""
+    """Log an exception in a message handler; asyncio would print it."""
     _log.debug("%s", context.get("message"), exc_info=context.get("exception"))
 
 
 def is_message(data: Any) -> bool:
-    """Is it a message that a page of kinseek sends, with values that it sends?"""
+    """Return whether data are a message that a page of kinseek can send, with valid values."""
     from msgspec import MsgspecError, msgpack
 
     if not isinstance(data, bytes):
@@ -246,12 +247,12 @@ def _numbers(count: int) -> Callable[[Any], bool]:
 
 
 def _turn(value: Any) -> bool:
-    """A unit quaternion; browsers compute with fewer digits."""
+    """Return whether a value is a unit quaternion; browsers compute with fewer digits."""
     return _numbers(4)(value) and abs(math.hypot(*value) - 1.0) < 1e-3
 
 
 def _updates(value: Any) -> bool:
-    """The value of an input; viser would set anything else of it as well."""
+    """Return whether a value is valid for an input; viser would also accept anything else."""
     if not isinstance(value, dict) or value.keys() != {"value"}:
         return False
     new = value["value"]
@@ -285,4 +286,4 @@ MESSAGES: Mapping[str, Mapping[str, Callable[[Any], bool]]] = {
     "GuiUpdateMessage": {"uuid": _text, "updates": _updates},
     "LocalStorageGetItemResponseMessage": {"value": _kept, "error": _kept, "request_uuid": _text},
 }
-"""What pages send, with a test for each field; other messages of viser are for what kinseek does not use, as uploads."""
+"""Messages from pages, with a check for each field; viser's other messages are for features that kinseek does not use."""

@@ -1,4 +1,4 @@
-"""An arm drawn from its chain: links as rods, joints as barrels and rails. Numbers alone, for whatever draws them."""
+"""Geometry for drawing an arm from its chain: links as rods, joints as barrels and rails, independent of the renderer."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from kinseek.transforms import square
 Array = NDArray[np.float64]
 
 LINK, JOINT, BARREL = 0.014, 0.027, 0.075
-"""Radius of a link, radius of a joint's barrel and its length, as parts of the arm's reach."""
+"""Radius of a link, radius of a joint's barrel and its length, relative to the arm's reach."""
 
 _NOTHING = 1e-6
-"""A length [m] that nobody sees: nothing is scaled by 0, which has no normals."""
+"""An invisible length [m]: scaling by 0 would leave no normals."""
 
 
 class Cylinders(NamedTuple):
-    """Cylinders of k poses of an arm, s each: a unit cylinder along z from 0 to 1, turned, stretched and moved."""
+    """Cylinders for k poses of an arm, s each: a unit cylinder along z from 0 to 1, rotated, scaled and moved."""
 
     start: Array
-    """(k, s, 3) [m]"""
+    """Start points, (k, s, 3) [m]."""
     wxyz: Array
-    """(k, s, 4)"""
+    """Rotations as quaternions, (k, s, 4)."""
     scale: Array
     """Radius twice, and length, (k, s, 3) [m]."""
 
 
 class Figure:
-    """What an arm looks like at any joint values."""
+    """The shape of an arm at any joint values."""
 
     def __init__(self, chain: SerialChain) -> None:
-        """Look where its joints are."""
+        """Find the positions of its joints."""
         self._before: list[ChainArrays] = []
         self._after: list[ChainArrays] = []
         for k in range(len(chain.leader)):
@@ -45,14 +45,14 @@ class Figure:
         self._tip = chain.arrays
         self._slides = chain.prismatic
         self.size = max(chain.reach, 1e-3)
-        """About how far it reaches [m]."""
+        """Approximate reach [m]."""
         self.joints = len(chain.leader)
-        """Joints that are drawn, m."""
+        """Number m of joints that are drawn."""
         self.links = self.joints + 1
-        """Links that are drawn: one before every joint, and one after the last."""
+        """Number of links that are drawn: one before every joint, and one after the last."""
 
     def draw(self, q: Array) -> Cylinders:
-        """Where everything is: of cylinders the links first, then the joints.
+        """Return the cylinders at joint values: the links first, then the joints.
 
         Args:
             q: Joint values, (k, n), [rad] or [m].
@@ -77,7 +77,7 @@ class Figure:
         )
 
     def _barrel(self, before: Array, after: Array, slides: bool) -> tuple[Array, Array]:
-        """Both ends of a joint: along the axis of one that turns, along its way of one that slides."""
+        """Return both ends of a joint: along the axis of a revolute joint, along the slide of a prismatic joint."""
         if slides:
             return before[:, :3, 3], after[:, :3, 3]
         half = self.size * BARREL / 2 * before[:, :3, 2]
@@ -85,17 +85,17 @@ class Figure:
 
 
 def between(start: Array, end: Array, radius: Array) -> Cylinders:
-    """Cylinders from points to points.
+    """Return cylinders between points.
 
     Args:
-        start: (k, s, 3) [m].
-        end: (k, s, 3) [m].
-        radius: (s,) [m].
+        start: Start points, (k, s, 3) [m].
+        end: End points, (k, s, 3) [m].
+        radius: Radii, (s,) [m].
     """
     along = end - start
     length = np.linalg.norm(along, axis=-1)
     x, y, z = np.moveaxis(along / np.maximum(length, _NOTHING)[..., None], -1, 0)
-    # The shortest turn of z onto the direction; straight down it is half a turn about x.
+    # The shortest rotation of z onto the direction; straight down it is half a turn about x.
     wxyz = np.stack([1.0 + z, -y, x, np.zeros_like(x)], axis=-1)
     wxyz[(1.0 + z < 1e-9) | (length < _NOTHING)] = [0.0, 1.0, 0.0, 0.0]
     wxyz /= np.linalg.norm(wxyz, axis=-1, keepdims=True)

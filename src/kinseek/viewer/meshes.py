@@ -1,4 +1,4 @@
-"""Meshes of the links of a URDF, where they can be found; those that cannot are named, and nothing fails."""
+"""Meshes of the links of a URDF. Missing meshes are reported, and no error is raised."""
 
 from __future__ import annotations
 
@@ -21,49 +21,49 @@ from kinseek.robots.urdf_xml import root_element
 Array = NDArray[np.float64]
 
 MOST_FACES = 1_000_000
-"""Triangles of all meshes together: more would make a browser stutter."""
+"""Maximum number of triangles of all meshes together: more make a browser slow."""
 
 MOST_READ = 2**28
-"""Bytes of the files of all meshes together, where a file counts as often as it is named."""
+"""Maximum size of the files of all meshes together [bytes]; a file counts as often as it is named."""
 
 MOST_REPORTED = 5
-"""Missing meshes that are named; a package that is nowhere lacks dozens."""
+"""Maximum number of missing meshes that are named; a missing package causes dozens."""
 
 GREY = (0.72, 0.74, 0.77, 1.0)
-"""Of what has no colour of its own."""
+"""Default colour."""
 
 
 @dataclass
 class LinkMesh:
-    """What one link looks like."""
+    """The visual shape of one link."""
 
     arrays: ChainArrays
-    """The chain up to the frame that the link is fixed to."""
+    """The chain up to the frame to which the link is fixed."""
     parts: list[Any] = field(default_factory=list)
-    """`trimesh.Trimesh`, in that frame [m]."""
+    """`trimesh.Trimesh` objects in that frame [m]."""
 
 
 @dataclass
 class Meshes:
-    """What the links of an arm look like, as far as could be found."""
+    """The visual shapes of an arm's links that were found."""
 
     links: list[LinkMesh] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
-    """Of what could not be shown: a sentence each."""
+    """Reasons for shapes that cannot be shown, one sentence each."""
 
     def report(self) -> list[str]:
-        """The first of what is missing, and how many more."""
+        """The first of the missing shapes, and the number of the others."""
         more = len(self.missing) - MOST_REPORTED
         return [*self.missing[:MOST_REPORTED], *([f"… and {more} more"] if more > 0 else [])]
 
 
 def meshes_of(chain: SerialChain | None, packages: Mapping[str, str | Path] | None = None) -> Meshes:
-    """Read the meshes of an arm's own file: those of the links between base and tip, and of what is fixed to them.
+    """Read the meshes of an arm's own file: of the links between base and tip, and of links fixed to them.
 
     Args:
-        chain: The arm; one that came from no URDF, as file, xacro or text, has no meshes.
-        packages: Folders of ROS packages by name, for ``package://``, beside those that the arm was loaded with; others are
-            looked for where ROS keeps them, and on the way up from the file.
+        chain: The arm; one that was not read from a URDF, as file, xacro or text, has no meshes.
+        packages: Folders of ROS packages by name, for ``package://``, in addition to those that the arm was loaded with.
+            Other packages are searched where ROS keeps them, and in the folders above the file.
     """
     found = Meshes()
     if chain is None or not chain.urdf:
@@ -97,7 +97,7 @@ def _too_many(link: Any) -> str:
 
 
 def _fixed_to(robot: Any, chain: SerialChain) -> Iterator[tuple[Any, Frame]]:
-    """Links between base and tip, and those fixed to them, with the frame of the chain that each is in."""
+    """Yield the links between base and tip, and those fixed to them, with the frame of the chain that each is in."""
     links = {link.get("name"): link for link in robot.findall("link")}
     fixed: dict[str, list[tuple[str, Array]]] = {}
     for joint in robot.findall("joint"):
@@ -122,7 +122,7 @@ def _shapes(
     paints: Mapping[str, tuple[float, ...]],
     budget: Budget,
 ) -> Iterator[Any]:
-    """One visual as triangles in the frame of its link."""
+    """Yield the triangles of one visual in the frame of its link."""
     import trimesh
 
     shape = visual.find("geometry")
@@ -157,7 +157,7 @@ def _shapes(
 
 
 def _paints(robot: Any) -> dict[str, tuple[float, ...]]:
-    """Colours that a robot's file names once for all links."""
+    """Return the colours that a robot's file defines for all links."""
     named = {}
     for material in robot.findall("material"):
         colour = material.find("color")
@@ -167,7 +167,7 @@ def _paints(robot: Any) -> dict[str, tuple[float, ...]]:
 
 
 def _paint_of(material: Any, paints: Mapping[str, tuple[float, ...]]) -> tuple[float, ...] | None:
-    """The colour of a visual, if its file gives it one."""
+    """Return the colour of a visual, if its file gives one."""
     if material is None:
         return None
     colour = material.find("color")

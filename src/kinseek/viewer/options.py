@@ -1,4 +1,4 @@
-"""What somebody at a page has asked for: plain values that can be kept in a browser and read back."""
+"""The settings of a page: plain values that can be stored in a browser and read back."""
 
 from __future__ import annotations
 
@@ -26,47 +26,47 @@ COUNTS: dict[str, tuple[str, ...]] = {
     "position and z direction": ("rz",),
     "position": ("rx", "ry", "rz"),
 }
-"""What of a goal may count, by its name on the page, and the axes that are then free."""
+"""Choices of the constrained part of a goal, by name on the page, with the axes that are then free."""
 
 CHOSEN = "chosen axes"
-"""The name of every other choice of free axes."""
+"""Name of every other choice of free axes."""
 
 VERSION = 1
-"""Of what is kept in a browser; anything else is forgotten."""
+"""Version of the stored settings; other versions are ignored."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewerOptions:
-    """One person's goal, search and what is to be seen."""
+    """One person's goal, search and display options."""
 
     target: Array
     """Wanted pose of the tip in the base, (4, 4), lengths in [m]."""
     q: Array
-    """Joint values shown last, (n,), [rad] or [m]: the next answer is near to them."""
+    """Joint values shown last, (n,), [rad] or [m]: the next solution is close to them."""
     free: tuple[str, ...] = ()
-    """Axes of the wanted pose along and about which any deviation will do."""
+    """Axes of the wanted pose along and about which any deviation is accepted."""
     follow: bool = True
-    """Ask for the answer near to the one shown, so that a drag stays on its branch?"""
+    """Request the solution nearest to the one shown, so that a drag stays on its branch?"""
     search: str = DEFAULT
     parameters: dict[str, str] = field(default_factory=dict)
-    """Of the search, as text."""
+    """Parameters of the search, as text."""
     ghosts: bool = True
     """Show every branch?"""
     samples: bool = False
     """Show the atlas's samples around the goal?"""
     reach: bool = False
-    """Show what is reachable at this orientation?"""
+    """Show the region reachable at this orientation?"""
     boxes: bool = False
-    """Show what is left of a proof's boxes?"""
+    """Show the remaining boxes of a proof?"""
     meshes: bool = True
-    """Show the meshes of the robot's file, where there are any?"""
+    """Show the meshes of the robot's file, if there are any?"""
     dark: bool = False
     camera: tuple[tuple[float, ...], tuple[float, ...]] | None = None
-    """Where the eye is and what it looks at [m]; None: as the page begins."""
+    """Position and target of the camera [m]; None: the initial view."""
 
     @property
     def goal(self) -> Goal:
-        """What is asked.
+        """The goal with these options.
 
         Raises:
             InvalidGoal: Every axis is free.
@@ -75,14 +75,14 @@ class ViewerOptions:
 
     @property
     def counts(self) -> str:
-        """What of the goal counts, by its name on the page."""
+        """The constrained part of the goal, by its name on the page."""
         return next((name for name, free in COUNTS.items() if free == self.free), CHOSEN)
 
     def but(self, **changes: Any) -> Self:
-        """The same with other values.
+        """Return a copy with other values.
 
         Raises:
-            KinseekError: A target that is no pose.
+            KinseekError: A target that is not a pose.
         """
         if "target" in changes:
             changes["target"] = as_pose(changes["target"])
@@ -93,24 +93,27 @@ class ViewerOptions:
         return replace(self, **changes)
 
     def kept(self) -> str:
-        """As text for a browser to keep."""
+        """Return the options as text to store in a browser."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         values |= {"target": self.target.tolist(), "q": self.q.tolist(), "version": VERSION}
         return json.dumps(values)
 
 
 def first_selection(arm: Mechanism, q: Array, target: Array) -> ViewerOptions:
-    """What a page begins with: of an arm of few joints less counts than the whole pose, which it hardly ever reaches."""
+    """Return the initial options of a page.
+
+    An arm with few joints hardly ever reaches a whole pose, so less of the pose is constrained.
+    """
     counts = "whole pose" if arm.dof >= 6 else "position and z direction" if arm.dof == 5 else "position"
     return ViewerOptions(target, q, COUNTS[counts])
 
 
 def read_selection(text: str | None, begin: ViewerOptions) -> ViewerOptions:
-    """Read what a browser kept; whatever cannot be used is as `begin` has it, for anything may stand there.
+    """Read stored options. The text is not trusted: whatever is invalid is taken from `begin`.
 
     Args:
-        text: What `ViewerOptions.kept` gave, perhaps.
-        begin: What the page begins with.
+        text: Text from `ViewerOptions.kept`, or anything else.
+        begin: The initial options of the page.
     """
     try:
         values = json.loads(text or "{}")
@@ -136,7 +139,7 @@ def read_selection(text: str | None, begin: ViewerOptions) -> ViewerOptions:
 
 
 def _camera(value: Any) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-    """Two points, or nothing."""
+    """Read two points, or None."""
     try:
         eye, at = (tuple(float(each) for each in point) for point in value)
     except (TypeError, ValueError, OverflowError):

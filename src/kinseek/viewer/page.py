@@ -1,4 +1,4 @@
-"""One open page: what a person wishes, answered at once, and what takes longer in threads beside it."""
+"""One open page: it solves the current goal at once, and runs slower computations in other threads."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from .workers import Newest
 Array = NDArray[np.float64]
 
 QUIET = 0.12
-"""[s] that a goal must rest before anything is begun that takes longer."""
+"""Time that a goal must rest before slower computations begin [s]."""
 
 NARROW = 0.7
-"""Width of a window by its height, below which a telephone holds it upright."""
+"""Ratio of a window's width to its height below which it is treated as an upright telephone."""
 
 PASS, SHOW = 0.9, 12.0
-"""[s] that a pass is shown while they are played, and that all of them take at most."""
+"""Time for which a pass is shown during playback, and maximum time of the whole playback [s]."""
 
 
 class Page:
-    """One person's page. It is told what changes by `wish`, from any thread, and answers in threads of its own."""
+    """One person's page. Any thread may report a change by `wish`; the page responds in threads of its own."""
 
     def __init__(self, client: Any, session: Session, meshes: Meshes) -> None:
-        """Lay out the scene and the panel, with what this browser kept, and answer for the first time."""
+        """Lay out the scene and the panel with the options stored in this browser, and solve the first goal."""
         self._client, self._session, self.arm = client, session, session.arm
         self._lock = threading.RLock()
         self.options = read_selection(self._fetch(), session.begin)
@@ -69,7 +69,7 @@ class Page:
         self._workers = self._front, self._prover, self._clouder, self._player, self._keeper
         try:
             self._begin()
-        except BaseException:  # A client that left at once: nobody would close what was begun for it.
+        except BaseException:  # The client left at once: nothing else would close the threads.
             self.close()
             raise
 
@@ -82,11 +82,11 @@ class Page:
         elif client.camera.aspect < NARROW:  # The panel is below: the arm goes above it.
             eye, at = client.camera.position, client.camera.look_at
             away = 0.9 * (eye - at) / client.camera.aspect
-            client.camera.position = at + away  # Which takes along what it looks at.
+            client.camera.position = at + away  # Also moves the target of the camera.
             client.camera.look_at = at - [0.0, 0.0, 0.22 * float(np.linalg.norm(away))]
 
         async def dragged(event: Any) -> None:
-            with contextlib.suppress(KinseekError):  # No pose that a page sends.
+            with contextlib.suppress(KinseekError):  # Not a pose that a page sends.
                 self.wish(target=matrix_of(event.target.wxyz, event.target.position))
 
         async def looked(camera: Any) -> None:
@@ -102,14 +102,14 @@ class Page:
 
     @property
     def idle(self) -> bool:
-        """Is everything done that was asked for?"""
+        """Return whether all requested work is done."""
         return all(worker.idle for worker in self._workers)
 
     def wish(self, **changes: Any) -> None:
-        """Ask for something else: other `ViewerOptions`, by name; a target (4, 4) moves the goal.
+        """Change `ViewerOptions` by name; a target (4, 4) moves the goal.
 
         Raises:
-            KinseekError: A target that is no pose.
+            KinseekError: A target that is not a pose.
         """
         with self._lock:
             after = self.options = self.options.but(**changes)
@@ -129,13 +129,13 @@ class Page:
         self._keeper.give("keep")
 
     def pick(self, number: int) -> None:
-        """Show one of the branches, by its number."""
+        """Show one of the branches, by its index."""
         known = self.branches
         if isinstance(known, Branches) and 0 <= number < len(known):
             self._front.give(known.q[number])
 
     def show_pass(self, number: int) -> None:
-        """Show one pass of the search, by its number from 0 on; beyond the ends nothing changes."""
+        """Show one pass of the search, by its index from 0; an index out of range changes nothing."""
         trace = self.trace
         if trace is None or not self.panel.passes.value or not 0 <= number < len(trace):
             return
@@ -146,11 +146,11 @@ class Page:
         self.panel.joints.content = words.joints_html(self.arm, self.answer.q, one)
 
     def close(self) -> None:
-        """End the threads: the page is gone."""
+        """End the threads after the page was closed."""
         for worker in self._workers:
             worker.close()
 
-    # What answers at once.
+    # Fast responses.
 
     def _answer(self, picked: Array | None) -> None:
         options = self.options
@@ -204,7 +204,7 @@ class Page:
         self.scene.limit_gizmo(not set(options.free) >= {"rx", "ry", "rz"})
         self._client.gui.configure_theme(dark_mode=options.dark, show_logo=False, show_share_button=False)
 
-    # What takes longer.
+    # Slower computations.
 
     def _prove(self, _: str) -> None:
         answer = self.answer
@@ -225,8 +225,8 @@ class Page:
             self._nearer(answer, found.q)
 
     def _report_once(self, answer: Answer, proof: Proof | None, looking: bool) -> bool:
-        """Say what is proved of an answer, and whether it is still the one that is shown; else nothing is said."""
-        with self._lock:  # A newer answer waits for it, and writes over it.
+        """Report what is proved about a solution; return False, and report nothing, if it is no longer the one shown."""
+        with self._lock:  # A newer solution waits for the lock, and overwrites.
             if self.answer is not answer:
                 return False
             self.proof = proof
@@ -234,7 +234,7 @@ class Page:
             return True
 
     def _nearer(self, answer: Answer, q: Array) -> None:
-        """Show the pose that a proof met, where it is nearer than the one that the search found."""
+        """Show the pose that a proof found, if it is nearer than that of the search."""
         with self._lock:
             if self.answer is not answer:
                 return
@@ -262,7 +262,7 @@ class Page:
         self._reach(options)
 
     def _find_trace(self, options: ViewerOptions, answer: Answer) -> None:
-        """Find out what the search did; a newer answer that has come meanwhile has a trace of its own."""
+        """Compute the trace of a search; if a newer solution has arrived, it has its own trace."""
         trace = self._session.traced(options)
         with self._lock:
             if self.answer is answer:
@@ -310,7 +310,7 @@ class Page:
             self.show_pass(number)
             self._player.wait(min(PASS, SHOW / len(trace or ())))
 
-    # What a browser keeps, so that closing the page loses nothing.
+    # State stored in the browser, so that closing the page loses nothing.
 
     @property
     def _key(self) -> str:
@@ -319,7 +319,7 @@ class Page:
     def _fetch(self) -> str | None:
         try:
             kept: str | None = self._client.local_storage.get_item(self._key, timeout=3.0)
-        except (RuntimeError, TimeoutError):  # A browser that keeps nothing.
+        except (RuntimeError, TimeoutError):  # A browser without storage.
             return None
         return kept
 

@@ -1,4 +1,4 @@
-"""What one person reads and sets beside the scene: the answer on top, below it the goal, the search and the view."""
+"""The panel beside the scene: the solution on top, below it the goal, the search and the view."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Actions:
-    """What a panel asks of its page."""
+    """Actions of a panel on its page."""
 
     wish: Callable[..., object]
-    """Other `ViewerOptions`, by name."""
+    """Change `ViewerOptions`, by name."""
     step_branch: Callable[[int], object]
-    """Show the branch so many further on."""
+    """Show the branch at this offset from the current one."""
     goal_to_arm: Callable[[], object]
     another_goal: Callable[[], object]
-    """One that the arm reaches."""
+    """Choose another goal that the arm reaches."""
     show_passes: Callable[[bool], object]
     show_pass: Callable[[int], object]
-    """The pass of that number."""
+    """Show the pass with this index."""
     play: Callable[[], object]
 
 
@@ -43,7 +43,7 @@ class Panel:
     """One person's panel; `gui` is that of their connection alone."""
 
     def __init__(self, gui: Any, arm: Arm, options: ViewerOptions, actions: Actions, meshes: Meshes) -> None:
-        """Lay it out."""
+        """Lay out the panel."""
         self._gui, self._arm, self._do = gui, arm, actions
         self.answer = gui.add_html("")
         self.branches = gui.add_html("")
@@ -156,7 +156,7 @@ class Panel:
             self._on(box, self._setter(name))
         self.examined = gui.add_slider("Boxes examined", 1, 7, 1, 4, visible=False)
         self.looks = int(self.examined.value)
-        """Which of the numbers of boxes; of `examined` what a page sends is read before it is checked."""
+        """Index into the numbers of boxes. It is kept because `examined` may have an unchecked value from a page."""
         self._on(self.examined, self._look)
         self.progress = gui.add_progress_bar(0.0, visible=False)
         self.seen = gui.add_html("")
@@ -178,7 +178,7 @@ class Panel:
         return lambda value: self._do.wish(**{name: value})
 
     def show_options(self, options: ViewerOptions) -> None:
-        """Bring the inputs to what holds, where something else than the inputs changed it."""
+        """Set the inputs to the current options after a change from elsewhere."""
         self.counts.value, self.follow.value, self.search.value = (
             options.counts,
             options.follow,
@@ -195,12 +195,12 @@ class Panel:
                 each.value = own[name]
 
     def show_target(self, options: ViewerOptions) -> None:
-        """Bring the numbers of the goal to where it is."""
+        """Set the numbers of the goal to its current pose."""
         self.place.value = tuple(round(float(v), 6) for v in options.target[:3, 3])
         self.turn.value = _degrees(options)
 
     def show_number(self, number: int, count: int) -> None:
-        """Set the slider of passes to one of so many, from 0 on."""
+        """Set the slider of passes to index `number` of `count`."""
         on = count > 1 and self.passes.value
         self.number.visible = self.stepping.visible = on
         if on:
@@ -208,9 +208,9 @@ class Panel:
             self.number.value = number + 1
 
     def _on(self, handle: Any, do: Callable[[Any], object], click: bool = False) -> None:
-        """Call `do` with what a person, not the page itself, has set; in order, since it runs in the server's own loop.
+        """Call `do` for values set by a person, not by the page itself; in order, because it runs in the server's own loop.
 
-        What the input does not offer, a page has not sent: then the input has its last value again.
+        A value that the input does not offer was not sent by a page; the input is then reset to its last value.
         """
         known = handle.value
 
@@ -224,14 +224,14 @@ class Panel:
             known = event.target.value
             try:
                 do(event.target.value)
-            except KinseekError as error:  # What was typed is no pose, perhaps.
+            except KinseekError as error:  # The typed values may not be a pose.
                 self.answer.content = refused_html(str(error))
 
         (handle.on_click if click else handle.on_update)(report)
 
 
 def is_offered(handle: Any) -> bool:
-    """Is the value of an input one that a person can give it: one of its options, within its ends, as long as it was?"""
+    """Return whether the value of an input is one that it offers: one of its options, in its range, of the right length."""
     value = handle.value
     if options := getattr(handle, "options", ()):
         return value in options

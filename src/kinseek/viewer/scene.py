@@ -1,4 +1,4 @@
-"""What one person sees in space: the arm, its branches as ghosts, the goal to drag, and clouds."""
+"""The 3D view of one person: the arm, its branches as ghosts, the goal to drag, and clouds."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .meshes import Meshes
 Array = NDArray[np.float64]
 
 MOST_GHOSTS = 16
-"""Branches that are drawn; more would hide each other."""
+"""Maximum number of branches that are drawn; more would hide each other."""
 
 LINK, JOINT = (232, 125, 10), (84, 92, 106)
 GHOST = (20, 90, 205)
@@ -27,21 +27,21 @@ SEARCH = (194, 59, 0)
 REACHED, CLOUD = (0, 158, 115), (122, 78, 142)
 
 _FAR = 1e-6
-"""A size [m] that nobody sees."""
+"""An invisible size [m]."""
 
 
 def wxyz_of(turn: Array) -> Array:
-    """A rotation matrix, (3, 3), as a quaternion, scalar first."""
+    """Convert a rotation matrix, (3, 3), to a quaternion, scalar first."""
     return quaternion(turn)
 
 
 def matrix_of(wxyz: Array, position: Array) -> Array:
-    """A pose, (4, 4), from a quaternion, scalar first, and a place [m]."""
+    """Convert a quaternion, scalar first, and a position [m] to a pose, (4, 4)."""
     return transform(from_quaternion(np.asarray(wxyz, dtype=np.float64)), position)
 
 
 class Poses:
-    """Some poses of an arm, drawn from its chain as one node."""
+    """Several poses of an arm, drawn from its chain as one node."""
 
     def __init__(
         self,
@@ -52,7 +52,7 @@ class Poses:
         colours: tuple[Any, Any],
         opacity: float | None,
     ) -> None:
-        """Make room for so many poses; nothing is seen until they are set."""
+        """Make space for `count` poses; they are invisible until they are set."""
         import trimesh
 
         self._figure, self._count = figure, count
@@ -83,7 +83,7 @@ class Poses:
         return np.zeros((parts, 3), np.float32), turns, np.full((parts, 3), _FAR, np.float32)
 
     def show(self, q: Array, but: int = -1) -> None:
-        """Draw these joint values, (k, n), as many as there is room for, and leave one of them out."""
+        """Draw these joint values, (k, n), as many as there is space for, except one of them."""
         places, turns, scales = self._nothing()
         q = q[: self._count]
         if len(q):
@@ -96,7 +96,7 @@ class Poses:
         self.node.batched_positions, self.node.batched_wxyzs, self.node.batched_scales = places, turns, scales
 
     def which(self, instance: int | None) -> int:
-        """The number of the pose to which a part belongs that was clicked."""
+        """Return the index of the pose to which a clicked part belongs."""
         return -1 if instance is None else instance // self._each
 
 
@@ -104,7 +104,7 @@ class Scene:
     """One person's scene; `api` is that of their connection alone."""
 
     def __init__(self, api: Any, arm: Arm, meshes: Meshes) -> None:
-        """Draw what does not change, and what does at its beginning."""
+        """Draw the static parts, and the others in their initial state."""
         self._api, self._arm, self._meshes = api, arm, meshes
         self._figure = None if arm.axes is None else Figure(arm.axes)
         self.size = _size(arm) if self._figure is None else self._figure.size
@@ -144,7 +144,7 @@ class Scene:
         )
 
     def on_ghost(self, pick: Callable[[int], object]) -> None:
-        """Call `pick` with the number of a branch whose ghost is clicked."""
+        """Call `pick` with the index of a branch whose ghost is clicked."""
         ghosts = self._ghosts
         if ghosts is None:
             return
@@ -155,7 +155,7 @@ class Scene:
         ghosts.node.on_click(clicked)
 
     def show_arm(self, q: Array, target: Array, reached: bool) -> None:
-        """Bring the arm to joint values q, (n,), and say by a line how far its tip is from the goal."""
+        """Move the arm to joint values q, (n,), and show by a line how far its tip is from the goal."""
         T = self._arm.fk(q)
         if self._arm_drawn is not None:
             self._arm_drawn.show(q[None])
@@ -169,16 +169,16 @@ class Scene:
             self._miss.points = np.array([[T[:3, 3], target[:3, 3]]], dtype=np.float32)
 
     def show_goal(self, target: Array) -> None:
-        """Put the gizmo where the goal is."""
+        """Move the gizmo to the goal."""
         self.goal.position, self.goal.wxyz = target[:3, 3], wxyz_of(target[:3, :3])
 
     def show_ghosts(self, q: Array, shown: int) -> None:
-        """Draw these answers, (k, n), see-through, but for the one that is shown already."""
+        """Draw these solutions, (k, n), transparent, except for the one already shown."""
         if self._ghosts is not None:
             self._ghosts.show(q, shown)
 
     def show_pass(self, q: Array | None, places: Array | None) -> None:
-        """Show the best joint values after a pass, (n,), and where its nodes bring the tip, (k, 3); None: nothing."""
+        """Show the best joint values after a pass, (n,), and the tip positions at its nodes, (k, 3); None: nothing."""
         if self._pass is not None:
             self._pass.show(np.zeros((0, self._arm.dof)) if q is None else q[None])
         self.show_cloud(
@@ -186,7 +186,7 @@ class Scene:
         )
 
     def show_cloud(self, name: str, cloud: Cloud | None, colour: Sequence[int], point: float = 0.006) -> None:
-        """Show points, pale where their shade is 1, or nothing; `point` is their size as part of the arm's."""
+        """Show points, pale where their shade is 1, or nothing; `point` is their size relative to the arm's."""
         known = self._clouds.pop(name, None)
         if known is not None:
             known.remove()
@@ -214,17 +214,17 @@ class Scene:
             self._arm_drawn.node.visible = not solid
 
     def limit_gizmo(self, turns: bool) -> None:
-        """Leave the rings for turning out where no orientation counts."""
+        """Hide the rings for rotation if no orientation is constrained."""
         self.goal.disable_rotations = not turns
 
 
 def _size(arm: Arm) -> float:
-    """About how far an arm reaches that is a function [m]."""
+    """Return the approximate reach of an arm with black-box kinematics [m]."""
     places = arm.fk(arm.sample(200))[:, :3, 3]
     places = places[np.isfinite(places).all(axis=1)]
     return max(float(np.linalg.norm(places, axis=1).max()), 1e-3)
 
 
 def _nice(size: float) -> float:
-    """A power of ten near a size."""
+    """Return a power of ten near a size."""
     return float(10.0 ** np.round(np.log10(size)))

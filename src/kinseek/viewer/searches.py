@@ -1,4 +1,4 @@
-"""The searches that a page offers, and the parameters of each that can be set there."""
+"""The searches that a page offers, and those of their parameters that can be set."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from kinseek.solvers import ALL_SOLVERS, Solver
 from kinseek.solvers.traits import Near, OwnSolver
 
 SEARCHES: dict[str, type[OwnSolver]] = {cls.__name__: cls for cls in ALL_SOLVERS}
-"""By name; the first is the default."""
+"""Searches by name; the first is the default."""
 
 DEFAULT = next(iter(SEARCHES))
 
@@ -21,7 +21,7 @@ PARAMETERS = {
     "tree": "tree",
     "beam": "K, cells kept",
 }
-"""Of all fields of searches those that a page shows, and their labels."""
+"""Fields of searches that a page shows, and their labels."""
 
 HINTS = {
     "branching_factor": "Nodes a joint; the last pass has a spacing of one node.",
@@ -36,27 +36,27 @@ TREES = ("dynamic", "static")
 
 
 def parameters_of(search: str) -> dict[str, str]:
-    """Parameters of a search that a page shows, by name, with their defaults as text."""
+    """Return the parameters of a search that a page shows, by name, with their defaults as text."""
     own = {each.name: each.default for each in fields(SEARCHES[search])}  # type: ignore[arg-type]
     return {name: str(own[name]) for name in PARAMETERS if name in own}
 
 
 def takes_seconds(search: str) -> bool:
-    """May it run for long, so that it is given a time limit?"""
+    """Return whether a search may take long and needs a time limit."""
     return search != DEFAULT
 
 
 def needs_start(search: str) -> bool:
-    """Does it begin at the pose shown, and find little from elsewhere?"""
+    """Return whether a search starts at the pose shown, and finds little from elsewhere."""
     return SEARCHES[search].traits.near is Near.START
 
 
 MOST_FACTOR = 1_000_000
-"""Nodes a joint: a static tree keeps some hundred bytes of each, and any page can ask for one."""
+"""Maximum number of nodes per joint: a static tree needs some hundred bytes for each, and any page can request one."""
 
 
 def make_search(search: str, given: Mapping[str, str]) -> Solver | None:
-    """Build a search; None for the default, which the arm brings itself.
+    """Build a search; None for the default, which the arm provides.
 
     Args:
         search: Its name.
@@ -71,7 +71,7 @@ def make_search(search: str, given: Mapping[str, str]) -> Solver | None:
 
 
 def _read(name: str, text: str) -> object:
-    """A parameter from text: a number, numbers with commas, or a word."""
+    """Read a parameter from text: a number, numbers with commas, or a word."""
     words = ("tuned", "reach") if name == "breadth" else TREES if name == "tree" else ()
     if text.strip() in words:
         return text.strip()

@@ -1,4 +1,4 @@
-"""The server of pages: where it listens, who may come, and a page for everyone who does."""
+"""The server of pages: its address, access to it, and one page per client."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .session import Session
 _log = logging.getLogger("kinseek.viewer")
 
 PORTS = 100
-"""Ports that are tried one after the other, from the one that was asked for."""
+"""Number of ports that are tried, starting with the requested one."""
 
 
 class Viewer:
@@ -42,7 +42,7 @@ class Viewer:
         share: bool = False,
         packages: Mapping[str, str | Path] | None = None,
     ) -> None:
-        """Begin to serve; the arguments are those of `kinseek.viewer.show`."""
+        """Start serving; the arguments are those of `kinseek.viewer.show`."""
         try:
             import viser
         except ImportError:
@@ -50,13 +50,13 @@ class Viewer:
         from .page import Page
 
         class Server(viser.ViserServer):
-            """One that nobody can make public but who started it: viser lets any page ask for that."""
+            """A server that pages cannot make public: viser lets any page request that."""
 
             def request_share_url(self, verbose: bool = True) -> str | None:
                 return super().request_share_url(verbose) if share else None
 
             def __setattr__(self, name: str, value: Any) -> None:
-                if name == "_websock_server":  # The first that viser does; the last is to start it.
+                if name == "_websock_server":  # Set first by viser, and started last.
                     door.put_before(value)
                 super().__setattr__(name, value)
 
@@ -65,7 +65,7 @@ class Viewer:
         self.arm = arm
         self.meshes = meshes_of(arm.axes, packages)
         self._session = Session(arm)
-        with _silence():  # viser greets on its own.
+        with _silence():  # viser prints a greeting.
             self._server = Server(
                 host=host, port=wanted, label=f"kinseek: {printable(arm.name)}", verbose=False
             )
@@ -78,11 +78,11 @@ class Viewer:
         self.asked_port = port
         self.host = host
         self.pages: dict[int, Page] = {}
-        """The pages that are open now, by the number of their connection."""
+        """The open pages, by the index of their connection."""
         self._lock = threading.Lock()
         self._stopped = threading.Event()
         self._server.gui.main_panel.dock_right()
-        # Mirrored surroundings and shadows tell nothing of an arm, and cost a machine without a graphics card 20 s.
+        # Reflections and shadows show nothing about an arm, and take 20 s on a machine without a graphics card.
         self._server.scene.configure_environment_map(None)
         self._server.scene.configure_default_lights(cast_shadow=False)
         self._server.scene.add_light_ambient("/light", intensity=1.6)
@@ -93,7 +93,7 @@ class Viewer:
             _leave_quietly(client)
             try:
                 page = Page(client, self._session, self.meshes)
-            except Exception:  # viser would print it, and a client that leaves at once is the usual reason.
+            except Exception:  # viser would print it; usually a client left at once.
                 if client.client_id in self._server.get_clients():
                     _log.exception("a page could not be laid out")
                 return
@@ -101,7 +101,7 @@ class Viewer:
                 if client.client_id in self._server.get_clients():
                     self.pages[client.client_id] = page
                     return
-            page.close()  # Gone before it was laid out.
+            page.close()  # The client left before the layout was done.
 
         @self._server.on_client_disconnect
         def _(client: Any) -> None:
@@ -113,7 +113,7 @@ class Viewer:
         self.public_url: str | None = self._server.request_share_url(verbose=False) if share else None
 
     def _first_look(self) -> None:
-        """Where the eye is when a page opens: in front of the arm, above it, and to its side."""
+        """Set the initial camera: in front of the arm, above it, and to its side."""
         from .clouds import surroundings
 
         low, high = surroundings(self.arm)
@@ -131,11 +131,11 @@ class Viewer:
         return f"http://{f'[{anywhere}]' if ':' in anywhere else anywhere}:{self.port}"
 
     def stop(self) -> None:
-        """Close every page and stop serving; again does nothing."""
+        """Close every page and stop serving; a second call does nothing."""
         if self._stopped.is_set():
             return
         self._stopped.set()
-        # viser says so in the thread of its event loop.
+        # viser reports this in the thread of its event loop.
         with contextlib.suppress(RuntimeError):  # Its loop is closed already.
             self._server.get_event_loop().call_soon_threadsafe(_silence().__enter__)
         self._server.stop()
@@ -166,10 +166,10 @@ class Viewer:
 
 
 def free_port(host: str, port: int) -> int:
-    """The first port that is free, from the one that was asked for.
+    """Return the first free port, starting with the requested one.
 
     Raises:
-        InvalidUse: No port, not an address of this machine, or none is free.
+        InvalidUse: Not a port, not an address of this machine, or none is free.
     """
     port = as_integer("port, of which 0 is any free one,", port, 0, 65535, InvalidUse)
     try:
@@ -200,14 +200,14 @@ def free_port(host: str, port: int) -> int:
 
 
 def browser_here() -> bool:
-    """Is there a screen to open a browser on? A browser in a terminal would take it over."""
+    """Return whether there is a screen to open a browser on. A browser in a terminal would take the terminal over."""
     if sys.platform in ("win32", "darwin"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def open_page(url: str) -> bool:
-    """Open a browser; say whether there was one."""
+    """Open a browser; return whether there was one."""
     try:
         return webbrowser.open(url)
     except (webbrowser.Error, OSError):
@@ -215,15 +215,15 @@ def open_page(url: str) -> bool:
 
 
 def _silence() -> contextlib.AbstractContextManager[Any]:
-    """Keep off the terminal what this thread prints through Rich, as viser does; other threads print on."""
+    """Suppress what this thread prints through Rich, as viser does; other threads are not affected."""
     from rich import get_console
 
     return get_console().capture()
 
 
 def _leave_quietly(client: Any) -> None:
-    """Keep viser from warning that a page has left: its threads still draw then, and that is no fault.
+    """Keep viser from warning that a page has closed while threads still draw on it, which is not an error.
 
-    viser warns once for each connection; this one has had its warning. A filter would change the warnings of the process.
+    viser warns once for each connection; this one is marked as warned. A filter would change the warnings of the process.
     """
     client._websock_connection.get_message_buffer()._warned_push_after_done = True

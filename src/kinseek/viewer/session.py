@@ -1,4 +1,4 @@
-"""One person's goal, answered: what a page shows, without the page."""
+"""Solutions and proofs for one person's goal, independent of the page."""
 
 from __future__ import annotations
 
@@ -28,35 +28,35 @@ from .searches import DEFAULT, make_search, needs_start, takes_seconds
 Array = NDArray[np.float64]
 
 PATIENCE = 2.0
-"""[s] that a search may take for one goal, the default apart, which takes microseconds."""
+"""Maximum time of a search for one goal [s], except for the default search, which takes microseconds."""
 
 PROOF_PATIENCE = 20.0
-"""[s] after which a proof ends with what is known."""
+"""Time after which a proof ends with its current bounds [s]."""
 
 FIRST_LOOK = 100_000
-"""Boxes that a proof looks at, some tenths of a second, to decide whether any pose reaches the goal."""
+"""Number of boxes, some tenths of a second, with which a proof decides whether any pose reaches the goal."""
 
 GAPS = (0.2, 0.05, 0.01)
-"""After that it goes on until it knows the least error to within these parts of it."""
+"""Relative gaps of the bounds on the least error to which the proof then continues."""
 
 BEGINNINGS = 64
-"""Poses looked at for the one to begin with."""
+"""Number of poses from which the initial one is chosen."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What became of one goal."""
+    """The result for one goal."""
 
     options: ViewerOptions
-    """What was asked for."""
+    """The options that were used."""
     q: Array
     """Joint values to show, (n,), [rad] or [m]."""
     solution: Solution | None = None
-    """None where the question was refused."""
+    """None if the goal was rejected."""
     seconds: float = 0.0
-    """What the search took, on the clock."""
+    """Wall-clock time of the search [s]."""
     refused: str = ""
-    """Why the question was refused."""
+    """Why the goal was rejected."""
 
     @property
     def reached(self) -> bool:
@@ -70,19 +70,19 @@ class Answer:
 
     @property
     def trace(self) -> Trace | None:
-        """What the search did, if it says so."""
+        """The trace of the search, if it has one."""
         kept = None if self.solution is None else self.solution._trace
         return kept if isinstance(kept, Trace) else None
 
 
 @dataclass(frozen=True)
 class Proof:
-    """What is proved of a goal that was missed."""
+    """What is proved about a missed goal."""
 
     certificate: Certificate | None = None
-    """About the goal."""
+    """Certificate of the goal."""
     place: Certificate | None = None
-    """About its position alone, with any orientation: its errors are metres."""
+    """Certificate of its position alone, with any orientation: its errors are in metres."""
     refused: str = ""
     """Why nothing can be proved."""
 
@@ -92,14 +92,14 @@ class Proof:
         return self.certificate is not None and self.certificate.verdict is Verdict.UNREACHABLE
 
     def sentences(self) -> list[str]:
-        """What is proved, in words."""
+        """The proved statements as sentences."""
         if self.certificate is None:
             return [self.refused] if self.refused else []
         lower, upper = self.certificate.lower_bound, self.certificate.upper_bound
         found, said = self.certificate, []
         if found.verdict is Verdict.REACHABLE:
             return ["Proved reachable: other joint values meet both tolerances."]
-        if found.verdict is Verdict.UNDECIDED:  # What is unreachable the status says.
+        if found.verdict is Verdict.UNDECIDED:  # The status reports unreachable goals.
             said.append(str(found.verdict))
         goal = found.problem.goal
         if goal.columns == 0:
@@ -121,29 +121,29 @@ class Proof:
 
 
 class Until(Deadline):
-    """A deadline that also passes when somebody says so."""
+    """A deadline that also passes when a function says so."""
 
     def __init__(self, stopped: Callable[[], bool], time_limit: float | None = None) -> None:
-        """Begin to count now.
+        """Start the time limit now.
 
         Args:
-            stopped: Is the work no longer wanted?
-            time_limit: [s]; None never ends by itself.
+            stopped: Returns whether the work is no longer needed.
+            time_limit: [s]; None sets no limit.
         """
         super().__init__(time_limit)
         self._stopped = stopped
 
     @property
     def passed(self) -> bool:
-        """Is the time up, or the work no longer wanted?"""
+        """Is the time up, or the work no longer needed?"""
         return self._stopped() or super().passed
 
 
 class Session:
-    """What an arm answers to one person; it keeps nothing between two questions but what `ViewerOptions` say."""
+    """Solutions of an arm for one person; the only state between two calls is in `ViewerOptions`."""
 
     def __init__(self, arm: Arm) -> None:
-        """Take an arm, and make what it needs once, so that no drag waits for it."""
+        """Take an arm, and compute what it needs once, so that no drag waits for it."""
         self.arm = arm
         q = beginning(arm)
         self.begin = first_selection(arm.mechanism, q, arm.fk(q))
@@ -152,7 +152,7 @@ class Session:
         self.branches(self.begin)
 
     def answer(self, options: ViewerOptions) -> Answer:
-        """Answer a goal by the search that was chosen; what is refused is said, and the arm stays where it is."""
+        """Solve a goal by the chosen search. If the goal is rejected, the result says why, and the arm does not move."""
         if far := self._far(options):
             return Answer(options, options.q, refused=far)
         try:
@@ -169,7 +169,7 @@ class Session:
         return Answer(options.but(q=solution.q), solution.q, solution, seconds)
 
     def _far(self, options: ViewerOptions) -> str:
-        """What is said of a goal so far off that it is in other units, perhaps: `Arm.ik` would warn."""
+        """Return a message for a goal so far away that its units may be wrong: `Arm.ik` would warn."""
         far = float(np.linalg.norm(options.target[:3, 3]))
         if self.arm.axes is None or far <= FAR * self.arm.axes.reach:
             return ""
@@ -179,7 +179,7 @@ class Session:
         )
 
     def traced(self, options: ViewerOptions) -> Trace | None:
-        """What the default search does for a goal, pass by pass; others give their trace with the answer."""
+        """Return the trace of the default search for a goal; other searches return their trace with the solution."""
         try:
             near = options.q if options.follow else None
             trace = self.arm.ik(self._question(options), near=near, trace=True).trace
@@ -188,7 +188,7 @@ class Session:
         return trace if isinstance(trace, Trace) else None
 
     def branches(self, options: ViewerOptions) -> Branches | str:
-        """Every answer, or why there are none to be told."""
+        """Return every solution, or the reason why there are none to show."""
         try:
             found = self.arm.branches(self._question(options), time_limit=PATIENCE)
         except KinseekError as error:
@@ -197,19 +197,19 @@ class Session:
         return found
 
     def picked(self, options: ViewerOptions, q: Array) -> Answer:
-        """Show one of the answers that are known, (n,)."""
+        """Show one of the known solutions, (n,)."""
         solution = self.arm.ik(self._question(options), near=q)
         return Answer(options.but(q=solution.q), solution.q, solution)
 
     def proofs(
         self, options: ViewerOptions, stopped: Callable[[], bool], threads: int | None = 1
     ) -> Iterator[Proof]:
-        """Prove how near any pose can come to a goal that was missed: first whether any reaches it, then ever closer.
+        """Prove bounds on the least error of a missed goal: first whether any pose reaches it, then ever closer bounds.
 
         Args:
-            options: What was asked for.
-            stopped: Is it no longer wanted? Asked between chunks of some hundredths of a second.
-            threads: That share the boxes.
+            options: The options that were used.
+            stopped: Returns whether the proof is no longer needed; called between chunks of some hundredths of a second.
+            threads: Number of threads that share the boxes.
         """
         from kinseek.proof.branch_and_bound import prove
 
@@ -236,12 +236,12 @@ class Session:
             yield Proof(refused=str(error))
 
     def _question(self, options: ViewerOptions) -> Any:
-        """The goal; a bare pose where it is one, which is the fastest way."""
+        """Return the goal, or a bare pose if possible, which is the fastest to solve."""
         return options.goal if options.free else options.target
 
 
 def beginning(arm: Arm) -> Array:
-    """Joint values to begin with, (n,): of some the most dexterous, well above the ground where it can be."""
+    """Return initial joint values, (n,): the most dexterous of a sample, if possible well above the ground."""
     q = arm.sample(BEGINNINGS)
     poses = arm.fk(q)
     there = np.isfinite(poses).all(axis=(1, 2))
@@ -253,7 +253,7 @@ def beginning(arm: Arm) -> Array:
 
 
 def nearest_of(branches: Branches, q: Array) -> int:
-    """The number of the answer nearest to joint values q, (n,), full turns of joints that turn left out; -1 without any."""
+    """Return the index of the solution nearest to q, (n,), ignoring full turns of revolute joints; -1 if there is none."""
     if not len(branches):
         return -1
     apart = branches.q - q
@@ -263,7 +263,7 @@ def nearest_of(branches: Branches, q: Array) -> int:
 
 
 def status_of(answer: Answer, proof: Proof | None) -> tuple[str, str]:
-    """The sentence to show and what kind of news it is: ``"good"``, ``"bad"``, ``"open"`` or ``"refused"``."""
+    """Return the sentence to show and its kind: ``"good"``, ``"bad"``, ``"open"`` or ``"refused"``."""
     if answer.refused:
         return answer.refused, "refused"
     if answer.reached:
@@ -274,7 +274,7 @@ def status_of(answer: Answer, proof: Proof | None) -> tuple[str, str]:
 
 
 def call_of(options: ViewerOptions) -> str:
-    """The same question in Python."""
+    """Return the Python call with the same goal and options."""
     goal = f"kinseek.Goal.pose(T, free={list(options.free)})" if options.free else "T"
     near = ", near=q" if options.follow or needs_start(options.search) else ""
     if options.search == DEFAULT:

@@ -1,4 +1,4 @@
-"""What a page says, as HTML: the answer, the joints against their limits, what a search did."""
+"""The texts of a page as HTML: the solution, the joints and their limits, the passes of a search."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Array = NDArray[np.float64]
 _NEWS = {"good": "#2b8a3e", "bad": "#c92a2a", "open": "#b35c00", "refused": "#c92a2a"}
 _SOFT = "color:var(--mantine-color-dimmed)"
 _NEAR = 0.02
-"""Part of a joint's range: nearer to a limit is shown."""
+"""Fraction of a joint's range within which a value near a limit is highlighted."""
 
 
 def answer_html(answer: Answer, proof: Proof | None, proving: bool) -> str:
-    """The status sentence, both errors, the work, and what is proved; `proving` says that more may come."""
+    """The status sentence, both errors, the work, and what is proved; `proving` announces that more may follow."""
     parts = [_sentence(*status_of(answer, proof))]
     if answer.solution is not None:
         found = answer.solution
@@ -47,7 +47,7 @@ def answer_html(answer: Answer, proof: Proof | None, proving: bool) -> str:
 
 
 def refused_html(why: str) -> str:
-    """Why something cannot be asked."""
+    """Why a goal is rejected."""
     return _block(_sentence(why, "refused"))
 
 
@@ -65,7 +65,7 @@ def _time(seconds: float) -> str:
 
 
 def branches_html(branches: Branches | str | None, shown: int, drawn: int) -> str:
-    """How many answers there are, and which of them is shown."""
+    """The number of solutions, and which of them is shown."""
     if branches is None:
         text = "Branches: looking …"
     elif isinstance(branches, str):
@@ -81,12 +81,12 @@ def branches_html(branches: Branches | str | None, shown: int, drawn: int) -> st
 
 
 def joints_html(arm: Arm, q: Array, window: Pass | None = None) -> str:
-    """Every joint as a bar from its lower to its upper limit, with a mark at its value; and a pass's window on it.
+    """Every joint as a bar between its limits, with a mark at its value, and the window of a pass on it.
 
     Args:
         arm: The arm.
         q: Joint values, (n,), [rad] or [m].
-        window: A pass of a search: the part of each range that it looked at.
+        window: A pass of a search: the part of each range that it searched.
     """
     rows = []
     for i, (name, kind) in enumerate(zip(arm.joint_names, arm.kinds, strict=True)):
@@ -117,7 +117,7 @@ def joints_html(arm: Arm, q: Array, window: Pass | None = None) -> str:
 
 
 def _band(window: Pass, i: int, low: float, high: float) -> str:
-    """The window of a pass on a joint's bar; where it goes on at the other end, there too."""
+    """The window of a pass on a joint's bar, in two parts if it wraps around."""
     if window.lower is None or window.upper is None or high <= low:
         return ""
     begin, end = (window.lower[i] - low) / (high - low), (window.upper[i] - low) / (high - low)
@@ -134,14 +134,14 @@ def _band(window: Pass, i: int, low: float, high: float) -> str:
 
 
 def joint(value: float, kind: str) -> str:
-    """A joint value in degrees, millimetres, or as the bare number that it is."""
+    """Format a joint value in degrees, in millimetres, or as a plain number."""
     if kind in (REVOLUTE, CONTINUOUS):
-        return f"{round(float(np.degrees(value)), 1) + 0.0:.1f}°"  # Adding 0 takes the sign off -0.
+        return f"{round(float(np.degrees(value)), 1) + 0.0:.1f}°"  # Adding 0 removes the sign of -0.
     return f"{round(value * 1e3, 1) + 0.0:.1f} mm" if kind == PRISMATIC else f"{value:.4g}"
 
 
 def pass_html(trace: Trace | None, number: int) -> str:
-    """What one pass of a search did, its number from 0 on."""
+    """Describe one pass of a search, by its index from 0."""
     if trace is None or not len(trace):
         return _block(f"<div style='{_SOFT}'>This search told of no passes.</div>")
     one, spent = trace[number], int(trace.evaluations[number])
@@ -161,14 +161,14 @@ def pass_html(trace: Trace | None, number: int) -> str:
 
 
 def call_html(answer: Answer) -> str:
-    """The same question in Python."""
+    """The Python call with the same goal and options."""
     return _block(
         f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{in_html(call_of(answer.options))}</code>"
     )
 
 
 def note_html(*sentences: str) -> str:
-    """Sentences, small."""
+    """Sentences in small print."""
     return _block("".join(f"<div style='{_SOFT}'>{in_html(each)}</div>" for each in sentences if each))
 
 

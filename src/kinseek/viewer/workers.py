@@ -1,4 +1,4 @@
-"""Work beside a page: one thread that always takes the newest wish, so that what is no longer wanted is never waited for."""
+"""Background work of a page: one thread that always processes the newest request, so that outdated ones are skipped."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _log = logging.getLogger("kinseek.viewer")
 
 
 class Newest(Generic[Item]):
-    """A thread that works on the newest of what it is given, and leaves out what came between."""
+    """A thread that processes the newest item it is given, and skips older ones."""
 
     def __init__(self, work: Callable[[Item], None], name: str, quiet: float = 0.0) -> None:
-        """Begin to wait.
+        """Start the thread.
 
         Args:
-            work: What to do; it may ask `stale` whether to go on.
-            name: Of the thread.
-            quiet: [s] that nothing new must come before the work begins.
+            work: Called with an item; it may call `stale` to check whether to continue.
+            name: Name of the thread.
+            quiet: Time without a new item before the work begins [s].
         """
         self._work, self._quiet = work, quiet
         self._changed = threading.Condition()
@@ -32,29 +32,29 @@ class Newest(Generic[Item]):
         self._thread.start()
 
     def give(self, item: Item) -> None:
-        """Work on this next; what waits already is left out."""
+        """Process this item next; a waiting item is skipped."""
         with self._changed:
             self._waiting = [item]
             self._changed.notify_all()
 
     def stale(self) -> bool:
-        """Is something newer waiting, or the end come?"""
+        """Return whether a newer item is waiting, or the thread must end."""
         return bool(self._waiting) or self._closed
 
     def wait(self, seconds: float) -> None:
-        """Wait [s], shorter if something newer comes."""
+        """Wait [s], less if a newer item arrives."""
         with self._changed:
             if not self.stale():
                 self._changed.wait(seconds)
 
     @property
     def idle(self) -> bool:
-        """Is there nothing to do?"""
+        """Return whether there is nothing to do."""
         with self._changed:
             return not (self._busy or self._waiting)
 
     def close(self) -> None:
-        """End after what is being done, which hears of it by `stale`; from the thread itself it only says so."""
+        """End after the current item, which can check `stale`; called from the thread itself, it does not wait."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -65,18 +65,18 @@ class Newest(Generic[Item]):
         while taken := self._next():
             try:
                 self._work(taken[0])
-            except Exception:  # A page that has a fault shall go on with the next goal.
+            except Exception:  # After an error in a page, it must continue with the next goal.
                 if not self._closed:
                     _log.exception("a page could not show what was asked of it")
 
     def _next(self) -> list[Item]:
-        """What to do next, alone in a list; nothing at the end."""
+        """Return a list with the next item; empty at the end."""
         with self._changed:
             self._busy = False
             while not self._closed and not self._waiting:
                 self._changed.wait()
             while not self._closed and self._quiet:
-                newest = self._waiting  # The list, a new one at every call: wishes may be the same.
+                newest = self._waiting  # A new list at every call, because items may be equal.
                 self._changed.wait(self._quiet)
                 if self._waiting is newest:
                     break
