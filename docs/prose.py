@@ -51,7 +51,7 @@ SKIPPED = (
 )
 """Groups of proselint's checks that object to code, units, mathematics and tables."""
 
-EXCUSED = ("revolt", "discriminating", "divide and conquer", "least singular", "in order to form")
+EXCUSED = ("revolt", "discriminating", "divide and conquer", "least singular", "annotation left in text")
 """Terms of the field that proselint takes for something else, as its messages have them."""
 
 

@@ -329,7 +329,7 @@ def test_every_plain_field_is_an_option_with_help(run: Run, search: str) -> None
 def test_help_comes_from_the_docstrings_below_the_fields() -> None:
     assert (
         parameters("blind-search")["shrink"].help
-        == "Factor on Δ when no combination helps; None keeps Δ as it is, the paper's fixed changes, and ends there."
+        == "Factor on Δ if no combination improves; None keeps Δ fixed, as the paper does, and ends the search there."
     )
 
 

@@ -32,12 +32,12 @@ from kinseek.cli.peers import PEERS
 )
 @json_option
 def command(arm: str, chain: Chain, poses: int, seconds: float, as_json: bool) -> int:
-    """Measure on this machine how long answers take, beside the peers that are installed.
+    """Measure how long solutions take on this machine, for kinseek and for the peers that are installed.
 
-    Poses are those of random postures inside the limits. Reached is what comes to 1e-6 m and 1e-6 rad inside the limits,
-    judged by kinseek's plain forward kinematics for all alike; of every answer, all have to. Nobody is told the posture: a
-    peer that needs a start gets the middle of the ranges. Near a start is one about 0.05 rad or m a joint away. Unreachable
-    poses are farther away than the links together are long: the nearest pose is looked for, or a proof that there is none.
+    The poses belong to random postures inside the limits. A pose is reached if the solution is inside the limits and within
+    1e-6 m and 1e-6 rad by kinseek's plain forward kinematics; if every solution is requested, each has to be. A peer that
+    needs a start gets the middle of the ranges, or, near a start, a posture about 0.05 rad or m a joint away. Unreachable
+    poses are farther away than the links together are long: solvers look for the nearest pose, or prove that none exists.
     """
     loaded, rows = chain.load(arm), []
     for row in bench.measure(loaded, poses, seconds):

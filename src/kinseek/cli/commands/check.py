@@ -25,11 +25,11 @@ from kinseek.robots.soundness import READABLE, check
 @chain_options
 @json_option
 def command(arm: str, chain: Chain, as_json: bool) -> int:
-    """Say whether the description of a robot is sound, one finding a line.
+    """Check whether the description of a robot is sound, and print one line for each finding.
 
-    An error is something that kinseek refuses, a warning is probably a mistake, a note is good to know. Looked at are the
-    tree of links, limits and soft limits, axes, mimic joints, kinds of joints, masses and inertias, and whether meshes are
-    there. Of a bundled arm, one more line says where its limits and speeds come from.
+    An error is something that kinseek rejects, a warning is probably a mistake, a note is good to know. The check covers the
+    tree of links, limits and soft limits, axes, mimic joints, kinds of joints, masses and inertias, and missing meshes. For
+    a bundled arm, one more line gives the source of its limits and speeds.
     """
     path = catalog_path(arm) if arm in catalog_names() else Path(arm).expanduser()
     if path.suffix.lower() not in READABLE:

@@ -23,7 +23,7 @@ SHELLS = ("bash", "zsh", "fish")
 )
 @click.argument("shell", metavar="SHELL")
 def command(shell: str) -> int:
-    """Print the script with which a shell completes commands, options, names of arms, searches and joints."""
+    """Print the script for a shell to complete commands, options, and names of arms, searches and joints."""
     if shell not in SHELLS:
         raise InvalidProblem(suggest(shell, SHELLS, "shell"))
     from kinseek.cli.program import COMPLETE, PROGRAM

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from kinseek.solvers import Atlas, DivideAndConquer
 
 _EXPORTED = ("divide-and-conquer", "atlas")
-"""The searches that can be exported; the first unless another is asked for."""
+"""The searches that can be exported; the first is the default."""
 
 
 @click.command(

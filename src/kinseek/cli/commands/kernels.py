@@ -10,6 +10,6 @@ from kinseek.kernels.backend import describe_backend
 
 @click.command("kernels", cls=Command, examples=["kinseek kernels"])
 def command() -> int:
-    """Say how the compiled kernels run here: from the library built with the package, or by Numba."""
+    """Show which kernels are in use: the prebuilt library, Numba or Python."""
     print(describe_backend())
     return 0

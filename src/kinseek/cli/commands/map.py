@@ -131,7 +131,7 @@ def command(
     only: bool,
     as_json: bool,
 ) -> int:
-    """Map what an arm reaches: of an even grid of poses each reached or not, and more where it is asked."""
+    """Map which poses of an even grid an arm reaches, and with options how well."""
     loaded = chain.load(arm)
     grid = _grid(loaded, step, ranges, count, rings)
     if resume and store is None:
@@ -186,7 +186,7 @@ def _load_matplotlib() -> None:
 
 
 def _grid(arm: Arm, step: float | None, ranges: str | None, count: int, rings: bool) -> Grid | Rings:
-    """The grid that is asked for: whole cells, as far as the arm reaches unless said."""
+    """The requested grid: whole cells, by default as far as the arm reaches."""
     reach_of_it = arm.chain.reach
     width = step if step is not None else float(f"{reach_of_it / 10:.1g}")
     if not np.isfinite(width) or width <= 0.0:

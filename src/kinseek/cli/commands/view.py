@@ -36,7 +36,7 @@ def command(
     share: bool,
     browser: bool | None,
 ) -> int:
-    """Show an arm on a page in the browser: drag a goal, see the answer, every branch, and how near it comes.
+    """Show an arm in the browser: drag a goal, and see the solution, every branch and the error.
 
     It ends with Ctrl-C.
     """
