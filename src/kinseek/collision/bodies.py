@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidProblem, InvalidRobot, InvalidScene, suggest
 from kinseek.kernels.arm.forward import forward_many
+from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.robots import read
 from kinseek.robots.adapters import is_text
 from kinseek.robots.chain import Frame, Mimics, SerialChain
@@ -406,6 +407,10 @@ class _Others:
                 "such a joint is not supported"
             )
         value = multiplier * self._value(leader) + offset
+        if not abs(value) <= LARGEST:
+            raise InvalidScene(
+                f"{self.path}: joint {name!r} must stand at a value of at most {LARGEST:g} rad or m, got {value:g}"
+            )
         axis = numbers_of(None if joint.find("axis") is None else joint.find("axis").get("xyz"), 3, 0.0)
         axis = axis / np.linalg.norm(axis) if axis.any() else np.array([1.0, 0.0, 0.0])
         if kind == PRISMATIC:

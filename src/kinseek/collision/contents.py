@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
+from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.poses import one_pose
 from kinseek.printable import printable
 from kinseek.problem import as_joints
@@ -356,7 +357,16 @@ class Contents:
             )
         return name
 
-    def _require_room(self, bodies: Iterable[Body]) -> None:
+    def _require_room(self, bodies: Sequence[Body]) -> None:
+        for body in bodies:
+            for part in body.parts:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    farthest = float(np.abs(body.frame.pose @ part.pose).max())
+                if not farthest <= LARGEST:  # It may be NaN.
+                    raise InvalidScene(
+                        f"{body.name!r}: a shape must stand within {LARGEST:g} m of the origin along each axis, got "
+                        f"{farthest:g} m"
+                    )
         if (total := sum(len(body.parts) for body in (*self._bodies.values(), *bodies))) > MOST_SHAPES:
             raise InvalidScene(
                 f"{total:,} shapes of bodies, a scene has at most {MOST_SHAPES:,}: put shapes that stand still into one "
