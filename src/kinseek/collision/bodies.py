@@ -33,6 +33,10 @@ Array = NDArray[np.float64]
 SHORT = 1e-6
 """A link shorter than this [m] gets no capsule."""
 
+MOST_SHAPES = 2_000
+"""Of all bodies of a scene together. Every two bodies are a pair, also two that never move against each other, and the time
+in which pinocchio takes shapes grows with the cube of their number."""
+
 _SAME = 1e-6
 """How far the links of a file may be from those of the arm that it is said to be of [m]."""
 
@@ -168,15 +172,30 @@ def read_bodies(
     _require_same(chain, text, path)
     notes: list[str] = []
     frames = _frames(robot, chain, path, joints, notes)
-    bodies, meshes = [], MeshFiles(path, folders)
+    bodies, meshes, shapes = [], MeshFiles(path, folders), 0
     for link in robot.findall("link"):
         if (name := link.get("name")) not in frames:
             continue
         parts = parts_of(link, meshes, skip, notes)
         if parts:
             bodies.append(Body(name, frames[name], parts, is_link=True))
+        shapes += len(parts)
+        require_number(shapes)
     solid = {body.name for body in bodies}
-    return ArmBodies(bodies, _neighbours(robot, solid), notes, frames, robot.get("name") or "")
+    return ArmBodies(bodies, neighbours_of(robot, solid), notes, frames, robot.get("name") or "")
+
+
+def require_number(shapes: int) -> None:
+    """Make sure that a scene takes so many shapes.
+
+    Raises:
+        InvalidScene: There are too many.
+    """
+    if shapes > MOST_SHAPES:
+        raise InvalidScene(
+            f"{shapes:,} shapes of bodies, a scene has at most {MOST_SHAPES:,}: put shapes that stand still into one "
+            "mesh, or points into one cloud"
+        )
 
 
 class MeshFiles:
@@ -430,21 +449,28 @@ class _Others:
         return self.values[name]
 
 
-def _neighbours(robot: Any, solid: set[str]) -> list[tuple[str, str]]:
+def neighbours_of(robot: Any, solid: set[str]) -> list[tuple[str, str]]:
     """Pairs of links with geometry that one joint connects, fixed links without geometry between them passed over."""
-    joints = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}
-    pairs = []
-    for child in solid & joints.keys():
-        joint, moving = joints[child], 0
-        while True:
-            moving += joint.get("type") != "fixed"
-            parent = joint.find("parent").get("link")
-            if parent in solid and moving <= 1:
-                pairs.append((parent, child))
-            if parent in solid or moving > 1 or parent not in joints:
-                break
-            joint = joints[parent]
-    return sorted(pairs)
+    above = {
+        joint.find("child").get("link"): (joint.find("parent").get("link"), int(joint.get("type") != "fixed"))
+        for joint in robot.findall("joint")
+    }
+    nearest: dict[str, tuple[str | None, int]] = {}
+    """Of a link the nearest solid one above it, and how many joints move between them; at the base no link."""
+    for end in above:
+        link, climbed = end, list[str]()
+        while link in above and link not in nearest:
+            climbed.append(link)
+            link = above[link][0]
+        for below in reversed(climbed):
+            parent, moves = above[below]
+            solid_one, more = (parent, 0) if parent in solid else nearest.get(parent, (None, 0))
+            nearest[below] = solid_one, moves + more
+    return sorted(
+        (parent, child)
+        for child, (parent, moving) in nearest.items()
+        if child in solid and parent is not None and moving <= 1
+    )
 
 
 def _z_along(way: Array) -> Array:

@@ -18,18 +18,13 @@ from kinseek.problem import as_joints
 from kinseek.robots.chain import Frame, SerialChain
 
 from .assembly import Assembly, assemble, sampled
-from .bodies import ArmBodies, Body, Part, package_folders
+from .bodies import ArmBodies, Body, Part, package_folders, require_number
 from .obstacles import obstacles
 from .others import OtherArm
 from .pairs import ATTACHED, Pair, key, pairs_of
 from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length_or_zero
 
 Array = NDArray[np.float64]
-
-
-MOST_SHAPES = 2_000
-"""Of all bodies of a scene together. Every two bodies are a pair, also two that never move against each other, and the time
-in which pinocchio takes shapes grows with the cube of their number."""
 
 
 class Contents:
@@ -367,11 +362,7 @@ class Contents:
                         f"{body.name!r}: a shape must stand within {LARGEST:g} m of the origin along each axis, got "
                         f"{farthest:g} m"
                     )
-        if (total := sum(len(body.parts) for body in (*self._bodies.values(), *bodies))) > MOST_SHAPES:
-            raise InvalidScene(
-                f"{total:,} shapes of bodies, a scene has at most {MOST_SHAPES:,}: put shapes that stand still into one "
-                "mesh, or points into one cloud"
-            )
+        require_number(sum(len(body.parts) for body in (*self._bodies.values(), *bodies)))
 
     def _require(self, name: str) -> None:
         if name not in self._bodies:

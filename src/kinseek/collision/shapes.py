@@ -509,7 +509,7 @@ def length_or_zero(name: str, value: Any) -> float:
         return length(name, value, 0.0)
     except InvalidScene:
         raise InvalidScene(
-            f"{name} must be a length of at least 0 m and at most {MOST_LENGTH:g} m, got {value!r:.200}"
+            f"{name} must be a length of at least 0 m, got {value!r:.200}; the largest that is taken is {MOST_LENGTH:g} m"
         ) from None
 
 
