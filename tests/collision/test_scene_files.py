@@ -16,7 +16,7 @@ from kinseek import InvalidScene, Scene
 from kinseek.collision import Box
 from kinseek.collision.assembly import MOST_PAIRS
 from kinseek.collision.bodies import MOST_SHAPES, neighbours_of
-from kinseek.collision.obstacles import obstacles
+from kinseek.collision.obstacles import MOST_OBJECTS, obstacles
 
 pytest.importorskip("pinocchio")
 
@@ -315,6 +315,26 @@ def test_a_scene_with_too_many_bodies_is_refused(tmp_path: Path, scene: Scene) -
     scene.add_file(boxes(room))
     with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
         scene.add_box("one more", (1, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("count", "what"), [(1, "shapes"), (MOST_OBJECTS + 1, "objects"), (MOST_OBJECTS + 1, "subframes")]
+)
+def test_a_scene_is_refused_before_all_of_it_is_read(
+    tmp_path: Path, scene: Scene, count: int, what: str
+) -> None:
+    """9 MB of subframes took 40 seconds, and 10 MB of shapes that a scene does not take as long."""
+    start = "* o{}\n0 0 0\n0 0 0 1\n"
+    box = "1\nbox\n1 1 1\n5 0 0\n0 0 0 1\n0 0 0 0\n"
+    text = {
+        "shapes": start + f"{10**8}\nand no more",
+        "objects": "".join(start.format(i) + "0\n0\n" for i in range(count)),
+        "subframes": start + box + f"{count}\nand no more",
+    }[what]
+    before = scene.bodies
+    with pytest.raises(InvalidScene, match=rf"(100,000,000|10,001) {what}.* at most (2,000|10,000)"):
+        scene.add_file(written(tmp_path, "large.scene", f"world\n{text}\n.\n"))
+    assert scene.bodies == before
 
 
 @pytest.mark.parametrize("suffix", [".scene", ".urdf"])
