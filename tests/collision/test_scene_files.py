@@ -318,7 +318,12 @@ def test_a_scene_with_too_many_bodies_is_refused(tmp_path: Path, scene: Scene) -
 
 
 @pytest.mark.parametrize(
-    ("count", "what"), [(1, "shapes"), (MOST_OBJECTS + 1, "objects"), (MOST_OBJECTS + 1, "subframes")]
+    ("count", "what"),
+    [
+        (1, "shapes"),
+        pytest.param(MOST_OBJECTS + 1, "objects", marks=pytest.mark.slow),
+        (MOST_OBJECTS + 1, "subframes"),
+    ],
 )
 def test_a_scene_is_refused_before_all_of_it_is_read(
     tmp_path: Path, scene: Scene, count: int, what: str

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tracemalloc
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 import kinseek
 from cells import write_arm, write_stl
 from kinseek import InvalidScene, Scene
-from kinseek.collision import Mesh
+from kinseek.collision import Mesh, bodies
 from kinseek.collision.hulls import MOST_CORNERS, farthest_beyond, outermost
 from kinseek.collision.simplify import simplified
 from kinseek.robots.meshes import mesh_parts
@@ -201,6 +202,31 @@ def test_a_hull_of_too_many_corners_is_refused() -> None:
     assert box.shape == (8, 3)
     assert (box.min(axis=0) == points.min(axis=0)).all()
     assert (box.max(axis=0) == points.max(axis=0)).all()
+
+
+@pytest.mark.parametrize("missing", ["error", "skip"])
+def test_hulls_of_too_many_corners_together_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: Literal["error", "skip"]
+) -> None:
+    """One file of 400 kB, named with 14 scales, took more than a minute."""
+    monkeypatch.setattr(bodies, "MOST_HULL_CORNERS", 100)
+    write_stl(tmp_path / "ball.stl", *ball(0.01, 1))  # Its hull has 42 corners.
+    each = "".join(
+        f'<collision><geometry><mesh filename="ball.stl" scale="1 1 {1 + i / 10}"/></geometry></collision>'
+        for i in range(5)
+    )
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(
+        f'<robot name="r"><link name="b"/><link name="t">{each}{each}</link><joint name="j" type="revolute">'
+        '<parent link="b"/><child link="t"/><origin xyz="0 0 1"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    if missing == "error":
+        with pytest.raises(InvalidScene, match=r"element 4: 'ball.stl': .* have 126 corners .* at most 100"):
+            Scene.of(kinseek.load(urdf))
+    else:
+        notes = Scene.of(kinseek.load(urdf), missing=missing).notes
+        assert [note.partition("element ")[2][:2] for note in notes] == ["4:", "5:", "9:", "10"]
 
 
 def test_points_inside_do_not_count_as_corners() -> None:

@@ -37,6 +37,9 @@ MOST_SHAPES = 2_000
 """Of all bodies of a scene together. Every two bodies are a pair, also two that never move against each other, and the time
 in which pinocchio takes shapes grows with the cube of their number."""
 
+MOST_HULL_CORNERS = 80_000
+"""Of the meshes of one file together, without the last one. A hull of 17,000 corners on two circles takes 6 s."""
+
 _SAME = 1e-6
 """How far the links of a file may be from those of the arm that it is said to be of [m]."""
 
@@ -206,19 +209,27 @@ class MeshFiles:
         self.path = path
         self._folders, self._hull, self._budget = folders, hull, Budget(2 * MOST_BYTES)
         self._known: dict[tuple[str, tuple[float, ...]], Mesh] = {}
+        self._corners = 0
 
     def read(self, name: str, scale: Array) -> Mesh:
         """Read one of them, with a factor along each axis, (3,).
 
         Raises:
             InvalidRobot: It is nowhere.
-            InvalidScene: It cannot be read, or has no hull; or the budget is spent.
+            InvalidScene: It cannot be read, or has no hull; or the budget is spent, or hulls have too many corners together.
         """
         key = name, tuple(scale.tolist())
         if key not in self._known:
+            if self._corners > MOST_HULL_CORNERS:
+                raise InvalidScene(
+                    f"{name!r}: the convex hulls of the meshes before it have {self._corners:,} corners together, expected "
+                    f"at most {MOST_HULL_CORNERS:,} in one file: simplify the meshes, so that they have fewer vertices "
+                    "where they are curved"
+                )
             found = mesh_path(name, self.path, self._folders, "meshes=")
             mesh = Mesh.read(found, scale, self._hull, budget=self._budget)
             mesh.geometry()  # Says now that there is no hull.
+            self._corners += len(mesh.corners) if self._hull else 0
             self._known[key] = mesh
         return self._known[key]
 
