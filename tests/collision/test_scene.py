@@ -308,7 +308,7 @@ def test_sizes_beyond_all_measure_are_refused(size: float, scene: Scene) -> None
             Mesh(tetrahedron, FACES, hull)
     if size > 1:
         with pytest.raises(InvalidScene, match=r"within 1e\+06 m of its origin along each axis, got "):
-            Points([[0, 0, 0], [0, -size, 0]], 0.1)
+            Points([[0.0, 0.0, 0.0], [0.0, -size, 0.0]], 0.1)
         with pytest.raises(
             InvalidScene, match=r"padding must be a length .*largest that is taken is 1e\+06 m"
         ):

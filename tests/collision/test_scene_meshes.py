@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tracemalloc
 from pathlib import Path
 from typing import Literal
@@ -227,6 +229,30 @@ def test_hulls_of_too_many_corners_together_are_refused(
     else:
         notes = Scene.of(kinseek.load(urdf), missing=missing).notes
         assert [note.partition("element ")[2][:2] for note in notes] == ["4:", "5:", "9:", "10"]
+
+
+ROUGH = """
+import numpy as np
+from kinseek import InvalidScene
+from kinseek.collision import Mesh
+angles = np.linspace(0, 2 * np.pi, 4500, endpoint=False)
+ring = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+points = np.concatenate([ring, ring + [0, 0, 1]])
+for seed in range(3):
+    noise = np.abs(np.random.default_rng(seed).normal(size=points.shape)[:, :1])
+    mesh = Mesh(points * (1 - 1e-14 * noise), np.arange(9000).reshape(-1, 3))
+    try:
+        print(len(mesh.corners))
+    except InvalidScene as error:
+        print(error)
+"""
+
+
+@pytest.mark.slow
+def test_sides_that_are_flat_but_for_rounding_do_not_end_the_process() -> None:
+    done = subprocess.run([sys.executable, "-c", ROUGH], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert all(line == "9000" or "cannot make its convex hull" in line for line in done.stdout.splitlines())
 
 
 def test_points_inside_do_not_count_as_corners() -> None:

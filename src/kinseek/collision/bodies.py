@@ -37,8 +37,8 @@ MOST_SHAPES = 2_000
 """Of all bodies of a scene together. Every two bodies are a pair, also two that never move against each other, and the time
 in which pinocchio takes shapes grows with the cube of their number."""
 
-MOST_HULL_CORNERS = 80_000
-"""Of the meshes of one file together, without the last one. A hull of 17,000 corners on two circles takes 6 s."""
+MOST_HULL_CORNERS = 50_000
+"""Of the meshes of one file together, without the last one. A hull of 17,000 corners on two circles takes 13 s."""
 
 _SAME = 1e-6
 """How far the links of a file may be from those of the arm that it is said to be of [m]."""

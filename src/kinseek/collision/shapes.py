@@ -397,6 +397,13 @@ class Mesh(Shape):
                 f"{self.name}: {len(outer):,} of its points may be corners of its convex hull, expected at most "
                 f"{MOST_CORNERS:,}: simplify the mesh, so that it has fewer vertices where it is curved"
             )
+        spatial = library("scipy.spatial")
+        try:  # Where Qhull fails, coal, which uses it too, may end the process.
+            spatial.ConvexHull(outer)
+        except spatial.QhullError as error:
+            raise InvalidScene(
+                f"{self.name}: Qhull cannot make its convex hull: {str(error).strip().partition(chr(10))[0]}"
+            ) from None
         points = coal.StdVec_Vec3s()
         for vertex in outer:
             points.append(vertex)
