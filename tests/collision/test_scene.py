@@ -16,6 +16,7 @@ import kinseek
 from cells import FACES, TETRAHEDRON, box_mesh, write_arm, write_obj, write_stl
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Box, Capsule, Cylinder, Mesh, Points, Sphere
+from kinseek.collision.shapes import LEAST_LENGTH, MOST_LENGTH, Shape
 
 pin = pytest.importorskip("pinocchio")
 coal = pytest.importorskip("coal")
@@ -236,6 +237,104 @@ def test_a_tool_makes_no_capsule_longer() -> None:
     assert tooled.bodies == scene.bodies
     q = arm.sample(40, seed=2)
     assert np.array_equal(tooled.distance(q), scene.distance(q))
+
+
+LARGE = MOST_LENGTH * np.array([[-0.5, -0.5, -0.5], [0.5, -0.5, -0.5], [0.0, 0.5, -0.5], [0.0, 0.0, 0.5]])
+LARGEST_SHAPES = {
+    "box": Box([MOST_LENGTH] * 3),
+    "sphere": Sphere(MOST_LENGTH),
+    "cylinder": Cylinder(MOST_LENGTH, MOST_LENGTH),
+    "capsule": Capsule(MOST_LENGTH, MOST_LENGTH),
+    "hull": Mesh(LARGE, FACES),
+    "triangles": Mesh(LARGE, FACES, hull=False),
+    "points": Points([[0.0, 0.0, 0.0]], MOST_LENGTH),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", LARGEST_SHAPES.values(), ids=LARGEST_SHAPES)
+def test_nothing_is_free_inside_of_the_largest_shapes(shape: Shape) -> None:
+    arm = kinseek.load("ur5e")
+    around = Scene.of(arm, capsules=0.05, samples=10)
+    around.add("around", shape)
+    q = arm.sample(20, seed=0)
+    assert not around.free(q).any()
+    assert (around.distance(q[:3]) < -0.1 * MOST_LENGTH).all()
+
+
+@pytest.mark.slow
+def test_the_largest_and_the_least_shapes_are_as_far_away_as_smaller_ones() -> None:
+    arm = kinseek.load("ur5e")
+    q = arm.sample(5, seed=0)
+    distances = []
+    for size in (10.0, MOST_LENGTH):
+        beside = Scene.of(arm, capsules=0.05, samples=10)
+        beside.add_box("wall", [size] * 3, kinseek.pose([size / 2 + 1.5, 0, 0]))
+        distances.append(beside.distance(q))
+    assert distances[0] == pytest.approx(distances[1], abs=1e-8)
+    short = kinseek.load("scara4")
+    for shape in (
+        Box([LEAST_LENGTH] * 3),
+        Cylinder(LEAST_LENGTH, LEAST_LENGTH),
+        Mesh(LARGE * 1e-15, FACES, hull=False),
+    ):
+        speck = Scene.of(short, capsules=0.01, samples=10)
+        speck.add("inside", shape)
+        q = short.sample(5, seed=0)
+        assert not speck.free(q).any()
+        assert (
+            np.abs(speck.distance(q)) <= 0.1
+        ).all()  # The library says -1.8e308 where it cannot tell how deep.
+
+
+@pytest.mark.parametrize("size", [1e-10, 1.1e6, 1e78, 1e160, 1e308])
+def test_sizes_beyond_all_measure_are_refused(size: float, scene: Scene) -> None:
+    """Some killed the process, and of others a scene said that an arm inside of them is free."""
+    told = r"from 1e-09 m to 1e\+06 m, got "
+    for make in (
+        lambda: Box([1, size, 1]),
+        lambda: Sphere(size),
+        lambda: Cylinder(size, 1),
+        lambda: Cylinder(1, size),
+        lambda: Capsule(size, 1),
+        lambda: Capsule(1, size),
+        lambda: Points([[0, 0, 0]], size),
+    ):
+        with pytest.raises(InvalidScene, match=told):
+            make()
+    tetrahedron = size * np.eye(4)[:, :3]
+    for hull in (True, False):
+        with pytest.raises(InvalidScene, match=r"within 1e\+06 m of its origin|at least 1e-09 m long"):
+            Mesh(tetrahedron, FACES, hull)
+    if size > 1:
+        with pytest.raises(InvalidScene, match=r"within 1e\+06 m of its origin along each axis, got "):
+            Points([[0.0, 0.0, 0.0], [0.0, -size, 0.0]], 0.1)
+        with pytest.raises(
+            InvalidScene, match=r"padding must be a length .*largest that is taken is 1e\+06 m"
+        ):
+            scene.attach("load", Box((1, 1, 1)), "hand", padding=size)
+
+
+@pytest.mark.parametrize("place", ["-1.1e7 0 0", "0 1e300 0"])
+def test_origins_beyond_all_measure_are_refused(tmp_path: Path, scene: Scene, place: str) -> None:
+    box = '<geometry><box size="1 1 1"/></geometry>'
+    path = tmp_path / "far.urdf"
+    path.write_text(
+        f'<robot name="r"><link name="far"><collision><origin xyz="{place}"/>{box}</collision></link></robot>'
+    )
+    with pytest.raises(InvalidScene, match=r"within 1e\+07 m along each axis, got "):
+        scene.add_file(path)
+    links = (
+        "".join(f'<link name="f{i}"/>' for i in range(3))
+        + f'<link name="f3"><collision>{box}</collision></link>'
+    )
+    joints = "".join(
+        f'<joint name="g{i}" type="fixed"><parent link="f{i}"/><child link="f{i + 1}"/><origin xyz="9e6 0 0"/></joint>'
+        for i in range(3)
+    )
+    path.write_text(f'<robot name="r">{links}{joints}</robot>')
+    with pytest.raises(InvalidScene, match=r"1e\+07 m"):
+        scene.add_file(path)
 
 
 @pytest.mark.slow

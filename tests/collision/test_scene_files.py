@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import time
 from pathlib import Path
+from xml.etree.ElementTree import Element, fromstring
 
 import numpy as np
 import pytest
@@ -13,8 +15,8 @@ from cells import TETRAHEDRON, box_mesh, write_obj
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Box
 from kinseek.collision.assembly import MOST_PAIRS
-from kinseek.collision.contents import MOST_SHAPES
-from kinseek.collision.obstacles import obstacles
+from kinseek.collision.bodies import MOST_SHAPES, neighbours_of
+from kinseek.collision.obstacles import MOST_OBJECTS, obstacles
 
 pytest.importorskip("pinocchio")
 
@@ -315,6 +317,31 @@ def test_a_scene_with_too_many_bodies_is_refused(tmp_path: Path, scene: Scene) -
         scene.add_box("one more", (1, 1, 1))
 
 
+@pytest.mark.parametrize(
+    ("count", "what"),
+    [
+        (1, "shapes"),
+        pytest.param(MOST_OBJECTS + 1, "objects", marks=pytest.mark.slow),
+        (MOST_OBJECTS + 1, "subframes"),
+    ],
+)
+def test_a_scene_is_refused_before_all_of_it_is_read(
+    tmp_path: Path, scene: Scene, count: int, what: str
+) -> None:
+    """9 MB of subframes took 40 seconds, and 10 MB of shapes that a scene does not take as long."""
+    start = "* o{}\n0 0 0\n0 0 0 1\n"
+    box = "1\nbox\n1 1 1\n5 0 0\n0 0 0 1\n0 0 0 0\n"
+    text = {
+        "shapes": start + f"{10**8}\nand no more",
+        "objects": "".join(start.format(i) + "0\n0\n" for i in range(count)),
+        "subframes": start + box + f"{count}\nand no more",
+    }[what]
+    before = scene.bodies
+    with pytest.raises(InvalidScene, match=rf"(100,000,000|10,001) {what}.* at most (2,000|10,000)"):
+        scene.add_file(written(tmp_path, "large.scene", f"world\n{text}\n.\n"))
+    assert scene.bodies == before
+
+
 @pytest.mark.parametrize("suffix", [".scene", ".urdf"])
 def test_a_body_of_too_many_shapes_is_refused(tmp_path: Path, scene: Scene, suffix: str) -> None:
     """The first question about 10,000 shapes took minutes, whether one body has them or many."""
@@ -389,3 +416,65 @@ def test_a_scene_that_is_cut_short_or_has_a_wrong_word_is_no_other_scene(tmp_pat
             read += 1
             assert other == "." or [len(body.parts) for body in found] == whole
     assert read > 50
+
+
+def tree(joints: list[tuple[str, str, str]]) -> Element:
+    """Links and joints alone: the kind of each joint, and the links above and below."""
+    return fromstring(
+        "<robot>"
+        + "".join(
+            f'<joint type="{kind}">{50 * "<a/>"}<parent link="{above}"/><child link="{below}"/></joint>'
+            for kind, above, below in joints
+        )
+        + "</robot>"
+    )
+
+
+def climbed(joints: list[tuple[str, str, str]], solid: set[str]) -> list[tuple[str, str]]:
+    """Pairs of neighbours, found by climbing from every link."""
+    above = {below: (parent, kind) for kind, parent, below in joints}
+    pairs = []
+    for child in solid:
+        link, moving = child, 0
+        while link in above:
+            link, kind = above[link]
+            moving += kind != "fixed"
+            if link in solid:
+                break
+        if link in solid and link != child and moving <= 1:
+            pairs.append((link, child))
+    return sorted(pairs)
+
+
+def test_neighbours_are_those_that_climbing_finds() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        joints = [
+            (str(rng.choice(["fixed", "revolute"])), f"l{rng.integers(max(0, i - 5), i)}", f"l{i}")
+            for i in range(1, 40)
+        ]
+        rng.shuffle(joints)
+        joints = [(str(a), str(b), str(c)) for a, b, c in joints]
+        solid = {f"l{i}" for i in np.flatnonzero(rng.random(40) < rng.choice([0.2, 0.5, 0.9]))}
+        assert neighbours_of(tree(joints), solid) == climbed(joints, solid)
+
+
+@pytest.mark.slow
+def test_neighbours_of_long_chains_are_found_in_no_time() -> None:
+    """For each of the last links the whole chain was climbed: 8 MB took more than a minute."""
+    chain = [("fixed", f"l{i}", f"l{i + 1}") for i in range(5000)]
+    ends = [("fixed", "l5000", f"end{i}") for i in range(1500)]
+    robot = tree(chain + ends)
+    begun = time.process_time()
+    found = neighbours_of(robot, {"l0", *(below for _, _, below in ends)})
+    assert time.process_time() - begun < 1.0
+    assert len(found) == len(ends)
+
+
+def test_the_number_of_shapes_is_counted_as_they_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    urdf = kinseek.load("ur5e").chain.urdf.decode()
+    one = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
+    urdf = urdf.replace('<link name="tool0"/>', f'<link name="tool0">{(MOST_SHAPES + 1) * one}</link>')
+    monkeypatch.setattr("kinseek.collision.bodies.neighbours_of", lambda *_: pytest.fail("it went on"))
+    with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
+        Scene.of(kinseek.load(urdf))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tracemalloc
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ import pytest
 import kinseek
 from cells import write_arm, write_stl
 from kinseek import InvalidScene, Scene
-from kinseek.collision import Mesh
+from kinseek.collision import Mesh, bodies
 from kinseek.collision.hulls import MOST_CORNERS, farthest_beyond, outermost
 from kinseek.collision.simplify import simplified
 from kinseek.robots.meshes import mesh_parts
@@ -201,6 +204,55 @@ def test_a_hull_of_too_many_corners_is_refused() -> None:
     assert box.shape == (8, 3)
     assert (box.min(axis=0) == points.min(axis=0)).all()
     assert (box.max(axis=0) == points.max(axis=0)).all()
+
+
+@pytest.mark.parametrize("missing", ["error", "skip"])
+def test_hulls_of_too_many_corners_together_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: Literal["error", "skip"]
+) -> None:
+    """One file of 400 kB, named with 14 scales, took more than a minute."""
+    monkeypatch.setattr(bodies, "MOST_HULL_CORNERS", 100)
+    write_stl(tmp_path / "ball.stl", *ball(0.01, 1))  # Its hull has 42 corners.
+    each = "".join(
+        f'<collision><geometry><mesh filename="ball.stl" scale="1 1 {1 + i / 10}"/></geometry></collision>'
+        for i in range(5)
+    )
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(
+        f'<robot name="r"><link name="b"/><link name="t">{each}{each}</link><joint name="j" type="revolute">'
+        '<parent link="b"/><child link="t"/><origin xyz="0 0 1"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    if missing == "error":
+        with pytest.raises(InvalidScene, match=r"element 4: 'ball.stl': .* have 126 corners .* at most 100"):
+            Scene.of(kinseek.load(urdf))
+    else:
+        notes = Scene.of(kinseek.load(urdf), missing=missing).notes
+        assert [note.partition("element ")[2][:2] for note in notes] == ["4:", "5:", "9:", "10"]
+
+
+ROUGH = """
+import numpy as np
+from kinseek import InvalidScene
+from kinseek.collision import Mesh
+angles = np.linspace(0, 2 * np.pi, 4500, endpoint=False)
+ring = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+points = np.concatenate([ring, ring + [0, 0, 1]])
+for seed in range(3):
+    noise = np.abs(np.random.default_rng(seed).normal(size=points.shape)[:, :1])
+    mesh = Mesh(points * (1 - 1e-14 * noise), np.arange(9000).reshape(-1, 3))
+    try:
+        print(len(mesh.corners))
+    except InvalidScene as error:
+        print(error)
+"""
+
+
+@pytest.mark.slow
+def test_sides_that_are_flat_but_for_rounding_do_not_end_the_process() -> None:
+    done = subprocess.run([sys.executable, "-c", ROUGH], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert all(line == "9000" or "cannot make its convex hull" in line for line in done.stdout.splitlines())
 
 
 def test_points_inside_do_not_count_as_corners() -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidProblem, InvalidRobot, InvalidScene, suggest
 from kinseek.kernels.arm.forward import forward_many
+from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.robots import read
 from kinseek.robots.adapters import is_text
 from kinseek.robots.chain import Frame, Mimics, SerialChain
@@ -31,6 +32,13 @@ Array = NDArray[np.float64]
 
 SHORT = 1e-6
 """A link shorter than this gets no capsule [m]."""
+
+MOST_SHAPES = 2_000
+"""Of all bodies of a scene together. Every two bodies are a pair, also two that never move against each other, and the time
+in which pinocchio takes shapes grows with the cube of their number."""
+
+MOST_HULL_CORNERS = 50_000
+"""Of the meshes of one file together, without the last one. A hull of 17,000 corners on two circles takes 13 s."""
 
 _SAME = 1e-6
 """Tolerance for comparing the links of a file with those of the arm [m]."""
@@ -167,15 +175,30 @@ def read_bodies(
     _require_same(chain, text, path)
     notes: list[str] = []
     frames = _frames(robot, chain, path, joints, notes)
-    bodies, meshes = [], MeshFiles(path, folders)
+    bodies, meshes, shapes = [], MeshFiles(path, folders), 0
     for link in robot.findall("link"):
         if (name := link.get("name")) not in frames:
             continue
         parts = parts_of(link, meshes, skip, notes)
         if parts:
             bodies.append(Body(name, frames[name], parts, is_link=True))
+        shapes += len(parts)
+        require_number(shapes)
     solid = {body.name for body in bodies}
-    return ArmBodies(bodies, _neighbours(robot, solid), notes, frames, robot.get("name") or "")
+    return ArmBodies(bodies, neighbours_of(robot, solid), notes, frames, robot.get("name") or "")
+
+
+def require_number(shapes: int) -> None:
+    """Make sure that a scene takes so many shapes.
+
+    Raises:
+        InvalidScene: There are too many.
+    """
+    if shapes > MOST_SHAPES:
+        raise InvalidScene(
+            f"{shapes:,} shapes of bodies, a scene has at most {MOST_SHAPES:,}: put shapes that stand still into one "
+            "mesh, or points into one cloud"
+        )
 
 
 class MeshFiles:
@@ -186,19 +209,27 @@ class MeshFiles:
         self.path = path
         self._folders, self._hull, self._budget = folders, hull, Budget(2 * MOST_BYTES)
         self._known: dict[tuple[str, tuple[float, ...]], Mesh] = {}
+        self._corners = 0
 
     def read(self, name: str, scale: Array) -> Mesh:
         """Read one mesh, with a factor along each axis, (3,).
 
         Raises:
-            InvalidRobot: The file does not exist.
-            InvalidScene: It cannot be read, or has no hull; or the budget is spent.
+            InvalidRobot: It is nowhere.
+            InvalidScene: It cannot be read, or has no hull; or the budget is spent, or hulls have too many corners together.
         """
         key = name, tuple(scale.tolist())
         if key not in self._known:
+            if self._corners > MOST_HULL_CORNERS:
+                raise InvalidScene(
+                    f"{name!r}: the convex hulls of the meshes before it have {self._corners:,} corners together, expected "
+                    f"at most {MOST_HULL_CORNERS:,} in one file: simplify the meshes, so that they have fewer vertices "
+                    "where they are curved"
+                )
             found = mesh_path(name, self.path, self._folders, "meshes=")
             mesh = Mesh.read(found, scale, self._hull, budget=self._budget)
-            mesh.geometry()  # Raises an error now if there is no hull.
+            mesh.geometry()  # Says now that there is no hull.
+            self._corners += len(mesh.corners) if self._hull else 0
             self._known[key] = mesh
         return self._known[key]
 
@@ -406,6 +437,10 @@ class _Others:
                 "such a joint is not supported"
             )
         value = multiplier * self._value(leader) + offset
+        if not abs(value) <= LARGEST:
+            raise InvalidScene(
+                f"{self.path}: joint {name!r} must stand at a value of at most {LARGEST:g} rad or m, got {value:g}"
+            )
         axis = numbers_of(None if joint.find("axis") is None else joint.find("axis").get("xyz"), 3, 0.0)
         axis = axis / np.linalg.norm(axis) if axis.any() else np.array([1.0, 0.0, 0.0])
         if kind == PRISMATIC:
@@ -425,21 +460,28 @@ class _Others:
         return self.values[name]
 
 
-def _neighbours(robot: Any, solid: set[str]) -> list[tuple[str, str]]:
-    """Return the pairs of links with geometry that one joint connects; fixed links without geometry are skipped."""
-    joints = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}
-    pairs = []
-    for child in solid & joints.keys():
-        joint, moving = joints[child], 0
-        while True:
-            moving += joint.get("type") != "fixed"
-            parent = joint.find("parent").get("link")
-            if parent in solid and moving <= 1:
-                pairs.append((parent, child))
-            if parent in solid or moving > 1 or parent not in joints:
-                break
-            joint = joints[parent]
-    return sorted(pairs)
+def neighbours_of(robot: Any, solid: set[str]) -> list[tuple[str, str]]:
+    """Pairs of links with geometry that one joint connects, fixed links without geometry between them passed over."""
+    above = {
+        joint.find("child").get("link"): (joint.find("parent").get("link"), int(joint.get("type") != "fixed"))
+        for joint in robot.findall("joint")
+    }
+    nearest: dict[str, tuple[str | None, int]] = {}
+    """Of a link the nearest solid one above it, and how many joints move between them; at the base no link."""
+    for end in above:
+        link, climbed = end, list[str]()
+        while link in above and link not in nearest:
+            climbed.append(link)
+            link = above[link][0]
+        for below in reversed(climbed):
+            parent, moves = above[below]
+            solid_one, more = (parent, 0) if parent in solid else nearest.get(parent, (None, 0))
+            nearest[below] = solid_one, moves + more
+    return sorted(
+        (parent, child)
+        for child, (parent, moving) in nearest.items()
+        if child in solid and parent is not None and moving <= 1
+    )
 
 
 def _z_along(way: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -11,27 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
+from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.poses import one_pose
 from kinseek.printable import printable
 from kinseek.problem import as_joints
 from kinseek.robots.chain import Frame, SerialChain
 
 from .assembly import Assembly, assemble, sampled
-from .bodies import ArmBodies, Body, Part, package_folders
+from .bodies import ArmBodies, Body, Part, package_folders, require_number
 from .obstacles import obstacles
 from .others import OtherArm
 from .pairs import ATTACHED, Pair, key, pairs_of
 from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length_or_zero
 
 Array = NDArray[np.float64]
-
-
-MOST_SHAPES = 2_000
-"""Maximum number of shapes in a scene.
-
-Every two bodies are a pair, even if they never move relative to each other, and the time that pinocchio needs for adding
-shapes grows with the cube of their number.
-"""
 
 
 class Contents:
@@ -363,12 +356,17 @@ class Contents:
             )
         return name
 
-    def _require_room(self, bodies: Iterable[Body]) -> None:
-        if (total := sum(len(body.parts) for body in (*self._bodies.values(), *bodies))) > MOST_SHAPES:
-            raise InvalidScene(
-                f"{total:,} shapes of bodies, a scene has at most {MOST_SHAPES:,}: put shapes that stand still into one "
-                "mesh, or points into one cloud"
-            )
+    def _require_room(self, bodies: Sequence[Body]) -> None:
+        for body in bodies:
+            for part in body.parts:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    farthest = float(np.abs(body.frame.pose @ part.pose).max())
+                if not farthest <= LARGEST:  # It may be NaN.
+                    raise InvalidScene(
+                        f"{body.name!r}: a shape must stand within {LARGEST:g} m of the origin along each axis, got "
+                        f"{farthest:g} m"
+                    )
+        require_number(sum(len(body.parts) for body in (*self._bodies.values(), *bodies)))
 
     def _require(self, name: str) -> None:
         if name not in self._bodies:

@@ -24,6 +24,8 @@ Flags = NDArray[np.bool_]
 TOUCH = 1e-6
 """Parts closer than this touch [m]: the accuracy of coal's distances."""
 
+_UNKNOWN = float(np.finfo(np.float64).min)
+"""What coal says of parts that touch, where it cannot tell how deep they are in each other: of very small triangles."""
 
 _LOOKS = 24
 """Number of planes tried between parts that may be the nearest."""
@@ -247,6 +249,8 @@ class Engine:
         """Return the distance of a pair at the last placements."""
         result = self._pin.computeDistance(self._geometry, self._placed, n)
         distance = float(result.min_distance)
+        if distance <= _UNKNOWN:
+            distance = 0.0
         if self._inside(n):
             distance = -abs(distance)
         points = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())

@@ -16,12 +16,15 @@ from kinseek.robots.files import file_bytes
 from kinseek.robots.urdf import fixed_links
 from kinseek.robots.urdf_xml import expand_xacro, root_element
 
-from .bodies import Body, MeshFiles, Part, parts_of
+from .bodies import Body, MeshFiles, Part, parts_of, require_number
 from .shapes import Box, Cylinder, Mesh, Shape, Sphere
 
 Array = NDArray[np.float64]
 
 URDF, XACRO, MOVEIT = ".urdf", ".xacro", ".scene"
+
+MOST_OBJECTS = 10_000
+"""Of a MoveIt scene, and as many subframes: each takes some 40 µs, whether it has shapes or not."""
 
 DIGITS = 9
 """Maximum number of digits of an integer in a file; a larger number is invalid."""
@@ -152,23 +155,31 @@ def _moveit(content: bytes, where: str) -> list[Body]:
     except UnicodeDecodeError:
         raise InvalidScene(f"{where} is no text") from None
     bodies: dict[str, Body] = {}
+    objects = shapes = subframes = 0
     while (word := words.take("* or a point at the end")).text != ".":
         if word.text != "*":
             raise words.wrong(word, "* and a name, or a point at the end")
         name = words.take("a name")
         if not name.text or name.text in bodies:
             raise words.wrong(name, "a name that no other object has")
+        if (objects := objects + 1) > MOST_OBJECTS:
+            raise InvalidScene(f"{where}: {objects:,} objects, expected at most {MOST_OBJECTS:,}")
         what = repr(name.text)
         place = words.pose(what) if words.has_poses else np.eye(4)
         body = Body(name.text, Frame(0, place))
-        for _ in range(words.count(f"number of shapes of {what}")):
+        shapes += (count := words.count(f"number of shapes of {what}"))
+        require_number(shapes)
+        for _ in range(count):
             shape = _shape(words, what)
             body.parts.append(Part(shape, words.pose(f"a shape of {what}")))
             words.numbers(4, f"the colour of {what}")
         if words.has_poses:
-            for _ in range(words.count(f"number of subframes of {what}")):
+            subframes += (count := words.count(f"number of subframes of {what}"))
+            if subframes > MOST_OBJECTS:
+                raise InvalidScene(f"{where}: {subframes:,} subframes, expected at most {MOST_OBJECTS:,}")
+            for _ in range(count):
                 words.take("the name of a subframe")
-                words.pose(f"a subframe of {what}")
+                words.numbers(7, f"the pose of a subframe of {what}")
         if body.parts:
             bodies[name.text] = body
     return list(bodies.values())

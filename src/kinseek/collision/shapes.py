@@ -35,6 +35,10 @@ MOST_TRIANGLES = 1_000_000
 MOST_BYTES = 2**30
 """Maximum size of the file of one mesh: it may have more triangles than allowed, and be simplified."""
 
+MOST_LENGTH, LEAST_LENGTH = 1e6, 1e-9
+"""Largest coordinate and size of a shape, and its least size [m]. Distances from boxes, hulls and triangles of the largest
+size are right to 1e-9 m, and at ten times that size some are 0 for bodies that are metres apart."""
+
 _SIDES = 16
 """Number of sides of the prism around a cylinder."""
 
@@ -98,7 +102,7 @@ class Box(Shape):
     """A box about the origin.
 
     Raises:
-        InvalidScene: Not three lengths above zero.
+        InvalidScene: Not three lengths from 1e-9 m to 1e6 m.
     """
 
     size: ArrayLike
@@ -124,7 +128,7 @@ class Sphere(Shape):
     """A sphere about the origin.
 
     Raises:
-        InvalidScene: Not a radius above zero.
+        InvalidScene: Not a radius from 1e-9 m to 1e6 m.
     """
 
     radius: float
@@ -154,7 +158,7 @@ class Cylinder(Shape):
     """A cylinder about the z axis, centred at the origin as in URDF.
 
     Raises:
-        InvalidScene: Not a radius and a length above zero.
+        InvalidScene: Not a radius and a length from 1e-9 m to 1e6 m.
     """
 
     radius: float
@@ -195,7 +199,7 @@ class Capsule(Shape):
     """All points within `radius` of a segment of the z axis, centred at the origin.
 
     Raises:
-        InvalidScene: Not a radius and a length above zero.
+        InvalidScene: Not a radius and a length from 1e-9 m to 1e6 m.
     """
 
     radius: float
@@ -228,8 +232,8 @@ class Mesh(Shape):
     """Triangles, or their convex hull. `Mesh.read` reads them from a file.
 
     Raises:
-        InvalidScene: No triangles, NaN, or more than a million triangles without `hull`. When its hull is first needed: more
-            than 18,000 points that may be corners of it.
+        InvalidScene: No triangles, NaN, a vertex farther than 1e6 m off, no size of at least 1e-9 m, more than a million
+            triangles that are no hull. When its hull is first needed: more than 18,000 points that may be corners of it.
     """
 
     vertices: Array
@@ -257,10 +261,10 @@ class Mesh(Shape):
                 f"{self.name} holds {len(faces):,} triangles, expected at most {MOST_TRIANGLES:,}: take its hull, "
                 f"hull=True, or have it simplified by so many metres at most, simplify=0.001"
             )
-        if not np.isfinite(vertices).all():
-            raise InvalidScene(f"{self.name}: a vertex holds NaN or infinity")
+        _require_measure(vertices, self.name)
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise InvalidScene(f"{self.name}: a face names a vertex that is not there")
+        object.__setattr__(self, "thicker", length_or_zero(f"{self.name}: thicker", self.thicker))
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 
@@ -300,12 +304,14 @@ class Mesh(Shape):
         if not np.isfinite(factors).all() or not factors.all():
             raise InvalidScene(f"scale must be numbers other than 0, got {scale!r}")
         starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
-        vertices = np.concatenate([part.vertices for part in parts]) * factors
+        with np.errstate(over="ignore"):  # Infinity is refused below.
+            vertices = np.concatenate([part.vertices for part in parts]) * factors
         faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
         if simplify is None:
             return cls(vertices, faces, hull, repr(str(path)))
         from .simplify import simplified
 
+        _require_measure(vertices, repr(str(path)))
         vertices, faces, moved = simplified(vertices, faces, length("simplify", simplify))
         return cls(vertices, faces, hull, repr(str(path)), moved)
 
@@ -391,6 +397,13 @@ class Mesh(Shape):
                 f"{self.name}: {len(outer):,} of its points may be corners of its convex hull, expected at most "
                 f"{MOST_CORNERS:,}: simplify the mesh, so that it has fewer vertices where it is curved"
             )
+        spatial = library("scipy.spatial")
+        try:  # Where Qhull fails, coal, which uses it too, may end the process.
+            spatial.ConvexHull(outer)
+        except spatial.QhullError as error:
+            raise InvalidScene(
+                f"{self.name}: Qhull cannot make its convex hull: {str(error).strip().partition(chr(10))[0]}"
+            ) from None
         points = coal.StdVec_Vec3s()
         for vertex in outer:
             points.append(vertex)
@@ -406,7 +419,7 @@ class Points(Shape):
     """A point cloud; each point is a small sphere.
 
     Raises:
-        InvalidScene: No points, NaN or infinity, or not a radius above zero.
+        InvalidScene: No points, NaN, infinity or a point farther than 1e6 m off, not a radius from 1e-9 m to 1e6 m.
     """
 
     cloud: ArrayLike
@@ -429,6 +442,11 @@ class Points(Shape):
             raise InvalidScene(
                 f"a cloud must be finite: {int(bad.sum()):,} of {len(cloud):,} points hold NaN or infinity, the first is "
                 f"point {int(np.argmax(bad))}; leave them out: cloud[numpy.isfinite(cloud).all(axis=1)]"
+            )
+        if (farthest := float(np.abs(cloud).max())) > MOST_LENGTH:
+            raise InvalidScene(
+                f"points of a cloud must lie within {MOST_LENGTH:g} m of its origin along each axis, got {farthest:g} m: "
+                f"leave those out that are farther off: cloud[(abs(cloud) <= {MOST_LENGTH:g}).all(axis=1)]"
             )
         object.__setattr__(self, "cloud", cloud)
         object.__setattr__(self, "places", cloud)
@@ -477,17 +495,17 @@ def triangles(vertices: Array, faces: NDArray[np.int64]) -> Any:
     return model
 
 
-def length(name: str, value: Any) -> float:
-    """Read a length above 0 [m].
+def length(name: str, value: Any, least: float = LEAST_LENGTH) -> float:
+    """Read a length above 0, from `least` to `MOST_LENGTH` [m].
 
     Raises:
         InvalidScene: It is invalid.
     """
-    return float(lengths(name, [value], 1)[0])
+    return float(lengths(name, [value], 1, least)[0])
 
 
 def length_or_zero(name: str, value: Any) -> float:
-    """Read a length of at least 0 [m].
+    """Read a length from 0 to `MOST_LENGTH` [m].
 
     Raises:
         InvalidScene: It is invalid.
@@ -495,13 +513,15 @@ def length_or_zero(name: str, value: Any) -> float:
     if isinstance(value, int | float | np.number) and value == 0:
         return 0.0
     try:
-        return length(name, value)
+        return length(name, value, 0.0)
     except InvalidScene:
-        raise InvalidScene(f"{name} must be a length of at least 0 m, got {value!r}") from None
+        raise InvalidScene(
+            f"{name} must be a length of at least 0 m, got {value!r:.200}; the largest that is taken is {MOST_LENGTH:g} m"
+        ) from None
 
 
-def lengths(name: str, values: Any, count: int) -> Array:
-    """Read `count` lengths above 0 [m].
+def lengths(name: str, values: Any, count: int, least: float = LEAST_LENGTH) -> Array:
+    """Read so many lengths above 0, from `least` to `MOST_LENGTH` [m].
 
     Raises:
         InvalidScene: They are invalid.
@@ -510,8 +530,29 @@ def lengths(name: str, values: Any, count: int) -> Array:
         found = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         found = np.array([np.nan])
+    what = "a length" if count == 1 else f"{count} lengths"
+    got = values[0] if count == 1 else values
     if found.shape != (count,) or not np.isfinite(found).all() or not (found > 0).all():
-        what = "a length" if count == 1 else f"{count} lengths"
-        got = values[0] if count == 1 else values
-        raise InvalidScene(f"{name} must be {what} above 0 m, got {got!r}")
+        raise InvalidScene(f"{name} must be {what} above 0 m, got {got!r:.200}")
+    if found.min() < least or found.max() > MOST_LENGTH:
+        raise InvalidScene(f"{name} must be {what} from {least:g} m to {MOST_LENGTH:g} m, got {got!r:.200}")
     return found
+
+
+def _require_measure(vertices: Array, name: str) -> None:
+    """Make sure that the vertices of a mesh are near enough to its origin, and that it is no point.
+
+    Raises:
+        InvalidScene: They are not.
+    """
+    if not np.isfinite(vertices).all():
+        raise InvalidScene(f"{name}: a vertex holds NaN or infinity")
+    if (farthest := float(np.abs(vertices).max())) > MOST_LENGTH:
+        raise InvalidScene(
+            f"{name}: vertices must lie within {MOST_LENGTH:g} m of its origin along each axis, got {farthest:g} m; are "
+            "they in metres? If not, scale= brings them there"
+        )
+    if (largest := float(np.ptp(vertices, axis=0).max())) < LEAST_LENGTH:
+        raise InvalidScene(
+            f"{name}: a mesh must be at least {LEAST_LENGTH:g} m long along one axis, got {largest:g} m"
+        )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidRobot
 from kinseek.forks import importing
 from kinseek.interrupts import raise_of_handler
+from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.transforms import rotation, transform
 
 from .mesh_files import LEAST_BODIES, Beside, Budget, ending, readable, require_mesh
@@ -77,14 +78,21 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
 
 
 def origin_of(element: Any) -> Array:
-    """Return the pose of an <origin> of a visual or joint, (4, 4): ``Rz(yaw) Ry(pitch) Rx(roll)``, lengths in [m]."""
+    """The <origin> of a visual or joint, (4, 4): ``Rz(yaw) Ry(pitch) Rx(roll)``, lengths in [m].
+
+    Raises:
+        InvalidRobot: It holds no finite numbers, or lies too far off.
+    """
     origin = element.find("origin")
     if origin is None:
         return np.eye(4)
     turn = np.eye(3)
     for axis, angle in zip(np.eye(3), numbers_of(origin.get("rpy"), 3, 0.0), strict=True):
         turn = rotation(axis, float(angle)) @ turn
-    return transform(turn, numbers_of(origin.get("xyz"), 3, 0.0))
+    place = numbers_of(origin.get("xyz"), 3, 0.0)
+    if (farthest := float(np.abs(place).max())) > LARGEST:
+        raise InvalidRobot(f"an origin must lie within {LARGEST:g} m along each axis, got {farthest:g} m")
+    return transform(turn, place)
 
 
 def numbers_of(text: str | None, count: int, default: float | None = None) -> Array:
