@@ -10,6 +10,8 @@ import os
 import pickle
 import random
 import shutil
+import subprocess
+import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -485,6 +487,25 @@ def test_a_block_that_cannot_be_decoded_is_said_to_be_so(written: Path, tmp_path
     for question in (maps.volume, lambda of: maps.at(of, np.eye(4)), lambda of: maps.expand(of, TINY)):
         with pytest.raises(kinseek.InvalidMap, match="values of the map cannot be read"):
             question(dataset)
+
+
+NEIGHBOURS = ["{broken", "[]", '{"zarr_format": 3, "node_type": "\\u001b[31m"}']
+
+
+@pytest.mark.parametrize("text", NEIGHBOURS)
+def test_what_lies_beside_the_arrays_is_not_read(text: str, written: Path, tmp_path: Path) -> None:
+    """Zarr opened all of it at once, and printed a traceback for each file when Python ended."""
+    place = tmp_path / "map.zarr"
+    shutil.copytree(written / "rings", place)
+    for number in range(300):
+        (place / f"other{number}").mkdir()
+        (place / f"other{number}" / "zarr.json").write_text(text)
+    read = "import sys; from kinseek import maps; print(sorted(maps.open(sys.argv[1]).variables))"
+    ended = subprocess.run(
+        [sys.executable, "-c", read, place], check=False, capture_output=True, text=True, timeout=100
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout == f"{sorted(maps.open(written / 'rings').variables)}\n"
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")

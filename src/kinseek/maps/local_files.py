@@ -8,7 +8,9 @@ from __future__ import annotations
 import asyncio
 import os
 import uuid
+from collections.abc import AsyncIterator
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zarr.storage import LocalStore
@@ -21,6 +23,23 @@ if TYPE_CHECKING:
 
 class LocalFiles(LocalStore):
     """As Zarr has them, but nobody else may write to a file from the moment that it exists."""
+
+    def __init__(
+        self, root: Path | str, *, read_only: bool = False, shown: frozenset[str] | None = None
+    ) -> None:
+        """Keep files in a folder; `shown` are the names in it that are listed, None: all."""
+        super().__init__(root, read_only=read_only)
+        self.shown = shown
+
+    def with_read_only(self, read_only: bool = False) -> LocalFiles:
+        """Make the same, to read alone or to write, too."""
+        return type(self)(self.root, read_only=read_only, shown=self.shown)
+
+    async def list_dir(self, prefix: str) -> AsyncIterator[str]:
+        """List what lies in a folder."""
+        async for name in super().list_dir(prefix):
+            if self.shown is None or prefix.strip("/") or name in self.shown:
+                yield name
 
     async def set(self, key: str, value: Buffer) -> None:
         """Write a file, as a whole or not at all."""

@@ -184,16 +184,19 @@ class Store:
 
         grid = grid_of(self.description["grid"])
         places = dict(zip(grid.dims, (*grid.places, np.arange(grid.shape[-1])), strict=True))
+        kept = self._group.store
         with _quiet():
             attributes = {name: dict(self._group[name].attrs) for name in places}
-            others = set(self._group.array_keys()) - {*self._arrays, _ROTATION}
+            if self._folder is not None:  # Zarr opens all that it finds at once, and prints each failure.
+                from .local_files import LocalFiles
+
+                kept = LocalFiles(self._folder, shown=frozenset({*places, *self._arrays, _ROTATION}))
             dataset = xarray.open_zarr(
-                self._group.store,
+                kept,
                 zarr_format=3,
                 consolidated=False,
                 chunks={},
                 decode_cf=False,  # A foreign map may have attributes that xarray computes with.
-                drop_variables=others,
             )
         dataset = dataset.assign_coords(
             {name: (name, each, attributes[name]) for name, each in places.items()}
