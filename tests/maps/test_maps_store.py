@@ -505,7 +505,7 @@ def test_what_lies_beside_the_arrays_is_not_read(text: str, written: Path, tmp_p
         [sys.executable, "-c", read, place], check=False, capture_output=True, text=True, timeout=100
     )
     assert (ended.returncode, ended.stderr) == (0, "")
-    assert ended.stdout == f"{sorted(maps.open(written / 'rings').variables)}\n"
+    assert ended.stdout == f"{sorted(map(str, maps.open(written / 'rings').variables))}\n"
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
