@@ -15,6 +15,10 @@ MOST_LINKS = 40
 """Maximum number of links in one path, the limit of Linux."""
 
 
+OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+"""Permissions of a folder or file that others may change."""
+
+
 class NotPrivate(OSError):
     """Another user may have made, or may change, a folder or file."""
 
@@ -91,7 +95,7 @@ def require_private(path: Path, status: os.stat_result) -> None:
         return
     if status.st_uid != os.getuid():
         raise NotPrivate(f"{path} belongs to user {status.st_uid}")
-    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+    if status.st_mode & OTHERS_WRITE:
         raise NotPrivate(f"others may write to {path} (mode {stat.S_IMODE(status.st_mode):o})")
 
 
@@ -143,6 +147,6 @@ def _require_safe(path: Path, status: os.stat_result) -> None:
         return
     if status.st_uid not in (0, os.getuid()):
         raise NotPrivate(f"{path} belongs to user {status.st_uid}")
-    shared = not stat.S_ISLNK(status.st_mode) and status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    shared = not stat.S_ISLNK(status.st_mode) and status.st_mode & OTHERS_WRITE
     if shared and not (status.st_uid == 0 and status.st_mode & stat.S_ISVTX):
         raise NotPrivate(f"others may write to {path} (mode {stat.S_IMODE(status.st_mode):o})")

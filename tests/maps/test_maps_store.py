@@ -10,6 +10,8 @@ import os
 import pickle
 import random
 import shutil
+import subprocess
+import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -197,6 +199,23 @@ def test_a_store_that_others_may_write_to_is_read_and_not_written(
     assert maps.reach(ARM, GRID, store=place, **SMALL).attrs == maps.open(place).attrs
 
 
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no user ids here")
+@pytest.mark.parametrize("inner", [".", "reached", "blocks/done"])
+def test_metadata_that_others_may_write_to_is_read_and_not_believed(tmp_path: Path, inner: str) -> None:
+    place = tmp_path / "map.zarr"
+    maps.reach(ARM, GRID, store=place, **SMALL)
+    (place / inner / "zarr.json").chmod(0o666)
+    with pytest.raises(
+        kinseek.InvalidMap, match=r"others may write to .*zarr\.json \(mode 666\).*chmod -R go-w"
+    ):
+        maps.reach(ARM, GRID, store=place, **SMALL)
+    assert (maps.open(place).reached.values >= 0).all()
+    (place / inner / "zarr.json").rename(tmp_path / "zarr.json")
+    (place / inner / "zarr.json").symlink_to(tmp_path / "zarr.json")
+    with pytest.raises(kinseek.InvalidMap, match=r"holds a link, '.*zarr\.json'"):
+        maps.reach(ARM, GRID, store=place, **SMALL)
+
+
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives folders away")
 def test_a_folder_of_another_user_in_a_store_is_refused(tmp_path: Path) -> None:
     place = tmp_path / "map.zarr"
@@ -219,6 +238,9 @@ def test_others_may_not_write_to_a_new_store_whatever_the_umask(tmp_path: Path, 
     folders = [place, *(path for path in place.rglob("*") if path.is_dir())]
     assert {path.stat().st_mode & 0o777 for path in folders} == {0o755 & ~umask}
     assert place / "reached" / "c" / "0" / "0" / "0" in folders
+    held = [path for path in place.rglob("*") if path.is_file()]
+    assert {path.stat().st_mode & 0o777 for path in held} == {0o644 & ~umask}
+    assert {place / "zarr.json", place / "reached" / "c" / "0" / "0" / "0" / "0"} <= {*held}
     maps.reach(ARM, GRID, store=place, **SMALL)
 
 
@@ -465,6 +487,25 @@ def test_a_block_that_cannot_be_decoded_is_said_to_be_so(written: Path, tmp_path
     for question in (maps.volume, lambda of: maps.at(of, np.eye(4)), lambda of: maps.expand(of, TINY)):
         with pytest.raises(kinseek.InvalidMap, match="values of the map cannot be read"):
             question(dataset)
+
+
+NEIGHBOURS = ["{broken", "[]", '{"zarr_format": 3, "node_type": "\\u001b[31m"}']
+
+
+@pytest.mark.parametrize("text", NEIGHBOURS)
+def test_what_lies_beside_the_arrays_is_not_read(text: str, written: Path, tmp_path: Path) -> None:
+    """Zarr opened all of it at once, and printed a traceback for each file when Python ended."""
+    place = tmp_path / "map.zarr"
+    shutil.copytree(written / "rings", place)
+    for number in range(300):
+        (place / f"other{number}").mkdir()
+        (place / f"other{number}" / "zarr.json").write_text(text)
+    read = "import sys; from kinseek import maps; print(sorted(maps.open(sys.argv[1]).variables))"
+    ended = subprocess.run(
+        [sys.executable, "-c", read, place], check=False, capture_output=True, text=True, timeout=100
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout == f"{sorted(map(str, maps.open(written / 'rings').variables))}\n"
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")

@@ -294,6 +294,73 @@ def test_what_would_grow_is_refused(name: str, tmp_path: Path) -> None:
     assert name in str(caught.value)
 
 
+def changed_glb(where: str, change: dict[str, Any]) -> bytes:
+    """A file of one triangle, with a change to its first accessor, primitive, mesh or node, or to the whole."""
+    part: dict[str, Any] = {"attributes": {"POSITION": 0}}
+    mesh, node = {"primitives": [part]}, {"mesh": 0}
+    accessor = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
+    told: dict[str, Any] = {
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "accessors": [accessor],
+        "meshes": [mesh],
+        "nodes": [node],
+        "scenes": [{"nodes": [0]}],
+    }
+    {"accessor": accessor, "part": part, "mesh": mesh, "node": node, "": told}[where].update(change)
+    return glb(np.eye(3, dtype="<f4").tobytes(), **told)
+
+
+@pytest.mark.parametrize(
+    ("where", "change", "why"),
+    [
+        ("accessor", {"sparse": {"count": 1}}, "accessors are sparse, expected all their values"),
+        (
+            "accessor",
+            {"componentType": 5122},
+            r"component type 5122, normalized False; expected VEC3 of floats",
+        ),
+        ("accessor", {"componentType": 5122, "normalized": True}, r"component type 5122, normalized True"),
+        ("accessor", {"normalized": True}, r"component type 5126, normalized True"),
+        ("accessor", {"type": "VEC2"}, "positions are VEC2"),
+        (
+            "",
+            {"extensionsRequired": ["KHR_mesh_quantization"]},
+            "requires the extension 'KHR_mesh_quantization'",
+        ),
+        ("", {"extensionsRequired": ["EXT_meshopt_compression"]}, "requires the extension 'EXT_meshopt"),
+        ("part", {"mode": 6}, r"a body of mode 6, expected .*4 \(triangles\)"),
+        ("part", {"attributes": {}, "indices": 0}, "no positions"),
+        ("mesh", {"weights": [0.0, 0.5]}, "morphed by weights"),
+        ("node", {"weights": [1.0]}, "morphed by weights"),
+        ("node", {"skin": 0}, "a node has a skin"),
+        ("node", {"extensions": {"EXT_mesh_gpu_instancing": {"attributes": {}}}}, "a node has instances"),
+        ("node", {"camera": 0}, "a node is a camera with bodies"),
+    ],
+)
+def test_what_trimesh_would_pass_over_is_refused(
+    where: str, change: dict[str, Any], why: str, tmp_path: Path
+) -> None:
+    """1 m became 32,767 m, and a peak of 10 m became 1 m, without a word."""
+    (tmp_path / "a.glb").write_bytes(changed_glb(where, change))
+    with pytest.raises(InvalidRobot, match=why):
+        mesh_parts(tmp_path / "a.glb")
+
+
+@pytest.mark.parametrize(
+    ("where", "change"),
+    [
+        ("", {"extensionsRequired": ["KHR_materials_unlit", "KHR_texture_transform"]}),
+        ("", {"extensionsUsed": ["KHR_mesh_quantization"]}),
+        ("mesh", {"weights": [0.0, 0.0]}),
+        ("part", {"mode": 5}),
+    ],
+)
+def test_what_changes_no_shape_is_read(where: str, change: dict[str, Any], tmp_path: Path) -> None:
+    (tmp_path / "a.glb").write_bytes(changed_glb(where, change))
+    (part,) = mesh_parts(tmp_path / "a.glb")
+    assert sorted(map(tuple, part.vertices.tolist())) == sorted(map(tuple, np.eye(3).tolist()))
+
+
 @pytest.mark.parametrize("name", [*SOUND, *BOMBS])
 def test_a_file_that_is_cut_anywhere_is_read_or_refused(name: str, tmp_path: Path) -> None:
     if name.endswith("dae"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ def poses_of(columns: Mapping[str, Array], where: str, position_only: bool, deg:
     Raises:
         InvalidGoal: Unknown, missing or too many columns, no rows, or a row that is not a pose; the message names it.
     """
-    turn = _kind_of_rotation(columns, where, position_only)
+    turn = kind_of_rotation(columns, where, position_only)
     names = MATRIX if turn == "matrix" else (*POSITION, *ROTATIONS.get(turn, ()))
     table = np.stack([columns[name] for name in names], axis=1)
     refuse_empty(len(table), where)
@@ -85,15 +85,19 @@ def refuse_empty(rows: int, where: str) -> None:
         raise InvalidGoal(f"{where} holds no poses: it has no rows")
 
 
-def _kind_of_rotation(columns: Mapping[str, Array], where: str, position_only: bool) -> str:
-    """Return the form of rotations: a key of `ROTATIONS`, ``"matrix"``, or empty if only the position is required."""
+def kind_of_rotation(columns: Collection[str], where: str, position_only: bool) -> str:
+    """How rotations are given: a key of `ROTATIONS`, ``"matrix"``, or nothing where only the position counts.
+
+    Raises:
+        InvalidGoal: Unknown, missing or too many columns.
+    """
     known = {name for names in (POSITION, MATRIX, *ROTATIONS.values()) for name in names}
     for name in columns:
         if name not in known:
             said = unknown(name, known, "column")
             raise InvalidGoal(f"{where}: {said}{'' if said.endswith('?') else '.'} Valid: {VALID}")
-    begun = [kind for kind, names in (*ROTATIONS.items(), ("matrix", MATRIX)) if set(names) & columns.keys()]
-    if len(begun) > 1 or ("matrix" in begun and set(POSITION) & columns.keys()):
+    begun = [kind for kind, names in (*ROTATIONS.items(), ("matrix", MATRIX)) if set(names) & set(columns)]
+    if len(begun) > 1 or ("matrix" in begun and set(POSITION) & set(columns)):
         raise InvalidGoal(
             f"{where}: columns give the pose in more than one way: {', '.join(columns)}. Valid: {VALID}"
         )

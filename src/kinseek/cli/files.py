@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidGoal, InvalidProblem, MissingExtra
 from kinseek.robots.files import instead_of_a_file
 
-from .columns import VALID, poses_of, rigid
-from .parquet_pages import unpacked_bytes
+from .columns import VALID, kind_of_rotation, poses_of, rigid
+from .parquet_pages import MOST_FOOTER, require_small_footer, unpacked_bytes
 from .words import is_number
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ def read_poses(path: Path, position_only: bool, deg: bool, option: str = "--batc
             case ".npy":
                 return rigid(_npy(path), where)
             case ".parquet":
-                return poses_of(_parquet(path), where, position_only, deg)
+                return poses_of(_parquet(path, position_only), where, position_only, deg)
             case _:
                 return poses_of(_csv(path), where, position_only, deg)
     except OSError as error:
@@ -207,11 +207,19 @@ def _npy(path: Path) -> Array:
     return np.array(array, dtype=np.float64)
 
 
-def _parquet(path: Path) -> dict[str, Array]:
+def _parquet(path: Path, position_only: bool) -> dict[str, Array]:
     pyarrow, parquet = _pyarrow()
     try:
-        with parquet.ParquetFile(path) as file:
+        with path.open("rb") as raw:
+            require_small_footer(raw)
+    except ValueError as error:
+        raise InvalidGoal(f"{str(path)!r} is no Parquet file that can be read: {error}") from None
+    limits = {"thrift_string_size_limit": MOST_FOOTER, "thrift_container_size_limit": MOST_FOOTER}
+    try:
+        with parquet.ParquetFile(path, **limits) as file:
             _require_numbers(file, path)
+            # Not only when all is read.
+            kind_of_rotation(file.schema_arrow.names, str(path), position_only)
             table = file.read()
         columns = {name: table.column(name).to_numpy() for name in table.column_names}
     except pyarrow.ArrowException as error:
@@ -236,6 +244,11 @@ def _require_numbers(file: Any, path: Path) -> None:
         if not (types.is_integer(column.type) or types.is_floating(column.type)):
             raise InvalidGoal(f"{path}: column {column.name} holds {column.type!s:.200}, expected numbers")
     groups = [report.row_group(i) for i in range(report.num_row_groups)]
+    for group in groups:
+        if group.num_columns != report.num_columns:  # pyarrow ends the process when it looks for one more.
+            raise InvalidGoal(
+                f"{path}: a group of rows has {group.num_columns:,} columns, expected {report.num_columns:,}"
+            )
     parts = [group.column(j) for group in groups for j in range(group.num_columns)]
     held = sum(abs(part.num_values) for part in parts)  # May be negative in a damaged file.
     count = max(held, report.num_rows * len(schema.names))

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidMap
 from kinseek.interrupts import raise_of_handler
 from kinseek.printable import printable
-from kinseek.private import NotPrivate, require_private
+from kinseek.private import OTHERS_WRITE, NotPrivate, require_private
 
 from .grid import grid_of
 
@@ -53,8 +53,7 @@ tasks.
 MOST_CHUNK = 2**26
 """Maximum number of cells of a block when a map is opened."""
 CODECS = frozenset({"blosc", "bytes", "crc32c", "gzip", "zstd"})
-"""Codecs that Zarr uses by default, or by its configuration."""
-_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+"""What Zarr writes by itself, or by its configuration."""
 
 
 class Store:
@@ -92,7 +91,9 @@ class Store:
             InvalidMap: The folder cannot be written.
         """
         import zarr
-        from zarr.storage import LocalStore, MemoryStore
+        from zarr.storage import MemoryStore
+
+        from .local_files import LocalFiles
 
         dims, shape, chunks = description["dims"], tuple(description["shape"]), tuple(description["chunks"])
         making = None if path is None else path.with_name(f".{path.name}.{uuid.uuid4().hex}")
@@ -100,7 +101,7 @@ class Store:
             if making is not None:
                 making.parent.mkdir(parents=True, exist_ok=True)
                 making.mkdir(mode=0o700)  # Nobody else can look inside until all folders have their modes.
-            memory: Any = MemoryStore() if making is None else LocalStore(making)
+            memory: Any = MemoryStore() if making is None else LocalFiles(making)
             group = zarr.create_group(
                 memory, zarr_format=3, attributes={**attributes, DESCRIPTION: description}
             )
@@ -187,16 +188,19 @@ class Store:
 
         grid = grid_of(self.description["grid"])
         places = dict(zip(grid.dims, (*grid.places, np.arange(grid.shape[-1])), strict=True))
+        kept = self._group.store
         with _quiet():
             attributes = {name: dict(self._group[name].attrs) for name in places}
-            others = set(self._group.array_keys()) - {*self._arrays, _ROTATION}
+            if self._folder is not None:  # Zarr opens all that it finds at once, and prints each failure.
+                from .local_files import LocalFiles
+
+                kept = LocalFiles(self._folder, shown=frozenset({*places, *self._arrays, _ROTATION}))
             dataset = xarray.open_zarr(
-                self._group.store,
+                kept,
                 zarr_format=3,
                 consolidated=False,
                 chunks={},
-                decode_cf=False,  # Foreign attributes could make xarray compute.
-                drop_variables=others,
+                decode_cf=False,  # A foreign map may have attributes that xarray computes with.
             )
         dataset = dataset.assign_coords(
             {name: (name, each, attributes[name]) for name, each in places.items()}
@@ -277,10 +281,12 @@ class Store:
 def _opened(path: str, inode: int, changed: int) -> Store:
     import zarr
 
+    from .local_files import LocalFiles
+
     with _quiet():
         # Not consolidated: such metadata may describe arrays of the other format.
-        group = zarr.open_group(path, mode="r+", zarr_format=3, use_consolidated=False)
-        if group.metadata.zarr_format != 3:  # Zarr itself trusts the format in zarr.json.
+        group = zarr.open_group(LocalFiles(path), mode="r+", zarr_format=3, use_consolidated=False)
+        if group.metadata.zarr_format != 3:  # Zarr itself believes what zarr.json says of the format.
             raise ValueError("it is of Zarr format 2, which can hold pickles")
         return Store(group, path)
 
@@ -332,35 +338,37 @@ def compare(place: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
 def require_own(path: Path) -> None:
     """Check that no other user can change a store, and that its folders are not links, which could redirect blocks.
 
+    Of its files only the metadata are looked at: they say where blocks are and how they are encoded.
+
     Raises:
-        InvalidMap: A folder belongs to another user, others may write to it, or it is a link.
+        InvalidMap: A folder or metadata belong to another user, others may write to them, or they are a link.
     """
-    _require_own_folder(path, path)
-    for folder, names, _ in os.walk(path):
-        for name in names:
-            _require_own_folder(path, Path(folder, name))
+    _require_own(path, path)
+    for folder, names, held in os.walk(path):
+        for name in (*names, *(each for each in held if each == _METADATA)):
+            _require_own(path, Path(folder, name))
 
 
-def _require_own_folder(store: Path, folder: Path) -> None:
-    # A store of this user may come from an archive with links. Files that are links are replaced, not followed.
+def _require_own(store: Path, folder: Path) -> None:
+    # A store of this user may come from an archive with links. Blocks that are links are replaced, not followed.
     if folder.is_symlink():
         raise InvalidMap(
             f"the store {str(store)!r} holds a link, {str(folder.relative_to(store))!r}: blocks are only written to "
-            "folders in the store. Take another store, or replace the link by its folder"
+            "folders in the store. Take another store, or replace the link by what it leads to"
         )
     try:
         require_private(folder, folder.lstat())
     except NotPrivate as error:
         at = shlex.quote(str(store))
         raise InvalidMap(
-            f"{error}, and this is user {os.getuid()}: blocks are only written to folders that no other user can change. "
+            f"{error}, and this is user {os.getuid()}: blocks are only written where no other user can change them. "
             f"Take another store, or make this one private: chown -R {os.getuid()} {at}; chmod -R go-w {at}"
         ) from None
 
 
 def _forbid_others_to_write(folder: Path) -> None:
-    """Give a new store and the folders in it the modes of the umask, without write permission for others."""
-    mode = stat.S_IMODE((folder / _DONE).stat().st_mode) & ~_OTHERS_WRITE
+    """Give a new store and the folders in it the modes that the umask asks for, without write permission for others."""
+    mode = stat.S_IMODE((folder / _DONE).stat().st_mode) & ~OTHERS_WRITE
     for inner, _, _ in os.walk(folder, topdown=False):
         os.chmod(inner, mode)
 
@@ -370,4 +378,4 @@ def _make_folders(base: Path, below: Path) -> None:
     for part in below.parts:
         base /= part
         with suppress(FileExistsError):
-            base.mkdir(mode=0o777 & ~_OTHERS_WRITE)
+            base.mkdir(mode=0o777 & ~OTHERS_WRITE)

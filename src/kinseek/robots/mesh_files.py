@@ -80,11 +80,17 @@ _LINE_ENDS = (
 _COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of one number of a GLB accessor, by its component type."""
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-"""Numbers in one item of a GLB accessor, by its type."""
+"""Numbers in one item of it, by its name."""
+_FLOAT = 5126
+"""The code of numbers with a point, of which positions are."""
+_MODES = {0: "points", 1: "lines", 4: "triangles", 5: "a strip of triangles"}
+"""Of GLB bodies: trimesh passes over others, and over the place of a node that has no other body."""
 _STRIP = 5
 """Mode of a GLB primitive in which every corner but two begins a triangle."""
 _BINARY = 0x004E4942
-"""Type of a GLB chunk with numbers and images."""
+"""The kind of a GLB chunk with numbers and images."""
+_ONLY_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_")
+"""How the names of GLB extensions begin that do not change shapes."""
 _IMAGES_OF = (
     "image",
     "baseColorTexture",
@@ -397,6 +403,7 @@ def _glb(text: bytes) -> Size:
             for part in parts
         ]
         corners.append(sum(each_of))
+    _require_its_shape(report)
     glossy = "KHR_materials_pbrSpecularGlossiness"
     if images and any(glossy in each.get("extensions", {}) for each in report.get("materials", [])):
         raise InvalidRobot(
@@ -420,6 +427,50 @@ def _glb(text: bytes) -> Size:
         pixels += _pixels(_buffer(text, 20 + size)[start : start + view["byteLength"]])
     _at_most(pixels, MOST_PIXELS, "pixels in its images")
     return Size(max(len(nodes), sum(bodies), shown), max(sum(corners), drawn))
+
+
+def _require_its_shape(report: dict[str, Any]) -> None:
+    """Refuse what trimesh passes over without a word though it changes the shape of a GLB file, or the place of a body."""
+    for name in report.get("extensionsRequired", []):
+        if not name.startswith(_ONLY_LOOKS):
+            raise InvalidRobot(
+                f"it requires the extension {name!r:.100}, expected none but those of materials, images and lights; "
+                "write it without"
+            )
+    accessors = report.get("accessors", [])
+    if any("sparse" in each for each in accessors):
+        raise InvalidRobot("its accessors are sparse, expected all their values; write them as a whole")
+    for mesh in report.get("meshes", []):
+        for part in mesh["primitives"]:
+            mode = part.get("mode", 4)
+            if mode not in _MODES:
+                raise InvalidRobot(
+                    f"it has a body of mode {mode!r:.100}, expected "
+                    + ", ".join(f"{code} ({name})" for code, name in _MODES.items())
+                )
+            if "POSITION" not in part["attributes"]:
+                raise InvalidRobot("a body has no positions")
+            position = accessors[part["attributes"]["POSITION"]]
+            got = position["type"], position["componentType"], position.get("normalized", False)
+            if got != ("VEC3", _FLOAT, False):
+                raise InvalidRobot(
+                    "its positions are {}, component type {}, normalized {}; expected VEC3 of floats "
+                    "({}), not normalized: write it without quantization".format(*got, _FLOAT)
+                )
+    for each in [*report.get("meshes", []), *report.get("nodes", [])]:
+        if any(each.get("weights", [])):
+            raise InvalidRobot(
+                "its bodies are morphed by weights, expected their final shape; apply the weights"
+            )
+    for node in report.get("nodes", []):
+        if "skin" in node:
+            raise InvalidRobot("a node has a skin, expected a shape without one; apply it, and take it out")
+        if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
+            raise InvalidRobot(
+                "a node has instances (EXT_mesh_gpu_instancing), expected a node for each; write it without"
+            )
+        if "camera" in node and ("mesh" in node or "children" in node):
+            raise InvalidRobot("a node is a camera with bodies or nodes below it; take the camera out")
 
 
 def _drawn(corners: int, text: bytes) -> int:
