@@ -25,7 +25,7 @@ TOUCH = 1e-6
 """Parts closer than this touch [m]: the accuracy of coal's distances."""
 
 _UNKNOWN = float(np.finfo(np.float64).min)
-"""What coal says of parts that touch, where it cannot tell how deep they are in each other: of very small triangles."""
+"""What coal says of parts that touch, where it cannot report how deep they are in each other: of very small triangles."""
 
 _LOOKS = 24
 """Number of planes tried between parts that may be the nearest."""
