@@ -96,8 +96,8 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
 
     Attributes:
         q: Joint values inside the limits, (..., n), [rad] or [m].
-        success: Are both tolerances met, is the solution free of collision in the `scene` if one is given, and did `valid`,
-            if given, return True? bool, or (...) bool.
+        success: Are both tolerances met? If there is a `scene` or a `valid`, is the solution also free of collision and
+            accepted? bool, or (...) bool.
         position_error: [m], float or (...).
         orientation_error: [rad], float or (...).
         weighted_error: The paper's K_P |p - p_g| + K_A [(1 - x·x_g) + (1 - y·y_g)] (Sec. 2.2), no unit, float or (...).
