@@ -126,21 +126,19 @@ def test_full_turns_are_refused_together(ur5e: kinseek.Arm, table: Scene) -> Non
     asked = read(ur5e.mechanism, goal, closed=False, max_step=0.3, scene=table, clearance=0.0, **wishes)
     layers = isolated_layers(asked.problem, asked.longest[0], None, lambda done: None)
     filled = fill_missed(asked.problem, inside_limits(asked.problem, layers), None, Deadline())
-    programme = LayerGraph(asked, filled.layers, filled.missed)
-    programme.refuse_blocked()
-    for i, count in enumerate(programme.count):
-        nodes, q = programme._inside(i, count)
-        assert np.array_equal(~programme._refused[i, nodes], table.free(q))
-    edge = (0, 5, 5 + programme.turning.total)
-    alike = programme._turned_alike(edge)
+    graph = LayerGraph(asked, filled.layers, filled.missed)
+    graph.refuse_blocked()
+    for i, count in enumerate(graph.count):
+        nodes, q = graph._inside(i, count)
+        assert np.array_equal(~graph._refused[i, nodes], table.free(q))
+    edge = (0, 5, 5 + graph.turning.total)
+    alike = graph._turned_alike(edge)
     assert edge in alike
     step = np.diff(
-        [programme.values(np.array([k]), np.array([n]))[0] for k, n in ((0, edge[1]), (1, edge[2]))], axis=0
+        [graph.values(np.array([k]), np.array([n]))[0] for k, n in ((0, edge[1]), (1, edge[2]))], axis=0
     )
     for _, a, b in alike:
-        other = programme.values(np.array([1]), np.array([b])) - programme.values(
-            np.array([0]), np.array([a])
-        )
+        other = graph.values(np.array([1]), np.array([b])) - graph.values(np.array([0]), np.array([a]))
         assert np.allclose(other, step)
 
 

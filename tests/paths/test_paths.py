@@ -180,7 +180,7 @@ def brute(q: list[Array], longest: float) -> tuple[int, float]:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_the_programme_agrees_with_trying_all_ways(seed: int) -> None:
+def test_viterbi_agrees_with_trying_all_ways(seed: int) -> None:
     rng = np.random.default_rng(seed)
     q = rng.uniform(0.0, 7.0, (5, 2, 2))
     lower, upper = np.array([0.0, 0.0]), np.array([7.0, 9.0])

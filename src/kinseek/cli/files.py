@@ -238,20 +238,20 @@ def _require_numbers(file: Any, path: Path) -> None:
     """
     from pyarrow import types
 
-    schema, report = file.schema_arrow, file.metadata
+    schema, metadata = file.schema_arrow, file.metadata
     _refuse_twice(schema.names, str(path))
     for column in schema:
         if not (types.is_integer(column.type) or types.is_floating(column.type)):
             raise InvalidGoal(f"{path}: column {column.name} holds {column.type!s:.200}, expected numbers")
-    groups = [report.row_group(i) for i in range(report.num_row_groups)]
+    groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
     for group in groups:
-        if group.num_columns != report.num_columns:  # pyarrow ends the process when it looks for one more.
+        if group.num_columns != metadata.num_columns:  # pyarrow ends the process when it looks for one more.
             raise InvalidGoal(
-                f"{path}: a group of rows has {group.num_columns:,} columns, expected {report.num_columns:,}"
+                f"{path}: a group of rows has {group.num_columns:,} columns, expected {metadata.num_columns:,}"
             )
     parts = [group.column(j) for group in groups for j in range(group.num_columns)]
     held = sum(abs(part.num_values) for part in parts)  # May be negative in a damaged file.
-    count = max(held, report.num_rows * len(schema.names))
+    count = max(held, metadata.num_rows * len(schema.names))
     if count > (most := max(MOST_VALUES, VALUES_OF_A_BYTE * path.stat().st_size)):
         raise InvalidGoal(
             f"{path}: {count:,} numbers, expected at most {most:,} of so few bytes: {VALUES_OF_A_BYTE} for each"

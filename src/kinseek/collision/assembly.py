@@ -79,18 +79,18 @@ def assemble(chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair]) 
 
 def digest(bodies: Iterable[Body], pairs: Iterable[Pair]) -> str:
     """Return a digest of everything that results depend on: shapes, poses, padding, and checked pairs."""
-    report = hashlib.sha256()
+    sha = hashlib.sha256()
     for body in bodies:
-        report.update(f"{body.name!r} {body.frame.joints} {body.padding!r}".encode())
+        sha.update(f"{body.name!r} {body.frame.joints} {body.padding!r}".encode())
         for part in body.parts:
-            report.update(type(part.shape).__name__.encode())
-            report.update(np.ascontiguousarray(body.frame.pose @ part.pose).tobytes())
+            sha.update(type(part.shape).__name__.encode())
+            sha.update(np.ascontiguousarray(body.frame.pose @ part.pose).tobytes())
             for item in fields(part.shape):
                 if item.name != "name":  # The name of a mesh, for messages.
-                    report.update(np.ascontiguousarray(getattr(part.shape, item.name)).tobytes())
+                    sha.update(np.ascontiguousarray(getattr(part.shape, item.name)).tobytes())
     for pair in pairs:
-        report.update(f"{pair.a!r} {pair.b!r} {pair.counts}".encode())
-    return report.hexdigest()[:16]
+        sha.update(f"{pair.a!r} {pair.b!r} {pair.counts}".encode())
+    return sha.hexdigest()[:16]
 
 
 def sampled(

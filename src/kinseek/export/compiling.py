@@ -94,5 +94,5 @@ def compiled(
         if done.returncode:
             last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
             raise InvalidExport(f"the kernels could not be compiled for {target.triple}, {cpu.name}: {last}")
-        report: dict[str, Any] = json.loads((work / "told.json").read_text(encoding="utf-8"))
+        report: dict[str, Any] = json.loads((work / "report.json").read_text(encoding="utf-8"))
         return report, (work / name).read_bytes()

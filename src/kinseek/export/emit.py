@@ -81,7 +81,7 @@ def main() -> None:
     module, host = _lowered(job["entries"], job["routines"])
     report = _written(module, host, job, path.parent)
     report["memory"] = memory_size(*job["sizes"])
-    (path.parent / "told.json").write_text(json.dumps(report), encoding="utf-8")
+    (path.parent / "report.json").write_text(json.dumps(report), encoding="utf-8")
 
 
 def _lowered(entries: list[str], routines: list[str]) -> tuple[Any, tuple[str, str]]:

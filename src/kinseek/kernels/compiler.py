@@ -209,7 +209,7 @@ def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
         if folder is not None:
             keep_code(made, function, folder)
     _ignore_literals(made)
-    _compile_undisturbed(made)
+    _compile_uninterrupted(made)
     return cast("Callable[P, R]", made)
 
 
@@ -256,7 +256,7 @@ def call_routine(typing_context: Any, address: Any, arguments: Any) -> Any:
 carray: Any = vars(numba)["carray"]
 
 
-def _compile_undisturbed(compiled: Any) -> None:
+def _compile_uninterrupted(compiled: Any) -> None:
     compile_for_args = compiled._compile_for_args
     compiled._compile_for_args = lambda *args, **kws: uninterrupted(lambda: compile_for_args(*args, **kws))
 

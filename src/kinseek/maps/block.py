@@ -39,7 +39,7 @@ def version() -> str:
 
 def digest(chain: SerialChain) -> str:
     """Return a digest of the data that an arm's solutions depend on: axes, limits, couplings."""
-    report = hashlib.sha256(repr(chain.kinds).encode())
+    sha = hashlib.sha256(repr(chain.kinds).encode())
     for array in (
         chain.fixed,
         chain.prismatic,
@@ -49,8 +49,8 @@ def digest(chain: SerialChain) -> str:
         chain.lower,
         chain.upper,
     ):
-        report.update(np.ascontiguousarray(array).tobytes())
-    return report.hexdigest()[:16]
+        sha.update(np.ascontiguousarray(array).tobytes())
+    return sha.hexdigest()[:16]
 
 
 @dataclass(frozen=True)

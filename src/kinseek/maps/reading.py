@@ -78,39 +78,39 @@ def described(dataset: xarray.Dataset) -> dict[str, Any]:
         InvalidMap: `reach` did not make it.
     """
     try:
-        report: dict[str, Any] = dataset.attrs[DESCRIPTION]
+        description: dict[str, Any] = dataset.attrs[DESCRIPTION]
     except (AttributeError, KeyError):
         raise InvalidMap("this is no map that maps.reach made: it lacks the attribute 'kinseek'") from None
-    _require_description(report)
-    return report
+    _require_description(description)
+    return description
 
 
-def _require_description(report: Any) -> None:
+def _require_description(description: Any) -> None:
     """Validate the description of a map.
 
     Raises:
         InvalidMap: Something is missing, unknown or of another type.
     """
     what = "this is no map that maps.reach made: "
-    if not isinstance(report, dict) or not isinstance(report.get("grid"), dict):
+    if not isinstance(description, dict) or not isinstance(description.get("grid"), dict):
         raise InvalidMap(f"{what}its attribute {DESCRIPTION!r} describes no grid")
-    names, rings = report.get("variables"), isinstance(grid_of(report["grid"]), Rings)
+    names, rings = description.get("variables"), isinstance(grid_of(description["grid"]), Rings)
     if not isinstance(names, list) or not all(isinstance(name, str) and name in TYPES for name in names):
         raise InvalidMap(f"{what}its variables are {names!r:.200}, expected some of {', '.join(TYPES)}")
     needed = {REACHED, *(TURNS if rings else ()), *(("cell", *SHARES) if "cell" in names else ())}
     if len(set(names)) < len(names) or not needed <= set(names):
         raise InvalidMap(f"{what}its variables are {names!r:.200}, expected {', '.join(sorted(needed))} once")
-    if not isinstance(report.get("name"), str):
-        raise InvalidMap(f"{what}the name of its arm is {report.get('name')!r:.200}")
+    if not isinstance(description.get("name"), str):
+        raise InvalidMap(f"{what}the name of its arm is {description.get('name')!r:.200}")
     if not rings:
         return
     try:
-        shape = as_pose(report.get("first_frame")).shape
+        shape = as_pose(description.get("first_frame")).shape
     except InvalidGoal as error:
         raise InvalidMap(f"{what}its first frame is no pose: {error!s:.200}") from None
     if shape != (4, 4):
         raise InvalidMap(f"{what}its first frame is of shape {shape}")
-    as_number("the share of a turn of its first joint", report.get("first_turns"), 0.0, 1.0, InvalidMap)
+    as_number("the share of a turn of its first joint", description.get("first_turns"), 0.0, 1.0, InvalidMap)
 
 
 def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
@@ -130,14 +130,14 @@ def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
         InvalidMap: It is not a map.
         InvalidGoal: Wrong shape, NaN, or not a rigid transform, as in `Goal.pose`.
     """
-    report, T = described(dataset), as_pose(poses)
-    grid = grid_of(report["grid"])
+    description, T = described(dataset), as_pose(poses)
+    grid = grid_of(description["grid"])
     if isinstance(grid, Rings):
-        T = square(inverse(np.array(report["first_frame"]))) @ T
+        T = square(inverse(np.array(description["first_frame"]))) @ T
     cells = grid.cells_of(T)
     inside = np.all([cell >= 0 for cell in cells], axis=0)
     values = {}
-    for name in report["variables"]:
+    for name in description["variables"]:
         there = _values(dataset[name].transpose(*grid.dims), cells)
         nothing = -1 if np.issubdtype(there.dtype, np.integer) else np.nan
         values[name] = np.where(inside, there, nothing).astype(there.dtype)
@@ -190,11 +190,13 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
     """
     import xarray
 
-    report = described(dataset)
+    description = described(dataset)
     if dataset.nbytes <= MOST_LOADED:
         with _reading():
             dataset = dataset.load()
-    names = [name for name in report["variables"] if name not in ("turn_from", "turn_to", "cell", *SHARES)]
+    names = [
+        name for name in description["variables"] if name not in ("turn_from", "turn_to", "cell", *SHARES)
+    ]
     made = {name: np.empty(grid.shape, dataset[name].dtype) for name in names}
     for i in range(grid.shape[0]):
         part = (slice(i, i + 1), *[slice(None)] * 3)

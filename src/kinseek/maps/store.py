@@ -223,9 +223,9 @@ class Store:
         Raises:
             InvalidMap: Something is different.
         """
-        report, grid = self.description, grid_of(self.description["grid"])
-        chunks = report.get("chunks")
-        if report.get("dims") != list(grid.dims) or report.get("shape") != list(grid.shape):
+        description, grid = self.description, grid_of(self.description["grid"])
+        chunks = description.get("chunks")
+        if description.get("dims") != list(grid.dims) or description.get("shape") != list(grid.shape):
             raise self._unsound("its dimensions and shape are not those of its grid")
         if max(grid.shape[:-1]) > MOST_PLACES:
             raise self._unsound(
@@ -329,9 +329,9 @@ def compare(place: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
     """
     other = [key for key in wanted if there.get(key) != wanted[key]]
     if other:
-        report = "; ".join(f"{key} {there.get(key)!r} there, {wanted[key]!r} asked" for key in other)
+        differences = "; ".join(f"{key} {there.get(key)!r} there, {wanted[key]!r} asked" for key in other)
         raise InvalidMap(
-            f"the store {place!r} is of another map: {report}. Ask for the same to go on with it, or take another store"
+            f"the store {place!r} is of another map: {differences}. Ask for the same to go on with it, or take another store"
         )
 
 

@@ -375,13 +375,13 @@ def _glb(text: bytes) -> Size:
     """Add up the sizes of accessors, views, primitives and nodes, each of which may be referred to many times."""
     size = struct.unpack_from("<I", text, 12)[0]
     _at_most(size, MOST_JSON, "bytes of JSON")
-    report: dict[str, Any] = json.loads(text[20 : 20 + size].decode())
-    views, images = report.get("bufferViews", []), report.get("images", [])
-    if any("uri" in each for each in [*report.get("buffers", []), *images]) or any(
+    document: dict[str, Any] = json.loads(text[20 : 20 + size].decode())
+    views, images = document.get("bufferViews", []), document.get("images", [])
+    if any("uri" in each for each in [*document.get("buffers", []), *images]) or any(
         each["buffer"] != 0 for each in views
     ):
         raise InvalidRobot("parts of it are in other files or buffers; write it as one file with one buffer")
-    accessors = report.get("accessors", [])
+    accessors = document.get("accessors", [])
     bytes_of = [
         _count(each["count"]) * _COMPONENT[each["componentType"]] * _NUMBERS[each["type"]]
         for each in accessors
@@ -389,7 +389,7 @@ def _glb(text: bytes) -> Size:
     _at_most(sum(bytes_of), 2 * len(text), "bytes in its accessors")
     _at_most(sum(_count(each["byteLength"]) for each in views), 2 * len(text), "bytes in its views")
     bodies, weights, corners = [], [], []
-    for mesh in report.get("meshes", []):
+    for mesh in document.get("meshes", []):
         parts = mesh["primitives"]
         if any("KHR_draco_mesh_compression" in part.get("extensions", {}) for part in parts):
             raise InvalidRobot("its meshes are compressed (Draco); write them without compression")
@@ -403,16 +403,16 @@ def _glb(text: bytes) -> Size:
             for part in parts
         ]
         corners.append(sum(each_of))
-    _require_its_shape(report)
+    _require_its_shape(document)
     glossy = "KHR_materials_pbrSpecularGlossiness"
-    if images and any(glossy in each.get("extensions", {}) for each in report.get("materials", [])):
+    if images and any(glossy in each.get("extensions", {}) for each in document.get("materials", [])):
         raise InvalidRobot(
             "trimesh computes new images for its glossy materials; write them as metallic ones"
         )
-    nodes = report.get("nodes", [])
+    nodes = document.get("nodes", [])
     _at_most(len(nodes) + sum(bodies) + len(images), MOST_BODIES, "nodes, bodies and images")
     named_as_child = [child for node in nodes for child in node.get("children", [])]
-    roots = [root for scene in report.get("scenes", []) for root in scene.get("nodes", [])]
+    roots = [root for scene in document.get("scenes", []) for root in scene.get("nodes", [])]
     _at_most(_steps(nodes, roots), MOST_STEPS, "steps from its nodes to the root")
     meshes = [nodes[each]["mesh"] for each in [*named_as_child, *roots] if "mesh" in nodes[each]]
     shown = sum(bodies[mesh] for mesh in meshes)
@@ -429,18 +429,18 @@ def _glb(text: bytes) -> Size:
     return Size(max(len(nodes), sum(bodies), shown), max(sum(corners), drawn))
 
 
-def _require_its_shape(report: dict[str, Any]) -> None:
+def _require_its_shape(document: dict[str, Any]) -> None:
     """Refuse what trimesh passes over without a word though it changes the shape of a GLB file, or the place of a body."""
-    for name in report.get("extensionsRequired", []):
+    for name in document.get("extensionsRequired", []):
         if not name.startswith(_ONLY_LOOKS):
             raise InvalidRobot(
                 f"it requires the extension {name!r:.100}, expected none but those of materials, images and lights; "
                 "write it without"
             )
-    accessors = report.get("accessors", [])
+    accessors = document.get("accessors", [])
     if any("sparse" in each for each in accessors):
         raise InvalidRobot("its accessors are sparse, expected all their values; write them as a whole")
-    for mesh in report.get("meshes", []):
+    for mesh in document.get("meshes", []):
         for part in mesh["primitives"]:
             mode = part.get("mode", 4)
             if mode not in _MODES:
@@ -457,12 +457,12 @@ def _require_its_shape(report: dict[str, Any]) -> None:
                     "its positions are {}, component type {}, normalized {}; expected VEC3 of floats "
                     "({}), not normalized: write it without quantization".format(*got, _FLOAT)
                 )
-    for each in [*report.get("meshes", []), *report.get("nodes", [])]:
+    for each in [*document.get("meshes", []), *document.get("nodes", [])]:
         if any(each.get("weights", [])):
             raise InvalidRobot(
                 "its bodies are morphed by weights, expected their final shape; apply the weights"
             )
-    for node in report.get("nodes", []):
+    for node in document.get("nodes", []):
         if "skin" in node:
             raise InvalidRobot("a node has a skin, expected a shape without one; apply it, and take it out")
         if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):

@@ -442,7 +442,7 @@ def _check_chains(
         found.note(
             "", f"{len(ends)} tips: kinseek.load needs tip=, one of {_some(ends)}, or any link before them"
         )
-    report = {finding.part for finding in found.findings if finding.part}
+    reported = {finding.part for finding in found.findings if finding.part}
     tried = ends[: min(_TRIED, max(1, _WORK // len(parents)))] if tip is None and len(ends) > 1 else [tip]
     if tip is None and len(tried) < len(ends):
         found.note("", f"only the first {len(tried)} of {len(ends)} tips are tried")
@@ -456,7 +456,7 @@ def _check_chains(
             about = why[
                 :_HEAD
             ]  # Messages begin with their subject; what follows may list every joint of the file.
-            if any(part in about for part in report):
+            if any(part in about for part in reported):
                 continue
             if end is not tip:
                 found.note(f"tip {end!r}", f"no arm ends there: {why}")

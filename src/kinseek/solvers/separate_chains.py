@@ -291,8 +291,8 @@ class _Account:
             lower[chosen], upper[chosen] = each.lower, each.upper
             work += (each.evaluations, each.nodes_created, each.nodes_expanded)
             window = Look(spacing, lower, upper, counts)
-            report, self.memory = f"{name}: {each.name}", each.memory
-            recorder.add(report, q, *work.tolist(), memory=each.memory, window=window, cells=each.cells)
+            what, self.memory = f"{name}: {each.name}", each.memory
+            recorder.add(what, q, *work.tolist(), memory=each.memory, window=window, cells=each.cells)
 
     def found(self) -> Found:
         """Return the final result."""

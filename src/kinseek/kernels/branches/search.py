@@ -178,7 +178,7 @@ def find_branches(
     starts_reported = np.zeros(3, dtype=np.int64)
     tally[WEAKEST] = np.inf
     start(task, scratch, target)
-    count, report, rounds, kept, done, unsure, reached, settling = 0, 0, 0, 0, False, False, False, False
+    count, explored, rounds, kept, done, unsure, reached, settling = 0, 0, 0, 0, False, False, False, False
     left_to_try, tried, known_before, leans = PLAIN, 0, 0, 1.0
     if serves(task, structure):
         closed_starts(task, structure, target, scratch.spare, np.empty(WORK), seeds, asked, w)
@@ -238,18 +238,18 @@ def find_branches(
     distance, near = np.empty(samples), np.empty(samples + 1, dtype=np.int64)
     order, known = np.empty(samples + BUCKETS + 1, dtype=np.int64), np.empty((MOST_JOINTS + 1, room))
     begin, end = 0.0, 0.0
-    # Each pass reports on at least one solution, or continues with the next of six kinds of starts.
+    # Each pass explores around at least one solution, or continues with the next of six kinds of starts.
     for _ in range(ROWS + 6):
         if done or count >= ROWS:
             break
         mode, surely = SEEDED, DEEP_STARTS
-        if report < count:
-            last = min(count, report + LANES)
-            many = twins(handle, tolerances, memory, rows, report, last, seeds, tally, w)
+        if explored < count:
+            last = min(count, explored + LANES)
+            many = twins(handle, tolerances, memory, rows, explored, last, seeds, tally, w)
             if settling and tally[WEAKEST] >= WEAK and last == count:
                 break
-            many = images(task, mirrors, view[RATES], rows, report, last, seeds, many, image)
-            mode, report = SIBLING, last
+            many = images(task, mirrors, view[RATES], rows, explored, last, seeds, many, image)
+            mode, explored = SIBLING, last
             rounds = 0 if rounds == SETTLED and tally[CONTINUA] > 0.0 else rounds
         elif left_to_try != PLAIN:
             first = left_to_try == NARROW

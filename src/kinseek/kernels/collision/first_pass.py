@@ -288,11 +288,11 @@ def sort_out(
         lanes_near(model, state, least, w)
         for l in range(min(LANES, len(q) - first)):
             k, verdict = first + l, FREE
-            report = doubts[k] if len(doubts) > 0 else nowhere
+            doubt = doubts[k] if len(doubts) > 0 else nowhere
             enter(state, l)
             if is_far(q[k]):
                 verdict = DOUBT
-                report[:] = True
+                doubt[:] = True
             elif state.hits[l] == 1:
                 verdict = TOUCH
             else:
@@ -302,7 +302,7 @@ def sort_out(
                     if left >= 0:
                         left = quick_check_meeting(model, state, state.near[l, each], clearance, least, left)
                 verdict = (
-                    TOUCH if left < 0 else settle_left(model, state, left, clearance, least, steps, report)
+                    TOUCH if left < 0 else settle_left(model, state, left, clearance, least, steps, doubt)
                 )
             verdicts[k] = verdict
             in_doubt += 1 if verdict == DOUBT else 0

@@ -312,7 +312,7 @@ def spread_solutions(
     scratch = make_scratch(memory, dof, len(task.chain.leader))
     one = np.zeros(dof)
     reset_weights(task, scratch)
-    count, report = 0, 0
+    count, traced = 0, 0
     for part in range(2):
         for k in range(0 if part == 0 else first, first if part == 0 else len(given)):
             for d in range(dof):
@@ -322,11 +322,11 @@ def spread_solutions(
             continue
         filled = 0
         # Solutions found next to others are starts as well, until no new one is found.
-        while report < count < most:
-            last = min(report + LANES, count)
-            along_lanes(handle, tolerances, memory, q, report, last, along, w)
+        while traced < count < most:
+            last = min(traced + LANES, count)
+            along_lanes(handle, tolerances, memory, q, traced, last, along, w)
             for side in range(2):
-                for k in range(report, last):
+                for k in range(traced, last):
                     for d in range(dof):
                         one[d] = q[k, d] + (1.0 - 2.0 * side) * beside * along[k, d]
                     if crowded(one, q, count, turning, AGAIN * beside):
@@ -344,8 +344,8 @@ def spread_solutions(
                     handle, tolerances, memory, filled, lower, upper, turning, apart, q, count, one, w
                 )
                 filled = 0
-            report = last
-    for k in range(report, count, LANES):
+            traced = last
+    for k in range(traced, count, LANES):
         along_lanes(handle, tolerances, memory, q, k, min(k + LANES, count), along, w)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return count

@@ -112,7 +112,7 @@ class SearchScratch(NamedTuple):
 
 
 @array_view
-def make_node_scratch(joints: int, memory: Memory) -> SearchScratch:
+def make_search_scratch(joints: int, memory: Memory) -> SearchScratch:
     """Allocate the scratch memory for a number of joints of the arm that the boxes describe."""
     dof = memory.boxes.shape[1] // 2
     return SearchScratch(

@@ -45,7 +45,7 @@ from .branch_and_bound import FINE, enclose, sift_down, sift_up, start_heap
 from .gate import gate
 from .infeasibility import exclude
 from .last_joint import cut_twist
-from .memory import MEMORY, Memory, SearchScratch, make_node_scratch
+from .memory import MEMORY, Memory, SearchScratch, make_search_scratch
 from .progress import (
     AGAIN,
     CEILING,
@@ -96,7 +96,7 @@ def search_boxes(
     Returns:
         ENDED, FOUND, STOPPED or FULL; ENDED also if there is no room for more solutions.
     """
-    work = make_node_scratch(len(question.form.leader), memory)
+    work = make_search_scratch(len(question.form.leader), memory)
     return search(kind, question, tuning, memory, work, until, budget)
 
 
