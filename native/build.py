@@ -45,13 +45,12 @@ TARGETS: dict[str, Any] = runpy.run_path(str(HERE / "targets.py"))["TARGETS"]
 LEVELS: dict[str, dict[int, str]] = runpy.run_path(str(HERE / "targets.py"))["LEVELS"]
 OUTSIDE: dict[str, Any] = runpy.run_path(str(HERE / "outside.py"))
 SOURCES: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "kernels" / "sources.py"))
+ALL: str = SOURCES["ALL"]
 PRIVATE: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "private.py"))
 
 FIRST = ("arm", "structure", "atlas")
 """Rooms (folders of kernels) that `Arm.fk` and `Arm.ik` need. An editable install has these, and compiles others when they
 are first called."""
-
-ALL = "all"
 
 MONTH = 30 * 24 * 3600.0
 """Objects are kept so long, in seconds."""

@@ -16,14 +16,11 @@ from typing import Any
 from kinseek.forks import Lock
 
 from .entry import Bundle, Entry, Leaf
-from .sources import source_digest
+from .sources import ALL, source_digest
 
 _FLOAT, _INTEGER, _FLAG, _ARRAY, _BUNDLE = range(5)  # As native/door.c reads them.
 _OF = {"f": _FLOAT, "i": _INTEGER, "b": _FLAG}
 _ANY_LENGTH = -2
-
-ALL = "all"
-"""Name that means all folders of kernels."""
 
 
 class Library:

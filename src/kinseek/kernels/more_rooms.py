@@ -10,7 +10,7 @@ from typing import Any
 
 from kinseek.errors import KinseekError
 
-from .sources import PACKAGE
+from .sources import ALL, PACKAGE
 
 BUILD = PACKAGE.parents[1] / "native" / "build.py"
 
@@ -20,7 +20,7 @@ def with_room(door: Any, room: str) -> Any:
 
     Args:
         door: The library as this process has loaded it.
-        room: Name of the folder, or "all".
+        room: Name of the folder, or `ALL`.
 
     Returns:
         The library that contains this folder as well.
@@ -34,7 +34,7 @@ def with_room(door: Any, room: str) -> Any:
         f"kinseek: compiling kernels ({room}), which takes up to a minute, once", file=sys.stderr, flush=True
     )
     done = subprocess.run(
-        command if room == "all" else [*command, "--rooms", room],
+        command if room == ALL else [*command, "--rooms", room],
         # In a working folder that was distributed with a robot, Numba would read a settings file.
         cwd=folder,
         stdout=subprocess.DEVNULL,

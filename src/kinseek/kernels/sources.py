@@ -16,6 +16,9 @@ ELSEWHERE = ("solvers/blind_search.py", "solvers/coordinate_descent.py")
 """Files with kernels outside `kernels/`. They are listed because every process needs them before its first solution, and
 reading all files takes as long as importing fifty of them."""
 
+ALL = "all"
+"""Name that means all folders of kernels."""
+
 EVERYTHING = ("kinseek.kernels.layout",)
 """Modules that generate functions from the declarations of other files."""
 
@@ -23,7 +26,7 @@ EVERYTHING = ("kinseek.kernels.layout",)
 def kernel_sources(package: Path = PACKAGE) -> list[Path]:
     """All files whose text machine code depends on: all of `kernels/`, and files that use a decorator of `kernels.jit`.
 
-    A kernel may use nothing of kinseek from any other file; tests/test_jit_cache.py checks that.
+    A kernel may use nothing of kinseek from any other file; tests/kernels/test_sources.py checks that.
     """
     return [*sorted((package / "kernels").rglob("*.py")), *(package / name for name in ELSEWHERE)]
 
