@@ -156,12 +156,12 @@ class RepairWarning(_OneLine, UserWarning):
     """A rounded matrix was replaced by the nearest rotation; the message reports how far it was from one."""
 
 
-def suggest(got: str, valid: Iterable[str], noun: str) -> str:
-    """Return ``unknown <noun> 'got'``, the similar names and the valid choices, as one sentence."""
+def suggest(got: str, valid: Iterable[str], noun: str, listed: str = "") -> str:
+    """Return ``unknown <noun> 'got'``, the similar names and the valid choices; `listed` replaces the list of these."""
     choices = sorted(valid)
     said = unknown(got, choices, noun)
     end = "" if said.endswith("?") else "."
-    return f"{said}{end} Valid: {', '.join(map(printable, choices)) or 'none'}"
+    return f"{said}{end} Valid: {listed or ', '.join(map(printable, choices)) or 'none'}"
 
 
 def unknown(got: str, valid: Iterable[str], noun: str) -> str:

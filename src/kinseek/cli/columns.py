@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidGoal, UnitWarning, unknown
+from kinseek.errors import InvalidGoal, UnitWarning, suggest
 from kinseek.poses import as_pose, pose
 from kinseek.units import warn_of_angles
 
@@ -94,8 +94,7 @@ def kind_of_rotation(columns: Collection[str], where: str, position_only: bool) 
     known = {name for names in (POSITION, MATRIX, *ROTATIONS.values()) for name in names}
     for name in columns:
         if name not in known:
-            said = unknown(name, known, "column")
-            raise InvalidGoal(f"{where}: {said}{'' if said.endswith('?') else '.'} Valid: {VALID}")
+            raise InvalidGoal(f"{where}: {suggest(name, known, 'column', VALID)}")
     begun = [kind for kind, names in (*ROTATIONS.items(), ("matrix", MATRIX)) if set(names) & set(columns)]
     if len(begun) > 1 or ("matrix" in begun and set(POSITION) & set(columns)):
         raise InvalidGoal(
