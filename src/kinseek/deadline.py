@@ -69,6 +69,10 @@ class Deadline:
             return self
         return Deadline(max(self.left / 2, self.left - part * (time.monotonic() - self.begin)))
 
+    def at_least(self, seconds: float) -> Deadline:
+        """Return this deadline, or one that ends after some seconds if that is later: for a step that must do something."""
+        return self if self.end >= time.monotonic() + seconds else Deadline(seconds)
+
     @property
     def left(self) -> float | None:
         """Seconds left, as a time limit for a part of the work. Above 0 even if the time is up; None without a limit."""

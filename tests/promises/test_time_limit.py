@@ -282,19 +282,21 @@ def test_a_slow_judgement_and_a_slow_cost_keep_the_time() -> None:
 
 
 @pytest.mark.parametrize("name", ["cost", "valid"])
-def test_what_the_user_says_of_a_long_path_keeps_the_time(name: str) -> None:
+def test_what_the_user_says_of_a_long_path_keeps_the_time(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The search leaves time for it, and poses that come too late cost nothing."""
+    # Deadlines of processor time: other programs on a busy machine take none of it.
+    monkeypatch.setattr("kinseek.deadline.time", SimpleNamespace(monotonic=time.process_time))
     arm = kinseek.load("ur5e")
     T = way(arm, 100_000)
     quick: dict[str, Any] = {"cost": lambda q: (q**2).sum(axis=1), "valid": lambda q: True}
     options = {name: quick[name]}
     arm.follow(T[:40], **options)
     began = time.process_time()
-    arm.follow(T, threads=1, time_limit=1e-3, **options)
-    least = time.process_time() - began  # To read so many poses and to write down what became of them.
+    assert arm.follow(T, threads=1).planned.all()
+    limit = 0.4 * (time.process_time() - began)
     began = time.process_time()
-    path = arm.follow(T, threads=1, time_limit=0.8, **options)
-    assert time.process_time() - began < 1.2 + least
+    path = arm.follow(T, threads=1, time_limit=limit, **options)
+    assert time.process_time() - began < 1.5 * limit + 0.2
     assert path.out_of_time
     followed(arm, path)
     assert path.planned.sum() > 200

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import freedom
-from kinseek.deadline import Deadline
 
 from .ends import best_valid, fill_missed, inside_limits, refusals, short_steps, steps_of, with_ends
 from .joints import Turning
@@ -45,9 +44,10 @@ def follow(request: PathRequest, threads: int | None, advance: Advance, take: in
     if freedom(part.problem) > 0:
         q = follow_runs(part, threads, advance)
         planned = _ended(part, q)[:take, own]
-        request, grace = request.part(0, take), request.deadline
-        if grace.passed and request.valid is not None:
-            request = replace(request, valid=replace(request.valid, deadline=Deadline(GRACE)))
+        request = request.part(0, take)
+        if request.valid is not None:
+            deadline = request.deadline.at_least(GRACE)
+            request = replace(request, valid=replace(request.valid, deadline=deadline))
         refused, forbidden_edges, count = refusals(request, planned)
         return _judged(request, planned[:count], forbidden_edges, None, refused)
     q, breaks, wide, unreachable = _isolated(part, threads, advance)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.order import cost_of
-from kinseek.deadline import Deadline, TimeUp
+from kinseek.deadline import TimeUp
 from kinseek.kernels.paths.viterbi import DISTANCE, ENDLESS, GIVEN, TIME, viterbi
 
 from .joints import Turning
@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 GRACE = 0.1
-"""Time for checking the best path if the deadline has passed when it is found [s]."""
+"""Least time for checking the best path, even if the deadline passes before [s]: an unchecked pose is not returned."""
 
 LAST_PART = 0.5
 """Time that the search for the best path may take after the costs are computed, as a fraction of the time spent until then;
@@ -120,15 +120,13 @@ class LayerGraph:
             Whether all is accepted, and how many of the first poses are accepted together with the steps between them. The
             number is smaller if the time was up before all were checked.
         """
-        if self.request.deadline.passed:
-            assert self.request.valid is not None
-            late = replace(self.request, valid=replace(self.request.valid, deadline=Deadline(GRACE)))
-            self.request, request = late, self.request
-            try:
-                return self._check(q, breaks, path)
-            finally:
-                self.request = request
-        return self._check(q, breaks, path)
+        request, valid = self.request, self.request.valid
+        assert valid is not None
+        self.request = replace(request, valid=replace(valid, deadline=request.deadline.at_least(GRACE)))
+        try:
+            return self._check(q, breaks, path)
+        finally:
+            self.request = request
 
     def _check(self, q: Array, breaks: Indices, path: Indices) -> tuple[bool, int]:
         assert self.request.valid is not None
