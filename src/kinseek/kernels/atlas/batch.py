@@ -41,13 +41,14 @@ def stand_still(lanes: Lanes, l: int) -> None:
     """Clear lane l: without pose, axes and error its next step is zero."""
     for k in range(lanes.axes.shape[0]):
         for r in range(6):
-            lanes.axes[k, r * LANES + l] = 0.0
-    for r in range(12):
-        lanes.pose[r * LANES + l] = 0.0
+            lanes.axes[k, r, l] = 0.0
+    for r in range(3):
+        for c in range(4):
+            lanes.pose[r, c, l] = 0.0
     for r in range(6):
-        lanes.residual[r * LANES + l] = 0.0
+        lanes.residual[r, l] = 0.0
     for r in range(4):
-        lanes.error[r * LANES + l] = 0.0
+        lanes.error[r, l] = 0.0
 
 
 @inlined
@@ -98,7 +99,7 @@ def take_target(
     queue.spent[l] = int(results[number, len(task.lower) + EVALUATIONS])
     for r in range(3):
         for c in range(4):
-            lanes.target[(4 * r + c) * LANES + l] = targets[number, r, c]
+            lanes.target[r, c, l] = targets[number, r, c]
 
 
 @entry(

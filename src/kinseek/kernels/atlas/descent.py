@@ -14,9 +14,11 @@ from kinseek.kernels.jit import array_view, inlined, routine
 from kinseek.kernels.pointers import call, part1
 
 from .lanes import (
-    BEFORE,
+    COSINE,
+    DISTANCE2,
     LANES,
-    STUBBORN,
+    RESIDUAL2,
+    SINE2,
     Lanes,
     lanes_forward,
     lanes_gram,
@@ -74,7 +76,7 @@ LONGEST = 0.8
 def make_stubborn(lanes: Lanes, stubborn: float) -> None:
     """Make every second lane stubborn, or none, see `lanes_hold`; clear their last steps."""
     for l in range(LANES):
-        lanes.work[STUBBORN + l] = stubborn * (l % 2)
+        lanes.stubborn[l] = stubborn * (l % 2)
         for i in range(lanes.step.shape[0]):
             lanes.step[i, l] = 0.0
 
@@ -107,8 +109,8 @@ def reset_weights(task: Task, scratch: Scratch) -> None:
     scratch.damping[0] = DAMPING
     for l in range(LANES):
         scratch.floor[l] = FLOOR
-        lanes.weight[l] = 1.0 / task.length
-        lanes.weight[LANES + l] = 1.0 if task.columns[0] > 0.0 else 0.0
+        lanes.weight[0, l] = 1.0 / task.length
+        lanes.weight[1, l] = 1.0 if task.columns[0] > 0.0 else 0.0
 
 
 @array_view
@@ -159,29 +161,29 @@ def iterate_routine(
 def within(task: Task, lanes: Lanes, l: int) -> bool:
     """Return True if lane l is within both tolerances."""
     position, orientation = task.position_tolerance, task.orientation_tolerance
-    if lanes.error[l] > position * position:
+    if lanes.error[DISTANCE2, l] > position * position:
         return False
     if task.poses > 0:
         # The step of a goal with ranges stores squared angles, not sines.
-        turned: bool = lanes.error[LANES + l] <= orientation * orientation
+        turned: bool = lanes.error[SINE2, l] <= orientation * orientation
         return turned
     if task.columns[0] == 0.0:
         return True
     # The weighted cosine of a pose is (1 + 2 cos φ)/2, of a direction cos φ.
-    cosine = lanes.error[2 * LANES + l]
+    cosine = lanes.error[COSINE, l]
     ahead = cosine > 0.5 if task.columns[1] > 0.0 else cosine > 0.0
     # sin φ ≤ sin t where φ < t < π/2. For small t, t - t³/6 is a lower bound of sin t.
     bound = min(orientation, ALMOST_RIGHT)
     bound -= bound * bound * bound / 6.0
-    small: bool = lanes.error[LANES + l] <= bound * bound
+    small: bool = lanes.error[SINE2, l] <= bound * bound
     return ahead and small
 
 
 @inlined
 def is_hopeless(lanes: Lanes, made: int, l: int) -> bool:
     """Return True if lane l, one of the first samples, is to be given up; must be called after every step."""
-    error, before = lanes.error[3 * LANES + l], lanes.work[BEFORE + l]
-    lanes.work[BEFORE + l] = error
+    error, before = lanes.error[RESIDUAL2, l], lanes.before[l]
+    lanes.before[l] = error
     return made >= HOPELESS and error > LEAST_HOPE and error > 0.5 * before
 
 
@@ -218,10 +220,10 @@ def descend_lanes(
         if made % STALL == 0 and not patient:
             moving = made == 0
             for l in range(LANES):
-                error = lanes.error[3 * LANES + l]
-                hopeful = error < 0.5 * lanes.work[BEFORE + l] or error < NEARLY * NEARLY
+                error = lanes.error[RESIDUAL2, l]
+                hopeful = error < 0.5 * lanes.before[l] or error < NEARLY * NEARLY
                 moving = moving or (scratch.state[l] == 0 and hopeful)
-                lanes.work[BEFORE + l] = error
+                lanes.before[l] = error
             if not moving:
                 return first, made
     return -1, steps  # Not reached: the last step returns.

@@ -26,7 +26,7 @@ from .descent import (
     lowest_row,
     reset_weights,
 )
-from .lanes import LANES
+from .lanes import DISTANCE2, LANES, SINE2
 from .memory import DEEP, Scratch, make_scratch, scratch_size
 from .newton import VALLEY_STEPS, WALK, WALK_STEPS, settle
 from .seeds import (
@@ -156,27 +156,27 @@ def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: floa
         floor[l] = POLISH_FLOOR * (job.tolerances[WEIGHT] * task.length + largest)
         scratch.state[l] = 0
         load_seed_row(lanes, l, scratch.best)
-        lanes.weight[LANES + l] = math.sqrt(largest)
+        lanes.weight[1, l] = math.sqrt(largest)
     for c in range(3):
         scratch.columns[c] = goal.axis_weights[c]
     scratch.damping[0] = 0.0
     for step in range(steps):
         iterate(job.handle, job.tolerances, job.memory, step > 0, w)
         for l in range(LANES):
-            gap = math.sqrt(lanes.error[l])
+            gap = math.sqrt(lanes.error[DISTANCE2, l])
             far = math.sqrt(goal.position_weight / max(gap, NEAREST))
-            scale_p, scale_o = far / lanes.weight[l], 1.0
+            scale_p, scale_o = far / lanes.weight[0, l], 1.0
             if task.poses > 0:
-                turn = math.sqrt(lanes.error[LANES + l])
+                turn = math.sqrt(lanes.error[SINE2, l])
                 error = range_weighted(goal.position_weight, largest, gap, turn)
             else:
                 for r in range(3):
                     for c in range(4):
-                        scratch.spare[r, c] = lanes.pose[(4 * r + c) * LANES + l]
+                        scratch.spare[r, c] = lanes.pose[r, c, l]
                 error = weighted_error(scratch.spare, goal)
                 # Rows are scaled by the roots of the weights. The orientation rows hold K_A times √K_A at this point.
                 scale_o = 1.0 / largest if largest > 0.0 else 0.0
-            lanes.weight[l] = far
+            lanes.weight[0, l] = far
             if error <= scratch.best_error[l]:
                 if scratch.state[l] == 0:
                     floor[l] = max(LESS * floor[l], LEAST)
@@ -190,8 +190,8 @@ def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: floa
                 load_seed_row(lanes, l, scratch.best)
                 scale_p, scale_o = 0.0, 0.0  # This lane pauses for one step and continues from its best.
             for r in range(3):
-                lanes.residual[r * LANES + l] *= scale_p
-                lanes.residual[(3 + r) * LANES + l] *= scale_o
+                lanes.residual[r, l] *= scale_p
+                lanes.residual[3 + r, l] *= scale_o
     return steps * LANES
 
 

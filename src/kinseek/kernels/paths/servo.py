@@ -8,7 +8,7 @@ from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import distance, errors, is_rigid
 from kinseek.kernels.arrays import Array, GoalArrays
 from kinseek.kernels.atlas.descent import goal_of, reset_weights, within
-from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.newton import settle as descend
 from kinseek.kernels.atlas.task import TOLERANCES, Task, handle_at, lanes_of, task_of
@@ -94,7 +94,7 @@ def one_period(
         reached = within(task, scratch.lanes, l) and not within(task, scratch.lanes, best)
         if reached or (
             not within(task, scratch.lanes, best)
-            and scratch.lanes.error[3 * LANES + l] < scratch.lanes.error[3 * LANES + best]
+            and scratch.lanes.error[RESIDUAL2, l] < scratch.lanes.error[RESIDUAL2, best]
         ):
             best = l
     if within(task, scratch.lanes, best):
