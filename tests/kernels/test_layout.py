@@ -150,7 +150,7 @@ def _index() -> AtlasIndex:
 def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:
     chain, atlas = kinseek.load("ur10e_rail").chain.arrays, index.sorted
     tolerances = np.arange(7.0)
-    task = task_of(index._addresses, tolerances)
+    task = task_of(index.handle, tolerances)
     for bundle, made_of in ((task.chain, chain), (task.atlas.tree, atlas.tree), (task.atlas, atlas)):
         for name, array in zip(bundle._fields, bundle, strict=True):
             if isinstance(array, np.ndarray):
@@ -168,7 +168,7 @@ def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:
 
 
 def test_numbers_of_a_handle_that_stand_alone(index: AtlasIndex) -> None:
-    handle = index._addresses
+    handle = index.handle
     assert len(handle) == task.ARRAYS * ROW
     assert inlined(task.lanes_of)(handle) == LANES
     np.testing.assert_array_equal(inlined(task.plain_tolerances)(handle), PLAIN)

@@ -141,7 +141,6 @@ class Tracker:
         """Joint speed limits, (n,), [rad/s] or [m/s]; infinite if neither the caller nor the robot's file gives one."""
         self._arm, self._turning = arm.axes, Turning(arm.axes)
         self._index = atlas_of(arm.axes)
-        _ = self._index.handle  # Reading the attribute loads the kernels that are not loaded yet.
         self._state = np.zeros((ROWS, arm.dof))
         self._state[LOWER], self._state[UPPER] = self._turning.open_lower, self._turning.open_upper
         self._state[REACH], self._state[NOW] = self.velocity * self.period, start

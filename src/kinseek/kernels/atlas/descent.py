@@ -9,7 +9,7 @@ import numpy as np
 from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
-from kinseek.kernels.arrays import Array, GoalArrays, Indices
+from kinseek.kernels.arrays import Array, GoalArrays
 from kinseek.kernels.jit import array_view, inlined, routine
 from kinseek.kernels.pointers import call, part1
 
@@ -30,7 +30,18 @@ from .lanes import (
 )
 from .memory import Scratch, make_scratch, scratch_size
 from .seeds import copy_joints, keep_joints, load_target, turns_fully
-from .task import ITERATE, JUDGE, TOLERANCES, WEIGHTED_ERROR, Job, Task, handle_at, routine_at, task_of
+from .task import (
+    ITERATE,
+    JUDGE,
+    TOLERANCES,
+    WEIGHTED_ERROR,
+    Job,
+    Task,
+    addresses_of,
+    handle_at,
+    routine_at,
+    task_of,
+)
 
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
 """Largest numbers of steps: from one of the first samples, from a sample of a deeper look-up, from a restart, and towards
@@ -126,13 +137,12 @@ def free_turn(task: Task) -> float:
 
 
 @array_view
-def iterate(handle: Indices, tolerances: Array, memory: Array, move: bool, w: int) -> int:
+def iterate(job: Job, move: bool) -> int:
     """Make one damped step of every lane if `move`; then compute poses, residuals and errors.
 
     The step is that of the task: `iterate_routine` for a pose, another for a goal with ranges.
     """
-    at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data)
-    done: int = call(routine_at(handle, ITERATE), (*at, int(move), w))
+    done: int = call(routine_at(job.handle, ITERATE), (*addresses_of(job), int(move), job.width))
     return done
 
 
@@ -188,9 +198,7 @@ def is_hopeless(lanes: Lanes, made: int, l: int) -> bool:
 
 
 @inlined
-def descend_lanes(
-    job: Job, task: Task, scratch: Scratch, steps: int, everyone: bool, w: int
-) -> tuple[int, int]:
+def descend_lanes(job: Job, task: Task, scratch: Scratch, steps: int, everyone: bool) -> tuple[int, int]:
     """Refine the eight lanes; return the first lane that converged, or -1, and the number of steps made.
 
     The nearest seed has precedence: the solution of a later lane counts only after all earlier lanes have made their
@@ -200,7 +208,7 @@ def descend_lanes(
     lanes, dof, patient = scratch.lanes, len(task.lower), steps <= FIRST_STEPS or task.poses > 0
     first_ones = steps == FIRST_STEPS and task.poses == 0 and not everyone
     for made in range(steps + 1):
-        iterate(job.handle, job.tolerances, job.memory, made > 0, w)
+        iterate(job, made > 0)
         waiting, first = 0, -1
         for l in range(LANES):
             if scratch.state[l] == 0 and within(task, lanes, l):
@@ -259,8 +267,8 @@ def keep_seed(scratch: Scratch, error: float) -> None:
 @array_view
 def judge_by_ranges(job: Job, q: Array, report: Array) -> int:
     """Judge joint values, (n,), by plain FK against ranges: write errors [m], [rad] and weighted into a report."""
-    at = (job.handle.ctypes.data, job.tolerances.ctypes.data, job.memory.ctypes.data)
-    done: int = call(routine_at(job.handle, JUDGE), (*at, q.ctypes.data, report.ctypes.data))
+    given = (*addresses_of(job), q.ctypes.data, report.ctypes.data)
+    done: int = call(routine_at(job.handle, JUDGE), given)
     return done
 
 

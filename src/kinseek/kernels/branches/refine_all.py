@@ -15,7 +15,7 @@ from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2, Lanes
 from kinseek.kernels.atlas.memory import Scratch, make_scratch
 from kinseek.kernels.atlas.samples import complete_seed
 from kinseek.kernels.atlas.seeds import MARGIN, into_limits
-from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Task, task_of
+from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Job, Task, task_of
 from kinseek.kernels.atlas.tree import nearest
 from kinseek.kernels.jit import inlined, kernel
 
@@ -197,7 +197,7 @@ def refine_all(
         tally: EVALUATED increases by the FK evaluations spent, LATE by the number of late solutions, (TALLY,).
         w: LANES.
     """
-    task = task_of(handle, tolerances)
+    task, job = task_of(handle, tolerances), Job(handle, tolerances, memory, w)
     dof = len(task.lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))
     goal, lanes = GoalArrays(target, task.position_weight, task.axis_weights), scratch.lanes
@@ -220,7 +220,7 @@ def refine_all(
                 active += 1
         if active == 0 or count == len(rows):
             break
-        iterate(handle, tolerances, memory, True, w)
+        iterate(job, True)
         if mode == SEEDED:
             head_for_known(lanes, rates, rows, count, heading, w)
         for l in range(LANES):

@@ -173,7 +173,7 @@ def clear_lanes(lanes: Lanes) -> None:
 
 
 @inlined
-def first_that_converges(job: Job, task: Task, scratch: Scratch, target: Array, q: Array, w: int) -> int:
+def first_that_converges(job: Job, task: Task, scratch: Scratch, target: Array, q: Array) -> int:
     """Refine the candidates of a nearby arm in parallel lanes; write the nearest that converges into q, (n,).
 
     `batch.run_lanes` refines the same candidates one at a time.
@@ -184,7 +184,6 @@ def first_that_converges(job: Job, task: Task, scratch: Scratch, target: Array, 
         scratch: The candidates, as `place` leaves them.
         target: (3, 4), lengths in [m].
         q: Receives the solution, or the last candidate if there is none.
-        w: LANES.
 
     Returns:
         The FK evaluations spent, negated if no candidate converges; 0 if there is no candidate.
@@ -202,7 +201,7 @@ def first_that_converges(job: Job, task: Task, scratch: Scratch, target: Array, 
                 scratch.state[l], loaded = 0, loaded + 1
         if loaded == 0:
             break
-        lane, made = descend_lanes(job, task, scratch, CORRECTIONS, False, w)
+        lane, made = descend_lanes(job, task, scratch, CORRECTIONS, False)
         spent += (made + 1) * loaded
         if lane >= 0:
             copy_joints(scratch.found, lane, q)
