@@ -128,7 +128,7 @@ class SerialChain(Variables):
     def arrays(self) -> ChainArrays:
         """The chain in the form that kernels take."""
         return chain_arrays(
-            self.fixed, self.prismatic, self.leader, self.multiplier, self.offset, self.lower, self.upper
+            self.fixed, self.prismatic, self.leader, self.multiplier, self.offset, (self.lower, self.upper)
         )
 
     @property
@@ -171,8 +171,7 @@ class SerialChain(Variables):
             self.leader[:m],
             self.multiplier[:m],
             self.offset[:m],
-            self.lower,
-            self.upper,
+            (self.lower, self.upper),
         )
 
 

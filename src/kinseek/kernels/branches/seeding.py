@@ -8,6 +8,7 @@ nearly always converge to the same solution, so only the nearest sample of these
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
@@ -18,9 +19,9 @@ from kinseek.kernels.atlas.descent import free_turn, reset_weights
 from kinseek.kernels.atlas.lanes import LANES, lanes_forward, lanes_gram, lanes_jacobian, lanes_solve
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.seeds import MARGIN
-from kinseek.kernels.atlas.task import HANDLE, Task, plain_tolerances, task_of
+from kinseek.kernels.atlas.task import Handle, Task, plain_tolerances, task_of
 from kinseek.kernels.atlas.tree import LEAF_SIZE
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
 DAMPED = 0.03
@@ -57,8 +58,8 @@ NOWHERE = 1e9
 """Squared distance of an empty entry."""
 
 
-@entry(handle=HANDLE, steps=F64["s", 6, LANES].out, w=I64)
-def fill_steps(handle: Indices, steps: Array, w: int) -> None:
+@entry
+def fill_steps(handle: Handle, steps: Annotated[Array, "s", 6, LANES, OUT], w: int) -> None:
     """Fill the table of an arm that has at most `LANES` joints.
 
     Args:

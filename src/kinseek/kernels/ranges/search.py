@@ -8,6 +8,8 @@ found, polished under the goal's weights.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from kinseek.kernels.arm.forward import forward
@@ -24,7 +26,6 @@ from kinseek.kernels.atlas.seeds import MARGIN, MORE, into_limits, load_seed, lo
 from kinseek.kernels.atlas.task import (
     ENDING,
     EVALUATIONS,
-    HANDLE,
     ITERATE,
     JUDGE,
     ORIENTATION_ERROR,
@@ -32,11 +33,12 @@ from kinseek.kernels.atlas.task import (
     STARTS,
     TOLERANCES,
     WEIGHTED_ERROR,
+    Handle,
     Job,
     handle_at,
     task_of,
 )
-from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, routine
 from kinseek.kernels.pointers import part1, part2
 
@@ -129,25 +131,15 @@ def range_routines() -> Indices:
     return addresses
 
 
-@entry(
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    questions=F64["k", QUESTION],
-    poses=F64["k", POSES, 3, 4],
-    near=F64["k", "n"],
-    close=FLAG,
-    results=F64["*", "n+4"].out,
-    begin=I64,
-    w=I64,
-)
+@entry
 def solve_ranged(
-    handle: Indices,
-    tolerances: Array,
-    questions: Array,
-    poses: Array,
-    near: Array,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    questions: Annotated[Array, "k", QUESTION],
+    poses: Annotated[Array, "k", POSES, 3, 4],
+    near: Annotated[Array, "k", "n"],
     close: bool,
-    results: Array,
+    results: Annotated[Array, "*", "n+4", OUT],
     begin: int,
     w: int,
 ) -> None:

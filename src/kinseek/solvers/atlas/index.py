@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from kinseek.caching import WeakCache
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
+from kinseek.kernels.arm.links import links_of
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas.far import BEYOND, MOST, ROUNDED
 from kinseek.kernels.atlas.one_goal import routines
@@ -24,11 +25,14 @@ from kinseek.kernels.atlas.task import (
     NUMBERS,
     ORIENTATION,
     POSITION,
+    ROWS,
     SHOULDER,
     SPAN,
     TOLERANCES,
     WEIGHT,
-    task_arrays,
+    TaskRows,
+    task_lengths,
+    task_numbers,
     with_ranges,
 )
 from kinseek.kernels.pointers import handle_of
@@ -91,19 +95,20 @@ class AtlasIndex(Lazy):
         """Structure of the arm's geometry; `NO_STRUCTURE` if the goal is less than a pose."""
         if self.structure.numbers[KIND] != NO_CLOSED_FORM:
             self._routines[CLOSED] = closed_routine.address
-        self._arrays = task_arrays(
-            arrays,
-            self.sorted,
-            division,
-            lower,
-            upper,
-            columns,
-            size / RADIAN_PART,
-            self._routines,
-            PLAIN,
-            self.structure.numbers,
-            self.structure.exact,
-            span_of(arrays, kind is POSE),
+        self._arrays = ROWS.arrays(
+            TaskRows(
+                chain=arrays,
+                atlas=self.sorted,
+                lower=lower,
+                upper=upper,
+                columns=columns,
+                numbers=task_numbers(division, self.structure.exact),
+                lengths=task_lengths(division, size / RADIAN_PART, span_of(arrays, kind is POSE)),
+                links=links_of(arrays),
+                routines=self._routines,
+                plain=PLAIN,
+                structure=self.structure.numbers,
+            )
         )
         self.handle = handle_of(self._arrays)
         """Addresses of the arrays, for kernels, and of the routines that they call."""
