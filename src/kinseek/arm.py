@@ -255,15 +255,15 @@ class Arm(ForwardArm):
         deadline = Deadline(time_limit)
         if prove:
             self._require_axes(_NO_PROOF)
-        asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
+        requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
-        if plain and (axes := self._axes) is not None and answers_quickly(asked, start):
-            quick = quick_answer(axes, self._atlas_for(axes, asked), asked, start)
+        if plain and (axes := self._axes) is not None and answers_quickly(requested, start):
+            quick = quick_answer(axes, self._atlas_for(axes, requested), requested, start)
             if quick is not None:
                 if not quick.success:
                     warn_if_far(quick)
                 return quick
-        problem = Problem(self._mechanism, asked, start, time_limit=time_limit, trace=trace)
+        problem = Problem(self._mechanism, requested, start, time_limit=time_limit, trace=trace)
         if selects and trace:
             raise InvalidProblem(
                 "prefer, cost, valid and scene choose among all branches; there is no trace of that"
@@ -273,7 +273,7 @@ class Arm(ForwardArm):
                 "prefer, cost, valid and scene choose among all branches; they take no solver"
             )
         if selects:
-            asked.require_plain(
+            requested.require_plain(
                 "prefer, cost, valid and scene choose among all branches, and these are not found of"
             )
         if scene is not None:
@@ -368,10 +368,10 @@ class Arm(ForwardArm):
         from .branches.order import Selection
 
         _require_scene(scene, clearance)
-        asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
+        requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
         selection = Selection(order, cost, valid, copies, count, prove)
-        problem = Problem(self._mechanism, asked, start, time_limit=time_limit)
+        problem = Problem(self._mechanism, requested, start, time_limit=time_limit)
         if scene is None:
             return branches_of(problem, selection, threads)
         from .collision.answers import free_branches
@@ -418,8 +418,8 @@ class Arm(ForwardArm):
         from .proof.branch_and_bound import prove
 
         deadline = Deadline(time_limit)
-        asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
-        problem = Problem(self._mechanism, asked, time_limit=time_limit)
+        requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
+        problem = Problem(self._mechanism, requested, time_limit=time_limit)
         return prove(problem, gap=gap, budget=budget, threads=threads, deadline=deadline)
 
     def follow(

@@ -86,5 +86,5 @@ def as_integer(
     if number is not None and least <= number <= most:
         return number
     small = most >= NO_BOUND and (number is None or number < least)
-    wanted = f"of at least {least:,}" if small else f"from {least:,} to {most:,}"
-    raise error(f"{name} must be a whole number {wanted}, got {value!r:.200}")
+    expected = f"of at least {least:,}" if small else f"from {least:,} to {most:,}"
+    raise error(f"{name} must be a whole number {expected}, got {value!r:.200}")

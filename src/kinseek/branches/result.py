@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
 from kinseek.kernels.branches.refine_all import ANSWERS, CONTINUUM, SPENT
 from kinseek.lazy import Lazy, lazy
-from kinseek.problem import MadeWhenAsked, Problem
+from kinseek.problem import DeferredProblem, Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.named import by_name
 
@@ -53,7 +53,7 @@ class Branches(Lazy):
     if TYPE_CHECKING:
         problem: Problem
     else:
-        problem: Problem = MadeWhenAsked()
+        problem: Problem = DeferredProblem()
     out_of_time: bool = False
     proved_blocked: bool = False
 
@@ -198,7 +198,7 @@ def quick_branches(
     """Create the branches of one pose, in the order in which they were found, with little overhead.
 
     Args:
-        question: The arguments from which `MadeWhenAsked` creates a problem.
+        question: The arguments from which `DeferredProblem` creates a problem.
         dof: Number of joint variables.
         found: Return value of `kernels.branches.search.find_branches`.
         sampled: Whether the arm is redundant.
