@@ -16,7 +16,7 @@ import pytest
 import kinseek
 from kinseek.cli import main
 from kinseek.cli.searches import make_search, option_of, parameters, searches
-from kinseek.cli.words import gather
+from kinseek.cli.words import join_lists
 from kinseek.kernels.backend import describe_backend
 
 REACHABLE = ("--at", "-0.3", "0.4", "0")
@@ -456,7 +456,7 @@ def test_without_the_extra_it_says_how_to_install_it(run: Run, monkeypatch: pyte
 
 def test_gather_leaves_other_words_alone() -> None:
     words = ["solve", "--at", "-1", "2", "-3e-1", "panda", "--near", "0", "-1", "--json"]
-    assert gather(words) == ["solve", "--at=-1 2 -3e-1", "panda", "--near=0 -1", "--json"]
+    assert join_lists(words) == ["solve", "--at=-1 2 -3e-1", "panda", "--near=0 -1", "--json"]
 
 
 def test_options_are_named_after_fields() -> None:

@@ -250,8 +250,8 @@ def _require_numbers(file: Any, path: Path) -> None:
                 f"{path}: a group of rows has {group.num_columns:,} columns, expected {metadata.num_columns:,}"
             )
     parts = [group.column(j) for group in groups for j in range(group.num_columns)]
-    held = sum(abs(part.num_values) for part in parts)  # May be negative in a damaged file.
-    count = max(held, metadata.num_rows * len(schema.names))
+    count_values = sum(abs(part.num_values) for part in parts)  # May be negative in a damaged file.
+    count = max(count_values, metadata.num_rows * len(schema.names))
     if count > (most := max(MOST_VALUES, VALUES_OF_A_BYTE * path.stat().st_size)):
         raise InvalidGoal(
             f"{path}: {count:,} numbers, expected at most {most:,} of so few bytes: {VALUES_OF_A_BYTE} for each"

@@ -25,7 +25,7 @@ IN_DEGREES = ("rpy", "rotvec")
 
 
 @dataclass(frozen=True)
-class Asked:
+class GoalSpec:
     """The constrained part of a pose, and its tolerances."""
 
     position_only: bool = False

@@ -90,16 +90,16 @@ def unpacked_bytes(file: BinaryIO, column: Any) -> int:
         file.seek(at)
         try:
             header = _struct(file)
-            held = header[_INNER[header[_KIND]]][_VALUES] if header[_KIND] in _INNER else 0
-            unpacked, packed, held = map(int, (header[_UNPACKED], header[_PACKED], held))
+            values_of_page = header[_INNER[header[_KIND]]][_VALUES] if header[_KIND] in _INNER else 0
+            unpacked, packed, values_of_page = map(int, (header[_UNPACKED], header[_PACKED], values_of_page))
         except (IndexError, KeyError, TypeError, OverflowError, RecursionError):
             raise ValueError("the header of a page is damaged") from None
         at = file.tell() + packed
         # pyarrow truncates longer numbers, and would so find other sizes and other following pages.
-        if not (all(0 <= size < 2**31 for size in (unpacked, packed, held)) and at <= end):
+        if not (all(0 <= size < 2**31 for size in (unpacked, packed, values_of_page)) and at <= end):
             raise ValueError("a page has an impossible size")
         total += unpacked
-        values += held
+        values += values_of_page
     if values < column.num_values:  # For some old writers pyarrow reads beyond the column.
         raise ValueError(f"the pages of a column hold {values:,} values, expected {column.num_values:,}")
     return total

@@ -13,8 +13,8 @@ import kinseek
 from kinseek.errors import KinseekError, suggest
 
 from .help import Option, definitions, help_width, paragraph
-from .output import complain, held_output, warnings_in_one_line, write_out
-from .words import gather
+from .output import buffered_output, complain, warnings_in_one_line, write_out
+from .words import join_lists
 
 COMMANDS = (
     "solve",
@@ -81,8 +81,8 @@ class Program(click.Group):
         return "\n\n".join(parts)
 
 
-def _version(ctx: click.Context, option: Any, wanted: bool) -> None:
-    if wanted and not ctx.resilient_parsing:
+def _version(ctx: click.Context, option: Any, requested: bool) -> None:
+    if requested and not ctx.resilient_parsing:
         print(kinseek.__version__)
         ctx.exit()
 
@@ -109,14 +109,14 @@ def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code; an error becomes one line on stderr."""
     if COMPLETE in os.environ:  # A shell requests a completion; it expects bytes.
         PROGRAM.main([], prog_name="kinseek", complete_var=COMPLETE)
-    with held_output() as held, warnings_in_one_line():
+    with buffered_output() as buffer, warnings_in_one_line():
         code = _run(arguments)
-    return write_out(held.getvalue(), code)
+    return write_out(buffer.getvalue(), code)
 
 
 def _run(arguments: Sequence[str]) -> int:
     try:
-        words = gather(list(arguments)) or ["--help"]
+        words = join_lists(list(arguments)) or ["--help"]
         return int(PROGRAM.main(words, prog_name="kinseek", standalone_mode=False) or 0)
     except click.Abort:
         return 130

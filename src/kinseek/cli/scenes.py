@@ -141,8 +141,8 @@ def solution_facts_of_scene(solution: Solution) -> dict[str, Any]:
 def solution_lines_of_scene(solution: Solution) -> list[str]:
     """Return the same for people."""
     if solution.success and solution.blocked:
-        return [f"{_answers(int(solution.blocked))} before it hit something"]
-    lines = [f"{_answers(int(solution.blocked))} tried; in the way of that which hits the least:"]
+        return [f"{_solutions(int(solution.blocked))} before it hit something"]
+    lines = [f"{_solutions(int(solution.blocked))} tried; in the way of that which hits the least:"]
     lines += [f"- {contact}" for contact in solution.contacts[:_LISTED]]
     lines += [f"- and {len(solution.contacts) - _LISTED} more"] * (len(solution.contacts) > _LISTED)
     return lines if solution.contacts else []
@@ -157,7 +157,7 @@ def branches_line_of_scene(found: Branches) -> str:
     """Return the same for people."""
     if found.proved_blocked:
         return "it is proved that the arm hits something in every answer"
-    return f"{_answers(int(found.rejected))} left out, which hit something"
+    return f"{_solutions(int(found.rejected))} left out, which hit something"
 
 
 def contacts_column(solution: Solution) -> np.ndarray[Any, Any]:
@@ -165,5 +165,5 @@ def contacts_column(solution: Solution) -> np.ndarray[Any, Any]:
     return np.array(["; ".join(map(str, each)) for each in np.atleast_1d(solution.contacts)], dtype=str)
 
 
-def _answers(count: int) -> str:
+def _solutions(count: int) -> str:
     return f"{count} answer{'s' if count != 1 else ''}"

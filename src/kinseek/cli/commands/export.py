@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from kinseek.cli import report
-from kinseek.cli.goals import Asked, take_turns, target_of
+from kinseek.cli.goals import GoalSpec, take_turns, target_of
 from kinseek.cli.help import Command, option
 from kinseek.cli.options import ARM, GOAL, Chain, arm_argument, chain_options, complete, pose_options
 from kinseek.cli.output import complain
@@ -92,7 +92,7 @@ def command(
     loaded = chain.load(arm)
     goal, turns = None, take_turns(more)
     if at is not None or turns or position_only:
-        goal = Asked(position_only).goal(target_of(at, turns, position_only, deg))
+        goal = GoalSpec(position_only).goal(target_of(at, turns, position_only, deg))
     if solver not in _EXPORTED:
         raise InvalidExport(suggest(solver, _EXPORTED, "search for a controller"))
     search = cast("DivideAndConquer | Atlas", make_search(solver, more))

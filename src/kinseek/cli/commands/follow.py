@@ -12,7 +12,7 @@ from kinseek.cli import report
 from kinseek.cli.batch import beside
 from kinseek.cli.columns import VALID
 from kinseek.cli.files import read_poses, writable, write_columns
-from kinseek.cli.goals import Asked
+from kinseek.cli.goals import GoalSpec
 from kinseek.cli.help import Command, option
 from kinseek.cli.options import ARM, GOAL, Chain, arm_argument, chain_options, complete_joints, json_option
 from kinseek.cli.output import on_terminal
@@ -121,8 +121,8 @@ def command(
     """Find one continuous motion through many poses, with as few breaks as possible."""
     loaded = chain.load(arm)
     place = writable(out, poses, _OUT, _POSES)  # Before any work is done.
-    asked = Asked(position_only, free.replace(",", " ").split() if free is not None else [])
-    goal = asked.goal(read_poses(poses, position_only, deg, _POSES))
+    goal_spec = GoalSpec(position_only, free.replace(",", " ").split() if free is not None else [])
+    goal = goal_spec.goal(read_poses(poses, position_only, deg, _POSES))
     first = None if start is None else joint_values(loaded, start, "--start", deg)
     last = None if end is None else joint_values(loaded, end, "--end", deg)
     if period is not None and not 0 < period < np.inf:

@@ -13,7 +13,7 @@ from kinseek.branches.result import Branches
 from kinseek.cli import report
 from kinseek.cli.batch import solve_file
 from kinseek.cli.columns import VALID
-from kinseek.cli.goals import Asked, take_turns, target_of
+from kinseek.cli.goals import GoalSpec, take_turns, target_of
 from kinseek.cli.help import Command, option
 from kinseek.cli.json_lines import solve_lines
 from kinseek.cli.options import (
@@ -27,7 +27,7 @@ from kinseek.cli.options import (
     json_option,
     pose_options,
 )
-from kinseek.cli.question import Question
+from kinseek.cli.request import SolveRequest
 from kinseek.cli.scenes import Cell, scene_options
 from kinseek.cli.searches import make_search, search_options, searches, searches_in_words
 from kinseek.cli.words import in_radians, joint_values, named_values
@@ -170,7 +170,11 @@ _MANY = "Many poses"
 @option("--trace", is_flag=True, help="Print what the search did, pass by pass.")
 @json_option
 @option(
-    "--solver", metavar="NAME", shell_complete=complete(searches), group="The search", later=searches_in_words
+    "--solver",
+    metavar="NAME",
+    shell_complete=complete(searches),
+    group="The search",
+    lazy_help=searches_in_words,
 )
 @search_options()
 def command(
@@ -203,7 +207,7 @@ def command(
     """Find joint values that reach a pose."""
     loaded = _locked(chain.load(arm), lock, deg)
     turns = take_turns(more)
-    asked = Asked(
+    goal_spec = GoalSpec(
         position_only,
         free.replace(",", " ").split() if free is not None else [],
         frame,
@@ -214,9 +218,9 @@ def command(
             "orientation_weight": orientation_weight,
         },
     )
-    question = Question(
+    request = SolveRequest(
         loaded,
-        asked,
+        goal_spec,
         near=None if near is None else joint_values(loaded, near, "--near", deg),
         search=make_search(solver, more),
         prefer=prefer,
@@ -232,7 +236,7 @@ def command(
     if batch is None and not jsonl:
         if out is not None:
             raise InvalidProblem("--out is where the answers of --batch go; add --batch")
-        return _one(question, asked.goal(target_of(at, turns, position_only, deg)), every, count, as_json)
+        return _one(request, goal_spec.goal(target_of(at, turns, position_only, deg)), every, count, as_json)
     single = [
         *(["--at"] if at is not None else []),
         *(f"--{name.replace('_', '-')}" for name in turns),
@@ -242,12 +246,12 @@ def command(
         many = "--jsonl" if jsonl else "--batch"
         raise InvalidProblem(f"{many} takes many poses; it goes without {' and '.join(single)}")
     if batch is None:
-        return solve_lines(question, deg, every, count)
+        return solve_lines(request, deg, every, count)
     if jsonl or out is None:
         raise InvalidProblem(
             "--batch and --jsonl exclude each other" if jsonl else "--batch needs --out FILE"
         )
-    return solve_file(question, batch, out, deg, every, count, as_json)
+    return solve_file(request, batch, out, deg, every, count, as_json)
 
 
 def _locked(arm: Arm, lock: tuple[str, ...], deg: bool) -> Arm:
@@ -256,19 +260,17 @@ def _locked(arm: Arm, lock: tuple[str, ...], deg: bool) -> Arm:
     return arm.with_locked(in_radians(arm, named_values(" ".join(lock), "--lock"), "--lock", deg))
 
 
-def _one(question: Question, goal: Goal, every: bool, count: int | None, as_json: bool) -> int:
+def _one(request: SolveRequest, goal: Goal, every: bool, count: int | None, as_json: bool) -> int:
     clock, proof = time.perf_counter(), None
     if every:
-        found = question.branches(goal, count)
+        found = request.branches(goal, count)
         seconds = time.perf_counter() - clock
-        report.print_branches(
-            question.arm, cast(Branches, found), seconds, as_json, question.scene is not None
-        )
+        report.print_branches(request.arm, cast(Branches, found), seconds, as_json, request.scene is not None)
         return 0 if len(found) else 1
-    if question.prove:
-        solution, proof = question.answer_with_proof(goal)
+    if request.prove:
+        solution, proof = request.solve_with_proof(goal)
     else:
-        solution = question.answer(goal)
-    seconds, in_scene = time.perf_counter() - clock, question.scene is not None
-    report.print_solution(question.arm, solution, question.search, seconds, as_json, proof, in_scene)
+        solution = request.solve(goal)
+    seconds, in_scene = time.perf_counter() - clock, request.scene is not None
+    report.print_solution(request.arm, solution, request.search, seconds, as_json, proof, in_scene)
     return 0 if solution.success else 1
