@@ -588,7 +588,7 @@ class Arm(ForwardArm):
         refuse_ranges(solution.problem.goal)
         missed = [
             not (one.success or one.blocked or deadline.passed)
-            and prove(one.problem, answer=one, deadline=deadline).verdict is Verdict.UNREACHABLE
+            and prove(one.problem, solution=one, deadline=deadline).verdict is Verdict.UNREACHABLE
             for one in solution.each()
         ]
         shape = solution.problem.goal.shape

@@ -226,7 +226,7 @@ def beside(arm: kinseek.Arm, kind: str) -> Problem:
 def proof(arm: kinseek.Arm, kind: str, gap: float | None, budget: int) -> Any:
     problem = beside(arm, kind)
     known = SMALL.solve(replace(problem, budget=200))
-    found = branch_and_bound.prove(problem, gap=gap, budget=budget, threads=1, answer=known)
+    found = branch_and_bound.prove(problem, gap=gap, budget=budget, threads=1, solution=known)
     return found.verdict.name, found.boxes, found.lower_bound, found.upper_bound
 
 
@@ -264,7 +264,7 @@ def reachable_proof() -> Any:
     T = targets(TWO, 1)[0]
     problem = Problem(TWO.chain, Goal.pose(T, position_tolerance=0.05, orientation_tolerance=0.05))
     poor = replace(SMALL.solve(Problem(TWO.chain, Goal.pose(away(TWO)), budget=200)), problem=problem)
-    found = branch_and_bound.prove(problem, budget=300, threads=1, answer=poor)
+    found = branch_and_bound.prove(problem, budget=300, threads=1, solution=poor)
     return found.verdict.name, found.position_error <= 0.05
 
 

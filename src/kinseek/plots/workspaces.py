@@ -82,7 +82,7 @@ def workspace(
     if budget:
         for place in np.argwhere(verdict == 2):
             one = solution[tuple(place)]
-            proof = prove(one.problem, answer=one, budget=budget, threads=1).verdict
+            proof = prove(one.problem, solution=one, budget=budget, threads=1).verdict
             verdict[tuple(place)] = {Verdict.REACHABLE: 0, Verdict.UNREACHABLE: 1}.get(proof, 2)
     figure, axes = given_or_new(ax, size)
     _colour(figure, axes, verdict, (centre[across], centre[up], half), ax is None)
