@@ -65,7 +65,7 @@ class Page:
         self._prover = Newest(self._prove, f"{name}: proofs", QUIET)
         self._clouder = Newest(self._cloud, f"{name}: clouds", QUIET)
         self._player = Newest(self._play, f"{name}: passes")
-        self._storer = Newest(self._store, f"{name}: what is kept", QUIET)
+        self._storer = Newest(self._store, f"{name}: options", QUIET)
         self._workers = self._solver, self._prover, self._clouder, self._player, self._storer
         try:
             self._begin()
