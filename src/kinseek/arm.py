@@ -277,7 +277,7 @@ class Arm(ForwardArm):
                 "prefer, cost, valid and scene choose among all branches, and these are not found of"
             )
         if scene is not None:
-            from .collision.answers import free_solution
+            from .collision.solutions import free_solution
 
             solution = free_solution(problem, scene, clearance, prefer, cost, valid, threads, prove)
         elif selects:
@@ -374,7 +374,7 @@ class Arm(ForwardArm):
         problem = Problem(self._mechanism, requested, start, time_limit=time_limit)
         if scene is None:
             return branches_of(problem, selection, threads)
-        from .collision.answers import free_branches
+        from .collision.solutions import free_branches
 
         return free_branches(problem, selection, scene, clearance, threads)
 
@@ -491,7 +491,7 @@ class Arm(ForwardArm):
         deadline = Deadline(time_limit)
         _require_scene(scene, clearance)
         if scene is not None:
-            from .collision.answers import judge_of
+            from .collision.solutions import judge_of
 
             clearance = judge_of(scene, self._mechanism, clearance, None).clearance
         if threads is not None:

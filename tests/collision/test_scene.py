@@ -97,7 +97,7 @@ def test_outer_spheres_and_boxes_bound_the_distance_from_below(arm: kinseek.Arm,
     scene.add_box("table", (0.3, 0.5, 0.1), kinseek.pose([0.4, 0.1, 0.3], rpy=[0.3, 0.2, 0.1]))
     scene.add_capsule("pole", 0.03, 0.6, kinseek.pose([-0.4, 0.2, 0.3]))
     scene.add_points("cloud", np.random.default_rng(0).uniform(-1, 1, (40, 3)), 0.02)
-    engine, q = scene._asked, arm.sample(50, seed=2)
+    engine, q = scene._engine, arm.sample(50, seed=2)
     bounds = engine.bounds(q)
     distances = np.array([[near.distance for near in engine.near(one)] for one in q])
     assert (bounds > 0).mean() > 0.5  # They say something,

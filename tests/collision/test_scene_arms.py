@@ -44,9 +44,9 @@ def test_the_other_arm_is_where_its_own_kinematics_has_it(arms: tuple[kinseek.Ar
     before = scene.free(ours)
     seen = set()
     for row in q:
-        engine = scene._asked
+        engine = scene._engine
         scene.move("left", row)
-        assert scene._asked is engine
+        assert scene._engine is engine
         # By hand: every link as a body that stands where forward kinematics of that link puts it.
         by_hand = scene_of(arm, "tool0")
         for body in theirs._bodies.values():

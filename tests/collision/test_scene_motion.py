@@ -111,7 +111,7 @@ def test_a_thin_plate_is_not_jumped_over() -> None:
 
 def test_no_point_moves_faster_than_said(cell: tuple[kinseek.Arm, Scene]) -> None:
     arm, scene = cell
-    engine = scene._asked
+    engine = scene._engine
     a, b = arm.sample(2, seed=9)
     b = a + 0.3 * (b - a)
     rates = Speeds(arm.chain, engine).of(a[None], b[None])[0]

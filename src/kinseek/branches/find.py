@@ -25,7 +25,7 @@ from kinseek.validation import as_integer
 
 from .index import SPREAD, BranchIndex, index_of
 from .order import ORDERS, Cost, Selection, scores, which_valid
-from .result import AsFound, Branches, BranchesBatch, answers_of
+from .result import AsFound, Branches, BranchesBatch, solutions_of
 
 MOST = 100_000
 """Largest number of solutions in a sample or with all full turns: two joints of ±4,000 rad have more than a million copies
@@ -165,7 +165,7 @@ def _finish(
         selection.copies,
         selection.prove,
     )
-    found, complete, late = answers_of(rows, problem.chain.dof), False, False
+    found, complete, late = solutions_of(rows, problem.chain.dof), False, False
     q, errors = found.q.copy(), found.errors
     if prove:
         from kinseek.proof.root_isolation import prove_complete
@@ -209,9 +209,9 @@ def turned_copies(chain: SerialChain, q: Array) -> Array:
     """
     rows: list[tuple[float, ...]] = []
     open_lower, _ = open_limits(chain)
-    for answer in q:
+    for solution in q:
         choices = []
-        for i, value in enumerate(answer):
+        for i, value in enumerate(solution):
             if not np.isfinite(open_lower[i]) or open_lower[i] == chain.lower[i]:
                 choices.append(np.array([value]))
                 continue

@@ -28,7 +28,7 @@ from kinseek.solvers.atlas.index import KEPT, PLAIN, AtlasIndex, atlas_of, toler
 from kinseek.turns import shortest
 
 from .one_joint import NOTHING, one_joint_of
-from .result import Branches, answers_of, quick_branches
+from .result import Branches, quick_branches, solutions_of
 
 SAMPLES = 1024
 """Samples of the coarse atlas; see `kernels.branches.search` for the reason for the small number."""
@@ -115,7 +115,7 @@ class BranchIndex:
             rows = self.search(tolerances, target, self.view, 0)
             if not len(rows):
                 continue
-            for other in answers_of(rows, dof).q:
+            for other in solutions_of(rows, dof).q:
                 shifts = other - signs * q
                 whole = np.round(shifts / np.pi) * np.pi
                 shifts = np.where(turns & (np.abs(shifts - whole) < 1e-6), whole, shifts)

@@ -191,10 +191,10 @@ def _ways_down(
     """
     dof, (lower, upper) = problem.chain.dof, problem.limits
     J = constraint_jacobian(problem, q[None])[0]
-    held = np.zeros(dof, dtype=bool)
-    while index.freedom > held.sum():
-        rows = np.vstack([J, np.eye(dof)[held]])
-        null = np.linalg.svd(rows)[2][dof - index.freedom + int(held.sum()) :]
+    at_limit = np.zeros(dof, dtype=bool)
+    while index.freedom > at_limit.sum():
+        rows = np.vstack([J, np.eye(dof)[at_limit]])
+        null = np.linalg.svd(rows)[2][dof - index.freedom + int(at_limit.sum()) :]
         probes = np.concatenate([q + _PROBE * null, q - _PROBE * null])
         values = measure(np.clip(probes, lower, upper))
         slopes = values[: len(null)] - values[len(null) :]
@@ -203,7 +203,7 @@ def _ways_down(
             return []
         down /= np.linalg.norm(down)
         blocked = ((q <= lower) & (down < -1e-9)) | ((q >= upper) & (down > 1e-9))
-        if not (blocked & ~held).any():
+        if not (blocked & ~at_limit).any():
             return [down]
-        held |= blocked
+        at_limit |= blocked
     return []

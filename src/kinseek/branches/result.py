@@ -169,7 +169,7 @@ class BranchesBatch(Sequence[Branches]):
         return f"BranchesBatch(shape={self.shape}, {span})"
 
 
-class Answers(NamedTuple):
+class FoundRows(NamedTuple):
     """The solutions that the kernels found for one target."""
 
     q: Array
@@ -181,11 +181,11 @@ class Answers(NamedTuple):
     """Whether the search found a continuum of solutions."""
 
 
-def answers_of(rows: Array, dof: int) -> Answers:
+def solutions_of(rows: Array, dof: int) -> FoundRows:
     """Parse rows of solutions: joint values and errors; the last row holds their number and the cost of the search."""
     last = rows[-1]
     found = rows[: int(last[ANSWERS])]
-    return Answers(found[:, :dof], found[:, dof : dof + 2], int(last[SPENT]), bool(last[CONTINUUM] > 0.0))
+    return FoundRows(found[:, :dof], found[:, dof : dof + 2], int(last[SPENT]), bool(last[CONTINUUM] > 0.0))
 
 
 def quick_branches(

@@ -346,8 +346,8 @@ def _require_same(chain: SerialChain, text: bytes, path: Path) -> None:
         other = read_urdf_text(text, chain.base, chain.tip, where=str(path))
     except InvalidRobot as error:
         raise InvalidScene(f"this is no file of the arm {chain.name!r}: {error}") from error
-    held = dict(chain.locked)
-    if set(other.joint_names) != {*chain.joint_names, *held}:
+    locked = dict(chain.locked)
+    if set(other.joint_names) != {*chain.joint_names, *locked}:
         raise InvalidScene(
             f"{path}: its joints between {chain.base!r} and {chain.tip!r} are {', '.join(other.joint_names)}, "
             f"those of the arm {', '.join(chain.joint_names)}"
@@ -355,7 +355,9 @@ def _require_same(chain: SerialChain, text: bytes, path: Path) -> None:
     q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (3, chain.dof))
     full = np.stack(
         [
-            q[:, chain.joint_names.index(name)] if name in chain.joint_names else np.full(len(q), held[name])
+            q[:, chain.joint_names.index(name)]
+            if name in chain.joint_names
+            else np.full(len(q), locked[name])
             for name in other.joint_names
         ],
         axis=1,
@@ -384,16 +386,16 @@ def _frames(
         near.setdefault(parent, []).append((child, joint, True))
         near.setdefault(child, []).append((parent, joint, False))
     others = _Others(robot, chain, joints, path)
-    ahead = list(spine)
-    while ahead:
-        name = ahead.pop()
+    to_visit = list(spine)
+    while to_visit:
+        name = to_visit.pop()
         for link, joint, below in near.get(name, []):
             if link in frames:
                 continue
             pose = others.pose(joint)
             frame = frames[name]
             frames[link] = Frame(frame.joints, frame.pose @ (pose if below else np.linalg.inv(pose)))
-            ahead.append(link)
+            to_visit.append(link)
     if unknown := [name for name in joints if name not in others.values]:
         raise InvalidScene(f"joints: {suggest(str(unknown[0]), others.values, 'joint beside the arm')}")
     notes.extend(

@@ -109,7 +109,7 @@ class Broad:
 
     def verdicts(self, q: Array, clearance: float, touch: float) -> tuple[Verdicts, int]:
         """Classify joint values, (k, n), as free, touching or in doubt, and count the last; see `sort_out`."""
-        return self._ask(q, clearance, touch, _NO_DOUBTS)
+        return self._classify(q, clearance, touch, _NO_DOUBTS)
 
     def sort_out(self, q: Array, clearance: float, touch: float) -> tuple[Verdicts, Flags]:
         """Classify joint values, (k, n), as free, touching or in doubt.
@@ -123,12 +123,12 @@ class Broad:
             `FREE`, `TOUCH` or `DOUBT` of `kernels.collision.gaps`, (k,), and the pairs in doubt, (k, pairs).
         """
         doubts = self._table_of(q, np.bool_)
-        verdicts, _ = self._ask(q, clearance, touch, doubts)
+        verdicts, _ = self._classify(q, clearance, touch, doubts)
         if doubts.shape[1] > self.count:
             doubts = np.logical_or.reduceat(doubts, self._firsts, axis=1)
         return verdicts, doubts
 
-    def _ask(self, q: Array, clearance: float, touch: float, doubts: Flags) -> tuple[Verdicts, int]:
+    def _classify(self, q: Array, clearance: float, touch: float, doubts: Flags) -> tuple[Verdicts, int]:
         verdicts = np.empty(len(q), dtype=np.int64)
         least = clearance + touch + self._rounding
         q = np.ascontiguousarray(q)

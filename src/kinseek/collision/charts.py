@@ -124,7 +124,7 @@ def chart_of(
     handle, moves = handle_of(arrays), _moves(ways, members[: len(parts)], members[len(parts) :])
     again = (1, 4) if turning == 1 else (2, 2)
 
-    def report(where: NDArray[np.int64], counts: tuple[int, int]) -> Array:
+    def cell_bounds(where: NDArray[np.int64], counts: tuple[int, int]) -> Array:
         """Return the bounds that hold in whole cells, by row and column."""
         angles = ((where + 0.5) * (2 * np.pi / np.array(counts)))[:, 2 - turning :]
         q = np.ascontiguousarray(angles)
@@ -138,9 +138,9 @@ def chart_of(
     def within_limits(counts: tuple[int, int]) -> Flags:
         """Return which cells overlap the limits."""
         along = [_inside(count, limit) for count, limit in zip(counts[2 - turning :], limits, strict=True)]
-        asked = np.zeros(counts, dtype=np.bool_)
-        asked[np.ix_(*([0], *along)[-2:])] = True
-        return asked
+        inside_limits = np.zeros(counts, dtype=np.bool_)
+        inside_limits[np.ix_(*([0], *along)[-2:])] = True
+        return inside_limits
 
     counts = _counts(moves, _FIRST)
     grid = np.zeros(counts)
@@ -151,7 +151,7 @@ def chart_of(
         where = np.argwhere(within_limits(counts) & (grid == 0))
         if not len(where):
             break
-        grid[tuple(where.T)] = report(where, counts)
+        grid[tuple(where.T)] = cell_bounds(where, counts)
     cells, below = grid.ravel(), np.zeros(grid.size, dtype=np.int64)
     inside = within_limits(counts)
     apart = float(grid[inside].min()) if (grid[inside] > 0).all() else NEVER_APART
@@ -165,11 +165,11 @@ def chart_of(
         parts_of = np.argwhere(np.ones(again))
         where = (where[:, None] * again + parts_of).reshape(-1, 2)
         counts = (counts[0] * again[0], counts[1] * again[1])
-        asked = within_limits(counts)[tuple(where.T)]
+        inside_limits = within_limits(counts)[tuple(where.T)]
         values = np.zeros(len(where))
-        values[asked] = report(where[asked], counts)
+        values[inside_limits] = cell_bounds(where[inside_limits], counts)
         cells, below = np.concatenate([cells, values]), np.concatenate([below, np.zeros_like(places)])
-        left = asked & (values == 0)
+        left = inside_limits & (values == 0)
         where, places = where[left], places[left]
     return Chart(cells, below, (joints[0], joints[1] - 1, *top), apart)
 

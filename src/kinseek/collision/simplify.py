@@ -53,8 +53,8 @@ def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array
     end = end + up * [0, 0, 1]
     slivers = np.arange(3 * len(lost)).reshape(3, -1).T + count
     # In both orientations, so that they enclose no volume and each of their edges counts twice.
-    kept = np.concatenate([whole, slivers, slivers[:, ::-1]])
-    return np.concatenate([middle, begin, end, side]), kept, moved
+    triangles = np.concatenate([whole, slivers, slivers[:, ::-1]])
+    return np.concatenate([middle, begin, end, side]), triangles, moved
 
 
 def _missing(lines: Indices, edges: Indices, count: int) -> Indices:

@@ -59,7 +59,7 @@ class Judge(ManyAtOnce):
         """Do the same for several solutions, (k, n) -> (k,)."""
         free = self.scene.free(q, self.clearance)
         return np.array(
-            [self._agrees(one, report) for one, report in zip(q, free, strict=True)], dtype=np.bool_
+            [self._agrees(one, is_free) for one, is_free in zip(q, free, strict=True)], dtype=np.bool_
         )
 
     def first(self, candidates: Array) -> Array | None:

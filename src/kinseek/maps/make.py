@@ -13,7 +13,7 @@ import numpy as np
 import kinseek
 from kinseek.arm import Arm
 from kinseek.collision import Scene
-from kinseek.collision.answers import judge_of
+from kinseek.collision.solutions import judge_of
 from kinseek.errors import InvalidMap, MissingExtra, suggest
 from kinseek.tolerances import DEFAULT_TOLERANCE, TOLERANCES, check_tolerance
 from kinseek.validation import as_integer

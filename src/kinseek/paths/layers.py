@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import BranchIndex, index_of
-from kinseek.branches.result import answers_of
+from kinseek.branches.result import solutions_of
 from kinseek.deadline import Deadline
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.trace import JOINED, TAKEN, part_ways, trace
@@ -122,7 +122,7 @@ class Follower:
     def all_at(self, i: int) -> Array:
         """Return all branches at target i, (k, n)."""
         rows = self.index.search(self.tolerances, self.targets[i], self.index.view, 0)
-        return answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
+        return solutions_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
 
     def unknown(self, found: Array, known: Array) -> Array:
         """Return the solutions of `found`, (k, n), that are not in `known`, (m, n)."""

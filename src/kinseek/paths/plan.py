@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import BranchIndex, freedom, index_of
 from kinseek.branches.order import cost_of
-from kinseek.branches.result import answers_of
+from kinseek.branches.result import solutions_of
 from kinseek.deadline import TimeUp
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.propagation import propagate_layer, spread_solutions
@@ -209,7 +209,7 @@ class Planner:
         target = np.eye(4)
         target[:3] = self.targets[i]
         rows = self.index.search(self.tolerances, target, self.index.view, count)
-        return answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
+        return solutions_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
 
     def layer(self, k: int, arrived: Array, fresh: Array, alone: bool = False) -> tuple[Array, Array]:
         """Return the solutions at a layer, (k, n), and the directions of the self-motion there."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import index_of
 from kinseek.branches.order import cost_of
-from kinseek.branches.result import answers_of
+from kinseek.branches.result import solutions_of
 from kinseek.deadline import TimeUp
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import tolerances_of
@@ -168,7 +168,7 @@ def _refused(request: PathRequest, q: Array) -> Flags:
     for i in np.flatnonzero(~request.valid.each(q)):
         target[:3] = problem.goal.targets[i]
         rows = index.search(tolerances, target, index.view, LOOKED_AT)
-        others = answers_of(rows, problem.chain.dof).q if len(rows) else q[:0]
+        others = solutions_of(rows, problem.chain.dof).q if len(rows) else q[:0]
         others = np.clip(others, turning.open_lower, turning.open_upper)
         refused[i] = not request.valid.each(others).any()
     return refused

@@ -88,10 +88,10 @@ class BlackBox(Variables):
 
     def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> BlackBox:
         """Return the same mechanism in which only some joints move; see `Mechanism`."""
-        chosen, held = list(joints), q.copy()
+        chosen, fixed_q = list(joints), q.copy()
 
         def poses(rows: Array) -> Array:
-            full = np.repeat(held[None], len(rows), axis=0)
+            full = np.repeat(fixed_q[None], len(rows), axis=0)
             full[:, chosen] = rows
             found = self.forward(full)
             return found if tool is None else found @ tool

@@ -154,8 +154,8 @@ class SerialChain(Variables):
         """Return the same chain in which only some joints move; see `Mechanism`."""
         from .variants import with_locked, with_tool
 
-        held = {name: float(q[i]) for i, name in enumerate(self.joint_names) if i not in joints}
-        chain = with_locked(self, held)
+        locked = {name: float(q[i]) for i, name in enumerate(self.joint_names) if i not in joints}
+        chain = with_locked(self, locked)
         return chain if tool is None else with_tool(chain, tool)
 
     def forward(self, q: Array) -> Array:

@@ -188,11 +188,11 @@ class _Reader:
         return self._apply(node.op, self.value(node.operand))
 
     def _boolop(self, node: ast.BoolOp) -> Any:
-        wanted = isinstance(node.op, ast.Or)
+        decisive = isinstance(node.op, ast.Or)
         value: Any = None
         for part in node.values:
             value = self.value(part)
-            if bool(value) is wanted:
+            if bool(value) is decisive:
                 break
         return value
 

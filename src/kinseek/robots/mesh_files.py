@@ -35,7 +35,7 @@ MOST_GROUPS = 1_000
 LEAST_BODIES = 4
 """Least number of bodies that a file counts as, in the budget of a robot: reading a file takes as long as some eight
 bodies."""
-MOST_AGAIN = 2**26
+MOST_REPEATED = 2**26
 """Most bytes of files that are read again because a robot refers to them more than once."""
 MOST_STEPS = 100_000
 """Most steps from the nodes of a file to its root, added up."""
@@ -174,7 +174,7 @@ class Budget:
     bodies_left: int = MOST_BODIES
     """Number of bodies; a file counts as at least `LEAST_BODIES`."""
     corners_left: int = MOST_CORNERS
-    again_left: int = MOST_AGAIN
+    repeated_left: int = MOST_REPEATED
     """Bytes of files that were read before."""
     seen: set[Path] = field(default_factory=set)
     """Files that were read."""
@@ -187,13 +187,13 @@ class Budget:
         Raises:
             InvalidRobot: The file cannot be read or is too large, or the budget is exhausted.
         """
-        if min(self.bytes_left, self.again_left) >= 0:
+        if min(self.bytes_left, self.repeated_left) >= 0:
             text = file_bytes(path, most)
             self.bytes_left -= len(text)
             real = path.resolve()
-            self.again_left -= len(text) if real in self.seen else 0
+            self.repeated_left -= len(text) if real in self.seen else 0
             self.seen.add(real)
-        if min(self.bytes_left, self.again_left) < 0:
+        if min(self.bytes_left, self.repeated_left) < 0:
             raise InvalidRobot(
                 f"{str(path)!r} is not read: the files before it and this one are too large together"
             )

@@ -47,7 +47,7 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
         raise InvalidRobot(f"{chain.name}: every joint is locked; at least one must be left to move")
 
     fixed: list[Array] = []
-    kept: list[int] = []
+    moving: list[int] = []
     pending = np.eye(4)
     ends = [Frame(0, pending)]
     """For each physical joint of the arm: the number of kept joints up to it, and the transform since the last of them."""
@@ -57,12 +57,12 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
             pending = pending @ _moved(
                 bool(chain.prismatic[k]), chain.multiplier[k] * locked[i] + chain.offset[k]
             )
-            ends.append(Frame(len(kept), pending))
+            ends.append(Frame(len(moving), pending))
             continue
         fixed.append(pending[:3])
-        kept.append(k)
+        moving.append(k)
         pending = np.eye(4)
-        ends.append(Frame(len(kept), pending))
+        ends.append(Frame(len(moving), pending))
     fixed.append((pending @ square(chain.fixed[-1]))[:3])
     return replace(
         chain,
@@ -72,10 +72,10 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
         upper=chain.upper[left],
         velocity=chain.velocity[left],
         fixed=np.array(fixed),
-        prismatic=chain.prismatic[kept],
-        leader=np.array([left.index(i) for i in chain.leader[kept]], dtype=np.int64),
-        multiplier=chain.multiplier[kept],
-        offset=chain.offset[kept],
+        prismatic=chain.prismatic[moving],
+        leader=np.array([left.index(i) for i in chain.leader[moving]], dtype=np.int64),
+        multiplier=chain.multiplier[moving],
+        offset=chain.offset[moving],
         frames={
             name: Frame(ends[frame.joints].joints, ends[frame.joints].pose @ frame.pose)
             for name, frame in chain.frames.items()

@@ -75,14 +75,14 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
     axes = axes_of(arrays)
     if axes is None:
         return _none("one variable moves several joints, or moves one by another angle")
-    spare = len(axes.direction) - DECIDED
-    if spare not in (0, 1):
+    swept = len(axes.direction) - DECIDED
+    if swept not in (0, 1):
         return _none(f"closed forms are for 6 joints, or 7, and the arm has {len(axes.direction)}")
     found = [
         one
         for backward in (False, True)
         for find in (_wrist, _three, _meeting)
-        if (one := _found(find, axes.backwards() if backward else axes, backward, spare, size)) is not None
+        if (one := _found(find, axes.backwards() if backward else axes, backward, swept, size)) is not None
     ]
     best = min(
         found,
@@ -103,7 +103,7 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
         if best.exact
         else "the closed form of the nearby arm gives starts"
     )
-    if spare:
+    if swept:
         gives = "the other joints come in closed form for each of its values, of which some are tried"
     return Structure(word, f"{what}, {how}; {gives}", best.deviation, best.exact, best.numbers)
 
@@ -128,11 +128,11 @@ def _none(why: str) -> Structure:
 
 
 def _words(found: _Found) -> tuple[str, str]:
-    spare = 1 if found.numbers[form.SWEPT] else 0
-    joints = [spare + 1 + i for i in range(DECIDED)]
+    swept = 1 if found.numbers[form.SWEPT] else 0
+    joints = [swept + 1 + i for i in range(DECIDED)]
     if found.backward:
         joints = [DECIDED - i for i in range(DECIDED)]
-    given = ("joint 7 given, " if found.backward else "joint 1 given, ") if spare else ""
+    given = ("joint 7 given, " if found.backward else "joint 1 given, ") if swept else ""
     a, b, c = sorted(joints[3:])
     if found.kind == form.PARALLEL:
         word, what = (
@@ -147,7 +147,7 @@ def _words(found: _Found) -> tuple[str, str]:
             else f"{_listed(joints[:2])} meet"
         )
         what = f"axes {a}, {b} and {c} meet in a point and axes {others}"
-    return ("one joint given" if spare else word), given + what
+    return ("one joint given" if swept else word), given + what
 
 
 def _listed(joints: list[int]) -> str:
@@ -157,12 +157,12 @@ def _listed(joints: list[int]) -> str:
 
 
 def _found(
-    find: Callable[[Axes, bool, float], _Found | None], axes: Axes, backward: bool, spare: int, size: float
+    find: Callable[[Axes, bool, float], _Found | None], axes: Axes, backward: bool, swept: int, size: float
 ) -> _Found | None:
-    """Find a structure in the axes after `spare` swept joints, with the kernel's parameters of these joints."""
-    rest = axes.behind(spare)
+    """Find a structure in the axes after the first joint if `swept` is 1, with the kernel's parameters of these joints."""
+    rest = axes.distal_to(swept)
     found = None if rest.slides.any() else find(rest, backward, size)
-    if found is not None and spare:
+    if found is not None and swept:
         numbers = found.numbers
         numbers[form.SWEPT], numbers[form.SLIDES] = 1.0, axes.slides[0]
         numbers[form.HS : form.HS + 3], numbers[form.PS : form.PS + 3] = axes.direction[0], axes.point[0]
@@ -194,8 +194,8 @@ def _meeting(axes: Axes, backward: bool, size: float) -> _Found | None:
     """Find a wrist whose axes 4, 5 and 6 intersect, with axes 1 and 2 intersecting."""
     h = axes.direction
     x, apart = meeting(h[3:], axes.point[3:])
-    start, aside = meeting(h[:2], axes.point[:2])
-    off = max(apart, aside) / size
+    start, apart_first = meeting(h[:2], axes.point[:2])
+    off = max(apart, apart_first) / size
     if not (np.isfinite(off) and _bent(h, (0, 1), (3, 4), (4, 5))):
         return None
     elbow = axes.point[2]
