@@ -290,7 +290,7 @@ def test_a_cortex_m7_runs_the_atlas(tmp_path: Path) -> None:
         pytest.skip("needs arm-none-eabi-gcc and qemu-system-arm")
     arm, search = kinseek.load("panda"), Atlas(samples=2048)
     parts = to_c(arm, tmp_path / "out", "thumbv7em", search=search)
-    assert set(parts.asks) - MATHEMATICS <= ASKED
+    assert set(parts.externals) - MATHEMATICS <= ASKED
     found = answers(tmp_path / "out", arm, [compiler, *M7, "kernels.o"], [emulator, *BOARD], work=0)
     compare(found, arm, search, 1e-12)
 
@@ -323,7 +323,7 @@ def test_names_are_safe_in_c() -> None:
 
 @pytest.mark.parametrize("search", [SMALL, Atlas()])
 def test_names_are_strings_wherever_c_has_them(search: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = {"memory": ANY, "sections": [], "asks": []}
+    told = {"memory": ANY, "sections": [], "externals": []}
     monkeypatch.setattr(controller, "compiled", lambda *_: (told, b""))
     hostile, text = "*/ int pwned; /* ??/\n#error \\", catalog_path("planar2").read_text(encoding="utf-8")
     files = []

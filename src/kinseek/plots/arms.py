@@ -26,7 +26,7 @@ VIEW = (22.0, -60.0)
 FRAME_PART = 0.14
 """Length of the axes of a goal, relative to the longest side of the picture."""
 
-ASIDE = 6.0
+LABEL_PAD = 6.0
 """Additional distance of the label of y [pt]: it is printed at an angle above numbers."""
 
 SHORTEST = 0.4
@@ -172,7 +172,7 @@ def _draw(axes: Any, arm: Arm | Mechanism, q: ArrayLike, goal: Goal | ArrayLike 
         _draw_goal(axes, goal)
     _widen(axes)
     same_scale(axes)
-    axes.yaxis.labelpad += ASIDE
+    axes.yaxis.labelpad += LABEL_PAD
 
 
 def _widen(axes: Any) -> None:
@@ -185,12 +185,12 @@ def _widen(axes: Any) -> None:
 
 def _draw_goal(axes: Any, goal: Goal | ArrayLike) -> None:
     """Draw a goal as its axes, or as a star if the orientation is free, in the arm's base."""
-    asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
-    if asked.shape:
-        raise InvalidUse(f"one goal is drawn, got a batch of shape {asked.shape}; choose one")
-    T = np.vstack([asked.targets[0], [0.0, 0.0, 0.0, 1.0]])
-    T[:3, :3] = T[:3, :3] @ asked.tip_rotation.T
-    if asked.form.columns == 0 and not asked.form.ranges:
+    requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
+    if requested.shape:
+        raise InvalidUse(f"one goal is drawn, got a batch of shape {requested.shape}; choose one")
+    T = np.vstack([requested.targets[0], [0.0, 0.0, 0.0, 1.0]])
+    T[:3, :3] = T[:3, :3] @ requested.tip_rotation.T
+    if requested.form.columns == 0 and not requested.form.ranges:
         axes.scatter(*T[:3, 3], marker="*", s=110, color="black", zorder=6)
         return
     ends = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
