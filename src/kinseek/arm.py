@@ -26,7 +26,7 @@ from .shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
 from .solution import Solution, Status, quick_solution
 from .solvers import Atlas, Solver
 from .solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
-from .solvers.atlas.quick import answers_quickly, quick_answer
+from .solvers.atlas.quick import can_solve_quickly, solve_quickly
 from .solvers.black_box.samples import Samples, samples_of
 from .solvers.checks import as_solver, warn_if_far, with_progress
 from .units import warn_of_distance
@@ -257,8 +257,8 @@ class Arm(ForwardArm):
             self._require_axes(_NO_PROOF)
         requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
-        if plain and (axes := self._axes) is not None and answers_quickly(requested, start):
-            quick = quick_answer(axes, self._atlas_for(axes, requested), requested, start)
+        if plain and (axes := self._axes) is not None and can_solve_quickly(requested, start):
+            quick = solve_quickly(axes, self._atlas_for(axes, requested), requested, start)
             if quick is not None:
                 if not quick.success:
                     warn_if_far(quick)

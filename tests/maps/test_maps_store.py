@@ -39,7 +39,7 @@ SMALL: dict[str, Any] = {"block": 24 * 8}
 
 def one_by_one(work: Any, todo: Any, blocks: int, advance: Any, written: Any) -> None:
     for done, index in enumerate(todo):
-        run._here(work, index, blocks - len(todo) + done, blocks, written)
+        run._in_this_process(work, index, blocks - len(todo) + done, blocks, written)
 
 
 @pytest.fixture(autouse=True)

@@ -16,7 +16,7 @@ from chains import serial_chains
 from kinseek import DivideAndConquer, Goal, Problem, SeparateChains
 from kinseek.errors import FailedKinematics, InvalidProblem, InvalidSolver, InvalidUse
 from kinseek.robots.chain import SerialChain
-from kinseek.solvers.chain_split import KEPT, Split, _known, find_split
+from kinseek.solvers.chain_split import MOST_CACHED, Split, _known, find_split
 from reference import errors, fk, weighted_error
 
 
@@ -300,11 +300,11 @@ def test_what_is_found_out_is_kept_as_long_as_the_arm_and_no_longer() -> None:
     box = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper)
     T = random_goals(arm, 1)[0]
     for each in (arm.with_limits({}), box):
-        for number in range(KEPT + 3):
+        for number in range(MOST_CACHED + 3):
             each.ik(
                 Goal.pose(T, tool=kinseek.pose([0.01 * number, 0, 0])), solver=SeparateChains(10, breadth=1)
             )
-        assert len(_known.of(each.mechanism)) == KEPT
+        assert len(_known.of(each.mechanism)) == MOST_CACHED
     gone = weakref.ref(each.mechanism), weakref.ref(box.mechanism)
     del each, box
     gc.collect()

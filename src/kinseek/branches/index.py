@@ -24,7 +24,7 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import weyl
-from kinseek.solvers.atlas.index import KEPT, PLAIN, AtlasIndex, atlas_of, tolerances_of
+from kinseek.solvers.atlas.index import MOST_CACHED, PLAIN, AtlasIndex, atlas_of, tolerances_of
 from kinseek.turns import shortest
 
 from .one_joint import NOTHING, one_joint_of
@@ -139,13 +139,13 @@ _Key = tuple[Kind, bytes | None]
 """Kind of goal, and the transform of the tip; None if there is none."""
 
 
-_indices: WeakCache[SerialChain, _Key, BranchIndex] = WeakCache(KEPT, lambda key: key[1] is not None)
+_indices: WeakCache[SerialChain, _Key, BranchIndex] = WeakCache(MOST_CACHED, lambda key: key[1] is not None)
 
 
 def index_of(problem: Problem) -> BranchIndex:
     """Return the index of an arm for a kind of goal: built at the first call, dropped with the arm.
 
-    The indices of the last `KEPT` tools and tool axes are kept.
+    The indices of the last `MOST_CACHED` tools and tool axes are kept.
 
     Raises:
         InvalidProblem: Branches of this kind of arm or goal are not supported.

@@ -146,10 +146,10 @@ def reach(
         **options_of(options),
         store=None if store is None else str(Path(store).expanduser().resolve()),
     )
-    kept = store_of(arm, grid, work, client is not None)
-    todo = kept.missing()
-    run(work, todo, math.prod(kept.blocks), client, progress, kept.write)
-    dataset: xarray.Dataset = kept.dataset()
+    map_store = store_of(arm, grid, work, client is not None)
+    todo = map_store.missing()
+    run(work, todo, math.prod(map_store.blocks), client, progress, map_store.write)
+    dataset: xarray.Dataset = map_store.dataset()
     return dataset if work.store is not None else dataset.load()
 
 
@@ -278,10 +278,10 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
     if path is not None and path.exists():
         if not cluster:
             require_own(path)
-        kept = Store.at(str(path))
-        compare(str(path), kept.description, description)
-        kept.require_sound(TYPES)
-        return kept
+        map_store = Store.at(str(path))
+        compare(str(path), map_store.description, description)
+        map_store.require_sound(TYPES)
+        return map_store
     attributes: dict[str, Any] = {
         "Conventions": "CF-1.11",
         "title": f"What {arm.name} reaches",

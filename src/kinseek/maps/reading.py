@@ -270,14 +270,14 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
         ends = grid.places[0][:, None] + np.array([-0.5, 0.5]) * grid.widths[0]
         weights = np.pi * (ends[:, 1:] ** 2 - ends[:, :1] ** 2) * grid.widths[1] * np.ones(known.shape[1])
     touched, left = known == TOUCHED, np.where(known == EMPTY, 0.0, 1.0 - empty)
-    gather = np.mean if what == "poses" else np.max
+    combine = np.mean if what == "poses" else np.max
     if what == "positions":
         whole = np.floor(whole)  # Parts of cells may or may not share positions.
     # A solution covers all rotations that move the first joint between its limits.
     if isinstance(grid, Rings):
         whole = whole * described(dataset)["first_turns"]
     return Volume(
-        float((weights * gather(whole, axis=-1)).sum()),
-        float((weights * gather(touched.astype(float), axis=-1)).sum()),
-        float((weights * gather(left if what == "poses" else np.ceil(left), axis=-1)).sum()),
+        float((weights * combine(whole, axis=-1)).sum()),
+        float((weights * combine(touched.astype(float), axis=-1)).sum()),
+        float((weights * combine(left if what == "poses" else np.ceil(left), axis=-1)).sum()),
     )

@@ -188,15 +188,15 @@ class Store:
 
         grid = grid_of(self.description["grid"])
         places = dict(zip(grid.dims, (*grid.places, np.arange(grid.shape[-1])), strict=True))
-        kept = self._group.store
+        source = self._group.store
         with _quiet():
             attributes = {name: dict(self._group[name].attrs) for name in places}
             if self._folder is not None:  # Zarr opens all that it finds at once, and prints each failure.
                 from .local_files import LocalFiles
 
-                kept = LocalFiles(self._folder, shown=frozenset({*places, *self._arrays, _ROTATION}))
+                source = LocalFiles(self._folder, shown=frozenset({*places, *self._arrays, _ROTATION}))
             dataset = xarray.open_zarr(
-                kept,
+                source,
                 zarr_format=3,
                 consolidated=False,
                 chunks={},
@@ -206,8 +206,8 @@ class Store:
             {name: (name, each, attributes[name]) for name, each in places.items()}
         )
         dataset = dataset.set_coords(_ROTATION)
-        held: list[Any] = [dataset, *dataset.variables.values()]
-        for each in held:  # xarray prints texts as they are.
+        with_attributes: list[Any] = [dataset, *dataset.variables.values()]
+        for each in with_attributes:  # xarray prints texts as they are.
             each.attrs = {
                 printable(name): printable(value) if isinstance(value, str) else value
                 for name, value in each.attrs.items()
@@ -321,15 +321,15 @@ def _require_small_metadata(folder: Path) -> None:
             )
 
 
-def compare(place: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
+def compare(place: str, there: dict[str, Any], requested: dict[str, Any]) -> None:
     """Check that a store is of the requested map.
 
     Raises:
         InvalidMap: They differ; the message says in what.
     """
-    other = [key for key in wanted if there.get(key) != wanted[key]]
+    other = [key for key in requested if there.get(key) != requested[key]]
     if other:
-        differences = "; ".join(f"{key} {there.get(key)!r} there, {wanted[key]!r} asked" for key in other)
+        differences = "; ".join(f"{key} {there.get(key)!r} there, {requested[key]!r} asked" for key in other)
         raise InvalidMap(
             f"the store {place!r} is of another map: {differences}. Ask for the same to go on with it, or take another store"
         )
@@ -344,8 +344,8 @@ def require_own(path: Path) -> None:
         InvalidMap: A folder or metadata belong to another user, others may write to them, or they are a link.
     """
     _require_own(path, path)
-    for folder, names, held in os.walk(path):
-        for name in (*names, *(each for each in held if each == _METADATA)):
+    for folder, names, files in os.walk(path):
+        for name in (*names, *(each for each in files if each == _METADATA)):
             _require_own(path, Path(folder, name))
 
 

@@ -219,10 +219,10 @@ class _Known(NamedTuple):
     """The second chain, with the first in the middle."""
 
 
-KEPT = 16
+MOST_CACHED = 16
 """Kinds of goal, tools and tool axes that are kept for an arm, the last ones used."""
 
-_known: WeakCache[Mechanism, tuple[int, bytes | None], _Known] = WeakCache(KEPT)
+_known: WeakCache[Mechanism, tuple[int, bytes | None], _Known] = WeakCache(MOST_CACHED)
 
 
 def known_of(chain: Mechanism, goal: Goal) -> _Known:

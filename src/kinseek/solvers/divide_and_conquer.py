@@ -165,7 +165,7 @@ class DivideAndConquer:
 
         def search(one: Problem, until: Deadline, watch: Callable[[int], object] = unwatched) -> Found:
             if one.axes is None:
-                return self._ask(one, plan, until, watch)
+                return self._search_black_box(one, plan, until, watch)
             return self._search(one, plan, memory, until, watch)
 
         change = "a smaller breadth, beam or number of divisions"
@@ -361,8 +361,8 @@ class DivideAndConquer:
             created = problem.mechanism.dof * self.branching_factor if self.tree == "static" else expanded
             found = Found(q if leaves else problem.start, leaves, created, expanded, not done)
             if recorder is not None and leaves > recorder.spent:
-                held = bytes_of(memory, plan.grid)
-                record_pass(recorder, plan.grid, plan.first, now, end - 1, before, found, held)
+                memory_bytes = bytes_of(memory, plan.grid)
+                record_pass(recorder, plan.grid, plan.first, now, end - 1, before, found, memory_bytes)
             if at[STOPPED] or not done:
                 break
             before = found.q.copy()
@@ -386,30 +386,30 @@ class DivideAndConquer:
         tie = tie_of(problem, self.ties)
         return plan._replace(passes=plan.passes._replace(tie=tie)) if tie else plan
 
-    def _ask(
+    def _search_black_box(
         self, problem: Problem, plan: _Plan, deadline: Deadline, watch: Callable[[int], object]
     ) -> Found:
-        from .black_box.asking import Asker
+        from .black_box.evaluator import Evaluator
         from .black_box.grid import best_or_start, descend
 
         box = problem.mechanism
         plan = self._with_ties(problem, plan)
-        asker = Asker(box, problem, deadline)
-        recorder, held = self._recorder(problem) if problem.trace else None, bytes_of(plan.grid)
+        evaluator = Evaluator(box, problem, deadline)
+        recorder, memory_bytes = self._recorder(problem) if problem.trace else None, bytes_of(plan.grid)
         stored = box.dof * self.branching_factor if self.tree == "static" else 0
         before = problem.start
 
         def on_pass(k: int, q: Array | None, expanded: int) -> None:
             nonlocal before
             best = best_or_start(q, box, problem.start)
-            now = Found(best, asker.spent, stored or expanded, expanded)
-            if recorder and asker.spent > recorder.spent:
-                record_pass(recorder, plan.grid, plan.first, plan.until(k + 1), k, before, now, held)
+            now = Found(best, evaluator.spent, stored or expanded, expanded)
+            if recorder and evaluator.spent > recorder.spent:
+                record_pass(recorder, plan.grid, plan.first, plan.until(k + 1), k, before, now, memory_bytes)
             before = best
 
-        q, expanded = descend(asker, plan.grid, plan.passes, plan.later, plan.first, watch, on_pass)
+        q, expanded = descend(evaluator, plan.grid, plan.passes, plan.later, plan.first, watch, on_pass)
         q = best_or_start(q, box, problem.start)
-        found = Found(q, asker.spent, stored or expanded, expanded, asker.out_of_time)
+        found = Found(q, evaluator.spent, stored or expanded, expanded, evaluator.out_of_time)
         return found if recorder is None else self._report(recorder, found)
 
 
