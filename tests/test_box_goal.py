@@ -21,7 +21,7 @@ from kinseek.goal import Frame
 from kinseek.kernels.arm.range_error import judge_ranges
 from kinseek.ranges import AXES
 from kinseek.robots import catalog_entry, catalog_names
-from kinseek.solvers.atlas.index import KEPT, atlas_of
+from kinseek.solvers.atlas.index import MOST_CACHED, atlas_of
 
 Array = NDArray[np.float64]
 
@@ -331,7 +331,7 @@ def test_a_proof_knows_the_tool() -> None:
 def test_tools_share_samples_and_are_forgotten() -> None:
     arm = kinseek.load("planar2")
     own = atlas_of(arm.chain)
-    for i in range(3 * KEPT):
+    for i in range(3 * MOST_CACHED):
         tool = kinseek.pose([0.01 * i + 0.01, 0.0, 0.0])
         index = atlas_of(arm.chain, Goal.pose(np.eye(4), tool=tool))
         assert index.sorted.tree.points is own.sorted.tree.points
@@ -339,7 +339,7 @@ def test_tools_share_samples_and_are_forgotten() -> None:
     assert atlas_of(arm.chain) is own
     from kinseek.solvers.atlas.index import _indices
 
-    assert len(_indices.of(arm.chain)) <= KEPT + 2
+    assert len(_indices.of(arm.chain)) <= MOST_CACHED + 2
 
 
 @pytest.mark.parametrize(

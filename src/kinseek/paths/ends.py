@@ -96,12 +96,12 @@ def fill_missed(problem: Problem, layers: Layers, threads: int | None, deadline:
 def with_ends(request: PathRequest, layers: Layers) -> tuple[Layers, tuple[int, int]]:
     """Add the given start and end to the solutions of the first and the last pose; return also their nodes, or -1."""
     turning, nodes = Turning(request.problem.chain), [-1, -1]
-    for k, (wanted, i) in enumerate(((request.start, 0), (request.end, len(layers.q) - 1))):
-        if wanted is None:
+    for k, (fixed_q, i) in enumerate(((request.start, 0), (request.end, len(layers.q) - 1))):
+        if fixed_q is None:
             continue
         q = np.concatenate([layers.q, np.zeros_like(layers.q[:, :1])], axis=1)
         there = np.concatenate([layers.there, np.zeros_like(layers.there[:, :1])], axis=1)
-        place, inside = int(layers.count[i]), turning.off_ends(wanted)
+        place, inside = int(layers.count[i]), turning.off_ends(fixed_q)
         q[i, place], there[i, place] = turning.first_turn(inside), True
         nodes[k] = place * turning.total + turning.turns_of(inside)
         layers = Layers(q, there)
@@ -128,7 +128,7 @@ def best_valid(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices
             break
         if tries == ROUNDS:
             with suppress(TimeUp):
-                graph.ask_everywhere()
+                graph.check_all_nodes()
     if count == len(q):  # The step from the last pose to the first is not included.
         return q, np.append(breaks, len(q) - 1)
     return q[:count], breaks[breaks < count - 1]
@@ -179,7 +179,7 @@ def refusals(request: PathRequest, q: Array) -> tuple[set[int], Indices, int]:
     goal, refused = request.problem.goal, np.zeros(len(q), dtype=np.bool_)
     begin, end = steps_of(request, q)
     # Steps to and from a missed pose are not checked, nor are steps that are breaks in any case.
-    asks = short_steps(request, begin, end)
+    short = short_steps(request, begin, end)
     goal = goal.at(goal.target[: len(q)])
     there = goal.met(goal.measure(request.problem.arrays, np.ascontiguousarray(q)))
     size = valid.at_once(len(q))
@@ -191,7 +191,7 @@ def refusals(request: PathRequest, q: Array) -> tuple[set[int], Indices, int]:
             if len(begin) == len(q) and first + size >= len(q):
                 ways = np.append(ways, len(q) - 1)
             fine = np.asarray(there & ~refused)
-            ways = ways[asks[ways] & fine[ways] & fine[(ways + 1) % len(q)]]
+            ways = ways[short[ways] & fine[ways] & fine[(ways + 1) % len(q)]]
             forbidden_edges.append(ways[~valid.ways(begin[ways], end[ways])])
         except TimeUp:
             refused[first:] = False

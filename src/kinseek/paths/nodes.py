@@ -37,7 +37,7 @@ class LayerGraph:
         """
         self.request, self.turning = request, Turning(request.problem.chain)
         self.q, self.count = layers.q, layers.count
-        self.ahead = self.q
+        self.arrivals = self.q
         self.nodes = self.q.shape[1] * self.turning.total
         self._forbidden_edges: set[tuple[int, int, int]] = set()
         self._refused: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
@@ -72,8 +72,8 @@ class LayerGraph:
 
     def values(self, i: Indices, nodes: Indices) -> Array:
         """Return joint values of nodes at poses i, (k,) and (k,) -> (k, n)."""
-        answer, turns = nodes // self.turning.total, nodes % self.turning.total
-        return self.turning.node_values(self.q[i, answer], turns)
+        solution, turns = nodes // self.turning.total, nodes % self.turning.total
+        return self.turning.node_values(self.q[i, solution], turns)
 
     def best(self, longest: Array, first: int = -1, last: int = -1) -> tuple[Array, Indices, float, Indices]:
         """Return the best path: joint values (N, n), its breaks, its cost, and its nodes (N,)."""
@@ -82,7 +82,7 @@ class LayerGraph:
         forbidden_edges = np.array(sorted(self._forbidden_edges), dtype=np.int64).reshape(-1, 3)
         viterbi(
             self.q,
-            self.ahead,
+            self.arrivals,
             self.count,
             turning.lower,
             turning.upper,
@@ -197,7 +197,7 @@ class LayerGraph:
         first, last = node - node % total, following - following % total
         return {(i, first + int(s), last + int(there[s] @ units)) for s in same}
 
-    def ask_everywhere(self) -> None:
+    def check_all_nodes(self) -> None:
         """Check with `valid` every node that was not checked yet."""
         for i, count in enumerate(self.count):
             if i in self.unreachable:
@@ -239,14 +239,14 @@ class LayerGraph:
         last, total = len(self.q) - 1, self.turning.total
         q = self.values(np.array([0]), np.array([first]))[0]
         found = []
-        for answer in range(self.count[last]):
-            step = self.turning.step(self.q[last, answer] - q)
+        for solution in range(self.count[last]):
+            step = self.turning.step(self.q[last, solution] - q)
             there = q + step
             inside = (there >= self.turning.open_lower - 1e-9) & (there <= self.turning.open_upper + 1e-9)
             if (np.abs(step) <= longest).all() and inside.all():
-                digits = np.round((there - self.q[last, answer]) / (2 * np.pi)).astype(np.int64)
+                digits = np.round((there - self.q[last, solution]) / (2 * np.pi)).astype(np.int64)
                 digits = np.where(self.turning.kind == ENDLESS, 0, digits)
-                node = answer * total + int((digits * self.turning.units).sum())
+                node = solution * total + int((digits * self.turning.units).sum())
                 refused = len(self._refused) and self._refused[last, node]
                 if not refused and (last, node, first) not in self._forbidden_edges:
                     found.append(node)

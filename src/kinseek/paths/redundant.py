@@ -108,7 +108,7 @@ def follow_samples(
         row = start[None].copy()
         with suppress(TimeUp):
             request.deadline.check()
-            smoother_of(request).settle(row, np.ascontiguousarray(goal.targets[:1]))
+            smoother_of(request).project(row, np.ascontiguousarray(goal.targets[:1]))
             round_trip = replace(
                 request, problem=around, longest=longest, start=row[0], end=row[0], closed=False
             )
@@ -176,9 +176,9 @@ def _refused(request: PathRequest, q: Array) -> Flags:
 
 def _mended(request: PathRequest, q: Array, effort: Effort, threads: int | None) -> Array:
     """Plan the parts of a path around its breaks again, and keep them where this removes the breaks."""
-    gone = path_parameter(request.problem)
+    parameter = path_parameter(request.problem)
     for around in AROUND:
-        windows = _around(request, q, gone, around)
+        windows = _around(request, q, parameter, around)
         parts = [_part(request, q, first, last) for first, last in windows]
         made = [np.zeros(0)] * len(parts)
 
@@ -285,18 +285,18 @@ def _finished(request: PathRequest, planner: Planner, q: Array) -> Array:
         q = _put(request, smoother, between_rows(rows, q), all_of_them)
     q = _smoothed(request, smoother, q, all_of_them, LAST_PASSES)
     for power in POWERS:
-        for first, last in _around(request, q, planner.gone, EASED):
+        for first, last in _around(request, q, planner.parameter, EASED):
             part = _row(_part(request, q, first, last), np.arange(last + 1 - first))
             q[first : last + 1] = smoother.smooth(q[first : last + 1], part, POWER_PASSES, power)
     return q
 
 
-def _around(request: PathRequest, q: Array, gone: Array, way: float) -> list[tuple[int, int]]:
+def _around(request: PathRequest, q: Array, parameter: Array, way: float) -> list[tuple[int, int]]:
     """First and last pose of each part of a path around its breaks, extended to both sides by a motion of the hand."""
     parts: list[tuple[int, int]] = []
     for i in np.flatnonzero(mendable(request, q)).tolist():
-        first = int(np.searchsorted(gone, gone[i] - way))
-        last = min(int(np.searchsorted(gone, gone[i + 1] + way)), len(q) - 1)
+        first = int(np.searchsorted(parameter, parameter[i] - way))
+        last = min(int(np.searchsorted(parameter, parameter[i + 1] + way)), len(q) - 1)
         if parts and first <= parts[-1][1]:
             first = parts.pop()[0]
         parts.append((first, last))

@@ -36,7 +36,7 @@ Flags = NDArray[np.bool_]
 STIFF = 1e4
 """μ: weight of leaving the pose, relative to a step of the same size; the remaining error is corrected after each pass."""
 
-HELD = 1e8
+PINNED = 1e8
 """Weight that keeps a joint at its value, relative to that of a step."""
 
 TRUST = 0.4
@@ -45,17 +45,17 @@ TRUST = 0.4
 TRIES, SHORTER = 5, 0.4
 """Most attempts of a Gauss-Newton step until the path improves, and the factor that shortens each further attempt."""
 
-KEPT, TORN = 0.9, 1.2
-"""A path is torn if a step grows and exceeds `KEPT` times its largest allowed length. This bound is `TORN` times as large if
-the largest steps are minimised."""
+TORN, LOOSER = 0.9, 1.2
+"""A path is torn if a step grows and exceeds `TORN` times its largest allowed length. If the largest steps are
+minimised, this bound is `LOOSER` times as large."""
 
-HOLD = 4
+TORN_ROWS = 4
 """Rows on each side of a torn step that are held back, multiplied by the number of the attempt."""
 
 LIGHTEST, HEAVIEST = 0.5, 4.0
 """Bounds of a step's length, relative to the root mean square of all, when a higher power weights it."""
 
-SETTLED = 1e-14
+ON_POSE = 1e-14
 """Squared scaled error up to which a pose counts as reached again; it corresponds to 1e-7 of the arm's length."""
 
 MEND = 12
@@ -109,7 +109,7 @@ class Smoother:
         )
         self.scale = arm_length(problem.chain) / RADIAN_PART
 
-    def settle(self, q: Array, targets: Array) -> Flags:
+    def project(self, q: Array, targets: Array) -> Flags:
         """Project joint values, (k, n), onto targets, (k, 3, 4), in place.
 
         Returns:
@@ -120,15 +120,15 @@ class Smoother:
         project_onto_poses(
             self.handle, self.tolerances, targets, self.lower, self.upper, MEND, q, left, LANES
         )
-        there = left < SETTLED
+        there = left < ON_POSE
         if self.valid is not None:
             there[there] = self.valid.each(q[there])
         return there
 
     def onto(self, q: Array, targets: Array) -> None:
-        """Like `settle`, but replace rows that do not arrive by what the atlas finds, at worst the nearest pose."""
+        """Like `project`, but replace rows that do not arrive by what the atlas finds, at worst the nearest pose."""
         begin = q.copy()
-        lost = np.flatnonzero(~self.settle(q, targets))
+        lost = np.flatnonzero(~self.project(q, targets))
         if not len(lost):
             return
         goal = self.problem.goal
@@ -154,8 +154,8 @@ class Smoother:
         before = self._sum(q, row, power)
         with suppress(TimeUp):
             for _ in range(passes):
-                q = self._together(q, row, power)
-                q = self._one_by_one(q, row, power)
+                q = self._gauss_newton(q, row, power)
+                q = self._relax_each(q, row, power)
                 now = self._sum(q, row, power)
                 if now > before * (1 - ENOUGH):
                     break
@@ -175,7 +175,7 @@ class Smoother:
     def _sum(self, q: Array, row: Row, power: int) -> float:
         return float(self._of_steps(np.diff(q, axis=0), row.spans, power).sum())
 
-    def _together(self, q: Array, row: Row, power: int) -> Array:
+    def _gauss_newton(self, q: Array, row: Row, power: int) -> Array:
         """Make one Gauss-Newton step of all poses, held back where it would tear the path.
 
         Raises:
@@ -184,13 +184,13 @@ class Smoother:
         self.deadline.check()
         step = self._step(q, row, power)
         before, share = self._sum(q, row, power), np.ones(len(q))
-        bounds = np.maximum(np.abs(np.diff(q, axis=0)), KEPT * row.longest)
+        bounds = np.maximum(np.abs(np.diff(q, axis=0)), TORN * row.longest)
         if power > 2:
-            bounds *= TORN
+            bounds *= LOOSER
         for tries in range(TRIES):
             self.deadline.check()
             moved = q + share[:, None] * step
-            lost = ~self.settle(moved, row.targets) | row.fixed
+            lost = ~self.project(moved, row.targets) | row.fixed
             moved[lost] = q[lost]
             self._put_back(q, moved)
             torn = np.flatnonzero((np.abs(np.diff(moved, axis=0)) > bounds * (1 + 1e-9)).any(axis=1))
@@ -199,7 +199,7 @@ class Smoother:
                     return moved
                 share *= SHORTER
             for i in torn.tolist():
-                reach = HOLD * (1 + tries)
+                reach = TORN_ROWS * (1 + tries)
                 first, last = max(i - reach, 0), min(i + 2 + reach, len(q))
                 away = np.abs(np.arange(first, last) - i - 0.5) - 0.5
                 share[first:last] = np.minimum(share[first:last], away / reach)
@@ -225,17 +225,17 @@ class Smoother:
         pull = np.zeros_like(q)
         pull[:-1] += coupling[:-1] * steps
         pull[1:] -= coupling[:-1] * steps
-        held = np.repeat(row.fixed[:, None], q.shape[1], axis=1)
-        move, firm = np.zeros_like(q), HELD * heavy.max() * self.weights**2
+        pinned = np.repeat(row.fixed[:, None], q.shape[1], axis=1)
+        move, firm = np.zeros_like(q), PINNED * heavy.max() * self.weights**2
         step, system = move, np.empty_like(blocks)
         for _ in range(ACTIVE):
-            system[:], step = blocks, np.where(held, firm * move, pull)
-            system[:, diagonal, diagonal] += np.where(held, firm, 0.0)
+            system[:], step = blocks, np.where(pinned, firm * move, pull)
+            system[:, diagonal, diagonal] += np.where(pinned, firm, 0.0)
             solve_band(system, coupling, step)
-            beyond = ~held & ((q + step < self.lower - 1e-9) | (q + step > self.upper + 1e-9))
+            beyond = ~pinned & ((q + step < self.lower - 1e-9) | (q + step > self.upper + 1e-9))
             if not beyond.any():
                 break
-            held |= beyond
+            pinned |= beyond
             move = np.where(beyond, np.clip(q + step, self.lower, self.upper) - q, move)
         step *= np.minimum(1.0, TRUST / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
         step[row.fixed] = 0.0
@@ -255,7 +255,7 @@ class Smoother:
             beside = np.union1d(rows[rows > 0] - 1, rows[rows < len(q) - 1])
             steps = beside[off[beside] | off[beside + 1]]
 
-    def _one_by_one(self, q: Array, row: Row, power: int) -> Array:
+    def _relax_each(self, q: Array, row: Row, power: int) -> Array:
         """Move each pose between its neighbours if this improves its two steps."""
         q = q.copy()
         for first in (1, 2):
@@ -265,12 +265,14 @@ class Smoother:
             if not len(some):
                 continue
             before, here, after = q[some - 1], q[some], q[some + 1]
-            behind, ahead = row.spans[some - 1], row.spans[some]
-            middle = (before * ahead + after * behind) / (ahead + behind)
-            there = self.settle(middle, np.ascontiguousarray(row.targets[some]))
-            now = self._of_steps(here - before, behind, power) + self._of_steps(after - here, ahead, power)
-            then = self._of_steps(middle - before, behind, power) + self._of_steps(
-                after - middle, ahead, power
+            span_before, span_after = row.spans[some - 1], row.spans[some]
+            middle = (before * span_after + after * span_before) / (span_after + span_before)
+            there = self.project(middle, np.ascontiguousarray(row.targets[some]))
+            now = self._of_steps(here - before, span_before, power) + self._of_steps(
+                after - here, span_after, power
+            )
+            then = self._of_steps(middle - before, span_before, power) + self._of_steps(
+                after - middle, span_after, power
             )
             better = there & (then < now)
             if self.valid is not None:

@@ -36,7 +36,7 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import PLAIN, atlas_of
 from kinseek.validation import as_integer, as_number
 
-from .extrapolate import poses_ahead
+from .extrapolate import extrapolated
 from .joints import Turning
 from .request import positive
 
@@ -48,7 +48,7 @@ SPREAD = 60
 ELSEWHERE = 0.5
 """Another branch differs by more than this from the current joint values, in some joint [rad or m]."""
 
-SPAN, KEPT = 0.2, 200
+SPAN, MOST_PERIODS_BACK = 0.2, 200
 """Age of the oldest pose used for extrapolation [s], and the largest number of periods this may be."""
 
 AWAY = (1e-3, 1e-2)
@@ -147,7 +147,7 @@ class Tracker:
         self._state[REACH], self._state[NOW] = self.velocity * self.period, start
         self._state[REACHED] = start
         self._memory = np.zeros(LAYOUT.count.of(dof=arm.dof, joints=len(arm.axes.leader)))
-        self._apart = min(max(1, round(SPAN / self.period)), KEPT)
+        self._apart = min(max(1, round(SPAN / self.period)), MOST_PERIODS_BACK)
         self._poses = np.zeros((2 * self._apart + 1, 4, 4))
         self._given = 0
         self._way: list[Array] = []
@@ -181,7 +181,7 @@ class Tracker:
         if ended == NO_POSE:
             T = _one(T)
             position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
-        self._keep(T)
+        self._store(T)
         if ended == TRACKED:
             if self._lost_for:
                 self._forget_loss()
@@ -221,7 +221,7 @@ class Tracker:
         if at_once == TRACKED or (ended in (LIMIT, SINGULAR) and _is_away(position, orientation)):
             self._there = None
             return self.step(T)
-        self._keep(T)
+        self._store(T)
         step = there[NOW] - state[NOW]
         periods = np.abs(step / state[REACH]).max() * (1 + 1e-9)
         if periods <= 1.0:
@@ -338,7 +338,7 @@ class Tracker:
         pose, q = _one(T), self._way.pop(0)
         self._state[LAST] = q - self._state[NOW]
         self._state[NOW] = q
-        self._keep(pose)
+        self._store(pose)
         return Step(q.copy(), TrackStatus.SWITCHED, *self._errors(q, pose))
 
     def _errors(self, q: Array, T: Array) -> tuple[float, float]:
@@ -369,10 +369,10 @@ class Tracker:
             coming, at_once = np.ascontiguousarray(as_pose(poses)).reshape(-1, 4, 4), 1
             near = len(coming)
         state = self._standing(at_once)
-        behind, lost, ended = self._look(coming[:near], state)
+        tracked, lost, ended = self._look(coming[:near], state)
         if ended == TRACKED:
             return Foresight(TrackStatus.TRACKING, np.inf, None)
-        joint = self._held(state, ended)
+        joint = self._limiting_joint(state, ended)
         if ended == LAGGING:
             # Test whether much faster joints keep up for a while: then the speed is the cause, otherwise the branch ends.
             state = self._standing(at_once)
@@ -381,8 +381,8 @@ class Tracker:
             _, _, truly = self._look(coming[: lost + 1 + while_after], state)
             if truly != TRACKED:
                 ended = LIMIT if truly == LIMIT else SINGULAR
-                joint = self._held(state, ended)
-        return Foresight(_ENDED[ended], (behind + 1) * at_once * self.period, joint)
+                joint = self._limiting_joint(state, ended)
+        return Foresight(_ENDED[ended], (tracked + 1) * at_once * self.period, joint)
 
     def _coming(self, seconds: float, looks: int, longer: float = 0.0) -> tuple[Array, int]:
         """Return `looks` poses to come and some for `longer`, (k, 4, 4), and how many periods lie between them."""
@@ -396,7 +396,7 @@ class Tracker:
         now, middle = self._pose(0), self._pose(apart)
         before = self._pose(2 * apart) if self._given > 2 * apart else middle
         times = np.arange(1.0, count + 1.0) * (at_once / apart)
-        return poses_ahead(before, middle, now, times), at_once
+        return extrapolated(before, middle, now, times), at_once
 
     def _standing(self, at_once: int) -> Array:
         """Return the current state, for steps of `at_once` periods each."""
@@ -409,7 +409,7 @@ class Tracker:
         """Follow poses as `kernels.paths.servo.look_ahead` does; the state is changed."""
         return look_ahead(self._index.address, PLAIN, poses, *AWAY, self._memory, state)
 
-    def _keep(self, T: Array) -> None:
+    def _store(self, T: Array) -> None:
         """Store a pose in the ring of the last poses."""
         self._poses[self._given % len(self._poses)] = T
         self._given += 1
@@ -418,7 +418,7 @@ class Tracker:
         """Return the pose given `back` periods ago."""
         return np.asarray(self._poses[(self._given - 1 - back) % len(self._poses)])
 
-    def _held(self, state: Array, ended: int) -> str | None:
+    def _limiting_joint(self, state: Array, ended: int) -> str | None:
         at_limit = (state[NOW] <= state[LOWER]) | (state[NOW] >= state[UPPER])
         fast = np.abs(state[LAST]) >= state[REACH] * (1 - 1e-9)
         some = np.flatnonzero(at_limit if ended == LIMIT else fast & ~at_limit)

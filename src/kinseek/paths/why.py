@@ -18,7 +18,7 @@ from .windows import Windows
 
 Array = NDArray[np.float64]
 
-WEAK = 0.05
+NEAR_SINGULAR = 0.05
 """Least singular value of the Jacobian, relative to the largest, below which a singularity is given as the reason."""
 
 
@@ -96,11 +96,11 @@ def _break(request: PathRequest, path: Path, i: int, wide: Layers | Windows | No
             f"{begin}: no sample of the answers leads on; of what was found, joint {chain.joint_names[joint]!r} would go "
             f"{step[joint]:.3g} at once, and may go {longest[joint]:.3g}"
         )
-    ahead, ended = _end_of_branch(request, path.q[i], i, wide, 1)
-    back, began = _end_of_branch(request, path.q[following], following, wide, -1)
+    end_before, ended = _end_of_branch(request, path.q[i], i, wide, 1)
+    begin_after, began = _end_of_branch(request, path.q[following], following, wide, -1)
     return (
-        f"{begin}: the branch before it ends {_at(ahead, count)} ({ended}), "
-        f"the one after it begins {_at(back, count)} ({began})"
+        f"{begin}: the branch before it ends {_at(end_before, count)} ({ended}), "
+        f"the one after it begins {_at(begin_after, count)} ({began})"
     )
 
 
@@ -138,7 +138,7 @@ def _end_of_branch(
             joint = int(np.argmax(np.abs(step) / longest))
             far = f"joint {names[joint]!r} would go {abs(step[joint]):.3g} at once, and may go {longest[joint]:.3g}"
             singular = f"a singularity: the least singular value is {least:.2g} of the largest"
-            return i, singular if least < WEAK else far
+            return i, singular if least < NEAR_SINGULAR else far
         q, i = q + step, j
         low = q < turning.open_lower - 1e-9
         high = q > turning.open_upper + 1e-9

@@ -324,4 +324,4 @@ class Page:
         return stored
 
     def _store(self, _: str) -> None:
-        self._client.local_storage.set_item(self._key, self.options.stored())
+        self._client.local_storage.set_item(self._key, self.options.to_json())
