@@ -43,7 +43,7 @@ def test_a_rounded_matrix_is_repaired_where_that_is_said(digits: int) -> None:
         kinseek.load("ur5e").ik(rounded)
     with pytest.raises(InvalidGoal, match=r"^rotation: .*repair=True"):
         kinseek.pose([0.4, 0.2, 0.3], rotation=rounded[:3, :3])
-    told = f"1 of 1 matrices were no rotations.* by up to {off:.3g}"
+    told = f"1 of 1 matrices were not rotations.* by up to {off:.3g}"
     with pytest.warns(RepairWarning, match=told) as warned:
         pose = kinseek.pose(rounded, repair=True)
     assert warned[0].filename == __file__
@@ -90,7 +90,7 @@ def test_words_that_do_not_fit_together_are_refused() -> None:
         kinseek.pose([0.4, 0.2, 0.3], rpy=ANGLES, repair=True)
     with pytest.raises(InvalidGoal, match="give one rotation, got rpy and rotation"):
         kinseek.pose([0.4, 0.2, 0.3], rpy=ANGLES, rotation=TURN)
-    with pytest.raises(InvalidGoal, match=r"a whole pose, \(4, 4\), takes no rpy beside it"):
+    with pytest.raises(InvalidGoal, match=r"a whole pose, \(4, 4\), cannot be combined with rpy"):
         kinseek.pose(POSE, rpy=ANGLES)
     with pytest.raises(InvalidGoal, match="degrees=True is for rpy and rotvec: rotation has no unit"):
         kinseek.pose([0.4, 0.2, 0.3], rotation=TURN, degrees=True)

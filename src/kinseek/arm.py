@@ -266,16 +266,15 @@ class Arm(ForwardArm):
         problem = Problem(self._mechanism, requested, start, time_limit=time_limit, trace=trace)
         if selects and trace:
             raise InvalidProblem(
-                "prefer, cost, valid and scene choose among all branches; there is no trace of that"
+                "trace=True cannot be combined with prefer=, cost=, valid= or scene=: these choose among all "
+                "branches, a search that records no trace"
             )
         if selects and solver is not None:
             raise InvalidProblem(
-                "prefer, cost, valid and scene choose among all branches; they take no solver"
+                "solver= cannot be combined with prefer=, cost=, valid= or scene=: these choose among all branches"
             )
         if selects:
-            requested.require_plain(
-                "prefer, cost, valid and scene choose among all branches, and these are not found of"
-            )
+            requested.require_plain("prefer=, cost=, valid= and scene= are not supported for")
         if scene is not None:
             from .collision.solutions import free_solution
 
@@ -604,9 +603,7 @@ _NO_PROOF = "nothing can be proved without axes"
 
 def _require_scene(scene: Scene | None, clearance: float) -> None:
     if scene is None and clearance != 0.0:
-        raise InvalidProblem(
-            f"a clearance is kept from what a scene holds: give scene=, got clearance={clearance!r}"
-        )
+        raise InvalidProblem(f"clearance= needs a scene: give scene=, got clearance={clearance!r}")
 
 
 def load(

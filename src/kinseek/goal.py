@@ -302,7 +302,7 @@ class Goal(Lazy):
         if self.form.ranges:
             taken = ", ".join(kind.noun for kind in PLAIN_KINDS)
             raise InvalidProblem(
-                f"{what} {self.form.noun}, only of {taken}. Arm.ik with its default solver answers it, without "
+                f"{what} {self.form.noun}; supported: {taken}. Arm.ik with its default solver supports it, without "
                 "prefer=, cost=, valid=, scene= and prove="
             )
 
@@ -356,7 +356,7 @@ class Goal(Lazy):
         Raises:
             InvalidProblem: The goal has ranges.
         """
-        self.require_plain("this search makes nothing of")
+        self.require_plain("this search does not support")
         return self.form.columns
 
     @property

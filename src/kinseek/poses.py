@@ -110,7 +110,7 @@ def pose(
     whole = _whole(position)
     if whole is not None:
         if beside := [*named, *["degrees"] * degrees]:
-            raise InvalidGoal(f"a whole pose, {whole.shape}, takes no {' and no '.join(beside)} beside it")
+            raise InvalidGoal(f"a whole pose, {whole.shape}, cannot be combined with {' and '.join(beside)}")
         return _rigid(whole.astype(np.float64), repairable, 3)
     if repair and rotation is None:
         raise InvalidGoal(
@@ -213,8 +213,8 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
         )
     if off.size and (most := float(off.max())) > _REPAIRABLE:
         warnings.warn(
-            f"{int((off > _REPAIRABLE).sum())} of {off.size} matrices were no rotations, and were brought onto the nearest "
-            f"ones: RᵀR differed from the identity by up to {most:.3g}",
+            f"{int((off > _REPAIRABLE).sum())} of {off.size} matrices were not rotations, and were replaced by the "
+            f"nearest ones: RᵀR differed from the identity by up to {most:.3g}",
             RepairWarning,
             stacklevel=level,
         )
@@ -354,7 +354,7 @@ def _rotation_matrix(name: str, value: ArrayLike) -> Array:
     with np.errstate(over="ignore"):
         length = np.linalg.norm(numbers, axis=-1)
     if (length < 1e-9).any():
-        raise InvalidGoal(f"{name} has length {length.min():.3g}: a zero quaternion is no rotation")
+        raise InvalidGoal(f"{name} has length {length.min():.3g}: a zero quaternion is not a rotation")
     return from_quaternion(numbers if name == "quat_wxyz" else np.roll(numbers, 1, axis=-1))
 
 

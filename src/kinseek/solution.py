@@ -40,13 +40,13 @@ class Status(Enum):
 
     SOLVED = "Solved: both errors are within their tolerances."
     BEST_EFFORT = "Best effort: the nearest pose found; a tolerance is missed."
-    REJECTED = "Rejected: answers were found, and the user's `valid` refused every one."
+    REJECTED = "Rejected: solutions were found, but the user's `valid` rejected every one."
     PROVED_UNREACHABLE = "Proved unreachable: no joint values within the limits meet the tolerances."
     OUT_OF_TIME = "Out of time: the nearest pose found before the time limit; a tolerance is missed."
-    INVALID = "Invalid: the target is no pose, so nothing was looked for."
-    BLOCKED = "Blocked: answers were found, and in every one the arm hits something, or comes too close."
+    INVALID = "Invalid: the target is not a pose, so no search was made."
+    BLOCKED = "Blocked: solutions were found, but in every one the arm hits something or comes too close."
     PROVED_BLOCKED = (
-        "Proved blocked: in every answer within the limits the arm hits something, or comes too close."
+        "Proved blocked: in every solution within the limits the arm hits something or comes too close."
     )
 
     def __str__(self) -> str:
@@ -173,9 +173,11 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         if self._trace is not None:
             return self._trace
         if self.problem.trace:
-            raise InvalidUse("the search kept no trace: `solvers.recording.Recorder` is what makes one")
+            raise InvalidUse(
+                "the search recorded no trace; a search records one with solvers.recording.Recorder"
+            )
         raise InvalidUse(
-            "no trace was kept; ask for it: arm.ik(..., trace=True), or Problem(..., trace=True)"
+            "no trace was recorded; request it: arm.ik(..., trace=True), or Problem(..., trace=True)"
         )
 
     @property
@@ -234,7 +236,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
             InvalidUse: Always.
         """
         raise InvalidUse(
-            "a Solution has no truth value: ask solution.success, or solution.success.all() of a batch"
+            "a Solution has no truth value: use solution.success, or solution.success.all() for a batch"
         )
 
     def __len__(self) -> int:
@@ -298,7 +300,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         if isinstance(self.success, np.ndarray):
             return tuple(self.success.shape)
         raise InvalidUse(
-            "this is the answer to one target, it has no length and no items: its joint values are solution.q; "
+            "this is the solution for one target, which has no length and no items: its joint values are solution.q; "
             "a batch of targets gives a batch of solutions"
         )
 

@@ -25,7 +25,7 @@ def test_peers_solve_the_arm_that_is_meant(peer: Peer, name: str) -> None:
     arm = kinseek.load(name)
     row = bench._peer(peer, arm, arm.fk(arm.sample(10)), 5.0)
     if peer.module == "eaik" and name != "ur5e":
-        assert row.why_not == "six joints that turn only"
+        assert row.why_not == "it needs six revolute joints"
         return
     assert row.why_not == ""
     assert row.good is not None

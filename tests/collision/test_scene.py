@@ -309,9 +309,7 @@ def test_sizes_beyond_all_measure_are_refused(size: float, scene: Scene) -> None
     if size > 1:
         with pytest.raises(InvalidScene, match=r"within 1e\+06 m of its origin along each axis, got "):
             Points([[0.0, 0.0, 0.0], [0.0, -size, 0.0]], 0.1)
-        with pytest.raises(
-            InvalidScene, match=r"padding must be a length .*largest that is taken is 1e\+06 m"
-        ):
+        with pytest.raises(InvalidScene, match=r"padding must be a length .*at most 1e\+06 m"):
             scene.attach("load", Box((1, 1, 1)), "hand", padding=size)
 
 
@@ -372,7 +370,7 @@ def test_bad_input_is_told(arm: kinseek.Arm, file: Path, scene: Scene, tmp_path:
         Scene.of(kinseek.load("ur5e"))
     with pytest.raises(InvalidScene, match="SRDF of robot 'panda'"):
         Scene.of(arm, folders, srdf='<robot name="panda"><disable_collisions link1="a" link2="b"/></robot>')
-    with pytest.raises(InvalidScene, match="no file of the arm"):
+    with pytest.raises(InvalidScene, match="does not describe the arm"):
         Scene.of(kinseek.load("ur5e"), urdf=file)
     with pytest.raises(InvalidScene, match="'hand' is a link of the arm already"):
         scene.add_box("hand", (1, 1, 1))
@@ -400,7 +398,9 @@ def test_bad_input_is_told(arm: kinseek.Arm, file: Path, scene: Scene, tmp_path:
     with pytest.raises(InvalidScene, match="is flat"):
         scene.add("flat", Mesh(np.eye(3), np.array([[0, 1, 2]])))
     assert "flat" not in scene.bodies
-    with pytest.raises(InvalidScene, match="padding must be a length of at least 0 m, got -1"):
+    with pytest.raises(
+        InvalidScene, match=r"padding must be a length of at least 0 m, and at most 1e\+06 m, got -1"
+    ):
         Scene.of(arm, folders, padding=-1)
     with pytest.raises(InvalidScene, match="meshes must be folders"):
         Scene.of(arm, 5)  # type: ignore[arg-type]

@@ -120,7 +120,7 @@ def test_what_does_not_fit_is_told(arms: tuple[kinseek.Arm, kinseek.Arm]) -> Non
     with pytest.raises(InvalidScene, match=taken):
         scene.add_box("left", (1, 1, 1))
     body = next(body for body in scene.bodies if body.startswith("left/"))
-    with pytest.raises(InvalidScene, match=re.escape("remove('left') takes all of it away")):
+    with pytest.raises(InvalidScene, match=re.escape("remove('left') removes the whole arm")):
         scene.remove(body)
     with pytest.raises(InvalidScene, match="left"):
         scene.move("lift", np.zeros(7))

@@ -105,7 +105,7 @@ def test_a_thin_plate_is_not_jumped_over() -> None:
     (hit,) = scene.hits_between(a, b)
     assert hit.b == "plate"
     assert scene.hits_between(a, [-0.2, 0.0]) == ()
-    with pytest.raises(kinseek.InvalidProblem, match="do not fit"):
+    with pytest.raises(kinseek.InvalidProblem, match="do not broadcast"):
         scene.free_motion(np.zeros((2, 2)), np.zeros((3, 2)))
 
 

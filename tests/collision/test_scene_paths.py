@@ -71,10 +71,12 @@ def test_what_is_in_the_way_is_named(ur5e: kinseek.Arm, table: Scene) -> None:
     assert f"at pose {middle}" in why
     assert "and crate" in why
     assert f"{-least * 1e3:.1f} mm deep" in why
-    with pytest.raises(kinseek.NotReached, match="are blocked: in every answer found the arm hits something"):
+    with pytest.raises(
+        kinseek.NotReached, match="are blocked: the arm hits something in every solution found"
+    ):
         path.require()
     near = ur5e.follow(T[:3], scene=table, clearance=0.5)
-    assert "or comes nearer than 0.5 m; the least at pose 1: " in near.why[0]
+    assert "or comes nearer than 0.5 m in every solution found; least at pose 1: " in near.why[0]
     assert "mm apart" in near.why[0]
 
 
@@ -154,7 +156,7 @@ def test_closed_paths_come_back_free(ur5e: kinseek.Arm, table: Scene) -> None:
 
 def test_scenes_are_checked(ur5e: kinseek.Arm, table: Scene) -> None:
     T = line()[20:23]
-    with pytest.raises(InvalidScene, match="this scene is of 'ur5e'"):
+    with pytest.raises(InvalidScene, match="this scene is for 'ur5e'"):
         kinseek.load("panda").follow(T, scene=table)
     with pytest.raises(InvalidScene, match=r"must be a kinseek\.Scene, got int"):
         ur5e.follow(T, scene=3)  # type: ignore[arg-type]

@@ -456,7 +456,7 @@ RUNS: list[tuple[Any, ...]] = [
     *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6", "jaco2_6", "ur10e_rail")],
     *[(batch, name) for name in ("planar2", "scara4", "elbow6", "ur10e_calibrated", "gen3")],
     *[(near, name) for name in ("cylindrical3", "scara4", "ur5e")],
-    # Farther away than the arm is long, and nearer by.
+    # farther away than the arm is long, and nearer by.
     *[(out_of_reach, name, 2.5) for name in ("planar2", "elbow6")],
     *[(out_of_reach, name, times) for name, times in (("cylindrical3", 1.8), ("elbow6", 1.4))],
     *[(swept_branches, name) for name in ("panda", "ur10e_rail")],

@@ -87,5 +87,5 @@ def test_what_cannot_do_without_axes_is_told_that_there_are_none() -> None:
     assert Problem(chain, goal).chain is chain
     assert Problem(box, goal).axes is None
     for thing in (kinseek.Arm(box), Problem(box, goal)):
-        with pytest.raises(InvalidProblem, match=r"axes and links.*'scara4' is a function"):
+        with pytest.raises(InvalidProblem, match=r"axes and links.*'scara4' has black-box kinematics"):
             thing.chain  # noqa: B018

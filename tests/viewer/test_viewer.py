@@ -228,7 +228,7 @@ def test_an_arm_that_is_a_function_does_what_it_can() -> None:
     assert result.reached
     assert len(clouds.samples_around(session.arm, session.begin).points)
     (proof,) = session.proofs(far(session.begin), lambda: False)
-    assert proof.sentences() == ["Nothing can be proved of an arm that is a function."]
+    assert proof.sentences() == ["Nothing can be proved about an arm with black-box kinematics."]
     assert isinstance(clouds.boxes_left(session.arm, far(session.begin), result.q, 100), str)
     html = words.joints_html(session.arm, result.q)
     assert "data-joints='2'" in html

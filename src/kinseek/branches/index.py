@@ -153,9 +153,9 @@ def index_of(problem: Problem) -> BranchIndex:
     goal = problem.goal
     if problem.axes is None:
         raise InvalidProblem(
-            f"{problem.mechanism.name!r} is a function: branches are looked for along axes, and it has none"
+            f"{problem.mechanism.name!r} has black-box kinematics: branches need the axes of an arm"
         )
-    goal.require_plain("branches are not found of")
+    goal.require_plain("branches are not supported for")
     return _indices.of(problem.chain).get(goal.prepared_as, lambda: BranchIndex(problem))
 
 

@@ -94,7 +94,7 @@ def cost_of(cost: Cost, q: Array) -> Array:
     except Exception as error:
         raise_of_handler(error)
         raise InvalidProblem(
-            f"cost raised {type(error).__name__}: {error}, for {len(q)} answers, the first q = {_written(q[0])}"
+            f"cost raised {type(error).__name__}: {error}, for {len(q)} solutions, the first q = {_written(q[0])}"
         ) from error
     if values.shape != (len(q),):
         raise InvalidProblem(

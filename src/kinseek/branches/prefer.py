@@ -47,7 +47,9 @@ def preferred(
     given = [("near", problem.near), ("prefer", prefer), ("cost", cost)]
     chosen = [name for name, value in given if value is not None]
     if len(chosen) > 1:
-        raise InvalidProblem(f"{' and '.join(chosen)} both say what comes first; give one of them")
+        raise InvalidProblem(
+            f"{' and '.join(chosen)} cannot be combined, since each sets the order; give one of them"
+        )
     deadline = Deadline(problem.time_limit)
     order, index = prefer or ORDERS[0], index_of(problem)
     found = branches_of(problem, Selection(order=order, cost=cost, copies=cost is not None), threads)

@@ -96,5 +96,7 @@ def beside(joints: Columns, others: Columns) -> Columns:
         InvalidProblem: A joint has the name of one of the other columns.
     """
     if both := joints.keys() & others.keys():
-        raise InvalidProblem(f"a joint is called {both.pop()!r}, as is a column of the answers")
+        raise InvalidProblem(
+            f"joint {both.pop()!r} has the name of another column of the output; rename the joint"
+        )
     return joints | others

@@ -61,7 +61,7 @@ def solve_lines(request: SolveRequest, deg: bool, every: bool, count: int | None
 def _lines() -> Iterator[tuple[int, bytes]]:
     """Yield the lines that are not empty, with their numbers, as soon as each arrives."""
     if sys.stdin is None:
-        raise InvalidProblem("--jsonl reads standard input, and there is none")
+        raise InvalidProblem("--jsonl reads standard input, but there is none")
     stream: Any = getattr(sys.stdin, "buffer", sys.stdin)
     number = 0
     while line := stream.readline():
@@ -112,11 +112,11 @@ def _target(fields: dict[str, Any], number: int, position_only: bool, deg: bool)
     if "matrix" in fields:
         if turns or "position" in fields:
             raise InvalidGoal(
-                f"matrix is a whole pose; it stands without {' and '.join([*turns, 'position'])}"
+                f"matrix is a whole pose; it cannot be combined with {' or '.join([*turns, 'position'])}"
             )
         return one_pose(fields["matrix"], "matrix")
     if "position" not in fields:
-        raise InvalidGoal("a line needs position, or matrix")
+        raise InvalidGoal("a line needs the key position or matrix")
     if len(turns) != (0 if position_only else 1):
         expected = (
             "no rotation with --position-only" if position_only else f"exactly one of {', '.join(TURNS)}"

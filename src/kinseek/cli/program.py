@@ -76,7 +76,9 @@ class Program(click.Group):
             paragraph(self.help or "", width),
             "Commands:\n" + definitions(rows, width),
             "Options:\n" + definitions(options, width),
-            paragraph("kinseek COMMAND --help says what a command takes, with examples.", width),
+            paragraph(
+                "kinseek COMMAND --help shows the arguments, options and examples of a command.", width
+            ),
         ]
         return "\n\n".join(parts)
 
@@ -89,8 +91,8 @@ def _version(ctx: click.Context, option: Any, requested: bool) -> None:
 
 PROGRAM = Program(
     "kinseek",
-    help="Inverse kinematics of serial robot arms by search. Exit codes: 0 done or reached, 1 not reached or found "
-    "wanting, 2 misuse or output that cannot be written, 130 stopped with Ctrl-C.",
+    help="Inverse kinematics of serial robot arms by search. Exit codes: 0 done or reached, 1 not reached or check "
+    "failed, 2 misuse or output that cannot be written, 130 stopped with Ctrl-C.",
     params=[
         Option(
             ["--version"],

@@ -327,7 +327,7 @@ def print_batch(arm: Arm, reached: NDArray[np.bool_], out: str, seconds: float, 
     if missed:
         listed = ", ".join(f"{row:,}" for row in missed[:_LISTED])
         _print(f"not reached: row {listed}{' and others' if len(missed) > _LISTED else ''}")
-    _print(f"answers: {out}")
+    _print(f"solutions: {out}")
 
 
 def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) -> None:
@@ -361,7 +361,8 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
     ]
     _print_table(("joint", ">largest step", ">"), rows)
     _print(
-        f"between two poses the hand strays {strays.distance * 1e3:.3g} mm and {np.rad2deg(strays.turn):.3g} deg at most"
+        f"between two poses the hand deviates by up to {strays.distance * 1e3:.3g} mm and "
+        f"{np.rad2deg(strays.turn):.3g} deg"
     )
     if path.proof is not None:
         whole = "the whole path" if path.certified else f"{path.proved.sum():,} of {len(path.proved):,} steps"
@@ -370,12 +371,12 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
 
 
 def _how_many(found: Branches) -> str:
-    count = f"{len(found)} answer{'s' if len(found) != 1 else ''}"
+    count = f"{len(found)} solution{'s' if len(found) != 1 else ''}"
     if found.sampled:
-        return f"{count}, a spread sample of endlessly many"
+        return f"{count}, a well-spread sample of infinitely many"
     if found.complete:
-        return f"{count}; it is proved that there is no other"
-    return f"{count}; that there is no other is not proved (--prove tries)"
+        return f"{count}; proved to be all"
+    return f"{count}; not proved to be all (--prove tries to)"
 
 
 def _goal_facts(goal: Goal) -> dict[str, Any]:

@@ -68,9 +68,7 @@ class SolveRequest:
             InvalidProblem: A search or a trace is requested, too.
         """
         if self.search is not None or self.trace:
-            raise InvalidProblem(
-                "--all finds every branch in a way of its own; it takes neither --solver nor --trace"
-            )
+            raise InvalidProblem("--all has its own search; it cannot be combined with --solver or --trace")
         order: dict[str, Any] = {} if self.prefer is None else {"order": self.prefer}
         return self.arm.branches(
             goal,

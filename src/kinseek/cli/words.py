@@ -78,7 +78,7 @@ def size(text: str | None, option: str) -> int | None:
     times = {"k": 1024, "m": 1024**2}.get(text[-1:].lower(), 1)
     digits = text if times == 1 else text[:-1]
     if not (digits.isascii() and digits.isdigit()):
-        raise InvalidProblem(f"{option}: {text!r} is no number of bytes; write 65536, 64k or 4M")
+        raise InvalidProblem(f"{option}: {text!r} is not a number of bytes; valid: 65536, 64k or 4M")
     return int(digits) * times
 
 
@@ -137,7 +137,7 @@ def joints_in_order(
     if isinstance(values, Mapping):
         named = in_radians(arm, values, option, False)
         if missing := [name for name in arm.joint_names if name not in named]:
-            raise InvalidProblem(f"{option} lacks a value of {', '.join(missing)}. Joints: {names}")
+            raise InvalidProblem(f"{option} has no value for {', '.join(missing)}. Joints: {names}")
         values = [named[name] for name in arm.joint_names]
     if len(values) != arm.dof:
         raise InvalidProblem(f"{option} needs {arm.dof} numbers, got {len(values)}. Joints: {names}")

@@ -114,7 +114,7 @@ def arm_bodies(
     if found is not None and found.bodies:
         if capsules is not None:
             raise InvalidScene(
-                "capsules stand in for links without geometry, and the file of this arm has some"
+                "capsules= is for arms whose file has no geometry, but the file of this arm has geometry"
             )
         return found
     if capsules is not None:
@@ -125,8 +125,8 @@ def arm_bodies(
         else f"{chain.source or 'it'!r} is no URDF file"
     )
     raise InvalidScene(
-        f"no geometry of arm {chain.name!r} is known: {what}. Give the file that has it, urdf=..., or the radius of "
-        f"capsules that stand in for the links, capsules=0.05"
+        f"no geometry of arm {chain.name!r} is known: {what}. Give a file with geometry, urdf=..., or the radius of "
+        "capsules that replace the links, capsules=0.05"
     )
 
 
@@ -196,8 +196,8 @@ def require_number(shapes: int) -> None:
     """
     if shapes > MOST_SHAPES:
         raise InvalidScene(
-            f"{shapes:,} shapes of bodies, a scene has at most {MOST_SHAPES:,}: put shapes that stand still into one "
-            "mesh, or points into one cloud"
+            f"{shapes:,} shapes of bodies, expected at most {MOST_SHAPES:,}: combine fixed shapes into one mesh, or "
+            "points into one cloud"
         )
 
 
@@ -255,9 +255,7 @@ def parts_of(link: Any, meshes: MeshFiles, skip: bool, notes: list[str]) -> list
             if not isinstance(error, _Unreadable):
                 raise InvalidScene(f"{meshes.path}: {message}") from error
             if not skip:
-                raise InvalidScene(
-                    f'{meshes.path}: {message} (missing="skip" leaves such meshes out)'
-                ) from error
+                raise InvalidScene(f'{meshes.path}: {message} (missing="skip" skips such meshes)') from error
             notes.append(f"left out: {message}")
     return parts
 
@@ -345,7 +343,7 @@ def _require_same(chain: SerialChain, text: bytes, path: Path) -> None:
     try:
         other = read_urdf_text(text, chain.base, chain.tip, where=str(path))
     except InvalidRobot as error:
-        raise InvalidScene(f"this is no file of the arm {chain.name!r}: {error}") from error
+        raise InvalidScene(f"the file does not describe the arm {chain.name!r}: {error}") from error
     locked = dict(chain.locked)
     if set(other.joint_names) != {*chain.joint_names, *locked}:
         raise InvalidScene(
@@ -430,7 +428,7 @@ class _Others:
             return origin
         if kind not in (REVOLUTE, CONTINUOUS, PRISMATIC):
             raise InvalidScene(
-                f"{self.path}: joint {name!r} is {kind}; beside the arm only joints of one axis are known"
+                f"{self.path}: joint {name!r} is {kind}; outside the arm only joints with one axis are supported"
             )
         leader, multiplier, offset = self.mimics.driver(name)
         if leader in (*self.chain.joint_names, *dict(self.chain.locked)):
@@ -441,7 +439,7 @@ class _Others:
         value = multiplier * self._value(leader) + offset
         if not abs(value) <= LARGEST:
             raise InvalidScene(
-                f"{self.path}: joint {name!r} must stand at a value of at most {LARGEST:g} rad or m, got {value:g}"
+                f"{self.path}: joint {name!r} must have a value of at most {LARGEST:g} rad or m, got {value:g}"
             )
         axis = numbers_of(None if joint.find("axis") is None else joint.find("axis").get("xyz"), 3, 0.0)
         axis = axis / np.linalg.norm(axis) if axis.any() else np.array([1.0, 0.0, 0.0])

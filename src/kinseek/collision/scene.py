@@ -157,7 +157,7 @@ class Scene(Contents):
         with self._engine as engine:
             near = engine.nearest(joints)
         if near is None:
-            raise InvalidScene("no pair of bodies counts, so none is nearest")
+            raise InvalidScene("no pair of bodies is checked, so there is no nearest pair")
         (a, b), (point_a, point_b) = self._made.owners[near.pair], near.points
         return Nearest(a, b, near.distance, point_a, point_b)
 
@@ -227,7 +227,7 @@ class Scene(Contents):
             one, other = np.broadcast_arrays(*ends)
         except ValueError:
             raise InvalidProblem(
-                f"q0 and q1 do not fit: shapes {ends[0].shape} and {ends[1].shape}"
+                f"q0 and q1 have shapes that do not broadcast: {ends[0].shape} and {ends[1].shape}"
             ) from None
         a, b = one.reshape(-1, self._chain.dof), other.reshape(-1, self._chain.dof)
         return a, b - a, one.shape[:-1]

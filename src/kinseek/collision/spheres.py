@@ -135,7 +135,7 @@ class _Thick(Shape):
         return self.points
 
     def geometry(self) -> Any:
-        raise NotImplementedError("coal is told of the shapes themselves")
+        raise NotImplementedError("coal uses the shapes themselves")
 
 
 def slices(corners: Array, thickness: float, most: int = COUNT) -> Array:

@@ -207,7 +207,9 @@ def prepare(
             as_integer(f"{name} [bytes]", limit, 1, error=InvalidExport)
     if arm.axes is None:
         why = "a controller is given the axes and links of an arm"
-        raise InvalidExport(f"an arm that is a function cannot be exported: {no_axes(arm.mechanism, why)}")
+        raise InvalidExport(
+            f"an arm with black-box kinematics cannot be exported: {no_axes(arm.mechanism, why)}"
+        )
     search = DivideAndConquer() if search is None else search
     problem = _problem(arm, search, goal)
     design = (
@@ -249,7 +251,7 @@ def _problem(arm: Arm, search: DivideAndConquer | Atlas, goal: Goal | None) -> P
         InvalidExport: It does not.
     """
     if not isinstance(search, DivideAndConquer | Atlas):
-        raise InvalidExport(f"what can be exported is DivideAndConquer and Atlas, got {search!r}")
+        raise InvalidExport(f"search must be a DivideAndConquer or an Atlas, got {search!r}")
     goal_or_default = Goal.pose(arm.fk(arm.sample(1)[0])) if goal is None else goal
     problem = Problem(arm.mechanism, goal_or_default)
     if goal_or_default.shape:

@@ -90,7 +90,9 @@ def arms_as_data(arms: Sequence[Arm]) -> dict[str, Any]:
     """
     names = [arm.name for arm in arms]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise InvalidExport(f"arms need names of their own, got {', '.join(map(repr, twice))} more than once")
+        raise InvalidExport(
+            f"arms must have distinct names, got {', '.join(map(repr, twice))} more than once"
+        )
     return {
         "version": kinseek.__version__,
         "entries": {name: _entry_as_data(name) for name in CALLED},
@@ -128,7 +130,9 @@ def _row_names(rows: Any, before: str) -> Iterator[str]:
 def _arm_as_data(arm: Arm) -> dict[str, Any]:
     if arm.axes is None:
         why = "WebAssembly is given the axes and links of an arm"
-        raise InvalidExport(f"an arm that is a function cannot be exported: {no_axes(arm.mechanism, why)}")
+        raise InvalidExport(
+            f"an arm with black-box kinematics cannot be exported: {no_axes(arm.mechanism, why)}"
+        )
     problem = Problem(arm.mechanism, Goal.pose(np.eye(4)))
     index, chain = index_of(problem), arm.axes
     task = dict(zip(_row_names(ROWS, ""), index.fine._arrays, strict=True))

@@ -54,7 +54,7 @@ def divided(chain: SerialChain) -> FirstJoint:
     """
     name = chain.joint_names[0]
     lower, upper, sign = float(chain.lower[0]), float(chain.upper[0]), float(chain.multiplier[0])
-    advice = "take a Grid, which asks for no such thing"
+    advice = "use a Grid, which does not need this"
     if chain.prismatic[0] or chain.leader[0] != 0:
         raise InvalidMap(f"Rings need a first joint that turns, and {name!r} does not; {advice}")
     if (chain.leader == 0).sum() > 1 or abs(sign) != 1.0:

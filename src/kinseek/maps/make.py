@@ -176,7 +176,9 @@ def work_of(
         InvalidMap: The arguments make no map.
     """
     if arm.axes is None:
-        raise InvalidMap(f"a map needs axes and links, and {arm.name!r} is a function")
+        raise InvalidMap(
+            f"a map needs the axes and links of an arm, but {arm.name!r} has black-box kinematics"
+        )
     if not isinstance(grid, Grid | Rings):
         raise InvalidMap(f"grid must be a maps.Grid or maps.Rings, got {type(grid).__name__}")
     given: Mapping[str, Any] = options
@@ -191,14 +193,13 @@ def work_of(
         divided(arm.axes)
     scene, clearance = given["scene"], given["clearance"]
     if scene is None and clearance != 0.0:
-        raise InvalidMap(
-            f"a clearance is kept from what a scene holds: give scene=, got clearance={clearance!r}"
-        )
+        raise InvalidMap(f"clearance= needs a scene: give scene=, got clearance={clearance!r}")
     if scene is not None:
         clearance = judge_of(scene, arm.mechanism, clearance, None).clearance
         if isinstance(grid, Rings):
             raise InvalidMap(
-                "Rings turn poses about the first axis, and what stands in a scene does not turn; take a Grid"
+                "Rings are not supported in a scene: their poses rotate about the first axis, but obstacles do not; "
+                "use a Grid"
             )
     chain, prove, patience = slim(arm.axes), bool(options["prove"]), options["patience"]
     block = options["block"] or (PROVED if prove else BLOCK)

@@ -108,7 +108,8 @@ def _require_same(client: Client, work: Work) -> None:
     if others:
         report = ", ".join(f"{at} has {it}" for at, it in others.items())
         raise InvalidMap(
-            f"this map is made with kinseek {work.version}, and not all workers have it: {report}; install the same there"
+            f"this map is made with kinseek {work.version}, and not all workers have this version: {report}; install "
+            "it there"
         )
 
 
@@ -156,11 +157,13 @@ def _distribute(
                 running.add(submit())
     except KilledWorker as error:
         raise _interrupted(
-            f"a block ended several workers, perhaps for want of memory: {error}", before + done, blocks
+            f"a block ended several workers, perhaps because memory ran out: {error}", before + done, blocks
         ) from error
     except (CancelledError, CommClosedError, ConnectionError, TimeoutError) as error:
         disconnected = True
-        raise _interrupted("the scheduler, or the client, is gone", before + done, blocks) from error
+        raise _interrupted(
+            "the connection to the scheduler or the client was lost", before + done, blocks
+        ) from error
     except OSError as error:
         raise _interrupted(f"a block cannot be written: {error}", before + done, blocks) from error
     finally:

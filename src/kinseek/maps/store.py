@@ -316,7 +316,7 @@ def _require_small_metadata(folder: Path) -> None:
             continue
         if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES:
             raise InvalidMap(
-                f"no map in {str(folder)!r}: {str(Path(place) / _METADATA)!r} is no regular file of at most "
+                f"no map in {str(folder)!r}: {str(Path(place) / _METADATA)!r} is not a regular file of at most "
                 f"{MOST_BYTES:,} bytes"
             )
 
@@ -329,9 +329,10 @@ def compare(place: str, there: dict[str, Any], requested: dict[str, Any]) -> Non
     """
     other = [key for key in requested if there.get(key) != requested[key]]
     if other:
-        differences = "; ".join(f"{key} {there.get(key)!r} there, {requested[key]!r} asked" for key in other)
+        differences = "; ".join(f"{key} is {there.get(key)!r}, requested {requested[key]!r}" for key in other)
         raise InvalidMap(
-            f"the store {place!r} is of another map: {differences}. Ask for the same to go on with it, or take another store"
+            f"the store {place!r} has another map: {differences}. Request the same map to continue it, or use another "
+            "store"
         )
 
 
@@ -354,7 +355,7 @@ def _require_own(store: Path, folder: Path) -> None:
     if folder.is_symlink():
         raise InvalidMap(
             f"the store {str(store)!r} holds a link, {str(folder.relative_to(store))!r}: blocks are only written to "
-            "folders in the store. Take another store, or replace the link by what it leads to"
+            "folders in the store. Use another store, or replace the link by its target"
         )
     try:
         require_private(folder, folder.lstat())
@@ -362,7 +363,7 @@ def _require_own(store: Path, folder: Path) -> None:
         at = shlex.quote(str(store))
         raise InvalidMap(
             f"{error}, and this is user {os.getuid()}: blocks are only written where no other user can change them. "
-            f"Take another store, or make this one private: chown -R {os.getuid()} {at}; chmod -R go-w {at}"
+            f"Use another store, or make this one private: chown -R {os.getuid()} {at}; chmod -R go-w {at}"
         ) from None
 
 

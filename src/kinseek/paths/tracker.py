@@ -69,10 +69,12 @@ class TrackStatus(Enum):
     """Outcome of one step of a tracker; the value is the sentence to show."""
 
     TRACKING = "Tracking: the pose is reached within this period."
-    LAGGING = "Lagging: the joints go as fast as they may, and the pose is farther off."
-    LIMIT = "At a limit: a joint stands at its limit, and this branch leads no nearer."
-    SINGULAR = "Singular, or out of reach: no joint is held, and no motion of the joints leads nearer."
-    SWITCHED = "Switched: on the way to another branch, as was asked for."
+    LAGGING = "Lagging: the joints move as fast as they may, but the pose is farther away."
+    LIMIT = "At a limit: a joint is at its limit, and this branch comes no nearer."
+    SINGULAR = (
+        "Singular, or out of reach: no joint is at its limit, and no motion of the joints comes nearer."
+    )
+    SWITCHED = "Switched: on the way to another branch, as requested."
     RECOVERING = "Recovering: the pose was lost, and the joints are on the way to values that reach it again."
 
     def __str__(self) -> str:
@@ -124,7 +126,7 @@ class Tracker:
     ) -> None:
         """Start at joint values; see `Arm.track`."""
         if arm.axes is None:
-            raise InvalidProblem(f"{arm.name!r} is a function: a tracker works along axes, and it has none")
+            raise InvalidProblem(f"{arm.name!r} has black-box kinematics: a tracker needs the axes of an arm")
         period = as_number("period, in seconds,", period, *TIMES, InvalidProblem)
         if not isinstance(recover, bool):
             raise InvalidProblem(f"recover must be True or False, got {recover!r:.200}")
@@ -254,7 +256,9 @@ class Tracker:
             raise InvalidProblem("switch() needs a pose: call step(T) first")
         target = self._pose(0).copy()
         if not np.isfinite(self.velocity).all():
-            raise InvalidProblem("switch() goes as fast as the joints may: say arm.track(..., velocity=)")
+            raise InvalidProblem(
+                "switch() needs the largest speeds of the joints: give arm.track(..., velocity=)"
+            )
         steps = self._others(target) if to is None else self._given_branch(target, to)[None]
         if not len(steps):
             raise InvalidProblem("the last pose has no other branch inside the limits")
@@ -262,8 +266,8 @@ class Tracker:
         needed = self._time_of(step) / self.period * (1 + 1e-9)
         if not needed <= MOST_PERIODS:
             raise InvalidProblem(
-                f"the way to the other branch takes {needed:.3g} periods, and at most {MOST_PERIODS:,} are planned: "
-                f"give arm.track a higher velocity= or a longer period="
+                f"the motion to the other branch takes {needed:.3g} periods, expected at most {MOST_PERIODS:,}: give "
+                "arm.track a higher velocity= or a longer period="
             )
         periods = max(1, int(np.ceil(needed)))
         parts = np.arange(1, periods + 1)[:, None] / periods
@@ -387,7 +391,7 @@ class Tracker:
     def _coming(self, seconds: float, looks: int, longer: float = 0.0) -> tuple[Array, int]:
         """Return `looks` poses to come and some for `longer`, (k, 4, 4), and how many periods lie between them."""
         if self._given < 2:
-            raise InvalidProblem("to look ahead takes two poses: call step(T) twice first")
+            raise InvalidProblem("an extrapolation needs two poses: call step(T) twice first")
         looks = as_integer("looks", looks, 1, error=InvalidProblem)
         seconds = as_number("seconds", seconds, *TIMES, InvalidProblem)
         at_once = max(1, round(seconds / looks / self.period))

@@ -41,7 +41,7 @@ def _refused(request: PathRequest, path: Path, first: int, last: int, wide: Laye
     which, valid, i = these(first, last), request.valid, (first + last) // 2
     assert valid is not None
     if request.deadline.passed:
-        return f"{which} blocked or refused in every answer found before the time was up"
+        return f"{which} blocked or rejected in every solution found before the time was up"
     q = path.q[i : i + 1]
     given = (i == 0 and request.start is not None) or (i == len(path.q) - 1 and request.end is not None)
     if wide is not None and not given:
@@ -52,11 +52,11 @@ def _refused(request: PathRequest, path: Path, first: int, last: int, wide: Laye
     free = valid.free(q)
     if valid.scene is None or free.any():
         hits = "hit something or are those " if not free.all() else ""
-        return f"{which} reached only by joint values that {hits}{'that ' if hits else ''}valid refuses"
+        return f"{which} reached only by joint values that {hits}{'that ' if hits else ''}valid rejects"
     least = q[int(np.argmax(valid.scene.distance(q)))]
     where = "" if first == last else f" at pose {i}"
-    near = f", or comes nearer than {valid.clearance:g} m" if valid.clearance else ""
-    return f"{which} blocked: in every answer found the arm hits something{near}; the least{where}: {valid.against(least)}"
+    near = f" or comes nearer than {valid.clearance:g} m" if valid.clearance else ""
+    return f"{which} blocked: the arm hits something{near} in every solution found; least{where}: {valid.against(least)}"
 
 
 def _late(first: int, last: int) -> str:
@@ -75,7 +75,7 @@ def _break(request: PathRequest, path: Path, i: int, wide: Layers | Windows | No
     following = (i + 1) % count
     begin = f"between poses {i} and {following}"
     if request.deadline.passed:
-        return f"{begin}: the time was up before a motion was found that leads on"
+        return f"{begin}: the time was up before a continuous motion was found"
     target = request.problem.goal.target
     distance, turn = apart(target[i : i + 1], target[following : following + 1])
     chain = request.problem.chain
@@ -90,11 +90,11 @@ def _break(request: PathRequest, path: Path, i: int, wide: Layers | Windows | No
         step = np.abs(gap)
         if request.valid is not None and (step <= longest).all():
             what = request.valid.against_way(path.q[i], path.q[i] + gap)
-            return f"{begin}: no sample of the answers leads on; on the way of what was found {what}"
+            return f"{begin}: no sampled solution continues to the next pose; on the way of the path found {what}"
         joint = int(np.argmax(step / longest))
         return (
-            f"{begin}: no sample of the answers leads on; of what was found, joint {chain.joint_names[joint]!r} would go "
-            f"{step[joint]:.3g} at once, and may go {longest[joint]:.3g}"
+            f"{begin}: no sampled solution continues to the next pose; in the path found joint "
+            f"{chain.joint_names[joint]!r} would move by {step[joint]:.3g} at once, the limit is {longest[joint]:.3g}"
         )
     end_before, ended = _end_of_branch(request, path.q[i], i, wide, 1)
     begin_after, began = _end_of_branch(request, path.q[following], following, wide, -1)
@@ -121,7 +121,7 @@ def _end_of_branch(
         if not 0 <= j < len(wide):
             return (
                 j,
-                "it goes on to the end of the path"
+                "it continues to the end of the path"
                 if way > 0
                 else "it goes back to the beginning of the path",
             )
@@ -136,7 +136,7 @@ def _end_of_branch(
             values = np.linalg.svd(J, compute_uv=False)
             least = values[min(J.shape) - 1] / values[0]
             joint = int(np.argmax(np.abs(step) / longest))
-            far = f"joint {names[joint]!r} would go {abs(step[joint]):.3g} at once, and may go {longest[joint]:.3g}"
+            far = f"joint {names[joint]!r} would move by {abs(step[joint]):.3g} at once, the limit is {longest[joint]:.3g}"
             singular = f"a singularity: the least singular value is {least:.2g} of the largest"
             return i, singular if least < NEAR_SINGULAR else far
         q, i = q + step, j
@@ -145,7 +145,7 @@ def _end_of_branch(
         if (low | high).any():
             joint = int(np.flatnonzero(low | high)[0])
             side, limit = ("lower", turning.lower) if low[joint] else ("upper", turning.upper)
-            return i, f"joint {names[joint]!r} meets its {side} limit {limit[joint]:.4g}"
+            return i, f"joint {names[joint]!r} reaches its {side} limit {limit[joint]:.4g}"
         if request.valid is not None and (report := _against(request.valid, q - step, q)):
             return i, report
 

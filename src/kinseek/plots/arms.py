@@ -97,7 +97,7 @@ def branches(
     """
     if not isinstance(branches, Branches):
         raise InvalidUse(
-            f"the branches of one goal are needed, arm.branches(goal); got {type(branches).__name__}"
+            f"expected the branches of one goal, arm.branches(goal), got {type(branches).__name__}"
         )
     if not len(branches):
         raise InvalidUse("there is no branch to draw: the goal was not reached")
@@ -108,7 +108,7 @@ def branches(
     figure, axes = given_or_new_space(ax, size, view)
     _draw(axes, problem.mechanism, branches.q[first], problem.goal)
     count = f"{len(branches)} {'answer' if len(branches) == 1 else 'answers'}"
-    sample = ", a sample of endlessly many" if branches.sampled else ""
+    sample = ", a sample of infinitely many" if branches.sampled else ""
     title = f"{text_of(problem.mechanism.name)}: {count}{sample}"
     if ax is None:
         trim(figure, axes, title)
@@ -149,7 +149,7 @@ def _chain_of(arm: Arm | Mechanism) -> SerialChain:
     """
     if arm.axes is None:
         raise InvalidProblem(
-            f"{arm.name!r} is a function: where its links are, only its author knows; use draw_line"
+            f"{arm.name!r} has black-box kinematics, so the positions of its links are unknown; use draw_line"
         )
     return arm.axes
 

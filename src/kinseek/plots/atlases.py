@@ -53,7 +53,8 @@ def samples(arm: Arm, pose: ArrayLike, *, size: tuple[float, float] = (9.4, 5.0)
     index, division = atlas_of(arm.chain), divide(arm.chain, POSE)
     if division.head != TURN or division.tail != TURN:
         raise InvalidUse(
-            f"the picture is of arms whose first and last joint turn and move nothing else; {arm.name!r} is none"
+            f"the picture needs an arm whose first and last joint turn and move no other joint; {arm.name!r} is not "
+            "such an arm"
         )
     tree = index.sorted.tree
     query = coordinates(_seen(index, goal.targets[0]), division)[0]

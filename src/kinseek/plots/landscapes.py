@@ -129,8 +129,8 @@ def passes(
         nodes = len(each.values(x)) * len(each.values(y))
         if nodes > MOST_NODES:
             raise InvalidUse(
-                f"{each.name!r} has {nodes:,} nodes in this plane, at most {MOST_NODES:,} can be told apart; choose fewer "
-                "divisions"
+                f"{each.name!r} has {nodes:,} nodes in this plane, at most {MOST_NODES:,} can be distinguished; "
+                "choose fewer divisions"
             )
     columns = min(3, len(shown))
     rows = -(-len(shown) // columns)
@@ -297,7 +297,7 @@ def _ends(within: ArrayLike) -> tuple[Array, Array]:
     ends = np.asarray(within, dtype=float)
     if ends.shape != (2, 2) or not np.isfinite(ends).all() or not (ends[:, 0] < ends[:, 1]).all():
         raise InvalidUse(
-            f"within must be two pairs of rising values, (low, high) of each joint; got {within!r}"
+            f"within must be two pairs of increasing values, (low, high) of each joint; got {within!r}"
         )
     return ends[:, 0], ends[:, 1]
 

@@ -66,10 +66,10 @@ def map_slice(
         where = {"y": float(np.median(grid.places[1]))}
     if len(where) > 1 or not set(where) <= set(grid.names):
         raise InvalidUse(
-            f"one of {', '.join(grid.names)} says where the plane is, got {', '.join(where) or 'none'}"
+            f"give the position of the plane by one of {', '.join(grid.names)}, got {', '.join(where) or 'none'}"
         )
     if orientation is not None and _is_capability(dataset):
-        raise InvalidUse("a capability has no single orientations: give the map itself")
+        raise InvalidUse("a capability has no separate orientations: give the map itself")
     if orientation is not None and not 0 <= orientation < grid.shape[-1]:
         raise InvalidUse(f"orientation must be from 0 to {grid.shape[-1] - 1}, got {orientation}")
     plane = dataset.sel(where, method="nearest") if where else dataset
@@ -153,7 +153,7 @@ def cloud(
     grid = grid_of_map(dataset)
     if isinstance(grid, Rings):
         raise InvalidUse(
-            "a cloud is drawn of a Grid; maps.expand makes one of Rings, and map_slice draws rings"
+            "a cloud needs a map of a Grid; convert one of Rings with maps.expand, or draw it with map_slice"
         )
     share = _share(dataset).transpose(*grid.names).values
     x, y, z = np.meshgrid(*grid.places, indexing="ij")

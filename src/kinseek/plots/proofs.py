@@ -73,11 +73,11 @@ def boxes(
         MissingExtra: Matplotlib is not installed.
     """
     if not isinstance(certificate, Certificate):
-        raise InvalidUse(f"a certificate, of arm.prove, is needed; got {type(certificate).__name__}")
+        raise InvalidUse(f"expected a certificate of arm.prove, got {type(certificate).__name__}")
     problem = certificate.problem
     looks = examined_boxes(problem, count_of("most", most, 1))
     if not looks:
-        raise InvalidUse("no box is looked at: lengths and angles alone prove that this goal is out of reach")
+        raise InvalidUse("there are no boxes: lengths and angles alone prove that this goal is out of reach")
     q = _within(looks[0].box, certificate.q)
     x, y = _axes_of(problem, looks, q, joints)
     slice_ = Slice(q, x, y)
@@ -163,7 +163,7 @@ def _axes_of(problem: Problem, looks: list[Look], q: Array, joints: object) -> t
         x, y = two_joints(names, joints)
         if max(x, y) >= k:
             raise InvalidUse(
-                f"joint {names[k]!r} is divided out and in no box; valid: {', '.join(names[:k])}"
+                f"joint {names[k]!r} is divided out and not part of the boxes; valid: {', '.join(names[:k])}"
             )
         return x, y
     boxes = np.array([each.box for each in looks])

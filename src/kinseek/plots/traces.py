@@ -98,8 +98,8 @@ def tree(solution: Solution, number: int = 1, size: tuple[float, float] = (7.2, 
     leaves = int(np.prod(counts))
     if leaves > MOST_LEAVES:
         raise InvalidUse(
-            f"{one.name!r} has {leaves:,} leaves ({' x '.join(map(str, counts))}), at most {MOST_LEAVES:,} can be told "
-            "apart; choose an arm of fewer joints, or fewer divisions"
+            f"{one.name!r} has {leaves:,} leaves ({' x '.join(map(str, counts))}), at most {MOST_LEAVES:,} can be "
+            "distinguished; choose an arm of fewer joints, or fewer divisions"
         )
     errors = errors_at(solution, np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(leaves, -1))
     best = int(np.argmin(errors))

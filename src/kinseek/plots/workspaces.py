@@ -63,7 +63,7 @@ def workspace(
         MissingExtra: Matplotlib is not installed.
     """
     requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
-    requested.require_plain("a slice of a workspace is drawn of")
+    requested.require_plain("a slice of a workspace cannot be drawn for")
     if requested.shape:
         raise InvalidUse(f"one goal is drawn, got a batch of shape {requested.shape}; choose one")
     plane = _plane(arm, requested) if plane is None else plane
@@ -112,7 +112,7 @@ def _extent(arm: Arm, goal: Goal, width: float | None) -> tuple[Array, float]:
             raise InvalidUse(f"width must be a positive length [m], got {width!r}")
         half = width / 2
     elif arm.axes is None:
-        raise InvalidUse(f"{arm.name!r} is a function, nobody knows its reach: width= is needed [m]")
+        raise InvalidUse(f"{arm.name!r} has black-box kinematics, so its reach is unknown: give width= [m]")
     else:
         half = float(arm.axes.reach)
     centre = np.zeros(3) if arm.axes is None else arm.axes.fixed[0][:3, 3]

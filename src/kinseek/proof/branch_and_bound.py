@@ -104,7 +104,7 @@ def refuse_ranges(goal: Goal) -> None:
     Raises:
         InvalidProblem: It has them.
     """
-    goal.require_plain("nothing can be proved yet of")
+    goal.require_plain("proofs are not supported for")
 
 
 def least_outside(goal: Goal) -> float:

@@ -300,8 +300,8 @@ def sizes_of(problem: Problem, target: Array | None = None, foot: float = 0.0, a
         reach, defect = reach + math.hypot(*tip[:3, 3]), defect + defect_of(tip[:3, :3])
     if not reach <= LARGEST:
         raise InvalidProblem(
-            f"the lengths of the arm and the goal add up to {reach:.3g} m: beyond {LARGEST:g} m numbers round by so much "
-            f"that nothing can be proved; expected metres"
+            f"the lengths of the arm and the goal add up to {reach:.3g} m: beyond {LARGEST:g} m rounding errors are "
+            "too large for a proof; expected metres"
         )
     return arm._replace(angles=max(arm.angles, angles), reach=reach, defect=defect)
 

@@ -172,7 +172,7 @@ class _Reader:
                 return CONSTANTS[node.id]
             raise NameError(f"name {node.id!r} is not defined") from None
         if not isinstance(value, bool | int | float | str | list | tuple | dict | type(None)):
-            raise Refused(f"{node.id!r}, which is no value")
+            raise Refused(f"{node.id!r}, which is not a value")
         return value
 
     def _binop(self, node: ast.BinOp) -> Any:

@@ -338,11 +338,11 @@ def _ply(text: bytes) -> Size:
                 )
             name, rows = words[1], int(words[2])
             if name == "edge":
-                raise InvalidRobot("it has edges that belong to no triangle; leave them out")
+                raise InvalidRobot("it has edges that belong to no triangle; remove them")
         elif "property" in words[0]:
             properties, values = properties + 1, values + rows
             if name == "vertex" and "list" in words[1]:  # trimesh copies it for each corner of a triangle.
-                raise InvalidRobot("its vertices have lists; leave them out")
+                raise InvalidRobot("its vertices have lists; remove them")
     _at_most(properties, MOST_PROPERTIES, "properties in its header")
     if not is_text:
         return Size(1, 0)
@@ -519,7 +519,7 @@ def _dae(text: bytes) -> Size:
     root = etree.fromstring(text, parser)
     for each in root.iter("{*}vcount"):
         if re.fullmatch(r"[0-9 \t\r\n]*", each.text or "") is None:
-            raise InvalidRobot("the numbers of corners of polygons are no whole numbers")
+            raise InvalidRobot("the numbers of corners of polygons are not whole numbers")
         if _words(each.text):
             corners = float(np.fromstring(each.text, sep=" ").sum())
             _at_most(int(min(corners, 2.0**62)), MOST_CORNERS, "corners of polygons")

@@ -421,8 +421,8 @@ def _computed_xacro(path: Path, spend: _Spend) -> Iterator[None]:
             return evaluate(expression, names, functions, lambda units: spend(units, "expressions"))
         except Refused as refused:
             raise InvalidRobot(
-                f"{path}: xacro: {expression.strip()[:80]!r} holds {refused}; in a file that is not trusted only plain sums "
-                "are computed. If you trust it, say trusted=True"
+                f"{path}: xacro: {expression.strip()[:80]!r} holds {refused}; in a file that is not trusted only "
+                "simple expressions are computed. If you trust the file, give trusted=True"
             ) from None
 
     def safe_eval(expression: str, names: Any, inner: Any = None) -> Any:
@@ -487,7 +487,7 @@ def kinematic_part(root: Any, name: str, where: str) -> Any:
     if tag != "robot":
         raise InvalidRobot(f"{where}: not a robot: the root tag is <{tag}>, expected <robot>")
     if next(root.iter(f"{{{_XACRO}}}*"), None) is not None:
-        raise InvalidRobot(f"{where}: the file holds xacro commands; name it .xacro to have them expanded")
+        raise InvalidRobot(f"{where}: the file has xacro commands; rename it to .xacro to expand them")
     space = root.tag.removesuffix("robot")
 
     robot = etree.Element("robot", name=root.get("name") or name)

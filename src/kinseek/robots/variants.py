@@ -44,7 +44,7 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
         return replace(chain)
     left = [i for i in range(chain.dof) if i not in locked]
     if not left:
-        raise InvalidRobot(f"{chain.name}: every joint is locked; at least one must be left to move")
+        raise InvalidRobot(f"{chain.name}: every joint is locked; at least one joint must be able to move")
 
     fixed: list[Array] = []
     moving: list[int] = []
@@ -110,7 +110,7 @@ def with_limits(chain: Mechanism, limits: Mapping[str, tuple[float, float]]) -> 
             raise InvalidRobot(f"joint {name!r}: lower limit {low:g} is above upper limit {high:g}")
         if kinds[i] == CONTINUOUS and high - low > TURN:
             raise InvalidRobot(
-                f"joint {name!r} turns without end, so limits [{low:g}, {high:g}] wider than a full turn say nothing"
+                f"joint {name!r} is continuous, so limits [{low:g}, {high:g}] wider than a full turn have no effect"
             )
         if kinds[i] != CONTINUOUS and not chain.lower[i] <= low <= high <= chain.upper[i]:
             raise InvalidRobot(

@@ -132,14 +132,14 @@ class DivideAndConquer:
         require_ties(self.ties)
         if self.ties == "first" and self.beam > 1:
             raise InvalidSolver(
-                f"ties='first' is the rule of a search that keeps one cell, the paper's; got beam={self.beam}"
+                f"ties='first' needs a search that keeps one cell, as in the paper; got beam={self.beam}"
             )
         if self.offset is not None:
             object.__setattr__(self, "offset", _offsets(self.offset))
         if isinstance(self.breadth, str):
             if self.breadth not in ("tuned", "reach"):
                 raise InvalidSolver(
-                    f"breadth must be a number, one number a joint, 'reach' or 'tuned'; got {self.breadth!r}"
+                    f"breadth must be a number, one number per joint, 'reach' or 'tuned'; got {self.breadth!r}"
                 )
         elif isinstance(self.breadth, Sequence | np.ndarray):
             each = tuple(_breadth("every breadth", b) for b in self.breadth)
@@ -152,8 +152,8 @@ class DivideAndConquer:
         require(self, problem)
         if problem.axes is None and self.breadth == "tuned":
             raise InvalidSolver(
-                "breadth='tuned' tries the search many thousand times, too dear for an arm that is a function; "
-                "give one number, or one a joint"
+                "breadth='tuned' runs the search many thousand times, which is too expensive for black-box "
+                "kinematics; give one number, or one per joint"
             )
         deadline = Deadline(problem.time_limit)
         try:
@@ -189,8 +189,8 @@ class DivideAndConquer:
             return (self.breadth,) * chain.dof
         if len(self.breadth) != chain.dof:
             raise InvalidSolver(
-                f"breadth must be one number or {chain.dof}, one a joint "
-                f"({', '.join(chain.joint_names)}); got {len(self.breadth)}: {self.breadth}"
+                f"breadth must be one number or {chain.dof}, one per joint ({', '.join(chain.joint_names)}); got "
+                f"{len(self.breadth)}: {self.breadth}"
             )
         return self.breadth
 
@@ -261,7 +261,7 @@ class DivideAndConquer:
         given = self.offset if isinstance(self.offset, tuple) else (self.offset,) * len(wraps)
         if len(given) != len(wraps):
             raise InvalidSolver(
-                f"offset must be one number or {len(wraps)}, one a joint; got {len(given)}: {self.offset}"
+                f"offset must be one number or {len(wraps)}, one per joint; got {len(given)}: {self.offset}"
             )
         # Departs from the paper, which starts at the lower limit for every joint. The middles of D equal cells keep both
         # ends of a range within reach of the later, ever smaller windows.

@@ -76,12 +76,12 @@ def require(search: OwnSolver, problem: Problem) -> None:
     name, traits = type(search).__name__, search.traits
     if traits.axes and problem.axes is None:
         why = no_axes(problem.mechanism, f"{name} needs the axes and links of an arm")
-        raise InvalidSolver(f"{why}. What works on it: {listed(lambda each: not each.axes)}")
+        raise InvalidSolver(f"{why}. Searches that support it: {listed(lambda each: not each.axes)}")
     form = problem.goal.form
     if form.ranges and not traits.ranges:
         raise InvalidProblem(
-            f"{name} makes nothing of {form.noun}, only of {', '.join(kind.noun for kind in PLAIN_KINDS)}. "
-            f"What takes it: {listed(lambda each: each.ranges)}"
+            f"{name} does not support {form.noun}; supported: {', '.join(kind.noun for kind in PLAIN_KINDS)}. "
+            f"Searches that support it: {listed(lambda each: each.ranges)}"
         )
 
 

@@ -74,10 +74,10 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
     """
     axes = axes_of(arrays)
     if axes is None:
-        return _none("one variable moves several joints, or moves one by another angle")
+        return _none("one variable moves several joints, or moves a joint by a multiple of its value")
     swept = len(axes.direction) - DECIDED
     if swept not in (0, 1):
-        return _none(f"closed forms are for 6 joints, or 7, and the arm has {len(axes.direction)}")
+        return _none(f"closed forms exist for 6 or 7 joints, but the arm has {len(axes.direction)}")
     found = [
         one
         for backward in (False, True)
@@ -90,8 +90,14 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
         default=None,
     )
     if best is None or best.deviation > NEARLY:
-        near = "" if best is None else f"; nearest is {_words(best)[1]}, off by {best.deviation:.2g}"
-        return _none(f"no axes meet or run parallel so that a closed form comes of it, to {NEARLY:g}{near}")
+        near = (
+            ""
+            if best is None
+            else f"; the nearest structure is that {_words(best)[1]}, off by {best.deviation:.2g}"
+        )
+        return _none(
+            f"no axes intersect or are parallel in a way that gives a closed form, to {NEARLY:g}{near}"
+        )
     word, what = _words(best)
     how = (
         f"to {best.deviation:.1g}, which is rounding (at most {form.ROUNDING:g})"
@@ -99,12 +105,12 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
         else f"nearly: off by {best.deviation:.2g} rad, lengths in parts of {size:.3g} m (at most {NEARLY:g})"
     )
     gives = (
-        "every answer comes in closed form"
+        "every solution is computed in closed form"
         if best.exact
-        else "the closed form of the nearby arm gives starts"
+        else "the closed form of the nearby arm gives the starts of the search"
     )
     if swept:
-        gives = "the other joints come in closed form for each of its values, of which some are tried"
+        gives = "some of its values are tried, and for each the other joints are computed in closed form"
     return Structure(word, f"{what}, {how}; {gives}", best.deviation, best.exact, best.numbers)
 
 
@@ -124,7 +130,9 @@ def _home(axes: Axes, backward: bool) -> Array:
 
 
 def _none(why: str) -> Structure:
-    return Structure("none", f"{why}; answers are searched", np.inf, False, np.zeros(form.NUMBERS))
+    return Structure(
+        "none", f"{why}; solutions are searched numerically", np.inf, False, np.zeros(form.NUMBERS)
+    )
 
 
 def _words(found: _Found) -> tuple[str, str]:
@@ -264,9 +272,9 @@ def _across(h: Array) -> Array:
     return np.asarray(across / np.linalg.norm(across))
 
 
-NO_STRUCTURE = _none("the goal leaves more open than a closed form decides")
+NO_STRUCTURE = _none("the goal constrains less than a closed form needs")
 """Structure for goals that are less than a pose."""
 
 
-FUNCTION = _none("the arm is a function, whose axes are not known")
+FUNCTION = _none("the arm has black-box kinematics, so its axes are unknown")
 """Structure for black-box kinematics."""

@@ -276,7 +276,7 @@ class Page:
         self.scene.show_cloud("boxes", None if isinstance(left, str) else left, SEARCH)
         if isinstance(left, str):
             return left
-        return f"{len(left.points):,} boxes are left of those made in {examined:,} looks; the palest can hold least."
+        return f"{len(left.points):,} boxes are left after {examined:,} tests; the palest have the smallest bound."
 
     def _reach(self, options: ViewerOptions) -> None:
         if not options.reach or not clouds.same_question(options, self._reached_for):

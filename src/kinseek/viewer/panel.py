@@ -129,7 +129,7 @@ class Panel:
         self.see = {
             name: gui.add_checkbox(label, getattr(options, name), hint=hint, disabled=not there)
             for name, label, hint, there in (
-                ("ghosts", "Every branch", "All answers, see-through; click one to take it.", axes),
+                ("ghosts", "Every branch", "All solutions, transparent; click one to select it.", axes),
                 (
                     "samples",
                     "Atlas's samples",
@@ -164,7 +164,8 @@ class Panel:
             []
             if axes
             else [
-                "This arm is a function: where its links are, nobody knows. Its tip is shown, and nothing can be proved."
+                "This arm has black-box kinematics: the positions of its links are unknown. Only its tip is shown, "
+                "and nothing can be proved."
             ]
         )
         if lacks or missing:

@@ -191,7 +191,9 @@ def free_port(host: str, port: int) -> int:
                 if error.errno == errno.EADDRINUSE:
                     continue
                 if error.errno in (errno.EACCES, errno.EPERM):
-                    raise InvalidUse(f"port {number} is not for this user; choose one from 1024 on") from None
+                    raise InvalidUse(
+                        f"port {number} is not available to this user; choose one from 1024 on"
+                    ) from None
                 raise InvalidUse(
                     f"host must be an address of this machine such as 127.0.0.1, got {host!r}: {error.strerror}"
                 ) from None

@@ -174,8 +174,8 @@ class Session:
         if self.arm.axes is None or far <= FAR * self.arm.axes.reach:
             return ""
         return (
-            f"The goal is {far:.4g} m from the base, and the arm reaches {self.arm.axes.reach:.3g} m at most: "
-            "lengths are in metres."
+            f"The goal is {far:.4g} m from the base, but the arm reaches {self.arm.axes.reach:.3g} m at most: lengths "
+            "are in metres."
         )
 
     def traced(self, options: ViewerOptions) -> Trace | None:
@@ -214,7 +214,7 @@ class Session:
         from kinseek.proof.branch_and_bound import prove
 
         if self.arm.axes is None:
-            yield Proof(refused="Nothing can be proved of an arm that is a function.")
+            yield Proof(refused="Nothing can be proved about an arm with black-box kinematics.")
             return
         until, place = Until(stopped, PROOF_PATIENCE), None
         try:

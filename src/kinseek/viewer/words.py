@@ -75,7 +75,7 @@ def branches_html(branches: Branches | str | None, shown: int, drawn: int) -> st
     else:
         count = f"{len(branches)} branch{'es' if len(branches) > 1 else ''}"
         text = count if shown < 0 else f"Branch {shown + 1} of {len(branches)}"
-        text += ", a sample of endlessly many" if branches.sampled else ""
+        text += ", a sample of infinitely many" if branches.sampled else ""
         text += f"; {drawn} drawn." if drawn < len(branches) else "."
     return _block(f"<div style='{_SOFT}'>{in_html(text)}</div>")
 
@@ -143,7 +143,7 @@ def joint(value: float, kind: str) -> str:
 def pass_html(trace: Trace | None, number: int) -> str:
     """Describe one pass of a search, by its index from 0."""
     if trace is None or not len(trace):
-        return _block(f"<div style='{_SOFT}'>This search told of no passes.</div>")
+        return _block(f"<div style='{_SOFT}'>This search recorded no passes.</div>")
     one, spent = trace[number], int(trace.evaluations[number])
     lines = [
         f"<b>{in_html(one.name)}</b> ({number + 1} of {len(trace)})",

@@ -32,38 +32,43 @@ _EXPORTED = ("divide-and-conquer", "atlas")
     examples=["kinseek export scara4 --to c --folder scara4_c --position-only --at 0.3 -0.1 0.2 --breadth 2"],
 )
 @arm_argument
-@option("--to", metavar="c", required=True, help="The language that is written.")
+@option("--to", metavar="c", required=True, help="Language of the generated files.")
 @option(
     "--folder",
     type=click.Path(path_type=Path),
     metavar="FOLDER",
-    help="Where the files go, made unless it is there; ARM_c unless given.",
+    help="Output folder, created if it does not exist. Default: ARM_c.",
 )
 @option(
     "--target",
     metavar="NAME",
     default="x86-64",
     shell_complete=complete(lambda: TARGETS),
-    help=f"The kind of processor: {', '.join(TARGETS)}. Default: x86-64.",
+    help=f"Kind of processor: {', '.join(TARGETS)}. Default: x86-64.",
 )
-@option("--cpu", metavar="NAME", help="One processor of that kind, as LLVM calls it.")
+@option("--cpu", metavar="NAME", help="Processor of that kind, by its name in LLVM.")
 @option(
     "--form",
     metavar="WORD",
     default="object",
-    help="How the kernels are written: object, assembly or llvm (its assembly). Default: object.",
+    help="Form of the kernels: object, assembly or llvm (LLVM assembly). Default: object.",
 )
-@option("--ram", metavar="BYTES", help="What static memory may take: 65536, 64k or 1M.")
-@option("--flash", metavar="BYTES", help="What kernels and constants may take.")
+@option("--ram", metavar="BYTES", help="Limit of static memory, e.g. 65536, 64k or 1M.")
+@option("--flash", metavar="BYTES", help="Limit of the size of kernels and constants.")
 @option(
     "--solver",
     metavar="NAME",
     default=_EXPORTED[0],
     shell_complete=complete(lambda: _EXPORTED),
-    help=f"The search: {' or '.join(_EXPORTED)}; the atlas takes 3 to 4 MB of flash. Default: {_EXPORTED[0]}.",
+    help=f"Search: {' or '.join(_EXPORTED)}; the atlas needs 3 to 4 MB of flash. Default: {_EXPORTED[0]}.",
 )
 @pose_options
-@option("--position-only", is_flag=True, group=GOAL, help="Any orientation will do, now and on the part.")
+@option(
+    "--position-only",
+    is_flag=True,
+    group=GOAL,
+    help="Constrain the position only, here and on the controller.",
+)
 @option("--deg", is_flag=True, group=GOAL, help="--rpy and --rotvec are in degrees.")
 @chain_options
 @search_options(_EXPORTED)

@@ -32,7 +32,7 @@ _POSES, _OUT = "POSES", "OUT"
         (_POSES, "Poses in a .csv or .parquet file, or an array (N, 4, 4) in a .npy file."),
         (
             _OUT,
-            "Where the joint values go, .csv, .npy or .parquet: as a whole when all are there, or not at all.",
+            "Output file for the joint values, .csv, .npy or .parquet; written once all are computed.",
         ),
     ],
     examples=[
@@ -43,8 +43,8 @@ _POSES, _OUT = "POSES", "OUT"
     ],
     more=[
         f"Columns of POSES, lengths in m, angles in rad: {VALID}.",
-        "OUT has a row a pose: the joints, whether the pose is reached and how far off it is, and whether the arm must be "
-        "placed anew after it.",
+        "OUT has one row per pose: the joints, whether the pose is reached, its errors, and whether the arm has to "
+        "be repositioned after it.",
         "Exit codes: 0 one continuous motion, 1 breaks or missed poses, 2 misuse; 130 stopped with Ctrl-C.",
     ],
 )
@@ -53,51 +53,57 @@ _POSES, _OUT = "POSES", "OUT"
 @click.argument("out", metavar=_OUT, type=click.Path(path_type=Path))
 @chain_options
 @scene_options
-@option("--position-only", is_flag=True, group=GOAL, help="Any orientation will do.")
-@option("--free", metavar="AXES", group=GOAL, help="Axes whose deviation does not matter, such as rz.")
+@option("--position-only", is_flag=True, group=GOAL, help="Constrain the position only.")
+@option("--free", metavar="AXES", group=GOAL, help="Free axes: their deviation does not matter, e.g. rz.")
 @option("--deg", is_flag=True, group=GOAL, help="Angles of the poses, --start and --end are in degrees.")
 @option(
     "--start",
     metavar="Q...",
     shell_complete=complete_joints,
     group=_MOTION,
-    help="Joint values to begin with, rad or m: one a joint, or JOINT=VALUE of every joint.",
+    help="Joint values to begin with, rad or m: one per joint, or JOINT=VALUE for every joint.",
 )
 @option(
     "--end",
     metavar="Q...",
     shell_complete=complete_joints,
     group=_MOTION,
-    help="Joint values to end with, as --start.",
+    help="Joint values to end with, in the form of --start.",
 )
-@option("--closed", is_flag=True, group=_MOTION, help="The last pose leads on to the first.")
+@option(
+    "--closed",
+    is_flag=True,
+    group=_MOTION,
+    help="The path is closed: the last pose is followed by the first.",
+)
 @option(
     "--max-step",
     metavar="X",
     type=float,
     default=0.3,
     group=_MOTION,
-    help="How far a joint may go between two poses, rad or m, also with --deg; more is a break. Default: 0.3.",
+    help="Largest motion of a joint between two poses, rad or m, also with --deg; more is a break. Default: 0.3.",
 )
 @option(
     "--period",
     metavar="X",
     type=float,
     group=_MOTION,
-    help="Time from pose to pose, s: no joint goes faster than the arm's file allows.",
+    help="Time from pose to pose, s; no joint exceeds the speed in the arm's file.",
 )
 @option(
     "--prove",
     is_flag=True,
     group=_MOTION,
-    help="Prove what can be proved: that no step jumps, that missed poses are out of reach, that no motion leads on.",
+    help="Prove as far as possible that no step jumps, that missed poses are out of reach and that breaks are "
+    "unavoidable.",
 )
 @option(
     "--time-limit",
     metavar="X",
     type=float,
     group=_MOTION,
-    help="Seconds after which no further part of the work is begun; poses that are not planned by then are missed.",
+    help="Time limit, s: no further part of the work is begun after it; poses that are not planned by then are missed.",
 )
 @json_option
 def command(

@@ -54,17 +54,20 @@ _MANY = "Many poses"
     ],
     more=[
         f"Columns of --batch, lengths in m, angles in rad: {VALID}. With --position-only those of a rotation may be "
-        "left out. A line of --jsonl is an object such as "
-        '{"position": [0.4, 0.2, 0.3], "rpy": [3.14, 0, 0]}; quat_wxyz, quat_xyzw and rotvec may stand in place of '
-        "rpy, matrix in place of both, and id and near beside them.",
+        "omitted. A line of --jsonl is an object such as "
+        '{"position": [0.4, 0.2, 0.3], "rpy": [3.14, 0, 0]}; quat_wxyz, quat_xyzw or rotvec may replace rpy, '
+        "matrix may replace both, and id and near are optional.",
         "Exit codes: 0 reached, 1 not reached, 2 misuse, or a wrong line of --jsonl; 130 stopped with Ctrl-C.",
     ],
 )
 @arm_argument
 @pose_options
-@option("--position-only", is_flag=True, group=GOAL, help="Any orientation will do.")
+@option("--position-only", is_flag=True, group=GOAL, help="Constrain the position only.")
 @option(
-    "--free", metavar="AXES", group=GOAL, help="Axes whose deviation does not matter, such as rz or z,rx,ry."
+    "--free",
+    metavar="AXES",
+    group=GOAL,
+    help="Free axes: their deviation does not matter, e.g. rz or z,rx,ry.",
 )
 @option(
     "--frame",
@@ -72,7 +75,7 @@ _MANY = "Many poses"
     default="tool",
     shell_complete=complete(lambda: ("tool", "base")),
     group=GOAL,
-    help="Whose axes --free names: tool (those of the wanted pose) or base. Default: tool.",
+    help="Frame of the axes of --free: tool (that of the target pose) or base. Default: tool.",
 )
 @option("--deg", is_flag=True, group=GOAL, help="--rpy, --rotvec, --near and --lock are in degrees.")
 @chain_options
@@ -82,7 +85,7 @@ _MANY = "Many poses"
     multiple=True,
     shell_complete=complete_joints,
     group="The arm",
-    help="Joints that stay where they are, rad or m; several apart by blanks or commas.",
+    help="Joints that are locked at a value, rad or m; separated by blanks or commas.",
 )
 @scene_options
 @option(
@@ -90,14 +93,14 @@ _MANY = "Many poses"
     metavar="Q...",
     shell_complete=complete_joints,
     group=_WHICH,
-    help="Joint values to be near to, or to start from, rad or m: one a joint, or JOINT=VALUE of every joint.",
+    help="Joint values to stay near to, or to start from, rad or m: one per joint, or JOINT=VALUE for every joint.",
 )
 @option(
     "--prefer",
     metavar="WORD",
     shell_complete=complete(lambda: ("mid-range", "limits", "dexterity")),
     group=_WHICH,
-    help="The best of all answers: mid-range (nearest to the middle of the limits), limits (farthest from them) or "
+    help="The best of all solutions: mid-range (nearest to the middle of the limits), limits (farthest from them) or "
     "dexterity (farthest from singular).",
 )
 @option(
@@ -105,15 +108,16 @@ _MANY = "Many poses"
     "every",
     is_flag=True,
     group=_WHICH,
-    help="Every distinct answer, or a spread sample where the arm has joints to spare; --near or --prefer says which "
-    "comes first.",
+    help="Every distinct solution, or a spread sample if the arm is redundant; --near or --prefer sets the order.",
 )
-@option("--count", metavar="N", type=click.IntRange(1), group=_WHICH, help="Answers of --all at most.")
+@option(
+    "--count", metavar="N", type=click.IntRange(1), group=_WHICH, help="Maximum number of solutions of --all."
+)
 @option(
     "--prove",
     is_flag=True,
     group=_WHICH,
-    help="Prove that a missed pose has no answer, or that --all are all.",
+    help="Prove that a missed pose has no solution, or that --all found every solution.",
 )
 @option(
     "--position-tolerance",
@@ -159,15 +163,15 @@ _MANY = "Many poses"
     type=click.Path(path_type=Path),
     metavar="FILE",
     group=_MANY,
-    help="Where the answers of --batch go, .csv, .npy or .parquet: as a whole when all are there, or not at all.",
+    help="Output file of --batch, .csv, .npy or .parquet; written once all solutions are computed.",
 )
 @option(
     "--jsonl",
     is_flag=True,
     group=_MANY,
-    help="A pose a line on standard input, in place of --at, and an answer a line on standard output, at once.",
+    help="Read one pose per line from standard input, in place of --at, and write one solution per line without delay.",
 )
-@option("--trace", is_flag=True, help="Print what the search did, pass by pass.")
+@option("--trace", is_flag=True, help="Print the trace of the search, pass by pass.")
 @json_option
 @option(
     "--solver",
@@ -230,12 +234,14 @@ def command(
         clearance=cell.clearance,
     )
     if near is not None and prefer is not None:
-        raise InvalidProblem("--near and --prefer both say which answer is the best; give one of them")
+        raise InvalidProblem(
+            "--near and --prefer cannot be combined, since each selects the best solution; give one of them"
+        )
     if count is not None and not every:
-        raise InvalidProblem("--count is how many answers --all gives at most; add --all")
+        raise InvalidProblem("--count limits the number of solutions of --all; add --all")
     if batch is None and not jsonl:
         if out is not None:
-            raise InvalidProblem("--out is where the answers of --batch go; add --batch")
+            raise InvalidProblem("--out names the output file of --batch; add --batch FILE")
         return _one(request, goal_spec.goal(target_of(at, turns, position_only, deg)), every, count, as_json)
     single = [
         *(["--at"] if at is not None else []),
@@ -244,12 +250,12 @@ def command(
     ]
     if single:
         many = "--jsonl" if jsonl else "--batch"
-        raise InvalidProblem(f"{many} takes many poses; it goes without {' and '.join(single)}")
+        raise InvalidProblem(f"{many} reads many poses; it cannot be combined with {' or '.join(single)}")
     if batch is None:
         return solve_lines(request, deg, every, count)
     if jsonl or out is None:
         raise InvalidProblem(
-            "--batch and --jsonl exclude each other" if jsonl else "--batch needs --out FILE"
+            "--batch and --jsonl cannot be combined" if jsonl else "--batch needs --out FILE"
         )
     return solve_file(request, batch, out, deg, every, count, as_json)
 

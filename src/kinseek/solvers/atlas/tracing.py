@@ -63,7 +63,7 @@ def _trace_of(solution: Solution, index: AtlasIndex) -> Trace:
         recorder.note("The time limit passed before this target was begun.")
     elif problem.near is not None or problem.goal.form.ranges:
         what = "near a start" if problem.near is not None else "with free axes or ranges"
-        recorder.note(f"Rounds {what} are told as one: the compiled search shows nothing of them.")
+        recorder.note(f"Rounds {what} are reported as one: the compiled search does not report them.")
         recorder.add("all rounds", found.q, found.evaluations, memory=_bytes_of(index))
         recorder.note_end(found)
     else:
@@ -78,7 +78,7 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
     tolerances, restarts, spent = tolerances_of(problem.goal, problem.budget), 0, 0
     most = tolerances[BUDGET]
     if index.is_far(tolerances, problem.goal.targets[0]):
-        recorder.note("Farther away than the arm is long: nothing was looked for but the nearest pose.")
+        recorder.note("The target is farther away than the arm is long: only the nearest pose was searched.")
         recorder.add("nearest pose", found.q, found.evaluations, memory=memory_bytes)
         return
     if index.structure.word != "none" and most >= ROOMS[0].evaluations:

@@ -162,10 +162,10 @@ def turning(box: Mechanism) -> Flags:
         best = int(np.argmin(misfit))
         if misfit[best] > FITS:
             raise InvalidSolver(
-                "coordinate descent needs joints that turn about an axis or slide along one, so that the squared error is "
-                f"a sinusoid or a parabola; joint {box.joint_names[i]!r} of {box.name!r} misses "
-                f"{'both' if len(possible) == 2 else 'what its kind promises'} by {misfit[best]:.2g} of what it moves. "
-                f"What works on it: {others()}"
+                "coordinate descent needs joints that turn about an axis or slide along one, so that the squared "
+                f"error is a sinusoid or a parabola; joint {box.joint_names[i]!r} of {box.name!r} deviates from "
+                f"{'both' if len(possible) == 2 else 'the form of its kind'} by {misfit[best]:.2g} of its motion. "
+                f"Searches that support it: {others()}"
             )
         form[i] = possible[best]
     return form
@@ -188,7 +188,7 @@ def misfits(box: Mechanism, i: int, place: Array, possible: list[bool]) -> list[
     if np.isnan(poses).any():
         raise InvalidSolver(
             "coordinate descent fits the error along each joint over its whole range, and joint "
-            f"{box.joint_names[i]!r} of {box.name!r} cannot go everywhere there. What works on it: {others()}"
+            f"{box.joint_names[i]!r} of {box.name!r} cannot go everywhere there. Searches that support it: {others()}"
         )
     entries = features(poses, None, (0, 1, 2))
     moved = np.abs(entries - entries.mean(axis=0)).max()

@@ -34,8 +34,8 @@ class Evaluator:
         goal = problem.goal
         if goal.form.ranges:
             raise InvalidGoal(
-                f"{goal.form.noun} cannot be asked of {box.name!r}, which is a function; "
-                f"valid: {', '.join(kind.noun for kind in PLAIN_KINDS)}"
+                f"{goal.form.noun} is not supported for {box.name!r}, which has black-box kinematics; valid: "
+                f"{', '.join(kind.noun for kind in PLAIN_KINDS)}"
             )
         self.box, self.goal = box, goal
         self.columns = tuple(range(goal.columns))
