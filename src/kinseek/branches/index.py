@@ -35,7 +35,7 @@ SAMPLES = 1024
 
 
 SPREAD = 50
-"""Default number of solutions in a sample."""
+"""Default number of solutions in a sample. Not examined further."""
 
 
 _MOST_MIRRORED = 8

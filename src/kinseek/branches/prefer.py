@@ -25,13 +25,14 @@ from .order import ORDERS, Cost, Selection, Valid, is_valid, scores
 from .result import Branches, BranchesBatch
 
 _SLIDERS = 3
-"""Number of solutions of a sample, the best ones, from which the optimisation starts."""
+"""Number of solutions of a sample, the best ones, from which the optimisation starts. Not examined further."""
 
 _SLIDES = 60
-"""Largest number of steps of an optimisation."""
+"""Largest number of steps of an optimisation. Not examined further."""
 
 _FIRST, _LAST, _PROBE = 0.3, 1e-4, 1e-4
-"""Length of the first step, of the shortest step that is tried, and of the differences for a gradient [rad or m]."""
+"""Length of the first step, of the shortest step that is tried, and of the differences for a gradient [rad or m]. Not
+examined further."""
 
 
 def preferred(

@@ -350,6 +350,7 @@ def _require_same(chain: SerialChain, text: bytes, path: Path) -> None:
             f"{path}: its joints between {chain.base!r} and {chain.tip!r} are {', '.join(other.joint_names)}, "
             f"those of the arm {', '.join(chain.joint_names)}"
         )
+    # Names alone do not show that two files describe the same arm: poses at some joint values do.
     q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (3, chain.dof))
     full = np.stack(
         [
@@ -384,6 +385,7 @@ def _frames(
         near.setdefault(parent, []).append((child, joint, True))
         near.setdefault(child, []).append((parent, joint, False))
     others = _Others(robot, chain, joints, path)
+    # Links beside the chain move with the link of the chain that they hang on.
     to_visit = list(spine)
     while to_visit:
         name = to_visit.pop()

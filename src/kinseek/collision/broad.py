@@ -28,7 +28,8 @@ Flags = NDArray[np.bool_]
 Verdicts = NDArray[np.int64]
 
 _STEPS = 16
-"""Maximum number of planes tried per pair; without a separating plane or a common point the pair is in doubt."""
+"""Maximum number of planes tried per pair; without a separating plane or a common point the pair is in doubt. Not examined
+further."""
 
 _NEAR = 1e-6
 """Groups that may come nearer than this are always checked, in the order of the joints that carry them [m]."""
@@ -130,6 +131,7 @@ class Broad:
 
     def _classify(self, q: Array, clearance: float, touch: float, doubts: Flags) -> tuple[Verdicts, int]:
         verdicts = np.empty(len(q), dtype=np.int64)
+        # All bounds have rounding errors, so a pair is free only if it is farther apart by this margin.
         least = clearance + touch + self._rounding
         q = np.ascontiguousarray(q)
         return verdicts, sort_out(self._handle, q, clearance, least, _STEPS, LANES, verdicts, doubts)

@@ -29,14 +29,12 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _FIRST, _LEVELS, _FINER = 1024, 4, 2
-"""Number of cells of a chart, and of levels of refinement.
-
-A chart starts with a power of two of cells. On the first levels all cells are divided into four while some are undecided; on
-the further levels only undecided cells are divided.
-"""
+"""Number of cells of a chart, and of levels of refinement. A chart starts with a power of two of cells. On the first levels
+all cells are divided into four while some are undecided; on the further levels only undecided cells are divided. Not
+examined further."""
 
 _STEPS = 24
-"""Maximum number of planes tried between two parts."""
+"""Maximum number of planes tried between two parts. Not examined further."""
 
 _MARGIN = 1e-9
 """Angle that rounding may move into the next cell [rad]."""
@@ -131,6 +129,7 @@ def chart_of(
         bounds, depths = np.empty((len(q), len(pairs))), np.empty(len(q))
         bound_pairs(handle, q, _STEPS, LANES, bounds)
         bound_depths(handle, q, bounds, LANES, depths)
+        # Half a cell's width of each joint, plus rounding, times the largest lever of that joint.
         moved = sum(move * (np.pi / count + _MARGIN) for move, count in zip(moves, counts, strict=True))
         free, deep = bounds.min(axis=1) - moved, depths - moved
         return np.where(free > 0, free, np.minimum(-deep, 0.0))
@@ -160,6 +159,7 @@ def chart_of(
     for _ in range(_FINER):
         if not len(where):
             break
+        # Children are appended in groups of four, so one index per cell is enough.
         below[places] = len(cells) + 4 * np.arange(len(where))
         places = len(cells) + np.arange(4 * len(where))
         parts_of = np.argwhere(np.ones(again))

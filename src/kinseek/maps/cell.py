@@ -31,7 +31,8 @@ STRIDES = 1.1127756842787055 ** -np.arange(1.0, 7.0)
 
 
 LEVER = 0.2
-"""Lever arm by which rotations are compared with lengths when a cell is halved, as a fraction of the arm's reach."""
+"""Lever arm by which rotations are compared with lengths when a cell is halved, as a fraction of the arm's reach. Not
+examined further."""
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ PIECE = 131_072
 """Number of poses solved at a time, small enough that memory is reused instead of being cleared by the system again."""
 
 STEP = 256
-"""Number of poses whose branches are computed at a time."""
+"""Number of poses whose branches are computed at a time. Not examined further."""
 
 
 def checked(what: Sequence[str]) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 PATIENCE = 1000
-"""Maximum number of FK evaluations for a pose that is not solved from its first samples."""
+"""Maximum number of FK evaluations for a pose that is not solved from its first samples. Not examined further."""
 
 ROUNDED = 1e-12
 """Reduction of tolerances, [m] and [rad], if one pose represents others that are rotated about the tip's z axis: the

@@ -31,8 +31,7 @@ DEPTH = 8
 
 PROBES = 4
 """Number of balls that are tried before a cell is halved. If none is proved, hardly any part is, and a divided cell has
-hundreds.
-"""
+hundreds. Not examined further."""
 
 
 def whole_share(arm: Arm, cell: Cell, depth: int) -> float:

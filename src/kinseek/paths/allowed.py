@@ -102,6 +102,7 @@ class Allowed:
 
     def _in_parts(self, count: int, check: Callable[[slice], Any]) -> Flags:
         """Check `count` rows, (count,), all at once if there is no deadline, otherwise in batches."""
+        # Without a deadline one call is fastest; with one the calls must end soon enough to notice it.
         size = ROWS if self.deadline.limited else count
         report = []
         for begin in range(0, count, size):

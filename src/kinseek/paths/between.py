@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 SHARES = (0.25, 0.5, 0.75)
-"""Fractions of a step at which the pose of the hand is computed."""
+"""Fractions of a step at which the pose of the hand is computed. Not examined further."""
 
 AT_ONCE = 4096
 """Steps that are processed together, so that memory does not grow with the length of the path."""

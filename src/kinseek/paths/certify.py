@@ -85,6 +85,7 @@ def prove_rows(
         return Proved(state, within)
     begin, end = targets[which], targets[which + 1]
     turns = turns_between(begin, end, columns)
+    # A rotation by half a turn or more has no unique axis: the straight motion between the poses is not defined.
     small_turn = np.linalg.norm(turns, axis=1) <= HALF_TURN
     begins, ends = np.ascontiguousarray(q[which]), np.ascontiguousarray(q[which + 1])
     given = (
@@ -143,6 +144,7 @@ def _holds(problem: Problem, begins: Array, ends: Array, redundancy: int) -> Arr
         np.minimum(begins, ends) - turning.open_lower, turning.open_upper - np.maximum(begins, ends)
     )
     share = np.linalg.norm(hold, axis=1)
+    # Without this the straight line along the self-motion would leave the limits.
     for i in np.flatnonzero(((room < NEAR) & (share > MOVES)).any(axis=1)):
         near = np.flatnonzero((room[i] < NEAR) & (share[i] > MOVES))
         near = near[np.argsort(room[i, near], kind="stable")][:redundancy]
@@ -160,6 +162,7 @@ def rims_of(problem: Problem, q: Array) -> Array:
 def numbers_of(problem: Problem, q: Array) -> Array:
     """Return the length that scales a radian, and the rounding margins for the farthest target."""
     goal = problem.goal
+    # Rounding grows with the lengths, so the margins of the farthest target hold for all.
     farthest = int(np.argmax(np.linalg.norm(goal.targets[:, :, 3], axis=1)))
     one = Problem(problem.mechanism, goal.at(goal.target[farthest]))
     _, proof_goal, _ = question(one)

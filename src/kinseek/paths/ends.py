@@ -43,11 +43,13 @@ def inside_limits(problem: Problem, wide: Layers) -> Layers:
     for some in parts:
         first = turning.first_turn(wide.q[some])
         first, good = _at_both_ends(turning, first, turning.inside(first) & wide.there[some])
+        # More solutions do not fit into the byte that stores their number.
         good &= np.cumsum(good, axis=1) <= MOST
         rows.append(first[good])
         counts.append(good.sum(axis=1))
     count = np.concatenate(counts)
     there = np.arange(max(int(count.max()), 1)) < count[:, None]
+    # The columns that are not used any more are dropped, since the work grows with the square of their number.
     packed = np.zeros((*there.shape, wide.q.shape[2]))
     for some, values in zip(parts, rows, strict=True):
         packed[some][there[some]] = values
@@ -126,6 +128,7 @@ def best_valid(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices
             return q, breaks
         if request.deadline.passed:
             break
+        # The best paths keep failing: it is then cheaper to check every node once than one more path at a time.
         if tries == ROUNDS:
             with suppress(TimeUp):
                 graph.check_all_nodes()
@@ -142,11 +145,13 @@ def best_of(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices, f
     best: tuple[Array, Indices, float, Indices] | None = None
     longest, turning = request.longest[-1], graph.turning
     if request.ends_where_it_begins:
+        # First and last pose are the same: the joints must return to the same values, not just near them.
         longest = np.minimum(longest, SAME)
     if graph.unreachable & {0, len(graph.q) - 1}:
         longest = np.full_like(longest, np.inf)
     firsts = range(graph.count[0] * turning.total) if ends[0] < 0 else [ends[0]]
     open_way = graph.best(request.longest, *ends)
+    # The best open path probably begins at the best node, so the bound below ends the loop early.
     firsts = [int(open_way[3][0]), *(node for node in firsts if node != open_way[3][0])]
     for first in firsts:
         if not graph.exists(0, first):
@@ -157,6 +162,7 @@ def best_of(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices, f
             way = graph.best(request.longest, first, last)
             if best is None or (len(way[1]), way[2]) < (len(best[1]), best[2]):
                 best = way
+        # An open path is never worse than a closed one, so nothing better exists.
         if best is not None and len(best[1]) == len(open_way[1]) and best[2] <= open_way[2] * (1 + 1e-9):
             break
     if best is not None and len(best[1]) <= len(open_way[1]) + 1:

@@ -78,6 +78,7 @@ def _isolated(
         )
     problem, deadline = request.problem, request.deadline
     has_callbacks = request.cost is not None or request.valid is not None
+    # Callbacks and windows need time after the layers are found.
     search = deadline.share(FIRST_PART) if has_callbacks or len(request) > LONG else deadline
     wide = isolated_layers(problem, request.longest.max(axis=0), threads, advance, search)
     if not len(wide):
@@ -105,6 +106,7 @@ def _ended(request: PathRequest, q: Array) -> Array:
         if free:
             q += turns
         q[i] = fixed_q if free else fixed_q - turns
+        # Only the first given end may choose the full turns; the second has to fit the path.
         free = False
     back = len(q) == len(request) and request.closed and request.ends_where_it_begins
     if back and (np.abs(turning.way(q[0] - q[-1])) <= SAME).all():

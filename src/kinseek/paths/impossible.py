@@ -114,6 +114,7 @@ class Search:
         found, i = [], first
         while i < last and not self.deadline.passed:
             begin, solutions = i, self.solutions(i)
+            # A pose without a complete set of solutions cannot begin an interval; the next one is tried.
             i += solutions is None
             reached = np.ones(0 if solutions is None else len(solutions.q), dtype=np.bool_)
             while i < last and reached.any() and not self.deadline.passed:
@@ -152,6 +153,7 @@ class Search:
         undecided = bool((passage.open_forward & reached).any())
         if undecided:
             after |= passage.open_backward
+        # A branch may be undecided only because the distance is long; half of it may be decided.
         half = self.next_complete(i, (i + j) // 2)
         if half is not None and (undecided or not after.any()):
             at, between = self.advance(i, half, reached)
@@ -201,6 +203,7 @@ class Search:
         off = np.abs(self.step(piece.q[j - piece.first] - solutions.q))
         may_be = (off <= RIM + solutions.distance).all(axis=1)
         is_sure = (off + solutions.distance <= RIM).all(axis=1)
+        # The branch arrives near a solution, but the bounds do not show at which one.
         if (may_be & ~is_sure).any():
             return nothing, False
         return np.asarray(is_sure), not is_sure.any()

@@ -89,6 +89,7 @@ class _Search:
             self.in_reach[first] = one.verdict is Verdict.REACHABLE
             return
         middle, wide = (first + last) // 2, self.holding(first, last)
+        # One proof for several poses saves time only while their common tolerances stay small.
         if budget == ROUNDS[0] and self.stays_clear(wide, first, last):
             together = excluded(wide, most, threads=self.threads, watch=Watch(self.deadline))
             self.left -= together.boxes

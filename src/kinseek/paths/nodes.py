@@ -24,7 +24,7 @@ GRACE = 0.1
 
 LAST_PART = 0.5
 """Time that the search for the best path may take after the costs are computed, as a fraction of the time spent until then;
-0.4 was measured."""
+0.4 was measured. The program of this trial is not in the repository."""
 
 
 class LayerGraph:
@@ -103,6 +103,7 @@ class LayerGraph:
             # No node is left there: the pose counts as missed, and the path leads through rejected nodes.
             self.unreachable |= set(empty.tolist())
             self._refused[empty] = False
+            # The path must have a value at every pose, so the nodes rejected there are allowed again.
             return self.best(longest, first, last)
         breaks = np.flatnonzero(report[1:] > 0)
         q = turning.unwrapped(self._clipped(self.values(np.arange(count), np.maximum(path, 0))))

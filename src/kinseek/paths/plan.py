@@ -222,6 +222,8 @@ class Planner:
         count = spread_solutions(
             handle, self.tolerances, target, given, len(arrived), *limits, self.apart, beside, q, along, LANES
         )
+        # The array is full: a larger distance thins the next layers out. Otherwise the distance returns to its normal
+        # value.
         self.apart = self.apart * CROWD if count == len(q) else max(self.effort.apart, self.apart / CROWD)
         q, along = q[:count], along[:count]
         if self.request.valid is not None:
@@ -283,6 +285,7 @@ class Planner:
             advance(poses)
         if before is None:
             raise TimeUp
+        # A node without a way from the beginning must not win.
         fault = np.where(before.fault < 0, np.iinfo(np.int64).max, before.fault)
         return self.filled(ways.to(int(np.lexsort((before.sums, fault))[0])), self.keys[:count])
 

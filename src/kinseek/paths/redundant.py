@@ -78,6 +78,7 @@ def mendable(request: PathRequest, q: Array) -> Flags:
     distance, turn = distance - 2 * goal.position_tolerance, turn - 2 * goal.orientation_tolerance
     torn, turned = beyond_a_step(request.problem.chain, request.longest, distance, turn)
     if goal.columns == 3:
+        # Only a goal with a whole orientation fixes how far the hand has to turn.
         torn = torn | turned
     return np.asarray(_faulty(request, q) & (~torn | (goal.ranges is not None)))
 
@@ -284,6 +285,7 @@ def _finished(request: PathRequest, planner: Planner, q: Array) -> Array:
     if len(rows) < len(all_of_them.targets):
         q = _put(request, smoother, between_rows(rows, q), all_of_them)
     q = _smoothed(request, smoother, q, all_of_them, LAST_PASSES)
+    # High powers come last: they reduce the largest steps, but need a path that is short already.
     for power in POWERS:
         for first, last in _around(request, q, planner.parameter, EASED):
             part = _row(_part(request, q, first, last), np.arange(last + 1 - first))

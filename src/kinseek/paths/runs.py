@@ -40,14 +40,15 @@ SAMPLED, LOOK_AHEAD = 4000, 400
 """Most poses that are followed together, and the number of poses of look-ahead beyond them."""
 
 STEPS = 40
-"""Most steps to bring the hand onto the nearest pose; near the boundary of the workspace each step halves the error."""
+"""Most steps to bring the hand onto the nearest pose; near the boundary of the workspace each step halves the error. Not
+examined further."""
 
 START_OFFSET = 0.02
-"""Offset of the additional starts, [rad] or [m], see `_starts`."""
+"""Offset of the additional starts, [rad] or [m], see `_starts`. Not examined further."""
 
 SHARE, NEAR = 0.02, 1e-12
 """The hand counts as at the nearest pose if its distance from it is at most `SHARE` of that pose's own error, or if the
-squared scaled error is less than `NEAR`."""
+squared scaled error is less than `NEAR`. Not examined further."""
 
 
 def follow_runs(request: PathRequest, threads: int | None, advance: Advance) -> Array:
@@ -164,6 +165,7 @@ def _look_beside(request: PathRequest, nearest: Array, missed: Flags) -> None:
         while len(some):
             beside = some - way
             some = some[(beside >= 0) & (beside < len(missed))]
+            # Only poses beside a solved one have a start; the front then moves on over the run of missed poses.
             some = some[~missed[some - way]]
             q = nearest[some - way]
             smoother.project(q, targets[some])
@@ -184,6 +186,7 @@ def _joined(
         q, refused = _whole(request, threads, advance)
         if not refused.any() or len(q) < len(request):
             return q
+        # Poses at which no solution is allowed are treated like missed ones, and the rest is planned without them.
         missed, nearest = refused, q
     bridge, q = Bridge(request, nearest), nearest.copy()
     here, end = request.start if missed[0] else None, 0

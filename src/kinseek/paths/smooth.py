@@ -34,38 +34,41 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 STIFF = 1e4
-"""μ: weight of leaving the pose, relative to a step of the same size; the remaining error is corrected after each pass."""
+"""μ: weight of leaving the pose, relative to a step of the same size; the remaining error is corrected after each pass. Not
+examined further."""
 
 PINNED = 1e8
 """Weight that keeps a joint at its value, relative to that of a step."""
 
 TRUST = 0.4
-"""Largest motion of any joint in one pass [rad or m]: the linearisation is not valid beyond it."""
+"""Largest motion of any joint in one pass [rad or m]: the linearisation is not valid beyond it. Not examined further."""
 
 TRIES, SHORTER = 5, 0.4
-"""Most attempts of a Gauss-Newton step until the path improves, and the factor that shortens each further attempt."""
+"""Most attempts of a Gauss-Newton step until the path improves, and the factor that shortens each further attempt. Not
+examined further."""
 
 TORN, LOOSER = 0.9, 1.2
-"""A path is torn if a step grows and exceeds `TORN` times its largest allowed length. If the largest steps are
-minimised, this bound is `LOOSER` times as large."""
+"""A path is torn if a step grows and exceeds `TORN` times its largest allowed length. If the largest steps are minimised,
+this bound is `LOOSER` times as large. Not examined further."""
 
 TORN_ROWS = 4
-"""Rows on each side of a torn step that are held back, multiplied by the number of the attempt."""
+"""Rows on each side of a torn step that are held back, multiplied by the number of the attempt. Not examined further."""
 
 LIGHTEST, HEAVIEST = 0.5, 4.0
-"""Bounds of a step's length, relative to the root mean square of all, when a higher power weights it."""
+"""Bounds of a step's length, relative to the root mean square of all, when a higher power weights it. Not examined
+further."""
 
 ON_POSE = 1e-14
 """Squared scaled error up to which a pose counts as reached again; it corresponds to 1e-7 of the arm's length."""
 
 MEND = 12
-"""Most steps that bring a pose back onto its target."""
+"""Most steps that bring a pose back onto its target. Not examined further."""
 
 ACTIVE = 3
-"""How often the system is solved with the joints that would leave their limits held there."""
+"""How often the system is solved with the joints that would leave their limits held there. Not examined further."""
 
 ENOUGH = 1e-3
-"""Smoothing ends after a pass that reduces the sum by less than this fraction."""
+"""Smoothing ends after a pass that reduces the sum by less than this fraction. Not examined further."""
 
 
 class Row(NamedTuple):
@@ -157,6 +160,7 @@ class Smoother:
                 q = self._gauss_newton(q, row, power)
                 q = self._relax_each(q, row, power)
                 now = self._sum(q, row, power)
+                # Further passes would cost as much time and change almost nothing.
                 if now > before * (1 - ENOUGH):
                     break
                 before = now
@@ -190,6 +194,7 @@ class Smoother:
         for tries in range(TRIES):
             self.deadline.check()
             moved = q + share[:, None] * step
+            # Poses that do not return to their target stay where they were; the others keep the improvement.
             lost = ~self.project(moved, row.targets) | row.fixed
             moved[lost] = q[lost]
             self._put_back(q, moved)
@@ -198,6 +203,7 @@ class Smoother:
                 if self._sum(moved, row, power) < before:
                     return moved
                 share *= SHORTER
+            # Shortening all steps would stop the smoothing everywhere because of one place.
             for i in torn.tolist():
                 reach = TORN_ROWS * (1 + tries)
                 first, last = max(i - reach, 0), min(i + 2 + reach, len(q))
@@ -212,6 +218,7 @@ class Smoother:
         steps = np.diff(q, axis=0)
         lengths = np.abs(steps * self.weights) / row.spans
         usual = np.sqrt((lengths.max(axis=1) ** 2).mean() + 1e-18)
+        # Iteratively reweighted least squares: weights that are too different make the system badly conditioned.
         heavy = np.clip(lengths / usual, LIGHTEST, HEAVIEST) ** (power - 2)
         coupling = np.zeros_like(q)
         coupling[:-1] = heavy * self.weights**2 / row.spans
@@ -232,6 +239,7 @@ class Smoother:
             system[:], step = blocks, np.where(pinned, firm * move, pull)
             system[:, diagonal, diagonal] += np.where(pinned, firm, 0.0)
             solve_band(system, coupling, step)
+            # Active set method: joints that would leave their limits are pinned there, and the others are computed again.
             beyond = ~pinned & ((q + step < self.lower - 1e-9) | (q + step > self.upper + 1e-9))
             if not beyond.any():
                 break
@@ -246,6 +254,7 @@ class Smoother:
         if self.valid is None or self.valid.scene is None:
             return
         off = (moved != q).any(axis=1)
+        # Steps between unchanged rows were free before.
         steps = np.flatnonzero(off[:-1] | off[1:])
         while len(steps):
             hits = steps[~self.valid.free_ways(moved[steps], moved[steps + 1])]
@@ -258,6 +267,7 @@ class Smoother:
     def _relax_each(self, q: Array, row: Row, power: int) -> Array:
         """Move each pose between its neighbours if this improves its two steps."""
         q = q.copy()
+        # Every other pose: neighbours do not move at the same time, so each comparison stays valid.
         for first in (1, 2):
             self.deadline.check()
             some = np.arange(first, len(q) - 1, 2)

@@ -46,23 +46,25 @@ SPREAD = 60
 """Solutions that are examined when a redundant arm looks for another branch."""
 
 ELSEWHERE = 0.5
-"""Another branch differs by more than this from the current joint values, in some joint [rad or m]."""
+"""Another branch differs by more than this from the current joint values, in some joint [rad or m]. Not examined
+further."""
 
 SPAN, MOST_PERIODS_BACK = 0.2, 200
-"""Age of the oldest pose used for extrapolation [s], and the largest number of periods this may be."""
+"""Age of the oldest pose used for extrapolation [s], and the largest number of periods this may be. Not examined
+further."""
 
 AWAY = (1e-3, 1e-2)
 """The hand has lost its pose if its error exceeds these values [m], [rad]."""
 
 FASTER, AFTER = 10.0, 0.5
 """If joints that are `FASTER` times as fast still track the poses `AFTER` seconds later, only the hand is too fast, and its
-branch does not end."""
+branch does not end. Not examined further."""
 
 TIMES, MOST_PERIODS = (1e-9, 1e9), 1_000_000
 """Bounds of the period and of times to look ahead [s], and the most periods of a motion to another branch."""
 
 RETRY = 0.05
-"""Time between two attempts to reach a lost pose again [s]."""
+"""Time between two attempts to reach a lost pose again [s]. Not examined further."""
 
 
 class TrackStatus(Enum):
@@ -380,6 +382,7 @@ class Tracker:
         if ended == LAGGING:
             # Test whether much faster joints keep up for a while: then the speed is the cause, otherwise the branch ends.
             state = self._standing(at_once)
+            # If faster joints keep up, the speed is the cause and not the end of the branch.
             state[REACH] *= FASTER
             while_after = round(AFTER / self.period / at_once)
             _, _, truly = self._look(coming[: lost + 1 + while_after], state)

@@ -34,11 +34,11 @@ from .smooth import MEND
 Array = NDArray[np.float64]
 
 LEAST_SHARE = 0.25
-"""Least fraction that remains of ranges about three axes."""
+"""Least fraction that remains of ranges about three axes. Not examined further."""
 
 LIGHT = 0.02
 """Weight of a joint that stands for a free axis, relative to 1 for a joint of the arm: it moves at almost no cost, but
-smoothly."""
+smoothly. Not examined further."""
 
 
 def with_virtual_joints(request: PathRequest) -> tuple[PathRequest, slice]:

@@ -19,7 +19,8 @@ from .windows import Windows
 Array = NDArray[np.float64]
 
 NEAR_SINGULAR = 0.05
-"""Least singular value of the Jacobian, relative to the largest, below which a singularity is given as the reason."""
+"""Least singular value of the Jacobian, relative to the largest, below which a singularity is given as the reason. Not
+examined further."""
 
 
 def reasons(request: PathRequest, path: Path, wide: Layers | Windows | None) -> tuple[str, ...]:
@@ -131,6 +132,7 @@ def _end_of_branch(
             return j, "nothing reaches the pose"
         nearest = int(np.argmin(np.abs(steps / longest).max(axis=1)))
         step = steps[nearest]
+        # The branch does not continue: near a singularity because it vanishes there, otherwise because it moves too fast.
         if (np.abs(step) > longest).any():
             J = constraint_jacobian(problem, q[None])[0]
             values = np.linalg.svd(J, compute_uv=False)

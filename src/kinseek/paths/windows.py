@@ -35,7 +35,7 @@ LONG = 8 * WINDOW
 """Poses from which on a path is processed in windows; the solutions of a shorter path take up to some 30 MB."""
 
 FIRST_PART = 0.45
-"""Fraction of a time limit for the first pass over all windows; the second pass takes as long."""
+"""Fraction of a time limit for the first pass over all windows; the second pass takes as long. Not examined further."""
 
 STAYS = 1e-12
 """Over a run a branch leads only to itself: solutions farther off than this [rad or m] are not linked."""
@@ -82,6 +82,7 @@ class Windows:
         """Return the solutions of pose i, with widened limits, (k, n)."""
         begin = i - i % WINDOW
         if self._wide is None or self._wide[0] != begin:
+            # The last window is kept, because a caller usually asks for adjacent poses.
             self._wide = begin, self._isolated(begin, _silent, Deadline())
         return self._wide[1].at(i - begin)
 
@@ -130,6 +131,7 @@ def best_in_windows(windows: Windows, advance: Callable[[int], object]) -> tuple
         layers, ends, part = found
         runs.append(shortened(part, layers, turning))
         first, last = (ends[0] if begin == 0 else first), ends[1]
+        # The second pass over the same windows needs the rest of the time.
         if half.passed:
             break
     q, breaks, place = [np.empty((0, len(turning.lower)))], [np.zeros(0, dtype=np.int64)], 0
@@ -204,6 +206,7 @@ def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Ind
         longest[rows, :-1] = request.longest[steps]
         following = np.minimum(begin + run.chosen_poses + 1, len(request) - 1)
         open_steps = windows.missed[begin + run.chosen_poses] | windows.missed[following]
+        # Steps to and from missed poses do not count as breaks.
         longest[rows, :-1][open_steps[: rows.stop - rows.start]] = np.inf
         over = np.flatnonzero(np.diff(run.chosen_poses) > 1)
         arrivals[place + over, :wide, :-1] = run.layers.q[over + 1]

@@ -47,14 +47,16 @@ from .wrist import without_wrist
 SPREAD = 2.5
 """Boxes whose rotation of the hand is less than this [rad] are tested to second order. Found by trial on four arms of six
 joints: with twice the value an exclusion takes 22 % fewer boxes but no less time, since most second-order tests of wide
-boxes are in vain; with half the value it takes 37 % more boxes."""
+boxes are in vain; with half the value it takes 37 % more boxes. The program of this trial is not in the repository."""
 
 SHRINK = 0.5
 """Boxes that shrink to less than this fraction of their volume are tested again before they are cut. Found by trial: 2 to 5
-% more boxes with 0.25 and with 0.8. With 1 or more every box would be tested again endlessly."""
+% more boxes with 0.25 and with 0.8. With 1 or more every box would be tested again endlessly. The program of this trial is
+not in the repository."""
 
 PASSES = 2
-"""Forms tried on a box if the tolerances decide. Found by trial: 13 % more boxes with one, no fewer with four."""
+"""Forms tried on a box if the tolerances decide. Found by trial: 13 % more boxes with one, no fewer with four. The program
+of this trial is not in the repository."""
 
 
 PIECE = 8192
@@ -68,7 +70,7 @@ FIRST = 1024
 goals of six joints."""
 
 SHARE = 0.5
-"""Fraction of the budget for the arm without its wrist; the rest is for the whole arm."""
+"""Fraction of the budget for the arm without its wrist; the rest is for the whole arm. Not examined further."""
 
 
 HANDS = 16

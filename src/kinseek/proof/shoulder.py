@@ -40,7 +40,7 @@ FEWEST = 7
 """Fewest joints of an arm: with fewer it is not redundant, and the ball joint allows what the arm cannot do."""
 
 MOST = 5
-"""Most joints distal to the ball joint: with more the sums of products are too long."""
+"""Most joints distal to the ball joint: with more the sums of products are too long. Not examined further."""
 
 WORK = 5_000_000
 """Boxes times products in each of their sums: some tenths of a second. Most decided goals take a tenth of that."""

@@ -61,7 +61,7 @@ def middle(chain: Mechanism) -> Array:
 
 
 SETTINGS = 12
-"""Configurations at which each joint is moved."""
+"""Configurations at which each joint is moved. Not examined further."""
 STILL = 1e-6
 """Largest motion of a point that counts as resting, relative to the arm's reach; rounded numbers in descriptions cause
 more."""

@@ -206,7 +206,7 @@ def _wider(search: DivideAndConquer) -> DivideAndConquer:
 
 
 WIDER = 4
-"""Factor on the number of cells, and so on the cost."""
+"""Factor on the number of cells, and so on the cost. Not examined further."""
 
 
 class _Account:

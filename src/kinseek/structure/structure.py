@@ -15,11 +15,12 @@ from kinseek.transforms import inverse
 from .axes import Axes, axes_of, meeting, nearest_on, slant
 
 NEARLY = 0.005
-"""Largest deviation at which the closed form of the nearby arm gives useful starts; see `Structure.deviation`."""
+"""Largest deviation at which the closed form of the nearby arm gives useful starts; see `Structure.deviation`. Not examined
+further."""
 
 
 BENT = 0.1
-"""Sine of the least angle between axes that must not be parallel."""
+"""Sine of the least angle between axes that must not be parallel. Not examined further."""
 
 
 SHORT = 1e-3

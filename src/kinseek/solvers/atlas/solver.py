@@ -39,8 +39,7 @@ CHUNK = 1024
 
 WIDE = 1e-4
 """Tolerance from which on a missed goal is searched again, see `Atlas._retry_missed`: [rad], or relative to the length of
-the arm.
-Below it two tolerances hardly leave weights a choice."""
+the arm. Below it two tolerances hardly leave weights a choice. Not examined further."""
 
 
 _PIECE = 16

@@ -19,17 +19,18 @@ from .samples import Samples, samples_of, spread
 Array = NDArray[np.float64]
 
 SEEDS = 16
-"""Seeds that are refined first, at once; half as many if every row runs Python code."""
+"""Seeds that are refined first, at once; half as many if every row runs Python code. Not examined further."""
 FIRST_STEPS, MORE_STEPS = 12, 30
 MORE = 48
-"""Seeds of the second lookup."""
+"""Seeds of the second lookup. Not examined further."""
 RESTARTS, ROUNDS = 64, 8
-"""Starts of a round, half of them around the best, and number of rounds."""
+"""Starts of a round, half of them around the best, and number of rounds. Not examined further."""
 BEST = 8
 APART = 0.02
-"""Smallest difference, as a fraction of the spans, between configurations that count as distinct."""
+"""Smallest difference, as a fraction of the spans, between configurations that count as distinct. Not examined further."""
 PROMISING = 1e-2
-"""Weighted error, with lengths relative to the mechanism's, below which a goal may still be reached."""
+"""Weighted error, with lengths relative to the mechanism's, below which a goal may still be reached. Not examined
+further."""
 NEAR = 32
 MOST_PASSES = ROUNDS + 5
 """Most passes of a trace: the look-up, a walk from `near`, two of samples, the restarts, and the nearest pose."""

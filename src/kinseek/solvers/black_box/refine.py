@@ -26,12 +26,12 @@ DIFFERENCE = 1e-6
 COARSE = 3e-4
 """The same for a function in single precision."""
 LONGEST = 0.2
-"""Largest motion of a joint in one step, as a fraction of its range."""
+"""Largest motion of a joint in one step, as a fraction of its range. Not examined further."""
 LOST = 1e-14
 """Lower bound of the damping, per joint. A smaller one is lost in rounding beside the slopes, and the system is then
 singular if a joint has no effect."""
 DAMPING = 1e-2
-"""First damping, relative to the mean diagonal of the squared slopes."""
+"""First damping, relative to the mean diagonal of the squared slopes. Not examined further."""
 
 
 class Ends(NamedTuple):

@@ -23,7 +23,7 @@ from .evaluator import features
 Array = NDArray[np.float64]
 
 _DEAR = 8
-"""A function that runs Python code for every row gets this many times fewer samples."""
+"""A function that runs Python code for every row gets this many times fewer samples. Not examined further."""
 
 
 MOST_FEATURES = 16
