@@ -60,7 +60,7 @@ def test_no_rotation_is_no_turn_and_batches_broadcast() -> None:
         ([0, 0], {}, r"position must have shape \(3,\) or \(..., 3\), got \(2,\)"),
         ([0, 0, np.nan], {}, "position contains NaN or infinity"),
         ("here", {}, "position must be numbers"),
-        ([0, 0, 0], {"quat_wxyz": [0, 0, 0, 0]}, "zero quaternion is no rotation"),
+        ([0, 0, 0], {"quat_wxyz": [0, 0, 0, 0]}, "zero quaternion is not a rotation"),
         ([0, 0, 0], {"quat_xyzw": [0, 0, 1]}, r"quat_xyzw must have shape \(4,\)"),
         ([0, 0, 0], {"rpy": [0, np.inf, 0]}, "rpy contains NaN or infinity"),
         ([0, 0, 0], {"rpy": [0, 0, 0], "rotvec": [0, 0, 0]}, "give one rotation, got rpy and rotvec"),

@@ -110,7 +110,7 @@ def pose(
     whole = _whole(position)
     if whole is not None:
         if beside := [*named, *["degrees"] * degrees]:
-            raise InvalidGoal(f"a whole pose, {whole.shape}, takes no {' and no '.join(beside)} beside it")
+            raise InvalidGoal(f"a whole pose, {whole.shape}, cannot be combined with {' and '.join(beside)}")
         return _rigid(whole.astype(np.float64), repairable, 3)
     if repair and rotation is None:
         raise InvalidGoal(
@@ -364,7 +364,7 @@ def _rotation_matrix(name: str, value: ArrayLike) -> Array:
     with np.errstate(over="ignore"):
         length = np.linalg.norm(numbers, axis=-1)
     if (length < 1e-9).any():
-        raise InvalidGoal(f"{name} has length {length.min():.3g}: a zero quaternion is no rotation")
+        raise InvalidGoal(f"{name} has length {length.min():.3g}: a zero quaternion is not a rotation")
     return from_quaternion(numbers if name == "quat_wxyz" else np.roll(numbers, 1, axis=-1))
 
 

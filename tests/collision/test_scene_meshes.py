@@ -138,9 +138,7 @@ def test_a_file_may_hold_more_than_a_page_would_show(tmp_path: Path, monkeypatch
 
 
 def test_a_missing_package_is_asked_for_by_the_right_name(tmp_path: Path) -> None:
-    with pytest.raises(
-        InvalidScene, match=r"'thick_meshes' is with meshes=, or set .*leaves such meshes out"
-    ):
+    with pytest.raises(InvalidScene, match=r"'thick_meshes' with meshes=, or set .*skips such meshes"):
         Scene.of(kinseek.load(write_arm(tmp_path), tip="tip"))
 
 

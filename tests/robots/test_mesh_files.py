@@ -555,7 +555,7 @@ def test_the_meshes_of_a_robot_share_one_budget(tmp_path: Path, monkeypatch: pyt
     count, (missing,) = shown(Budget(2 * once, 3 * 64))
     assert count == 2
     assert "too large together" in missing
-    count, (missing,) = shown(Budget(MOST, again_left=once))
+    count, (missing,) = shown(Budget(MOST, repeated_left=once))
     assert count == 2
     assert "too large together" in missing
     assert shown(Budget(MOST, bodies_left=3 * LEAST_BODIES)) == (3, [])
@@ -629,7 +629,7 @@ def test_the_meshes_of_a_scene_share_one_budget(tmp_path: Path, monkeypatch: pyt
         (3, 1, "too large together"),
         (0, 9, "too many bodies"),
     ):
-        left = {"again_left": again * len(box)} | ({} if most else {"bodies_left": 3 * LEAST_BODIES - 1})
+        left = {"repeated_left": again * len(box)} | ({} if most else {"bodies_left": 3 * LEAST_BODIES - 1})
         monkeypatch.setattr(
             bodies, "Budget", lambda _, most=most, left=left: Budget((most or 9) * len(box), **left)
         )

@@ -292,7 +292,7 @@ BAD_FILES = {
     "not a robot": ("<sdf/>", "root tag is <sdf>, expected <robot>"),
     "xacro in a .urdf": (
         '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="x"/></robot>',
-        "xacro commands; name it .xacro",
+        "xacro commands; rename it to .xacro",
     ),
     "no links": ("<robot/>", "no links"),
     "nameless link": ("<robot><link/></robot>", "<link> in line 1 has no name"),

@@ -104,7 +104,8 @@ class Contents:
         self.add(name, mesh, pose)
         if simplify is not None:
             self._notes.append(
-                f"{name!r} is simplified to {len(mesh.faces):,} triangles, and counts as {mesh.thicker:.2g} m thicker"
+                f"{name!r} is simplified to {len(mesh.faces):,} triangles, and is treated as {mesh.thicker:.2g} m "
+                "thicker"
             )
 
     def add_points(self, name: str, cloud: ArrayLike, radius: float, pose: Any = None) -> None:
@@ -166,7 +167,7 @@ class Contents:
             names = tuple(self._new(f"{prefix}{body.name}") for body in found)
         except InvalidScene as error:
             raise InvalidScene(
-                f'{path}: {error}; prefix= puts something before the names of a file: prefix="left "'
+                f'{path}: {error}; prefix= adds a prefix to the names of a file: prefix="left "'
             ) from None
         for name, body in zip(names, found, strict=True):
             self._enter(replace(body, name=name, frame=Frame(0, base @ body.frame.pose)))
@@ -202,7 +203,7 @@ class Contents:
             raise InvalidScene(suggest(str(to), self._links, "link"))
         if isinstance(shape, Points) or (isinstance(shape, Mesh) and not shape.hull):
             raise InvalidScene(
-                "what is attached must be convex: a cloud cannot be, of a mesh its hull, hull=True"
+                "an attached body must be convex: a cloud cannot be attached, a mesh only as its hull, hull=True"
             )
         for other in touches:
             self._require(other)
@@ -295,7 +296,7 @@ class Contents:
         self._require(name)
         if owner := next((arm.name for arm in self._others.values() if name in arm.names), None):
             raise InvalidScene(
-                f"{name!r} belongs to the arm {owner!r}; remove({owner!r}) takes all of it away"
+                f"{name!r} belongs to the arm {owner!r}; remove({owner!r}) removes the whole arm"
             )
         if self._bodies[name].is_link:
             raise InvalidScene(

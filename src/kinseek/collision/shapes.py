@@ -255,15 +255,15 @@ class Mesh(Shape):
         except (TypeError, ValueError, OverflowError) as error:
             raise InvalidScene(f"{self.name}: expected vertices (k, 3) and faces (f, 3): {error}") from None
         if not len(faces) or not len(vertices):
-            raise InvalidScene(f"{self.name} is empty: it holds no triangles")
+            raise InvalidScene(f"{self.name} is empty: it has no triangles")
         if len(faces) > MOST_TRIANGLES and not self.hull:
             raise InvalidScene(
-                f"{self.name} holds {len(faces):,} triangles, expected at most {MOST_TRIANGLES:,}: take its hull, "
-                f"hull=True, or have it simplified by so many metres at most, simplify=0.001"
+                f"{self.name} holds {len(faces):,} triangles, expected at most {MOST_TRIANGLES:,}: use its hull, "
+                "hull=True, or simplify it by at most a length in metres, simplify=0.001"
             )
         _require_measure(vertices, self.name)
         if faces.min() < 0 or faces.max() >= len(vertices):
-            raise InvalidScene(f"{self.name}: a face names a vertex that is not there")
+            raise InvalidScene(f"{self.name}: a face refers to a vertex that does not exist")
         object.__setattr__(self, "thicker", length_or_zero(f"{self.name}: thicker", self.thicker))
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
@@ -440,13 +440,13 @@ class Points(Shape):
         bad = ~np.isfinite(cloud).all(axis=1)
         if bad.any():
             raise InvalidScene(
-                f"a cloud must be finite: {int(bad.sum()):,} of {len(cloud):,} points hold NaN or infinity, the first is "
-                f"point {int(np.argmax(bad))}; leave them out: cloud[numpy.isfinite(cloud).all(axis=1)]"
+                f"a cloud must be finite: {int(bad.sum()):,} of {len(cloud):,} points hold NaN or infinity, the first "
+                f"is point {int(np.argmax(bad))}; remove them: cloud[numpy.isfinite(cloud).all(axis=1)]"
             )
         if (farthest := float(np.abs(cloud).max())) > MOST_LENGTH:
             raise InvalidScene(
-                f"points of a cloud must lie within {MOST_LENGTH:g} m of its origin along each axis, got {farthest:g} m: "
-                f"leave those out that are farther off: cloud[(abs(cloud) <= {MOST_LENGTH:g}).all(axis=1)]"
+                f"points of a cloud must lie within {MOST_LENGTH:g} m of its origin along each axis, got {farthest:g} "
+                f"m: remove points that are farther away: cloud[(abs(cloud) <= {MOST_LENGTH:g}).all(axis=1)]"
             )
         object.__setattr__(self, "cloud", cloud)
         object.__setattr__(self, "places", cloud)
@@ -516,7 +516,7 @@ def length_or_zero(name: str, value: Any) -> float:
         return length(name, value, 0.0)
     except InvalidScene:
         raise InvalidScene(
-            f"{name} must be a length of at least 0 m, got {value!r:.200}; the largest that is taken is {MOST_LENGTH:g} m"
+            f"{name} must be a length of at least 0 m, and at most {MOST_LENGTH:g} m, got {value!r:.200}"
         ) from None
 
 
@@ -549,8 +549,8 @@ def _require_measure(vertices: Array, name: str) -> None:
         raise InvalidScene(f"{name}: a vertex holds NaN or infinity")
     if (farthest := float(np.abs(vertices).max())) > MOST_LENGTH:
         raise InvalidScene(
-            f"{name}: vertices must lie within {MOST_LENGTH:g} m of its origin along each axis, got {farthest:g} m; are "
-            "they in metres? If not, scale= brings them there"
+            f"{name}: vertices must lie within {MOST_LENGTH:g} m of its origin along each axis, got {farthest:g} m; "
+            "if they are not in metres, give scale="
         )
     if (largest := float(np.ptp(vertices, axis=0).max())) < LEAST_LENGTH:
         raise InvalidScene(

@@ -28,16 +28,14 @@ def grid_design(search: DivideAndConquer, problem: Problem, ram: int | None) -> 
         InvalidSolver: Parameters of the search that do not fit the arm.
     """
     if search.tree != "dynamic":
-        raise InvalidExport(
-            f"a controller makes nodes when they are needed: tree must be 'dynamic', got {search.tree!r}"
-        )
+        raise InvalidExport(f"tree must be 'dynamic' in an exported search, got {search.tree!r}")
     if search.ties != "rounding":
         raise InvalidExport(f"ties must be 'rounding' in an exported search, got {search.ties!r}")
     plan, dof = search._plan(problem, Deadline()), problem.mechanism.dof
     if len(plan.ends) > 1:
         raise InvalidExport(
-            f"an exported search has the same breadth in all later passes: breadth must be a whole number or one a joint, "
-            f"got {search.breadth!r}"
+            "an exported search has the same breadth in all later passes: breadth must be a whole number or one per "
+            f"joint, got {search.breadth!r}"
         )
     most_lanes, a_lane = _lanes(problem, plan), _numbers_a_lane()
     room = room_for(12, dof)  # A pose without its last row, and a node of each joint.

@@ -125,10 +125,12 @@ class Layout:
         fields = bundle_of(bundle).fields
         _check_names(bundle, fields | parts)
         for field, leaf in fields.items():
-            if field not in parts:
-                own = f"{bundle.__name__}.{field}"
-                inner = isinstance(leaf, Bundle)
-                parts[field] = Layout(leaf.made_of, made_for) if inner else _part_of(leaf, own)
+            if field in parts:
+                continue
+            if isinstance(leaf, Bundle):
+                parts[field] = Layout(leaf.made_of, made_for)
+            else:
+                parts[field] = _part_of(leaf, f"{bundle.__name__}.{field}")
         self.count = plain(0)
         """Length of the memory in numbers."""
         views = {}

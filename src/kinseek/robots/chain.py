@@ -154,8 +154,8 @@ class SerialChain(Variables):
         """Return the same chain in which only some joints move; see `Mechanism`."""
         from .variants import with_locked, with_tool
 
-        held = {name: float(q[i]) for i, name in enumerate(self.joint_names) if i not in joints}
-        chain = with_locked(self, held)
+        locked = {name: float(q[i]) for i, name in enumerate(self.joint_names) if i not in joints}
+        chain = with_locked(self, locked)
         return chain if tool is None else with_tool(chain, tool)
 
     def forward(self, q: Array) -> Array:
@@ -215,8 +215,9 @@ def serial_chain(
         farthest = abs(shift) + abs(scale) * max(abs(lower[i]), abs(upper[i]))
         if not max(farthest, abs(scale)) <= LARGEST:
             raise InvalidRobot(
-                f"joint {joint.name!r} may go as far as {farthest:g} rad or m, and follow its leader {abs(scale):g} times "
-                f"as fast; both must be at most {LARGEST:g}: farther off, joint values are rounded by more than 1e-9"
+                f"joint {joint.name!r} has limits up to {farthest:g} rad or m, and a mimic multiplier of "
+                f"{abs(scale):g}; both must be at most {LARGEST:g}: farther off, joint values are rounded by more "
+                "than 1e-9"
             )
 
     fixed = np.empty((len(joints) + 1, 3, 4))
@@ -426,5 +427,5 @@ def _rigid_pose(pose: Array, what: str) -> Array:
     turn = pose[:3, :3]
     off = float(np.abs(turn @ turn.T - np.eye(3)).max())
     if off > _RIGID:
-        raise InvalidRobot(f"{what}: no rotation: RRᵀ differs from the identity by {off:.3g}")
+        raise InvalidRobot(f"{what}: not a rotation: RRᵀ differs from the identity by {off:.3g}")
     return pose

@@ -35,7 +35,7 @@ MOST_GROUPS = 1_000
 LEAST_BODIES = 4
 """Least number of bodies that a file counts as, in the budget of a robot: reading a file takes as long as some eight
 bodies."""
-MOST_AGAIN = 2**26
+MOST_REPEATED = 2**26
 """Most bytes of files that are read again because a robot refers to them more than once."""
 MOST_STEPS = 100_000
 """Most steps from the nodes of a file to its root, added up."""
@@ -174,7 +174,7 @@ class Budget:
     bodies_left: int = MOST_BODIES
     """Number of bodies; a file counts as at least `LEAST_BODIES`."""
     corners_left: int = MOST_CORNERS
-    again_left: int = MOST_AGAIN
+    repeated_left: int = MOST_REPEATED
     """Bytes of files that were read before."""
     seen: set[Path] = field(default_factory=set)
     """Files that were read."""
@@ -187,13 +187,13 @@ class Budget:
         Raises:
             InvalidRobot: The file cannot be read or is too large, or the budget is exhausted.
         """
-        if min(self.bytes_left, self.again_left) >= 0:
+        if min(self.bytes_left, self.repeated_left) >= 0:
             text = file_bytes(path, most)
             self.bytes_left -= len(text)
             real = path.resolve()
-            self.again_left -= len(text) if real in self.seen else 0
+            self.repeated_left -= len(text) if real in self.seen else 0
             self.seen.add(real)
-        if min(self.bytes_left, self.again_left) < 0:
+        if min(self.bytes_left, self.repeated_left) < 0:
             raise InvalidRobot(
                 f"{str(path)!r} is not read: the files before it and this one are too large together"
             )
@@ -338,11 +338,11 @@ def _ply(text: bytes) -> Size:
                 )
             name, rows = words[1], int(words[2])
             if name == "edge":
-                raise InvalidRobot("it has edges that belong to no triangle; leave them out")
+                raise InvalidRobot("it has edges that belong to no triangle; remove them")
         elif "property" in words[0]:
             properties, values = properties + 1, values + rows
             if name == "vertex" and "list" in words[1]:  # trimesh copies it for each corner of a triangle.
-                raise InvalidRobot("its vertices have lists; leave them out")
+                raise InvalidRobot("its vertices have lists; remove them")
     _at_most(properties, MOST_PROPERTIES, "properties in its header")
     if not is_text:
         return Size(1, 0)
@@ -519,7 +519,7 @@ def _dae(text: bytes) -> Size:
     root = etree.fromstring(text, parser)
     for each in root.iter("{*}vcount"):
         if re.fullmatch(r"[0-9 \t\r\n]*", each.text or "") is None:
-            raise InvalidRobot("the numbers of corners of polygons are no whole numbers")
+            raise InvalidRobot("the numbers of corners of polygons are not whole numbers")
         if _words(each.text):
             corners = float(np.fromstring(each.text, sep=" ").sum())
             _at_most(int(min(corners, 2.0**62)), MOST_CORNERS, "corners of polygons")

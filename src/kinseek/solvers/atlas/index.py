@@ -150,7 +150,7 @@ class AtlasIndex(Lazy):
         )
 
 
-KEPT = 16
+MOST_CACHED = 16
 """Number of atlases of other tools and tool axes that an arm keeps, the last ones used."""
 
 
@@ -158,14 +158,14 @@ _Key = tuple[Kind, int, bytes | None]
 """Kind of goal, number of samples, and the transform of the tip; None if there is none."""
 
 
-_indices: WeakCache[SerialChain, _Key, AtlasIndex] = WeakCache(KEPT, lambda key: key[2] is not None)
+_indices: WeakCache[SerialChain, _Key, AtlasIndex] = WeakCache(MOST_CACHED, lambda key: key[2] is not None)
 
 
 def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLES) -> AtlasIndex:
     """Return the atlas of an arm for a kind of goal: built at the first call, dropped with the arm.
 
     Another tool shares the samples if the goal is a whole pose; if the tip's pose is not determined, the tool has its own.
-    The atlases of the last `KEPT` tools and tool axes are kept.
+    The atlases of the last `MOST_CACHED` tools and tool axes are kept.
     """
     kind = POSE if goal is None else goal.seeded_as
     tip = None if goal is None else goal.tip
