@@ -13,6 +13,7 @@ from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution, quick_solution
 
 from .index import AtlasIndex, tolerance_numbers
+from .solver import retries_missed
 
 
 def can_solve_quickly(goal: Goal, near: Array | None) -> bool:
