@@ -17,7 +17,7 @@ import numpy as np
 from kinseek.kernels.arm.division import NONE, SLIDE, TURN, Division, nearest_copy
 from kinseek.kernels.arm.forward import advance, advance_segment, identity
 from kinseek.kernels.arm.trigonometry import rough_angle
-from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.kernels.arrays import Array, ChainArrays, Limits
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
@@ -127,16 +127,25 @@ def fill_atlas(
                 atlas.poses[i, r, c] = poses[order[i], r, c]
 
 
+class Divided(NamedTuple):
+    """An atlas, the joints that are divided out of it, and where these may be."""
+
+    atlas: Atlas
+    division: Division
+    limits: Limits
+    margin: float
+    """How far beyond its limits the first or the last joint of a promising sample may be [rad or m]."""
+
+
 @inlined
-def complete_seed(
-    atlas: Atlas, division: Division, G: Array, i: int, lower: Array, upper: Array, margin: float, q: Array
-) -> bool:
+def complete_seed(arm: Divided, G: Array, i: int, q: Array) -> bool:
     """Fill q, (n,), from sample i for a goal G in the frame of the first joint; return False if it is not promising.
 
-    A sample is not promising if its first or last joint is beyond its limits by more than `margin` [rad or m]. Within the
+    A sample is not promising if its first or last joint is beyond its limits by more than the margin. Within the
     margin the joint is clamped to the limit, because the sample is only near the solution.
     """
-    dof, K = len(lower), atlas.poses[i]
+    atlas, division, lower, upper = arm.atlas, arm.division, arm.limits.lower, arm.limits.upper
+    dof, K, margin = len(lower), atlas.poses[i], arm.margin
     first = 0 if division.head == NONE else 1
     for j in range(atlas.middle.shape[1]):
         q[first + j] = atlas.middle[i, j]

@@ -155,24 +155,34 @@ def _select(points: Array, d: int, order: Indices, first: int, last: int, middle
             return
 
 
+class Neighbours(NamedTuple):
+    """The points that a search finds, nearest first, and its scratch memory."""
+
+    distance: Array
+    """Squared distances, at least (most,)."""
+    place: Indices
+    """Places in the leaves, at least (most,)."""
+    stack: Indices
+    """Scratch memory, (64,)."""
+    bound: Array
+    """Scratch memory, (64 + LEAF_SIZE,)."""
+
+
 @inlined
-def nearest(
-    tree: Tree, point: Array, most: int, distance: Array, index: Indices, stack: Indices, bound: Array
-) -> int:
+def nearest(tree: Tree, point: Array, most: int, neighbours: Neighbours) -> int:
     """Find the nearest points, nearest first.
 
     Args:
         tree: The tree to search.
         point: (dimensions,)
         most: Number of points.
-        distance: Receives squared distances, at least (most,).
-        index: Receives places in the leaves, at least (most,).
-        stack: Scratch memory, (64,).
-        bound: Scratch memory, (64 + LEAF_SIZE,).
+        neighbours: Receives the points.
 
     Returns:
         The number of points found.
     """
+    distance, index = neighbours.distance, neighbours.place
+    stack, bound = neighbours.stack, neighbours.bound
     leaves, dimensions = tree.points.shape[0], tree.points.shape[1]
     found, top, scanned = 0, 1, 0
     stack[0], bound[0] = 0, 0.0

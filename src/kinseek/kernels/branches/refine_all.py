@@ -13,10 +13,9 @@ from kinseek.kernels.atlas.batch import stand_still
 from kinseek.kernels.atlas.descent import iterate, within
 from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2, Lanes
 from kinseek.kernels.atlas.memory import Scratch, make_scratch
-from kinseek.kernels.atlas.samples import complete_seed
-from kinseek.kernels.atlas.seeds import MARGIN, into_limits
+from kinseek.kernels.atlas.seeds import MARGIN, complete, into_limits
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Job, Task, task_of
-from kinseek.kernels.atlas.tree import nearest
+from kinseek.kernels.atlas.tree import Neighbours, nearest
 from kinseek.kernels.jit import inlined, kernel
 
 CENTRE, SCALE, RATES = range(3)
@@ -270,12 +269,11 @@ def starts(
     seeds: Array,
 ) -> int:
     """Complete the `most` nearest samples into seeds, nearest first; return their number."""
-    found = nearest(task.atlas.tree, scratch.point, most, distance, neighbour, scratch.stack, scratch.bound)
-    lower, upper, many = task.chain.lower, task.chain.upper, 0
+    neighbours = Neighbours(distance, neighbour, scratch.stack, scratch.bound)
+    found = nearest(task.atlas.tree, scratch.point, most, neighbours)
+    many = 0
     for k in range(found):
-        if complete_seed(
-            task.atlas, task.division, scratch.seen, neighbour[k], lower, upper, MARGIN, scratch.seed
-        ):
+        if complete(task, scratch, neighbour[k], MARGIN):
             for i in range(len(scratch.seed)):
                 seeds[many, i] = scratch.seed[i]
             many += 1

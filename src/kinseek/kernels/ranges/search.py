@@ -21,8 +21,7 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.near import load_near
 from kinseek.kernels.atlas.one_goal import routines, search_near
-from kinseek.kernels.atlas.samples import complete_seed
-from kinseek.kernels.atlas.seeds import MARGIN, MORE, into_limits, load_seed, look_up
+from kinseek.kernels.atlas.seeds import MARGIN, MORE, complete, into_limits, load_seed, look_up
 from kinseek.kernels.atlas.task import (
     ENDING,
     EVALUATIONS,
@@ -62,7 +61,7 @@ def range_starts_routine(
     task = task_of(handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES))
     dof, joints = len(task.lower), len(task.chain.leader)
     scratch = make_scratch(part1(memory_address, 0, scratch_size(dof, joints)), dof, joints)
-    ranges, chain = make_range_scratch(memory_address, dof, joints), task.chain
+    ranges = make_range_scratch(memory_address, dof, joints)
     used, first = ranges.used, 0
     if close != 0 and begin == 0:
         first = 1
@@ -78,9 +77,7 @@ def range_starts_routine(
             i, fresh = scratch.neighbour[k], True
             for j in range(len(used)):
                 fresh = fresh and used[j] != i
-            if fresh and complete_seed(
-                task.atlas, task.division, scratch.seen, i, chain.lower, chain.upper, MARGIN, scratch.seed
-            ):
+            if fresh and complete(task, scratch, i, MARGIN):
                 taken = i
                 load_seed(scratch.lanes, l, scratch.seed)
                 scratch.state[l] = 0
