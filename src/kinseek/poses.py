@@ -334,11 +334,20 @@ def _whole(position: Any) -> Array | None:
     if isinstance(position, np.ndarray):
         return position if position.shape[-2:] == (4, 4) else None
     carries = any(hasattr(position, name) for name in _CARRIERS)
-    nested = isinstance(position, list | tuple) and len(position) > 0 and np.ndim(position[0]) > 0
-    if not (carries or nested):
+    if not (
+        carries or (isinstance(position, list | tuple) and len(position) > 0 and _is_nested(position[0]))
+    ):
         return None
     matrix = _matrix_of(position)
     return matrix if carries or matrix.shape[-2:] == (4, 4) else None
+
+
+def _is_nested(value: Any) -> bool:
+    """Return whether an element of a sequence has elements itself; true also for what NumPy cannot make an array of."""
+    try:
+        return np.ndim(value) > 0
+    except ValueError:  # Rows of different lengths, or nested too deeply.
+        return True
 
 
 def _of_matrix(value: Any, repairable: float) -> Array:

@@ -83,8 +83,9 @@ class Contents:
     ) -> None:
         """Add a triangle mesh from a file.
 
-        A closed mesh is solid. An open mesh is a surface: a body wholly behind it does not touch it, and `notes` reports
-        this.
+        A closed surface of the mesh is solid, whichever way its triangles are oriented; one wholly inside another and
+        oriented the other way is a cavity. An open surface is thin: a body wholly behind it does not touch it, and `notes`
+        reports this.
 
         Args:
             name: Name of the new body.
@@ -378,7 +379,14 @@ class Contents:
         self._bodies[body.name] = body
         self._assembly = None
         shapes = [part.shape for part in body.parts]
-        if any(isinstance(shape, Mesh) and not shape.hull and not shape.closed for shape in shapes):
+        opened = [
+            shape for shape in shapes if isinstance(shape, Mesh) and not shape.hull and not shape.closed
+        ]
+        if any(shape.interior.any_solid for shape in opened):
+            self._notes.append(
+                f"{body.name!r} is an open mesh in part: what lies wholly behind its open surfaces does not touch them"
+            )
+        elif opened:
             self._notes.append(
                 f"{body.name!r} is an open mesh, a surface: what lies wholly behind it does not touch it"
             )
