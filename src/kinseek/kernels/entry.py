@@ -179,15 +179,23 @@ ENTRIES: dict[str, Entry] = {}
 """All entries of the imported modules."""
 
 
+def parameters(function: Callable[..., Any]) -> dict[str, Leaf | Bundle]:
+    """Parameters of a kernel, declared by their annotations, see `declared`.
+
+    Raises:
+        TypeError: An annotation is missing or unsuitable.
+    """
+    hints = _hints(function)
+    return {name: declared(hints.get(name), name) for name in inspect.signature(function).parameters}
+
+
 def declare(function: Callable[..., Any], exact: bool = False) -> Entry:
     """Register an entry. Its parameters are declared by their annotations, see `declared`; it returns numbers.
 
     Raises:
         TypeError: An annotation is missing or unsuitable, or another entry has its name.
     """
-    hints = _hints(function)
-    result = hints.pop("return", None)
-    takes = {name: declared(hints.get(name), name) for name in inspect.signature(function).parameters}
+    takes, result = parameters(function), _hints(function).get("return")
     numbers = get_args(result) or (() if result in (None, type(None)) else (result,))
     returns = tuple(Leaf(_NUMBERS[each]) for each in numbers)
     made = Entry(function, takes, returns, exact)

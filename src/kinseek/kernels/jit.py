@@ -151,35 +151,31 @@ class Routine:
     """A function that kernels call by its address: its machine code is compiled once, independently of its callers.
 
     Numba optimises a function that it links into a kernel again with that kernel, and with all its callers. For a search
-    that is four calls deep this took most of the compile time. See `pointers.call`.
+    that is four calls deep this took most of the compile time. See `pointers.routine` and `pointers.call`.
     """
 
-    def __init__(self, signature: str, function: Callable[..., int]) -> None:
-        """Store what to compile, as a C function of this signature: numbers, and memory by address."""
-        self.signature, self.function = signature, function
+    def __init__(self, signature: str, function: Callable[..., int], original: Callable[..., int]) -> None:
+        """Store what to compile.
+
+        Args:
+            signature: That of a C function of numbers, as Numba reads it.
+            function: A function of numbers, which calls the original.
+            original: The kernel itself, for plain Python.
+        """
+        self.signature, self.function, self.original = signature, function, original
         self.name, self.room = f"ks_{function.__name__}", room_of(function.__module__)
         self._compiled = compiler.Compiled(signature, function) if COMPILES else None
+        if self.name in ROUTINES and ROUTINES[self.name].function.__module__ != function.__module__:
+            raise TypeError(f"two routines are called {self.name}")
+        ROUTINES[self.name] = self
 
     @property
     def address(self) -> int:
         """Address of its machine code, compiled by now or in the library."""
         if LIBRARY is not None:
             return LIBRARY.address(self.name, self.room)
-        return address_of(self.function) if self._compiled is None else self._compiled.address
+        return address_of(self.original) if self._compiled is None else self._compiled.address
 
 
 ROUTINES: dict[str, Routine] = {}
 """All routines of the imported modules."""
-
-
-def routine(signature: str) -> Callable[[Callable[..., int]], Routine]:
-    """Make a `Routine` of a function that returns an integer; it is compiled when its address is requested."""
-
-    def make(function: Callable[..., int]) -> Routine:
-        made = Routine(signature, function)
-        if made.name in ROUTINES and ROUTINES[made.name].function.__module__ != function.__module__:
-            raise TypeError(f"two routines are called {made.name}")
-        ROUTINES[made.name] = made
-        return made
-
-    return make

@@ -10,8 +10,8 @@ from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
 from kinseek.kernels.arrays import Array, GoalArrays
-from kinseek.kernels.jit import array_view, inlined, routine
-from kinseek.kernels.pointers import call, part1
+from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.pointers import call, routine
 
 from .lanes import (
     COSINE,
@@ -28,19 +28,16 @@ from .lanes import (
     lanes_residual,
     lanes_solve,
 )
-from .memory import Scratch, make_scratch, scratch_size
+from .memory import Scratch, scratch_of
 from .seeds import copy_joints, keep_joints, load_target, turns_fully
 from .task import (
     ITERATE,
     JUDGE,
-    TOLERANCES,
     WEIGHTED_ERROR,
     Job,
     Task,
-    addresses_of,
-    handle_at,
     routine_at,
-    task_of,
+    task_at,
 )
 
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
@@ -142,19 +139,15 @@ def iterate(job: Job, move: bool) -> int:
 
     The step is that of the task: `iterate_routine` for a pose, another for a goal with ranges.
     """
-    done: int = call(routine_at(job.handle, ITERATE), (*addresses_of(job), int(move), job.width))
+    done: int = call(routine_at(job.handle, ITERATE), (job, move))
     return done
 
 
-@routine("int64(int64, int64, int64, int64, int64)")
-def iterate_routine(
-    handle_address: int, tolerances_address: int, memory_address: int, move: int, w: int
-) -> int:
+@routine
+def iterate_routine(job: Job, move: bool) -> int:
     """See `iterate`."""
-    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
-    task = task_of(handle, tolerances)
-    memory = part1(memory_address, 0, scratch_size(len(task.lower), len(task.chain.leader)))
-    scratch = make_scratch(memory, len(task.lower), len(task.chain.leader))
+    task, w = task_at(job), job.width
+    scratch = scratch_of(job, task)
     lanes = scratch.lanes
     if move:
         lanes_jacobian(task.chain.leader, task.links, lanes, free_turn(task), w)
@@ -267,8 +260,7 @@ def keep_seed(scratch: Scratch, error: float) -> None:
 @array_view
 def judge_by_ranges(job: Job, q: Array, report: Array) -> int:
     """Judge joint values, (n,), by plain FK against ranges: write errors [m], [rad] and weighted into a report."""
-    given = (*addresses_of(job), q.ctypes.data, report.ctypes.data)
-    done: int = call(routine_at(job.handle, JUDGE), given)
+    done: int = call(routine_at(job.handle, JUDGE), (job, q, report))
     return done
 
 

@@ -11,8 +11,8 @@ from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
 from kinseek.kernels.arm.range_error import range_weighted
 from kinseek.kernels.arrays import Array, GoalArrays, Limits
-from kinseek.kernels.jit import array_view, inlined, ir_inlined, routine
-from kinseek.kernels.pointers import call, part1, part2
+from kinseek.kernels.jit import array_view, inlined, ir_inlined
+from kinseek.kernels.pointers import call, routine
 
 from .descent import (
     DEEP_STEPS,
@@ -27,7 +27,7 @@ from .descent import (
     reset_weights,
 )
 from .lanes import DISTANCE2, LANES, SINE2
-from .memory import DEEP, Scratch, make_scratch, scratch_size
+from .memory import DEEP, Scratch, scratch_of
 from .newton import DOWNHILL, VALLEY_STEPS, WALK, Walk, minimise
 from .seeds import (
     MORE,
@@ -39,7 +39,7 @@ from .seeds import (
     load_target,
     look_up,
 )
-from .task import ENDING, TOLERANCES, WEIGHT, Job, Task, addresses_of, handle_at, routine_at, task_of
+from .task import ENDING, WEIGHT, Job, Target, Task, routine_at, task_at
 
 BALANCES, BEARABLE, SMALL = 8, 10.0, 1e-30
 """Largest number of times that the two tolerances are rebalanced; the multiple of a tolerance beyond which this is
@@ -114,22 +114,15 @@ def fill_from_flips(task: Task, scratch: Scratch) -> int:
 @array_view
 def find_nearest_pose(job: Job, target: Array) -> int:
     """Refine the eight best to the nearest pose to an unreachable target, (3, 4); return FK evaluations."""
-    given = (*addresses_of(job), target.ctypes.data, job.width)
-    spent: int = call(routine_at(job.handle, ENDING), given)
+    spent: int = call(routine_at(job.handle, ENDING), (job, target))
     return spent
 
 
-@routine("int64(int64, int64, int64, int64, int64)")
-def ending_routine(
-    handle_address: int, tolerances_address: int, memory_address: int, target_address: int, w: int
-) -> int:
+@routine
+def ending_routine(job: Job, target: Target) -> int:
     """See `find_nearest_pose`."""
-    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
-    task = task_of(handle, tolerances)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    memory, target = part1(memory_address, 0, scratch_size(dof, joints)), part2(target_address, 0, 3, 4)
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory, w)
-    spent = 0
+    task, spent = task_at(job), 0
+    scratch = scratch_of(job, task)
     for turn in range(2):
         if turn > 0:
             spent += look_around(job, task, scratch, target)

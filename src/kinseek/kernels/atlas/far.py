@@ -15,13 +15,13 @@ import numpy as np
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
 from kinseek.kernels.arrays import Array, Limits
-from kinseek.kernels.jit import array_view, inlined, routine
-from kinseek.kernels.pointers import call, floats1, part1, part2
+from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.pointers import call, floats1, routine
 
 from .descent import farthest_joint, goal_of, keep_best, lowest, lowest_row, start
 from .ending import fill_from_flips, reweigh
 from .lanes import LANES
-from .memory import Scratch, make_scratch, scratch_size
+from .memory import Scratch, scratch_of
 from .newton import DOWNHILL, WALK, minimise
 from .seeds import copy_joints, fill_from_lookup, keep_joints, look_up, restart
 from .task import (
@@ -32,13 +32,12 @@ from .task import (
     POSITION,
     SHOULDER,
     SPAN,
-    TOLERANCES,
     Job,
+    Joints,
+    Target,
     Task,
-    addresses_of,
-    handle_at,
     routine_at,
-    task_of,
+    task_at,
 )
 
 BEYOND = 1.1
@@ -86,8 +85,7 @@ def is_far(job: Job, target: Array) -> bool:
 @array_view
 def nearest_to_far(job: Job, target: Array, q: Array) -> int:
     """Write the nearest pose to a target for which `is_far` holds into q, (n,); return FK evaluations."""
-    given = (*addresses_of(job), target.ctypes.data, q.ctypes.data, job.width)
-    spent: int = call(routine_at(job.handle, DISTANT), given)
+    spent: int = call(routine_at(job.handle, DISTANT), (job, target, q))
     return spent
 
 
@@ -121,23 +119,11 @@ def settle_best(task: Task, scratch: Scratch, target: Array) -> int:
     return spent
 
 
-@routine("int64(int64, int64, int64, int64, int64, int64)")
-def far_routine(
-    handle_address: int,
-    tolerances_address: int,
-    memory_address: int,
-    target_address: int,
-    q_address: int,
-    w: int,
-) -> int:
+@routine
+def far_routine(job: Job, target: Target, q: Joints) -> int:
     """See `nearest_to_far`."""
-    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
-    task = task_of(handle, tolerances)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    memory = part1(memory_address, 0, scratch_size(dof, joints))
-    target, q = part2(target_address, 0, 3, 4), part1(q_address, 0, dof)
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory, w)
-    goal = goal_of(task, target)
+    task = task_at(job)
+    scratch, goal = scratch_of(job, task), goal_of(task, target)
     largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
     start(task, scratch, target)
     begin, found = 0, look_up(task, scratch, target, BESIDE)

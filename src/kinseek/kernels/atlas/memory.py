@@ -9,6 +9,7 @@ from kinseek.kernels.jit import array_view
 from kinseek.kernels.layout import Layout
 
 from .lanes import LANES, Lanes
+from .task import Job, Task
 from .tree import LEAF_SIZE
 
 DEEP = 160
@@ -64,6 +65,12 @@ LAYOUT = Layout(Scratch)
 
 
 scratch_size, lay_scratch = LAYOUT.size, LAYOUT.make
+
+
+@array_view
+def scratch_of(job: Job, task: Task) -> Scratch:
+    """The scratch memory of a job."""
+    return make_scratch(job.memory, len(task.lower), len(task.chain.leader))
 
 
 @array_view

@@ -17,7 +17,7 @@ from kinseek.kernels.pointers import part1
 from .descent import DEEP_STEPS, descend_lanes, goal_of, keep_closest, start
 from .far import is_far
 from .lanes import LANES
-from .memory import Scratch, make_scratch, scratch_size
+from .memory import Scratch, scratch_of, scratch_size
 from .one_goal import NEAREST, closed_answer, conclude_answer, finish, outcome, solve_target
 from .seeds import MORE, fill_from_lookup, load_seed, look_up, turns_fully
 from .task import (
@@ -28,6 +28,7 @@ from .task import (
     handle_at,
     lanes_of,
     plain_tolerances,
+    task_at,
     task_of,
 )
 
@@ -62,8 +63,8 @@ def walk_near(job: Job, target: Array, near: Array, q: Array) -> int:
     Returns:
         FK evaluations spent.
     """
-    task = task_of(job.handle, job.tolerances)
-    scratch = make_scratch(job.memory, len(task.lower), len(task.chain.leader))
+    task = task_at(job)
+    scratch = scratch_of(job, task)
     if is_far(job, target):
         return solve_target(job, target, task.budget, q)
     tried = closed_answer(job, target, task.budget, near, NEAREST, q)
@@ -100,8 +101,8 @@ def walk_near(job: Job, target: Array, near: Array, q: Array) -> int:
 @array_view
 def conclude_near(job: Job, target: Array, near: Array, q: Array, report: Array) -> None:
     """Do the same as `one_goal.conclude_answer`, with full turns chosen near a reference, (n,)."""
-    task = task_of(job.handle, job.tolerances)
-    scratch = make_scratch(job.memory, len(task.lower), len(task.chain.leader))
+    task = task_at(job)
+    scratch = scratch_of(job, task)
     finish(task, scratch, goal_of(task, target), near, q, report)
 
 

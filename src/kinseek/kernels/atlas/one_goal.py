@@ -17,8 +17,8 @@ from kinseek.kernels.arm.pose_error import errors, is_rigid, weighted_error
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.atlas.task import Handle
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import array_view, entry, inlined, kernel, routine
-from kinseek.kernels.pointers import call, part1, part2
+from kinseek.kernels.jit import array_view, entry, inlined, kernel
+from kinseek.kernels.pointers import call, part1, routine
 
 from .descent import (
     DEEP_STEPS,
@@ -41,7 +41,7 @@ from .ending import ENDGAME, ending_routine, find_nearest_pose, promise
 from .far import MOST as FAR_MOST
 from .far import far_routine, is_far, nearest_to_far
 from .lanes import LANES
-from .memory import DEEP, Scratch, make_scratch, scratch_size
+from .memory import DEEP, Scratch, scratch_of, scratch_size
 from .seeds import (
     MORE,
     MORE_RESTARTS,
@@ -73,12 +73,14 @@ from .task import (
     TOLERANCES,
     WEIGHTED_ERROR,
     Job,
+    Joints,
+    Target,
     Task,
-    addresses_of,
     handle_at,
     lanes_of,
     plain_tolerances,
     routine_at,
+    task_at,
     task_of,
 )
 
@@ -125,50 +127,32 @@ def closed_answer(job: Job, target: Array, budget: float, near: Array, asked: in
     """Return the result of `structure.one_answer.closed_routine`; 0 if the arm has no closed form."""
     tried = 0
     if routine_at(job.handle, CLOSED) != 0 and budget >= (FIRST_STEPS + 1) * LANES:
-        given = (*addresses_of(job), target.ctypes.data, near.ctypes.data, asked, q.ctypes.data, job.width)
-        tried = call(routine_at(job.handle, CLOSED), given)
+        tried = call(routine_at(job.handle, CLOSED), (job, target, near, asked, q))
     return tried
 
 
 @array_view
 def search_near(job: Job, target: Array, budget: float, near: Array, close: bool, q: Array) -> int:
     """Do the same as `solve_target`; with `close` choose the solution nearest to `near`, (n,), for a goal with ranges."""
-    at = (*addresses_of(job), target.ctypes.data)
-    given = (*at, budget, near.ctypes.data, int(close), q.ctypes.data, job.width)
-    spent: int = call(routine_at(job.handle, SEARCH), given)
+    spent: int = call(routine_at(job.handle, SEARCH), (job, target, budget, near, close, q))
     return spent
 
 
 @array_view
-def fill_from_ranges(job: Job, near: Array, close: int, begin: int, most: int) -> int:
+def fill_from_ranges(job: Job, near: Array, close: bool, begin: int, most: int) -> int:
     """Load the samples nearest to poses of the ranges, from index `begin` on, into the lanes; return the next index.
 
     At most `most` samples are read for each pose. With `close` the first lane starts from `near`, (n,).
     """
-    given = (*addresses_of(job), near.ctypes.data, close, begin, most)
-    following: int = call(routine_at(job.handle, STARTS), given)
+    following: int = call(routine_at(job.handle, STARTS), (job, near, close, begin, most))
     return following
 
 
-@routine("int64(int64, int64, int64, int64, float64, int64, int64, int64, int64)")
-def search_routine(
-    handle_address: int,
-    tolerances_address: int,
-    memory_address: int,
-    target_address: int,
-    budget: float,
-    near_address: int,
-    close: int,
-    q_address: int,
-    w: int,
-) -> int:
+@routine
+def search_routine(job: Job, target: Target, budget: float, near: Joints, close: bool, q: Joints) -> int:
     """See `solve_target` and `search_near`."""
-    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
-    task = task_of(handle, tolerances)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    memory = part1(memory_address, 0, scratch_size(dof, joints))
-    target, q, near = part2(target_address, 0, 3, 4), part1(q_address, 0, dof), part1(near_address, 0, dof)
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory, w)
+    task, w = task_at(job), job.width
+    scratch, dof = scratch_of(job, task), len(task.lower)
     lanes = scratch.lanes
     start(task, scratch, target)
     spent, rounds, looked, begin, found, persisted, number = 0, 0, 0, 0, task.poses, 0, 0
@@ -227,10 +211,10 @@ def search_routine(
             break
         if spent + (steps + 1) * LANES > budget:
             break
-        lane, made = descend_lanes(job, task, scratch, steps, close != 0)
+        lane, made = descend_lanes(job, task, scratch, steps, close)
         make_stubborn(lanes, 0.0)
         spent += (made + 1) * LANES
-        if close != 0:
+        if close:
             closest = keep_closest(task, scratch, near, closest, q)
             if closest < np.inf and begin == found:
                 return spent
@@ -260,8 +244,8 @@ def finish(task: Task, scratch: Scratch, goal: GoalArrays, near: Array, q: Array
 @array_view
 def conclude_answer(job: Job, target: Array, q: Array, report: Array) -> None:
     """Judge a solution q, (n,): write errors [m], [rad] and weighted into report, (4,)."""
-    task = task_of(job.handle, job.tolerances)
-    scratch = make_scratch(job.memory, len(task.lower), len(task.chain.leader))
+    task = task_at(job)
+    scratch = scratch_of(job, task)
     middle(task, scratch.seed)
     finish(task, scratch, goal_of(task, target), scratch.seed, q, report)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.arm.division import Division
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
-from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.jit import array_view
 from kinseek.kernels.layout import Rows
 from kinseek.kernels.pointers import ROW, floats1, integer_part, integers, part1
 
@@ -29,6 +29,12 @@ TOLERANCES = AXES + 3
 
 Handle = Annotated[Indices, "*"]
 """A handle as an argument of a kernel; callers do not choose its length."""
+
+Target = Annotated[Array, "rows", 4]
+"""A rigid transform as an argument of a kernel, (3, 4) or (4, 4), lengths in [m]."""
+
+Joints = Annotated[Array, "n"]
+"""Joint values as an argument of a kernel, (n,), [rad] or [m]."""
 
 POSITION_ERROR, ORIENTATION_ERROR, WEIGHTED_ERROR, EVALUATIONS = range(4)
 """Indices into a report on joint values: errors [m] and [rad], the weighted error, and FK evaluations. A result has these
@@ -209,16 +215,15 @@ def task_of(handle: Indices, tolerances: Array) -> Task:
 class Job(NamedTuple):
     """The task by address, for kernels that are called and not inlined, and the memory of the call."""
 
-    handle: Indices
-    tolerances: Array
-    """(TOLERANCES,)"""
-    memory: Array
+    handle: Handle
+    tolerances: Annotated[Array, TOLERANCES]
+    memory: Annotated[Array, "*"]
     """See `memory.LAYOUT`."""
     width: int
     """LANES, as a number that is unknown to the compiler."""
 
 
-@inlined
-def addresses_of(job: Job) -> tuple[int, int, int]:
-    """Addresses of a job, as routines take them."""
-    return job.handle.ctypes.data, job.tolerances.ctypes.data, job.memory.ctypes.data
+@array_view
+def task_at(job: Job) -> Task:
+    """The task of a job."""
+    return task_of(job.handle, job.tolerances)

@@ -39,11 +39,11 @@ from kinseek.kernels.atlas.lanes import (
     lanes_move,
     lanes_solve,
 )
-from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
-from kinseek.kernels.atlas.task import TOLERANCES, Task, handle_at, task_of
-from kinseek.kernels.jit import array_view, inlined, routine
+from kinseek.kernels.atlas.memory import Scratch, scratch_of, scratch_size
+from kinseek.kernels.atlas.task import Job, Task, task_at
+from kinseek.kernels.jit import array_view, inlined
 from kinseek.kernels.layout import Layout
-from kinseek.kernels.pointers import part1
+from kinseek.kernels.pointers import routine
 
 POSES = 32
 """Poses of the ranges at which starts are looked up."""
@@ -88,9 +88,15 @@ range_scratch_size, lay_range_scratch = LAYOUT.size, LAYOUT.make
 
 
 @array_view
-def make_range_scratch(memory_address: int, dof: int, joints: int) -> RangeScratch:
+def range_scratch_of(job: Job, task: Task) -> RangeScratch:
+    """The scratch memory of a job for goals with ranges, behind that of other goals."""
+    return make_range_scratch(job.memory, len(task.lower), len(task.chain.leader))
+
+
+@array_view
+def make_range_scratch(memory: Array, dof: int, joints: int) -> RangeScratch:
     """Create the views after the scratch memory, in a memory of `scratch_size` and `range_scratch_size` numbers."""
-    ranges: RangeScratch = lay_range_scratch(memory_address + 8 * scratch_size(dof, joints), dof, joints)
+    ranges: RangeScratch = lay_range_scratch(memory.ctypes.data + 8 * scratch_size(dof, joints), dof, joints)
     return ranges
 
 
@@ -209,15 +215,12 @@ def turn_rows(lanes: Lanes, rows: Array, w: int) -> None:
                 J[i, 3 * half + 2, l] = dot(matrix_row(rows[half], 2, l), column)
 
 
-@routine("int64(int64, int64, int64, int64, int64)")
-def range_step_routine(
-    handle_address: int, tolerances_address: int, memory_address: int, move: int, w: int
-) -> int:
+@routine
+def range_step_routine(job: Job, move: bool) -> int:
     """See `descent.iterate`."""
-    task = task_of(handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES))
-    dof, joints = len(task.lower), len(task.chain.leader)
-    scratch = make_scratch(part1(memory_address, 0, scratch_size(dof, joints)), dof, joints)
-    ranges, lanes = make_range_scratch(memory_address, dof, joints), scratch.lanes
+    task, w = task_at(job), job.width
+    scratch, ranges = scratch_of(job, task), range_scratch_of(job, task)
+    lanes = scratch.lanes
     if move:
         lanes_jacobian(task.chain.leader, task.links, lanes, 0.0, w)
         turn_rows(lanes, ranges.rows, w)
