@@ -104,3 +104,14 @@ TUNING = Bundle(
     orientation=F64,
     gap=F64,
 )
+
+
+class Call(NamedTuple):
+    """Extent of one call of the search."""
+
+    kind: int
+    """EXCLUDE, ENCLOSE or ISOLATE."""
+    until: int
+    """Number of boxes after which it ends."""
+    budget: int
+    """Largest number of boxes in total."""
