@@ -6,6 +6,7 @@ bits.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from kinseek.kernels.arrays import Array
@@ -37,6 +38,24 @@ def vector_at(numbers: Array, first: int) -> Vector:
 def column(T: Array, c: int) -> Vector:
     """Column c of a transform, (3, 4) or (4, 4): an axis, or the position for c = 3."""
     return Vector(T[0, c], T[1, c], T[2, c])
+
+
+@inlined
+def row(T: Array, r: int) -> Vector:
+    """The first three elements of row r of a table."""
+    return Vector(T[r, 0], T[r, 1], T[r, 2])
+
+
+@inlined
+def write_row(v: Vector, T: Array, r: int) -> None:
+    """Write a vector into the first three elements of row r of a table."""
+    T[r, 0], T[r, 1], T[r, 2] = v.x, v.y, v.z
+
+
+@inlined
+def write_column(v: Vector, T: Array, c: int) -> None:
+    """Write a vector into column c of a transform, (3, 4) or (4, 4)."""
+    T[0, c], T[1, c], T[2, c] = v.x, v.y, v.z
 
 
 @inlined
@@ -110,3 +129,9 @@ def rotated_back(T: Array, v: Vector) -> Vector:
 def transformed(T: Array, v: Vector) -> Vector:
     """``R v + p`` for a transform, (3, 4)."""
     return plus(rotated(T, v), column(T, 3))
+
+
+@inlined
+def norm(v: Vector) -> float:
+    """``|v|``."""
+    return math.sqrt(v.x * v.x + v.y * v.y + v.z * v.z)

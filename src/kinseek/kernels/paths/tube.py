@@ -119,8 +119,7 @@ def aim(motion: Motion) -> None:
                     continue
                 part = 0.0
                 for k in range(2, len(form.leader)):
-                    moved = scratch.velocity[k, r] if c == 3 else scratch.slopes[k, c, r]
-                    part += form.multiplier[k] * tube.D[row, form.leader[k]] * moved
+                    part += form.multiplier[k] * tube.D[row, form.leader[k]] * scratch.J[k, r, c]
                 if c == 3:
                     part *= weight
                     point += part * part

@@ -1,13 +1,14 @@
-"""Gauss-Newton steps within the limits from the middle of a box to a solution nearby."""
+"""Gauss-Newton steps within the limits from the middle of a box to a solution nearby: ``δ = -(JᵀWJ + d)⁻¹ JᵀWf``."""
 
 from __future__ import annotations
 
-from kinseek.kernels.arm.division import TURN
-from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.kernels.arm.division import TURN, nearest_copy
+from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import inlined, ir_inlined
 
 from .box import LEAST, BoxScratch, Form, ProofGoal, place, turn_goal
-from .last_joint import LastJoint, complete, roll_fits
+from .last_joint import best_roll
+from .progress import Question
 from .taylor import differentiate, downhill, normal_matrix, solve
 
 DAMPING = 1e-9
@@ -34,17 +35,22 @@ def step(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> None:
     solve(scratch.N, scratch.D, scratch.delta)
 
 
+@inlined
+def complete(question: Question, scratch: BoxScratch, q: Array) -> None:
+    """Write the joint values of the box' centre, (n,), within the limits; a last joint that is divided out fits best."""
+    chain, roll, form = question.chain, question.roll, question.form
+    for i in range(len(q)):
+        lower, upper = chain.lower[i], chain.upper[i]
+        value = best_roll(roll, scratch) if roll.present and i == len(q) - 1 else scratch.c[i]
+        if (i == 0 and form.head == TURN) or (i == len(q) - 1 and form.tail == 1):
+            value = nearest_copy(value, lower, upper, 0.5 * (lower + upper))
+        q[i] = min(max(value, lower), upper)
+
+
 @ir_inlined
-def approach(
-    form: Form,
-    proof_goal: ProofGoal,
-    roll: LastJoint,
-    chain: ChainArrays,
-    steps: int,
-    scratch: BoxScratch,
-    q: Array,
-) -> None:
+def approach(question: Question, scratch: BoxScratch, steps: int, q: Array) -> None:
     """Make Gauss-Newton steps from the middle of the box; write the resulting joint values, (n,), within the limits."""
+    form, proof_goal, chain = question.form, question.proof_goal, question.chain
     for _ in range(steps):
         step(form, proof_goal, scratch)
         for i in range(len(scratch.c)):
@@ -53,6 +59,4 @@ def approach(
                 scratch.c[i] = min(max(scratch.c[i], chain.lower[i]), chain.upper[i])
     place(form, scratch)
     turn_goal(form, proof_goal, scratch)
-    if roll.present:
-        roll_fits(form, proof_goal, roll, scratch)
-    complete(form, roll, chain, scratch, q)
+    complete(question, scratch, q)

@@ -18,11 +18,13 @@ Every test compares with the goal and adds a margin for rounding: `ProofGoal.mar
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from kinseek.kernels.arm.division import SLIDE, TURN
+from kinseek.kernels.arm.division import NONE, SLIDE, TURN
+from kinseek.kernels.arm.vectors import Vector, column, minus, plus, row, scaled
 from kinseek.kernels.jit import inlined
 
-from .box import BELOW, BoxScratch, Form, ProofGoal, motion, rounding, short_way, turning
+from .box import BoxScratch, Form, ProofGoal, motion, rounding, short_way, turning
 
 OF_ANGLES = 64.0 * 2.0**-53
 """Margin for rounding of the results of arc functions [rad]. Two angles within π have errors of 16 unit roundoffs each,
@@ -107,63 +109,102 @@ def lean_beyond(proof_goal: ProofGoal, turn: float) -> float:
     return 2.0 * math.sin(0.5 * min(angle, math.pi)) + proof_goal.margin_a
 
 
+class Compared(NamedTuple):
+    """A point and an axis of the hand, or of the goal."""
+
+    point: Vector
+    axis: Vector
+
+
 @inlined
-def first_order(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float) -> bool:
-    """Compare azimuth, radius, height and last axis with the goal's; return False if nothing of the box is left.
+def compared_of_hand(form: Form, scratch: BoxScratch) -> Compared:
+    """The tip and the hand's first column, or, without the last joint, a point on that joint's axis and this axis."""
+    if form.tail == 0:
+        return Compared(column(scratch.T, 3), column(scratch.T, 0))
+    last = len(form.leader) - 1
+    axis = row(scratch.z, last)
+    return Compared(plus(row(scratch.p, last), scaled(form.foot, axis)), axis)
+
+
+@inlined
+def compared_of_goal(form: Form, proof_goal: ProofGoal) -> Compared:
+    """The same of the goal."""
+    if form.tail == 0:
+        return Compared(column(proof_goal.target, 3), column(proof_goal.target, 0))
+    return Compared(column(proof_goal.last, 3), column(proof_goal.last, 2))
+
+
+@inlined
+def behind(compared: Compared, back: float) -> Vector:
+    """The point that lies `back` [m] back along the axis."""
+    return minus(compared.point, scaled(back, compared.axis))
+
+
+@inlined
+def from_first_axis(v: Vector) -> float:
+    """Distance of a point from the first axis; sine of a direction's angle to it."""
+    return math.sqrt(v.x * v.x + v.y * v.y)
+
+
+@inlined
+def apart(head: int, a: Vector, b: Vector) -> float:
+    """Smallest distance of two points, or directions, that the first joint allows; it moves one of them."""
+    off, height = from_first_axis(a) - from_first_axis(b), a.z - b.z
+    if head == TURN:
+        return math.sqrt(off * off + height * height)
+    if head == SLIDE:
+        height = 0.0
+    return math.sqrt((a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y) + height * height)
+
+
+@inlined
+def turn_fits(scratch: BoxScratch, a: Vector, b: Vector, rho: float) -> bool:
+    """Cut the first joint to rotations that bring a within `rho` of b; return False if nothing of its range is left."""
+    psi = arc(from_first_axis(a), a.z, from_first_axis(b), b.z, rho)
+    if psi < 0.0 or psi >= math.pi:
+        return not psi < 0.0
+    return cut_arc(scratch, 0, math.atan2(b.y, b.x) - math.atan2(a.y, a.x), psi)
+
+
+@inlined
+def slide_fits(scratch: BoxScratch, off: float, reach: float) -> bool:
+    """Cut the first joint to slides within `reach` of `off` [m]; return False if nothing of its range is left."""
+    low = max(scratch.c[0] - scratch.h[0], off - reach)
+    high = min(scratch.c[0] + scratch.h[0], off + reach)
+    if low > high:
+        return False
+    grown = rounding(scratch.c[0], scratch.h[0])
+    scratch.c[0], scratch.h[0] = 0.5 * (low + high), 0.5 * (high - low) + grown
+    return True
+
+
+@inlined
+def first_order(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float) -> tuple[bool, float]:
+    """Compare azimuth, radius, height and last axis with the goal's, and cut the range of the first joint accordingly.
 
     If `ceiling` is negative, the tolerances are tested. Otherwise boxes whose weighted error cannot be below `ceiling`
-    are removed. The range of the first joint is cut to what the azimuths allow. ``scratch.found[BELOW]`` receives a lower
-    bound of the error.
+    are removed.
+
+    Returns:
+        False if nothing of the box is left, and a lower bound of the error in it.
     """
-    T, m = scratch.T, len(form.leader)
-    trust, margin, margin_a = proof_goal.trust, proof_goal.margin, proof_goal.margin_a
-    begin = 1 if form.head != 0 else 0
-    end = m
-    w0, w1, w2, a0, a1, a2 = T[0, 3], T[1, 3], T[2, 3], T[0, 0], T[1, 0], T[2, 0]
-    goal = proof_goal.target
-    column = 0
-    if form.tail == 1:
-        end, goal, column = m - 1, proof_goal.last, 2
-        a0, a1, a2 = scratch.z[end, 0], scratch.z[end, 1], scratch.z[end, 2]
-        w0, w1, w2 = (
-            scratch.p[end, 0] + form.foot * a0,
-            scratch.p[end, 1] + form.foot * a1,
-            scratch.p[end, 2] + form.foot * a2,
-        )
-    g0, g1, g2 = goal[0, 3], goal[1, 3], goal[2, 3]
-    b0, b1, b2 = goal[0, column], goal[1, column], goal[2, column]
-    behind, back = 0.0, proof_goal.back
-    # Smallest distance of the point that lies back along the first column.
+    begin, end = 1 if form.head != 0 else 0, len(form.leader) - form.tail
+    trust, margin, back, bound = proof_goal.trust, proof_goal.margin, proof_goal.back, 0.0
+    hand, goal = compared_of_hand(form, scratch), compared_of_goal(form, proof_goal)
+    from_behind = 0.0  # Smallest distance of the point that lies back along the first column.
     if back != 0.0 and ceiling >= 0.0:
-        e0, e1, e2 = w0 - back * a0, w1 - back * a1, w2 - back * a2
-        d0, d1, d2 = g0 - back * b0, g1 - back * b1, g2 - back * b2
-        if form.head == TURN:
-            off = math.sqrt(e0 * e0 + e1 * e1) - math.sqrt(d0 * d0 + d1 * d1)
-            behind = math.sqrt(off * off + (e2 - d2) * (e2 - d2))
-        else:
-            d2 = e2 if form.head == SLIDE else d2
-            behind = math.sqrt((e0 - d0) * (e0 - d0) + (e1 - d1) * (e1 - d1) + (e2 - d2) * (e2 - d2))
-        behind -= trust * motion(form, scratch, begin, end, e0, e1, e2) + margin
-    rho = trust * motion(form, scratch, begin, end, w0, w1, w2) + margin
-    if begin == 1:
-        scratch.lever[0] = math.sqrt(w0 * w0 + w1 * w1) if form.head == TURN else 1.0
-    sigma = 0.0
+        point = behind(hand, back)
+        from_behind = apart(form.head, point, behind(goal, back))
+        from_behind -= trust * motion(form, scratch, begin, end, point) + margin
+    rho = trust * motion(form, scratch, begin, end, hand.point) + margin
+    far, tilt, sigma = apart(form.head, hand.point, goal.point), 0.0, 0.0
     if form.columns > 0:
-        sigma = trust * turning(form, scratch, begin, end, a0, a1, a2) + margin_a
-    if form.head == TURN:
-        rw, rg = math.sqrt(w0 * w0 + w1 * w1), math.sqrt(g0 * g0 + g1 * g1)
-        ra, rb = math.sqrt(a0 * a0 + a1 * a1), math.sqrt(b0 * b0 + b1 * b1)
-        scratch.s[0] = ra  # For `widest`: the previous states of the box must not matter.
-        far = math.sqrt((rw - rg) * (rw - rg) + (w2 - g2) * (w2 - g2))
-        tilt = math.sqrt((ra - rb) * (ra - rb) + (a2 - b2) * (a2 - b2))
-    else:
-        d2 = w2 - g2
-        if form.head == SLIDE:
-            d2 = scratch.s[0] = 0.0
-        far = math.sqrt((w0 - g0) * (w0 - g0) + (w1 - g1) * (w1 - g1) + d2 * d2)
-        tilt = math.sqrt((a0 - b0) * (a0 - b0) + (a1 - b1) * (a1 - b1) + (a2 - b2) * (a2 - b2))
-    if form.columns == 0:
-        tilt = 0.0
+        tilt = apart(TURN if form.head == TURN else NONE, hand.axis, goal.axis)
+        sigma = trust * turning(form, scratch, begin, end, hand.axis) + proof_goal.margin_a
+    if form.head == TURN:  # For `widest`: the previous states of the box must not matter.
+        scratch.lever[0], scratch.s[0] = from_first_axis(hand.point), from_first_axis(hand.axis)
+    elif form.head == SLIDE:
+        scratch.lever[0], scratch.s[0] = 1.0, 0.0
     if ceiling < 0.0:
         rho += proof_goal.position
         if wide(form, proof_goal):
@@ -171,37 +212,24 @@ def first_order(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling:
         else:
             sigma += proof_goal.chord if form.columns < 3 else proof_goal.chord / math.sqrt(2.0)
         if far > rho or tilt > sigma:
-            return False
+            return False, 0.0
     else:
-        bound = least_error(proof_goal, far - rho, tilt - sigma, proof_goal.offset)
-        if proof_goal.back != 0.0:
-            bound = max(bound, least_error(proof_goal, behind, tilt - sigma, abs(proof_goal.back)))
-        scratch.found[BELOW] = max(scratch.found[BELOW], bound)
+        bound = max(0.0, least_error(proof_goal, far - rho, tilt - sigma, proof_goal.offset))
+        if back != 0.0:
+            bound = max(bound, least_error(proof_goal, from_behind, tilt - sigma, abs(back)))
         if bound > ceiling:
-            return False
+            return False, bound
         largest = 2.0
         if proof_goal.weight_a > 0.0:
             largest = min(math.sqrt(2.0 * ceiling / proof_goal.weight_a), 2.0)
         rho += ceiling / proof_goal.weight_p + proof_goal.offset * largest
         sigma += largest
+    left = True
     if form.head == TURN:
-        psi = arc(rw, w2, rg, g2, rho)
-        if psi < 0.0 or not (
-            psi >= math.pi or cut_arc(scratch, 0, math.atan2(g1, g0) - math.atan2(w1, w0), psi)
-        ):
-            return False
-        if form.columns > 0:
-            psi = arc(ra, a2, rb, b2, sigma)
-            if psi < 0.0 or not (
-                psi >= math.pi or cut_arc(scratch, 0, math.atan2(b1, b0) - math.atan2(a1, a0), psi)
-            ):
-                return False
+        left = turn_fits(scratch, hand.point, goal.point, rho)
+        if left and form.columns > 0:
+            left = turn_fits(scratch, hand.axis, goal.axis, sigma)
     elif form.head == SLIDE:
         reach = math.sqrt(max(rho * rho - far * far, 0.0))
-        low = max(scratch.c[0] - scratch.h[0], g2 - w2 - reach)
-        high = min(scratch.c[0] + scratch.h[0], g2 - w2 + reach)
-        if low > high:
-            return False
-        grown = rounding(scratch.c[0], scratch.h[0])
-        scratch.c[0], scratch.h[0] = 0.5 * (low + high), 0.5 * (high - low) + grown
-    return True
+        left = slide_fits(scratch, goal.point.z - hand.point.z, reach)
+    return left, bound

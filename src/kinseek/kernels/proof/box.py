@@ -13,6 +13,7 @@ import numpy as np
 
 from kinseek.kernels.arm.division import SLIDE, TURN
 from kinseek.kernels.arm.forward import advance, identity
+from kinseek.kernels.arm.vectors import Vector, column, cross, minus, norm, row, write_row
 from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.jit import array_view, inlined
 
@@ -35,20 +36,6 @@ examined further.
 HEAD = 0.3
 """Factor for the priority of splitting a revolute first joint, whose range is cut when the others shrink. Not examined
 further."""
-
-# Indices into `BoxScratch.found`.
-MISS_POINT = 0
-"""Position error of the hand at the centre of the box [m]."""
-MISS_COLUMNS = 1
-"""Error of the hand's columns at the centre of the box, as a Frobenius norm."""
-BEST_ROLL = 2
-"""Value of the last joint, if it is divided out, that brings the other columns nearest to the goal's [rad]."""
-MIDDLE_ERROR = 3
-"""Weighted error at the centre of the box."""
-BELOW = 4
-"""A lower bound of the weighted error in the box."""
-FOUND = 5
-"""Number of these entries."""
 
 
 class Form(NamedTuple):
@@ -110,80 +97,83 @@ class ProofGoal(NamedTuple):
 
 
 class BoxScratch(NamedTuple):
-    """Scratch memory of one search."""
+    """Scratch memory for one box: m physical joints, n variables."""
 
-    T: Array
-    """(3, 4)"""
-    z: Array
-    """Axes at the centre, (m, 3)."""
-    p: Array
-    """Points on them, (m, 3)."""
-    velocity: Array
-    """Velocity of the point by each joint, (m, 3)."""
-    slopes: Array
-    """Velocities of the columns by each joint, (m, 3, 3)."""
-    half: Array
-    """Half width of each physical joint, (m,)."""
-    chord: Array
-    """2 sin(h/2) of each physical joint; h of a prismatic joint, (m,)."""
-    r: Array
-    """(m,)"""
-    s: Array
-    """(m,)"""
-    lever: Array
-    """Radii of the point that first-order tests compare, (m,)."""
-    back: Array
-    """Radii of the point that lies back along the first column, (m,)."""
-    goal: Array
-    """The target without the rotation of the first joint, (3, 4)."""
     c: Array
     """Centre of the box, (n,)."""
     h: Array
     """Its half widths, (n,)."""
+    half: Array
+    """Half width of each physical joint, (m,)."""
+    T: Array
+    """Pose of the hand at the centre, columns x, y, z and p, (3, 4)."""
+    goal: Array
+    """The target without the rotation of the first joint, (3, 4)."""
+    z: Array
+    """Axes at the centre, (m, 3)."""
+    p: Array
+    """Points on them, (m, 3)."""
+    lever: Array
+    """Speed of the point that first-order tests compare, by each joint, (m,)."""
+    radii: Array
+    """Radii of the hand and of the goal about the axes, in which `taylor.halfway` counts rotations too, (2, m)."""
+    J: Array
+    """Derivative of the hand's pose by each joint, or of the goal's for proximal joints, (m, 3, 4)."""
+    r: Array
+    """Its norm for the point, (m,)."""
+    s: Array
+    """Its norm for the columns, (m,)."""
+    back: Array
+    """The same as r for the point that lies back along the first column, (m,)."""
+    y: Array
+    """The linear form, laid out as a pose, (3, 4)."""
+    g: Array
+    """Its first derivatives, (n,)."""
+    H: Array
+    """Its second derivatives, (n, n)."""
+    S: Array
+    """The second-order terms without the squares that are completed, for `form.curvature`, (n, n)."""
+    completed: Flags
+    """True if the square of a variable is completed, (n,)."""
     N: Array
     """Normal matrix, (n, n)."""
-    H: Array
-    """Second derivatives of the form, (n, n)."""
-    g: Array
-    """First derivatives, (n,)."""
-    delta: Array
-    """(n,)"""
     D: Array
     """Weights of the box in the normal matrix, (n,)."""
-    v: Array
-    """(n,)"""
-    y: Array
-    """The linear form: columns x, y, z, p as in a pose, (3, 4)."""
-    found: Array
-    """Results for the box, indexed by `MISS_POINT` and the following constants, (FOUND,)."""
+    delta: Array
+    """A step from the centre, (n,)."""
+    slope: Array
+    """Slope of the error after the step, (n,)."""
+    correction: Array
+    """Change of the step by Newton's method, (n,)."""
 
 
 @array_view
 def make_box_scratch(joints: int, dof: int) -> BoxScratch:
     """Allocate the memory of one search."""
     return BoxScratch(
-        np.zeros((3, 4)),
-        np.zeros((joints, 3)),
-        np.zeros((joints, 3)),
-        np.zeros((joints, 3)),
-        np.zeros((joints, 3, 3)),
-        np.zeros(joints),
-        np.zeros(joints),
-        np.zeros(joints),
-        np.zeros(joints),
-        np.zeros(joints),
-        np.zeros(joints),
-        np.zeros((3, 4)),
-        np.zeros(dof),
-        np.zeros(dof),
-        np.zeros((dof, dof)),
-        np.zeros((dof, dof)),
-        np.zeros(dof),
-        np.zeros(dof),
-        np.zeros(dof),
-        np.zeros(dof),
-        np.zeros((3, 4)),
-        np.zeros(FOUND),
+        c=np.zeros(dof),
+        h=np.zeros(dof),
+        half=np.zeros(joints),
+        T=np.zeros((3, 4)),
+        goal=np.zeros((3, 4)),
+        z=np.zeros((joints, 3)),
+        p=np.zeros((joints, 3)),
+        lever=np.zeros(joints),
+        radii=np.zeros((2, joints)),
+        J=np.zeros((joints, 3, 4)),
+        r=np.zeros(joints),
+        s=np.zeros(joints),
+        back=np.zeros(joints),
+        y=np.zeros((3, 4)),
+        g=np.zeros(dof),
+        H=np.zeros((dof, dof)),
+        S=np.zeros((dof, dof)),
+        completed=np.zeros(dof, dtype=np.bool_),
+        N=np.zeros((dof, dof)),
+        D=np.zeros(dof),
+        delta=np.zeros(dof),
+        slope=np.zeros(dof),
+        correction=np.zeros(dof),
     )
 
 
@@ -194,14 +184,13 @@ def place(form: Form, scratch: BoxScratch) -> None:
     identity(T)
     begin = 0
     if form.head != 0:
-        for i in range(3):
-            scratch.z[0, i], scratch.p[0, i] = 0.0, 0.0
-        scratch.z[0, 2] = 1.0
+        write_row(Vector(0.0, 0.0, 1.0), scratch.z, 0)
+        write_row(Vector(0.0, 0.0, 0.0), scratch.p, 0)
         begin = 1
     for k in range(begin, m):
         advance(form.fixed[k], True, 0.0, T)
-        for i in range(3):
-            scratch.z[k, i], scratch.p[k, i] = T[i, 2], T[i, 3]
+        write_row(column(T, 2), scratch.z, k)
+        write_row(column(T, 3), scratch.p, k)
         value = form.multiplier[k] * scratch.c[form.leader[k]] + form.offset[k]
         if form.prismatic[k]:
             for i in range(3):
@@ -230,10 +219,9 @@ def chord_of(angle: float) -> float:
 
 @inlined
 def widths(form: Form, scratch: BoxScratch) -> None:
-    """Compute half widths and chords of the physical joints."""
+    """Compute half widths of the physical joints."""
     for k in range(len(form.leader)):
         scratch.half[k] = abs(form.multiplier[k]) * scratch.h[form.leader[k]]
-        scratch.chord[k] = scratch.half[k] if form.prismatic[k] else chord_of(scratch.half[k])
 
 
 @inlined
@@ -273,37 +261,35 @@ def turn_goal(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> None:
 
 
 @inlined
-def motion(form: Form, scratch: BoxScratch, begin: int, end: int, wx: float, wy: float, wz: float) -> float:
-    """Largest motion of the point w by joints begin … end-1 within the box [m]; writes their radii."""
+def radius(scratch: BoxScratch, k: int, point: Vector) -> float:
+    """Distance of a point from the axis of joint k at the centre of the box [m]."""
+    return norm(cross(row(scratch.z, k), minus(point, row(scratch.p, k))))
+
+
+@inlined
+def motion(form: Form, scratch: BoxScratch, begin: int, end: int, point: Vector) -> float:
+    """Largest motion of a point by joints begin … end-1 within the box [m]; writes their levers."""
     total = 0.0
     for k in range(begin, end):
-        z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
         if form.prismatic[k]:
-            scratch.velocity[k, 0], scratch.velocity[k, 1], scratch.velocity[k, 2] = z0, z1, z2
-            scratch.r[k] = 1.0
             scratch.lever[k] = 1.0
+            total += scratch.half[k]
         else:
-            v0, v1, v2 = wx - scratch.p[k, 0], wy - scratch.p[k, 1], wz - scratch.p[k, 2]
-            x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
-            scratch.velocity[k, 0], scratch.velocity[k, 1], scratch.velocity[k, 2] = x0, x1, x2
-            scratch.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
-            scratch.lever[k] = scratch.r[k]
-        total += scratch.r[k] * scratch.chord[k]
+            scratch.lever[k] = radius(scratch, k, point)
+            total += scratch.lever[k] * chord_of(scratch.half[k])
     return total
 
 
 @inlined
-def turning(form: Form, scratch: BoxScratch, begin: int, end: int, ax: float, ay: float, az: float) -> float:
-    """Largest motion of the unit vector a by joints begin … end-1 within the box; writes the sines."""
+def turning(form: Form, scratch: BoxScratch, begin: int, end: int, axis: Vector) -> float:
+    """Largest motion of a unit vector by joints begin … end-1 within the box; writes the sines."""
     total = 0.0
     for k in range(begin, end):
         if form.prismatic[k]:
             scratch.s[k] = 0.0
-            continue
-        z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
-        x0, x1, x2 = z1 * az - z2 * ay, z2 * ax - z0 * az, z0 * ay - z1 * ax
-        scratch.s[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
-        total += scratch.s[k] * scratch.chord[k]
+        else:
+            scratch.s[k] = norm(cross(row(scratch.z, k), axis))
+            total += scratch.s[k] * chord_of(scratch.half[k])
     return total
 
 
@@ -312,17 +298,17 @@ def widest(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, head: float) 
     """Variable whose range moves the hand most; a revolute first joint is weighted by `head`."""
     best, index = -1.0, 0
     for i in range(len(scratch.c)):
-        scratch.delta[i] = 0.0
-    for k in range(len(form.leader)):
-        turn = 0.0 if form.prismatic[k] else proof_goal.length * (scratch.s[k] if form.columns == 1 else 1.0)
-        if form.columns == 0:
+        moved = 0.0
+        for k in range(len(form.leader)):
+            if form.leader[k] != i:
+                continue
             turn = 0.0
-        i = form.leader[k]
-        share = head if k == 0 and form.head == TURN else 1.0
-        scratch.delta[i] += abs(form.multiplier[k]) * scratch.h[i] * (scratch.lever[k] + turn) * share
-    for i in range(len(scratch.c)):
-        if scratch.delta[i] > best:
-            best, index = scratch.delta[i], i
+            if form.columns > 0 and not form.prismatic[k]:
+                turn = proof_goal.length * (scratch.s[k] if form.columns == 1 else 1.0)
+            share = head if k == 0 and form.head == TURN else 1.0
+            moved += abs(form.multiplier[k]) * scratch.h[i] * (scratch.lever[k] + turn) * share
+        if moved > best:
+            best, index = moved, i
     return index
 
 

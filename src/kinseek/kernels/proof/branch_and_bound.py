@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import inlined, ir_inlined
 
-from .box import BELOW, MIDDLE_ERROR, turn_goal, widths
+from .approach import complete
+from .box import turn_goal, widths
 from .form import underestimate
-from .last_joint import complete, roll_fits, twist_cost
+from .last_joint import twist_cost
 from .memory import Memory, SearchScratch
 from .progress import CEILING, COUNT, UPPER, USED, Question, Tuning
+from .taylor import miss
 
 FINE = 1.2
 """Boxes that rotate the hand by less than this [rad] are cut along a first joint as along any other, because azimuths
@@ -65,30 +69,30 @@ def improve(error: float, tuning: Tuning, figures: Array) -> None:
 
 @ir_inlined
 def enclose(
-    question: Question, tuning: Tuning, memory: Memory, work: SearchScratch, below: float
+    question: Question, tuning: Tuning, memory: Memory, work: SearchScratch, first: float
 ) -> tuple[bool, float]:
     """Bound the error in the current box to second order, cut off the part above the ceiling, and judge its middle.
 
     Returns:
-        False if nothing of the box is left, and a lower bound of the error in it, at least `below`.
+        False if nothing of the box is left, and a lower bound of the error in it, given the one of `first_order`.
     """
     form, proof_goal, roll, chain = question.form, question.proof_goal, question.roll, question.chain
     scratch, trial, T, figures = work.scratch, work.trial, work.T, memory.figures
     ceiling, extra = figures[CEILING], 0.0
     if roll.present:
         turn_goal(form, proof_goal, scratch)
-        roll_fits(form, proof_goal, roll, scratch)
         widths(form, scratch)
         extra = twist_cost(form, proof_goal, roll, scratch, ceiling)
     if extra >= ceiling:
-        return False, max(below, extra)
-    complete(form, roll, chain, scratch, trial)
-    kept = underestimate(form, proof_goal, scratch, ceiling - extra)
-    if scratch.found[MIDDLE_ERROR] < figures[UPPER]:
+        return False, extra
+    complete(question, scratch, trial)
+    kept, bound = underestimate(form, proof_goal, scratch, ceiling - extra)
+    point, turned = miss(scratch, form.columns)
+    if proof_goal.weight_p * math.sqrt(point) + 0.5 * proof_goal.weight_a * turned < figures[UPPER]:
         forward(chain, trial, T)
         error = weighted_error(T, question.goal)
         if error < figures[UPPER]:
             improve(error, tuning, figures)
             for i in range(len(trial)):
                 memory.q[i] = trial[i]
-    return kept, max(below, scratch.found[BELOW] + extra)
+    return kept, max(first, bound) + extra

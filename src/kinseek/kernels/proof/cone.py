@@ -11,24 +11,25 @@ from __future__ import annotations
 
 import math
 
+from kinseek.kernels.arm.vectors import column, dot
 from kinseek.kernels.jit import inlined, ir_inlined
 
 from .box import TINY, BoxScratch, Form, ProofGoal, place, turn_goal, widths
-from .form import ROUND, Rests, cut_box, size_of_point, weigh
+from .form import Rests, Slacks, cut_box, sizes, touch, weigh
 from .taylor import differentiate, downhill, normal_matrix, rests, solve, step_miss
 
 
 @inlined
 def steepness(form: Form, scratch: BoxScratch) -> None:
-    """Write the rate at which each variable moves the hand's axis away from the goal's, as ``-a·g``, into ``scratch.v``."""
+    """Write the slope of ``-a·g``, which grows as the hand's axis moves away from the goal's, into ``scratch.slope``."""
     goal = scratch.goal
     for i in range(len(scratch.c)):
-        scratch.v[i] = 0.0
+        scratch.slope[i] = 0.0
     for k in range(len(form.leader)):
         slope = 0.0
         for r in range(3):
-            slope += goal[r, 0] * scratch.slopes[k, 0, r]
-        scratch.v[form.leader[k]] -= form.multiplier[k] * slope
+            slope += goal[r, 0] * scratch.J[k, r, 0]
+        scratch.slope[form.leader[k]] -= form.multiplier[k] * slope
 
 
 @ir_inlined
@@ -46,7 +47,7 @@ def separate_cone(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes
     rest = Rests(0, two_p, two_c, three_p, three_c, three_p)
     T, goal, dof = scratch.T, scratch.goal, len(scratch.c)
     edge = math.cos(min(proof_goal.angle, math.pi))
-    short = edge - (T[0, 0] * goal[0, 0] + T[1, 0] * goal[1, 0] + T[2, 0] * goal[2, 0])
+    short = edge - dot(column(T, 0), column(goal, 0))
     # As a form of the difference of the axes it is -w g·(a - g), and at most w (1 - cos τ) in the cone.
     slack_p, slack_c = proof_goal.position + proof_goal.margin, 1.0 - edge + proof_goal.margin_a
     weight_p = 1.0 / ((two_p * 0.5 + slack_p) * (two_p * 0.5 + slack_p))
@@ -59,31 +60,27 @@ def separate_cone(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes
         downhill(form, scratch, weight_p, 0.0, 0)
         steepness(form, scratch)
         for i in range(dof):
-            scratch.delta[i] -= weight_c * short * scratch.v[i]
+            scratch.delta[i] -= weight_c * short * scratch.slope[i]
             for j in range(i + 1):
-                scratch.N[i, j] += weight_c * scratch.v[i] * scratch.v[j]
+                scratch.N[i, j] += weight_c * scratch.slope[i] * scratch.slope[j]
         solve(scratch.N, scratch.D, scratch.delta)
         step_miss(form, scratch, 0)
         beyond = short
         for i in range(dof):
-            beyond += scratch.v[i] * scratch.delta[i]
+            beyond += scratch.slope[i] * scratch.delta[i]
         size_c = weight_c * max(beyond, 0.0)
         for r in range(3):
             scratch.y[r, 3] *= weight_p
             scratch.y[r, 0] = -size_c * goal[r, 0]
-        surplus = weigh(form, proof_goal, scratch, rest, slack_p, slack_c)
+        surplus = weigh(form, proof_goal, scratch, rest, Slacks(slack_p, slack_c))
         if surplus > 0.0:
             return False
         if attempt + 1 == passes:
             cut_box(scratch, -surplus)
             break
         # Weights as in `separate`: they make the ellipsoid touch the box where this form touched it.
-        size_p = size_of_point(scratch)
-        total = TINY + size_p * slack_p
-        for i in range(dof):
-            total += abs(scratch.g[i]) * scratch.h[i]
-        for i in range(dof):
-            scratch.D[i] = (abs(scratch.g[i]) + ROUND * total / scratch.h[i]) / scratch.h[i]
+        size_p, _ = sizes(form, scratch)
+        touch(scratch, TINY + size_p * slack_p)
         weight_p = (size_p + TINY) / (slack_p + three_p)
         weight_c = size_c / (proof_goal.margin_a + three_c)
         if size_c == 0.0 and beyond > 0.0:

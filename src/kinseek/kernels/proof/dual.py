@@ -11,10 +11,21 @@ from __future__ import annotations
 
 import math
 
+from kinseek.kernels.arm.vectors import (
+    Vector,
+    column,
+    cross,
+    dot,
+    norm,
+    plus,
+    row,
+    scaled,
+    write_column,
+)
 from kinseek.kernels.jit import inlined
 
 from .box import TINY, BoxScratch, Form, ProofGoal, turned
-from .taylor import normal_matrix, slope, solve, step_miss, weight_miss
+from .taylor import normal_matrix, slope, solve, squares_of, step_miss, weight_miss
 
 STEPS = 6
 """Largest number of steps. Not examined further."""
@@ -38,45 +49,40 @@ def support(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: flo
     It is weighted least squares with the weight ``K_P/|v_p|`` for the point, which follows the step. Newton steps move
     the variables that are not held at an end of their range, and are truncated at the ends.
     """
-    dof, columns = len(scratch.c), form.columns
+    dof, columns, h, N = len(scratch.c), form.columns, scratch.h, scratch.N
+    delta, correction = scratch.delta, scratch.correction
     K_P, K_A = proof_goal.weight_p, proof_goal.weight_a if columns > 0 else 0.0
     for i in range(dof):
-        scratch.delta[i] = 0.0
+        delta[i] = 0.0
     for attempt in range(STEPS):
         step_miss(form, scratch, columns)
-        far = turned = 0.0
-        for r in range(3):
-            far += scratch.y[r, 3] * scratch.y[r, 3]
-            for i in range(columns):
-                turned += scratch.y[r, i] * scratch.y[r, i]
+        far, turned = squares_of(scratch.y, columns)
         far = math.sqrt(far)
         weight_p = K_P / (far + BLUNT * ceiling / K_P + TINY)
         weight_miss(scratch, weight_p, K_A, columns)
         turned += count_side(proof_goal, scratch)
-        slope(form, scratch, columns, scratch.v)
+        slope(form, scratch, columns, scratch.slope)
         reached, short = K_P * far + 0.5 * K_A * turned, 0.0
         for i in range(dof):
-            short += abs(scratch.v[i]) * scratch.h[i] + scratch.v[i] * scratch.delta[i]
+            short += abs(scratch.slope[i]) * h[i] + scratch.slope[i] * delta[i]
         if attempt + 1 == STEPS or (attempt > 0 and (reached < ceiling or short < CLOSE * reached)):
             return
         normal_matrix(form, scratch, weight_p, K_A, columns)
         soft = 0.0
         for i in range(dof):
-            soft += scratch.N[i, i] * scratch.h[i] * scratch.h[i]
+            soft += N[i, i] * h[i] * h[i]
         soft *= SOFT / dof
         for i in range(dof):
-            scratch.D[i] = soft / (scratch.h[i] * scratch.h[i])
-            scratch.g[i] = -scratch.v[i]
-            if (
-                abs(scratch.delta[i]) >= scratch.h[i] and scratch.v[i] * scratch.delta[i] < 0.0
-            ):  # Held at an end.
+            scratch.D[i] = soft / (h[i] * h[i])
+            correction[i] = -scratch.slope[i]
+            if abs(delta[i]) >= h[i] and scratch.slope[i] * delta[i] < 0.0:  # Held at an end.
                 for j in range(dof):
-                    scratch.N[i, j] = scratch.N[j, i] = 0.0
-                scratch.N[i, i] = 1.0
-                scratch.g[i] = 0.0
-        solve(scratch.N, scratch.D, scratch.g)
+                    N[i, j] = N[j, i] = 0.0
+                N[i, i] = 1.0
+                correction[i] = 0.0
+        solve(N, scratch.D, correction)
         for i in range(dof):
-            scratch.delta[i] = min(max(scratch.delta[i] + scratch.g[i], -scratch.h[i]), scratch.h[i])
+            delta[i] = min(max(delta[i] + correction[i], -h[i]), h[i])
 
 
 @inlined
@@ -89,23 +95,19 @@ def count_side(proof_goal: ProofGoal, scratch: BoxScratch) -> float:
     """
     if proof_goal.side_y == 0.0 and proof_goal.side_z == 0.0:
         return 0.0  # K_A may be 0 then.
-    s0, s1, s2 = side(proof_goal, scratch)
-    along = s0 * scratch.y[0, 0] + s1 * scratch.y[1, 0] + s2 * scratch.y[2, 0]
-    scratch.y[0, 0] += along * s0
-    scratch.y[1, 0] += along * s1
-    scratch.y[2, 0] += along * s2
+    beside, y = side(proof_goal, scratch), column(scratch.y, 0)
+    along = dot(beside, y)
+    write_column(plus(y, scaled(along, beside)), scratch.y, 0)
     added: float = along * along / (proof_goal.weight_a * proof_goal.weight_a)
     return added
 
 
 @inlined
-def side(proof_goal: ProofGoal, scratch: BoxScratch) -> tuple[float, float, float]:
+def side(proof_goal: ProofGoal, scratch: BoxScratch) -> Vector:
     """The goal's second relevant column, or zero if there is none."""
-    a, b, goal = proof_goal.side_y, proof_goal.side_z, scratch.goal
-    return (
-        a * goal[0, 1] + b * goal[0, 2],
-        a * goal[1, 1] + b * goal[1, 2],
-        a * goal[2, 1] + b * goal[2, 2],
+    return plus(
+        scaled(proof_goal.side_y, column(scratch.goal, 1)),
+        scaled(proof_goal.side_z, column(scratch.goal, 2)),
     )
 
 
@@ -119,15 +121,13 @@ def gain_of_side(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, middle:
     """
     if proof_goal.side_y == 0.0 and proof_goal.side_z == 0.0:
         return 0.0
-    s0, s1, s2 = side(proof_goal, scratch)
-    y0, y1, y2 = scratch.y[0, 0], scratch.y[1, 0], scratch.y[2, 0]
-    c0, c1, c2 = s1 * y2 - s2 * y1, s2 * y0 - s0 * y2, s0 * y1 - s1 * y0
-    b = s0 * y0 + s1 * y1 + s2 * y2
+    beside, y = side(proof_goal, scratch), column(scratch.y, 0)
+    b, across = dot(beside, y), cross(beside, y)
     half, turn = 0.5 / proof_goal.weight_a, turned(form, scratch, middle)
     for k in range(middle):
         if not form.prismatic[k]:
-            slope = scratch.z[k, 0] * c0 + scratch.z[k, 1] * c1 + scratch.z[k, 2] * c2
+            slope = dot(row(scratch.z, k), across)
             scratch.g[form.leader[k]] -= half * b * form.multiplier[k] * slope
-    rest = 0.5 * abs(b) * math.sqrt(y0 * y0 + y1 * y1 + y2 * y2) * turn * turn
+    rest = 0.5 * abs(b) * norm(y) * turn * turn
     gain: float = half * (0.5 * b * b - proof_goal.trust * rest)
     return gain

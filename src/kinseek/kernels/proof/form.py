@@ -1,7 +1,9 @@
 """One linear form of the hand's pose to second order: boxes that it excludes, and parts that it cuts off a box.
 
-First-order bounds add up the motion of the hand by each joint, regardless of direction. A form considers one direction,
-in which the joints may compensate each other. Its gradient and Hessian follow from the axes alone.
+First-order bounds add up the motion of the hand by each joint, regardless of direction. A form y considers one direction,
+in which the joints may compensate each other: ``y·f(c + δ) = y·f(c) + g·δ + ½ δᵀHδ + rest`` with the gradient and the
+Hessian of `taylor`, and |rest| at most the form's size times the third-order remainder. Its minimum over the box is a
+bound; where the polynomial exceeds it by too much, the box is cut.
 """
 
 from __future__ import annotations
@@ -11,21 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kinseek.kernels.arm.vectors import column, norm, plus, scaled
 from kinseek.kernels.jit import inlined, ir_inlined
 
-from .box import (
-    BELOW,
-    MIDDLE_ERROR,
-    MISS_COLUMNS,
-    MISS_POINT,
-    TINY,
-    BoxScratch,
-    Form,
-    ProofGoal,
-    rounding,
-    turn_goal,
-    widths,
-)
+from .box import TINY, BoxScratch, Form, ProofGoal, rounding, turn_goal, widths
 from .dual import gain_of_side, support
 from .taylor import (
     derivatives,
@@ -36,6 +27,7 @@ from .taylor import (
     radii_behind,
     rests,
     solve,
+    squares_of,
     step_miss,
     weight_miss,
 )
@@ -72,13 +64,21 @@ class Rests(NamedTuple):
     """Of the point that lies back along the first column, after the second-order terms [m]."""
 
 
+class Slacks(NamedTuple):
+    """Errors that do not count: tolerances and margins."""
+
+    point: float
+    """Of the point [m]."""
+    columns: float
+    """Of the columns together."""
+
+
 @inlined
 def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> Rests:
     """Compute the error of the hand at the centre of the box and its derivatives; return bounds of the remainders.
 
-    Let f be the hand's point and columns minus the goal's, as seen from halfway along the arm. Its length is the same as
-    seen from the base. But the proximal joints move the goal and the distal joints the hand, so third-order remainders
-    are about four times smaller than if all joints moved the hand. For any form y,
+    As seen from halfway along the arm the proximal joints move the goal and the distal joints the hand, so third-order
+    remainders are about four times smaller than if all joints moved the hand. For any form y,
     ``y·f(q) = y·f + g·δ + ½ δᵀHδ + rest``, where |rest| is bounded to third order.
     """
     turn_goal(form, proof_goal, scratch)
@@ -90,35 +90,31 @@ def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> Rests:
     if proof_goal.back != 0.0:
         radii_behind(form, scratch, middle, proof_goal.back)
         _, _, three_b, _ = rests(form, scratch, scratch.back, middle)
-    far = turned = 0.0
-    for r in range(3):
-        far += (scratch.T[r, 3] - scratch.goal[r, 3]) * (scratch.T[r, 3] - scratch.goal[r, 3])
-        for i in range(form.columns):
-            turned += (scratch.T[r, i] - scratch.goal[r, i]) * (scratch.T[r, i] - scratch.goal[r, i])
-    scratch.found[MISS_POINT], scratch.found[MISS_COLUMNS] = math.sqrt(far), math.sqrt(turned)
-    scratch.found[MIDDLE_ERROR] = (
-        proof_goal.weight_p * scratch.found[MISS_POINT] + 0.5 * proof_goal.weight_a * turned
-    )
     return Rests(middle, two_p, two_c, three_p, three_c, three_b)
 
 
 @ir_inlined
-def underestimate(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float) -> bool:
-    """Bound the weighted error from below by one form; cut the box where it excludes an end; False if nothing is left.
+def underestimate(
+    form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float
+) -> tuple[bool, float]:
+    """Bound the weighted error from below by one form; cut the box where it excludes an end.
 
     ``K_P |f_p| ≥ y_p·f_p`` for |y_p| ≤ K_P and ``½ K_A |f_c|² ≥ y_c·f_c - |y_c|²/(2 K_A)`` make every form a lower bound
-    (Fenchel's inequality). The form used is the best one to first order. ``scratch.found[BELOW]`` receives the bound.
+    (Fenchel's inequality). The form used is the best one to first order.
+
+    Returns:
+        False if nothing is left, and the bound.
     """
     rest = expand(form, proof_goal, scratch)
     support(form, proof_goal, scratch, ceiling)
-    bound = weigh(form, proof_goal, scratch, rest, proof_goal.margin, proof_goal.margin_a)
+    bound = weigh(form, proof_goal, scratch, rest, Slacks(proof_goal.margin, proof_goal.margin_a))
     if form.columns > 0:
-        bound -= 0.5 * size_of_columns(form, scratch) ** 2 / proof_goal.weight_a
-    scratch.found[BELOW] = max(scratch.found[BELOW], bound)
+        _, size_c = sizes(form, scratch)
+        bound -= 0.5 * size_c**2 / proof_goal.weight_a
     if bound > ceiling:
-        return False
+        return False, bound
     cut_box(scratch, ceiling - bound)
-    return True
+    return True, bound
 
 
 @ir_inlined
@@ -129,12 +125,12 @@ def separate(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes: int
     least-squares step that the box, as an ellipsoid, limits: the direction in which the goal lies outside the reach of
     the box. `passes` forms are tried, each based on the result of the previous one.
     """
-    rest, dof, columns = expand(form, proof_goal, scratch), len(scratch.c), form.columns
+    rest, columns = expand(form, proof_goal, scratch), form.columns
     slack_p = proof_goal.position + proof_goal.margin
     slack_c = proof_goal.chord + proof_goal.margin_a
     weight_p = 1.0 / ((rest.two_p * 0.5 + slack_p) * (rest.two_p * 0.5 + slack_p))
     weight_c = 1.0 / ((rest.two_c * 0.5 + slack_c) * (rest.two_c * 0.5 + slack_c))
-    for i in range(dof):
+    for i in range(len(scratch.c)):
         scratch.D[i] = 1.0 / (scratch.h[i] * scratch.h[i])
     for attempt in range(passes):
         normal_matrix(form, scratch, weight_p, weight_c, columns)
@@ -142,33 +138,37 @@ def separate(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes: int
         solve(scratch.N, scratch.D, scratch.delta)
         step_miss(form, scratch, columns)
         weight_miss(scratch, weight_p, weight_c, columns)
-        surplus = weigh(form, proof_goal, scratch, rest, slack_p, slack_c)
+        surplus = weigh(form, proof_goal, scratch, rest, Slacks(slack_p, slack_c))
         if surplus > 0.0:
             return False
         if attempt + 1 == passes:
             cut_box(scratch, -surplus)
             break
         # Weights that make the ellipsoid touch the box and the balls where this form touched them.
-        size_p, size_c = size_of_point(scratch), size_of_columns(form, scratch)
-        total = TINY + size_p * slack_p + size_c * slack_c
-        for i in range(dof):
-            total += abs(scratch.g[i]) * scratch.h[i]
-        for i in range(dof):
-            scratch.D[i] = (abs(scratch.g[i]) + ROUND * total / scratch.h[i]) / scratch.h[i]
+        size_p, size_c = sizes(form, scratch)
+        touch(scratch, TINY + size_p * slack_p + size_c * slack_c)
         weight_p = (size_p + TINY) / (slack_p + rest.three_p)
         weight_c = (size_c + TINY) / (slack_c + rest.three_c)
     return True
 
 
 @inlined
-def weigh(
-    form: Form, proof_goal: ProofGoal, scratch: BoxScratch, rest: Rests, slack_p: float, slack_c: float
-) -> float:
+def touch(scratch: BoxScratch, total: float) -> None:
+    """Write weights that make an ellipsoid touch the box where the form does, whose size is `total` without the box."""
+    g, h = scratch.g, scratch.h
+    for i in range(len(h)):
+        total += abs(g[i]) * h[i]
+    for i in range(len(h)):
+        scratch.D[i] = (abs(g[i]) + ROUND * total / h[i]) / h[i]
+
+
+@inlined
+def weigh(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, rest: Rests, slacks: Slacks) -> float:
     """Minimum of the form in ``scratch.y`` over the box, minus the slacks of point and columns.
 
     A separable polynomial remains in `scratch`, for `cut_box`.
     """
-    dof, y, back = len(scratch.c), scratch.y, proof_goal.back
+    dof, y, g, H, h = len(scratch.c), scratch.y, scratch.g, scratch.H, scratch.h
     value = 0.0
     for r in range(3):
         value += y[r, 3] * (scratch.T[r, 3] - scratch.goal[r, 3])
@@ -180,44 +180,34 @@ def weigh(
     bent = curvature(scratch)
     straight = 0.0
     for i in range(dof):
-        straight -= abs(scratch.g[i]) * scratch.h[i]
+        straight -= abs(g[i]) * h[i]
     lost = 0.0
     for i in range(dof):
         for j in range(dof):
             if j != i:
-                scratch.H[i, i] -= abs(scratch.H[i, j]) * scratch.h[j] / scratch.h[i]
-        lost += least(scratch.g[i], scratch.H[i, i], scratch.h[i])
+                H[i, i] -= abs(H[i, j]) * h[j] / h[i]
+        lost += least(g[i], H[i, i], h[i])
     if straight + bent > lost:
         lost = straight + bent
         for i in range(dof):
-            scratch.H[i, i] = 0.0
-    size_p, size_c = size_of_point(scratch), size_of_columns(form, scratch)
+            H[i, i] = 0.0
+    size_p, size_c = sizes(form, scratch)
     over = size_p * rest.three_p + size_c * rest.three_c
-    if back != 0.0:
+    if proof_goal.back != 0.0:
         # The form is also a form of a point further back, which moves less, and of the first column.
-        b0, b1, b2 = y[0, 0] + back * y[0, 3], y[1, 0] + back * y[1, 3], y[2, 0] + back * y[2, 3]
-        over = min(over, size_p * rest.three_b + math.sqrt(b0 * b0 + b1 * b1 + b2 * b2) * rest.three_c)
+        turned = plus(column(y, 0), scaled(proof_goal.back, column(y, 3)))
+        over = min(over, size_p * rest.three_b + norm(turned) * rest.three_c)
     over *= proof_goal.trust
-    over += size_p * slack_p + size_c * slack_c
+    over += size_p * slacks.point + size_c * slacks.columns
     least_value: float = value + lost - over
     return least_value
 
 
 @inlined
-def size_of_point(scratch: BoxScratch) -> float:
-    """Norm of the form's part for the point."""
-    y = scratch.y
-    return math.sqrt(y[0, 3] * y[0, 3] + y[1, 3] * y[1, 3] + y[2, 3] * y[2, 3])
-
-
-@inlined
-def size_of_columns(form: Form, scratch: BoxScratch) -> float:
-    """Norm of the form's part for the columns."""
-    total = 0.0
-    for i in range(form.columns):
-        for r in range(3):
-            total += scratch.y[r, i] * scratch.y[r, i]
-    return math.sqrt(total)
+def sizes(form: Form, scratch: BoxScratch) -> tuple[float, float]:
+    """Norms of the form's parts for the point and for the columns."""
+    point, columns = squares_of(scratch.y, form.columns)
+    return math.sqrt(point), math.sqrt(columns)
 
 
 @inlined
@@ -227,38 +217,37 @@ def curvature(scratch: BoxScratch) -> float:
     After each square the rest is a form in the remaining variables, bounded by the magnitudes of its entries. The change
     of an entry is at most as large as the entry before and after, so the magnitudes of all of them bound the rounding.
     """
-    dof, S, noise, before = len(scratch.h), scratch.N, 0.0, 0.0
+    dof, S, completed, noise, before = len(scratch.h), scratch.S, scratch.completed, 0.0, 0.0
     for i in range(dof):
         for j in range(dof):
             S[i, j] = scratch.H[i, j] * scratch.h[i] * scratch.h[j]
-        scratch.v[i] = 1.0
+        completed[i] = False
     best = -np.inf
     for _ in range(dof + 1):
         total, pivot, top, mass = 0.0, -1, 0.0, 0.0
         for i in range(dof):
-            if scratch.v[i] == 0.0:
+            if completed[i]:
                 continue
-            row = S[i, i]
-            if row > top:
-                top, pivot = row, i
+            if S[i, i] > top:
+                top, pivot = S[i, i], i
             beside = 0.0
             for j in range(dof):
-                if j != i and scratch.v[j] != 0.0:
+                if j != i and not completed[j]:
                     beside += abs(S[i, j])
-            mass += abs(row) + beside
-            total += min(row - beside, 0.0)
+            mass += abs(S[i, i]) + beside
+            total += min(S[i, i] - beside, 0.0)
         noise += OF_SQUARES * (before + mass)
         before = mass
         best = max(best, total - noise)
         if pivot < 0 or total == 0.0:
             break
         inverse = 1.0 / top
-        scratch.v[pivot] = 0.0
+        completed[pivot] = True
         for i in range(dof):
-            if scratch.v[i] != 0.0:
+            if not completed[i]:
                 factor = S[i, pivot] * inverse
                 for j in range(dof):
-                    if scratch.v[j] != 0.0:
+                    if not completed[j]:
                         S[i, j] -= factor * S[pivot, j]
     return 0.5 * best
 
@@ -274,8 +263,7 @@ def least(g: float, H: float, h: float) -> float:
 @inlined
 def cut_box(scratch: BoxScratch, spare: float) -> None:
     """Cut each variable to where the separable polynomial is at most `spare` above its minimum."""
-    dof = len(scratch.c)
-    for i in range(dof):
+    for i in range(len(scratch.c)):
         g, H, h = abs(scratch.g[i]), scratch.H[i, i], scratch.h[i]
         # Seen from the good end: δ = -h there, the polynomial is g δ + ½ H δ².
         limit = least(g, H, h) + spare

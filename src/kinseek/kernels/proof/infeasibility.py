@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 from kinseek.kernels.jit import ir_inlined
 
 from .bounds import wide
-from .box import (
-    BoxScratch,
-    Form,
-    ProofGoal,
-)
+from .box import BoxScratch
 from .cone import separate_cone
 from .form import separate
-from .last_joint import LastJoint, roll_fits
+from .last_joint import roll_fits
+from .progress import Question
+from .taylor import miss
 
 OFTEN = 16
 """After this number of cut boxes, steps from the middle of one look for a solution. Tried on goals near the boundary of
@@ -23,11 +23,19 @@ STEPS = 8
 
 
 @ir_inlined
-def exclude(form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxScratch, passes: int) -> bool:
-    """Cut off the parts of the current box that miss a tolerance, to second order; return False if nothing is left."""
+def exclude(question: Question, scratch: BoxScratch, passes: int) -> tuple[bool, bool]:
+    """Cut off the parts of the current box that miss a tolerance, to second order.
+
+    Returns:
+        False if nothing is left; and whether the centre of the box meets the tolerances if only the best rotation by the
+        last joint counts.
+    """
+    form, proof_goal = question.form, question.proof_goal
     kept = separate(form, proof_goal, scratch, passes)
+    point, turned = miss(scratch, form.columns)
+    near = math.sqrt(point) <= proof_goal.position and math.sqrt(turned) <= proof_goal.chord
     if kept and wide(form, proof_goal):
         kept = separate_cone(form, proof_goal, scratch, passes)
-    if kept and roll.present:
-        kept = roll_fits(form, proof_goal, roll, scratch)
-    return kept
+    if kept and question.roll.present:
+        kept = roll_fits(form, proof_goal, question.roll, scratch)
+    return kept, near

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from kinseek.kernels.arm.division import TURN, nearest_copy
-from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.kernels.arm.division import nearest_copy
+from kinseek.kernels.arm.vectors import column, dot
 from kinseek.kernels.jit import inlined
 
 from .bounds import OF_ANGLES, cut_arc
-from .box import BEST_ROLL, BoxScratch, Form, ProofGoal, place, short_way, turn_goal, turned, widths
+from .box import BoxScratch, Form, ProofGoal, place, short_way, turn_goal, turned, widths
 
 
 class LastJoint(NamedTuple):
@@ -31,25 +31,28 @@ def best_twist(scratch: BoxScratch) -> tuple[float, float]:
     It is the direction of a vector of length ``1 + cos τ`` with the tilt τ, and arbitrary if the axis points backwards.
     """
     T, goal = scratch.T, scratch.goal
-    m00 = m01 = m10 = m11 = dot = 0.0
-    for r in range(3):
-        m00 += T[r, 1] * goal[r, 1]
-        m01 += T[r, 1] * goal[r, 2]
-        m10 += T[r, 2] * goal[r, 1]
-        m11 += T[r, 2] * goal[r, 2]
-        dot += T[r, 0] * goal[r, 0]
-    return math.atan2(m10 - m01, m00 + m11), dot
+    y, z, goal_y, goal_z = column(T, 1), column(T, 2), column(goal, 1), column(goal, 2)
+    angle = math.atan2(dot(z, goal_y) - dot(y, goal_z), dot(y, goal_y) + dot(z, goal_z))
+    return angle, dot(column(T, 0), column(goal, 0))
 
 
 @inlined
-def twist_noise(proof_goal: ProofGoal, dot: float) -> float:
-    """Largest error of the best twist by rounding, for an axis tilted by acos(dot) [rad]; π if it is arbitrary.
+def best_roll(roll: LastJoint, scratch: BoxScratch) -> float:
+    """Value of the last joint at the best twist, without full turns beyond its limits [rad]."""
+    best, _ = best_twist(scratch)
+    value: float = nearest_copy(best, roll.lower, roll.upper, 0.5 * (roll.lower + roll.upper))
+    return value
+
+
+@inlined
+def twist_noise(proof_goal: ProofGoal, tilt: float) -> float:
+    """Largest error of the best twist by rounding, for an axis tilted by acos(tilt) [rad]; π if it is arbitrary.
 
     Every entry of the rotation may have an error of the margin. The vector whose direction is the best twist then has an
     error of 2√2 margins.
     """
     margin: float = proof_goal.margin_a
-    length = 1.0 + dot - 2.0 * margin
+    length = 1.0 + tilt - 2.0 * margin
     # For longer vectors the bound below holds: asin(2√2/8) is less than 4/8.
     if not length > 8.0 * margin:
         return math.pi
@@ -57,40 +60,39 @@ def twist_noise(proof_goal: ProofGoal, dot: float) -> float:
 
 
 @inlined
-def twist_slack(proof_goal: ProofGoal, omega: float, dot: float) -> float:
-    """Largest change of the best twist if the others rotate by omega, for a tilt of acos(dot) [rad]; π if arbitrary.
+def twist_slack(proof_goal: ProofGoal, omega: float, tilt: float) -> float:
+    """Largest change of the best twist if the others rotate by omega, for a tilt of acos(tilt) [rad]; π if arbitrary.
 
     The twist part of a unit quaternion has the length cos(τ/2) with the tilt τ. It changes by at most the change of the
     quaternion, 2 sin(Ω/4).
     """
     moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * proof_goal.trust
     # Not its root: near zero the error of the root is the root of the margin.
-    square = 0.5 * (1.0 + dot) - proof_goal.margin_a
+    square = 0.5 * (1.0 + tilt) - proof_goal.margin_a
     if not (omega < math.pi and moved * moved < square):
         return math.pi
-    return min(2.0 * math.asin(moved / math.sqrt(square)) + twist_noise(proof_goal, dot), math.pi)
+    return min(2.0 * math.asin(moved / math.sqrt(square)) + twist_noise(proof_goal, tilt), math.pi)
 
 
 @inlined
 def roll_fits(form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxScratch) -> bool:
-    """Return False if no value of the last joint within its limits gives the remaining rotation; write BEST_ROLL.
+    """Return False if no value of the last joint within its limits gives the remaining rotation.
 
     The hand without its last rotation is off by a rotation of at most Ω. Write the required rotation as a quaternion: its
     part about the last axis has the length cos(τ/2) with the tilt τ. The last joint is therefore within
     ``2 acos(cos(Ω/2)/cos(τ/2))``.
     """
-    best, dot = best_twist(scratch)
     middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
-    scratch.found[BEST_ROLL] = nearest_copy(best, roll.lower, roll.upper, middle)
     if half >= math.pi:
         return True
+    best, tilt = best_twist(scratch)
     omega, margin = proof_goal.angle + proof_goal.margin_a, proof_goal.margin_a
     omega += turned(form, scratch, len(form.leader))
-    noise = twist_noise(proof_goal, dot)
+    noise = twist_noise(proof_goal, tilt)
     if not (omega < math.pi and noise < math.pi):
         return True
     # Margins on both sides: near one, the error of the angle is the root of the error of the ratio.
-    ratio = (math.cos(0.5 * omega) - margin) / math.sqrt(0.5 * (1.0 + dot) + margin)
+    ratio = (math.cos(0.5 * omega) - margin) / math.sqrt(0.5 * (1.0 + tilt) + margin)
     miss = 2.0 * math.acos(min(ratio, 1.0)) + noise
     return not abs(short_way(best - middle)) > half + miss
 
@@ -106,12 +108,9 @@ def twist_cost(
     middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
     if half >= math.pi or roll.weight == 0.0:
         return 0.0
-    best, dot = best_twist(scratch)
-    beta = (
-        abs(short_way(best - middle))
-        - half
-        - twist_slack(proof_goal, turned(form, scratch, len(form.leader)), dot)
-    )
+    best, tilt = best_twist(scratch)
+    slack = twist_slack(proof_goal, turned(form, scratch, len(form.leader)), tilt)
+    beta = abs(short_way(best - middle)) - half - slack
     if not beta > 0.0:
         return 0.0
     return max(2.0 * roll.weight - ceiling, 0.0) * 2.0 * math.sin(0.5 * beta) ** 2
@@ -129,35 +128,27 @@ def cut_twist(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: f
     noise when computed from traces: the twist may then be arbitrary although the axis is not tilted.
     """
     T, goal, last, K_A = scratch.T, scratch.goal, len(form.leader) - 1, proof_goal.weight_a
+    axis = scratch.z[last]
     turn_goal(form, proof_goal, scratch)
     widths(form, scratch)
     if ceiling >= 2.0 * K_A:
         return True
-    trace = dot = along = 0.0
+    trace = normal = along = (
+        0.0  # Of the rotation T goalᵀ: its trace, and its parts normal to the axis and along it.
+    )
     for r in range(3):
         after, behind = (r + 1) % 3, (r + 2) % 3
         for s in range(3):
             entry = T[r, 0] * goal[s, 0] + T[r, 1] * goal[s, 1] + T[r, 2] * goal[s, 2]
             trace += entry if r == s else 0.0
-            along += scratch.z[last, r] * entry * scratch.z[last, s]
+            along += axis[r] * entry * axis[s]
         for i in range(3):
-            dot += scratch.z[last, r] * (T[behind, i] * goal[after, i] - T[after, i] * goal[behind, i])
+            normal += axis[r] * (T[behind, i] * goal[after, i] - T[after, i] * goal[behind, i])
     # acos(1 - x) loses what is below the rounding of one; the half-angle form with a margin does not.
     beta = 2.0 * math.asin(math.sqrt(min(0.5 * ceiling / K_A + proof_goal.margin_a, 1.0)))
     beta += twist_slack(proof_goal, turned(form, scratch, last), along)
-    ahead = math.atan2(dot, trace - along)
+    ahead = math.atan2(normal, trace - along)
     left = cut_arc(scratch, form.leader[last], scratch.c[form.leader[last]] - ahead, beta)
     place(form, scratch)
     widths(form, scratch)
     return left
-
-
-@inlined
-def complete(form: Form, roll: LastJoint, chain: ChainArrays, scratch: BoxScratch, q: Array) -> None:
-    """Write the joint values of the box' centre, (n,), within the limits."""
-    for i in range(len(q)):
-        value = scratch.found[BEST_ROLL] if roll.present and i == len(q) - 1 else scratch.c[i]
-        if (i == 0 and form.head == TURN) or (i == len(q) - 1 and form.tail == 1):
-            middle = 0.5 * (chain.lower[i] + chain.upper[i])
-            value = nearest_copy(value, chain.lower[i], chain.upper[i], middle)
-        q[i] = min(max(value, chain.lower[i]), chain.upper[i])

@@ -11,7 +11,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import array_view, inlined, kernel
 
 from .box import LEAST, BoxScratch, Form, ProofGoal, load_box, make_box_scratch, place, turn_goal
-from .taylor import derivatives, differentiate, normal_matrix, rests, solve
+from .taylor import derivatives, differentiate, miss, normal_matrix, rests, solve
 
 LARGEST, SMALLEST = 0.5, 1e-7
 """Half width of the widest joint of a neighbourhood [rad] or [m]; sizes are tried from the largest down.
@@ -96,7 +96,7 @@ def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, around: Expan
     weight = 1.0 if columns > 0 else 0.0
     middle = m // 2
     differentiate(form, scratch, middle, columns)
-    around.gain[0] = askew = far = 0.0
+    around.gain[0] = 0.0
     for row in range(dof):
         normal_matrix(form, scratch, scale, weight, columns)
         trace = 0.0
@@ -113,14 +113,10 @@ def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, around: Expan
                 part = 0.0
                 if i < columns or i == 3:
                     for k in range(m):
-                        slope = scratch.velocity[k, r] if i == 3 else scratch.slopes[k, i, r]
-                        part += form.multiplier[k] * scratch.delta[form.leader[k]] * slope
+                        part += form.multiplier[k] * scratch.delta[form.leader[k]] * scratch.J[k, r, i]
                     part *= scale if i == 3 else weight
                 around.rows[row, r, i] = part
-    for r in range(3):
-        far += (T[r, 3] - goal[r, 3]) * (T[r, 3] - goal[r, 3])
-        for i in range(columns):
-            askew += (T[r, i] - goal[r, i]) * (T[r, i] - goal[r, i])
+    far, askew = miss(scratch, columns)
     around.gain[1] = math.sqrt(askew + far * scale)
     for row in range(dof):
         value = size = length = 0.0

@@ -87,3 +87,14 @@ class Tuning(NamedTuple):
     """Tolerance of the hand's rotation [rad]."""
     gap: float
     """Relative difference of the bounds at which they are close enough."""
+
+
+class Call(NamedTuple):
+    """Extent of one call of the search."""
+
+    kind: int
+    """EXCLUDE, ENCLOSE or ISOLATE."""
+    until: int
+    """Number of boxes after which it ends."""
+    budget: int
+    """Largest number of boxes in total."""

@@ -18,14 +18,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import inlined, ir_inlined
 
 from .approach import step
-from .box import BoxScratch, Form, ProofGoal, rounding, short_way
-from .memory import Places
-from .neighbourhood import Expansion, neighbourhood
-from .progress import GIVEN, KNOWN, SEEN
+from .box import BoxScratch, rounding, short_way
+from .memory import Memory, Places, SearchScratch
+from .neighbourhood import neighbourhood
+from .progress import GIVEN, KNOWN, SEEN, Question
 
 BLIND = 0.05
 """Half widths around a solution without a neighbourhood, that is, a singular one. Boxes there are skipped, so that the
@@ -59,9 +58,8 @@ def inside(scratch: BoxScratch, places: Places, begin: int, end: int, width: flo
             off = scratch.c[i] - places.centre[k, i]
             if places.periodic[i]:
                 off = short_way(off)
-            if not abs(off) + width * scratch.h[i] <= places.radius[k, i] - 4.0 * rounding(
-                scratch.c[i], scratch.h[i]
-            ):
+            slack = 4.0 * rounding(scratch.c[i], scratch.h[i])
+            if not abs(off) + width * scratch.h[i] <= places.radius[k, i] - slack:
                 held = False
                 break
         if held:
@@ -70,16 +68,10 @@ def inside(scratch: BoxScratch, places: Places, begin: int, end: int, width: flo
 
 
 @ir_inlined
-def admit(
-    form: Form,
-    proof_goal: ProofGoal,
-    scratch: BoxScratch,
-    around: Expansion,
-    places: Places,
-    trial: Array,
-    counts: Indices,
-) -> None:
-    """Create a neighbourhood around a solution, (n,), unless the solution is in another one."""
+def admit(question: Question, memory: Memory, work: SearchScratch) -> None:
+    """Create a neighbourhood around the solution in ``work.trial`` unless the solution is in another one."""
+    form, proof_goal, places, counts = question.form, question.proof_goal, memory.places, memory.counts
+    scratch, trial = work.scratch, work.trial
     dof, known = len(scratch.c), counts[KNOWN]
     for i in range(dof):
         scratch.c[i] = trial[i]
@@ -92,9 +84,8 @@ def admit(
         step(form, proof_goal, scratch)
         for i in range(dof):
             scratch.c[i] += scratch.delta[i]
-    holds, exists = neighbourhood(
-        form, proof_goal, scratch, around, places.radius[known], places.distance[known]
-    )
+    radius, distance = places.radius[known], places.distance[known]
+    holds, exists = neighbourhood(form, proof_goal, scratch, work.around, radius, distance)
     if holds:  # The solution itself must lie in its neighbourhood: the steps may have led to another one.
         for i in range(dof):
             places.centre[known, i] = scratch.c[i]
@@ -103,6 +94,5 @@ def admit(
     places.isolated[known], places.exists[known] = holds, holds and exists
     if not holds:
         for i in range(dof):
-            places.centre[known, i], places.radius[known, i] = trial[i], BLIND
-            places.distance[known, i] = np.inf
+            places.centre[known, i], radius[i], distance[i] = trial[i], BLIND, np.inf
     counts[KNOWN] += 1

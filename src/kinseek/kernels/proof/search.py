@@ -15,7 +15,7 @@ One loop is compiled for all three, because three loops would be nearly identica
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
@@ -24,10 +24,7 @@ from kinseek.kernels.jit import entry, inlined, ir_inlined
 from .approach import approach
 from .bounds import first_order
 from .box import (
-    BELOW,
     HEAD,
-    MISS_COLUMNS,
-    MISS_POINT,
     NARROW,
     NEAR,
     BoxScratch,
@@ -68,6 +65,7 @@ from .progress import (
     TRIAL,
     UPPER,
     USED,
+    Call,
     Question,
     Tuning,
 )
@@ -94,30 +92,22 @@ def search_boxes(
         ENDED, FOUND, STOPPED or FULL; ENDED also if there is no room for more solutions.
     """
     work = make_search_scratch(len(question.form.leader), memory)
-    return search(kind, question, tuning, memory, work, until, budget)
+    return search(Call(kind, until, budget), question, tuning, memory, work)
 
 
 @inlined
-def search(
-    kind: int,
-    question: Question,
-    tuning: Tuning,
-    memory: Memory,
-    work: SearchScratch,
-    until: int,
-    budget: int,
-) -> int:
+def search(call: Call, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch) -> int:
     """Do the work of `search_boxes` without allocating memory.
 
     Allocation counts references to arrays; without it this compiles faster.
     """
-    form, proof_goal, chain, goal = question.form, question.proof_goal, question.chain, question.goal
+    chain, goal = question.chain, question.goal
     places, q, counts, figures = memory.places, memory.q, memory.counts, memory.figures
     trial, T = work.trial, work.T
-    open_, least = gate(form, proof_goal, chain)
-    if kind == EXCLUDE and not open_:
+    open_, least = gate(question.form, question.proof_goal, chain)
+    if call.kind == EXCLUDE and not open_:
         counts[COUNT] = 0
-    if kind == ENCLOSE and counts[USED] == 0:
+    if call.kind == ENCLOSE and counts[USED] == 0:
         start_heap(question, tuning, memory, T, least)
     while True:
         if counts[GIVEN] < len(places.answers):
@@ -125,15 +115,15 @@ def search(
                 trial[i] = places.answers[counts[GIVEN], i]
             counts[GIVEN] += 1
         else:
-            outcome = next_trial(kind, question, tuning, memory, work, until, budget)
+            outcome = next_trial(call, question, tuning, memory, work)
             if outcome != TRIAL:
                 return outcome
         forward(chain, trial, T)
         position, orientation = errors(T, goal)
         met = position <= tuning.position and orientation <= tuning.orientation
-        if kind == ISOLATE:
+        if call.kind == ISOLATE:
             if met:
-                admit(form, proof_goal, work.scratch, work.around, places, trial, counts)
+                admit(question, memory, work)
                 if counts[KNOWN] == len(places.q):
                     return ENDED
         else:
@@ -147,25 +137,16 @@ def search(
 
 
 @ir_inlined
-def next_trial(
-    kind: int,
-    question: Question,
-    tuning: Tuning,
-    memory: Memory,
-    work: SearchScratch,
-    until: int,
-    budget: int,
-) -> int:
+def next_trial(call: Call, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch) -> int:
     """Process boxes until steps from the middle of one lead to joint values worth judging, and write these to `work`.
 
     Returns:
         TRIAL; or ENDED, STOPPED or FULL.
     """
-    form, proof_goal, scratch = question.form, question.proof_goal, work.scratch
-    boxes, heap, places, counts = memory.boxes, memory.heap, memory.places, memory.counts
-    figures, best_first = memory.figures, kind == ENCLOSE
+    scratch, boxes, heap, places = work.scratch, memory.boxes, memory.heap, memory.places
+    counts, figures, best_first = memory.counts, memory.figures, call.kind == ENCLOSE
     while counts[COUNT] > 0:
-        if counts[SEEN] >= until:
+        if counts[SEEN] >= call.until:
             return STOPPED
         if counts[COUNT] == len(boxes):
             return FULL
@@ -176,78 +157,83 @@ def next_trial(
             if below >= figures[CEILING]:
                 return ENDED
         load_box(boxes, row, scratch)
-        verdict, spread = AGAIN, 0.0
-        while verdict == AGAIN and counts[SEEN] < budget:
+        seen = Look(AGAIN, 0.0, below, False)
+        while seen.verdict == AGAIN and counts[SEEN] < call.budget:
             counts[SEEN] += 1
-            held = inside(scratch, places, 0, counts[KNOWN], 1.0) if kind == ISOLATE else -1
+            held = inside(scratch, places, 0, counts[KNOWN], 1.0) if call.kind == ISOLATE else -1
             if held >= 0:
                 counts[LEFT] += 0 if places.isolated[held] else 1
-                verdict = GONE
+                seen = Look(GONE, 0.0, below, False)
             else:
-                verdict, spread, below = look(kind, question, tuning, memory, work, below)
+                seen = look(call.kind, question, tuning, memory, work, seen.below)
+        gone, spread, below = seen.verdict == GONE, seen.spread, seen.below
         if best_first:
-            if below >= figures[CEILING]:
-                verdict = GONE
-        elif verdict == AGAIN:  # The budget is used up.
+            gone = gone or below >= figures[CEILING]
+        elif seen.verdict == AGAIN:  # The budget is used up.
             store_box(boxes, row, scratch)
             continue
         variable = 0
-        if verdict != GONE:
-            variable = widest(form, proof_goal, scratch, HEAD if not best_first or spread > FINE else 1.0)
+        if not gone:
+            head = HEAD if not best_first or spread > FINE else 1.0
+            variable = widest(question.form, question.proof_goal, scratch, head)
             if scratch.h[variable] < NARROW * (1.0 + abs(scratch.c[variable])):
                 counts[LEFT] += 1
                 figures[STUCK] = max(figures[STUCK], scratch.h[variable])
                 figures[FLOOR] = min(figures[FLOOR], below)
-                verdict = GONE
-        if verdict == GONE:
+                gone = True
+        if gone:
             drop(best_first, memory, row)
             continue
         split(best_first, memory, scratch, row, variable, below)
         if not best_first:
             # Wide tolerances may allow a solution in the middle, even if no descent ends there.
             steps = tuning.steps if spread < NEAR and counts[KEPT] % tuning.often == 0 else 0
-            near = (
-                scratch.found[MISS_POINT] <= proof_goal.position
-                and scratch.found[MISS_COLUMNS] <= proof_goal.chord
-            )
-            if steps > 0 or (kind == EXCLUDE and near):
-                approach(form, proof_goal, question.roll, question.chain, steps, scratch, work.trial)
+            if steps > 0 or (call.kind == EXCLUDE and seen.near):
+                approach(question, scratch, steps, work.trial)
                 return TRIAL
     return ENDED
+
+
+class Look(NamedTuple):
+    """Result of one look at a box."""
+
+    verdict: int
+    """GONE, AGAIN or OPEN."""
+    spread: float
+    """Rotation of the hand within the box [rad]."""
+    below: float
+    """A lower bound of the error in it."""
+    near: bool
+    """True if its centre nearly meets the tolerances, see `exclude`."""
 
 
 @inlined
 def look(
     kind: int, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch, below: float
-) -> tuple[int, float, float]:
-    """Examine the current box once, and cut off the parts that do not count.
-
-    Returns:
-        GONE, AGAIN or OPEN; the rotation of the hand within the box [rad]; and a lower bound of the error in it, at least
-        `below`.
-    """
+) -> Look:
+    """Examine the current box once, and cut off the parts that do not count; the error in it is at least `below`."""
     form, proof_goal, scratch = question.form, question.proof_goal, work.scratch
     ceiling = memory.figures[CEILING] if kind == ENCLOSE else -1.0  # Negative: the tolerances are tested.
-    scratch.found[BELOW], scratch.found[MISS_POINT] = 0.0, np.inf
     place(form, scratch)
     widths(form, scratch)
-    kept = first_order(form, proof_goal, scratch, ceiling)
-    below = max(below, scratch.found[BELOW])
+    kept, first = first_order(form, proof_goal, scratch, ceiling)
+    below = max(below, first)
     if kept and kind == ENCLOSE and form.tail == 1:
         kept = cut_twist(form, proof_goal, scratch, ceiling)
     spread = turned(form, scratch, len(form.leader))
     if not kept:
-        return GONE, spread, below
+        return Look(GONE, spread, below, False)
     if not spread < tuning.spread:
-        return OPEN, spread, below
-    before = volume(scratch)
+        return Look(OPEN, spread, below, False)
+    before, near = volume(scratch), False
     if kind == ENCLOSE:
-        kept, below = enclose(question, tuning, memory, work, below)
+        kept, bound = enclose(question, tuning, memory, work, first)
+        below = max(below, bound)
     else:
-        kept = exclude(form, proof_goal, question.roll, scratch, tuning.passes)
+        kept, near = exclude(question, scratch, tuning.passes)
     if not kept:
-        return GONE, spread, below
-    return AGAIN if volume(scratch) < tuning.shrink * before else OPEN, spread, below
+        return Look(GONE, spread, below, near)
+    return Look(AGAIN if volume(scratch) < tuning.shrink * before else OPEN, spread, below, near)
 
 
 @inlined

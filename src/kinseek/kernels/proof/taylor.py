@@ -1,5 +1,9 @@
 """The error of the hand and its derivatives with respect to the joints, as seen from halfway along the arm.
 
+Let f be the hand's point and columns minus the goal's. A joint with the axis z through the point o moves the point p by
+``∂p = z x (p - o)`` and a column c by ``∂c = z x c``; a prismatic joint moves the point by z. To second order
+``f(c + δ) = f + Σ J_k δ_k + ½ Σ H_kl δ_k δ_l + rest``, see `derivatives` for H and `kernels.proof.bounds` for the rest.
+
 The norm of the error is the same in any frame. In a frame in the middle the distal joints move the hand, and the proximal
 ones move the goal backwards. Every Taylor polynomial then has its remainder in two halves, each about eight times smaller
 than the whole.
@@ -11,10 +15,22 @@ import math
 
 import numpy as np
 
+from kinseek.kernels.arm.vectors import (
+    Vector,
+    column,
+    cross,
+    dot,
+    minus,
+    norm,
+    plus,
+    row,
+    scaled,
+    write_column,
+)
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import inlined
 
-from .box import TINY, BoxScratch, Form, ProofGoal
+from .box import TINY, BoxScratch, Form, ProofGoal, radius
 
 NOISE = 1e-14
 """Rounding error of a pivot that should be zero, relative to its diagonal element: some fifty last digits, for sums of
@@ -31,29 +47,25 @@ def halfway(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> int:
 
     It and the distal joints move the hand, and the proximal ones the goal. It minimises the third-order remainders.
     """
-    m, T, goal = len(form.leader), scratch.T, scratch.goal
+    m = len(form.leader)
     counts = proof_goal.length if form.columns > 0 else 0.0
+    hand, goal = column(scratch.T, 3), column(scratch.goal, 3)
     for k in range(m):
-        z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
-        v0, v1, v2 = T[0, 3] - scratch.p[k, 0], T[1, 3] - scratch.p[k, 1], T[2, 3] - scratch.p[k, 2]
-        x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
-        scratch.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2) + counts
-        v0, v1, v2 = goal[0, 3] - scratch.p[k, 0], goal[1, 3] - scratch.p[k, 1], goal[2, 3] - scratch.p[k, 2]
-        x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
-        scratch.s[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2) + counts
+        scratch.radii[0, k] = radius(scratch, k, hand) + counts
+        scratch.radii[1, k] = radius(scratch, k, goal) + counts
     least_rest, best = np.inf, 0
     for middle in range(m):
         spread = rest = 0.0
         for k in range(middle, m):
             if not form.prismatic[k]:
                 h = scratch.half[k]
-                rest += scratch.r[k] * h * (h * h + 3.0 * spread * (h + spread))
+                rest += scratch.radii[0, k] * h * (h * h + 3.0 * spread * (h + spread))
                 spread += h
         spread = 0.0
         for k in range(middle - 1, -1, -1):
             if not form.prismatic[k]:
                 h = scratch.half[k]
-                rest += scratch.s[k] * h * (h * h + 3.0 * spread * (h + spread))
+                rest += scratch.radii[1, k] * h * (h * h + 3.0 * spread * (h + spread))
                 spread += h
         if rest < least_rest:
             least_rest, best = rest, middle
@@ -63,27 +75,23 @@ def halfway(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> int:
 @inlined
 def differentiate(form: Form, scratch: BoxScratch, middle: int, columns: int) -> None:
     """Compute the derivatives of the error as seen from halfway: joints before `middle` move the goal instead."""
-    T, goal = scratch.T, scratch.goal
     for k in range(len(form.leader)):
-        seen = goal if k < middle else T
-        z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
+        seen = scratch.goal if k < middle else scratch.T
+        axis, J = row(scratch.z, k), scratch.J[k]
         if form.prismatic[k]:
-            scratch.velocity[k, 0], scratch.velocity[k, 1], scratch.velocity[k, 2] = z0, z1, z2
+            write_column(axis, J, 3)
             scratch.r[k], scratch.s[k] = 1.0, 0.0
             for i in range(columns):
-                for r in range(3):
-                    scratch.slopes[k, i, r] = 0.0
+                write_column(Vector(0.0, 0.0, 0.0), J, i)
             continue
-        v0, v1, v2 = seen[0, 3] - scratch.p[k, 0], seen[1, 3] - scratch.p[k, 1], seen[2, 3] - scratch.p[k, 2]
-        x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
-        scratch.velocity[k, 0], scratch.velocity[k, 1], scratch.velocity[k, 2] = x0, x1, x2
-        scratch.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+        velocity = cross(axis, minus(column(seen, 3), row(scratch.p, k)))
+        write_column(velocity, J, 3)
+        scratch.r[k] = norm(velocity)
         square = 0.0
         for i in range(columns):
-            a0, a1, a2 = seen[0, i], seen[1, i], seen[2, i]
-            x0, x1, x2 = z1 * a2 - z2 * a1, z2 * a0 - z0 * a2, z0 * a1 - z1 * a0
-            scratch.slopes[k, i, 0], scratch.slopes[k, i, 1], scratch.slopes[k, i, 2] = x0, x1, x2
-            square += x0 * x0 + x1 * x1 + x2 * x2
+            turned = cross(axis, column(seen, i))
+            write_column(turned, J, i)
+            square += dot(turned, turned)
         scratch.s[k] = math.sqrt(square)
 
 
@@ -91,16 +99,9 @@ def differentiate(form: Form, scratch: BoxScratch, middle: int, columns: int) ->
 def radii_behind(form: Form, scratch: BoxScratch, middle: int, back: float) -> None:
     """Write the radii of the point that lies `back` [m] back along the first column."""
     for k in range(len(form.leader)):
-        if form.prismatic[k]:
-            scratch.back[k] = 1.0
-            continue
         seen = scratch.goal if k < middle else scratch.T
-        z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
-        v0 = seen[0, 3] - back * seen[0, 0] - scratch.p[k, 0]
-        v1 = seen[1, 3] - back * seen[1, 0] - scratch.p[k, 1]
-        v2 = seen[2, 3] - back * seen[2, 0] - scratch.p[k, 2]
-        x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
-        scratch.back[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+        behind = minus(column(seen, 3), scaled(back, column(seen, 0)))
+        scratch.back[k] = 1.0 if form.prismatic[k] else radius(scratch, k, behind)
 
 
 @inlined
@@ -135,37 +136,60 @@ def rests(form: Form, scratch: BoxScratch, radii: Array, middle: int) -> tuple[f
 @inlined
 def normal_matrix(form: Form, scratch: BoxScratch, weight_p: float, weight_c: float, columns: int) -> None:
     """Write ``JᵀWJ`` of the point and the columns into N, lower triangle."""
-    m, dof = len(form.leader), len(scratch.c)
+    m, dof, J = len(form.leader), len(scratch.c), scratch.J
     for i in range(dof):
         for j in range(dof):
             scratch.N[i, j] = 0.0
     for k in range(m):
         for l in range(k + 1):
-            dot = turn = 0.0
+            moved = turned = 0.0
             for r in range(3):
-                dot += scratch.velocity[k, r] * scratch.velocity[l, r]
+                moved += J[k, r, 3] * J[l, r, 3]
                 for i in range(columns):
-                    turn += scratch.slopes[k, i, r] * scratch.slopes[l, i, r]
-            dot = (weight_p * dot + weight_c * turn) * form.multiplier[k] * form.multiplier[l]
+                    turned += J[k, r, i] * J[l, r, i]
+            product = (weight_p * moved + weight_c * turned) * form.multiplier[k] * form.multiplier[l]
             i, j = form.leader[k], form.leader[l]
-            scratch.N[max(i, j), min(i, j)] += dot
+            scratch.N[max(i, j), min(i, j)] += product
             if l != k and i == j:
-                scratch.N[i, i] += dot
+                scratch.N[i, i] += product
 
 
 @inlined
 def step_miss(form: Form, scratch: BoxScratch, columns: int) -> None:
     """Write the error of the hand after the step in ``scratch.delta``, to first order, into ``scratch.y``."""
+    y, J = scratch.y, scratch.J
     for r in range(3):
-        scratch.y[r, 3] = scratch.T[r, 3] - scratch.goal[r, 3]
+        y[r, 3] = scratch.T[r, 3] - scratch.goal[r, 3]
         for i in range(columns):
-            scratch.y[r, i] = scratch.T[r, i] - scratch.goal[r, i]
+            y[r, i] = scratch.T[r, i] - scratch.goal[r, i]
     for k in range(len(form.leader)):
         step = form.multiplier[k] * scratch.delta[form.leader[k]]
         for r in range(3):
-            scratch.y[r, 3] += step * scratch.velocity[k, r]
+            y[r, 3] += step * J[k, r, 3]
             for i in range(columns):
-                scratch.y[r, i] += step * scratch.slopes[k, i, r]
+                y[r, i] += step * J[k, r, i]
+
+
+@inlined
+def miss(scratch: BoxScratch, columns: int) -> tuple[float, float]:
+    """Squared errors of the hand at the centre of the box: of its point [m²], and of its columns together."""
+    T, goal, point, turned = scratch.T, scratch.goal, 0.0, 0.0
+    for r in range(3):
+        point += (T[r, 3] - goal[r, 3]) * (T[r, 3] - goal[r, 3])
+        for i in range(columns):
+            turned += (T[r, i] - goal[r, i]) * (T[r, i] - goal[r, i])
+    return point, turned
+
+
+@inlined
+def squares_of(y: Array, columns: int) -> tuple[float, float]:
+    """Squared norms of the point and of the columns of a form or of an error, laid out as a pose, (3, 4)."""
+    point = turned = 0.0
+    for r in range(3):
+        point += y[r, 3] * y[r, 3]
+        for i in range(columns):
+            turned += y[r, i] * y[r, i]
+    return point, turned
 
 
 @inlined
@@ -180,14 +204,15 @@ def weight_miss(scratch: BoxScratch, weight_p: float, weight_c: float, columns: 
 @inlined
 def slope(form: Form, scratch: BoxScratch, columns: int, out: Array) -> None:
     """Write ``Jᵀ y`` of the form in ``scratch.y`` into `out`, (n,)."""
+    y, J = scratch.y, scratch.J
     for i in range(len(out)):
         out[i] = 0.0
     for k in range(len(form.leader)):
         total = 0.0
         for r in range(3):
-            total += scratch.velocity[k, r] * scratch.y[r, 3]
+            total += J[k, r, 3] * y[r, 3]
             for i in range(columns):
-                total += scratch.slopes[k, i, r] * scratch.y[r, i]
+                total += J[k, r, i] * y[r, i]
         out[form.leader[k]] += form.multiplier[k] * total
 
 
@@ -246,40 +271,31 @@ def derivatives(form: Form, scratch: BoxScratch, middle: int, columns: int) -> N
         scratch.g[i] = 0.0
         for j in range(dof):
             scratch.H[i, j] = 0.0
-    y0, y1, y2 = y[0, 3], y[1, 3], y[2, 3]
+    force = column(y, 3)
     for k in range(m):
         seen = scratch.goal if k < middle else scratch.T
-        z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
-        a = form.leader[k]
-        slope = scratch.velocity[k, 0] * y0 + scratch.velocity[k, 1] * y1 + scratch.velocity[k, 2] * y2
+        axis, a = row(scratch.z, k), form.leader[k]
+        slope = dot(column(scratch.J[k], 3), force)
         if form.prismatic[k]:
-            u0, u1, u2 = z1 * y2 - z2 * y1, z2 * y0 - z0 * y2, z0 * y1 - z1 * y0
+            u = cross(axis, force)
         else:
-            v0, v1, v2 = (
-                seen[0, 3] - scratch.p[k, 0],
-                seen[1, 3] - scratch.p[k, 1],
-                seen[2, 3] - scratch.p[k, 2],
-            )
-            force, diagonal = y0 * z0 + y1 * z1 + y2 * z2, v0 * y0 + v1 * y1 + v2 * y2
-            u0, u1, u2 = force * v0, force * v1, force * v2
+            arm = minus(column(seen, 3), row(scratch.p, k))
+            u, diagonal = scaled(dot(force, axis), arm), dot(arm, force)
             for i in range(columns):
-                c = 0.0
+                along = 0.0
                 for r in range(3):
-                    slope += y[r, i] * scratch.slopes[k, i, r]
-                    c += y[r, i] * scratch.z[k, r]
+                    slope += y[r, i] * scratch.J[k, r, i]
+                    along += y[r, i] * scratch.z[k, r]
                     diagonal += y[r, i] * seen[r, i]
-                u0 += c * seen[0, i]
-                u1 += c * seen[1, i]
-                u2 += c * seen[2, i]
-            u0, u1, u2 = u0 - diagonal * z0, u1 - diagonal * z1, u2 - diagonal * z2
+                u = plus(u, scaled(along, column(seen, i)))
+            u = minus(u, scaled(diagonal, axis))
         scratch.g[a] += form.multiplier[k] * slope
         begin, end, sign = (k, middle, -1.0) if k < middle else (middle, k + 1, 1.0)
         for l in range(begin, end):
             if form.prismatic[l]:
                 continue
-            second = scratch.z[l, 0] * u0 + scratch.z[l, 1] * u1 + scratch.z[l, 2] * u2
-            second *= sign * form.multiplier[k] * form.multiplier[l]
             b = form.leader[l]
+            second = dot(row(scratch.z, l), u) * (sign * form.multiplier[k] * form.multiplier[l])
             scratch.H[a, b] += second
             if l != k:
                 scratch.H[b, a] += second
