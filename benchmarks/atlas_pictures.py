@@ -92,16 +92,18 @@ class Query:
         length, links, W = self.division.length, links_of(chain.arrays), LANES
         lanes = Lanes(
             q=np.ascontiguousarray(seeds.T),
-            target=np.repeat(target[:3].ravel(), W),
-            pose=np.zeros(12 * W),
-            axes=np.zeros((len(chain.leader), 6 * W)),
-            jacobian=np.zeros((n, 6 * W)),
-            gram=np.zeros(21 * W),
-            residual=np.zeros(6 * W),
+            target=np.repeat(target[:3, :, None], W, axis=2),
+            pose=np.zeros((3, 4, W)),
+            axes=np.zeros((len(chain.leader), 6, W)),
+            jacobian=np.zeros((n, 6, W)),
+            gram=np.zeros((21, W)),
+            residual=np.zeros((6, W)),
             step=np.zeros((n, W)),
-            work=np.zeros(4 * W),
-            error=np.zeros(4 * W),
-            weight=np.repeat([1.0 / length, 1.0], W),
+            share=np.zeros(W),
+            before=np.zeros(W),
+            stubborn=np.zeros(W),
+            error=np.zeros((4, W)),
+            weight=np.repeat([[1.0 / length], [1.0]], W, axis=1),
         )
         errors, points = [], []
         for step in range(STEPS + 1):
@@ -113,9 +115,9 @@ class Query:
                 lanes_move(lower, upper, LONGEST, lanes, W)
             lanes_forward(chain.leader, links, lanes, W)
             lanes_residual(lanes, np.full(3, 0.5), W)
-            errors.append(np.sqrt(lanes.error[:W]))
+            errors.append(np.sqrt(lanes.error[0]))
             poses = np.tile(np.eye(4), (W, 1, 1))
-            poses[:, :3] = lanes.pose.reshape(12, W).T.reshape(W, 3, 4)
+            poses[:, :3] = np.moveaxis(lanes.pose, 2, 0)
             points.append(self.seen((self.frames[0] @ poses @ self.frames[1])[:, :3]))
         self.errors, self.points = np.array(errors), np.array(points)
 

@@ -281,7 +281,7 @@ def test_errors_are_recomputed_and_everything_explains_itself() -> None:
     np.testing.assert_array_equal(branches.problem.goal.target, target)
     assert branches.position_error.max() <= 1e-6
     assert branches.orientation_error.max() <= 1e-6
-    assert "8 answers" in repr(branches)
+    assert "8 solutions" in repr(branches)
     assert "not proved complete" in repr(branches)
     with pytest.raises(AttributeError, match="nothing"):
         _ = branches.nothing  # type: ignore[attr-defined]

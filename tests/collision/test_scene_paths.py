@@ -71,10 +71,12 @@ def test_what_is_in_the_way_is_named(ur5e: kinseek.Arm, table: Scene) -> None:
     assert f"at pose {middle}" in why
     assert "and crate" in why
     assert f"{-least * 1e3:.1f} mm deep" in why
-    with pytest.raises(kinseek.NotReached, match="are blocked: in every answer found the arm hits something"):
+    with pytest.raises(
+        kinseek.NotReached, match="are blocked: in every solution found the arm hits something"
+    ):
         path.require()
     near = ur5e.follow(T[:3], scene=table, clearance=0.5)
-    assert "or comes nearer than 0.5 m; the least at pose 1: " in near.why[0]
+    assert "or comes nearer than 0.5 m; at pose 1, in the one that collides least: " in near.why[0]
     assert "mm apart" in near.why[0]
 
 

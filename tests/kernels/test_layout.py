@@ -59,16 +59,18 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
     np.testing.assert_array_equal(owners(memory, laid), 1)
     assert {name: array.shape for name, array in arrays_of(laid)} == {
         "lanes.q": (dof, LANES),
-        "lanes.target": (12 * LANES,),
-        "lanes.pose": (12 * LANES,),
-        "lanes.axes": (joints, 6 * LANES),
-        "lanes.jacobian": (dof, 6 * LANES),
-        "lanes.gram": (21 * LANES,),
-        "lanes.residual": (6 * LANES,),
+        "lanes.target": (3, 4, LANES),
+        "lanes.pose": (3, 4, LANES),
+        "lanes.axes": (joints, 6, LANES),
+        "lanes.jacobian": (dof, 6, LANES),
+        "lanes.gram": (21, LANES),
+        "lanes.residual": (6, LANES),
         "lanes.step": (dof, LANES),
-        "lanes.work": (4 * LANES,),
-        "lanes.error": (4 * LANES,),
-        "lanes.weight": (2 * LANES,),
+        "lanes.share": (LANES,),
+        "lanes.before": (LANES,),
+        "lanes.stubborn": (LANES,),
+        "lanes.error": (4, LANES),
+        "lanes.weight": (2, LANES),
         "seen": (3, 4),
         "spare": (3, 4),
         "between": (3, 4),
@@ -77,6 +79,7 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
         "neighbour": (scratch.DEEP,),
         "stack": (64,),
         "bound": (64 + LEAF_SIZE,),
+        "candidates": (scratch.CANDIDATE_ROWS, LANES),
         "seed": (dof,),
         "found": (LANES, dof),
         "state": (LANES,),
@@ -147,7 +150,7 @@ def _index() -> AtlasIndex:
 def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:
     chain, atlas = kinseek.load("ur10e_rail").chain.arrays, index.sorted
     tolerances = np.arange(7.0)
-    task = task_of(index._addresses, tolerances)
+    task = task_of(index.handle, tolerances)
     for bundle, made_of in ((task.chain, chain), (task.atlas.tree, atlas.tree), (task.atlas, atlas)):
         for name, array in zip(bundle._fields, bundle, strict=True):
             if isinstance(array, np.ndarray):
@@ -165,7 +168,7 @@ def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:
 
 
 def test_numbers_of_a_handle_that_stand_alone(index: AtlasIndex) -> None:
-    handle = index._addresses
+    handle = index.handle
     assert len(handle) == task.ARRAYS * ROW
     assert inlined(task.lanes_of)(handle) == LANES
     np.testing.assert_array_equal(inlined(task.plain_tolerances)(handle), PLAIN)

@@ -157,7 +157,7 @@ def test_misuse_is_refused() -> None:
     T = arm.fk([0.2, -1.2, 1.6, -0.4, 0.5, 0.3])
     tracker = arm.track([0.2, -1.2, 1.6, -0.4, 0.5, 0.3], velocity=1.0)
     for ask in (tracker.foresee, tracker.continuing):
-        with pytest.raises(InvalidProblem, match="takes two poses"):
+        with pytest.raises(InvalidProblem, match="needs two poses"):
             ask()
     tracker.step(T)
     tracker.step(T)

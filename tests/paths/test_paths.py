@@ -403,7 +403,7 @@ def test_valid_is_asked_of_poses_and_between() -> None:
     assert any(np.abs(np.array(asked) - between[5]).max(axis=1) < 1e-12)
     refused = arm.follow(T, valid=lambda q: False)
     assert refused.status is PathStatus.BLOCKED
-    assert "valid refuses" in refused.why[0]
+    assert "valid rejects" in refused.why[0]
     with pytest.raises(InvalidProblem, match="valid raised ZeroDivisionError"):
         arm.follow(T, valid=lambda q: 1 / 0)
 

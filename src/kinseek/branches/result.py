@@ -96,7 +96,8 @@ class Branches(Lazy):
         what = "a sample" if self.sampled else "complete" if self.complete else "not proved complete"
         refused = f", {self.rejected} rejected" if self.rejected else ""
         refused += ", proved blocked" if self.proved_blocked else ""
-        return f"Branches({len(self)} answers, {what}{refused}, q{self.q.shape})"
+        count = "1 solution" if len(self) == 1 else f"{len(self)} solutions"
+        return f"Branches({count}, {what}{refused}, q{self.q.shape})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -165,7 +166,7 @@ class BranchesBatch(Sequence[Branches]):
     def __repr__(self) -> str:
         """Return a short representation for a shell."""
         counts = self.counts
-        span = f"{counts.min()} to {counts.max()} answers each" if counts.size else "empty"
+        span = f"{counts.min()} to {counts.max()} solutions each" if counts.size else "empty"
         return f"BranchesBatch(shape={self.shape}, {span})"
 
 

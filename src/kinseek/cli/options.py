@@ -128,7 +128,7 @@ _chain_options = together(
         "--untrusted",
         is_flag=True,
         group="The arm",
-        help="A xacro file may be anybody's: compute its expressions without Python, refuse others.",
+        help="Do not trust a xacro file: read it without Python, and reject expressions that need it.",
     ),
 )
 

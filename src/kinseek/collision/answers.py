@@ -111,7 +111,7 @@ def judge_of(scene: Any, mechanism: Mechanism, clearance: float, valid: Valid | 
     if not scene.fits(mechanism):
         raise InvalidScene(
             f"this scene is of {scene.arm}, and not of {mechanism.name!r} with joints {', '.join(mechanism.joint_names)}: "
-            "other joints, lengths, or joints locked elsewhere; make one of this very arm: Scene.of(arm)"
+            "the joints, the lengths or the locked joints differ; make a scene of this arm: Scene.of(arm)"
         )
     return Judge(scene, length_or_zero("clearance", clearance), valid)
 

@@ -217,7 +217,7 @@ class Contents:
             )
         )
         for other in {to, *touches} & self._bodies.keys():
-            self._never[key(name, other)] = ATTACHED if other == to else "said: it may touch this"
+            self._never[key(name, other)] = ATTACHED if other == to else "allowed: it may touch this"
         self._sample(self._samples, False, name)
 
     def add_arm(self, name: str, other: Contents, q: Any, pose: Any = None) -> None:
@@ -271,7 +271,7 @@ class Contents:
         if self._assembly is not None:
             self._assembly.stand(moved)
 
-    def allow(self, a: str, b: str, reason: str = "said: they may touch") -> None:
+    def allow(self, a: str, b: str, reason: str = "allowed: they may touch") -> None:
         """Exclude a pair of bodies from the checks.
 
         Raises:
@@ -279,7 +279,7 @@ class Contents:
         """
         self._require(a)
         self._require(b)
-        self._never[key(a, b)] = str(reason) or "said: they may touch"
+        self._never[key(a, b)] = str(reason) or "allowed: they may touch"
         self._assembly = None
 
     def remove(self, name: str) -> None:
@@ -352,7 +352,7 @@ class Contents:
                 raise InvalidScene(f"{name!r} is a link of the arm already; names are unique")
             what = "an arm" if name in self._others else "a body"
             raise InvalidScene(
-                f"{name!r} is {what} of the scene already; names are unique. remove({name!r}) takes it away"
+                f"{name!r} is {what} of the scene already; names are unique. remove({name!r}) removes it"
             )
         return name
 
@@ -400,7 +400,7 @@ class Contents:
         notes = "".join(f"\n  {printable(note)}" for note in self._notes)
         return (
             f"Scene({self._chain.name!r}, {links} links, {len(self._bodies) - links} other bodies, "
-            f"{counted} of {len(pairs)} pairs count){notes}"
+            f"{counted} of {len(pairs)} pairs checked){notes}"
         )
 
 

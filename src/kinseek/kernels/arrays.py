@@ -87,6 +87,13 @@ def chain_arrays(
     )
 
 
+class Limits(NamedTuple):
+    """Limits of the variables [rad] or [m], (n,) each; infinite or very large for a joint that turns fully."""
+
+    lower: Array
+    upper: Array
+
+
 class GoalArrays(NamedTuple):
     """Target and weights of the relevant parts of a pose."""
 

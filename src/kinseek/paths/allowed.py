@@ -138,14 +138,14 @@ class Allowed:
         """Describe in a phrase why one q, (n,), is not allowed."""
         if self.scene is not None and (found := self.scene.hits(q[self.own], self.clearance)):
             return _report(found)
-        return "valid refuses it"
+        return "valid rejects it"
 
     def against_way(self, a: Array, b: Array) -> str:
         """Describe in a phrase why a straight step, (n,) to (n,), is not allowed."""
         a, b = a[self.own], b[self.own]
         if self.scene is not None and (found := self.scene.hits_between(a, b, self.clearance)):
             return _report(found)
-        return "valid refuses a point of it"
+        return "valid rejects a point of it"
 
 
 def _report(found: Sequence[object]) -> str:

@@ -13,7 +13,7 @@ from kinseek.cli.words import joint_values
 @click.command(
     "fk",
     cls=Command,
-    arguments=[ARM, ("Q...", "One value a joint, base to tip, rad or m; or JOINT=VALUE of every joint.")],
+    arguments=[ARM, ("Q...", "One value per joint, base to tip, rad or m; or JOINT=VALUE for every joint.")],
     examples=["kinseek fk planar2 0.3 -0.5", "kinseek fk scara4 90 -90 0.1 45 --deg --json"],
 )
 @arm_argument

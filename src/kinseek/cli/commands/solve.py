@@ -62,7 +62,7 @@ _MANY = "Many poses"
 )
 @arm_argument
 @pose_options
-@option("--position-only", is_flag=True, group=GOAL, help="Any orientation will do.")
+@option("--position-only", is_flag=True, group=GOAL, help="Any orientation is allowed.")
 @option(
     "--free", metavar="AXES", group=GOAL, help="Axes whose deviation does not matter, such as rz or z,rx,ry."
 )

@@ -16,6 +16,10 @@ DEEP = 160
 """Largest number of samples looked up for one goal."""
 
 
+CANDIDATE_ROWS = 18
+"""Rows of the candidates of a closed form, see `structure.candidates.WORK`."""
+
+
 class Scratch(NamedTuple):
     """Scratch memory of one call."""
 
@@ -36,6 +40,8 @@ class Scratch(NamedTuple):
     """(64,)"""
     bound: Array
     """(64 + LEAF_SIZE,)"""
+    candidates: Array
+    """Candidates of a closed form, one in each lane, (CANDIDATE_ROWS, LANES)."""
     seed: Array
     """(n,)"""
     found: Array
@@ -65,6 +71,7 @@ LAYOUT = Layout(
     neighbour=whole(DEEP),
     stack=whole(64),
     bound=floats(64 + LEAF_SIZE),
+    candidates=floats(CANDIDATE_ROWS, LANES),
     seed=floats(DOF),
     found=floats(LANES, DOF),
     state=whole(LANES),

@@ -55,7 +55,7 @@ def load_target(lanes: Lanes, lane: int, target: Array) -> None:
     """Set the target of one lane, (3, 4)."""
     for r in range(3):
         for c in range(4):
-            lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
+            lanes.target[r, c, lane] = target[r, c]
 
 
 @inlined

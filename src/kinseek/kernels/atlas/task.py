@@ -11,7 +11,7 @@ from kinseek.kernels.arm.division import Division
 from kinseek.kernels.arm.links import links_of
 from kinseek.kernels.arrays import CHAIN_ROWS, Array, ChainArrays, Indices
 from kinseek.kernels.entry import I64
-from kinseek.kernels.jit import array_view
+from kinseek.kernels.jit import array_view, inlined
 from kinseek.kernels.layout import Rows
 from kinseek.kernels.pointers import ROW, floats1, integer_part, integers, part1
 
@@ -38,8 +38,8 @@ POSITION_ERROR, ORIENTATION_ERROR, WEIGHTED_ERROR, EVALUATIONS = range(4)
 four after its joint values, in the same order."""
 
 ITERATE, SEARCH, ENDING, STARTS, JUDGE, CLOSED, DISTANT = range(7)
-"""Indices of the routines of a task; the entry is 0 if one is not needed, or not yet, see `one_goal.routines`. CLOSED is set
-if the arm has a closed form, DISTANT and ENDING from the first unreachable goal on.
+"""Indices of the routines of a task, see `one_goal.routines`; the entry is 0 if one is not needed. CLOSED is set if the arm
+has a closed form.
 
 A goal with ranges uses other steps than a pose and the same search: its task contains other routines, see `with_ranges`.
 """
@@ -245,9 +245,18 @@ def task_of(handle: Indices, tolerances: Array) -> Task:
 
 
 class Job(NamedTuple):
-    """The task by address, for kernels that are called and not inlined."""
+    """The task by address, for kernels that are called and not inlined, and the memory of the call."""
 
     handle: Indices
     tolerances: Array
     """(TOLERANCES,)"""
     memory: Array
+    """See `memory.LAYOUT`."""
+    width: int
+    """LANES, as a number that is unknown to the compiler."""
+
+
+@inlined
+def addresses_of(job: Job) -> tuple[int, int, int]:
+    """Addresses of a job, as routines take them."""
+    return job.handle.ctypes.data, job.tolerances.ctypes.data, job.memory.ctypes.data

@@ -21,7 +21,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.memory import make_scratch
 from kinseek.kernels.atlas.task import task_of
 from kinseek.kernels.jit import inlined, kernel
-from kinseek.kernels.structure.candidates import DEVIATION, H5, H6, SIZE, WORK, H, joint_of
+from kinseek.kernels.structure.candidates import DEVIATION, H5, H6, SIZE, H, joint_of
 from kinseek.kernels.structure.closed import REPORT, TRIED, closed_starts
 
 from .distance import squared_gap
@@ -83,7 +83,7 @@ def displace(target: Array, k: int, far: float, size: float, pose: Array) -> Non
 
 
 @kernel
-def write_starts_around(search: Search, structure: Array, far: bool, count: int, w: int) -> int:
+def write_starts_around(search: Search, structure: Array, far: bool, count: int) -> int:
     """Write candidates of poses around the target that are not near a known solution into the starts.
 
     Args:
@@ -91,7 +91,6 @@ def write_starts_around(search: Search, structure: Array, far: bool, count: int,
         structure: See `candidates.KIND`, (NUMBERS,).
         far: Whether to try the farther poses, see `distance_of`; else those that are tried first.
         count: Number of known solutions.
-        w: LANES.
 
     Returns:
         The number of starts.
@@ -100,11 +99,11 @@ def write_starts_around(search: Search, structure: Array, far: bool, count: int,
     task = task_of(job.handle, job.tolerances)
     dof = len(task.lower)
     scratch = make_scratch(job.memory, dof, len(task.chain.leader))
-    pose, report, work = np.empty((4, 4)), np.empty(REPORT), np.empty(WORK)
+    pose, report, work = np.empty((4, 4)), np.empty(REPORT), scratch.candidates
     for pose_number in range(DIRECTIONS if far else 0, 4 * DIRECTIONS if far else DIRECTIONS):
         distance = distance_of(pose_number // DIRECTIONS) * structure[DEVIATION]
         displace(search.target, pose_number % DIRECTIONS, distance, structure[SIZE], pose)
-        closed_starts(task, structure, pose, scratch.spare, work, scratch.found, report, w)
+        closed_starts(task, structure, pose, scratch.spare, work, scratch.found, report, job.width)
         for l in range(int(report[TRIED])):
             if many == len(starts):
                 break

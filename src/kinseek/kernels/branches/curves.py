@@ -24,6 +24,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import make_scratch
 from kinseek.kernels.atlas.seeds import turns_fully
 from kinseek.kernels.atlas.task import Task, task_of
 from kinseek.kernels.jit import inlined, kernel
@@ -31,7 +32,6 @@ from kinseek.kernels.structure.candidates import (
     ROOTS,
     SIZE,
     SLIDES,
-    WORK,
     candidates,
     displacement,
     joint_of,
@@ -125,7 +125,7 @@ class Sweep(NamedTuple):
     rest: Array
     """That of the joints other than the swept one, (3, 4)."""
     work: Array
-    """Memory of `candidates`, (WORK,)."""
+    """Memory of `candidates`, see `candidates.WORK`."""
 
 
 class Gap(NamedTuple):
@@ -138,15 +138,16 @@ class Gap(NamedTuple):
 
 
 @kernel
-def write_curve_starts(search: Search, number: int, w: int) -> tuple[int, int]:
+def write_curve_starts(search: Search, number: int) -> tuple[int, int]:
     """Write solutions of every curve into the starts, first one of each; return the number of these and of all.
 
     Args:
         search: The search, of an arm with a swept joint.
         number: Number of requested solutions.
-        w: LANES.
     """
-    task, most = task_of(search.job.handle, search.job.tolerances), GRID + SPARE + number
+    job, w, most = search.job, search.job.width, GRID + SPARE + number
+    task = task_of(job.handle, job.tolerances)
+    scratch = make_scratch(job.memory, len(task.lower), len(task.chain.leader))
     sweep = Sweep(
         np.empty(most),
         np.empty(most, dtype=np.int64),
@@ -155,9 +156,9 @@ def write_curve_starts(search: Search, number: int, w: int) -> tuple[int, int]:
         np.empty((most, LANES)),
         np.empty((most, LANES)),
         np.empty(JOINTS),
-        np.empty((3, 4)),
-        np.empty((3, 4)),
-        np.empty(WORK),
+        scratch.between,
+        scratch.spare,
+        scratch.candidates,
     )
     displacement(task.structure, search.target, sweep.D)
     low, high = swept_range(task, sweep.D)
@@ -177,6 +178,7 @@ def write_curve_starts(search: Search, number: int, w: int) -> tuple[int, int]:
     first, length = take_along(task, sweep, search.starts, 0, 0.0)
     apart = length / max(number + number // 2 - first, number // 2 + 1)
     many, _ = take_along(task, sweep, search.starts, first, max(apart, 1e-9))
+    job.memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return first, many
 
 
@@ -197,11 +199,11 @@ def swept_range(task: Task, D: Array) -> tuple[float, float]:
 @inlined
 def solve_at(task: Task, sweep: Sweep, k: int, w: int) -> None:
     """Solve the other joints at value k."""
-    W, dof, work = LANES, len(task.lower), sweep.work
+    dof, work = len(task.lower), sweep.work
     taken_off(task.structure, sweep.D, sweep.values[k], sweep.rest)
     candidates(task.structure, sweep.rest, np.inf, work, w)
     for l in range(w):
-        a, b, c = work[ROOTS * W + l], work[(ROOTS + 1) * W + l], work[(ROOTS + 2) * W + l]
+        a, b, c = work[ROOTS, l], work[ROOTS + 1, l], work[ROOTS + 2, l]
         sweep.discriminants[k, 0, l], sweep.discriminants[k, 1, l], sweep.discriminants[k, 2, l] = a, b, c
         sweep.least[k, l], sweep.room[k, l] = min(a, b, c), np.inf
     for row in range(dof - 1):
@@ -210,7 +212,7 @@ def solve_at(task: Task, sweep: Sweep, k: int, w: int) -> None:
         half, centre = np.inf if turns_fully(task, i) else 0.5 * (high - low), 0.5 * (low + high)
         sweep.halves[row] = half
         for l in range(w):
-            angle = joint_gap(work[row * W + l], centre, TURN)
+            angle = joint_gap(work[row, l], centre, TURN)
             sweep.angles[k, row, l] = angle
             sweep.room[k, l] = min(sweep.room[k, l], half - abs(angle))
 

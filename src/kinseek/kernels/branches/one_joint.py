@@ -101,16 +101,15 @@ class Close(NamedTuple):
 
 
 @noinline
-def write_searched_starts(search: Search, S: Array, table: Array, w: int) -> SearchedStarts:
+def write_searched_starts(search: Search, S: Array, table: Array) -> SearchedStarts:
     """Write starts that lead to every solution within the limits, or close to them, and say what is known of them.
 
     Args:
         search: The search.
         S: Numbers of the arm, see `one_joint_residual.BEGIN`.
         table: See `one_joint_residual.HEIGHT`, (PLACES, SAMPLES).
-        w: LANES.
     """
-    task, D = task_of(search.job.handle, search.job.tolerances), np.empty((3, 4))
+    task, D, w = task_of(search.job.handle, search.job.tolerances), np.empty((3, 4)), search.job.width
     lanes = Lanes(
         np.empty((PLACES, LANES)),
         np.empty((WAYS, LANES)),

@@ -16,7 +16,7 @@ from kinseek.kernels.arm.pose_error import errors
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.atlas.batch import stand_still
 from kinseek.kernels.atlas.descent import iterate, within
-from kinseek.kernels.atlas.lanes import LANES, Lanes
+from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2, Lanes
 from kinseek.kernels.atlas.memory import Scratch, make_scratch
 from kinseek.kernels.atlas.seeds import copy_joints, into_limits, keep_joints
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Job, Task, task_of
@@ -133,7 +133,7 @@ class Progress(NamedTuple):
 
 
 @kernel
-def refine_all(search: Search, batch: Batch, count: int, w: int) -> int:
+def refine_all(search: Search, batch: Batch, count: int) -> int:
     """Refine starts, one in each lane in turn; append new solutions; return the number of solutions.
 
     Args:
@@ -141,7 +141,6 @@ def refine_all(search: Search, batch: Batch, count: int, w: int) -> int:
             solutions.
         batch: Which starts, and how.
         count: Number of known solutions.
-        w: LANES.
     """
     job, tally = search.job, search.tally
     task = task_of(job.handle, job.tolerances)
@@ -168,15 +167,15 @@ def refine_all(search: Search, batch: Batch, count: int, w: int) -> int:
                 active += 1
         if active == 0 or count == len(search.rows):
             break
-        iterate(job.handle, job.tolerances, job.memory, True, w)
+        iterate(job, True)
         if batch.mode == SEEDED:
-            head_for_known(search, lanes, progress, count, w)
+            head_for_known(search, lanes, progress, count, job.width)
         for l in range(LANES):
             if progress.start[l] == IDLE:
                 continue
             tally[EVALUATED] += 1.0
             count_step(lanes, progress, l)
-            error, reached = lanes.error[3 * LANES + l], within(task, lanes, l)
+            error, reached = lanes.error[RESIDUAL2, l], within(task, lanes, l)
             if reached:
                 exact = error < EXACT or batch.mode == SAMPLED
                 done = exact or progress.made[l] >= most + MORE_STEPS
@@ -215,7 +214,7 @@ def take_start(search: Search, lanes: Lanes, progress: Progress, number: int, l:
 @inlined
 def count_step(lanes: Lanes, progress: Progress, l: int) -> None:
     """Count a step of lane l, and a strike if it reduced the error little."""
-    error = lanes.error[3 * LANES + l]
+    error = lanes.error[RESIDUAL2, l]
     progress.made[l] += 1
     # The first step of a lane is empty, see `stand_still`.
     if progress.made[l] > 1 and error > WORTH * progress.before[l]:
@@ -235,7 +234,7 @@ def is_futile(progress: Progress, most: int, l: int) -> bool:
 @inlined
 def head_for_known(search: Search, lanes: Lanes, progress: Progress, count: int, w: int) -> None:
     """Find lanes that are at one of the first `count` solutions, or moved much closer to one in their last step."""
-    q, step, taken, heading = lanes.q, lanes.step, lanes.work, progress.heading
+    q, step, taken, heading = lanes.q, lanes.step, lanes.share, progress.heading
     dof, rates = search.rows.shape[1], six_of(search.metric[RATES])
     for l in range(w):
         heading[l] = 0.0

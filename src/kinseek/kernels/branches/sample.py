@@ -20,7 +20,7 @@ from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.samples import complete_seed, coordinates
 from kinseek.kernels.atlas.seeds import MARGIN, keep_joints, kick, restart, see
-from kinseek.kernels.atlas.task import EVALUATIONS, Job, Task, task_of
+from kinseek.kernels.atlas.task import EVALUATIONS, Job, Task, lanes_of, task_of
 from kinseek.kernels.atlas.tree import nearest
 from kinseek.kernels.jit import array_view, inlined, noinline
 from kinseek.kernels.structure.candidates import SWEPT
@@ -57,7 +57,7 @@ class Choice(NamedTuple):
 
 @noinline
 def sample_branches(
-    handle: Indices, tolerances: Array, target: Array, view: Array, number: int, result: Array, w: int
+    handle: Indices, tolerances: Array, target: Array, view: Array, number: int, result: Array
 ) -> int:
     """Find a well-spread sample of the solutions of one target for a redundant arm.
 
@@ -68,7 +68,6 @@ def sample_branches(
         view: See `refine_all.CENTRE`, (3, n).
         number: Number of requested solutions.
         result: See `refine_all.report_solutions`, (at least number + 1, n + ANSWER).
-        w: LANES.
 
     Returns:
         The number of rows; 0 if the target is not a rigid transform.
@@ -78,7 +77,7 @@ def sample_branches(
     if not is_rigid(target):
         return 0
     memory, swept = np.zeros(scratch_size(dof, joints)), task.structure[SWEPT] > 0.0
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory)
+    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory, lanes_of(handle))
     most = max(number + number // 2, MORE) + (CURVES if swept else 0)
     starts, rows, tally = np.empty((most, dof)), np.empty((most, dof)), np.zeros(TALLY)
     search = Search(job, target, view, starts, rows, np.empty(most), tally)
@@ -86,22 +85,22 @@ def sample_branches(
     start(task, scratch, target)
     first, many = 0, 0
     if swept:
-        first, many = write_curve_starts(search, number, w)
-    must = refine_all(search, Batch(0, first, first, SAMPLED), 0, w)
+        first, many = write_curve_starts(search, number)
+    must = refine_all(search, Batch(0, first, first, SAMPLED), 0)
     if many == 0:
         many = write_nearest_samples(task, scratch, search)
-    count = refine_all(search, Batch(first, many, many, SAMPLED), must, w)
+    count = refine_all(search, Batch(first, many, many, SAMPLED), must)
     kept = choose_spread(search, choice, count, must)
     for k in range(ROUNDS):
         if kept == number or (kept == 0 and k > 0):
             break
         if kept == 0:
-            many = write_one_start(search, w)
+            many = write_one_start(search)
         else:
             many = MORE
             write_starts_around(task, scratch, search, choice.chosen, kept, k)
         must = min(must, kept)
-        count = refine_all(search, Batch(0, many, many, SAMPLED), kept, w)
+        count = refine_all(search, Batch(0, many, many, SAMPLED), kept)
         kept = choose_spread(search, choice, count, must)
     written = report_solutions(search, choice.chosen, kept, True, result)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
@@ -126,9 +125,10 @@ def write_nearest_samples(task: Task, scratch: Scratch, search: Search) -> int:
 
 
 @array_view
-def write_one_start(search: Search, w: int) -> int:
+def write_one_start(search: Search) -> int:
     """Write the solution that `arm.ik` finds as the only start; return 1."""
-    found = solve_pose(search.job.handle, search.job.tolerances, search.target, w)
+    job = search.job
+    found = solve_pose(job.handle, job.tolerances, search.target, job.width)
     dof = search.starts.shape[1]
     search.tally[EVALUATED] += found[dof + EVALUATIONS]
     for i in range(dof):

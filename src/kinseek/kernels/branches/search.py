@@ -45,7 +45,7 @@ from kinseek.kernels.atlas.task import (
 )
 from kinseek.kernels.entry import F64, I64, Bundle
 from kinseek.kernels.jit import array_view, entry, inlined, noinline
-from kinseek.kernels.structure.candidates import DEVIATION, KIND, LOOSE, NUMBERS, PARALLEL, ROUNDING, WORK
+from kinseek.kernels.structure.candidates import DEVIATION, KIND, LOOSE, NUMBERS, PARALLEL, ROUNDING
 from kinseek.kernels.structure.closed import FOLDED, LOST, REPORT, SURE, TRIED, UNSURE, closed_starts, serves
 
 from . import one_joint_residual
@@ -154,9 +154,7 @@ class Plan(NamedTuple):
 
 
 @noinline
-def find_branches(
-    arm: ArmTables, tolerances: Array, target: Array, view: Array, result: Array, w: int
-) -> int:
+def find_branches(arm: ArmTables, tolerances: Array, target: Array, view: Array, result: Array) -> int:
     """Find all solutions of one target, for an arm that is not redundant for the goal.
 
     Args:
@@ -165,7 +163,6 @@ def find_branches(
         target: (4, 4), lengths in [m].
         view: See `refine_all.CENTRE`, (3, n).
         result: See `refine_all.report_solutions`, (at least ROWS + 1, n + ANSWER).
-        w: LANES.
 
     Returns:
         The number of rows; 0 if the target is not a rigid transform.
@@ -177,7 +174,7 @@ def find_branches(
     memory, starts = np.zeros(scratch_size(dof, joints)), np.empty((DEEP_STARTS, dof))
     scratch, job, tally = (
         make_scratch(memory, dof, joints),
-        Job(arm.handle, tolerances, memory),
+        Job(arm.handle, tolerances, memory, lanes_of(arm.handle)),
         np.zeros(TALLY),
     )
     tally[WEAKEST] = np.inf
@@ -185,37 +182,37 @@ def find_branches(
     start(task, scratch, target)
     plan = Plan(SAMPLES, 0, 0, 0, False, False, 0.0, 1.0)
     if serves(task, arm.structure):
-        plan = try_closed_form(arm, task, scratch, search, w)
+        plan = try_closed_form(arm, task, scratch, search)
     elif arm.table.shape[1] > 0 and max(task.position_tolerance, task.orientation_tolerance) <= LOOSE:
-        plan = try_one_joint(arm, search, w)
+        plan = try_one_joint(arm, search)
     count = plan.count
     if plan.left != COMPLETE:
-        count = refine_siblings(search, arm.mirrors, 0, count, plan.left == TWINS, w)
+        count = refine_siblings(search, arm.mirrors, 0, count, plan.left == TWINS)
         known, before, kept = np.empty((MOST_JOINTS, ROOM)), 0, 0
         for source in range(NEAR_POSES if plan.left == POSES else NEAR_SAMPLES, FAR_SAMPLES + 1):
             if count >= ROWS or not is_worth_trying(source, arm, search, plan, count, before):
                 break
             before, late = count, DEEP_STARTS
             if source <= FAR_POSES:
-                many = write_starts_around(search, arm.structure, source == FAR_POSES, count, w)
+                many = write_starts_around(search, arm.structure, source == FAR_POSES, count)
             else:
                 first = source == NEAR_SAMPLES
                 thin = first or not (plan.unsure or tally[WEAKEST] < WEAK)
-                many = write_sampled_starts(search, arm.steps, known, Round(not first, kept, thin), w)
+                many = write_sampled_starts(search, arm.steps, known, Round(not first, kept, thin))
                 kept += many
                 late = int(SURELY * many) if first else DEEP_STARTS
-            count = refine_all(search, Batch(0, many, late, SEEDED), count, w)
-            count = refine_siblings(search, arm.mirrors, before, count, False, w)
+            count = refine_all(search, Batch(0, many, late, SEEDED), count)
+            count = refine_siblings(search, arm.mirrors, before, count, False)
         if count == 0:
-            count = try_fine_atlas(arm, search, w)
-            count = refine_siblings(search, arm.mirrors, 0, count, False, w)
+            count = try_fine_atlas(arm, search)
+            count = refine_siblings(search, arm.mirrors, 0, count, False)
     rows = report_solutions(search, search.rows, count, tally[CONTINUA] > 0.0 or count == ROWS, result)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return rows
 
 
 @array_view
-def try_closed_form(arm: ArmTables, task: Task, scratch: Scratch, search: Search, w: int) -> Plan:
+def try_closed_form(arm: ArmTables, task: Task, scratch: Scratch, search: Search) -> Plan:
     """Refine the candidates of the closed form, see `structure.closed`.
 
     They are complete if all that must be solutions are found and no angle is undetermined. For an arm that only nearly has
@@ -223,9 +220,18 @@ def try_closed_form(arm: ArmTables, task: Task, scratch: Scratch, search: Search
     merge, the nearby equations may have neither; those of this arm lead to one of them, and the other is its twin.
     """
     structure, report = arm.structure, np.empty(REPORT)
-    closed_starts(task, structure, search.target, scratch.spare, np.empty(WORK), search.starts, report, w)
+    closed_starts(
+        task,
+        structure,
+        search.target,
+        scratch.spare,
+        scratch.candidates,
+        search.starts,
+        report,
+        search.job.width,
+    )
     tried, sure, unsure = int(report[TRIED]), int(report[SURE]), report[UNSURE] > 0.0
-    count = refine_all(search, Batch(0, tried, tried, SIBLING), 0, w)
+    count = refine_all(search, Batch(0, tried, tried, SIBLING), 0)
     exact, left, lean = structure[DEVIATION] <= ROUNDING, SAMPLES, 1.0
     if not unsure and count >= sure and (count > 0 or (exact and tried == 0)):
         left = COMPLETE if exact else TWINS
@@ -237,10 +243,10 @@ def try_closed_form(arm: ArmTables, task: Task, scratch: Scratch, search: Search
 
 
 @inlined
-def try_one_joint(arm: ArmTables, search: Search, w: int) -> Plan:
+def try_one_joint(arm: ArmTables, search: Search) -> Plan:
     """Refine the starts that the search of one joint leads to, see `one_joint`."""
-    starts = write_searched_starts(search, arm.joint, arm.table, w)
-    count = refine_all(search, Batch(0, starts.count, starts.count, SIBLING), 0, w)
+    starts = write_searched_starts(search, arm.joint, arm.table)
+    count = refine_all(search, Batch(0, starts.count, starts.count, SIBLING), 0)
     unsure = starts.unsure or count == 0
     left = SIBLINGS if count < starts.count or starts.close else COMPLETE
     return Plan(SAMPLES if unsure else left, count, starts.count, 0, unsure, False, 0.0, 1.0)
@@ -295,18 +301,18 @@ def is_suspicious(task: Task, count: int) -> bool:
 
 
 @array_view
-def try_fine_atlas(arm: ArmTables, search: Search, w: int) -> int:
+def try_fine_atlas(arm: ArmTables, search: Search) -> int:
     """Refine the solution that the fine atlas leads to; return the number of solutions, 0 or 1."""
     job, starts = search.job, search.starts
     task, found, dof = (
         task_of(job.handle, job.tolerances),
-        solve_pose(arm.fine, job.tolerances, search.target, w),
+        solve_pose(arm.fine, job.tolerances, search.target, job.width),
         starts.shape[1],
     )
     search.tally[EVALUATED] += found[dof + EVALUATIONS]
     for i in range(dof):
         starts[0, i] = found[i]
-    count = refine_all(search, Batch(0, 1, 1, SIBLING), 0, w)
+    count = refine_all(search, Batch(0, 1, 1, SIBLING), 0)
     reached = found[dof + POSITION_ERROR] <= task.position_tolerance
     if count == 0 and reached and found[dof + ORIENTATION_ERROR] <= task.orientation_tolerance:
         # At the boundary of the workspace steps may lead away from a solution that is not exact.
@@ -345,10 +351,9 @@ def many_branches(
         results: Receives the rows of each target, (k, most + 1, n + ANSWER).
         counts: Receives the number of rows, including the last one, (k,).
     """
-    w = lanes_of(arm.handle)
     for t in range(len(targets)):
         view, result = views[t if len(views) > 1 else 0], results[t]
         if number > 0:
-            counts[t] = sample_branches(arm.fine, tolerances, targets[t], view, number, result, w)
+            counts[t] = sample_branches(arm.fine, tolerances, targets[t], view, number, result)
         else:
-            counts[t] = find_branches(arm, tolerances, targets[t], view, result, w)
+            counts[t] = find_branches(arm, tolerances, targets[t], view, result)

@@ -16,10 +16,19 @@ import numpy as np
 
 from kinseek.kernels.arm.division import NONE, SLIDE, TURN
 from kinseek.kernels.arm.trigonometry import rough_angle, sine_cosine
-from kinseek.kernels.arm.vectors import Vector, column, cross, dot, minus, plus, rotated, scaled
+from kinseek.kernels.arm.vectors import Twist, Vector, column, cross, dot, minus, plus, rotated, scaled
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import free_turn, reset_weights
-from kinseek.kernels.atlas.lanes import LANES, lanes_forward, lanes_gram, lanes_jacobian, lanes_solve
+from kinseek.kernels.atlas.lanes import (
+    LANES,
+    lanes_forward,
+    lanes_gram,
+    lanes_jacobian,
+    lanes_solve,
+    pose_column,
+    set_twist,
+    twist_at,
+)
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import MARGIN, see
@@ -129,7 +138,7 @@ def fill_steps(handle: Indices, steps: Array, w: int) -> None:
         w: LANES.
     """
     task = task_of(handle, plain_tolerances(handle))
-    dof, W, atlas = len(task.lower), LANES, task.atlas
+    dof, atlas = len(task.lower), task.atlas
     memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
     scratch = make_scratch(memory, dof, len(task.chain.leader))
     lanes, first = scratch.lanes, 0 if task.division.head == NONE else 1
@@ -146,17 +155,16 @@ def fill_steps(handle: Indices, steps: Array, w: int) -> None:
         see_from_first(task, scratch)
         lanes_gram(0.0, scratch.floor, lanes, w)
         for part in range(6):
-            for r in range(6 * LANES):
-                e[r] = 0.0
-            for l in range(LANES):
-                e[part * W + l] = 1.0
+            for r in range(6):
+                for l in range(LANES):
+                    e[r, l] = 1.0 if r == part else 0.0
             lanes_solve(lanes, w)
             for l in range(LANES):
                 for i in range(LANES):
                     value = 0.0
                     if i < dof:
                         for r in range(6):
-                            value += J[i, r * W + l] * e[r * W + l]
+                            value += J[i, r, l] * e[r, l]
                     steps[group * LANES + l, part, i] = value
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
 
@@ -164,25 +172,22 @@ def fill_steps(handle: Indices, steps: Array, w: int) -> None:
 @inlined
 def see_from_first(task: Task, scratch: Scratch) -> None:
     """Change the Jacobians of all lanes to the motion of a point on the last axis, in the frame of the first axis."""
-    T, J, W, atlas = scratch.lanes.pose, scratch.lanes.jacobian, LANES, task.atlas
+    T, J, atlas = scratch.lanes.pose, scratch.lanes.jacobian, task.atlas
     for l in range(LANES):
         # From the tip to the point on the last axis.
         lever = Vector(0.0, 0.0, 0.0)
         for c in range(3):
-            axis = Vector(T[c * W + l], T[(4 + c) * W + l], T[(8 + c) * W + l])
-            part = scaled(atlas.inverse_tip[c, 3], axis)
+            part = scaled(atlas.inverse_tip[c, 3], pose_column(T, c, l))
             lever = plus(lever, Vector(part.x / task.length, part.y / task.length, part.z / task.length))
         for i in range(len(J)):
-            linear = Vector(J[i, l], J[i, W + l], J[i, 2 * W + l])
-            angular = Vector(J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l])
-            linear = rotated(atlas.inverse_head, plus(linear, cross(angular, lever)))
-            angular = rotated(atlas.inverse_head, angular)
-            J[i, l], J[i, W + l], J[i, 2 * W + l] = linear.x, linear.y, linear.z
-            J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l] = angular.x, angular.y, angular.z
+            motion = twist_at(J[i], l)
+            linear = plus(motion.linear, cross(motion.angular, lever))
+            seen = Twist(rotated(atlas.inverse_head, linear), rotated(atlas.inverse_head, motion.angular))
+            set_twist(J[i], l, seen)
 
 
 @kernel
-def write_sampled_starts(search: Search, steps: Array, known: Array, samples: Round, w: int) -> int:
+def write_sampled_starts(search: Search, steps: Array, known: Array, samples: Round) -> int:
     """Make starts from the samples nearest to the target, each after the tabulated step; return their number.
 
     Args:
@@ -190,7 +195,6 @@ def write_sampled_starts(search: Search, steps: Array, known: Array, samples: Ro
         steps: See `fill_steps`.
         known: The starts made so far, joint by joint, see `is_alike`; receives the new ones, (MOST_JOINTS, ROOM).
         samples: Which samples.
-        w: LANES.
     """
     job, starts, rates, count = search.job, search.starts, search.metric[RATES], len(steps)
     task = task_of(job.handle, job.tolerances)
@@ -212,7 +216,7 @@ def write_sampled_starts(search: Search, steps: Array, known: Array, samples: Ro
     for begin in range(0, found, LANES):
         for l in range(LANES):
             chosen[l] = sorting.order[min(begin + l, found - 1)]
-        complete_eight(task, scratch.seen, chosen, eight, w)
+        complete_eight(task, scratch.seen, chosen, eight, job.width)
         for l in range(min(LANES, found - begin)):
             if eight[BEYOND, l] > MARGIN:
                 continue
@@ -325,10 +329,10 @@ def complete_eight(task: Task, goal: Array, chosen: Indices, eight: Array, w: in
     scale = 1.0 / task.length
     for l in range(w):
         x, y, z, p = (
-            pose_column(eight, 0, l),
-            pose_column(eight, 1, l),
-            pose_column(eight, 2, l),
-            pose_column(eight, 3, l),
+            sample_column(eight, 0, l),
+            sample_column(eight, 1, l),
+            sample_column(eight, 2, l),
+            sample_column(eight, 3, l),
         )
         along = flat_dot(p, goal_p) + weight_x * flat_dot(x, goal_x)
         along += weight_y * flat_dot(y, goal_y) + weight_z * flat_dot(z, goal_z)
@@ -376,7 +380,7 @@ def last_joint(task: Task) -> EndJoint:
 
 
 @inlined
-def pose_column(eight: Array, c: int, l: int) -> Vector:
+def sample_column(eight: Array, c: int, l: int) -> Vector:
     """Column c of the pose of the sample in lane l."""
     return Vector(eight[POSE + c, l], eight[POSE + 4 + c, l], eight[POSE + 8 + c, l])
 

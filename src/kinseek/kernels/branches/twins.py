@@ -70,7 +70,7 @@ each."""
 
 
 @kernel
-def refine_siblings(search: Search, mirrors: Array, first: int, count: int, done: bool, w: int) -> int:
+def refine_siblings(search: Search, mirrors: Array, first: int, count: int, done: bool) -> int:
     """Refine the siblings of all solutions from `first` on, and of those found this way; return the number of solutions.
 
     Args:
@@ -79,27 +79,26 @@ def refine_siblings(search: Search, mirrors: Array, first: int, count: int, done
         first: First solution whose siblings are unknown.
         count: Number of solutions.
         done: Whether the solutions are known to be complete unless one is close to a singularity.
-        w: LANES.
     """
     while first < count < len(search.rows):
         last = min(count, first + LANES)
-        many = write_twins(search, first, last, w)
+        many = write_twins(search, first, last)
         if done and last == count and search.tally[WEAKEST] >= WEAK:
             break
         many = write_images(search, mirrors, first, last, many)
-        count = refine_all(search, Batch(0, many, many, SIBLING), count, w)
+        count = refine_all(search, Batch(0, many, many, SIBLING), count)
         first = last
     return count
 
 
 @kernel
-def write_twins(search: Search, first: int, last: int, w: int) -> int:
+def write_twins(search: Search, first: int, last: int) -> int:
     """Write the estimated twins of solutions first … last-1, at most LANES, into the starts; return their number.
 
     CONTINUA of the tally increases by the number of solutions on a continuum, whose pose is stationary along the weakest
     direction to second order. WEAKEST becomes the smallest singular value of their scaled Jacobians if it is smaller.
     """
-    job, tally, many = search.job, search.tally, 0
+    job, tally, w, many = search.job, search.tally, search.job.width, 0
     task = task_of(job.handle, job.tolerances)
     dof = len(task.lower)
     scratch = make_scratch(job.memory, dof, len(task.chain.leader))
@@ -108,14 +107,14 @@ def write_twins(search: Search, first: int, last: int, w: int) -> int:
     for l in range(LANES):
         for i in range(dof):
             lanes.q[i, l] = search.rows[min(first + l, last - 1), i]
-    iterate(job.handle, job.tolerances, job.memory, False, w)
+    iterate(job, False)
     find_weakest_directions(task, scratch, np.empty((dof, LANES)), weakest, across, w)
     for shift in (PROBE, -2.0 * PROBE):
         move_along(lanes, shift, w)
-        iterate(job.handle, job.tolerances, job.memory, False, w)
+        iterate(job, False)
         for r in range(6):
             for l in range(w):
-                bends[l] += lanes.residual[r * LANES + l] * across[r, l]
+                bends[l] += lanes.residual[r, l] * across[r, l]
     move_along(lanes, PROBE, w)
     for l in range(last - first):
         tally[EVALUATED] += EVALUATIONS
@@ -162,7 +161,7 @@ def find_weakest_directions(
         for i in range(dof):
             begin[i, l] = lanes.step[i, l] = 1.0 - LEAN * i
         for r in range(6):
-            lanes.residual[r * LANES + l] = 1.0 - LEAN * r
+            lanes.residual[r, l] = 1.0 - LEAN * r
     for k in range(ITERATIONS + 1):
         null_space = k == ITERATIONS
         if null_space:
@@ -179,32 +178,33 @@ def find_weakest_directions(
         if k == ITERATIONS - 1:
             for r in range(6):
                 for l in range(w):
-                    across[r, l] = lanes.residual[r * LANES + l]
+                    across[r, l] = lanes.residual[r, l]
 
 
 @inlined
 def multiply(lanes: Lanes, v: Array, w: int) -> None:
     """Write ``J v`` into the residual of every lane."""
-    J, e, W = lanes.jacobian, lanes.residual, LANES
-    for r in range(6 * LANES):
-        e[r] = 0.0
+    J, e = lanes.jacobian, lanes.residual
+    for r in range(6):
+        for l in range(w):
+            e[r, l] = 0.0
     for i in range(len(v)):
         for r in range(6):
             for l in range(w):
-                e[r * W + l] += J[i, r * W + l] * v[i, l]
+                e[r, l] += J[i, r, l] * v[i, l]
 
 
 @inlined
 def normalise(lanes: Lanes, w: int) -> None:
     """Scale the residual of every lane to length 1."""
-    e, W = lanes.residual, LANES
+    e = lanes.residual
     for l in range(w):
         size = TINY
         for r in range(6):
-            size += e[r * W + l] * e[r * W + l]
+            size += e[r, l] * e[r, l]
         size = 1.0 / math.sqrt(size)
         for r in range(6):
-            e[r * W + l] *= size
+            e[r, l] *= size
 
 
 @inlined
@@ -212,7 +212,7 @@ def transposed_row(lanes: Lanes, i: int, l: int) -> float:
     """Entry i of ``Jᵀ e`` for the residual e of lane l."""
     total = 0.0
     for r in range(6):
-        total += lanes.jacobian[i, r * LANES + l] * lanes.residual[r * LANES + l]
+        total += lanes.jacobian[i, r, l] * lanes.residual[r, l]
     return total
 
 

@@ -8,6 +8,7 @@ from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import LONGEST, free_turn, reset_weights
 from kinseek.kernels.atlas.lanes import (
     LANES,
+    RESIDUAL2,
     lanes_forward,
     lanes_gram,
     lanes_hold,
@@ -48,7 +49,7 @@ def settle(
     for _ in range(steps):
         away = 0
         for l in range(LANES):
-            if scratch.state[l] == 0 and lanes.error[3 * LANES + l] > EXACT:
+            if scratch.state[l] == 0 and lanes.error[RESIDUAL2, l] > EXACT:
                 away += 1
         if away == 0:
             break
@@ -69,7 +70,7 @@ def load_lane(scratch: Scratch, lane: int, target: Array, q: Array) -> None:
     """Set the target, (3, 4), and the start, (n,), of one lane."""
     for r in range(3):
         for c in range(4):
-            scratch.lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
+            scratch.lanes.target[r, c, lane] = target[r, c]
     for i in range(len(q)):
         scratch.lanes.q[i, lane] = q[i]
 
@@ -122,7 +123,7 @@ def project_onto_poses(
             scratch.state[l] = 0
         settle(handle, tolerances, memory, lower, upper, steps, w)
         for l in range(min(LANES, count - first)):
-            left[first + l] = scratch.lanes.error[3 * LANES + l]
+            left[first + l] = scratch.lanes.error[RESIDUAL2, l]
             for i in range(dof):
                 q[first + l, i] = scratch.lanes.q[i, l]
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

@@ -120,8 +120,7 @@ def along_lanes(
     task = task_of(handle, tolerances)
     dof = len(task.lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))
-    lanes, W = scratch.lanes, LANES
-    free = free_turn(task)
+    lanes, free = scratch.lanes, free_turn(task)
     for l in range(LANES):
         for i in range(dof):
             lanes.q[i, l] = q[min(first + l, last - 1), i]
@@ -139,13 +138,14 @@ def along_lanes(
             least = min(least, best[l])
         if turn == 1 and least > SHORT:
             break
-        for r in range(6 * LANES):
-            lanes.residual[r] = 0.0
+        for r in range(6):
+            for l in range(w):
+                lanes.residual[r, l] = 0.0
         for i in range(dof):
             v = 1.0 + LEANING * i * (1.0 - 2.0 * ((i + turn * (i // 2)) % 2))
             for r in range(6):
                 for l in range(w):
-                    lanes.residual[r * W + l] += lanes.jacobian[i, r * W + l] * v
+                    lanes.residual[r, l] += lanes.jacobian[i, r, l] * v
         lanes_gram(0.0, scratch.floor, lanes, w)
         lanes_solve(lanes, w)
         for l in range(last - first):
@@ -153,7 +153,7 @@ def along_lanes(
             for i in range(dof):
                 d = 1.0 + LEANING * i * (1.0 - 2.0 * ((i + turn * (i // 2)) % 2))
                 for r in range(6):
-                    d -= lanes.jacobian[i, r * W + l] * lanes.residual[r * W + l]
+                    d -= lanes.jacobian[i, r, l] * lanes.residual[r, l]
                 one[i] = d
                 size = max(size, abs(d))
             if size > best[l]:
@@ -165,13 +165,13 @@ def along_lanes(
         if whole:
             for i in range(dof):
                 for r in range(6):
-                    square[r, i] = lanes.jacobian[i, r * W + l]
+                    square[r, i] = lanes.jacobian[i, r, l]
                 square[6, i] = found[l, i]
             if dof == 6:
                 # The unconstrained rotation about the tool's axis takes the place of one more joint.
                 square[6, 6] = 0.0
                 for r in range(3):
-                    square[r, 6], square[3 + r, 6] = 0.0, lanes.pose[4 * r * W + l]
+                    square[r, 6], square[3 + r, 6] = 0.0, lanes.pose[r, 0, l]
             sense = sign_of(square)
         for i in range(dof):
             way[first + l, i] = sense * found[l, i]
@@ -376,9 +376,10 @@ def settled(
         for l in range(LANES):
             k = min(l, filled - 1)
             scratch.lanes.q[d, l] = min(max(scratch.lanes.q[d, k], task.lower[d]), task.upper[d])
-    for r in range(12):
-        for l in range(filled, LANES):
-            scratch.lanes.target[r * LANES + l] = scratch.lanes.target[r * LANES]
+    for r in range(3):
+        for c in range(4):
+            for l in range(filled, LANES):
+                scratch.lanes.target[r, c, l] = scratch.lanes.target[r, c, 0]
     settle(handle, tolerances, memory, task.lower, task.upper, STEPS, w)
     for l in range(filled):
         if not within(task, scratch.lanes, l):

@@ -6,11 +6,11 @@ import numpy as np
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import distance, errors, is_rigid
-from kinseek.kernels.arrays import Array, GoalArrays
+from kinseek.kernels.arrays import Array, GoalArrays, Limits
 from kinseek.kernels.atlas.descent import goal_of, reset_weights, within
-from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
-from kinseek.kernels.atlas.newton import settle as descend
+from kinseek.kernels.atlas.newton import Walk, minimise
 from kinseek.kernels.atlas.task import TOLERANCES, Task, handle_at, lanes_of, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
@@ -58,7 +58,9 @@ def go_nearer(task: Task, scratch: Scratch, target: Array, state: Array) -> None
     forward(task.chain, scratch.seed, scratch.spare)
     weight = task.position_weight / max(distance(scratch.spare, target), NEAR)
     squares = GoalArrays(target, weight, task.axis_weights)
-    descend(task.chain, squares, True, NEAREST_STEPS, 0.0, state[LOW], state[HIGH], scratch.seed)
+    minimise(
+        task.chain, squares, Limits(state[LOW], state[HIGH]), Walk(True, NEAREST_STEPS, 0.0), scratch.seed
+    )
 
 
 @noinline
@@ -94,7 +96,7 @@ def one_period(
         reached = within(task, scratch.lanes, l) and not within(task, scratch.lanes, best)
         if reached or (
             not within(task, scratch.lanes, best)
-            and scratch.lanes.error[3 * LANES + l] < scratch.lanes.error[3 * LANES + best]
+            and scratch.lanes.error[RESIDUAL2, l] < scratch.lanes.error[RESIDUAL2, best]
         ):
             best = l
     if within(task, scratch.lanes, best):

@@ -66,7 +66,7 @@ def trace_lanes(
                 continue
             for r in range(3):
                 for c in range(4):
-                    scratch.lanes.target[(4 * r + c) * LANES + l] = targets[j, r, c]
+                    scratch.lanes.target[r, c, l] = targets[j, r, c]
             for d in range(dof):
                 value = q[i, l, d]
                 if passed > 0:

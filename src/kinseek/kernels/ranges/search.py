@@ -117,8 +117,8 @@ def range_ending_routine(
     task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory, target = part1(memory_address, 0, scratch_size(dof, joints)), part2(target_address, 0, 3, 4)
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory)
-    return reweigh(job, task, scratch, target, task.axis_weights[0], POLISH_STEPS, w)
+    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory, w)
+    return reweigh(job, task, scratch, target, task.axis_weights[0], POLISH_STEPS)
 
 
 def range_routines() -> Indices:
@@ -168,7 +168,7 @@ def solve_ranged(
     task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(scratch_size(dof, joints) + range_scratch_size(dof, joints))
-    job, ranges = Job(handle, tolerances, memory), make_range_scratch(memory.ctypes.data, dof, joints)
+    job, ranges = Job(handle, tolerances, memory, w), make_range_scratch(memory.ctypes.data, dof, joints)
     address, width = results.ctypes.data, dof + EVALUATIONS + 1
     for i in range(len(questions)):
         # The memory is cleared between goals, so that results do not depend on the rest of the batch, bit by bit.
@@ -185,9 +185,7 @@ def solve_ranged(
         row = (begin + i) * width
         q, report = part1(address, row, dof), part1(address, row + dof, EVALUATIONS + 1)
         # A question begins with its target.
-        report[EVALUATIONS] = search_near(
-            handle, tolerances, memory, questions[i], task.budget, near[i], close, q, w
-        )
+        report[EVALUATIONS] = search_near(job, questions[i], task.budget, near[i], close, q)
         into_limits(task, q, near[i])
         judge_by_ranges(job, q, report)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

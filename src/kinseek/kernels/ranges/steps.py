@@ -22,10 +22,15 @@ from kinseek.kernels.arm.range_error import (
     deviation,
     range_errors,
 )
+from kinseek.kernels.arm.vectors import Vector, dot
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import LONGEST
 from kinseek.kernels.atlas.lanes import (
+    COSINE,
+    DISTANCE2,
     LANES,
+    RESIDUAL2,
+    SINE2,
     Lanes,
     lanes_forward,
     lanes_gram,
@@ -68,7 +73,7 @@ class RangeScratch(NamedTuple):
     used: Indices
     """Sample used at each pose in the first and in the second look-up; -1 for none, (2 · POSES,)."""
     rows: Array
-    """Two matrices (3, 3) for each lane: row r of lane l is element ``r · LANES + l``, (18 · LANES,)."""
+    """Two matrices for each lane, (2, 9, LANES), each row by row."""
     out: Array
     """Deviation of the current pose, (6,)."""
     work: Array
@@ -80,7 +85,7 @@ LAYOUT = Layout(
     question=floats(QUESTION),
     poses=floats(3 * POSES, 4),
     used=whole(2 * POSES),
-    rows=floats(18 * LANES),
+    rows=floats(2, 9, LANES),
     out=floats(6),
     work=floats(27),
 )
@@ -138,29 +143,22 @@ def past_the_half_turn(out: Array, question: Array) -> None:
 @inlined
 def rows_of(task: Task, scratch: Scratch, ranges: RangeScratch, l: int) -> None:
     """Compute residual, errors and rows of lane l at its pose."""
-    W, question, lanes, rows, out, work = (
-        LANES,
-        ranges.question,
-        scratch.lanes,
-        ranges.rows,
-        ranges.out,
-        ranges.work,
-    )
+    question, lanes, rows, out, work = ranges.question, scratch.lanes, ranges.rows, ranges.out, ranges.work
     F = question[FRAME:LOW]
     for r in range(3):
         for c in range(4):
-            scratch.spare[r, c] = lanes.pose[(4 * r + c) * W + l]
+            scratch.spare[r, c] = lanes.pose[r, c, l]
     deviation(scratch.spare, question, out, work)
     place, turn = range_errors(out, question)
-    lanes.error[l], lanes.error[W + l], lanes.error[2 * W + l] = place * place, turn * turn, 0.0
+    lanes.error[DISTANCE2, l], lanes.error[SINE2, l], lanes.error[COSINE, l] = place * place, turn * turn, 0.0
     total, hold, swings = 0.0, l % 2 == 1, question[SWINGS] != 0.0
     for i in range(3):
         way, has = way_in(out[i], question[LOW + i], question[HIGH + i], task.position_tolerance, hold)
-        e = lanes.weight[l] * way
-        lanes.residual[i * W + l] = e
+        e = lanes.weight[0, l] * way
+        lanes.residual[i, l] = e
         total += e * e
         for c in range(3):
-            rows[(3 * i + c) * W + l] = has * F[3 * c + i]
+            rows[0, 3 * i + c, l] = has * F[3 * c + i]
     if not swings:
         past_the_half_turn(out, question)
     x, y, z = out[3], out[4], out[5]
@@ -192,28 +190,31 @@ def rows_of(task: Task, scratch: Scratch, ranges: RangeScratch, l: int) -> None:
             b + (diagonal if i == 1 else 0.0),
             c + (diagonal if i == 2 else 0.0),
         )
-        e = lanes.weight[W + l] * way
-        lanes.residual[(3 + i) * W + l] = e
+        e = lanes.weight[1, l] * way
+        lanes.residual[3 + i, l] = e
         total += e * e
         for k in range(3):
-            rows[(9 + 3 * i + k) * W + l] = has * (a * F[3 * k] + b * F[3 * k + 1] + c * F[3 * k + 2])
-    lanes.error[3 * W + l] = total
+            rows[1, 3 * i + k, l] = has * (a * F[3 * k] + b * F[3 * k + 1] + c * F[3 * k + 2])
+    lanes.error[RESIDUAL2, l] = total
+
+
+@inlined
+def matrix_row(rows: Array, r: int, l: int) -> Vector:
+    """Row r of the matrix of a lane, (9, LANES)."""
+    return Vector(rows[3 * r, l], rows[3 * r + 1, l], rows[3 * r + 2, l])
 
 
 @inlined
 def turn_rows(lanes: Lanes, rows: Array, w: int) -> None:
     """Multiply the rows of every lane's Jacobian by the lane's matrices."""
-    W, J = LANES, lanes.jacobian
+    J = lanes.jacobian
     for i in range(J.shape[0]):
         for half in range(2):
-            o, m = 3 * half * W, 9 * half * W
             for l in range(w):
-                a, b, c = J[i, o + l], J[i, o + W + l], J[i, o + 2 * W + l]
-                J[i, o + l] = rows[m + l] * a + rows[m + W + l] * b + rows[m + 2 * W + l] * c
-                J[i, o + W + l] = rows[m + 3 * W + l] * a + rows[m + 4 * W + l] * b + rows[m + 5 * W + l] * c
-                J[i, o + 2 * W + l] = (
-                    rows[m + 6 * W + l] * a + rows[m + 7 * W + l] * b + rows[m + 8 * W + l] * c
-                )
+                column = Vector(J[i, 3 * half, l], J[i, 3 * half + 1, l], J[i, 3 * half + 2, l])
+                J[i, 3 * half, l] = dot(matrix_row(rows[half], 0, l), column)
+                J[i, 3 * half + 1, l] = dot(matrix_row(rows[half], 1, l), column)
+                J[i, 3 * half + 2, l] = dot(matrix_row(rows[half], 2, l), column)
 
 
 @routine("int64(int64, int64, int64, int64, int64)")

@@ -90,7 +90,8 @@ def closed_routine(
             led += 1 if offered > 0 else 0
             continue
         if task.exact == 0:
-            more = first_that_converges(Job(handle, tolerances, memory), task, scratch, target, q, w)
+            job = Job(handle, tolerances, memory, w)
+            more = first_that_converges(job, task, scratch, target, q)
             led += 1 if more != 0 else 0
         else:
             more = first_that_reaches(task, scratch, target, near, q)
