@@ -14,14 +14,15 @@ import kinseek
 from kinseek import plots
 from kinseek.kernels.arm.division import Division
 from kinseek.kernels.arm.links import links_of
+from kinseek.kernels.arrays import Limits
 from kinseek.kernels.atlas import lanes as eight
 from kinseek.kernels.atlas import samples as atlas
 from kinseek.kernels.atlas import tree as neighbours
 from kinseek.kernels.atlas.descent import DAMPING, LONGEST
 from kinseek.kernels.atlas.lanes import LANES, Lanes
-from kinseek.kernels.atlas.samples import Atlas, build_atlas
+from kinseek.kernels.atlas.samples import Atlas, Divided, build_atlas
 from kinseek.kernels.atlas.seeds import MARGIN
-from kinseek.kernels.atlas.tree import LEAF_SIZE
+from kinseek.kernels.atlas.tree import LEAF_SIZE, Neighbours
 from kinseek.kernels.jit import exposed
 from kinseek.kinds import POSE
 from kinseek.robots.geometry import divide, open_limits
@@ -62,21 +63,13 @@ class Query:
         self.goal = self.seen(G[None])[0]
         point, distance, index = np.empty(9), np.empty(64), np.empty(64, dtype=np.int64)
         used = coordinates(G, self.division, point)
-        found = nearest(
-            self.atlas.tree,
-            point[:used],
-            64,
-            distance,
-            index,
-            np.empty(64, dtype=np.int64),
-            np.empty(64 + LEAF_SIZE),
-        )
+        stack, bound = np.empty(64, dtype=np.int64), np.empty(64 + LEAF_SIZE)
+        found = nearest(self.atlas.tree, point[:used], 64, Neighbours(distance, index, stack, bound))
+        divided = Divided(self.atlas, self.division, Limits(chain.lower, chain.upper), MARGIN)
         seeds: list[Array] = []
         for i in index[:found]:
             q = np.empty(arm.dof)
-            if len(seeds) < LANES and complete_seed(
-                self.atlas, self.division, G, i, chain.lower, chain.upper, MARGIN, q
-            ):
+            if len(seeds) < LANES and complete_seed(divided, G, i, q):
                 seeds.append(q)
         self.walk(np.array(seeds), target)
 

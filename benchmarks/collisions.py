@@ -159,7 +159,7 @@ def checks(page: Page, options: Any) -> None:
     alone, both = (best(lambda n=n: scene.free(many, threads=n)) * len(q) / len(many) for n in (1, 2))  # type: ignore[misc]
     machine = two_processes(lambda: scene.free(many, threads=1)) * len(q) / len(many)
     branches = best(lambda: scene.free(q[:8]), 200) * len(q)  # As long as a pose with eight branches takes.
-    first = best(lambda: scene._asked._broad.verdicts(q, 0.0, TOUCH))
+    first = best(lambda: scene._engine._broad.verdicts(q, 0.0, TOUCH))
     outside = Outside(scene, arm)
     mujoco = best(lambda: outside.depths(few)) * len(q) / len(few)
     rows = [("pinocchio and coal by hand", bare), ("MuJoCo, contacts of the same pairs", mujoco)]
@@ -182,7 +182,7 @@ def proofs(page: Page, options: Any) -> None:
     arm = kinseek.load(options.urdf, tip=options.tip)
     scene = kinseek.Scene.of(arm, meshes=options.meshes)
     add_boxes(scene)
-    engine, told, wrong = scene._asked, np.zeros(3, dtype=np.int64), np.zeros(2, dtype=np.int64)
+    engine, told, wrong = scene._engine, np.zeros(3, dtype=np.int64), np.zeros(2, dtype=np.int64)
     done = 0
     while done < options.proofs:
         q = arm.sample(min(10_000, options.proofs - done), seed=100 + done)

@@ -25,7 +25,7 @@ class Outside:
 
     def __init__(self, scene: kinseek.Scene, arm: kinseek.Arm) -> None:
         """Build the model, joint by joint along the arm's own fixed transforms."""
-        chain, engine = arm.chain, scene._asked
+        chain, engine = arm.chain, scene._engine
         self._chain = chain
         spec = mujoco.MjSpec()
         frames = [spec.worldbody]

@@ -77,12 +77,12 @@ def measure(
     problems = unreachable(arm, count, seed)
     if not problems:
         return f"{arm.name:24}{arm.dof:4}   no goal out of reach"
-    prove(problems[0][0], gap=gap, answer=problems[0][1], budget=100)
+    prove(problems[0][0], gap=gap, solution=problems[0][1], budget=100)
     spent, seen, proved = [], [], 0
     for problem, answer in problems:
         start = time.process_time()
         certificate = prove(
-            problem, gap=gap, answer=answer, budget=budget, threads=1, deadline=Deadline(seconds)
+            problem, gap=gap, solution=answer, budget=budget, threads=1, deadline=Deadline(seconds)
         )
         spent.append(1e3 * (time.process_time() - start))
         seen.append(certificate.boxes)

@@ -53,7 +53,7 @@ def far_goals(arm: kinseek.Arm, count: int, seed: int) -> tuple[list[Problem], l
         if prove(replace(problem, goal=loose)).verdict.name != "UNREACHABLE":
             continue
         problems.append(problem)
-        nearest.append(prove(problem, answer=answer, gap=NEAREST, budget=400_000).upper_bound)
+        nearest.append(prove(problem, solution=answer, gap=NEAREST, budget=400_000).upper_bound)
     return problems, nearest
 
 

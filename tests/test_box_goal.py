@@ -21,7 +21,7 @@ from kinseek.goal import Frame
 from kinseek.kernels.arm.range_error import judge_ranges
 from kinseek.ranges import AXES
 from kinseek.robots import catalog_entry, catalog_names
-from kinseek.solvers.atlas.index import KEPT, atlas_of
+from kinseek.solvers.atlas.index import MOST_CACHED, atlas_of
 
 Array = NDArray[np.float64]
 
@@ -331,7 +331,7 @@ def test_a_proof_knows_the_tool() -> None:
 def test_tools_share_samples_and_are_forgotten() -> None:
     arm = kinseek.load("planar2")
     own = atlas_of(arm.chain)
-    for i in range(3 * KEPT):
+    for i in range(3 * MOST_CACHED):
         tool = kinseek.pose([0.01 * i + 0.01, 0.0, 0.0])
         index = atlas_of(arm.chain, Goal.pose(np.eye(4), tool=tool))
         assert index.sorted.tree.points is own.sorted.tree.points
@@ -339,7 +339,7 @@ def test_tools_share_samples_and_are_forgotten() -> None:
     assert atlas_of(arm.chain) is own
     from kinseek.solvers.atlas.index import _indices
 
-    assert len(_indices.of(arm.chain)) <= KEPT + 2
+    assert len(_indices.of(arm.chain)) <= MOST_CACHED + 2
 
 
 @pytest.mark.parametrize(
@@ -360,8 +360,8 @@ def test_tools_share_samples_and_are_forgotten() -> None:
         ({"box": {"rz": (-4.0, 1.0)}}, r"must lie within \[-π, π\] rad, got \(-4, 1\).*free='rz'"),
         ({"box": {"rz": (0.0, np.inf)}}, r"must lie within \[-π, π\]"),
         ({"box": {"rx": (3, 3.1), "ry": (3, 3.1)}}, "no rotation lies in this box.*4.243"),
-        ({"free": AXES}, "nothing is left to reach"),
-        ({"free": AXES[:5], "box": {"rz": (-math.pi, math.pi)}}, "nothing is left to reach"),
+        ({"free": AXES}, "nothing is constrained"),
+        ({"free": AXES[:5], "box": {"rz": (-math.pi, math.pi)}}, "nothing is constrained"),
         ({"free": "x", "frame": "world"}, "frame must be 'tool' or 'base', got 'world'"),
         ({"tool": np.zeros((4, 4))}, "tool: not a rigid transform"),
         ({"base": np.eye(3)}, "base: a pose must have shape"),
@@ -374,11 +374,11 @@ def test_contradictory_boxes(options: dict[str, Any], words: str) -> None:
 
 
 def test_what_positions_and_directions_refuse() -> None:
-    with pytest.raises(InvalidGoal, match="a position goal says of the orientation"):
+    with pytest.raises(InvalidGoal, match="a position goal already defines its orientation"):
         Goal.position([0, 0, 0], free="rx")
-    with pytest.raises(InvalidGoal, match="nothing is left to reach"):
+    with pytest.raises(InvalidGoal, match="nothing is constrained"):
         Goal.position([0, 0, 0], free=("x", "y", "z"))
-    with pytest.raises(InvalidGoal, match="a pointing goal says of the orientation"):
+    with pytest.raises(InvalidGoal, match="a pointing goal already defines its orientation"):
         Goal.pointing([0, 0, 0], [0, 0, 1], box={"rz": (0, 1)})
     with pytest.raises(InvalidGoal, match="a goal has ranges if and only if"):
         Goal(np.eye(4), kind="box")
@@ -389,7 +389,7 @@ def test_what_positions_and_directions_refuse() -> None:
 @pytest.mark.parametrize("solver", [solver for solver in kinseek.ALL_SOLVERS if solver is not kinseek.Atlas])
 def test_other_solvers_refuse_ranges(solver: type[kinseek.Solver]) -> None:
     arm = kinseek.load("planar2")
-    with pytest.raises(InvalidProblem, match="only of a whole pose, a direction, a position"):
+    with pytest.raises(InvalidProblem, match="supported: a whole pose, a direction, a position"):
         arm.ik(Goal.pose(np.eye(4), free=("x", "rz")), solver=solver())
 
 
@@ -409,7 +409,11 @@ def test_the_message_recommends_a_call_that_works(wish: str) -> None:
     with pytest.raises(InvalidProblem) as caught:
         arm.ik(goal, **wishes[wish])
     said = str(caught.value)
-    named = "nothing can be proved yet" if wish == "prove" else "prefer, cost, valid and scene choose among"
+    named = (
+        "proofs are not supported"
+        if wish == "prove"
+        else "prefer=, cost=, valid= and scene= are not supported"
+    )
     assert said.startswith(named)
     assert said.endswith("default solver, without prefer=, cost=, valid=, scene= and prove=")
     assert arm.ik(goal).success
@@ -418,7 +422,7 @@ def test_the_message_recommends_a_call_that_works(wish: str) -> None:
 def test_proofs_refuse_ranges() -> None:
     arm = kinseek.load("planar2")
     goal = Goal.pose(np.eye(4), free=("x", "rz"))
-    with pytest.raises(InvalidProblem, match="nothing can be proved yet"):
+    with pytest.raises(InvalidProblem, match="proofs are not supported"):
         arm.prove(goal)
-    with pytest.raises(InvalidProblem, match="nothing can be proved yet"):
+    with pytest.raises(InvalidProblem, match="proofs are not supported"):
         arm.ik(goal, prove=True)

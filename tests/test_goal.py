@@ -54,13 +54,20 @@ def test_no_rotation_is_no_turn_and_batches_broadcast() -> None:
         pose(np.zeros((5, 3)), rotvec=np.zeros((2, 3)))
 
 
+def deep(levels: int) -> Any:
+    """Return a number inside of that many lists."""
+    return [deep(levels - 1)] if levels else 0.0
+
+
 @pytest.mark.parametrize(
     ("position", "named", "words"),
     [
         ([0, 0], {}, r"position must have shape \(3,\) or \(..., 3\), got \(2,\)"),
         ([0, 0, np.nan], {}, "position contains NaN or infinity"),
         ("here", {}, "position must be numbers"),
-        ([0, 0, 0], {"quat_wxyz": [0, 0, 0, 0]}, "zero quaternion is no rotation"),
+        ([[1, [2, 3]], 0.4, 0.3], {}, "a pose must be .* got list"),
+        ([deep(70), 0.4, 0.3], {}, "a pose must be .* got list"),
+        ([0, 0, 0], {"quat_wxyz": [0, 0, 0, 0]}, "zero quaternion is not a rotation"),
         ([0, 0, 0], {"quat_xyzw": [0, 0, 1]}, r"quat_xyzw must have shape \(4,\)"),
         ([0, 0, 0], {"rpy": [0, np.inf, 0]}, "rpy contains NaN or infinity"),
         ([0, 0, 0], {"rpy": [0, 0, 0], "rotvec": [0, 0, 0]}, "give one rotation, got rpy and rotvec"),

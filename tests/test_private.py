@@ -105,7 +105,7 @@ def test_links_in_a_ring_are_refused(tmp_path: Path) -> None:
 
 def test_a_file_in_the_place_of_a_folder(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(NotADirectoryError, match="file is no folder"):
+    with pytest.raises(NotADirectoryError, match="file is not a folder"):
         private_folder(tmp_path / "file", "kinseek")
 
 
@@ -186,7 +186,7 @@ def test_a_link_is_not_read(tmp_path: Path) -> None:
 def test_only_regular_files_are_read_and_nothing_is_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe", 0o600)
     for path in (tmp_path / "pipe", tmp_path):
-        with pytest.raises(OSError, match="is no regular file"):
+        with pytest.raises(OSError, match="is not a regular file"):
             read_private(path)
     with pytest.raises(FileNotFoundError):
         read_private(tmp_path / "missing")

@@ -34,7 +34,7 @@ def batch_of(shape: tuple[int, ...], **options: Any) -> Solution:
 
 @pytest.mark.parametrize("solution", [ARM.ik(kinseek.pose([9, 0, 0])), batch_of((3,)), batch_of((0,))])
 def test_a_solution_has_no_truth_value(solution: Solution) -> None:
-    with pytest.raises(InvalidUse, match=r"ask solution\.success") as caught:
+    with pytest.raises(InvalidUse, match=r"use solution\.success") as caught:
         bool(solution)
     assert isinstance(caught.value, KinseekError)
     assert isinstance(caught.value, TypeError)
@@ -108,7 +108,7 @@ def test_a_start_for_all_is_one_for_each_part() -> None:
 def test_one_answer_is_no_sequence() -> None:
     one: Any = ARM.ik(ARM.fk(np.full(4, 0.2)))
     for use in (len, iter, list, lambda it: it[0], lambda it: it[1:]):
-        with pytest.raises(InvalidUse, match=r"answer to one target.*solution\.q"):
+        with pytest.raises(InvalidUse, match=r"solution for one target.*solution\.q"):
             use(one)
     assert list(one.each()) == [one]
 

@@ -90,7 +90,7 @@ def test_words_that_do_not_fit_together_are_refused() -> None:
         kinseek.pose([0.4, 0.2, 0.3], rpy=ANGLES, repair=True)
     with pytest.raises(InvalidGoal, match="give one rotation, got rpy and rotation"):
         kinseek.pose([0.4, 0.2, 0.3], rpy=ANGLES, rotation=TURN)
-    with pytest.raises(InvalidGoal, match=r"a whole pose, \(4, 4\), takes no rpy beside it"):
+    with pytest.raises(InvalidGoal, match=r"a whole pose, \(4, 4\), cannot be combined with rpy"):
         kinseek.pose(POSE, rpy=ANGLES)
     with pytest.raises(InvalidGoal, match="degrees=True is for rpy and rotvec: rotation has no unit"):
         kinseek.pose([0.4, 0.2, 0.3], rotation=TURN, degrees=True)

@@ -26,7 +26,7 @@ from .shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
 from .solution import Solution, Status, quick_solution
 from .solvers import Atlas, Solver
 from .solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
-from .solvers.atlas.quick import answers_quickly, quick_answer
+from .solvers.atlas.quick import can_solve_quickly, solve_quickly
 from .solvers.black_box.samples import Samples, samples_of
 from .solvers.checks import as_solver, warn_if_far, with_progress
 from .units import warn_of_distance
@@ -253,29 +253,28 @@ class Arm(ForwardArm):
         deadline = Deadline(time_limit)
         if prove:
             self._require_axes(_NO_PROOF)
-        asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
+        requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
-        if plain and (axes := self._axes) is not None and answers_quickly(asked, start):
-            quick = quick_answer(axes, self._atlas_for(axes, asked), asked, start)
+        if plain and (axes := self._axes) is not None and can_solve_quickly(requested, start):
+            quick = solve_quickly(axes, self._atlas_for(axes, requested), requested, start)
             if quick is not None:
                 if not quick.success:
                     warn_if_far(quick)
                 return quick
-        problem = Problem(self._mechanism, asked, start, time_limit=time_limit, trace=trace)
+        problem = Problem(self._mechanism, requested, start, time_limit=time_limit, trace=trace)
         if selects and trace:
             raise InvalidProblem(
-                "prefer, cost, valid and scene choose among all branches; there is no trace of that"
+                "trace=True cannot be combined with prefer=, cost=, valid= or scene=: these choose among all "
+                "branches, a search that records no trace"
             )
         if selects and solver is not None:
             raise InvalidProblem(
-                "prefer, cost, valid and scene choose among all branches; they take no solver"
+                "solver= cannot be combined with prefer=, cost=, valid= or scene=: these choose among all branches"
             )
         if selects:
-            asked.require_plain(
-                "prefer, cost, valid and scene choose among all branches, and these are not found of"
-            )
+            requested.require_plain("prefer=, cost=, valid= and scene= are not supported for")
         if scene is not None:
-            from .collision.answers import free_solution
+            from .collision.solutions import free_solution
 
             solution = free_solution(problem, scene, clearance, prefer, cost, valid, threads, prove)
         elif selects:
@@ -366,13 +365,13 @@ class Arm(ForwardArm):
         from .branches.order import Selection
 
         _require_scene(scene, clearance)
-        asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
+        requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
         selection = Selection(order, cost, valid, copies, count, prove)
-        problem = Problem(self._mechanism, asked, start, time_limit=time_limit)
+        problem = Problem(self._mechanism, requested, start, time_limit=time_limit)
         if scene is None:
             return branches_of(problem, selection, threads)
-        from .collision.answers import free_branches
+        from .collision.solutions import free_branches
 
         return free_branches(problem, selection, scene, clearance, threads)
 
@@ -416,8 +415,8 @@ class Arm(ForwardArm):
         from .proof.branch_and_bound import prove
 
         deadline = Deadline(time_limit)
-        asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
-        problem = Problem(self._mechanism, asked, time_limit=time_limit)
+        requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
+        problem = Problem(self._mechanism, requested, time_limit=time_limit)
         return prove(problem, gap=gap, budget=budget, threads=threads, deadline=deadline)
 
     def follow(
@@ -489,7 +488,7 @@ class Arm(ForwardArm):
         deadline = Deadline(time_limit)
         _require_scene(scene, clearance)
         if scene is not None:
-            from .collision.answers import judge_of
+            from .collision.solutions import judge_of
 
             clearance = judge_of(scene, self._mechanism, clearance, None).clearance
         if threads is not None:
@@ -586,7 +585,7 @@ class Arm(ForwardArm):
         refuse_ranges(solution.problem.goal)
         missed = [
             not (one.success or one.blocked or deadline.passed)
-            and prove(one.problem, answer=one, deadline=deadline).verdict is Verdict.UNREACHABLE
+            and prove(one.problem, solution=one, deadline=deadline).verdict is Verdict.UNREACHABLE
             for one in solution.each()
         ]
         shape = solution.problem.goal.shape
@@ -602,9 +601,7 @@ _NO_PROOF = "nothing can be proved without axes"
 
 def _require_scene(scene: Scene | None, clearance: float) -> None:
     if scene is None and clearance != 0.0:
-        raise InvalidProblem(
-            f"a clearance is kept from what a scene holds: give scene=, got clearance={clearance!r}"
-        )
+        raise InvalidProblem(f"clearance= needs a scene: give scene=, got clearance={clearance!r}")
 
 
 def load(

@@ -40,12 +40,12 @@ class Lock:
         return self._after.setdefault(_forks, RLock()) if lock is None else lock
 
 
-class _Held(Protocol):
+class _ReentrantLock(Protocol):
     def acquire(self) -> Any: ...
     def release(self) -> Any: ...
 
 
-def finish_first(lock: _Held) -> None:
+def finish_first(lock: _ReentrantLock) -> None:
     """Make forks wait until no other thread holds a reentrant lock, and hold it during the fork.
 
     If a thread may hold two such locks at once, register the lock that it acquires first last, because forks acquire them in
@@ -54,7 +54,7 @@ def finish_first(lock: _Held) -> None:
     _waited_for.append(lock)
 
 
-_waited_for: list[_Held] = []
+_waited_for: list[_ReentrantLock] = []
 
 importing = RLock()
 """Held while a function imports a package. A child could never finish an import that another thread had begun."""
@@ -63,7 +63,7 @@ finish_first(importing)
 _forks = 0
 """Number of forks that led to this process."""
 
-_held: list[_Held] = []
+_acquired: list[_ReentrantLock] = []
 """Locks that the forking thread holds during the fork."""
 
 
@@ -71,13 +71,13 @@ def _before() -> None:
     _load()
     for lock in reversed(_waited_for):
         lock.acquire()
-        _held.append(lock)
+        _acquired.append(lock)
 
 
 def _after() -> None:
-    held = list(_held)
-    _held.clear()  # The next thread that forks may start as soon as the last lock is released.
-    for lock in reversed(held):
+    acquired = list(_acquired)
+    _acquired.clear()  # The next thread that forks may start as soon as the last lock is released.
+    for lock in reversed(acquired):
         lock.release()
 
 

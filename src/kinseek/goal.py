@@ -356,7 +356,7 @@ class Goal(Lazy):
         Raises:
             InvalidProblem: The goal has ranges.
         """
-        self.require_plain("this search makes nothing of")
+        self.require_plain("this search does not support")
         return self.form.columns
 
     @property

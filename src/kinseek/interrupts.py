@@ -32,25 +32,25 @@ class SignalSafeThread(Generic[R]):
     """A function to be run in a thread of its own."""
 
     def __init__(
-        self, work: Callable[[], R], ended: Callable[[], object] = lambda: None, kept: bool = False
+        self, work: Callable[[], R], ended: Callable[[], object] = lambda: None, joined: bool = False
     ) -> None:
         """Prepare the thread; `begin` starts it.
 
         Args:
             work: The function to run.
             ended: Called in the thread at the end.
-            kept: Python waits for the thread before it exits. Starting it then takes several times as long.
+            joined: Python waits for the thread before it exits. Starting it then takes several times as long.
         """
-        self._work, self._on_end, self._kept = work, ended, kept
+        self._work, self._on_end, self._joined = work, ended, joined
         self._ended, self._results, self._errors = SimpleQueue[None](), list[R](), list[BaseException]()
         self._begun = self._done = False
 
     def begin(self) -> None:
         """Start the thread."""
-        _thread.start_new_thread(self._keep if self._kept else self._run, ())
+        _thread.start_new_thread(self._run_joined if self._joined else self._run, ())
         self._begun = True
 
-    def _keep(self) -> None:
+    def _run_joined(self) -> None:
         """Start in a `Thread`, which Python joins at exit. Starting one waits in Python, so a thread does it, too."""
         try:
             threading.Thread(target=self._run, name="kinseek").start()
@@ -93,16 +93,16 @@ def uninterrupted(work: Callable[[], R], stop: Callable[[], object] | None = Non
     """
     if threading.get_ident() != threading.main_thread().ident:
         return work()
-    aside = SignalSafeThread(work, kept=stop is None)
+    thread = SignalSafeThread(work, joined=stop is None)
     try:
-        aside.begin()
-        aside.wait()
+        thread.begin()
+        thread.wait()
     except BaseException:  # Raised by a signal handler: the work itself raises nothing here.
         if stop is not None:
             stop()
-            aside.wait()
+            thread.wait()
         raise
-    return aside.outcome()
+    return thread.outcome()
 
 
 def raise_of_handler(error: BaseException) -> None:

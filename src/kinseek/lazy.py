@@ -78,8 +78,8 @@ class Lazy:
         state: Any = super().__getstate__()
         attributes, slots = state if isinstance(state, tuple) else (state, None)
         # A dictionary of strings is copied in one step: no other thread can add to it meanwhile.
-        held: dict[str, Any] = dict(attributes or {})
-        for name in held.keys() & self._lazy.keys():
-            if self._lazy[name].can_be_remade(held):
-                del held[name]
-        return held if slots is None else (held, slots)
+        copied: dict[str, Any] = dict(attributes or {})
+        for name in copied.keys() & self._lazy.keys():
+            if self._lazy[name].can_be_remade(copied):
+                del copied[name]
+        return copied if slots is None else (copied, slots)

@@ -110,7 +110,7 @@ def pose(
     whole = _whole(position)
     if whole is not None:
         if beside := [*named, *["degrees"] * degrees]:
-            raise InvalidGoal(f"a whole pose, {whole.shape}, takes no {' and no '.join(beside)} beside it")
+            raise InvalidGoal(f"a whole pose, {whole.shape}, cannot be combined with {' and '.join(beside)}")
         return _rigid(whole.astype(np.float64), repairable, 3)
     if repair and rotation is None:
         raise InvalidGoal(
@@ -334,11 +334,20 @@ def _whole(position: Any) -> Array | None:
     if isinstance(position, np.ndarray):
         return position if position.shape[-2:] == (4, 4) else None
     carries = any(hasattr(position, name) for name in _CARRIERS)
-    nested = isinstance(position, list | tuple) and len(position) > 0 and np.ndim(position[0]) > 0
-    if not (carries or nested):
+    if not (
+        carries or (isinstance(position, list | tuple) and len(position) > 0 and _is_nested(position[0]))
+    ):
         return None
     matrix = _matrix_of(position)
     return matrix if carries or matrix.shape[-2:] == (4, 4) else None
+
+
+def _is_nested(value: Any) -> bool:
+    """Return whether an element of a sequence has elements itself; true also for what NumPy cannot make an array of."""
+    try:
+        return np.ndim(value) > 0
+    except ValueError:  # Rows of different lengths, or nested too deeply.
+        return True
 
 
 def _of_matrix(value: Any, repairable: float) -> Array:
@@ -364,7 +373,7 @@ def _rotation_matrix(name: str, value: ArrayLike) -> Array:
     with np.errstate(over="ignore"):
         length = np.linalg.norm(numbers, axis=-1)
     if (length < 1e-9).any():
-        raise InvalidGoal(f"{name} has length {length.min():.3g}: a zero quaternion is no rotation")
+        raise InvalidGoal(f"{name} has length {length.min():.3g}: a zero quaternion is not a rotation")
     return from_quaternion(numbers if name == "quat_wxyz" else np.roll(numbers, 1, axis=-1))
 
 

@@ -77,7 +77,7 @@ def read_private(path: Path) -> bytes:
         # The open file is checked, not its name, which may refer to another file by now.
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
-            raise OSError(f"{path} is no regular file")
+            raise OSError(f"{path} is not a regular file")
         require_private(path, status)
         with open(descriptor, "rb", closefd=False) as file:
             return file.read()
@@ -137,7 +137,7 @@ def _made(folder: Path) -> os.stat_result:
             folder.mkdir(mode=0o700)
         status = folder.lstat()
     if not stat.S_ISDIR(status.st_mode) and not stat.S_ISLNK(status.st_mode):
-        raise NotADirectoryError(f"{folder} is no folder")
+        raise NotADirectoryError(f"{folder} is not a folder")
     return status
 
 

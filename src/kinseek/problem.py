@@ -131,7 +131,7 @@ class Problem(Lazy):
             yield replace(self, goal=self.goal.at(self.goal.target[index]), near=near)
 
 
-class MadeWhenAsked(Made):
+class DeferredProblem(Made):
     """The field `problem` of a result, made when it is first read, because the fast paths of `Arm` leave it out.
 
     They store a `_question` instead: the arm, or the problem of another pose of a batch; a goal, a pose (4, 4), or its

@@ -51,8 +51,8 @@ def read_ranges(
             raise InvalidGoal(suggest(str(name), AXES, "axis"))
         if kind.columns < POSE.columns and name.startswith("r"):
             raise InvalidGoal(
-                f"a {kind.name} goal says of the orientation what it wants already, so {name!r} can be neither free "
-                f"nor boxed; x, y and z can"
+                f"a {kind.name} goal already defines its orientation, so {name!r} can be neither free nor boxed; "
+                "valid: x, y, z"
             )
     if both := sorted(set(names) & set(given)):
         raise InvalidGoal(f"{' and '.join(both)} cannot be both free and boxed: leave one of the two out")
@@ -64,7 +64,9 @@ def read_ranges(
         elif axis in given:
             ranges[i] = _range(axis, given[axis])
     if all(pair in (FREE_PLACE, FREE_TURN) for pair in ranges) and not kind.turned:
-        raise InvalidGoal("nothing is left to reach: every axis is free. Leave at least one out of free=")
+        raise InvalidGoal(
+            "every axis is free, so nothing is constrained. Leave at least one axis out of free="
+        )
     least = math.sqrt(sum(max(low, 0.0, -high) ** 2 for low, high in ranges[3:]))
     if least > math.pi:
         raise InvalidGoal(

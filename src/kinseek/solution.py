@@ -14,7 +14,7 @@ from .errors import InvalidUse, NotReached
 from .goal import Goal
 from .kernels.arm.pose_error import judge_poses
 from .lazy import Lazy, Made
-from .problem import MadeWhenAsked, Problem
+from .problem import DeferredProblem, Problem
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism
 from .robots.named import by_name
@@ -61,7 +61,7 @@ _NONE: Any = 0
 class _Reported(Made):
     """A field that is read from a kernel's report at its first use, because most callers read only q.
 
-    If an object stores the field itself, its value takes precedence, as with `problem.MadeWhenAsked`.
+    If an object stores the field itself, its value takes precedence, as with `problem.DeferredProblem`.
     """
 
     def __init__(self, place: int) -> None:
@@ -142,7 +142,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         evaluations: Count = _Reported(3)
         nodes_created: Count = _Reported(5)
         nodes_expanded: Count = _Reported(5)
-        problem: Problem = MadeWhenAsked()
+        problem: Problem = DeferredProblem()
     proved_unreachable: Flag = _NO
     rejected: Count = _NONE
     out_of_time: Flag = _NO
@@ -173,9 +173,11 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         if self._trace is not None:
             return self._trace
         if self.problem.trace:
-            raise InvalidUse("the search kept no trace: `solvers.recording.Recorder` is what makes one")
+            raise InvalidUse(
+                "the search recorded no trace; a search records one with solvers.recording.Recorder"
+            )
         raise InvalidUse(
-            "no trace was kept; ask for it: arm.ik(..., trace=True), or Problem(..., trace=True)"
+            "no trace was recorded; request it: arm.ik(..., trace=True), or Problem(..., trace=True)"
         )
 
     @property
@@ -234,7 +236,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
             InvalidUse: Always.
         """
         raise InvalidUse(
-            "a Solution has no truth value: ask solution.success, or solution.success.all() of a batch"
+            "a Solution has no truth value: use solution.success, or solution.success.all() for a batch"
         )
 
     def __len__(self) -> int:
@@ -298,7 +300,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         if isinstance(self.success, np.ndarray):
             return tuple(self.success.shape)
         raise InvalidUse(
-            "this is the answer to one target, it has no length and no items: its joint values are solution.q; "
+            "this is the solution for one target, which has no length and no items: its joint values are solution.q; "
             "a batch of targets gives a batch of solutions"
         )
 
@@ -434,10 +436,10 @@ def with_traces(solution: Solution, traces: Sequence[Trace | None]) -> Solution:
     shape = solution.problem.goal.shape
     if not shape:
         return replace(solution, _trace=traces[0])
-    kept = np.empty(len(traces), dtype=object)
+    recorded = np.empty(len(traces), dtype=object)
     for i, trace in enumerate(traces):  # One by one: NumPy would take a trace apart.
-        kept[i] = trace
-    return replace(solution, _trace=kept.reshape(shape))
+        recorded[i] = trace
+    return replace(solution, _trace=recorded.reshape(shape))
 
 
 def reported(
@@ -493,7 +495,7 @@ def judge_function(box: Mechanism, goal: Goal, q: Array) -> Array:
 
 def quick_solution(
     chain: SerialChain,
-    asked: bytes | Goal,
+    goal_or_bytes: bytes | Goal,
     near: Array | None,
     q: Array,
     report: tuple[float, float, float, int, bool],
@@ -502,8 +504,8 @@ def quick_solution(
 
     Args:
         chain: The arm.
-        asked: The goal; or, for a plain pose, the bytes of its matrix, because the caller may overwrite the matrix, and
-            bytes are copied faster than an array.
+        goal_or_bytes: The goal; or, for a plain pose, the bytes of its matrix, because the caller may overwrite the
+            matrix, and bytes are copied faster than an array.
         near: Joint values to which the solution should be close, (n,).
         q: Joint values, (n,).
         report: Position error [m], orientation error [rad], weighted error, FK evaluations, success.
@@ -515,5 +517,5 @@ def quick_solution(
         report[4],
         (*report, 0),
     )  # No nodes: this search builds no tree.
-    result["_question"] = chain, asked, None if near is None else near.copy()
+    result["_question"] = chain, goal_or_bytes, None if near is None else near.copy()
     return solution

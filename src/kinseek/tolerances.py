@@ -42,8 +42,8 @@ def check_tolerance(name: str, value: float) -> None:
         raise InvalidGoal(f"{name} must be a finite number >= 0, got {value!r}")
     if value > LARGEST:
         raise InvalidGoal(
-            f"{name} must be at most {LARGEST:g}, got {value!r}: nothing that is reached lies that far off. Where "
-            f"the position or the orientation does not matter, Goal.pose(..., free=...) or Goal.position say so"
+            f"{name} must be at most {LARGEST:g}, got {value!r}: no reachable pose is that far away. If the position "
+            "or the orientation does not matter, use Goal.pose(..., free=...) or Goal.position"
         )
 
 
@@ -59,8 +59,8 @@ def check_weight(name: str, value: float) -> None:
         raise InvalidGoal(f"{name} must be a finite number > 0, got {value!r}")
     if not LIGHTEST <= value <= HEAVIEST:
         raise InvalidGoal(
-            f"{name} must lie between {LIGHTEST:g} and {HEAVIEST:g}, got {value!r}: searches multiply weighted "
-            f"errors, and beyond that doubles end"
+            f"{name} must lie between {LIGHTEST:g} and {HEAVIEST:g}, got {value!r}: products of weighted errors would "
+            "overflow beyond that"
         )
 
 

@@ -94,7 +94,7 @@ class Pass:
             InvalidUse: The pass has no window.
         """
         if self.lower is None or self.upper is None:
-            raise InvalidUse(f"{self.name!r} has no window: it is no pass over a grid")
+            raise InvalidUse(f"{self.name!r} has no window: it is not a pass over a grid")
         return self.lower, self.upper
 
     def to_dict(self) -> dict[str, Any]:
@@ -281,8 +281,8 @@ def require_memory(targets: int, passes: int, dof: int, notes: int = 0) -> None:
     fit = MOST_MEMORY // each
     fewer = f"trace at most {fit:,} at a time" if fit else "choose a search of fewer passes"
     raise InvalidUse(
-        f"the traces of {targets:,} targets would take up to {_bytes(targets * each)} "
-        f"({passes:,} passes of {pass_memory(dof):,} bytes a target), at most {_bytes(MOST_MEMORY)} are kept: {fewer}"
+        f"the traces of {targets:,} targets would take up to {_bytes(targets * each)} ({passes:,} passes of "
+        f"{pass_memory(dof):,} bytes a target), expected at most {_bytes(MOST_MEMORY)}: {fewer}"
     )
 
 

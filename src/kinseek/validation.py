@@ -25,11 +25,11 @@ def as_float_array(values: Any) -> NDArray[np.float64]:
     if isinstance(values, np.ndarray):
         if values.dtype.kind == "c" and (count := np.count_nonzero(values.imag)):
             raise ValueError(
-                f"{count} of {values.size} numbers have an imaginary part; of real ones say .real"
+                f"{count} of {values.size} numbers have an imaginary part; if they are real, use .real"
             )
         if isinstance(values, np.ma.MaskedArray) and (count := np.count_nonzero(values.mask)):
             raise ValueError(
-                f"{count} of {values.size} numbers are masked; say .filled(...) if they hold something"
+                f"{count} of {values.size} numbers are masked; if they have values, use .filled(...)"
             )
         if values.dtype.kind == "c":
             values = values.real
@@ -86,5 +86,5 @@ def as_integer(
     if number is not None and least <= number <= most:
         return number
     small = most >= NO_BOUND and (number is None or number < least)
-    wanted = f"of at least {least:,}" if small else f"from {least:,} to {most:,}"
-    raise error(f"{name} must be a whole number {wanted}, got {value!r:.200}")
+    expected = f"of at least {least:,}" if small else f"from {least:,} to {most:,}"
+    raise error(f"{name} must be a whole number {expected}, got {value!r:.200}")

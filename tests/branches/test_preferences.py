@@ -180,7 +180,7 @@ def test_a_batch_is_each_of_its_goals() -> None:
         ({"prefer": "speed"}, "unknown preference 'speed'.*dexterity"),
         ({"prefer": "limits", "cost": lambda q: q[:, 0]}, "prefer and cost"),
         ({"prefer": "limits", "near": np.zeros(7)}, "near and prefer"),
-        ({"prefer": "limits", "solver": kinseek.Atlas()}, "take no solver"),
+        ({"prefer": "limits", "solver": kinseek.Atlas()}, "solver= cannot be combined"),
         ({"cost": lambda q: np.full(len(q), np.nan)}, r"cost returned NaN for q = \["),
         ({"cost": lambda q: q}, r"cost must take \(k, n\)"),
         ({"valid": lambda q: None}, r"valid must return a bool, got None for q = \["),

@@ -16,7 +16,7 @@ import pytest
 import kinseek
 from kinseek.cli import main
 from kinseek.cli.searches import make_search, option_of, parameters, searches
-from kinseek.cli.words import gather
+from kinseek.cli.words import join_lists
 from kinseek.kernels.backend import describe_backend
 
 REACHABLE = ("--at", "-0.3", "0.4", "0")
@@ -264,7 +264,7 @@ def test_all_answers(run: Run) -> None:
     assert code == 0
     rows = [line.split() for line in out.splitlines() if re.match(r" *\d+ +-?\d", line)]
     assert np.allclose([[float(word) for word in row[1:7]] for row in rows], expected.q, atol=1e-6)
-    assert f"{len(expected)} answers" in out
+    assert f"{len(expected)} solutions" in out
     near = [f"{value}" for value in expected.q[3] + 0.01]
     first = json.loads(
         run("solve", "ur5e", *TOP[:-1], "--rpy=3.141592653589793,0,0", "--all", "--json", "--near", *near).out
@@ -275,9 +275,9 @@ def test_all_answers(run: Run) -> None:
 
 def test_all_answers_proved(run: Run) -> None:
     words = ("solve", "planar2", *REACHABLE, "--position-only", "--all")
-    assert "2 answers; it is proved that there is no other" in run(*words, "--prove").out
+    assert "2 solutions; proved to be all" in run(*words, "--prove").out
     code, out, _ = run("solve", "planar2", "--at", "5", "0", "0", "--position-only", "--all")
-    assert (code, "0 answers" in out) == (1, True)
+    assert (code, "0 solutions" in out) == (1, True)
 
 
 @pytest.mark.parametrize("order", ["mid-range", "limits", "dexterity"])
@@ -370,7 +370,7 @@ MISUSE = {
     "near": (("solve", "planar2", *REACHABLE, "--position-only", "--near", "1"), "needs 2 numbers, got 1"),
     "near: half": (
         ("solve", "planar2", *REACHABLE, "--position-only", "--near", "joint1=1"),
-        "lacks a value of joint2",
+        "has no value for joint2",
     ),
     "near: unknown": (
         ("solve", "planar2", *REACHABLE, "--position-only", "--near", "joint1=1,joint_2=2"),
@@ -399,7 +399,7 @@ MISUSE = {
     "prefer": (("solve", "planar2", *REACHABLE, "--position-only", "--prefer", "limit"), "'limits'"),
     "near and prefer": (
         ("solve", "planar2", *REACHABLE, "--position-only", "--near", "1", "1", "--prefer", "limits"),
-        "--near and --prefer both",
+        "--near and --prefer cannot be combined",
     ),
     "count of none": (
         ("solve", "planar2", *REACHABLE, "--position-only", "--all", "--count", "0"),
@@ -408,7 +408,7 @@ MISUSE = {
     "count alone": (("solve", "planar2", *REACHABLE, "--position-only", "--count", "2"), "add --all"),
     "all with a search": (
         ("solve", "planar2", *REACHABLE, "--position-only", "--all", "--solver", "brute-force"),
-        "neither --solver nor --trace",
+        "cannot be combined with --solver or --trace",
     ),
     "tolerance": (("solve", "planar2", *REACHABLE, "--position-only", "--position-tolerance", "-1"), ">= 0"),
 }
@@ -456,7 +456,7 @@ def test_without_the_extra_it_says_how_to_install_it(run: Run, monkeypatch: pyte
 
 def test_gather_leaves_other_words_alone() -> None:
     words = ["solve", "--at", "-1", "2", "-3e-1", "panda", "--near", "0", "-1", "--json"]
-    assert gather(words) == ["solve", "--at=-1 2 -3e-1", "panda", "--near=0 -1", "--json"]
+    assert join_lists(words) == ["solve", "--at=-1 2 -3e-1", "panda", "--near=0 -1", "--json"]
 
 
 def test_options_are_named_after_fields() -> None:

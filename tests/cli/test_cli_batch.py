@@ -133,7 +133,7 @@ def npy_of(header: str) -> bytes:
 @pytest.mark.parametrize("shape", ["(10**9, 4, 4)", "(1000000000, 4, 4)", f"({10**30}, 4, 4)", "(-1, 4, 4)"])
 def test_an_array_that_claims_more_than_it_holds_is_refused(shape: str, tmp_path: Path) -> None:
     (tmp_path / "in.npy").write_bytes(npy(shape))
-    with pytest.raises(kinseek.InvalidGoal, match=r"no \.npy file that can be read"):
+    with pytest.raises(kinseek.InvalidGoal, match=r"cannot be read as a \.npy file"):
         files.read_poses(tmp_path / "in.npy", False, False)
 
 
@@ -153,14 +153,14 @@ def test_a_damaged_header_of_an_array_is_refused(case: str, tmp_path: Path) -> N
     (tmp_path / "in.npy").write_bytes(npy_of(HEADERS[case]))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        with pytest.raises(kinseek.InvalidGoal, match=r"no \.npy file that can be read: ."):
+        with pytest.raises(kinseek.InvalidGoal, match=r"cannot be read as a \.npy file: ."):
             files.read_poses(tmp_path / "in.npy", False, False)
 
 
 def test_an_archive_of_arrays_is_refused_and_an_array_is_read(tmp_path: Path) -> None:
     np.savez(tmp_path / "in.npz", np.eye(4))
     (tmp_path / "in.npz").rename(tmp_path / "in.npy")
-    with pytest.raises(kinseek.InvalidGoal, match=r"no \.npy file that can be read"):
+    with pytest.raises(kinseek.InvalidGoal, match=r"cannot be read as a \.npy file"):
         files.read_poses(tmp_path / "in.npy", False, False)
     np.save(tmp_path / "in.npy", np.eye(4)[None])
     assert type(files.read_poses(tmp_path / "in.npy", False, False)) is np.ndarray
@@ -460,17 +460,20 @@ WRONG = {
     "no header": ("1,2,3,1,0,0,0\n", "the first row must name the columns"),
     "empty file": ("", "the first row must name the columns, got nothing"),
     "no rows": ("x,y,z,qw,qx,qy,qz\n", "holds no poses"),
-    "a word": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,two,3,1,0,0,0\n", "row 2: y is 'two', no number"),
+    "a word": (
+        "x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,two,3,1,0,0,0\n",
+        "row 2: y is 'two', which is not a number",
+    ),
     "a decimal comma": (
         "x;y;z;qw;qx;qy;qz\n1;2;3;1;0;0;0\n1;2,5;3;1;0;0;0\n",
-        "row 2: y is '2,5', no number; numbers have a point",
+        "row 2: y is '2,5', which is not a number; numbers have a point",
     ),
-    "nothing": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,,3,1,0,0,0\n", "row 2: y is '', no number"),
+    "nothing": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,,3,1,0,0,0\n", "row 2: y is '', which is not a number"),
     "short row": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,2,3\n", "row 2: 3 values, expected 7"),
     "all rows short": ("x,y,z,qw,qx,qy,qz\n1,2,3\n1,2,3\n", "row 1: 3 values, expected 7"),
     "no end of a letter": (
         "x,y,z,qw,qx,qy,qz\n" + "a" * 200_000 + "\n",
-        "no table that can be read: field larger",
+        "cannot be read as a table: field larger",
     ),
     "a blank row": ("x,y,z,qw,qx,qy,qz\n   \n", "row 1: 1 values, expected 7"),
     "infinite": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n\n1,2,inf,1,0,0,0\n", "row 2: z is inf"),
@@ -522,18 +525,24 @@ MISUSE = {
         "--out takes a file that ends in .csv, .npy, .parquet",
     ),
     "other ending": (("--batch", "in.json", "--out", "out.csv"), "--batch takes a file that ends in .csv"),
-    "no folder": (("--batch", "in.npy", "--out", "nowhere/out.csv"), "there is no folder"),
-    "a folder": (("--batch", "in.npy", "--out", "folder.csv"), "is no regular file"),
+    "no folder": (("--batch", "in.npy", "--out", "nowhere/out.csv"), "does not exist"),
+    "a folder": (("--batch", "in.npy", "--out", "folder.csv"), "is not a regular file"),
     "the same": (("--batch", "in.npy", "--out", "./in.npy"), "is the file that --batch reads"),
     "no out": (("--batch", "in.npy"), "--batch needs --out"),
     "out alone": (("--out", "out.csv"), "add --batch"),
-    "at": (("--batch", "in.npy", "--out", "out.csv", "--at", "1", "2", "3"), "it goes without --at"),
-    "rpy": (("--batch", "in.npy", "--out", "out.csv", "--rpy", "1", "2", "3"), "it goes without --rpy"),
-    "lines": (("--batch", "in.npy", "--out", "out.csv", "--jsonl"), "exclude each other"),
-    "pickle": (("--batch", "pickle.npy", "--out", "out.csv"), "no .npy file that can be read"),
+    "at": (
+        ("--batch", "in.npy", "--out", "out.csv", "--at", "1", "2", "3"),
+        "it cannot be combined with --at",
+    ),
+    "rpy": (
+        ("--batch", "in.npy", "--out", "out.csv", "--rpy", "1", "2", "3"),
+        "it cannot be combined with --rpy",
+    ),
+    "lines": (("--batch", "in.npy", "--out", "out.csv", "--jsonl"), "cannot be combined"),
+    "pickle": (("--batch", "pickle.npy", "--out", "out.csv"), "cannot be read as a .npy file"),
     "shape": (("--batch", "shape.npy", "--out", "out.csv"), "expected numbers of shape (N, 4, 4)"),
-    "letters": (("--batch", "latin.csv", "--out", "out.csv"), "is no UTF-8 text"),
-    "parquet": (("--batch", "in.parquet", "--out", "out.csv"), "no Parquet file that can be read"),
+    "letters": (("--batch", "latin.csv", "--out", "out.csv"), "is not UTF-8 text"),
+    "parquet": (("--batch", "in.parquet", "--out", "out.csv"), "cannot be read as a Parquet file"),
 }
 
 

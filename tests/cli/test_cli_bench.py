@@ -25,7 +25,7 @@ def test_peers_solve_the_arm_that_is_meant(peer: Peer, name: str) -> None:
     arm = kinseek.load(name)
     row = bench._peer(peer, arm, arm.fk(arm.sample(10)), 5.0)
     if peer.module == "eaik" and name != "ur5e":
-        assert row.why_not == "six joints that turn only"
+        assert row.why_not == "it needs six revolute joints"
         return
     assert row.why_not == ""
     assert row.good is not None
@@ -42,11 +42,11 @@ def test_wrong_answers_count_for_nothing() -> None:
     targets = arm.fk(q)
     turned = q.copy()
     turned[:, 0] += 4 * np.pi  # The pose is right, the limits are not.
-    asked = iter(range(1000))
+    goal_spec = iter(range(1000))
 
     def wrong(T: Any) -> Any:
         k = int(np.abs(targets - T).sum(axis=(1, 2)).argmin())
-        return (None, turned[k], q[k] + 1e-5, np.full(6, np.nan), q[k])[next(asked) % 5]
+        return (None, turned[k], q[k] + 1e-5, np.full(6, np.nan), q[k])[next(goal_spec) % 5]
 
     row = bench._peer(peer_of(wrong), arm, targets, 5.0)
     assert (row.good, row.poses) == (0.2, 20)

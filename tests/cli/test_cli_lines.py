@@ -73,12 +73,20 @@ def test_every_answer(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFix
 BAD = {
     "no JSON": ('{"position": [0.4, 0.2', "not JSON: Expecting"),
     "a list": ("[1, 2, 3]", "a line must be an object"),
+    "rows of different lengths": (
+        '{"position": [[1, [2, 3]], 0.4, 0.3], "rpy": [0, 0, 0]}',
+        "a pose must be a (..., 4, 4) array",
+    ),
+    "nested deeply": (
+        '{"position": [' + "[" * 70 + "1" + "]" * 70 + ', 0.4, 0.3], "rpy": [0, 0, 0]}',
+        "a pose must be a (..., 4, 4) array",
+    ),
     "nested": ("[" * 100_000, "not JSON"),
     "unknown key": ({**GOOD, "quat": [1, 0, 0, 0]}, "unknown key 'quat'; did you mean 'quat_"),
-    "no position": ({"rpy": [0, 0, 0]}, "needs position"),
+    "no position": ({"rpy": [0, 0, 0]}, "needs the key position"),
     "no rotation": ({"position": [0, 0, 0]}, "exactly one of rpy"),
     "two rotations": ({**GOOD, "rotvec": [0, 0, 0]}, "got rpy and rotvec"),
-    "matrix too": ({**GOOD, "matrix": np.eye(4).tolist()}, "stands without rpy and position"),
+    "matrix too": ({**GOOD, "matrix": np.eye(4).tolist()}, "cannot be combined with rpy or position"),
     "NaN": ('{"position": [NaN, 0, 0], "rpy": [0, 0, 0]}', "NaN"),
     "two numbers": ({**GOOD, "position": [0.4, 0.2]}, "shape (3,)"),
     "many": ({**GOOD, "position": [[0.4, 0.2, 0.3]] * 2}, "must be one pose"),

@@ -44,9 +44,9 @@ def test_the_other_arm_is_where_its_own_kinematics_has_it(arms: tuple[kinseek.Ar
     before = scene.free(ours)
     seen = set()
     for row in q:
-        engine = scene._asked
+        engine = scene._engine
         scene.move("left", row)
-        assert scene._asked is engine
+        assert scene._engine is engine
         # By hand: every link as a body that stands where forward kinematics of that link puts it.
         by_hand = scene_of(arm, "tool0")
         for body in theirs._bodies.values():
@@ -120,7 +120,7 @@ def test_what_does_not_fit_is_told(arms: tuple[kinseek.Arm, kinseek.Arm]) -> Non
     with pytest.raises(InvalidScene, match=taken):
         scene.add_box("left", (1, 1, 1))
     body = next(body for body in scene.bodies if body.startswith("left/"))
-    with pytest.raises(InvalidScene, match=re.escape("remove('left') takes all of it away")):
+    with pytest.raises(InvalidScene, match=re.escape("remove('left') removes the whole arm")):
         scene.remove(body)
     with pytest.raises(InvalidScene, match="left"):
         scene.move("lift", np.zeros(7))

@@ -32,7 +32,7 @@ def engine_of(arm: kinseek.Arm) -> Engine:
         scene.add_box(
             f"box{number}", rng.uniform(0.05, 0.3, 3), kinseek.pose(place, rpy=rng.uniform(-3, 3, 3))
         )
-    return scene._asked
+    return scene._engine
 
 
 @pytest.mark.slow

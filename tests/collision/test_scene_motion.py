@@ -105,13 +105,13 @@ def test_a_thin_plate_is_not_jumped_over() -> None:
     (hit,) = scene.hits_between(a, b)
     assert hit.b == "plate"
     assert scene.hits_between(a, [-0.2, 0.0]) == ()
-    with pytest.raises(kinseek.InvalidProblem, match="do not fit"):
+    with pytest.raises(kinseek.InvalidProblem, match="do not broadcast"):
         scene.free_motion(np.zeros((2, 2)), np.zeros((3, 2)))
 
 
 def test_no_point_moves_faster_than_said(cell: tuple[kinseek.Arm, Scene]) -> None:
     arm, scene = cell
-    engine = scene._asked
+    engine = scene._engine
     a, b = arm.sample(2, seed=9)
     b = a + 0.3 * (b - a)
     rates = Speeds(arm.chain, engine).of(a[None], b[None])[0]

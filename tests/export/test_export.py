@@ -290,7 +290,7 @@ def test_a_cortex_m7_runs_the_atlas(tmp_path: Path) -> None:
         pytest.skip("needs arm-none-eabi-gcc and qemu-system-arm")
     arm, search = kinseek.load("panda"), Atlas(samples=2048)
     parts = to_c(arm, tmp_path / "out", "thumbv7em", search=search)
-    assert set(parts.asks) - MATHEMATICS <= ASKED
+    assert set(parts.externals) - MATHEMATICS <= ASKED
     found = answers(tmp_path / "out", arm, [compiler, *M7, "kernels.o"], [emulator, *BOARD], work=0)
     compare(found, arm, search, 1e-12)
 
@@ -323,7 +323,7 @@ def test_names_are_safe_in_c() -> None:
 
 @pytest.mark.parametrize("search", [SMALL, Atlas()])
 def test_names_are_strings_wherever_c_has_them(search: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = {"memory": ANY, "sections": [], "asks": []}
+    told = {"memory": ANY, "sections": [], "externals": []}
     monkeypatch.setattr(controller, "compiled", lambda *_: (told, b""))
     hostile, text = "*/ int pwned; /* ??/\n#error \\", catalog_path("planar2").read_text(encoding="utf-8")
     files = []
@@ -360,23 +360,23 @@ PANDA = kinseek.load("panda")
             {"ram": 2048},
             r"'panda' with 7 joints needs 2,\d\d\d bytes of RAM at least for this search, got 2,048",
         ),
-        (FUNCTION, {}, "an arm that is a function cannot be exported"),
+        (FUNCTION, {}, "an arm with black-box kinematics cannot be exported"),
         (PANDA, {"search": DivideAndConquer(tree="static")}, "tree must be 'dynamic'"),
         (
             PANDA,
             {"search": DivideAndConquer(breadth=1.5)},
-            "breadth must be a whole number or one a joint, got 1.5",
+            "breadth must be a whole number or one per joint, got 1.5",
         ),
         (PANDA, {"search": DivideAndConquer(ties="first")}, "ties must be 'rounding'"),
         (PANDA, {"goal": Goal.pose(np.stack([np.eye(4)] * 2))}, r"one goal, got a batch of shape \(2,\)"),
         (PANDA, {"goal": Goal.pointing([0.4, 0, 0.4], [0, 0, 1])}, "a pose or position of the tip"),
         (PANDA, {"goal": Goal.pose(np.eye(4), free="x")}, "no free axes"),
-        (PANDA, {"search": BruteForce()}, "what can be exported is DivideAndConquer and Atlas"),
+        (PANDA, {"search": BruteForce()}, "search must be a DivideAndConquer or an Atlas"),
         (PANDA, {"search": Atlas(), "ram": 4096}, r"needs 1\d,\d\d\d bytes of RAM for the atlas, got 4,096"),
         (
             PANDA,
             {"search": Atlas(), "goal": Goal.position([0.4, 0, 0.4])},
-            "answers whole poses.*got another kind",
+            "supports whole poses.*got another kind",
         ),
         (PANDA, {"goal": Goal.pose(np.eye(4), tool=np.eye(4))}, "a pose or position of the tip"),
     ],
@@ -398,10 +398,10 @@ def test_parameters_of_the_search_are_its_own_to_refuse() -> None:
 
 
 def test_bad_folders_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidExport, match=r"there is no folder .* to make 'c' in"):
+    with pytest.raises(InvalidExport, match=r"folder .*, in which 'c' would be created, does not exist"):
         to_c(PANDA, tmp_path / "nowhere" / "c")
     (tmp_path / "file").write_text("")
-    with pytest.raises(InvalidExport, match="is no folder"):
+    with pytest.raises(InvalidExport, match="is not a folder"):
         to_c(PANDA, tmp_path / "file")
     (tmp_path / "main.c").write_text("int main(void) { return 0; }")
     with pytest.raises(InvalidExport, match=r"holds main\.c, which kinseek did not write"):
@@ -473,11 +473,11 @@ def test_without_numba_it_says_what_to_install(tmp_path: Path, monkeypatch: pyte
         (["panda", "--to", "rust"], "unknown language 'rust'. Valid: c"),
         (["panda", "--to", "c", "--solver", "brute-force"], "unknown search for a controller 'brute-force'"),
         (["panda", "--to", "c", "--samples", "64"], "divide-and-conquer has no option --samples"),
-        (["panda", "--to", "c", "--ram", "64q"], "--ram: '64q' is no number of bytes"),
+        (["panda", "--to", "c", "--ram", "64q"], "--ram: '64q' is not a number of bytes"),
         (["panda", "--to", "c", "--target", "arm"], "unknown target 'arm'"),
         (["panda", "--to", "c", "--ram", "1k"], "needs 2,"),
         (["panda", "--to", "c", "--at", "0.4 0 0.4"], "a goal needs exactly one of"),
-        (["panda", "--to", "c", "--folder", "/no/where"], "there is no folder '/no'"),
+        (["panda", "--to", "c", "--folder", "/no/where"], "folder '/no', in which"),
     ],
 )
 def test_the_command_line_refuses_in_one_line(

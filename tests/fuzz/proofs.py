@@ -185,7 +185,7 @@ def wrong_certificate(case: Case) -> list[str]:
     """Prove with the poor answer handed in; what is wrong with what comes back."""
     chain, goal, problem = case.chain, case.goal, Problem(case.chain, case.goal)
     poor = conclude(problem, case.q[1:2], np.zeros((1, 3), dtype=np.int64))
-    proof = prove(problem, gap=case.gap, budget=case.budget, answer=poor, threads=1)
+    proof = prove(problem, gap=case.gap, budget=case.budget, solution=poor, threads=1)
     wrong = []
     if not (np.isfinite(proof.q).all() and (proof.q >= chain.lower).all() and (proof.q <= chain.upper).all()):
         return [f"q {proof.q} outside of {chain.lower} to {chain.upper}"]

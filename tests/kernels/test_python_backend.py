@@ -226,7 +226,7 @@ def beside(arm: kinseek.Arm, kind: str) -> Problem:
 def proof(arm: kinseek.Arm, kind: str, gap: float | None, budget: int) -> Any:
     problem = beside(arm, kind)
     known = SMALL.solve(replace(problem, budget=200))
-    found = branch_and_bound.prove(problem, gap=gap, budget=budget, threads=1, answer=known)
+    found = branch_and_bound.prove(problem, gap=gap, budget=budget, threads=1, solution=known)
     return found.verdict.name, found.boxes, found.lower_bound, found.upper_bound
 
 
@@ -264,7 +264,7 @@ def reachable_proof() -> Any:
     T = targets(TWO, 1)[0]
     problem = Problem(TWO.chain, Goal.pose(T, position_tolerance=0.05, orientation_tolerance=0.05))
     poor = replace(SMALL.solve(Problem(TWO.chain, Goal.pose(away(TWO)), budget=200)), problem=problem)
-    found = branch_and_bound.prove(problem, budget=300, threads=1, answer=poor)
+    found = branch_and_bound.prove(problem, budget=300, threads=1, solution=poor)
     return found.verdict.name, found.position_error <= 0.05
 
 
@@ -456,7 +456,7 @@ RUNS: list[tuple[Any, ...]] = [
     *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6", "jaco2_6", "ur10e_rail")],
     *[(batch, name) for name in ("planar2", "scara4", "elbow6", "ur10e_calibrated", "gen3")],
     *[(near, name) for name in ("cylindrical3", "scara4", "ur5e")],
-    # Farther away than the arm is long, and nearer by.
+    # farther away than the arm is long, and nearer by.
     *[(out_of_reach, name, 2.5) for name in ("planar2", "elbow6")],
     *[(out_of_reach, name, times) for name, times in (("cylindrical3", 1.8), ("elbow6", 1.4))],
     *[(swept_branches, name) for name in ("panda", "ur10e_rail")],

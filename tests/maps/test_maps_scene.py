@@ -137,11 +137,11 @@ def test_the_digest_is_of_what_answers_depend_on(scene: Scene) -> None:
 
 def test_what_makes_no_map(scene: Scene) -> None:
     rings = maps.Rings((0.0, 1.0, 0.5), (0.0, 1.0, 0.5), maps.orientations(2))
-    with pytest.raises(InvalidMap, match="what stands in a scene does not turn; take a Grid"):
+    with pytest.raises(InvalidMap, match="obstacles do not; use a Grid"):
         maps.reach(ARM, rings, scene=scene)
     with pytest.raises(InvalidMap, match="give scene="):
         maps.reach(ARM, GRID, clearance=0.01)
-    with pytest.raises(InvalidScene, match="this scene is of 'ur5e'"):
+    with pytest.raises(InvalidScene, match="this scene is for 'ur5e'"):
         maps.reach(kinseek.load("panda"), GRID, scene=scene)
     with pytest.raises(InvalidScene, match="clearance must be a length"):
         maps.reach(ARM, GRID, scene=scene, clearance=-1.0)

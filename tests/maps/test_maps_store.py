@@ -39,7 +39,7 @@ SMALL: dict[str, Any] = {"block": 24 * 8}
 
 def one_by_one(work: Any, todo: Any, blocks: int, advance: Any, written: Any) -> None:
     for done, index in enumerate(todo):
-        run._here(work, index, blocks - len(todo) + done, blocks, written)
+        run._in_this_process(work, index, blocks - len(todo) + done, blocks, written)
 
 
 @pytest.fixture(autouse=True)
@@ -120,11 +120,11 @@ def test_a_store_of_another_map_is_refused(tmp_path: Path) -> None:
     before = files(place)
     coarse = maps.Grid((-0.9, 0.9, 0.9), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3), maps.orientations(24))
     others: list[tuple[kinseek.Arm, maps.Grid, dict[str, Any], str]] = [
-        (kinseek.load("ur10e"), GRID, {}, "name 'ur5e' there, 'ur10e' asked"),
-        (ARM.with_limits({ARM.joint_names[1]: (-1.0, 1.0)}), GRID, {}, "arm '.*' there, '.*' asked"),
-        (ARM, coarse, {}, "grid .* there"),
-        (ARM, GRID, {"position_tolerance": 1e-3}, "position_tolerance 1e-06 there, 0.001 asked"),
-        (ARM, GRID, {"prove": True}, "prove False there"),
+        (kinseek.load("ur10e"), GRID, {}, "name is 'ur5e', requested 'ur10e'"),
+        (ARM.with_limits({ARM.joint_names[1]: (-1.0, 1.0)}), GRID, {}, "arm is '.*', requested '.*'"),
+        (ARM, coarse, {}, "grid is .* requested"),
+        (ARM, GRID, {"position_tolerance": 1e-3}, "position_tolerance is 1e-06, requested 0.001"),
+        (ARM, GRID, {"prove": True}, "prove is False"),
     ]
     for arm, grid, options, said in others:
         with pytest.raises(kinseek.InvalidMap, match=said):
@@ -135,7 +135,7 @@ def test_a_store_of_another_map_is_refused(tmp_path: Path) -> None:
 def test_a_store_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     maps.reach(ARM, GRID, store=tmp_path / "map.zarr", **SMALL)
     monkeypatch.setattr("kinseek.maps.make.version", lambda: "9.9.9+feed")
-    with pytest.raises(kinseek.InvalidMap, match=r"version '.*' there, '9\.9\.9\+feed' asked"):
+    with pytest.raises(kinseek.InvalidMap, match=r"version is '.*', requested '9\.9\.9\+feed'"):
         maps.reach(ARM, GRID, store=tmp_path / "map.zarr", **SMALL)
 
 
@@ -513,7 +513,7 @@ def test_a_pipe_among_the_metadata_is_not_opened(written: Path, tmp_path: Path) 
     shutil.copytree(written / "grid", tmp_path / "map")
     (tmp_path / "map" / "reached" / "zarr.json").unlink()
     os.mkfifo(tmp_path / "map" / "reached" / "zarr.json")
-    with pytest.raises(kinseek.InvalidMap, match="is no regular file"):
+    with pytest.raises(kinseek.InvalidMap, match="is not a regular file"):
         maps.open(tmp_path / "map")
 
 

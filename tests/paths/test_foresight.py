@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import InvalidProblem, TrackStatus
-from kinseek.paths.extrapolate import poses_ahead
+from kinseek.paths.extrapolate import extrapolated
 from kinseek.paths.tracker import Tracker
 
 Array = NDArray[np.float64]
@@ -33,18 +33,18 @@ def test_an_arc_goes_on_as_that_arc(turning: bool) -> None:
     angles = np.linspace(0.0, 0.2, 3)
     times = np.array([0.05, 0.5, 1.0, 20.0])
     before, middle, now = arc(angles, turning)
-    ahead = poses_ahead(before, middle, now, times)
+    foresight = extrapolated(before, middle, now, times)
     expected = arc(np.concatenate([[0.0], 0.2 + 0.1 * times]), turning)[1:]
-    assert np.abs(ahead - expected).max() < 1e-9
+    assert np.abs(foresight - expected).max() < 1e-9
 
 
 def test_a_line_goes_on_as_a_line_and_a_corner_straight() -> None:
     first, second, third = (kinseek.pose([x, 0.0, 0.5]) for x in (0.0, 0.1, 0.2))
-    assert np.allclose(poses_ahead(first, second, third, np.array([3.0]))[0, :3, 3], [0.5, 0.0, 0.5])
-    assert np.allclose(poses_ahead(second, second, third, np.array([1.0]))[0, :3, 3], [0.3, 0.0, 0.5])
+    assert np.allclose(extrapolated(first, second, third, np.array([3.0]))[0, :3, 3], [0.5, 0.0, 0.5])
+    assert np.allclose(extrapolated(second, second, third, np.array([1.0]))[0, :3, 3], [0.3, 0.0, 0.5])
     aside = kinseek.pose([0.1, 0.1, 0.5])
-    assert np.allclose(poses_ahead(first, second, aside, np.array([1.0]))[0, :3, 3], [0.1, 0.2, 0.5])
-    assert np.array_equal(poses_ahead(third, third, third, np.array([1.0, 9.0])), [third, third])
+    assert np.allclose(extrapolated(first, second, aside, np.array([1.0]))[0, :3, 3], [0.1, 0.2, 0.5])
+    assert np.array_equal(extrapolated(third, third, third, np.array([1.0, 9.0])), [third, third])
 
 
 def two_links() -> kinseek.Arm:
@@ -64,11 +64,11 @@ def test_a_limit_on_an_arc_is_foreseen_to_the_period() -> None:
     arm = two_links()
     joints = np.array([[q, 0.5] for q in np.arange(0.5, 1.2, 0.005)])
     tracker = tracked(arm, arm.fk(joints[:60]), joints[0])
-    ahead = tracker.foresee(1.0, looks=100)
-    assert ahead.status is TrackStatus.LIMIT
-    assert ahead.joint == arm.joint_names[0]
+    foresight = tracker.foresee(1.0, looks=100)
+    assert foresight.status is TrackStatus.LIMIT
+    assert foresight.joint == arm.joint_names[0]
     # The 101st pose is the first beyond the limit of 1 rad, and the last that was given was the 60th.
-    assert ahead.seconds == pytest.approx(0.42, abs=0.011)
+    assert foresight.seconds == pytest.approx(0.42, abs=0.011)
     assert tracker.foresee(0.3).status is TrackStatus.TRACKING
     known = tracker.foresee(poses=arm.fk(joints[60:]))
     assert known[:3] == pytest.approx((TrackStatus.LIMIT, 0.42, arm.joint_names[0]), abs=0.011)
@@ -103,19 +103,19 @@ def test_a_singularity_is_told_from_a_joint_that_is_too_slow() -> None:
         if k and foreseen is None and tracker.foresee().status is not TrackStatus.TRACKING:
             foreseen = (k, tracker.foresee())
     assert foreseen is not None
-    begun, ahead = foreseen
-    assert ahead.status is TrackStatus.SINGULAR
+    begun, foresight = foreseen
+    assert foresight.status is TrackStatus.SINGULAR
     assert k - begun > 50
-    assert (begun + 100 * ahead.seconds) == pytest.approx(k, abs=10)
+    assert (begun + 100 * foresight.seconds) == pytest.approx(k, abs=10)
     # A hand that is only too fast.
     quick = np.repeat(T[None], 60, axis=0)
     quick[:, :3, 3] += (np.arange(60)[:, None] / 100.0) ** 2 * [0.0, 0.5, 0.0]
     tracker = arm.track(q0, period=0.01, velocity=0.3)
     for row in quick[:25]:
         tracker.step(row)
-    ahead = tracker.foresee(poses=quick[25:])
-    assert ahead.status is TrackStatus.LAGGING
-    assert ahead.joint in arm.joint_names
+    foresight = tracker.foresee(poses=quick[25:])
+    assert foresight.status is TrackStatus.LAGGING
+    assert foresight.joint in arm.joint_names
 
 
 def three_links(least: float) -> kinseek.Arm:
@@ -129,8 +129,8 @@ def test_the_branch_that_goes_on_goes_on() -> None:
     arm = three_links(-1.0)
     poses = arm.fk(joints)
     tracker = tracked(arm, poses[:60], joints[0])
-    ahead = tracker.foresee()
-    assert (ahead.status, ahead.joint) == (TrackStatus.LIMIT, arm.joint_names[2])
+    foresight = tracker.foresee()
+    assert (foresight.status, foresight.joint) == (TrackStatus.LIMIT, arm.joint_names[2])
     # With the elbow the other way: q1 + q2, -q2, q3 + q2.
     branch = tracker.continuing()
     assert branch is not None

@@ -84,7 +84,7 @@ def test_what_stands_in_the_way_is_said_of_windows_as_well(short_windows: Any) -
     short_windows()
     path = two.follow(kinseek.Goal.position(places))
     assert len(path.breaks) == len(whole.breaks) == 1
-    assert "meets its upper limit 1" in path.why[0] or "meets its lower limit -1" in path.why[0]
+    assert "reaches its upper limit 1" in path.why[0] or "reaches its lower limit -1" in path.why[0]
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def test_a_picture_is_written(tmp_path: Path) -> None:
 def test_a_function_has_no_links_to_draw() -> None:
     arm = kinseek.Arm.from_fk(lambda q: np.tile(np.eye(4), (len(q), 1, 1)), [0.0], [1.0], name="box")
     _, axes = plots.space()
-    with pytest.raises(kinseek.InvalidProblem, match="'box' is a function"):
+    with pytest.raises(kinseek.InvalidProblem, match="'box' has black-box kinematics"):
         plots.draw_arm(axes, arm, [0.5])
 
 

@@ -62,7 +62,7 @@ def test_proportions_are_true() -> None:
 def test_a_landscape_is_lowest_where_the_answers_are() -> None:
     answers = PLANAR.branches(POINT).q
     assert len(answers) == 2
-    axes = plots.landscape(PLANAR.ik(POINT), answers=answers, points=181).axes[0]
+    axes = plots.landscape(PLANAR.ik(POINT), solutions=answers, points=181).axes[0]
     mesh = axes.collections[0]
     errors = np.asarray(mesh.get_array()).reshape(181, 181)
     values = np.linspace(0, 2 * np.pi, 181)
@@ -93,7 +93,7 @@ def test_the_boxes_are_those_of_the_proof() -> None:
         certificate = arm.prove(goal)
         assert certificate.verdict is kinseek.Verdict.UNREACHABLE
         assert certificate.boxes > 5
-        looks = plots.proofs.watched(certificate.problem, 10_000)
+        looks = plots.proofs.examined_boxes(certificate.problem, 10_000)
         assert len(looks) == certificate.boxes
         title = plots.boxes(certificate).axes[0].get_title()
         assert f"{certificate.boxes:,} boxes" in title
@@ -104,7 +104,7 @@ def test_no_answer_is_in_a_box_that_is_proved_empty() -> None:
     arm = UR5E.with_locked(dict.fromkeys(UR5E.joint_names[3:], 0.3))
     q = arm.sample(1, seed=3)[0]
     certificate = arm.prove(kinseek.Goal.position(arm.fk(q)[:3, 3]))
-    looks = plots.proofs.watched(certificate.problem, 400)
+    looks = plots.proofs.examined_boxes(certificate.problem, 400)
     k = len(looks[0].box) // 2
     held = np.mod(q[:k] - looks[0].box[:k] + np.pi, 2 * np.pi) - np.pi + looks[0].box[:k]
     for box, left in looks:
@@ -301,7 +301,7 @@ def test_without_matplotlib_the_extra_is_named(name: str, monkeypatch: pytest.Mo
         (lambda: plots.landscape(PLANAR.ik(POINT), within=[(1, 0), (0, 1)]), "rising values"),
         (lambda: plots.landscape(PLANAR), "got Arm"),  # type: ignore[arg-type]
         (lambda: plots.landscape(PLANAR.ik(PLANAR.fk([[2.0, 1.1]]))), "choose one"),
-        (lambda: plots.landscape(PLANAR.ik(POINT), answers=[[1.0, np.nan]]), "answers contains NaN"),
+        (lambda: plots.landscape(PLANAR.ik(POINT), solutions=[[1.0, np.nan]]), "solutions contains NaN"),
         (lambda: plots.passes(PLANAR.ik(POINT)), "trace=True"),
         (lambda: plots.passes(PLANAR.ik(POINT, trace=True)), "has a window"),
         (

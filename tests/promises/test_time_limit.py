@@ -397,7 +397,7 @@ def test_after_the_time_no_answers_are_proved_complete(last: int, monkeypatch: p
         return found
 
     monkeypatch.setattr(impossible, "isolate", ends_the_time)
-    assert not impossible.impossible_stretches(path.problem, path, deadline)
+    assert not impossible.impossible_pairs(path.problem, path, deadline)
     assert looked == last
 
 

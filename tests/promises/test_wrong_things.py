@@ -70,7 +70,7 @@ def test_odd_paths(path: str) -> None:
     ],
 )
 def test_arm_takes_a_chain(chain: Any, said: str) -> None:
-    with pytest.raises(InvalidRobot, match=f"Arm takes a chain that a reader made, got .*{said}"):
+    with pytest.raises(InvalidRobot, match=f"Arm takes a SerialChain, got .*{said}"):
         kinseek.Arm(chain)
     with pytest.raises(InvalidRobot, match="got an Arm"):
         kinseek.Arm(kinseek.load("planar2"))  # type: ignore[arg-type]

@@ -409,7 +409,7 @@ def test_an_exclusion_of_a_pose_that_is_reached_is_an_internal_error(monkeypatch
     monkeypatch.setattr(branch_and_bound, "excluded", lambda *_, **__: near._replace(outcome=ENDED, boxes=1))
     monkeypatch.setattr(branch_and_bound, "enclosed", lambda *_, **__: near._replace(q=fit.q))
     with pytest.raises(InternalError, match="meets both tolerances"):
-        prove(problem, gap=0.1, answer=poor)
+        prove(problem, gap=0.1, solution=poor)
 
 
 def test_the_fuzzer_counts_an_internal_error(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -90,7 +90,7 @@ def test_a_goal_half_a_turn_from_the_middle_of_the_box(at: float, tip: tuple[flo
             problem = Problem(chain, Goal.pose(turned(T, AXES["x"], lean, [0.0, shift, 0.0])))
             error = error_of(T, problem.goal)
             for answer in [(1.0, 0.0), (0.0, 1.0)]:
-                proof = prove(problem, gap=0.1, budget=300, answer=poor(problem, answer), threads=1)
+                proof = prove(problem, gap=0.1, budget=300, solution=poor(problem, answer), threads=1)
                 assert proof.lower_bound <= error + 1e-12, (shift, lean, answer)
                 assert shift or lean or proof.verdict is not Verdict.UNREACHABLE
 
@@ -152,7 +152,7 @@ def test_wide_tolerances_of_the_turn_lose_nothing(angle: float, axis: str) -> No
     G = turned(fk(chain, np.array([0.5, 0.0])), AXES[axis], angle)
     problem = Problem(chain, Goal.pose(G, orientation_tolerance=min(angle + 0.05, np.pi)))
     assert excluded(problem, 1000).outcome == FOUND
-    assert prove(problem, answer=poor(problem, [0.0, 0.0])).verdict is Verdict.REACHABLE
+    assert prove(problem, solution=poor(problem, [0.0, 0.0])).verdict is Verdict.REACHABLE
 
 
 def question_of(margin: float = MARGIN) -> ProofGoal:
@@ -295,7 +295,7 @@ def test_certificates_of_dwarfs_and_giants_are_finite(size: float, kind: str) ->
         problem = Problem(chain, goal)
         known = weighted_error(fk(chain, q), goal)
         for answer in (None, poor(problem, chain.lower)):
-            proof = prove(problem, gap=0.1, budget=3000, answer=answer, threads=1)
+            proof = prove(problem, gap=0.1, budget=3000, solution=answer, threads=1)
             figures = (proof.lower_bound, proof.upper_bound, proof.position_error, proof.orientation_error)
             assert np.isfinite(proof.q).all()
             assert (proof.q >= chain.lower).all()
@@ -310,7 +310,7 @@ def test_sizes_beyond_all_numbers_are_refused() -> None:
     chain = chain_of(("prismatic", AXES["x"], 0.0, 1.0), ("revolute", AXES["z"], -1.0, 1.0))
     problem = Problem(replace(chain, upper=np.array([1e13, 1.0])), Goal.position([0.0, 1.0, 0.0]))
     with pytest.raises(kinseek.errors.InvalidProblem, match="1e\\+12 m"):
-        prove(problem, answer=poor(problem, [0.0, 0.0]))
+        prove(problem, solution=poor(problem, [0.0, 0.0]))
 
 
 def test_position_goals_of_arms_with_joints_to_spare_come_with_finite_joint_values() -> None:
@@ -318,7 +318,9 @@ def test_position_goals_of_arms_with_joints_to_spare_come_with_finite_joint_valu
     for _ in range(10):
         q = rng.uniform(arm.lower, arm.upper)
         problem = Problem(arm.chain, Goal.position(arm.fk(q)[:3, 3]))
-        proof = prove(problem, gap=0.02, budget=100, answer=poor(problem, rng.uniform(arm.lower, arm.upper)))
+        proof = prove(
+            problem, gap=0.02, budget=100, solution=poor(problem, rng.uniform(arm.lower, arm.upper))
+        )
         assert np.isfinite(proof.q).all()
         assert (arm.lower <= proof.q).all()
         assert (proof.q <= arm.upper).all()

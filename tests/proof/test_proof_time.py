@@ -48,7 +48,7 @@ def answer(problem: Problem) -> Solution:
 
 
 def proof_of(problem: Problem, **options: Any) -> kinseek.Certificate:
-    return prove(problem, answer=answer(problem), **options)
+    return prove(problem, solution=answer(problem), **options)
 
 
 def wide() -> Problem:

@@ -78,7 +78,7 @@ def test_the_same_answers_as_a_closed_form(name: str) -> None:
         np.array([frame[:3, 2] for frame in frames[1:7]]), np.diff([frame[:3, 3] for frame in frames], axis=0)
     )
     if not robot.hasKnownDecomposition():
-        pytest.skip("no closed form known")
+        pytest.skip("the arm has no known closed form")
     complete = 0
     for _ in range(12):
         T = arm.fk(regular_joints(chain, rng))

@@ -145,7 +145,7 @@ def test_ten_joints_are_proved() -> None:
     """Near misses, by 13 mm or by 1.3°: of most two million boxes of the whole arm decide nothing, or nearly as many do."""
     arm = kinseek.load("atlas_torso_arm")
     for problem, answer in unreachable(arm, 75, 11):
-        found = prove(problem, answer=answer, budget=400_000)
+        found = prove(problem, solution=answer, budget=400_000)
         assert found.verdict is Verdict.UNREACHABLE
         assert found.boxes < 200_000
 
@@ -154,6 +154,6 @@ def test_ten_joints_are_proved() -> None:
 def test_few_boxes_need_no_such_question() -> None:
     """What a first look decides is decided as ever; beyond it boxes of both questions count."""
     arm = kinseek.load("gen3")
-    boxes = [prove(problem, answer=answer).boxes for problem, answer in unreachable(arm, 40, 11)]
+    boxes = [prove(problem, solution=answer).boxes for problem, answer in unreachable(arm, 40, 11)]
     assert min(boxes) == 0
     assert FIRST < max(boxes) < 10_000

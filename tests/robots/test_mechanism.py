@@ -13,7 +13,7 @@ import kinseek
 from kinseek import Goal, InvalidProblem, Problem
 from kinseek.deadline import Deadline
 from kinseek.robots import Mechanism, SerialChain, black_box
-from kinseek.solvers.black_box.atlas import answer
+from kinseek.solvers.black_box.atlas import solve_target
 
 SOURCE = Path(kinseek.__file__).parent
 MEMBERS = {name for name in vars(Mechanism) if not name.startswith("_")}
@@ -59,7 +59,7 @@ def test_a_search_that_needs_poses_alone_runs_on_any_mechanism() -> None:
     chain, box = both("scara4")
     target = chain.forward(np.array([[0.4, 0.9, 0.05, -0.3]]))[0]
     for mechanism in (chain, box):
-        found = answer(mechanism, Problem(mechanism, Goal.pose(target)), 256, Deadline())
+        found = solve_target(mechanism, Problem(mechanism, Goal.pose(target)), 256, Deadline())
         np.testing.assert_allclose(chain.forward(found.q[None])[0], target, atol=1e-6)
 
 
@@ -87,5 +87,5 @@ def test_what_cannot_do_without_axes_is_told_that_there_are_none() -> None:
     assert Problem(chain, goal).chain is chain
     assert Problem(box, goal).axes is None
     for thing in (kinseek.Arm(box), Problem(box, goal)):
-        with pytest.raises(InvalidProblem, match=r"axes and links.*'scara4' is a function"):
+        with pytest.raises(InvalidProblem, match=r"axes and links.*'scara4' has black-box kinematics"):
             thing.chain  # noqa: B018

@@ -317,7 +317,7 @@ def test_a_fraction_on_a_function_visits_the_same_nodes() -> None:
 
 def test_breadth_of_the_wrong_length_names_the_joints() -> None:
     arm = kinseek.load("planar2")
-    with pytest.raises(InvalidSolver, match=r"one number or 2, one a joint \(joint1, joint2\); got 3"):
+    with pytest.raises(InvalidSolver, match=r"one number or 2, one per joint \(joint1, joint2\); got 3"):
         arm.ik(np.eye(4), solver=DivideAndConquer(breadth=(1, 2, 3)))
 
 

@@ -100,7 +100,7 @@ def test_every_way_gives_the_same_bits_with_little_work(name: str) -> None:
         traced = arm.ik(T, trace=True)
         assert np.array_equal(traced.q, q)
         assert [each.name for each in traced.trace] == ["nearest pose"]
-        assert "Farther away than the arm is long" in " ".join(traced.trace.notes)
+        assert "farther away than the arm is long" in " ".join(traced.trace.notes)
         beside = arm.ik(T, near=near)
         assert beside.weighted_error == pytest.approx(arm.ik(T).weighted_error, rel=1e-9)
 

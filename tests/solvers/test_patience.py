@@ -195,7 +195,7 @@ def test_a_refusal_tells_the_time_that_was_measured(monkeypatch: pytest.MonkeyPa
     arm = kinseek.load("scara4")
     monkeypatch.setattr(nodes, "seconds_a_target", lambda *given: 3 * 86400.0)
     with pytest.raises(
-        InvalidSolver, match="about 3 days a target as measured here; most_nodes allows 1,000"
+        InvalidSolver, match="about 3 days per target as measured on this machine; most_nodes allows 1,000"
     ):
         arm.ik(goals_of(arm, 1)[0], solver=BruteForce(20, most_nodes=1000))
 

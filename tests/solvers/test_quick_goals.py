@@ -78,7 +78,7 @@ def test_a_function_and_a_batch_and_a_class_of_its_own_go_the_long_way(
         raise AssertionError("the short way")
 
     arm, p = kinseek.load("scara4"), np.array([0.3, 0.2, 0.1])
-    monkeypatch.setattr("kinseek.arm.quick_answer", never)
+    monkeypatch.setattr("kinseek.arm.solve_quickly", never)
     for goal in (Own.position(p), Goal.position(p[None]), Goal.position(p, free="z")):
         arm.ik(goal)
     for more in ({"time_limit": 1.0}, {"trace": True}, {"solver": kinseek.Atlas()}, {"prove": True}):
@@ -89,7 +89,7 @@ def test_a_function_and_a_batch_and_a_class_of_its_own_go_the_long_way(
 
 def test_what_is_missed_under_wide_tolerances_is_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr(solver.Atlas, "_ask_again", lambda *given: asked.append(given))
+    monkeypatch.setattr(solver.Atlas, "_retry_missed", lambda *given: asked.append(given))
     arm = kinseek.load("ur5e")
     for _ in range(2):  # The first that is out of reach goes the long way: a kernel is lacking yet.
         asked.clear()

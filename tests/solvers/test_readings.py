@@ -143,7 +143,7 @@ def test_what_is_no_reading_is_refused(options: dict[str, Any], words: str) -> N
 
 def test_an_offset_for_another_number_of_joints_is_refused() -> None:
     arm = kinseek.load("planar2")
-    with pytest.raises(InvalidSolver, match="offset must be one number or 2, one a joint; got 3"):
+    with pytest.raises(InvalidSolver, match="offset must be one number or 2, one per joint; got 3"):
         arm.ik(np.eye(4), solver=DivideAndConquer(offset=(0.1, 0.2, 0.3)))
 
 

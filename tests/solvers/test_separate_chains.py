@@ -16,7 +16,7 @@ from chains import serial_chains
 from kinseek import DivideAndConquer, Goal, Problem, SeparateChains
 from kinseek.errors import FailedKinematics, InvalidProblem, InvalidSolver, InvalidUse
 from kinseek.robots.chain import SerialChain
-from kinseek.solvers.chain_split import KEPT, Split, _known, find_split
+from kinseek.solvers.chain_split import MOST_CACHED, Split, _known, find_split
 from reference import errors, fk, weighted_error
 
 
@@ -300,11 +300,11 @@ def test_what_is_found_out_is_kept_as_long_as_the_arm_and_no_longer() -> None:
     box = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper)
     T = random_goals(arm, 1)[0]
     for each in (arm.with_limits({}), box):
-        for number in range(KEPT + 3):
+        for number in range(MOST_CACHED + 3):
             each.ik(
                 Goal.pose(T, tool=kinseek.pose([0.01 * number, 0, 0])), solver=SeparateChains(10, breadth=1)
             )
-        assert len(_known.of(each.mechanism)) == KEPT
+        assert len(_known.of(each.mechanism)) == MOST_CACHED
     gone = weakref.ref(each.mechanism), weakref.ref(box.mechanism)
     del each, box
     gc.collect()
@@ -321,7 +321,7 @@ def test_a_tuned_breadth_is_tuned_chain_by_chain() -> None:
     late = solver.solve(Problem(kinseek.load("scara4").chain, Goal.pose(T), time_limit=1e-9))
     assert late.out_of_time.all()
     box = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper)
-    with pytest.raises(InvalidSolver, match="too dear for an arm that is a function"):
+    with pytest.raises(InvalidSolver, match="too expensive for black-box kinematics"):
         box.ik(T, solver=solver)
 
 
@@ -334,13 +334,13 @@ def test_again_is_a_distance(again: Any) -> None:
 def test_parameters_that_do_not_fit_are_refused() -> None:
     arm = kinseek.load("elbow6")
     T = random_goals(arm, 1)[0]
-    with pytest.raises(InvalidSolver, match="breadth must be one number or 6, one a joint"):
+    with pytest.raises(InvalidSolver, match="breadth must be one number or 6, one per joint"):
         arm.ik(T, solver=SeparateChains(breadth=(1, 2, 3)))
-    with pytest.raises(InvalidSolver, match="offset must be one number or 6, one a joint; got 5"):
+    with pytest.raises(InvalidSolver, match="offset must be one number or 6, one per joint; got 5"):
         arm.ik(T, solver=SeparateChains(offset=(None, 0.5, None, None, 0.5)))
     with pytest.raises(InvalidSolver, match="divisions must be a whole number of at least 2"):
         SeparateChains(divisions=1)
-    with pytest.raises(InvalidProblem, match="only of a whole pose, a direction, a position"):
+    with pytest.raises(InvalidProblem, match="supported: a whole pose, a direction, a position"):
         arm.ik(Goal.pose(T, free="x"), solver=SeparateChains())
 
 
@@ -385,7 +385,7 @@ def test_a_long_batch_is_told_beforehand(
 
 
 def test_a_chain_of_one_joint_is_told_as_one() -> None:
-    assert "so joint1 is searched for its place, then joint2" in split_of("planar2").sentence
+    assert "so joint1 is searched for its position, then joint2" in split_of("planar2").sentence
 
 
 def test_a_second_chain_that_would_take_for_ever_is_refused_before_the_first_is_searched() -> None:

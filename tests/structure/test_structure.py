@@ -102,14 +102,14 @@ def test_an_arm_says_its_structure(name: str, word: str) -> None:
     assert structure.exact == (word != "none")
     assert (structure.deviation <= ROUNDING) == structure.exact
     assert word in repr(structure)
-    assert ("every answer comes in closed form" in structure.sentence) == (word != "none")
-    assert ("answers are searched" in structure.sentence) == (word == "none")
+    assert ("every solution is computed in closed form" in structure.sentence) == (word != "none")
+    assert ("searched numerically" in structure.sentence) == (word == "none")
 
 
 def test_a_function_has_none() -> None:
     arm = kinseek.Arm.from_fk(kinseek.load("ur5e").fk, -FULL, FULL)
     assert arm.structure.word == "none"
-    assert "function" in arm.structure.sentence
+    assert "black-box kinematics" in arm.structure.sentence
 
 
 @pytest.mark.parametrize("name", [name for name, word in WORDS.items() if word != "none"])

@@ -184,7 +184,7 @@ def test_axes_of_a_joint_that_slides_are_told() -> None:
     axes = axes_of(kinseek.load("ur10e_rail").chain.arrays)
     assert axes is not None
     assert axes.slides.tolist() == [True, *[False] * 6]
-    assert axes.backwards().behind(1).slides.tolist() == [*[False] * 5, True]
+    assert axes.backwards().distal_to(1).slides.tolist() == [*[False] * 5, True]
 
 
 def test_the_ends_of_the_given_range_are_tried_last() -> None:

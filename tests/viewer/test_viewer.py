@@ -27,7 +27,7 @@ from kinseek.viewer.meshes import Meshes, meshes_of
 from kinseek.viewer.options import COUNTS, ViewerOptions, read_selection
 from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameters_of
 from kinseek.viewer.server import Viewer, free_port
-from kinseek.viewer.session import Answer, Proof, Session, beginning, call_of, nearest_of, status_of
+from kinseek.viewer.session import GoalResult, Proof, Session, beginning, call_of, nearest_of, status_of
 from kinseek.viewer.workers import Newest
 
 Kinds = ("planar2", "cylindrical3", "scara4", "so101", "ur5e", "panda", "ur10e_rail", "atlas_torso_arm")
@@ -61,12 +61,12 @@ def far(options: ViewerOptions) -> ViewerOptions:
 @pytest.mark.parametrize("name", Kinds)
 def test_a_page_begins_with_a_goal_that_is_reached(name: str, sessions: dict[str, Session]) -> None:
     session = sessions[name]
-    answer = session.answer(session.begin)
-    assert answer.reached
-    assert status_of(answer, None) == (str(Status.SOLVED), "good")
+    result = session.solve(session.begin)
+    assert result.reached
+    assert status_of(result, None) == (str(Status.SOLVED), "good")
     branches = session.branches(session.begin)
     assert not isinstance(branches, str)
-    shown = nearest_of(branches, answer.q)
+    shown = nearest_of(branches, result.q)
     assert branches.sampled or np.allclose(
         session.arm.fk(branches[shown])[:3, 3], session.begin.target[:3, 3]
     )
@@ -76,13 +76,13 @@ def test_a_page_begins_with_a_goal_that_is_reached(name: str, sessions: dict[str
 def test_out_of_reach_says_what_is_proved(name: str, sessions: dict[str, Session]) -> None:
     session = sessions[name]
     options = far(session.begin)
-    answer = session.answer(options)
-    assert not answer.reached
-    assert status_of(answer, None)[1] == "open"
+    result = session.solve(options)
+    assert not result.reached
+    assert status_of(result, None)[1] == "open"
     proofs = session.proofs(options, lambda: False)
     proof = next(each for each in proofs if each.certificate and each.certificate.lower_bound > 0.01)
     assert proof.unreachable
-    assert status_of(answer, proof) == (str(Status.PROVED_UNREACHABLE), "bad")
+    assert status_of(result, proof) == (str(Status.PROVED_UNREACHABLE), "bad")
     assert proof.certificate is not None
     assert proof.certificate.lower_bound > 0.01
     assert f"{proof.certificate.lower_bound:.4g}" in " ".join(proof.sentences())
@@ -99,20 +99,20 @@ def test_a_proof_ends_when_it_is_no_longer_wanted(sessions: dict[str, Session]) 
 
 def test_a_goal_that_cannot_be_asked_is_said_and_the_arm_stays(sessions: dict[str, Session]) -> None:
     session = sessions["ur5e"]
-    answer = session.answer(session.begin.but(free=("x", "y", "z", "rx", "ry", "rz")))
-    assert not answer.reached
-    assert answer.solution is None
-    assert status_of(answer, None)[1] == "refused"
-    assert np.array_equal(answer.q, session.begin.q)
+    result = session.solve(session.begin.but(free=("x", "y", "z", "rx", "ry", "rz")))
+    assert not result.reached
+    assert result.solution is None
+    assert status_of(result, None)[1] == "refused"
+    assert np.array_equal(result.q, session.begin.q)
 
 
 def test_a_goal_in_other_units_is_said(sessions: dict[str, Session]) -> None:
     begin = sessions["ur5e"].begin
     target = begin.target.copy()
     target[:3, 3] *= 1000.0
-    answer = sessions["ur5e"].answer(begin.but(target=target))
-    assert "lengths are in metres" in answer.refused
-    assert np.array_equal(answer.q, begin.q)
+    result = sessions["ur5e"].solve(begin.but(target=target))
+    assert "lengths are in metres" in result.refused
+    assert np.array_equal(result.q, begin.q)
 
 
 def test_nothing_is_proved_of_free_axes_and_that_is_said(sessions: dict[str, Session]) -> None:
@@ -132,7 +132,7 @@ def test_picking_a_branch_shows_it_and_the_next_answer_stays_near(sessions: dict
         assert nearest_of(branches, picked.q) == number
         moved = picked.options.target.copy()
         moved[0, 3] += 1e-3
-        again = session.answer(picked.options.but(target=moved))
+        again = session.solve(picked.options.but(target=moved))
         assert np.abs(again.q - picked.q).max() < 0.1
 
 
@@ -141,10 +141,10 @@ def test_every_search_answers_or_says_why_not(search: str, sessions: dict[str, S
     session = sessions["scara4"]
     options = session.begin.but(search=search)
     assert set(parameters_of(search)) <= set(PARAMETERS)
-    answer = session.answer(options)
-    assert answer.solution is not None
-    assert answer.solution.position_error < 0.2
-    trace = answer.trace or session.traced(options)
+    result = session.solve(options)
+    assert result.solution is not None
+    assert result.solution.position_error < 0.2
+    trace = result.trace or session.traced(options)
     assert trace is not None
     assert len(trace)
     for number, one in enumerate(trace):
@@ -152,7 +152,7 @@ def test_every_search_answers_or_says_why_not(search: str, sessions: dict[str, S
         assert one.name in words.pass_html(trace, number)
     code = call_of(options)
     told = eval(code, {"arm": session.arm, "kinseek": kinseek, "T": options.target, "q": options.q})
-    assert np.array_equal(told.q, answer.q)
+    assert np.array_equal(told.q, result.q)
 
 
 def test_parameters_are_read_from_text() -> None:
@@ -189,7 +189,7 @@ def test_what_a_browser_keeps_comes_back(sessions: dict[str, Session]) -> None:
         dark=True,
         camera=((1.0, 2.0, 3.0), (0.0, 0.0, 0.5)),
     )
-    back = read_selection(kept.kept(), begin)
+    back = read_selection(kept.to_json(), begin)
     for name in ViewerOptions.__dataclass_fields__:
         assert np.array_equal(getattr(back, name), getattr(kept, name)), name
 
@@ -214,9 +214,9 @@ def test_what_a_browser_keeps_comes_back(sessions: dict[str, Session]) -> None:
 )
 def test_what_a_browser_kept_may_be_anything(damage: dict[str, Any], sessions: dict[str, Session]) -> None:
     begin = sessions["ur5e"].begin
-    values = json.loads(begin.kept()) | damage
+    values = json.loads(begin.to_json()) | damage
     back = read_selection(json.dumps(values), begin)
-    assert sessions["ur5e"].answer(back).reached
+    assert sessions["ur5e"].solve(back).reached
     assert np.abs(back.q).max() <= 1e7
     assert back.camera is None
     assert read_selection("[1, 2", begin) is read_selection(None, begin) is begin
@@ -224,13 +224,13 @@ def test_what_a_browser_kept_may_be_anything(damage: dict[str, Any], sessions: d
 
 def test_an_arm_that_is_a_function_does_what_it_can() -> None:
     session = Session(function_arm())
-    answer = session.answer(session.begin)
-    assert answer.reached
+    result = session.solve(session.begin)
+    assert result.reached
     assert len(clouds.samples_around(session.arm, session.begin).points)
     (proof,) = session.proofs(far(session.begin), lambda: False)
-    assert proof.sentences() == ["Nothing can be proved of an arm that is a function."]
-    assert isinstance(clouds.boxes_left(session.arm, far(session.begin), answer.q, 100), str)
-    html = words.joints_html(session.arm, answer.q)
+    assert proof.sentences() == ["Nothing can be proved about an arm with black-box kinematics."]
+    assert isinstance(clouds.boxes_left(session.arm, far(session.begin), result.q, 100), str)
+    html = words.joints_html(session.arm, result.q)
     assert "data-joints='2'" in html
     assert not meshes_of(session.arm.axes).links
 
@@ -296,7 +296,7 @@ def test_what_is_reachable_grows_can_be_stopped_and_goes_on(sessions: dict[str, 
     for point in second.points[:20]:
         target = session.begin.target.copy()
         target[:3, 3] = point
-        assert session.answer(session.begin.but(target=target)).reached
+        assert session.solve(session.begin.but(target=target)).reached
 
 
 def test_a_planar_arm_reaches_places_in_its_plane(sessions: dict[str, Session]) -> None:
@@ -308,7 +308,7 @@ def test_a_planar_arm_reaches_places_in_its_plane(sessions: dict[str, Session]) 
 def test_boxes_are_left_until_the_nearest_pose_is_known(sessions: dict[str, Session]) -> None:
     session = sessions["ur5e"]
     options = far(session.begin)
-    q = session.answer(options).q
+    q = session.solve(options).q
     few, many = (clouds.boxes_left(session.arm, options, q, count) for count in (30, 300))
     assert not isinstance(few, str)
     assert not isinstance(many, str)
@@ -336,7 +336,7 @@ def test_bars_show_where_a_joint_is(sessions: dict[str, Session]) -> None:
 
 def test_a_window_that_crosses_the_end_goes_on_at_the_other(sessions: dict[str, Session]) -> None:
     session = sessions["ur5e"]
-    trace = session.answer(session.begin.but(search="DivideAndConquer")).trace
+    trace = session.solve(session.begin.but(search="DivideAndConquer")).trace
     assert trace is not None
     bands = [words.joints_html(session.arm, session.begin.q, one).count("rgba(230,119,0") for one in trace]
     assert bands[0] >= session.arm.dof
@@ -601,20 +601,20 @@ def test_a_proof_of_a_goal_that_is_gone_is_not_told() -> None:
     from kinseek.viewer.page import Page
 
     session = Session(kinseek.load("planar2"))
-    old, new = (Answer(session.begin, session.begin.q, refused="") for _ in range(2))
+    old, new = (GoalResult(session.begin, session.begin.q, refused="") for _ in range(2))
     page: Any = Page.__new__(Page)
-    page._lock, page.answer, page.proof = threading.RLock(), old, None
+    page._lock, page.result, page.proof = threading.RLock(), old, None
     page._prover = SimpleNamespace(stale=lambda: False)
-    page.panel = SimpleNamespace(answer=SimpleNamespace(content=""), joints=SimpleNamespace(content=""))
+    page.panel = SimpleNamespace(result=SimpleNamespace(content=""), joints=SimpleNamespace(content=""))
 
     def proofs(options: ViewerOptions, stopped: Any) -> Any:
         yield Proof(refused="not known")
-        assert "not known" in page.panel.answer.content
-        page.answer, page.proof, page.panel.answer.content = new, None, "of the newer goal"
+        assert "not known" in page.panel.result.content
+        page.result, page.proof, page.panel.result.content = new, None, "of the newer goal"
 
     page._session = SimpleNamespace(proofs=proofs)
     page._prove("again")
-    assert page.panel.answer.content == "of the newer goal"
+    assert page.panel.result.content == "of the newer goal"
     assert page.proof is None
 
 
@@ -624,12 +624,12 @@ def test_a_trace_of_a_goal_that_is_gone_is_not_kept() -> None:
     from kinseek.viewer.page import Page
 
     session = Session(kinseek.load("planar2"))
-    old, new = (session.answer(session.begin) for _ in range(2))
+    old, new = (session.solve(session.begin) for _ in range(2))
     page: Any = Page.__new__(Page)
-    page._lock, page.answer, page.trace = threading.RLock(), old, None
+    page._lock, page.result, page.trace = threading.RLock(), old, None
 
     def traced(options: ViewerOptions) -> Any:
-        page.answer = new  # It comes while this is being found out.
+        page.result = new  # It comes while this is being found out.
         return session.traced(options)
 
     page._session = SimpleNamespace(traced=traced)
@@ -654,11 +654,11 @@ def test_a_page_begins_where_the_arm_is_dexterous() -> None:
 
 def test_texts_of_an_answer() -> None:
     session = Session(kinseek.load("planar2"))
-    html = words.answer_html(session.answer(session.begin), None, False)
+    html = words.result_html(session.solve(session.begin), None, False)
     assert "data-status='good'" in html
     assert "FK evaluations" in html
-    refused = Answer(session.begin, session.begin.q, refused="<no>")
-    assert "&lt;no&gt;" in words.answer_html(refused, None, False)
+    refused = GoalResult(session.begin, session.begin.q, refused="<no>")
+    assert "&lt;no&gt;" in words.result_html(refused, None, False)
     assert "looking" in words.branches_html(None, -1, 0)
     assert "No branches" in words.branches_html("none of these", -1, 0)
 

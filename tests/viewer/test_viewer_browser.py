@@ -83,14 +83,14 @@ class Visit:
         self, browser: Any, shown: Viewer, size: dict[str, int] | None = None, context: Any = None
     ) -> None:
         self.faults: list[str] = []
-        self.asked: list[str] = []
+        self.requested: list[str] = []
         before = set(shown.pages)
         self.context = context or browser.new_context(viewport=size or SMALL)
         self.tab = self.context.new_page()
         self.tab.set_default_timeout(1e3 * PATIENCE)
         self.tab.on("console", lambda said: self.faults.append(said.text) if said.type == "error" else None)
         self.tab.on("pageerror", lambda error: self.faults.append(str(error)))
-        self.tab.on("request", lambda request: self.asked.append(request.url))
+        self.tab.on("request", lambda request: self.requested.append(request.url))
         self.tab.add_init_script(QUIET)
         self.tab.goto(shown.url)
         self.until(lambda: set(shown.pages) - before)
@@ -134,7 +134,8 @@ class Visit:
         self.context.close()
         assert not self.faults
         assert all(
-            url.startswith(("http://127.0.0.1:", "ws://127.0.0.1:", "blob:", "data:")) for url in self.asked
+            url.startswith(("http://127.0.0.1:", "ws://127.0.0.1:", "blob:", "data:"))
+            for url in self.requested
         )
 
 
@@ -149,10 +150,10 @@ def opened(browser: Any, shown: Viewer) -> Iterator[Visit]:
 def visit(opened: Visit) -> Iterator[Visit]:
     """One page for most tests, each of which begins as a new page does."""
     begin = opened.page._session.begin
-    opened.page.wish(
+    opened.page.change(
         **{name: getattr(begin, name) for name in begin.__dataclass_fields__ if name != "camera"}
     )
-    opened.until(lambda: opened.page.idle and opened.page.answer.reached and opened.status == "good")
+    opened.until(lambda: opened.page.idle and opened.page.result.reached and opened.status == "good")
     yield opened
     assert not opened.faults
 
@@ -176,13 +177,13 @@ def test_the_arm_appears(visit: Visit) -> None:
 
 
 def test_a_goal_is_moved_and_the_answer_follows(visit: Visit) -> None:
-    before = visit.page.answer
+    before = visit.page.result
     target = before.options.target.copy()
     target[2, 3] += 0.05
-    visit.page.wish(target=target)
-    visit.until(lambda: visit.page.answer is not before and visit.page.idle)
-    assert visit.page.answer.reached
-    assert np.allclose(visit.page.arm.fk(visit.page.answer.q), target, atol=1e-5)
+    visit.page.change(target=target)
+    visit.until(lambda: visit.page.result is not before and visit.page.idle)
+    assert visit.page.result.reached
+    assert np.allclose(visit.page.arm.fk(visit.page.result.q), target, atol=1e-5)
     shown = words_of_joints(visit)
     visit.until(lambda: shown != words_of_joints(visit) or shown == expected(visit))
     visit.until(lambda: words_of_joints(visit) == expected(visit))
@@ -196,11 +197,11 @@ def words_of_joints(visit: Visit) -> list[str]:
 
 
 def expected(visit: Visit) -> list[str]:
-    return [f"{value:.1f}°" for value in np.degrees(visit.page.answer.q)]
+    return [f"{value:.1f}°" for value in np.degrees(visit.page.result.q)]
 
 
 def test_the_gizmo_is_dragged_with_the_mouse(visit: Visit) -> None:
-    visit.page.wish(ghosts=False)
+    visit.page.change(ghosts=False)
     before = visit.page.options.target.copy()
     x, y = on_screen(visit, before[:3, 3])
     moved = False
@@ -219,7 +220,7 @@ def test_the_gizmo_is_dragged_with_the_mouse(visit: Visit) -> None:
             break
     assert moved, "no handle was met"
     visit.until(lambda: visit.page.idle)
-    assert np.allclose(visit.page.answer.options.target, visit.page.options.target)
+    assert np.allclose(visit.page.result.options.target, visit.page.options.target)
 
 
 def on_screen(visit: Visit, point: Any) -> tuple[float, float]:
@@ -241,7 +242,7 @@ def on_screen(visit: Visit, point: Any) -> tuple[float, float]:
 def test_out_of_reach_is_shown_and_proved(visit: Visit) -> None:
     target = visit.page.options.target.copy()
     target[:3, 3] *= 2.5
-    visit.page.wish(target=target, boxes=True)
+    visit.page.change(target=target, boxes=True)
     visit.until(lambda: visit.status == "bad")
     visit.until(lambda: visit.page.idle)
     assert visit.page.proof.unreachable
@@ -250,14 +251,14 @@ def test_out_of_reach_is_shown_and_proved(visit: Visit) -> None:
     visit.until(lambda: f"{bound:.4g}" in visit.words)
     assert "boxes are left" in visit.page.panel.seen.content
     visit.look("unreachable")
-    visit.page.wish(target=visit.page.arm.fk(visit.page.answer.q))
+    visit.page.change(target=visit.page.arm.fk(visit.page.result.q))
     visit.until(lambda: visit.status == "good")
 
 
 def test_a_search_is_switched_and_shown_pass_by_pass(visit: Visit) -> None:
     visit.tab.get_by_text("Search", exact=True).first.click()
-    visit.page.wish(search="DivideAndConquer")
-    visit.until(lambda: visit.page.answer.trace is not None and visit.page.idle)
+    visit.page.change(search="DivideAndConquer")
+    visit.until(lambda: visit.page.result.trace is not None and visit.page.idle)
     visit.until(lambda: visit.tab.get_by_text("B, nodes a joint").is_visible())
     visit.tab.get_by_label("Pass by pass").or_(
         visit.tab.locator("label:has-text('Pass by pass')")
@@ -273,43 +274,43 @@ def test_a_search_is_switched_and_shown_pass_by_pass(visit: Visit) -> None:
     visit.tab.get_by_role("button", name="play").click()
     visit.until(lambda: visit.tab.locator("[data-pass]").first.get_attribute("data-pass") == "0")
     visit.until(lambda: visit.tab.locator("[data-pass]").first.get_attribute("data-pass") == str(last))
-    visit.page.wish(search="Atlas")
+    visit.page.change(search="Atlas")
     visit.until(lambda: visit.status == "good")
 
 
 def test_a_goal_typed_in_millimetres_is_refused(visit: Visit) -> None:
-    before = visit.page.answer.q
+    before = visit.page.result.q
     visit.tab.get_by_text("Goal", exact=True).first.click()
     box = visit.tab.locator("input[inputmode='decimal'], input[type='number']").first
     box.fill("650")
     box.press("Enter")
     visit.until(lambda: visit.status == "refused")
     assert "lengths are in metres" in visit.words
-    assert np.array_equal(visit.page.answer.q, before)
+    assert np.array_equal(visit.page.result.q, before)
 
 
 def test_branches_are_stepped_through(visit: Visit) -> None:
     visit.until(lambda: visit.page.idle)
-    seen = {tuple(np.round(visit.page.answer.q, 3))}
+    seen = {tuple(np.round(visit.page.result.q, 3))}
     for _ in range(len(visit.page.branches) - 1):
-        before = visit.page.answer
+        before = visit.page.result
         visit.tab.get_by_role("button", name="next").click()
         visit.until(partial(answered_after, visit, before))
         visit.until(lambda: visit.page.idle)
-        assert visit.page.answer.reached
-        seen.add(tuple(np.round(visit.page.answer.q, 3)))
+        assert visit.page.result.reached
+        seen.add(tuple(np.round(visit.page.result.q, 3)))
     assert len(seen) == len(visit.page.branches)
 
 
 def answered_after(visit: Visit, before: Any) -> bool:
-    return visit.page.answer is not before
+    return visit.page.result is not before
 
 
 def test_two_people_have_a_goal_each(browser: Any, shown: Viewer, visit: Visit) -> None:
     other = Visit(browser, shown)
     mine, theirs = visit.page.options.target.copy(), other.page.options.target.copy()
     theirs[:3, 3] *= 2.5
-    other.page.wish(target=theirs)
+    other.page.change(target=theirs)
     other.until(lambda: other.status in ("open", "bad"))
     assert visit.status == "good"
     assert np.array_equal(visit.page.options.target, mine)
@@ -323,7 +324,7 @@ def test_closing_and_coming_back_loses_nothing(browser: Any, shown: Viewer) -> N
     first = Visit(browser, shown, context=context)
     target = first.page.options.target.copy()
     target[0, 3] += 0.02
-    first.page.wish(target=target, free=["rz"], samples=True)
+    first.page.change(target=target, free=["rz"], samples=True)
     first.until(lambda: first.page.idle)
     kept = "() => Object.values(localStorage).some(each => each.includes('\"samples\": true'))"
     first.until(lambda: first.tab.evaluate(kept))
@@ -340,7 +341,7 @@ def test_wide_and_narrow_light_and_dark(visit: Visit) -> None:
     for name, width, height in (("wide", 1280, 800), ("narrow", 420, 860)):
         visit.tab.set_viewport_size({"width": width, "height": height})
         for dark in (False, True):
-            visit.page.wish(dark=dark)
+            visit.page.change(dark=dark)
             visit.until(lambda: visit.page.idle)
             picture = visit.look(f"{name}_{'dark' if dark else 'light'}")
             corner = picture[-40:-10, 10:40].mean()
@@ -376,8 +377,8 @@ def test_the_page_connects_to_its_own_server_only(browser: Any, shown: Viewer) -
         address = f"127.0.0.1:{other.getsockname()[1]}"
         context = browser.new_context(viewport=SMALL)
         tab = context.new_page()
-        answer = tab.goto(f"{shown.url}?websocket=ws://{address}/")
-        assert answer.status == 403
+        result = tab.goto(f"{shown.url}?websocket=ws://{address}/")
+        assert result.status == 403
         tab.goto(shown.url)
         blocked = tab.evaluate(
             """async (address) => {
@@ -438,7 +439,7 @@ def test_an_arm_that_is_a_function_has_a_page(browser: Any) -> None:
         visit.until(lambda: "where its links are, nobody knows" in visit.words)
         target = visit.page.options.target.copy()
         target[2, 3] += 3.0
-        visit.page.wish(target=target)
+        visit.page.change(target=target)
         visit.until(lambda: visit.status == "open")
         visit.until(lambda: "Nothing can be proved" in visit.words)
         visit.leave()

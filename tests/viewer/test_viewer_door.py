@@ -78,13 +78,13 @@ def websocket(port: int, host: str = "127.0.0.1", **options: Any) -> ClientConne
 
 def reply(port: int, headers: dict[str, str], path: str = "/") -> tuple[int, bytes, list[str]]:
     """Ask for a path; `headers` has the host, too. Returns status, body and policies."""
-    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=10)) as asked:
-        asked.putrequest("GET", path, skip_host=True)
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=10)) as request:
+        request.putrequest("GET", path, skip_host=True)
         for name, value in headers.items():
-            asked.putheader(name, value)
-        asked.endheaders()
-        answer = asked.getresponse()
-        return answer.status, answer.read(), answer.headers.get_all("Content-Security-Policy") or []
+            request.putheader(name, value)
+        request.endheaders()
+        response = request.getresponse()
+        return response.status, response.read(), response.headers.get_all("Content-Security-Policy") or []
 
 
 def page(port: int, headers: dict[str, str]) -> tuple[int, bytes]:
@@ -444,7 +444,7 @@ def test_what_a_browser_kept_prints_nothing(
 ) -> None:
     from kinseek.viewer.page import Page  # Which imports viser.
 
-    kept = json.dumps(json.loads(shown._session.begin.kept()) | odd)
+    kept = json.dumps(json.loads(shown._session.begin.to_json()) | odd)
     monkeypatch.setattr(Page, "_fetch", lambda page: kept)
     with warnings.catch_warnings(record=True) as warned, websocket(shown.port) as one:
         warnings.simplefilter("always")
@@ -452,7 +452,7 @@ def test_what_a_browser_kept_prints_nothing(
         wait_for(lambda: shown.pages)
         (mine,) = shown.pages.values()
         wait_for(lambda: mine.idle)
-        assert mine.answer.reached
+        assert mine.result.reached
     wait_for(lambda: not shown.pages)
     assert (warned, capfd.readouterr()) == ([], ("", ""))
 

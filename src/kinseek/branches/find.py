@@ -24,7 +24,7 @@ from kinseek.validation import as_integer
 
 from .index import SPREAD, BranchIndex, index_of
 from .order import ORDERS, Cost, Selection, scores, which_valid
-from .result import AsFound, Branches, BranchesBatch, answers_of
+from .result import AsFound, Branches, BranchesBatch, solutions_of
 
 MOST = 100_000
 """Largest number of solutions in a sample or with all full turns: two joints of ±4,000 rad have more than a million copies
@@ -78,7 +78,9 @@ def _checked(problem: Problem, selection: Selection) -> Selection:
         selection = replace(selection, count=as_integer("count", selection.count, 1, MOST, InvalidProblem))
     chosen = [name for name, given in _given(problem, order, selection.cost) if given]
     if len(chosen) > 1:
-        raise InvalidProblem(f"{' and '.join(chosen)} both say what comes first; give one of them")
+        raise InvalidProblem(
+            f"{' and '.join(chosen)} cannot be combined, since each sets the order; give one of them"
+        )
     return selection
 
 
@@ -157,7 +159,7 @@ def _finish(
         selection.copies,
         selection.prove,
     )
-    found, complete, late = answers_of(rows, problem.chain.dof), False, False
+    found, complete, late = solutions_of(rows, problem.chain.dof), False, False
     q, errors = found.q.copy(), found.errors
     if prove:
         from kinseek.proof.root_isolation import prove_complete
@@ -201,9 +203,9 @@ def turned_copies(chain: SerialChain, q: Array) -> Array:
     """
     rows: list[tuple[float, ...]] = []
     open_lower, _ = open_limits(chain)
-    for answer in q:
+    for solution in q:
         choices = []
-        for i, value in enumerate(answer):
+        for i, value in enumerate(solution):
             if not np.isfinite(open_lower[i]) or open_lower[i] == chain.lower[i]:
                 choices.append(np.array([value]))
                 continue
@@ -214,9 +216,9 @@ def turned_copies(chain: SerialChain, q: Array) -> Array:
         count = len(rows) + math.prod(len(values) for values in choices)
         if count > MOST:
             raise InvalidProblem(
-                f"turned by all full turns that the limits of {chain.name!r} allow, the answers to this goal are "
-                f"more than {MOST:,}, too many for copies=True and for a cost, which judges each of them; "
-                f"narrow the limits by with_limits, or choose among the answers of branches() yourself"
+                f"with all full turns inside the limits of {chain.name!r} this goal has more than {MOST:,} solutions, "
+                "too many for copies=True or a cost; narrow the limits with with_limits, or choose among the "
+                "solutions of branches() yourself"
             )
         rows += list(itertools.product(*choices))
     return np.array(rows).reshape(-1, chain.dof)

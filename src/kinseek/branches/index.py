@@ -24,18 +24,18 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import weyl
-from kinseek.solvers.atlas.index import KEPT, PLAIN, AtlasIndex, atlas_of, tolerances_of
+from kinseek.solvers.atlas.index import MOST_CACHED, PLAIN, AtlasIndex, atlas_of, tolerances_of
 from kinseek.turns import shortest
 
 from .one_joint import NOTHING, one_joint_of
-from .result import Branches, answers_of, quick_branches
+from .result import Branches, quick_branches, solutions_of
 
 SAMPLES = 1024
 """Samples of the coarse atlas; see `kernels.branches.search` for the reason for the small number."""
 
 
 SPREAD = 50
-"""Default number of solutions in a sample."""
+"""Default number of solutions in a sample. Not examined further."""
 
 
 _MOST_MIRRORED = 8
@@ -118,7 +118,7 @@ class BranchIndex:
             rows = self.search(tolerances, target, self.view, 0)
             if not len(rows):
                 continue
-            for other in answers_of(rows, dof).q:
+            for other in solutions_of(rows, dof).q:
                 shifts = other - signs * q
                 whole = np.round(shifts / np.pi) * np.pi
                 shifts = np.where(turns & (np.abs(shifts - whole) < 1e-6), whole, shifts)
@@ -142,13 +142,13 @@ _Key = tuple[Kind, bytes | None]
 """Kind of goal, and the transform of the tip; None if there is none."""
 
 
-_indices: WeakCache[SerialChain, _Key, BranchIndex] = WeakCache(KEPT, lambda key: key[1] is not None)
+_indices: WeakCache[SerialChain, _Key, BranchIndex] = WeakCache(MOST_CACHED, lambda key: key[1] is not None)
 
 
 def index_of(problem: Problem) -> BranchIndex:
     """Return the index of an arm for a kind of goal: built at the first call, dropped with the arm.
 
-    The indices of the last `KEPT` tools and tool axes are kept.
+    The indices of the last `MOST_CACHED` tools and tool axes are kept.
 
     Raises:
         InvalidProblem: Branches of this kind of arm or goal are not supported.
@@ -156,9 +156,9 @@ def index_of(problem: Problem) -> BranchIndex:
     goal = problem.goal
     if problem.axes is None:
         raise InvalidProblem(
-            f"{problem.mechanism.name!r} is a function: branches are looked for along axes, and it has none"
+            f"{problem.mechanism.name!r} has black-box kinematics: branches need the axes of an arm"
         )
-    goal.require_plain("branches are not found of")
+    goal.require_plain("branches are not supported for")
     return _indices.of(problem.chain).get(goal.prepared_as, lambda: BranchIndex(problem))
 
 

@@ -32,7 +32,7 @@ BENT = 0.1
 
 BESIDE = 0.12
 """Margin beyond the joint's limits, or beyond half a turn, that is searched [rad], so that the residual is known on both
-sides of a solution there."""
+sides of a solution there. Not examined further."""
 
 
 DRAWN = 1e-3

@@ -47,8 +47,8 @@ class Selection:
     @property
     def as_found(self) -> bool:
         """Return whether solutions are requested as the kernels find and sort them."""
-        asks = self.cost is not None or self.valid is not None or self.copies or self.prove
-        return self.order == "mid-range" and not asks
+        needs_choice = self.cost is not None or self.valid is not None or self.copies or self.prove
+        return self.order == "mid-range" and not needs_choice
 
 
 def scores(problem: Problem, q: Array, order: str, cost: Cost | None) -> Array:
@@ -94,7 +94,7 @@ def cost_of(cost: Cost, q: Array) -> Array:
     except Exception as error:
         raise_of_handler(error)
         raise InvalidProblem(
-            f"cost raised {type(error).__name__}: {error}, for {len(q)} answers, the first q = {_written(q[0])}"
+            f"cost raised {type(error).__name__}: {error}, for {len(q)} solutions, the first q = {_written(q[0])}"
         ) from error
     if values.shape != (len(q),):
         raise InvalidProblem(
@@ -113,17 +113,17 @@ def is_valid(valid: Valid, q: Array) -> bool:
         InvalidProblem: It raised an exception, or did not return a bool.
     """
     try:
-        answer = valid(q.copy())
+        accepted = valid(q.copy())
     except Exception as error:
         raise_of_handler(error)
         raise InvalidProblem(
             f"valid raised {type(error).__name__}: {error}, for q = {_written(q)}"
         ) from error
-    if isinstance(answer, bool | np.bool_) or (
-        isinstance(answer, np.ndarray) and answer.shape == () and answer.dtype == bool
+    if isinstance(accepted, bool | np.bool_) or (
+        isinstance(accepted, np.ndarray) and accepted.shape == () and accepted.dtype == bool
     ):
-        return bool(answer)
-    raise InvalidProblem(f"valid must return a bool, got {answer!r} for q = {_written(q)}")
+        return bool(accepted)
+    raise InvalidProblem(f"valid must return a bool, got {accepted!r} for q = {_written(q)}")
 
 
 class ManyAtOnce(ABC):

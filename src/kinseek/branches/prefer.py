@@ -25,13 +25,14 @@ from .order import ORDERS, Cost, Selection, Valid, is_valid, scores
 from .result import Branches, BranchesBatch
 
 _SLIDERS = 3
-"""Number of solutions of a sample, the best ones, from which the optimisation starts."""
+"""Number of solutions of a sample, the best ones, from which the optimisation starts. Not examined further."""
 
 _SLIDES = 60
-"""Largest number of steps of an optimisation."""
+"""Largest number of steps of an optimisation. Not examined further."""
 
 _FIRST, _LAST, _PROBE = 0.3, 1e-4, 1e-4
-"""Length of the first step, of the shortest step that is tried, and of the differences for a gradient [rad or m]."""
+"""Length of the first step, of the shortest step that is tried, and of the differences for a gradient [rad or m]. Not
+examined further."""
 
 
 def preferred(
@@ -47,7 +48,9 @@ def preferred(
     given = [("near", problem.near), ("prefer", prefer), ("cost", cost)]
     chosen = [name for name, value in given if value is not None]
     if len(chosen) > 1:
-        raise InvalidProblem(f"{' and '.join(chosen)} both say what comes first; give one of them")
+        raise InvalidProblem(
+            f"{' and '.join(chosen)} cannot be combined, since each sets the order; give one of them"
+        )
     deadline = Deadline(problem.time_limit)
     order, index = prefer or ORDERS[0], index_of(problem)
     found = branches_of(problem, Selection(order=order, cost=cost, copies=cost is not None), threads)
@@ -191,10 +194,10 @@ def _ways_down(
     """
     dof, (lower, upper) = problem.chain.dof, problem.limits
     J = constraint_jacobian(problem, q[None])[0]
-    held = np.zeros(dof, dtype=bool)
-    while index.freedom > held.sum():
-        rows = np.vstack([J, np.eye(dof)[held]])
-        null = np.linalg.svd(rows)[2][dof - index.freedom + int(held.sum()) :]
+    at_limit = np.zeros(dof, dtype=bool)
+    while index.freedom > at_limit.sum():
+        rows = np.vstack([J, np.eye(dof)[at_limit]])
+        null = np.linalg.svd(rows)[2][dof - index.freedom + int(at_limit.sum()) :]
         probes = np.concatenate([q + _PROBE * null, q - _PROBE * null])
         values = measure(np.clip(probes, lower, upper))
         slopes = values[: len(null)] - values[len(null) :]
@@ -203,7 +206,7 @@ def _ways_down(
             return []
         down /= np.linalg.norm(down)
         blocked = ((q <= lower) & (down < -1e-9)) | ((q >= upper) & (down > 1e-9))
-        if not (blocked & ~held).any():
+        if not (blocked & ~at_limit).any():
             return [down]
-        held |= blocked
+        at_limit |= blocked
     return []

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
 from kinseek.kernels.branches.refine_all import ANSWERS, CONTINUUM, SPENT
 from kinseek.lazy import Lazy, lazy
-from kinseek.problem import MadeWhenAsked, Problem
+from kinseek.problem import DeferredProblem, Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.named import by_name
 
@@ -53,7 +53,7 @@ class Branches(Lazy):
     if TYPE_CHECKING:
         problem: Problem
     else:
-        problem: Problem = MadeWhenAsked()
+        problem: Problem = DeferredProblem()
     out_of_time: bool = False
     proved_blocked: bool = False
 
@@ -170,7 +170,7 @@ class BranchesBatch(Sequence[Branches]):
         return f"BranchesBatch(shape={self.shape}, {span})"
 
 
-class Answers(NamedTuple):
+class FoundRows(NamedTuple):
     """The solutions that the kernels found for one target."""
 
     q: Array
@@ -182,11 +182,11 @@ class Answers(NamedTuple):
     """Whether the search found a continuum of solutions."""
 
 
-def answers_of(rows: Array, dof: int) -> Answers:
+def solutions_of(rows: Array, dof: int) -> FoundRows:
     """Parse rows of solutions: joint values and errors; the last row holds their number and the cost of the search."""
     last = rows[-1]
     found = rows[: int(last[ANSWERS])]
-    return Answers(found[:, :dof], found[:, dof : dof + 2], int(last[SPENT]), bool(last[CONTINUUM] > 0.0))
+    return FoundRows(found[:, :dof], found[:, dof : dof + 2], int(last[SPENT]), bool(last[CONTINUUM] > 0.0))
 
 
 def quick_branches(
@@ -199,7 +199,7 @@ def quick_branches(
     """Create the branches of one pose, in the order in which they were found, with little overhead.
 
     Args:
-        question: The arguments from which `MadeWhenAsked` creates a problem.
+        question: The arguments from which `DeferredProblem` creates a problem.
         dof: Number of joint variables.
         found: Return value of `kernels.branches.search.find_branches`.
         sampled: Whether the arm is redundant.

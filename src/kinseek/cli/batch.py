@@ -17,19 +17,19 @@ from kinseek.solution import Solution
 from . import report
 from .files import read_poses, writable, write_columns
 from .output import on_terminal
-from .question import Question
+from .request import SolveRequest
 from .scenes import contacts_column
 
 Columns = dict[str, NDArray[Any]]
 
 
 def solve_file(
-    question: Question, source: Path, out: Path, deg: bool, every: bool, count: int | None, as_json: bool
+    request: SolveRequest, source: Path, out: Path, deg: bool, every: bool, count: int | None, as_json: bool
 ) -> int:
     """Solve every pose of a file, and write the solutions when all are computed.
 
     Args:
-        question: The arm and the options of the command line.
+        request: The arm and the options of the command line.
         source: The poses, as `read_poses` takes them.
         out: The output file: a row per pose, or with `every` a row per solution.
         deg: Are angles of the poses in degrees?
@@ -46,26 +46,26 @@ def solve_file(
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
     place = writable(out, source)  # Checked before any work is done.
-    goal = question.asked.goal(read_poses(source, question.asked.position_only, deg))
+    goal = request.goal_spec.goal(read_poses(source, request.goal_spec.position_only, deg))
     clock = time.perf_counter()
     if every:
-        found = question.branches(goal, count)
+        found = request.branches(goal, count)
         assert isinstance(found, BranchesBatch)
-        reached, columns = found.counts > 0, _answers(question.arm, found)
+        reached, columns = found.counts > 0, _branches_columns(request.arm, found)
     else:
-        solution = question.answer(goal, progress=on_terminal())
-        reached, columns = np.asarray(solution.success), _answer(question, solution)
+        solution = request.solve(goal, progress=on_terminal())
+        reached, columns = np.asarray(solution.success), _solution_columns(request, solution)
     seconds = time.perf_counter() - clock
-    write_columns(place, columns, question.arm.joint_names)
-    report.print_batch(question.arm, reached, str(out), seconds, as_json)
+    write_columns(place, columns, request.arm.joint_names)
+    report.print_batch(request.arm, reached, str(out), seconds, as_json)
     return 0 if reached.all() else 1
 
 
-def _answer(question: Question, solution: Solution) -> Columns:
-    columns: Columns = dict(zip(question.arm.joint_names, solution.q.T, strict=True))
+def _solution_columns(request: SolveRequest, solution: Solution) -> Columns:
+    columns: Columns = dict(zip(request.arm.joint_names, solution.q.T, strict=True))
     return beside(
         columns,
-        ({"contacts": contacts_column(solution)} if question.scene is not None else {})
+        ({"contacts": contacts_column(solution)} if request.scene is not None else {})
         | {
             "success": np.asarray(solution.success),
             "status": np.array([status.name for status in np.atleast_1d(solution.status)]),
@@ -76,7 +76,7 @@ def _answer(question: Question, solution: Solution) -> Columns:
     )
 
 
-def _answers(arm: Arm, found: BranchesBatch) -> Columns:
+def _branches_columns(arm: Arm, found: BranchesBatch) -> Columns:
     q = found.q.reshape(-1, arm.dof)
     columns: Columns = dict(zip(arm.joint_names, q.T, strict=True))
     return beside(
@@ -96,5 +96,7 @@ def beside(joints: Columns, others: Columns) -> Columns:
         InvalidProblem: A joint has the name of one of the other columns.
     """
     if both := joints.keys() & others.keys():
-        raise InvalidProblem(f"a joint is called {both.pop()!r}, as is a column of the answers")
+        raise InvalidProblem(
+            f"joint {both.pop()!r} has the name of another column of the output; rename the joint"
+        )
     return joints | others

@@ -112,16 +112,16 @@ def _timed(call: Callable[[int], Any], count: int, seconds: float) -> tuple[Arra
     """Return the times of calls [µs] and their results, for up to `seconds`."""
     for k in range(min(_WARM, count)):
         call(k)
-    times, answers, clock = [], [], time.perf_counter_ns
+    times, solutions, clock = [], [], time.perf_counter_ns
     end = clock() + int(seconds * 1e9)
     for k in range(count):
         began = clock()
-        answers.append(call(k))
+        solutions.append(call(k))
         now = clock()
         times.append((now - began) / 1e3)
         if now > end:
             break
-    return np.array(times), answers
+    return np.array(times), solutions
 
 
 def _figures(times: Array) -> tuple[float, float]:
@@ -131,9 +131,9 @@ def _figures(times: Array) -> tuple[float, float]:
 def _each(
     what: str, who: str, solve: Callable[[int], Array | None], arm: Arm, targets: Array, seconds: float
 ) -> Row:
-    times, answers = _timed(solve, len(targets), seconds)
+    times, solutions = _timed(solve, len(targets), seconds)
     nothing = np.full(arm.dof, np.nan)
-    q = np.array([nothing if answer is None else answer for answer in answers])
+    q = np.array([nothing if q_or_none is None else q_or_none for q_or_none in solutions])
     return Row(what, who, *_figures(times), float(reached(arm, q, targets[: len(q)]).mean()), len(times))
 
 
@@ -155,9 +155,9 @@ def _peer(peer: Peer, arm: Arm, targets: Array, seconds: float) -> Row:
 
 
 def _batch(arm: Arm, targets: Array, seconds: float) -> Row:
-    times, answers = _timed(lambda _: arm.ik(targets).q, 5, seconds)
+    times, solutions = _timed(lambda _: arm.ik(targets).q, 5, seconds)
     per_pose = float(np.median(times)) / len(targets)
-    good = reached(arm, answers[0], targets).mean()
+    good = reached(arm, solutions[0], targets).mean()
     return Row(f"batch, {_cores()} threads", "kinseek", per_pose, None, float(good), len(targets))
 
 

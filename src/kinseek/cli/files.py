@@ -89,9 +89,9 @@ def writable(path: Path, source: Path, option: str = "--out", read: str = "--bat
         _pyarrow()
     place = path.resolve()
     if not place.parent.is_dir():
-        raise InvalidProblem(f"{option} {str(path)!r}: there is no folder {str(place.parent)!r}")
+        raise InvalidProblem(f"{option} {str(path)!r}: folder {str(place.parent)!r} does not exist")
     if place.exists() and not place.is_file():
-        raise InvalidProblem(f"{option} {str(path)!r} is no regular file")
+        raise InvalidProblem(f"{option} {str(path)!r} is not a regular file")
     if source.exists() and place.exists() and place.samefile(source):
         raise InvalidProblem(f"{option} {str(path)!r} is the file that {read} reads")
     return place
@@ -160,13 +160,15 @@ def _csv(path: Path) -> dict[str, Array]:
                 next(file)
                 _explain(csv.reader(file, delimiter=delimiter), names, str(path), error)
     except UnicodeDecodeError as error:
-        raise InvalidGoal(f"{str(path)!r} is no UTF-8 text: {error.reason} at byte {error.start:,}") from None
+        raise InvalidGoal(
+            f"{str(path)!r} is not UTF-8 text: {error.reason} at byte {error.start:,}"
+        ) from None
     except csv.Error as error:
-        raise InvalidGoal(f"{str(path)!r} is no table that can be read: {error}") from None
+        raise InvalidGoal(f"{str(path)!r} cannot be read as a table: {error}") from None
     if table.size == 0:
         table = np.empty((0, len(names)))
     if table.shape[1] != len(names):
-        raise InvalidGoal(f"{path}: row 1: {table.shape[1]} values, expected {len(names)}, one a column")
+        raise InvalidGoal(f"{path}: row 1: {table.shape[1]} values, expected {len(names)}, one per column")
     return dict(zip(names, table.T, strict=True))
 
 
@@ -180,11 +182,11 @@ def _explain(rows: Iterator[list[str]], names: list[str], where: str, error: Val
     for number, row in enumerate(filter(None, rows), 1):
         here = f"{where}: row {number:,}"
         if len(row) != len(names):
-            raise InvalidGoal(f"{here}: {len(row)} values, expected {len(names)}, one a column") from None
+            raise InvalidGoal(f"{here}: {len(row)} values, expected {len(names)}, one per column") from None
         for name, word in zip(names, row, strict=True):
             if "," in word or not is_number(word.strip()):
                 hint = "; numbers have a point, not a comma" if is_number(word.strip()) else ""
-                raise InvalidGoal(f"{here}: {name} is {word!r}, no number{hint}") from None
+                raise InvalidGoal(f"{here}: {name} is {word!r}, which is not a number{hint}") from None
     raise InvalidGoal(f"{where}: {error}") from None
 
 
@@ -199,7 +201,7 @@ def _npy(path: Path) -> Array:
     except Exception as error:
         # Python's parser reads the header; it raises MemoryError, TokenError and others.
         reason = str(error) or type(error).__name__
-        raise InvalidGoal(f"{str(path)!r} is no .npy file that can be read: {reason}") from None
+        raise InvalidGoal(f"{str(path)!r} cannot be read as a .npy file: {reason}") from None
     if array.ndim != 3 or array.shape[1:] != (4, 4) or array.dtype.kind not in "fiu":
         raise InvalidGoal(
             f"{path}: expected numbers of shape (N, 4, 4), got {array.dtype} of shape {array.shape}"
@@ -213,7 +215,7 @@ def _parquet(path: Path, position_only: bool) -> dict[str, Array]:
         with path.open("rb") as raw:
             require_small_footer(raw)
     except ValueError as error:
-        raise InvalidGoal(f"{str(path)!r} is no Parquet file that can be read: {error}") from None
+        raise InvalidGoal(f"{str(path)!r} cannot be read as a Parquet file: {error}") from None
     limits = {"thrift_string_size_limit": MOST_FOOTER, "thrift_container_size_limit": MOST_FOOTER}
     try:
         with parquet.ParquetFile(path, **limits) as file:
@@ -223,7 +225,7 @@ def _parquet(path: Path, position_only: bool) -> dict[str, Array]:
             table = file.read()
         columns = {name: table.column(name).to_numpy() for name in table.column_names}
     except pyarrow.ArrowException as error:
-        raise InvalidGoal(f"{str(path)!r} is no Parquet file that can be read: {error}") from None
+        raise InvalidGoal(f"{str(path)!r} cannot be read as a Parquet file: {error}") from None
     for name, values in columns.items():
         if values.dtype.kind not in "fiu":
             raise InvalidGoal(f"{path}: column {name} holds {values.dtype}, expected numbers")
@@ -250,11 +252,11 @@ def _require_numbers(file: Any, path: Path) -> None:
                 f"{path}: a group of rows has {group.num_columns:,} columns, expected {metadata.num_columns:,}"
             )
     parts = [group.column(j) for group in groups for j in range(group.num_columns)]
-    held = sum(abs(part.num_values) for part in parts)  # May be negative in a damaged file.
-    count = max(held, metadata.num_rows * len(schema.names))
+    count_values = sum(abs(part.num_values) for part in parts)  # May be negative in a damaged file.
+    count = max(count_values, metadata.num_rows * len(schema.names))
     if count > (most := max(MOST_VALUES, VALUES_OF_A_BYTE * path.stat().st_size)):
         raise InvalidGoal(
-            f"{path}: {count:,} numbers, expected at most {most:,} of so few bytes: {VALUES_OF_A_BYTE} for each"
+            f"{path}: {count:,} numbers, expected at most {most:,} in a file of this size, {VALUES_OF_A_BYTE} per byte"
         )
     try:
         if sum(abs(part.total_compressed_size) for part in parts) > path.stat().st_size:
@@ -263,7 +265,7 @@ def _require_numbers(file: Any, path: Path) -> None:
             # pyarrow reads no page of a column without values, and writes no offset for it.
             unpacked = sum(unpacked_bytes(raw, part) for part in parts if part.num_values > 0)
     except ValueError as error:
-        raise InvalidGoal(f"{str(path)!r} is no Parquet file that can be read: {error}") from None
+        raise InvalidGoal(f"{str(path)!r} cannot be read as a Parquet file: {error}") from None
     if unpacked > (most := BYTES_OF_A_VALUE * most):
         raise InvalidGoal(
             f"{path}: pages of {unpacked:,} bytes, expected at most {most:,} for a file of its size"

@@ -25,7 +25,7 @@ IN_DEGREES = ("rpy", "rotvec")
 
 
 @dataclass(frozen=True)
-class Asked:
+class GoalSpec:
     """The constrained part of a pose, and its tolerances."""
 
     position_only: bool = False
@@ -55,7 +55,7 @@ def target_of(
         InvalidGoal: No position, no rotation, or more than one.
     """
     if at is None:
-        raise InvalidGoal("a goal needs --at X Y Z, the wanted position in metres")
+        raise InvalidGoal("a goal needs --at X Y Z, the target position in metres")
     options = {name: f"--{name.replace('_', '-')}" for name in TURNS}
     chosen = [*(options[name] for name in turns), *(["--position-only"] if position_only else [])]
     if len(chosen) != 1:

@@ -22,16 +22,16 @@ class Option(click.Option):
     """An option that belongs to a group, and whose help may be made at its first use."""
 
     def __init__(
-        self, *args: Any, group: str = "Options", later: Callable[[], str] | None = None, **rest: Any
+        self, *args: Any, group: str = "Options", lazy_help: Callable[[], str] | None = None, **rest: Any
     ) -> None:
         """Store the group, and the function that makes the help."""
         super().__init__(*args, **rest)
-        self.group, self._later = group, later
+        self.group, self._lazy_help = group, lazy_help
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         """Return its name and its help."""
-        if self._later is not None:
-            self.help = self._later()
+        if self._lazy_help is not None:
+            self.help = self._lazy_help()
         return super().get_help_record(ctx)
 
 
@@ -72,7 +72,7 @@ class Command(click.Command):
 
 
 def option(*names: str, **rest: Any) -> Callable[[Decorated], Decorated]:
-    """Declare an option of a command; `group` and `later` as in `Option`."""
+    """Declare an option of a command; `group` and `lazy_help` as in `Option`."""
     return click.option(*names, cls=Option, **rest)
 
 
@@ -113,8 +113,8 @@ def definitions(rows: Sequence[tuple[str, str]], width: int) -> str:
 
 def _command_line(words: str, width: int) -> str:
     """Format a command for copying: it is wrapped before options, with line continuations."""
-    kept = re.sub(r" (?!--)", "\N{NO-BREAK SPACE}", words)
-    lines = _filled(kept, width - 2, "  ", "      ").splitlines()
+    unbroken = re.sub(r" (?!--)", "\N{NO-BREAK SPACE}", words)
+    lines = _filled(unbroken, width - 2, "  ", "      ").splitlines()
     return " \\\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")
 
 

@@ -19,18 +19,18 @@ from kinseek.units import warn_of_angles
 
 from .goals import IN_DEGREES, TURNS
 from .output import direct_output, write_out
-from .question import Question
-from .report import answer_facts, branches_facts
+from .report import branches_facts, line_facts
+from .request import SolveRequest
 from .words import joints_in_order
 
 _KEYS = ("id", "matrix", "position", *TURNS, "near")
 
 
-def solve_lines(question: Question, deg: bool, every: bool, count: int | None) -> int:
+def solve_lines(request: SolveRequest, deg: bool, every: bool, count: int | None) -> int:
     """Solve one line after the other; a line that is not a pose gives an error line, and the next one is read.
 
     Args:
-        question: The arm and the options of the command line.
+        request: The arm and the options of the command line.
         deg: Are angles in degrees?
         every: Is every solution requested?
         count: Maximum number of these per pose.
@@ -44,9 +44,9 @@ def solve_lines(question: Question, deg: bool, every: bool, count: int | None) -
         for number, line in _lines():
             facts: dict[str, Any] = {"line": number}
             try:
-                asked = _read(line)
-                facts |= {"id": asked["id"]} if "id" in asked else {}
-                found, reached = _answer(_nearer(question, asked, deg), asked, number, deg, every, count)
+                fields = _read(line)
+                facts |= {"id": fields["id"]} if "id" in fields else {}
+                found, reached = _solve_line(_nearer(request, fields, deg), fields, number, deg, every, count)
                 facts |= found
                 code = max(code, 0 if reached else 1)
             except KinseekError as error:
@@ -61,7 +61,7 @@ def solve_lines(question: Question, deg: bool, every: bool, count: int | None) -
 def _lines() -> Iterator[tuple[int, bytes]]:
     """Yield the lines that are not empty, with their numbers, as soon as each arrives."""
     if sys.stdin is None:
-        raise InvalidProblem("--jsonl reads standard input, and there is none")
+        raise InvalidProblem("--jsonl reads standard input, but there is none")
     stream: Any = getattr(sys.stdin, "buffer", sys.stdin)
     number = 0
     while line := stream.readline():
@@ -72,19 +72,19 @@ def _lines() -> Iterator[tuple[int, bytes]]:
 
 def _read(line: bytes | str) -> dict[str, Any]:
     try:
-        asked = json.loads(line, parse_float=_finite, parse_constant=_finite)
+        fields = json.loads(line, parse_float=_finite, parse_constant=_finite)
     except json.JSONDecodeError as error:
         raise InvalidGoal(f"not JSON: {error.msg} at letter {error.pos + 1}") from None
     except InvalidGoal:
         raise
     except (ValueError, RecursionError) as error:  # Not text, or nested too deeply.
         raise InvalidGoal(f"not JSON: {error}") from None
-    if not isinstance(asked, dict):
-        raise InvalidGoal(f"a line must be an object with {', '.join(_KEYS)}; got {type(asked).__name__}")
-    for key in asked:
+    if not isinstance(fields, dict):
+        raise InvalidGoal(f"a line must be an object with {', '.join(_KEYS)}; got {type(fields).__name__}")
+    for key in fields:
         if key not in _KEYS:
             raise InvalidGoal(suggest(key, _KEYS, "key"))
-    return asked
+    return fields
 
 
 def _finite(text: str) -> float:
@@ -95,32 +95,34 @@ def _finite(text: str) -> float:
     return number
 
 
-def _answer(
-    question: Question, asked: dict[str, Any], number: int, deg: bool, every: bool, count: int | None
+def _solve_line(
+    request: SolveRequest, fields: dict[str, Any], number: int, deg: bool, every: bool, count: int | None
 ) -> tuple[dict[str, Any], bool]:
-    in_scene = question.scene is not None
-    goal = question.asked.goal(_target(asked, number, question.asked.position_only, deg))
+    in_scene = request.scene is not None
+    goal = request.goal_spec.goal(_target(fields, number, request.goal_spec.position_only, deg))
     if every:
-        found = question.branches(goal, count)
+        found = request.branches(goal, count)
         return branches_facts(cast(Branches, found), in_scene), len(found) > 0
-    solution = question.answer(goal)
-    return answer_facts(solution, in_scene), bool(solution.success)
+    solution = request.solve(goal)
+    return line_facts(solution, in_scene), bool(solution.success)
 
 
-def _target(asked: dict[str, Any], number: int, position_only: bool, deg: bool) -> Any:
-    turns = [name for name in TURNS if name in asked]
-    if "matrix" in asked:
-        if turns or "position" in asked:
+def _target(fields: dict[str, Any], number: int, position_only: bool, deg: bool) -> Any:
+    turns = [name for name in TURNS if name in fields]
+    if "matrix" in fields:
+        if turns or "position" in fields:
             raise InvalidGoal(
-                f"matrix is a whole pose; it stands without {' and '.join([*turns, 'position'])}"
+                f"matrix is a whole pose; it cannot be combined with {' or '.join([*turns, 'position'])}"
             )
-        return one_pose(asked["matrix"], "matrix")
-    if "position" not in asked:
-        raise InvalidGoal("a line needs position, or matrix")
+        return one_pose(fields["matrix"], "matrix")
+    if "position" not in fields:
+        raise InvalidGoal("a line needs the key position or matrix")
     if len(turns) != (0 if position_only else 1):
-        wanted = "no rotation with --position-only" if position_only else f"exactly one of {', '.join(TURNS)}"
-        raise InvalidGoal(f"a line needs {wanted}; got {' and '.join(turns) or 'none'}")
-    turn = {name: asked[name] for name in turns}
+        expected = (
+            "no rotation with --position-only" if position_only else f"exactly one of {', '.join(TURNS)}"
+        )
+        raise InvalidGoal(f"a line needs {expected}; got {' and '.join(turns) or 'none'}")
+    turn = {name: fields[name] for name in turns}
     for name in (name for name in turns if name in IN_DEGREES and _are_numbers(turn[name])):
         if deg:
             turn[name] = np.deg2rad(turn[name])
@@ -128,7 +130,7 @@ def _target(asked: dict[str, Any], number: int, position_only: bool, deg: bool) 
             warn_of_angles(turn[name], f"line {number:,}: {name}", "add --deg", 1)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnitWarning)  # Reported above in terms of the command line.
-        return one_pose(pose(asked["position"], **turn), "position")
+        return one_pose(pose(fields["position"], **turn), "position")
 
 
 def _are_numbers(value: Any) -> bool:
@@ -138,12 +140,12 @@ def _are_numbers(value: Any) -> bool:
     )
 
 
-def _nearer(question: Question, asked: dict[str, Any], deg: bool) -> Question:
-    if "near" not in asked:
-        return question
-    near = asked["near"]
+def _nearer(request: SolveRequest, fields: dict[str, Any], deg: bool) -> SolveRequest:
+    if "near" not in fields:
+        return request
+    near = fields["near"]
     if not _are_numbers(list(near.values()) if isinstance(near, dict) else near):
         raise InvalidProblem(
             f"near must be a list of numbers, or joint names with values, got {json.dumps(near)}"
         )
-    return replace(question, near=joints_in_order(question.arm, near, "near", deg))
+    return replace(request, near=joints_in_order(request.arm, near, "near", deg))

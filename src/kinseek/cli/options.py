@@ -100,12 +100,8 @@ def _pairs(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -
 
 
 _chain_options = together(
-    option(
-        "--base", metavar="LINK", group="The arm", help="Link that stays; the root of the file unless given."
-    ),
-    option(
-        "--tip", metavar="LINK", group="The arm", help="Link whose pose is meant; the only leaf unless given."
-    ),
+    option("--base", metavar="LINK", group="The arm", help="Base link. Default: the root of the file."),
+    option("--tip", metavar="LINK", group="The arm", help="Tip link. Default: the only leaf of the file."),
     option(
         "--arg",
         "args",
@@ -113,7 +109,7 @@ _chain_options = together(
         multiple=True,
         callback=_pairs,
         group="The arm",
-        help="An argument of a xacro file; once for each.",
+        help="Argument of a xacro file; repeat it for each.",
     ),
     option(
         "--package",
@@ -122,7 +118,7 @@ _chain_options = together(
         multiple=True,
         callback=_pairs,
         group="The arm",
-        help="Where a ROS package is that the file names, in $(find NAME) or package://NAME; once for each.",
+        help="Folder of a ROS package that the file refers to by $(find NAME) or package://NAME; repeat it for each.",
     ),
     option(
         "--untrusted",
@@ -145,7 +141,7 @@ def chain_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 pose_options = together(
-    option("--at", metavar="X Y Z", group=GOAL, help="Wanted position of the tip in the base, m."),
+    option("--at", metavar="X Y Z", group=GOAL, help="Target position of the tip in the base, m."),
     option(
         "--rpy", metavar="R P Y", group=GOAL, help="Roll, pitch, yaw about fixed x, y, z, as in URDF, rad."
     ),

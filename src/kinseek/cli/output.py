@@ -14,11 +14,11 @@ from typing import Any
 from kinseek.errors import UnitWarning
 from kinseek.printable import printable
 
-CANNOT_WRITE, READER_GONE = 2, 141
+CANNOT_WRITE, BROKEN_PIPE = 2, 141
 """Exit codes; 141 is what a shell reports for a program that was ended by a closed pipe (128 + SIGPIPE)."""
 
 
-class _Held(io.StringIO):
+class _Buffer(io.StringIO):
     """A buffer for printed text, with the properties of the stream that it will be written to."""
 
     def __init__(self, stream: Any) -> None:
@@ -36,11 +36,11 @@ class _Held(io.StringIO):
 
 
 @contextlib.contextmanager
-def held_output() -> Iterator[io.StringIO]:
+def buffered_output() -> Iterator[io.StringIO]:
     """Buffer what is printed."""
-    held = _Held(sys.stdout)
-    with contextlib.redirect_stdout(held):
-        yield held
+    buffer = _Buffer(sys.stdout)
+    with contextlib.redirect_stdout(buffer):
+        yield buffer
 
 
 @contextlib.contextmanager
@@ -64,7 +64,7 @@ def write_out(text: str, code: int) -> int:
         stream.flush()
     except BrokenPipeError:
         _forget(stream)
-        return READER_GONE
+        return BROKEN_PIPE
     except OSError as error:
         _forget(stream)
         complain(f"cannot write the output: {error.strerror or error}")

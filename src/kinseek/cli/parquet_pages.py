@@ -85,21 +85,21 @@ def unpacked_bytes(file: BinaryIO, column: Any) -> int:
         at = dictionary
     end, total, values = at + column.total_compressed_size, 0, 0
     if not 0 <= at <= end:
-        raise ValueError("a column has an impossible place")
+        raise ValueError("a column has an invalid offset")
     while at < end:
         file.seek(at)
         try:
             header = _struct(file)
-            held = header[_INNER[header[_KIND]]][_VALUES] if header[_KIND] in _INNER else 0
-            unpacked, packed, held = map(int, (header[_UNPACKED], header[_PACKED], held))
+            values_of_page = header[_INNER[header[_KIND]]][_VALUES] if header[_KIND] in _INNER else 0
+            unpacked, packed, values_of_page = map(int, (header[_UNPACKED], header[_PACKED], values_of_page))
         except (IndexError, KeyError, TypeError, OverflowError, RecursionError):
             raise ValueError("the header of a page is damaged") from None
         at = file.tell() + packed
         # pyarrow truncates longer numbers, and would so find other sizes and other following pages.
-        if not (all(0 <= size < 2**31 for size in (unpacked, packed, held)) and at <= end):
-            raise ValueError("a page has an impossible size")
+        if not (all(0 <= size < 2**31 for size in (unpacked, packed, values_of_page)) and at <= end):
+            raise ValueError("a page has an invalid size")
         total += unpacked
-        values += held
+        values += values_of_page
     if values < column.num_values:  # For some old writers pyarrow reads beyond the column.
         raise ValueError(f"the pages of a column hold {values:,} values, expected {column.num_values:,}")
     return total
@@ -112,7 +112,7 @@ def _struct(file: BinaryIO, lists: Any = None) -> dict[int, Any]:
     while kind := file.read(1)[0]:
         name = name + (kind >> 4) if kind >> 4 else _signed(_varint(file))
         if name in fields or not 0 < name < 2**15:  # pyarrow takes the last one, and cuts longer numbers off.
-            raise ValueError("a page or the footer has a field twice, or one of an impossible number")
+            raise ValueError("a page or the footer has a duplicate field, or an invalid field number")
         fields[name] = _value(file, kind & 15, lists.get(name) if isinstance(lists, dict) else None)
     return fields
 

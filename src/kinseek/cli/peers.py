@@ -55,7 +55,7 @@ def _plain(arm: Arm) -> list[Array]:
     """
     chain = arm.chain
     if len(chain.leader) != arm.dof:
-        raise Unsuitable("joints follow others")
+        raise Unsuitable("the arm has mimic joints")
     shifts = [np.eye(4) for _ in chain.leader]
     for k, value in enumerate(chain.offset):
         if chain.prismatic[k]:
@@ -73,7 +73,7 @@ def eaik(arm: Arm) -> Solve:
         Unsuitable: Not six revolute joints, or no closed form.
     """
     if arm.dof != 6 or "prismatic" in arm.kinds:
-        raise Unsuitable("six joints that turn only")
+        raise Unsuitable("it needs six revolute joints")
     frames = [np.eye(4)]
     for A in _plain(arm):
         frames.append(frames[-1] @ A)
@@ -81,7 +81,7 @@ def eaik(arm: Arm) -> Solve:
     axes = np.array([frame[:3, 2] for frame in frames[1:7]])
     robot = import_module("eaik.IK_HP").HPRobot(axes, np.diff(points, axis=0))
     if not robot.hasKnownDecomposition():
-        raise Unsuitable("no closed form known")
+        raise Unsuitable("the arm has no known closed form")
     turn, lower, upper = frames[-1][:3, :3].T, arm.lower - 1e-9, arm.upper + 1e-9
     middle = (lower + upper) / 2
 

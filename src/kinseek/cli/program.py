@@ -13,8 +13,8 @@ import kinseek
 from kinseek.errors import KinseekError, suggest
 
 from .help import Option, definitions, help_width, paragraph
-from .output import complain, held_output, warnings_in_one_line, write_out
-from .words import gather
+from .output import buffered_output, complain, warnings_in_one_line, write_out
+from .words import join_lists
 
 COMMANDS = (
     "solve",
@@ -76,21 +76,23 @@ class Program(click.Group):
             paragraph(self.help or "", width),
             "Commands:\n" + definitions(rows, width),
             "Options:\n" + definitions(options, width),
-            paragraph("kinseek COMMAND --help says what a command takes, with examples.", width),
+            paragraph(
+                "kinseek COMMAND --help shows the arguments, options and examples of a command.", width
+            ),
         ]
         return "\n\n".join(parts)
 
 
-def _version(ctx: click.Context, option: Any, wanted: bool) -> None:
-    if wanted and not ctx.resilient_parsing:
+def _version(ctx: click.Context, option: Any, requested: bool) -> None:
+    if requested and not ctx.resilient_parsing:
         print(kinseek.__version__)
         ctx.exit()
 
 
 PROGRAM = Program(
     "kinseek",
-    help="Inverse kinematics of serial robot arms by search. Exit codes: 0 done or reached, 1 not reached or found "
-    "wanting, 2 misuse or output that cannot be written, 130 stopped with Ctrl-C.",
+    help="Inverse kinematics of serial robot arms by search. Exit codes: 0 done or reached, 1 not reached or check "
+    "failed, 2 misuse or output that cannot be written, 130 stopped with Ctrl-C.",
     params=[
         Option(
             ["--version"],
@@ -109,14 +111,14 @@ def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code; an error becomes one line on stderr."""
     if COMPLETE in os.environ:  # A shell requests a completion; it expects bytes.
         PROGRAM.main([], prog_name="kinseek", complete_var=COMPLETE)
-    with held_output() as held, warnings_in_one_line():
+    with buffered_output() as buffer, warnings_in_one_line():
         code = _run(arguments)
-    return write_out(held.getvalue(), code)
+    return write_out(buffer.getvalue(), code)
 
 
 def _run(arguments: Sequence[str]) -> int:
     try:
-        words = gather(list(arguments)) or ["--help"]
+        words = join_lists(list(arguments)) or ["--help"]
         return int(PROGRAM.main(words, prog_name="kinseek", standalone_mode=False) or 0)
     except click.Abort:
         return 130

@@ -247,7 +247,7 @@ def solution_facts(
     }
 
 
-def answer_facts(solution: Solution, in_scene: bool = False) -> dict[str, Any]:
+def line_facts(solution: Solution, in_scene: bool = False) -> dict[str, Any]:
     """Return the report of a solution in a line of JSON."""
     turns = bool(solution.problem.goal.form.columns)
     facts = {
@@ -264,12 +264,12 @@ def answer_facts(solution: Solution, in_scene: bool = False) -> dict[str, Any]:
 def branches_facts(found: Branches, in_scene: bool = False) -> dict[str, Any]:
     """Return all solutions of a goal, as JSON takes them."""
     turns = bool(found.problem.goal.form.columns)
-    answers = [
+    solutions = [
         {"q": q.tolist(), "position_error": float(place), "orientation_error": float(turn) if turns else None}
         for q, place, turn in zip(found.q, found.position_error, found.orientation_error, strict=True)
     ]
     facts = {"complete": found.complete, "sampled": found.sampled, "evaluations": int(found.evaluations)}
-    return {"branches": answers, **facts, **(branches_facts_of_scene(found) if in_scene else {})}
+    return {"branches": solutions, **facts, **(branches_facts_of_scene(found) if in_scene else {})}
 
 
 def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool, in_scene: bool = False) -> None:
@@ -286,7 +286,7 @@ def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool, in_
         for k, (q, least) in enumerate(zip(found.q, room.min(axis=1), strict=True))
     ]
     if rows:
-        _print_answers(arm, rows)
+        _print_solutions(arm, rows)
     _print(_how_many(found))
     if in_scene and found.rejected:
         _print(branches_line_of_scene(found))
@@ -297,7 +297,7 @@ def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool, in_
     _print(f"{found.evaluations:,} FK evaluations, {seconds:.3g} s (loading compiled kernels included)")
 
 
-def _print_answers(arm: Arm, rows: Sequence[Sequence[str]]) -> None:
+def _print_solutions(arm: Arm, rows: Sequence[Sequence[str]]) -> None:
     """Print solutions, one per line; if names of joints are too wide for that, use short ones."""
     units = ["m" if kind == "prismatic" else "rad" for kind in arm.kinds]
     short = [f"j{i + 1}" for i in range(arm.dof)]
@@ -327,7 +327,7 @@ def print_batch(arm: Arm, reached: NDArray[np.bool_], out: str, seconds: float, 
     if missed:
         listed = ", ".join(f"{row:,}" for row in missed[:_LISTED])
         _print(f"not reached: row {listed}{' and others' if len(missed) > _LISTED else ''}")
-    _print(f"answers: {out}")
+    _print(f"solutions: {out}")
 
 
 def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) -> None:
@@ -361,7 +361,8 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
     ]
     _print_table(("joint", ">largest step", ">"), rows)
     _print(
-        f"between two poses the hand strays {strays.distance * 1e3:.3g} mm and {np.rad2deg(strays.turn):.3g} deg at most"
+        f"between two poses the hand deviates by up to {strays.distance * 1e3:.3g} mm and "
+        f"{np.rad2deg(strays.turn):.3g} deg"
     )
     if path.proof is not None:
         whole = "the whole path" if path.certified else f"{path.proved.sum():,} of {len(path.proved):,} steps"
@@ -370,12 +371,12 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
 
 
 def _how_many(found: Branches) -> str:
-    count = f"{len(found)} answer{'s' if len(found) != 1 else ''}"
+    count = f"{len(found)} solution{'s' if len(found) != 1 else ''}"
     if found.sampled:
-        return f"{count}, a spread sample of endlessly many"
+        return f"{count}, a well-spread sample of infinitely many"
     if found.complete:
-        return f"{count}; it is proved that there is no other"
-    return f"{count}; that there is no other is not proved (--prove tries)"
+        return f"{count}; proved to be all"
+    return f"{count}; not proved to be all (--prove tries to)"
 
 
 def _goal_facts(goal: Goal) -> dict[str, Any]:

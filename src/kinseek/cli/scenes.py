@@ -59,7 +59,7 @@ class Cell(NamedTuple):
             for name, value in (given | {"--meshes": self.meshes}).items():
                 if value:
                     raise InvalidProblem(
-                        f"{name} says something of a scene; add --scene FILE, or --scene {SELF} for the arm alone"
+                        f"{name} needs a scene; add --scene FILE, or --scene {SELF} for the arm alone"
                     )
             return None
         folders = [folder for folder in self.meshes if folder != SKIP]
@@ -84,8 +84,8 @@ _scene_options = together(
         type=click.Path(),
         multiple=True,
         group=GROUP,
-        help="What stands around the arm, in the frame of its base: a .urdf or .xacro file whose joints are fixed, or a "
-        f".scene file as MoveIt writes it; once for each. {SELF}: the arm alone, which then hits nothing of itself.",
+        help="Obstacles in the frame of the arm's base: a .urdf or .xacro file with fixed joints, or a .scene file of "
+        f"MoveIt; repeat it for each. {SELF}: only collisions of the arm with itself.",
     ),
     option(
         "--clearance",
@@ -93,21 +93,21 @@ _scene_options = together(
         type=float,
         default=0.0,
         group=GROUP,
-        help="How far apart bodies have to be, m. Default: 0.",
+        help="Minimum distance of bodies, m. Default: 0.",
     ),
     option(
         "--srdf",
         metavar="FILE",
         type=click.Path(),
         group=GROUP,
-        help="An SRDF file, whose disabled pairs may touch.",
+        help="SRDF file; its disabled pairs may touch.",
     ),
     option(
         "--capsules",
         metavar="M",
         type=float,
         group=GROUP,
-        help="Radius of capsules that stand in for the links of an arm whose file has no geometry, m.",
+        help="Radius of capsules that replace links, if the arm's file has no geometry, m.",
     ),
     option(
         "--meshes",
@@ -115,8 +115,7 @@ _scene_options = together(
         type=click.Path(),
         multiple=True,
         group=GROUP,
-        help="Where the packages are that package:// addresses name; once for each. "
-        f"{SKIP}: leave meshes out that are not found.",
+        help=f"Folder of packages for package:// addresses; repeat it for each. {SKIP}: skip meshes that are not found.",
     ),
 )
 
@@ -141,8 +140,8 @@ def solution_facts_of_scene(solution: Solution) -> dict[str, Any]:
 def solution_lines_of_scene(solution: Solution) -> list[str]:
     """Return the same for people."""
     if solution.success and solution.blocked:
-        return [f"{_answers(int(solution.blocked))} before it hit something"]
-    lines = [f"{_answers(int(solution.blocked))} tried; in the way of that which hits the least:"]
+        return [f"{_solutions(int(solution.blocked))} with collisions were rejected before this one"]
+    lines = [f"{_solutions(int(solution.blocked))} with collisions; contacts of the one that collides least:"]
     lines += [f"- {contact}" for contact in solution.contacts[:_LISTED]]
     lines += [f"- and {len(solution.contacts) - _LISTED} more"] * (len(solution.contacts) > _LISTED)
     return lines if solution.contacts else []
@@ -156,8 +155,8 @@ def branches_facts_of_scene(found: Branches) -> dict[str, Any]:
 def branches_line_of_scene(found: Branches) -> str:
     """Return the same for people."""
     if found.proved_blocked:
-        return "it is proved that the arm hits something in every answer"
-    return f"{_answers(int(found.rejected))} left out, which hit something"
+        return "proved: the arm collides in every solution"
+    return f"{_solutions(int(found.rejected))} with collisions left out"
 
 
 def contacts_column(solution: Solution) -> np.ndarray[Any, Any]:
@@ -165,5 +164,5 @@ def contacts_column(solution: Solution) -> np.ndarray[Any, Any]:
     return np.array(["; ".join(map(str, each)) for each in np.atleast_1d(solution.contacts)], dtype=str)
 
 
-def _answers(count: int) -> str:
-    return f"{count} answer{'s' if count != 1 else ''}"
+def _solutions(count: int) -> str:
+    return f"{count} solution{'s' if count != 1 else ''}"

@@ -124,9 +124,13 @@ def _option(same: list[Parameter], owners: list[str]) -> Callable[[Callable[...,
     group = f"Options of --solver {', '.join(owners)}"
     if first.types == (bool,):
         return option(
-            f"{first.option}/--no-{first.option[2:]}", first.name, default=None, group=group, later=described
+            f"{first.option}/--no-{first.option[2:]}",
+            first.name,
+            default=None,
+            group=group,
+            lazy_help=described,
         )
-    return option(first.option, first.name, metavar=_shape(first), group=group, later=described)
+    return option(first.option, first.name, metavar=_shape(first), group=group, lazy_help=described)
 
 
 def _shape(parameter: Parameter) -> str:

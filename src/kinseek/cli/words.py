@@ -23,25 +23,25 @@ LENGTHS = {
 """Options that take a list, and its length; None means any number of values, or of JOINT=VALUE."""
 
 
-def gather(words: Sequence[str]) -> list[str]:
+def join_lists(words: Sequence[str]) -> list[str]:
     """Join the numbers after an option of `LENGTHS` into one word, and protect the numbers of ``fk``.
 
     So a list may be written ``--at -0.3 0 0.4`` or ``--at -0.3,0,0.4``, and a minus sign does not start an option.
     """
     if words[:1] == ["fk"]:
         return _numbers_last(words)
-    gathered: list[str] = []
+    joined: list[str] = []
     rest = list(words)
     while rest:
         word = rest.pop(0)
         if word not in LENGTHS:
-            gathered.append(word)
+            joined.append(word)
             continue
         most, taken = LENGTHS[word], list[str]()
         while rest and (is_number(rest[0]) or _is_named(rest[0], most) or _belongs(rest[0], most, taken)):
             taken.append(rest.pop(0))
-        gathered.append(f"{word}={' '.join(taken)}")
-    return gathered
+        joined.append(f"{word}={' '.join(taken)}")
+    return joined
 
 
 def is_number(word: str) -> bool:
@@ -78,7 +78,7 @@ def size(text: str | None, option: str) -> int | None:
     times = {"k": 1024, "m": 1024**2}.get(text[-1:].lower(), 1)
     digits = text if times == 1 else text[:-1]
     if not (digits.isascii() and digits.isdigit()):
-        raise InvalidProblem(f"{option}: {text!r} is no number of bytes; write 65536, 64k or 4M")
+        raise InvalidProblem(f"{option}: {text!r} is not a number of bytes; valid: 65536, 64k or 4M")
     return int(digits) * times
 
 
@@ -136,8 +136,8 @@ def joints_in_order(
     names = ", ".join(arm.joint_names)
     if isinstance(values, Mapping):
         named = in_radians(arm, values, option, False)
-        if lacking := [name for name in arm.joint_names if name not in named]:
-            raise InvalidProblem(f"{option} lacks a value of {', '.join(lacking)}. Joints: {names}")
+        if missing := [name for name in arm.joint_names if name not in named]:
+            raise InvalidProblem(f"{option} has no value for {', '.join(missing)}. Joints: {names}")
         values = [named[name] for name in arm.joint_names]
     if len(values) != arm.dof:
         raise InvalidProblem(f"{option} needs {arm.dof} numbers, got {len(values)}. Joints: {names}")

@@ -67,8 +67,8 @@ def assemble(chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair]) 
         ]
     if (total := sum(len(numbers[pair.a]) * len(numbers[pair.b]) for pair in counting)) > MOST_PAIRS:
         raise InvalidScene(
-            f"{total:,} pairs of shapes count, a scene has at most {MOST_PAIRS:,}: give bodies fewer shapes, such as one "
-            "mesh for several, or leave out pairs with allow()"
+            f"{total:,} pairs of shapes have to be checked, expected at most {MOST_PAIRS:,}: give bodies fewer "
+            "shapes, e.g. one mesh instead of several, or exclude pairs with allow()"
         )
     counted = [
         ((i, j), (pair.a, pair.b)) for pair in counting for i in numbers[pair.a] for j in numbers[pair.b]

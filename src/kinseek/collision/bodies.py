@@ -194,8 +194,8 @@ def require_number(shapes: int) -> None:
     """
     if shapes > MOST_SHAPES:
         raise InvalidScene(
-            f"{shapes:,} shapes of bodies, a scene has at most {MOST_SHAPES:,}: put shapes that stand still into one "
-            "mesh, or points into one cloud"
+            f"{shapes:,} shapes of bodies, expected at most {MOST_SHAPES:,}: combine fixed shapes into one mesh, or "
+            "points into one cloud"
         )
 
 
@@ -253,9 +253,7 @@ def parts_of(link: Any, meshes: MeshFiles, skip: bool, notes: list[str]) -> list
             if not isinstance(error, _Unreadable):
                 raise InvalidScene(f"{meshes.path}: {message}") from error
             if not skip:
-                raise InvalidScene(
-                    f'{meshes.path}: {message} (missing="skip" leaves such meshes out)'
-                ) from error
+                raise InvalidScene(f'{meshes.path}: {message} (missing="skip" skips such meshes)') from error
             notes.append(f"left out: {message}")
     return parts
 
@@ -344,16 +342,19 @@ def _require_same(chain: SerialChain, text: bytes, path: Path) -> None:
         other = read_urdf_text(text, chain.base, chain.tip, where=str(path))
     except InvalidRobot as error:
         raise InvalidScene(f"this file does not describe the arm {chain.name!r}: {error}") from error
-    held = dict(chain.locked)
-    if set(other.joint_names) != {*chain.joint_names, *held}:
+    locked = dict(chain.locked)
+    if set(other.joint_names) != {*chain.joint_names, *locked}:
         raise InvalidScene(
             f"{path}: its joints between {chain.base!r} and {chain.tip!r} are {', '.join(other.joint_names)}, "
             f"those of the arm {', '.join(chain.joint_names)}"
         )
+    # Names alone do not show that two files describe the same arm: poses at some joint values do.
     q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (3, chain.dof))
     full = np.stack(
         [
-            q[:, chain.joint_names.index(name)] if name in chain.joint_names else np.full(len(q), held[name])
+            q[:, chain.joint_names.index(name)]
+            if name in chain.joint_names
+            else np.full(len(q), locked[name])
             for name in other.joint_names
         ],
         axis=1,
@@ -382,16 +383,17 @@ def _frames(
         near.setdefault(parent, []).append((child, joint, True))
         near.setdefault(child, []).append((parent, joint, False))
     others = _Others(robot, chain, joints, path)
-    ahead = list(spine)
-    while ahead:
-        name = ahead.pop()
+    # Links beside the chain move with the link of the chain that they hang on.
+    to_visit = list(spine)
+    while to_visit:
+        name = to_visit.pop()
         for link, joint, below in near.get(name, []):
             if link in frames:
                 continue
             pose = others.pose(joint)
             frame = frames[name]
             frames[link] = Frame(frame.joints, frame.pose @ (pose if below else np.linalg.inv(pose)))
-            ahead.append(link)
+            to_visit.append(link)
     if unknown := [name for name in joints if name not in others.values]:
         raise InvalidScene(f"joints: {suggest(str(unknown[0]), others.values, 'joint beside the arm')}")
     notes.extend(
@@ -426,7 +428,7 @@ class _Others:
             return origin
         if kind not in (REVOLUTE, CONTINUOUS, PRISMATIC):
             raise InvalidScene(
-                f"{self.path}: joint {name!r} is {kind}; beside the arm only joints of one axis are known"
+                f"{self.path}: joint {name!r} is {kind}; outside the arm only joints with one axis are supported"
             )
         leader, multiplier, offset = self.mimics.driver(name)
         if leader in (*self.chain.joint_names, *dict(self.chain.locked)):
@@ -437,7 +439,7 @@ class _Others:
         value = multiplier * self._value(leader) + offset
         if not abs(value) <= LARGEST:
             raise InvalidScene(
-                f"{self.path}: joint {name!r} must stand at a value of at most {LARGEST:g} rad or m, got {value:g}"
+                f"{self.path}: joint {name!r} must have a value of at most {LARGEST:g} rad or m, got {value:g}"
             )
         axis = numbers_of(None if joint.find("axis") is None else joint.find("axis").get("xyz"), 3, 0.0)
         axis = axis / np.linalg.norm(axis) if axis.any() else np.array([1.0, 0.0, 0.0])

@@ -28,7 +28,8 @@ Flags = NDArray[np.bool_]
 Verdicts = NDArray[np.int64]
 
 _STEPS = 16
-"""Maximum number of planes tried per pair; without a separating plane or a common point the pair is in doubt."""
+"""Maximum number of planes tried per pair; without a separating plane or a common point the pair is in doubt. Not examined
+further."""
 
 _NEAR = 1e-6
 """Groups that may come nearer than this are always checked, in the order of the joints that carry them [m]."""
@@ -109,7 +110,7 @@ class Broad:
 
     def verdicts(self, q: Array, clearance: float, touch: float) -> tuple[Verdicts, int]:
         """Classify joint values, (k, n), as free, touching or in doubt, and count the last; see `sort_out`."""
-        return self._ask(q, clearance, touch, _NO_DOUBTS)
+        return self._classify(q, clearance, touch, _NO_DOUBTS)
 
     def sort_out(self, q: Array, clearance: float, touch: float) -> tuple[Verdicts, Flags]:
         """Classify joint values, (k, n), as free, touching or in doubt.
@@ -123,13 +124,14 @@ class Broad:
             `FREE`, `TOUCH` or `DOUBT` of `kernels.collision.gaps`, (k,), and the pairs in doubt, (k, pairs).
         """
         doubts = self._table_of(q, np.bool_)
-        verdicts, _ = self._ask(q, clearance, touch, doubts)
+        verdicts, _ = self._classify(q, clearance, touch, doubts)
         if doubts.shape[1] > self.count:
             doubts = np.logical_or.reduceat(doubts, self._firsts, axis=1)
         return verdicts, doubts
 
-    def _ask(self, q: Array, clearance: float, touch: float, doubts: Flags) -> tuple[Verdicts, int]:
+    def _classify(self, q: Array, clearance: float, touch: float, doubts: Flags) -> tuple[Verdicts, int]:
         verdicts = np.empty(len(q), dtype=np.int64)
+        # All bounds have rounding errors, so a pair is free only if it is farther apart by this margin.
         least = clearance + touch + self._rounding
         q = np.ascontiguousarray(q)
         return verdicts, sort_out(self._handle, q, clearance, least, _STEPS, LANES, verdicts, doubts)

@@ -154,7 +154,7 @@ def _flat(columns: Sequence[Array]) -> tuple[NDArray[np.int64], Array]:
     most = max((one.shape[1] for one in columns), default=0)
     if most > 2**NUMBERS - BLOCK:
         raise InvalidScene(
-            f"a hull of {most:,} corners is too much, at most {2**NUMBERS - BLOCK:,}; simplify it"
+            f"a hull has {most:,} corners, expected at most {2**NUMBERS - BLOCK:,}; simplify it"
         )
     full = [one[:, np.arange(-(-one.shape[1] // BLOCK) * BLOCK) % max(one.shape[1], 1)] for one in columns]
     at = np.cumsum([0, *(one.shape[1] for one in full)], dtype=np.int64)

@@ -29,14 +29,12 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _FIRST, _LEVELS, _FINER = 1024, 4, 2
-"""Number of cells of a chart, and of levels of refinement.
-
-A chart starts with a power of two of cells. On the first levels all cells are divided into four while some are undecided; on
-the further levels only undecided cells are divided.
-"""
+"""Number of cells of a chart, and of levels of refinement. A chart starts with a power of two of cells. On the first levels
+all cells are divided into four while some are undecided; on the further levels only undecided cells are divided. Not
+examined further."""
 
 _STEPS = 24
-"""Maximum number of planes tried between two parts."""
+"""Maximum number of planes tried between two parts. Not examined further."""
 
 _MARGIN = 1e-9
 """Angle that rounding may move into the next cell [rad]."""
@@ -105,8 +103,7 @@ def chart_of(
         np.arange(turning),
         np.ones(turning),
         np.zeros(turning),
-        -endless,
-        endless,
+        (-endless, endless),
     )
     numbered = np.array([(i, len(parts) + j, n) for n, (i, j) in enumerate(pairs)], dtype=np.int64)
     cell = make_collision_model(
@@ -124,13 +121,14 @@ def chart_of(
     handle, moves = handle_of(arrays), _moves(ways, members[: len(parts)], members[len(parts) :])
     again = (1, 4) if turning == 1 else (2, 2)
 
-    def report(where: NDArray[np.int64], counts: tuple[int, int]) -> Array:
+    def cell_bounds(where: NDArray[np.int64], counts: tuple[int, int]) -> Array:
         """Return the bounds that hold in whole cells, by row and column."""
         angles = ((where + 0.5) * (2 * np.pi / np.array(counts)))[:, 2 - turning :]
         q = np.ascontiguousarray(angles)
         bounds, depths = np.empty((len(q), len(pairs))), np.empty(len(q))
         bound_pairs(handle, q, _STEPS, LANES, bounds)
         bound_depths(handle, q, bounds, LANES, depths)
+        # Half a cell's width of each joint, plus rounding, times the largest lever of that joint.
         moved = sum(move * (np.pi / count + _MARGIN) for move, count in zip(moves, counts, strict=True))
         free, deep = bounds.min(axis=1) - moved, depths - moved
         return np.where(free > 0, free, np.minimum(-deep, 0.0))
@@ -138,9 +136,9 @@ def chart_of(
     def within_limits(counts: tuple[int, int]) -> Flags:
         """Return which cells overlap the limits."""
         along = [_inside(count, limit) for count, limit in zip(counts[2 - turning :], limits, strict=True)]
-        asked = np.zeros(counts, dtype=np.bool_)
-        asked[np.ix_(*([0], *along)[-2:])] = True
-        return asked
+        inside_limits = np.zeros(counts, dtype=np.bool_)
+        inside_limits[np.ix_(*([0], *along)[-2:])] = True
+        return inside_limits
 
     counts = _counts(moves, _FIRST)
     grid = np.zeros(counts)
@@ -151,7 +149,7 @@ def chart_of(
         where = np.argwhere(within_limits(counts) & (grid == 0))
         if not len(where):
             break
-        grid[tuple(where.T)] = report(where, counts)
+        grid[tuple(where.T)] = cell_bounds(where, counts)
     cells, below = grid.ravel(), np.zeros(grid.size, dtype=np.int64)
     inside = within_limits(counts)
     apart = float(grid[inside].min()) if (grid[inside] > 0).all() else NEVER_APART
@@ -160,16 +158,17 @@ def chart_of(
     for _ in range(_FINER):
         if not len(where):
             break
+        # Children are appended in groups of four, so one index per cell is enough.
         below[places] = len(cells) + 4 * np.arange(len(where))
         places = len(cells) + np.arange(4 * len(where))
         parts_of = np.argwhere(np.ones(again))
         where = (where[:, None] * again + parts_of).reshape(-1, 2)
         counts = (counts[0] * again[0], counts[1] * again[1])
-        asked = within_limits(counts)[tuple(where.T)]
+        inside_limits = within_limits(counts)[tuple(where.T)]
         values = np.zeros(len(where))
-        values[asked] = report(where[asked], counts)
+        values[inside_limits] = cell_bounds(where[inside_limits], counts)
         cells, below = np.concatenate([cells, values]), np.concatenate([below, np.zeros_like(places)])
-        left = asked & (values == 0)
+        left = inside_limits & (values == 0)
         where, places = where[left], places[left]
     return Chart(cells, below, (joints[0], joints[1] - 1, *top), apart)
 

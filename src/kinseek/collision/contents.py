@@ -83,8 +83,9 @@ class Contents:
     ) -> None:
         """Add a triangle mesh from a file.
 
-        A closed mesh is solid. An open mesh is a surface: a body wholly behind it does not touch it, and `notes` reports
-        this.
+        A closed surface of the mesh is solid, whichever way its triangles are oriented; one wholly inside another and
+        oriented the other way is a cavity. An open surface is thin: a body wholly behind it does not touch it, and `notes`
+        reports this.
 
         Args:
             name: Name of the new body.
@@ -104,7 +105,8 @@ class Contents:
         self.add(name, mesh, pose)
         if simplify is not None:
             self._notes.append(
-                f"{name!r} is simplified to {len(mesh.faces):,} triangles, and counts as {mesh.thicker:.2g} m thicker"
+                f"{name!r} is simplified to {len(mesh.faces):,} triangles, and is treated as {mesh.thicker:.2g} m "
+                "thicker"
             )
 
     def add_points(self, name: str, cloud: ArrayLike, radius: float, pose: Any = None) -> None:
@@ -166,7 +168,7 @@ class Contents:
             names = tuple(self._new(f"{prefix}{body.name}") for body in found)
         except InvalidScene as error:
             raise InvalidScene(
-                f'{path}: {error}; prefix= puts something before the names of a file: prefix="left "'
+                f'{path}: {error}; prefix= adds a prefix to the names of a file: prefix="left "'
             ) from None
         for name, body in zip(names, found, strict=True):
             self._enter(replace(body, name=name, frame=Frame(0, base @ body.frame.pose)))
@@ -202,7 +204,7 @@ class Contents:
             raise InvalidScene(suggest(str(to), self._links, "link"))
         if isinstance(shape, Points) or (isinstance(shape, Mesh) and not shape.hull):
             raise InvalidScene(
-                "what is attached must be convex: a cloud cannot be, of a mesh its hull, hull=True"
+                "an attached body must be convex: a cloud cannot be attached, a mesh only as its hull, hull=True"
             )
         for other in touches:
             self._require(other)
@@ -295,7 +297,7 @@ class Contents:
         self._require(name)
         if owner := next((arm.name for arm in self._others.values() if name in arm.names), None):
             raise InvalidScene(
-                f"{name!r} belongs to the arm {owner!r}; remove({owner!r}) takes all of it away"
+                f"{name!r} belongs to the arm {owner!r}; remove({owner!r}) removes the whole arm"
             )
         if self._bodies[name].is_link:
             raise InvalidScene(
@@ -377,7 +379,14 @@ class Contents:
         self._bodies[body.name] = body
         self._assembly = None
         shapes = [part.shape for part in body.parts]
-        if any(isinstance(shape, Mesh) and not shape.hull and not shape.closed for shape in shapes):
+        opened = [
+            shape for shape in shapes if isinstance(shape, Mesh) and not shape.hull and not shape.closed
+        ]
+        if any(shape.interior.any_solid for shape in opened):
+            self._notes.append(
+                f"{body.name!r} is an open mesh in part: what lies wholly behind its open surfaces does not touch them"
+            )
+        elif opened:
             self._notes.append(
                 f"{body.name!r} is an open mesh, a surface: what lies wholly behind it does not touch it"
             )

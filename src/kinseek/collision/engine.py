@@ -28,13 +28,14 @@ _UNKNOWN = float(np.finfo(np.float64).min)
 """What coal says of parts that touch, where it cannot report how deep they are in each other: of very small triangles."""
 
 _LOOKS = 24
-"""Number of planes tried between parts that may be the nearest."""
+"""Number of planes tried between parts that may be the nearest. Not examined further."""
 
 _ALONE = 1024
-"""Number of joint values up to which starting another thread does not pay."""
+"""Number of joint values up to which starting another thread does not pay. Not examined further."""
 
 _CHUNKS, _SHORTEST = 8, 256
-"""Number of pieces per thread into which a batch is divided, and minimum number of joint values in each."""
+"""Number of pieces per thread into which a batch is divided, and minimum number of joint values in each. Not examined
+further."""
 
 
 class Solid(NamedTuple):
@@ -77,6 +78,7 @@ class Engine:
         for k, slides in enumerate(chain.prismatic):
             kind = pin.JointModelPZ() if slides else pin.JointModelRZ()
             place = pin.SE3(chain.fixed[k, :, :3].copy(), chain.fixed[k, :, 3].copy())
+            # The model has one joint per physical joint, so that mimic joints and offsets need no support by pinocchio.
             joint = self._model.addJoint(joint, kind, place, f"joint{k + 1}")
         self._data = self._model.createData()
         self._geometry = pin.GeometryModel()
@@ -101,6 +103,7 @@ class Engine:
         self._fitted: Broad | None = None
         self._moving: Mapping[int, Array] = {}
         """Poses that `stand` is setting."""
+        # coal knows only the surface of such a mesh: a part wholly inside it does not touch, and is tested separately.
         self._shells = [n for n, pair in enumerate(pairs) if any(_is_shell(solids[i]) for i in pair)]
 
     @property
@@ -120,6 +123,7 @@ class Engine:
             self.solids[number] = self.solids[number]._replace(pose=pose)
             place = self._pin.SE3(pose[:3, :3].copy(), pose[:3, 3].copy())
             self._geometry.geometryObjects[number].placement = place
+        # The spheres of the broad phase contain the old poses.
         self._fitted, self._moving = None, {}
 
     def __enter__(self) -> Self:
@@ -189,6 +193,7 @@ class Engine:
         bounds = self._broad.bounds(q[None], _LOOKS)[0]
         self.place(q)
         best: Near | None = None
+        # In the order of their bounds, so that few distances are computed exactly.
         for n in np.argsort(bounds):
             # A bound below 0 has no meaning: spheres do not measure penetration depth.
             if best is not None and bounds[n] > max(best.distance, 0.0):
@@ -203,6 +208,7 @@ class Engine:
         if not self.pairs:
             return []
         self.set_clearance(clearance)
+        # The bounds exclude most pairs, and cost less than one exact check.
         close = np.flatnonzero(self.bounds(q[None])[0] <= clearance + TOUCH)
         self.place(q)
         return [self.near_pair(int(n)) for n in close if self.touch(int(n))]
@@ -249,6 +255,7 @@ class Engine:
         """Return the distance of a pair at the last placements."""
         result = self._pin.computeDistance(self._geometry, self._placed, n)
         distance = float(result.min_distance)
+        # Parts that touch without a known depth count as in contact with depth 0.
         if distance <= _UNKNOWN:
             distance = 0.0
         if self._inside(n):

@@ -18,10 +18,11 @@ _PRODUCTS = 2**24
 """Maximum number of point-plane products computed at once."""
 
 _DIRECTIONS = (32, 128, 512, 2048, 8192)
-"""Numbers of directions in which the farthest points are searched, until few points lie outside their hull."""
+"""Numbers of directions in which the farthest points are searched, until few points lie outside their hull. Not examined
+further."""
 
 _HELPS = 0.9
-"""No more directions are tried after a step that keeps more than this fraction of the points."""
+"""No more directions are tried after a step that keeps more than this fraction of the points. Not examined further."""
 
 _DEEP = 1e-9
 """Depth below all sides of a hull beyond which a point is inside despite rounding, relative to the hull's size."""

@@ -20,10 +20,10 @@ FINEST = 1e-5
 """A motion that comes this close to contact, or to the clearance, is not reported as free [m]."""
 
 _MOST = 20_000
-"""Maximum number of moments checked per motion; a motion that needs more is not reported as free."""
+"""Maximum number of moments checked per motion; a motion that needs more is not reported as free. Not examined further."""
 
 _TOGETHER = 512
-"""Number of motions checked together."""
+"""Number of motions checked together. Not examined further."""
 
 
 class Speeds:
@@ -104,9 +104,11 @@ def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, clearance: flo
     left, looked = np.ones(rates.shape, dtype=np.bool_), np.zeros(len(q0), dtype=np.int64)
     while len(number):
         np.add.at(looked, number, 1)
+        # Such a motion stays close to contact for long: without a limit the halving would hardly end.
         late = looked[number] > _MOST
         found[number[late]] = moment[late]
         q = q0[number] + moment[:, None] * (q1 - q0)[number]
+        # Bounds from spheres exclude most pairs; only the rest is measured exactly.
         left &= engine.bounds(q) - least <= rates[number] * half
         for row in np.flatnonzero(left.any(axis=1)):
             if found[number[row]] >= 0:
@@ -120,6 +122,7 @@ def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, clearance: flo
                 left[row, n] = distance - least <= rates[number[row], n] * half
         on = left.any(axis=1) & np.isnan(found[number])
         half /= 2
+        # Both halves of an interval have the same pairs left, since no pair has to be checked again in a covered half.
         number, left = np.tile(number[on], 2), np.tile(left[on], (2, 1))
         moment = np.concatenate([moment[on] - half, moment[on] + half])
     return found
@@ -128,4 +131,5 @@ def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, clearance: flo
 def _radius(solid: Solid) -> float:
     """Return a bound on the distance of any point of a part from the frame of its joint [m]."""
     corners = solid.shape.corners @ solid.pose[:3, :3].T + solid.pose[:3, 3]
+    # The farthest corner bounds all points of a convex part, and the hull of any other.
     return float(np.linalg.norm(corners, axis=1).max()) + solid.shape.thickness + solid.padding + TOUCH

@@ -57,15 +57,15 @@ def obstacles(
             found, notes = _urdf(text, path, folders, skip)
         else:
             raise InvalidScene(
-                f"{str(path)!r} is no file of obstacles; expected {URDF}, {XACRO}, or {MOVEIT} as MoveIt writes it. "
-                "A mesh is added with add_mesh, or named by a URDF"
+                f"{str(path)!r} is not a file of obstacles; expected {URDF}, {XACRO}, or {MOVEIT} as MoveIt writes "
+                "it. Add a mesh with add_mesh, or refer to it in a URDF"
             )
     except (InvalidRobot, InvalidScene) as error:
         where = "" if str(path) in str(error) else f"{path}: "
         raise InvalidScene(f"{where}{error}") from error
     if not found:
         what = "no objects" if path.suffix.lower() == MOVEIT else "no collision elements"
-        raise InvalidScene(f"{path}: nothing to hit: {'; '.join(notes) or f'it has {what}'}")
+        raise InvalidScene(f"{path}: no obstacles: {'; '.join(notes) or f'it has {what}'}")
     return found, notes
 
 
@@ -153,7 +153,7 @@ def _moveit(content: bytes, where: str) -> list[Body]:
     try:
         words = _Words(content.decode("utf-8"), where)
     except UnicodeDecodeError:
-        raise InvalidScene(f"{where} is no text") from None
+        raise InvalidScene(f"{where} is not text") from None
     bodies: dict[str, Body] = {}
     objects = shapes = subframes = 0
     while (word := words.take("* or a point at the end")).text != ".":

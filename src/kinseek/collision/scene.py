@@ -125,7 +125,7 @@ class Scene(Contents):
         least = length_or_zero("clearance", clearance)
         if threads is not None:
             threads = as_integer("threads", threads, 1)
-        free = self._asked.free(joints.reshape(-1, self._chain.dof), least, threads)
+        free = self._engine.free(joints.reshape(-1, self._chain.dof), least, threads)
         return free.reshape(joints.shape[:-1]) if joints.ndim > 1 else bool(free[0])
 
     def distance(self, q: Any) -> Any:
@@ -141,7 +141,7 @@ class Scene(Contents):
             InvalidProblem: `q` does not fit the arm.
         """
         joints = as_joints(self._chain, q)
-        with self._asked as engine:
+        with self._engine as engine:
             found = [engine.nearest(row) for row in joints.reshape(-1, self._chain.dof)]
         distances = np.array([np.inf if near is None else near.distance for near in found])
         return distances.reshape(joints.shape[:-1]) if joints.ndim > 1 else float(distances[0])
@@ -154,10 +154,10 @@ class Scene(Contents):
             InvalidScene: No pair is checked.
         """
         joints = self._one(q)
-        with self._asked as engine:
+        with self._engine as engine:
             near = engine.nearest(joints)
         if near is None:
-            raise InvalidScene("no pair of bodies counts, so none is nearest")
+            raise InvalidScene("no pair of bodies is checked, so there is no nearest pair")
         (a, b), (point_a, point_b) = self._made.owners[near.pair], near.points
         return Nearest(a, b, near.distance, point_a, point_b)
 
@@ -170,7 +170,7 @@ class Scene(Contents):
         """
         joints, least = self._one(q), length_or_zero("clearance", clearance)
         found: dict[tuple[str, str], Near] = {}
-        with self._asked as engine:
+        with self._engine as engine:
             for near in engine.touching(joints, least):
                 names = self._made.owners[near.pair]
                 if names not in found or near.distance < found[names].distance:
@@ -227,14 +227,14 @@ class Scene(Contents):
             one, other = np.broadcast_arrays(*ends)
         except ValueError:
             raise InvalidProblem(
-                f"q0 and q1 do not fit: shapes {ends[0].shape} and {ends[1].shape}"
+                f"q0 and q1 have shapes that do not broadcast: {ends[0].shape} and {ends[1].shape}"
             ) from None
         a, b = one.reshape(-1, self._chain.dof), other.reshape(-1, self._chain.dof)
         return a, b - a, one.shape[:-1]
 
     def _stops(self, starts: Array, way: Array, clearance: float) -> Array:
         least = length_or_zero("clearance", clearance)
-        with self._asked:
+        with self._engine:
             return stops(self._made.speeds, starts, starts + way, least)
 
     def hits_around(self, q: Any, reach: Any, clearance: float = 0.0) -> bool:
@@ -253,7 +253,7 @@ class Scene(Contents):
             InvalidScene: `clearance` is not a length.
         """
         joints, least = self._one(q), length_or_zero("clearance", clearance)
-        with self._asked:
+        with self._engine:
             return surely_hits(self._made.speeds, joints, np.asarray(reach, dtype=np.float64), least)
 
     def fits(self, mechanism: Mechanism) -> bool:
@@ -274,6 +274,6 @@ class Scene(Contents):
         return digest(self._bodies.values(), self.pairs)
 
     @property
-    def _asked(self) -> Engine:
+    def _engine(self) -> Engine:
         """The engine of the current scene."""
         return self._made.engine

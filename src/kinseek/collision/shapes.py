@@ -22,6 +22,7 @@ from kinseek.lazy import Lazy, lazy
 if TYPE_CHECKING:
     from kinseek.robots.mesh_files import Budget
 
+    from .interior import Interior
     from .spheres import Cover
 
 Array = NDArray[np.float64]
@@ -255,15 +256,15 @@ class Mesh(Shape):
         except (TypeError, ValueError, OverflowError) as error:
             raise InvalidScene(f"{self.name}: expected vertices (k, 3) and faces (f, 3): {error}") from None
         if not len(faces) or not len(vertices):
-            raise InvalidScene(f"{self.name} is empty: it holds no triangles")
+            raise InvalidScene(f"{self.name} is empty: it has no triangles")
         if len(faces) > MOST_TRIANGLES and not self.hull:
             raise InvalidScene(
-                f"{self.name} holds {len(faces):,} triangles, expected at most {MOST_TRIANGLES:,}: take its hull, "
-                f"hull=True, or have it simplified by so many metres at most, simplify=0.001"
+                f"{self.name} holds {len(faces):,} triangles, expected at most {MOST_TRIANGLES:,}: use its hull, "
+                "hull=True, or simplify it by at most a length in metres, simplify=0.001"
             )
         _require_measure(vertices, self.name)
         if faces.min() < 0 or faces.max() >= len(vertices):
-            raise InvalidScene(f"{self.name}: a face names a vertex that is not there")
+            raise InvalidScene(f"{self.name}: a face refers to a vertex that does not exist")
         object.__setattr__(self, "thicker", length_or_zero(f"{self.name}: thicker", self.thicker))
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
@@ -311,8 +312,11 @@ class Mesh(Shape):
             return cls(vertices, faces, hull, repr(str(path)))
         from .simplify import simplified
 
-        _require_measure(vertices, repr(str(path)))
-        vertices, faces, moved = simplified(vertices, faces, length("simplify", simplify))
+        whole, tolerance = cls(vertices, faces, True, repr(str(path))), length("simplify", simplify)
+        # Simplifying keeps a surface closed if its triangles are oriented alike.
+        vertices, faces, moved = simplified(
+            whole.vertices, whole.faces if hull else whole.interior.faces, tolerance
+        )
         return cls(vertices, faces, hull, repr(str(path)), moved)
 
     @property
@@ -342,28 +346,23 @@ class Mesh(Shape):
                 raise
             return box_corners(self.vertices)
 
-    @lazy
+    @property
     def closed(self) -> bool:
-        """Does every edge belong to two triangles, so that the mesh has an inside?"""
-        _, places = np.unique(self.vertices.round(9), axis=0, return_inverse=True)
-        corners = places.ravel()[self.faces]
-        edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        _, counts = np.unique(edges, axis=0, return_counts=True)
-        return bool((counts % 2 == 0).all())
+        """Is every surface of it closed, so that it has an inside?"""
+        return self.interior.closed
+
+    @lazy
+    def interior(self) -> Interior:
+        """Its closed surfaces, which are solid or cavities."""
+        from .interior import Interior
+
+        return Interior(self.vertices, self.faces)
 
     def holds(self, point: Array) -> bool:
-        """Return whether a point (3,) lies inside, by the winding number (Van Oosterom and Strackee 1983).
-
-        Only a closed mesh has an inside.
-        """
-        if not self.closed or (point < self._least).any() or (point > self._most).any():
+        """Return whether a point (3,) lies inside of a closed surface of it, and in no cavity of that surface."""
+        if (point < self._least).any() or (point > self._most).any():
             return False
-        a, b, c = (self.vertices[self.faces[:, i]] - point for i in range(3))
-        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-        top = np.einsum("ij,ij->i", a, np.cross(b, c))
-        dot = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
-        bottom = la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb
-        return bool(abs(np.arctan2(top, bottom).sum()) > np.pi)
+        return self.interior.holds(point)
 
     def geometry(self) -> Any:
         """Return the geometry for coal."""
@@ -440,13 +439,13 @@ class Points(Shape):
         bad = ~np.isfinite(cloud).all(axis=1)
         if bad.any():
             raise InvalidScene(
-                f"a cloud must be finite: {int(bad.sum()):,} of {len(cloud):,} points hold NaN or infinity, the first is "
-                f"point {int(np.argmax(bad))}; leave them out: cloud[numpy.isfinite(cloud).all(axis=1)]"
+                f"a cloud must be finite: {int(bad.sum()):,} of {len(cloud):,} points hold NaN or infinity, the first "
+                f"is point {int(np.argmax(bad))}; remove them: cloud[numpy.isfinite(cloud).all(axis=1)]"
             )
         if (farthest := float(np.abs(cloud).max())) > MOST_LENGTH:
             raise InvalidScene(
-                f"points of a cloud must lie within {MOST_LENGTH:g} m of its origin along each axis, got {farthest:g} m: "
-                f"leave those out that are farther off: cloud[(abs(cloud) <= {MOST_LENGTH:g}).all(axis=1)]"
+                f"points of a cloud must lie within {MOST_LENGTH:g} m of its origin along each axis, got {farthest:g} "
+                f"m: remove points that are farther away: cloud[(abs(cloud) <= {MOST_LENGTH:g}).all(axis=1)]"
             )
         object.__setattr__(self, "cloud", cloud)
         object.__setattr__(self, "places", cloud)
@@ -516,7 +515,7 @@ def length_or_zero(name: str, value: Any) -> float:
         return length(name, value, 0.0)
     except InvalidScene:
         raise InvalidScene(
-            f"{name} must be a length of at least 0 m, got {value!r:.200}; the largest that is taken is {MOST_LENGTH:g} m"
+            f"{name} must be a length of at least 0 m, and at most {MOST_LENGTH:g} m, got {value!r:.200}"
         ) from None
 
 
@@ -549,8 +548,8 @@ def _require_measure(vertices: Array, name: str) -> None:
         raise InvalidScene(f"{name}: a vertex holds NaN or infinity")
     if (farthest := float(np.abs(vertices).max())) > MOST_LENGTH:
         raise InvalidScene(
-            f"{name}: vertices must lie within {MOST_LENGTH:g} m of its origin along each axis, got {farthest:g} m; are "
-            "they in metres? If not, scale= brings them there"
+            f"{name}: vertices must lie within {MOST_LENGTH:g} m of its origin along each axis, got {farthest:g} m; "
+            "if they are not in metres, give scale="
         )
     if (largest := float(np.ptp(vertices, axis=0).max())) < LEAST_LENGTH:
         raise InvalidScene(

@@ -1,8 +1,8 @@
 """Mesh simplification with a bound on how far any point moves, by merging the vertices in each cell of a grid.
 
 After Rossignac and Borrel (1993). Triangles that collapse to a line or a point stay as slivers, so that the simplified
-triangles, made thicker by the bound, contain the original ones. A closed mesh stays closed, because every edge keeps an even
-number of triangles.
+triangles, made thicker by the bound, contain the original ones. A closed mesh whose triangles are oriented alike stays
+closed, because its triangles pass every edge as often in one direction as in the other.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array
         Vertices (m, 3), faces (g, 3), and the maximum distance that points have moved [m].
     """
     sliver = min(_SLIVER, tolerance / 2)
+    # The diagonal of a cell is the tolerance, so no vertex moves farther than that.
     cells = np.floor((vertices - vertices.min(axis=0)) / (2 * (tolerance - sliver) / np.sqrt(3.0)))
     _, cell = np.unique(cells, axis=0, return_inverse=True)
     cell = cell.ravel()
@@ -42,6 +43,7 @@ def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array
     different = (corners != np.roll(corners, 1, axis=1)).sum(axis=1)
     whole, rest = corners[different == 3], np.sort(corners[different < 3], axis=1)
     edges = np.sort(whole[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    # Triangles that collapse to a line or a point would leave gaps; slivers replace them.
     lines = _missing(rest[:, [0, 2]][rest[:, 0] != rest[:, 2]], edges, count)
     known = np.union1d(whole, lines)
     points = np.setdiff1d(rest[rest[:, 0] == rest[:, 2], 0], known)
@@ -53,8 +55,8 @@ def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array
     end = end + up * [0, 0, 1]
     slivers = np.arange(3 * len(lost)).reshape(3, -1).T + count
     # In both orientations, so that they enclose no volume and each of their edges counts twice.
-    kept = np.concatenate([whole, slivers, slivers[:, ::-1]])
-    return np.concatenate([middle, begin, end, side]), kept, moved
+    triangles = np.concatenate([whole, slivers, slivers[:, ::-1]])
+    return np.concatenate([middle, begin, end, side]), triangles, moved
 
 
 def _missing(lines: Indices, edges: Indices, count: int) -> Indices:

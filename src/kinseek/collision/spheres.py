@@ -27,7 +27,7 @@ FEW, COUNT = 8, 32
 """Numbers of spheres of one part: few for a quick check, and more, outer and inner, for full vector lanes."""
 
 _CANDIDATES, _SAMPLES = 300, 800
-"""Numbers of candidate inner spheres, and of points of the body by which they are chosen."""
+"""Numbers of candidate inner spheres, and of points of the body by which they are chosen. Not examined further."""
 
 _MOST_CORNERS = 2**13
 """Maximum number of corners of a hull that is cut into pieces; this many on two circles take some 15 s. Larger hulls use
@@ -71,6 +71,7 @@ def cover_of(shape: Shape) -> Cover:
     corners = shape.corners if hull is None else hull.points[hull.vertices]
     simple = isinstance(shape, Box | Sphere | Capsule)
     core = np.eye(4) if simple else _frame_of(corners)
+    # The axes of the box come first; then its centre is moved to the middle of the corners along them.
     inside = (corners - core[:3, 3]) @ core[:3, :3]
     low, high = inside.min(axis=0), inside.max(axis=0)
     core[:3, 3] += core[:3, :3] @ ((low + high) / 2)
@@ -80,6 +81,7 @@ def cover_of(shape: Shape) -> Cover:
         rough, outer = (_balls_around_cells(np.asarray(shape.size) / 2, most) for most in (FEW, COUNT))
     else:
         planes, surface = _unique_planes(hull.equations), hull.points[hull.simplices]
+        # The small set is a beginning of the large one, so its cuts are reused.
         few = pieces_of(surface, planes, FEW)
         more = pieces_of(surface, planes, COUNT, few)
         rough, outer = (np.array([ball for _, ball, _ in pieces]).T for pieces in (few, more))
@@ -135,7 +137,7 @@ class _Thick(Shape):
         return self.points
 
     def geometry(self) -> Any:
-        raise NotImplementedError("coal is told of the shapes themselves")
+        raise NotImplementedError("coal uses the shapes themselves")
 
 
 def slices(corners: Array, thickness: float, most: int = COUNT) -> Array:
@@ -207,6 +209,7 @@ def pieces_of(
             along = points @ direction
             at = float(along.min() + along.max()) / 2
             ways.append([fit(half) for half in cut(piece, direction, at)])
+        # A cut is judged by its worse half first: the piece that protrudes most determines the bound.
         pieces += min(ways, key=lambda two: (max(one[0] for one in two), sum(one[0] for one in two)))
     return pieces
 
@@ -251,6 +254,7 @@ def _balls_inside(shape: Shape, hull: Any) -> Array:
     rng, ends = np.random.default_rng(0), hull.points[hull.vertices]
     low, high = ends.min(axis=0), ends.max(axis=0)
     points = rng.uniform(low, high, (4 * _SAMPLES, 3))
+    # The depth below all sides is the radius of the largest sphere inside the hull at that point.
     depths = -farthest_beyond(points, planes)
     points, depths = points[depths > 0][:_SAMPLES], depths[depths > 0][:_SAMPLES]
     if not len(points):
@@ -259,6 +263,7 @@ def _balls_inside(shape: Shape, hull: Any) -> Array:
     near = (_squares(points, points[tried]) <= depths[tried] ** 2).astype(np.float32)
     chosen, left = [], np.ones(len(points), dtype=np.float32)
     for _ in range(COUNT):
+        # Greedy covering: the next sphere is the one that contains most points that no sphere contains yet.
         gains = left @ near
         if not gains.max():
             break
@@ -302,6 +307,7 @@ def _hull(corners: Array) -> Any:
 
 def _unique_planes(equations: Array) -> Array:
     """Return the planes of a hull, (4, f), without the repetitions from triangles on one flat side."""
+    # Qhull divides a flat side into triangles, whose planes differ by rounding only.
     return np.ascontiguousarray(np.unique(equations.round(13), axis=0).T)
 
 

@@ -32,7 +32,7 @@ def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
     options = ("kind", "position_tolerance", "orientation_tolerance", "position_weight", "orientation_weight")
     if changed := [name for name in options if getattr(problem.goal, name) != getattr(plain, name)]:
         raise InvalidExport(
-            f"the atlas of a controller answers whole poses, to the default tolerances and weights; got another "
+            "the atlas on a controller supports whole poses with the default tolerances and weights; got another "
             f"{' and '.join(changed)}"
         )
     chain, dof = problem.arrays, problem.mechanism.dof

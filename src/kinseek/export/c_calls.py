@@ -13,12 +13,12 @@ _ROUTINE_C = {"float64": "double", "int64": "int64_t"}
 
 def c_declarations(entries: Iterable[Entry]) -> str:
     """Return structures and prototypes, each with a comment on its dimensions."""
-    wanted = list(entries)
+    declared = list(entries)
     bundles: dict[str, Bundle] = {}
-    for one in wanted:
+    for one in declared:
         bundles |= {name_of(each): each for each in one.takes.values() if isinstance(each, Bundle)}
     parts = [_structure(name, one) for name, one in bundles.items()]
-    return "\n\n".join([*parts, *(f"{_comment(one)}\n{_prototype(one)};" for one in wanted)])
+    return "\n\n".join([*parts, *(f"{_comment(one)}\n{_prototype(one)};" for one in declared)])
 
 
 def c_definitions(entries: Iterable[Entry]) -> str:

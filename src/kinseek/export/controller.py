@@ -67,7 +67,7 @@ class Parts:
     """Number of leaves that the search would tabulate at once without a memory limit."""
     kernels: str
     """Name of the file with the kernels."""
-    asks: tuple[str, ...] = ()
+    externals: tuple[str, ...] = ()
     """External functions that the kernels call; a compiler may add its own for instructions that the controller does not
     have.
     """
@@ -207,7 +207,9 @@ def prepare(
             as_integer(f"{name} [bytes]", limit, 1, error=InvalidExport)
     if arm.axes is None:
         why = "a controller is given the axes and links of an arm"
-        raise InvalidExport(f"an arm that is a function cannot be exported: {no_axes(arm.mechanism, why)}")
+        raise InvalidExport(
+            f"an arm with black-box kinematics cannot be exported: {no_axes(arm.mechanism, why)}"
+        )
     search = DivideAndConquer() if search is None else search
     problem = _problem(arm, search, goal)
     design = (
@@ -230,7 +232,7 @@ def prepare(
         lanes=design.lanes,
         most_lanes=design.most_lanes,
         kernels=FORMS[form],
-        asks=tuple(report["asks"]),
+        externals=tuple(report["externals"]),
     )
     if flash is not None and parts.flash > flash:
         raise InvalidExport(f"{arm.name!r} needs more flash than {flash:,} bytes: {parts}")
@@ -249,12 +251,12 @@ def _problem(arm: Arm, search: DivideAndConquer | Atlas, goal: Goal | None) -> P
         InvalidExport: It does not.
     """
     if not isinstance(search, DivideAndConquer | Atlas):
-        raise InvalidExport(f"what can be exported is DivideAndConquer and Atlas, got {search!r}")
-    asked = Goal.pose(arm.fk(arm.sample(1)[0])) if goal is None else goal
-    problem = Problem(arm.mechanism, asked)
-    if asked.shape:
-        raise InvalidExport(f"the program solves one goal, got a batch of shape {asked.shape}")
-    if asked.form.ranges or asked.tip is not None or asked.base is not None:
+        raise InvalidExport(f"search must be a DivideAndConquer or an Atlas, got {search!r}")
+    goal_or_default = Goal.pose(arm.fk(arm.sample(1)[0])) if goal is None else goal
+    problem = Problem(arm.mechanism, goal_or_default)
+    if goal_or_default.shape:
+        raise InvalidExport(f"the program solves one goal, got a batch of shape {goal_or_default.shape}")
+    if goal_or_default.form.ranges or goal_or_default.tip is not None or goal_or_default.base is not None:
         raise InvalidExport(
             "a goal for a controller is a pose or position of the tip in the arm's base: no free axes, direction, tool= or "
             "base=; Arm.with_tool moves the tip"
@@ -274,15 +276,15 @@ def _texts(
         "ROOM": f"{design.room} /* [bytes] of working memory. */",
         "POSITION_WEIGHT": number(float(problem.goal.arrays.position_weight)),
     }
-    answer = search.solve(problem)
+    expected = search.solve(problem)
     names = ", ".join(string(name) for name in arm.joint_names)
     goal = [
         "#include <stdint.h>",
         array("goal_pose", problem.goal.target),
         "/* What kinseek answers. */",
-        array("expected_q", np.asarray(answer.q)),
-        array("expected_pose", arm.fk(answer.q)),
-        f"#define EXPECTED_EVALUATIONS {int(answer.evaluations)}",
+        array("expected_q", np.asarray(expected.q)),
+        array("expected_pose", arm.fk(expected.q)),
+        f"#define EXPECTED_EVALUATIONS {int(expected.evaluations)}",
         f"static const char *const joint_names[] = {{{names}}};",
     ]
     entries = (_FK, *design.entries)

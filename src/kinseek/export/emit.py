@@ -159,13 +159,16 @@ def _written(module: Any, host: tuple[str, str], job: dict[str, Any], folder: Pa
         (folder / "kernels.s").write_text(machine.emit_assembly(module), encoding="utf-8")
     if job["file"] == "kernels.ll":
         (folder / "kernels.ll").write_text(str(module), encoding="utf-8")
-    asked = [each.name for each in [*module.functions, *module.global_variables] if each.is_declaration]
+    imported = [each.name for each in [*module.functions, *module.global_variables] if each.is_declaration]
     # Names in WebAssembly do not end where LLVM expects; those of code and data do.
     sections = [
         ((one.name() or b"").decode(errors="replace"), one.size())
         for one in llvm.ObjectFileRef.from_data(data).sections()
     ]
-    return {"asks": sorted(name for name in asked if not name.startswith("llvm.")), "sections": sections}
+    return {
+        "externals": sorted(name for name in imported if not name.startswith("llvm.")),
+        "sections": sections,
+    }
 
 
 if __name__ == "__main__":

@@ -33,9 +33,11 @@ def own_folder(folder: str | Path, names: Collection[str], marked: str, mark: st
     except (OSError, ValueError) as error:
         raise InvalidExport(f"cannot look into {str(folder)!r}: {error}") from error
     if exists and not fits:
-        raise InvalidExport(f"{str(folder)!r} is no folder")
+        raise InvalidExport(f"{str(folder)!r} is not a folder")
     if not around:
-        raise InvalidExport(f"there is no folder {str(place.parent)!r} to make {place.name!r} in")
+        raise InvalidExport(
+            f"folder {str(place.parent)!r}, in which {place.name!r} would be created, does not exist"
+        )
     if foreign:
         raise InvalidExport(
             f"{str(folder)!r} holds {', '.join(sorted(foreign))}, which kinseek did not write; choose another folder"

@@ -9,9 +9,9 @@ import numpy as np
 
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidExport
-from kinseek.kernels.entry import ENTRIES
+from kinseek.kernels.entry import ENTRIES, bundle_of
 from kinseek.kernels.grid.descent import BEGINNING, TRIED, VISITED
-from kinseek.kernels.grid.memory import MOST_LANES, TAKEN_SCRATCH, memory_size
+from kinseek.kernels.grid.memory import MOST_LANES, NodeScratch, memory_size
 from kinseek.kernels.grid.window import PART, split_depth
 from kinseek.problem import Problem
 from kinseek.solvers import DivideAndConquer
@@ -28,16 +28,14 @@ def grid_design(search: DivideAndConquer, problem: Problem, ram: int | None) -> 
         InvalidSolver: Parameters of the search that do not fit the arm.
     """
     if search.tree != "dynamic":
-        raise InvalidExport(
-            f"a controller makes nodes when they are needed: tree must be 'dynamic', got {search.tree!r}"
-        )
+        raise InvalidExport(f"tree must be 'dynamic' in an exported search, got {search.tree!r}")
     if search.ties != "rounding":
         raise InvalidExport(f"ties must be 'rounding' in an exported search, got {search.ties!r}")
     plan, dof = search._plan(problem, Deadline()), problem.mechanism.dof
     if len(plan.ends) > 1:
         raise InvalidExport(
-            f"an exported search has the same breadth in all later passes: breadth must be a whole number or one a joint, "
-            f"got {search.breadth!r}"
+            "an exported search has the same breadth in all later passes: breadth must be a whole number or one per "
+            f"joint, got {search.breadth!r}"
         )
     most_lanes, a_lane = _lanes(problem, plan), _numbers_a_lane()
     room = room_for(12, dof)  # A pose without its last row, and a node of each joint.
@@ -131,7 +129,7 @@ def _lanes(problem: Problem, plan: Any) -> int:
 def _numbers_a_lane() -> int:
     """Return the number of values in a search's memory for each tabulated leaf."""
     taken = 0
-    for leaf in TAKEN_SCRATCH.fields.values():
+    for leaf in bundle_of(NodeScratch).fields.values():
         lengths = [each.plus for each in getattr(leaf, "shape", ()) if not each.name]
         if MOST_LANES in lengths:
             taken += math.prod(lengths) // MOST_LANES

@@ -90,7 +90,9 @@ def arms_as_data(arms: Sequence[Arm]) -> dict[str, Any]:
     """
     names = [arm.name for arm in arms]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise InvalidExport(f"arms need names of their own, got {', '.join(map(repr, twice))} more than once")
+        raise InvalidExport(
+            f"arms must have distinct names, got {', '.join(map(repr, twice))} more than once"
+        )
     return {
         "version": kinseek.__version__,
         "entries": {name: _entry_as_data(name) for name in CALLED},
@@ -128,7 +130,9 @@ def _row_names(rows: Any, before: str) -> Iterator[str]:
 def _arm_as_data(arm: Arm) -> dict[str, Any]:
     if arm.axes is None:
         why = "WebAssembly is given the axes and links of an arm"
-        raise InvalidExport(f"an arm that is a function cannot be exported: {no_axes(arm.mechanism, why)}")
+        raise InvalidExport(
+            f"an arm with black-box kinematics cannot be exported: {no_axes(arm.mechanism, why)}"
+        )
     problem = Problem(arm.mechanism, Goal.pose(np.eye(4)))
     index, chain = index_of(problem), arm.axes
     task = dict(zip(_row_names(ROWS, ""), index.fine._arrays, strict=True))
@@ -178,18 +182,20 @@ def _proof_as_data(problem: Problem) -> dict[str, Any]:
 
     The target argument is ``left · pose · right``, and the margin is ``margin_a · (reach + distance of that target)``.
     """
-    form, wanted, roll = question(problem)
+    form, proof_goal, last_joint = question(problem)
     chain, fixed = problem.chain, problem.arrays.fixed
     left = inverse(fixed[0]) if form.head != NONE else np.eye(4)[:3]
-    right = square(inverse(left)) @ square(wanted.target)  # The pose of this problem is the identity.
-    boxes = start_boxes(chain, roll.present)
-    run = Run(problem, (form, wanted, roll), boxes, np.zeros(chain.dof), tuning_of(problem, OFTEN, STEPS))
+    right = square(inverse(left)) @ square(proof_goal.target)  # The pose of this problem is the identity.
+    boxes = start_boxes(chain, last_joint.present)
+    run = Run(
+        problem, (form, proof_goal, last_joint), boxes, np.zeros(chain.dof), tuning_of(problem, OFTEN, STEPS)
+    )
     takes = ENTRIES["ks_search_boxes"].takes
-    report = {"kind": run.kind, "question": run.question, "tuning": run.tuning}
+    arguments = {"kind": run.kind, "question": run.question, "tuning": run.tuning}
     return {
         "given": {
             path: _array_as_data(value) if isinstance(value, np.ndarray) else _number(value)
-            for path, value in _flat("", takes, report)
+            for path, value in _flat("", takes, arguments)
         },
         "memory": {
             path: {"kind": each.dtype.kind, "shape": each.shape}
@@ -197,7 +203,7 @@ def _proof_as_data(problem: Problem) -> dict[str, Any]:
         },
         "left": left.tolist(),
         "right": right[:3].tolist(),
-        "reach": wanted.margin / wanted.margin_a - float(np.linalg.norm(wanted.target[:, 3])),
+        "reach": proof_goal.margin / proof_goal.margin_a - float(np.linalg.norm(proof_goal.target[:, 3])),
         "boxes": _array_as_data(boxes),
     }
 

@@ -6,11 +6,10 @@ Kernels take and return numbers, arrays and named tuples of them, and use nothin
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, overload
 
 from . import entry as entries
 from .backend import LIBRARY, PLAIN
-from .entry import Bundle, Leaf
 from .python_backend import address_of, plainly
 from .sources import room_of
 
@@ -24,25 +23,33 @@ COMPILES = LIBRARY is None and not PLAIN
 """True if Numba compiles decorated functions."""
 
 
+@overload
+def entry(function: Callable[P, R]) -> Callable[P, R]: ...
+
+
+@overload
+def entry(*, exact: bool) -> Callable[[Callable[P, R]], Callable[P, R]]: ...
+
+
 def entry(
-    returns: Leaf | tuple[Leaf, ...] = (), exact: bool = False, **takes: Leaf | Bundle
-) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Declare a kernel that Python calls, with its parameters by name and the numbers that it returns.
+    function: Callable[P, R] | None = None, *, exact: bool = False
+) -> Callable[P, R] | Callable[[Callable[P, R]], Callable[P, R]]:
+    """Make a kernel that Python calls; its annotations declare what it takes, see `entry.declared`.
+
+    It returns numbers only: memory for results belongs to the caller, who passes it to be filled.
 
     Args:
-        returns: Numbers only: memory for results belongs to the caller, who passes it to be filled.
+        function: The kernel.
         exact: True if it may receive NaN and must not assume that there is none.
-        takes: Declaration of each parameter, see `kinseek.kernels.entry`.
     """
 
     def make(function: Callable[P, R]) -> Callable[P, R]:
-        numbers = returns if isinstance(returns, tuple) else (returns,)
-        declared = entries.declare(function, numbers, takes, exact)
+        declared = entries.declare(function, exact)
         if LIBRARY is not None:
             return LIBRARY.caller(declared)
         return kernel_exact(function) if exact else kernel(function)
 
-    return make
+    return make if function is None else make(function)
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:

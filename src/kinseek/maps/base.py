@@ -49,7 +49,10 @@ def best_base(arm: Arm, poses: Any, candidates: Any, by: str = LIMITS) -> xarray
     if by not in QUALITIES:
         raise InvalidMap(f"by must be one of {', '.join(QUALITIES)}, got {by!r}")
     if arm.axes is None:
-        raise InvalidMap(f"a base is ranked by an arm's axes and links, and {arm.name!r} is a function")
+        raise InvalidMap(
+            f"the ranking of bases needs the axes and links of an arm, but {arm.name!r} has black-box "
+            "kinematics"
+        )
     if not len(task) or not len(places):
         raise InvalidMap(f"at least one pose and one candidate are needed, got {len(task)} and {len(places)}")
     import xarray

@@ -159,19 +159,20 @@ def do(work: Work, index: Index) -> dict[str, Array] | None:
     """
     if version() != work.version:
         raise InvalidMap(
-            f"worker {_here()} has kinseek {version()}, and this map is made with {work.version}; install the same there"
+            f"worker {_this_worker()} has kinseek {version()}, and this map is made with {work.version}; "
+            "install the same version there"
         )
     if work.store is None:
         return compute(work, index)
     from .store import Store
 
-    store = Store.at(work.store, _here)
+    store = Store.at(work.store, _this_worker)
     if not store.is_done(index):
         store.write(index, compute(work, index))
     return None
 
 
-def _here() -> str:
+def _this_worker() -> str:
     from distributed import get_worker
 
     try:

@@ -31,7 +31,8 @@ STRIDES = 1.1127756842787055 ** -np.arange(1.0, 7.0)
 
 
 LEVER = 0.2
-"""Lever arm by which rotations are compared with lengths when a cell is halved, as a fraction of the arm's reach."""
+"""Lever arm by which rotations are compared with lengths when a cell is halved, as a fraction of the arm's reach. Not
+examined further."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +90,8 @@ class Cell:
         own = direction(*centre[0])
         reach = angle = float(farthest(region, centre)[0])
         if self.arc is not None:
-            aside = 2.0 * np.arcsin(min(1.0, float(np.linalg.norm(own - c)) / 2))
-            area = 2.0 * np.arcsin(min(1.0, np.tan(aside / 2) * np.tan(min(reach, 3.14) / 2)))
+            tilt = 2.0 * np.arcsin(min(1.0, float(np.linalg.norm(own - c)) / 2))
+            area = 2.0 * np.arcsin(min(1.0, np.tan(tilt / 2) * np.tan(min(reach, 3.14) / 2)))
             angle = float(ball(reach, min(np.pi, (self.arc[1] - self.arc[0]) / 2 + area)))
         T = self.pose(self.box.mean(axis=1), own, 0.0 if self.arc is None else sum(self.arc) / 2)
         half = float(np.linalg.norm(self.box[:, 1] - self.box[:, 0])) / 2

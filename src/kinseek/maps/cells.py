@@ -55,21 +55,22 @@ ATTRIBUTES: dict[str, dict[str, Any]] = {
 SHARES = ("empty_share", "whole_share")
 
 FIRST = 1000
-"""Maximum number of boxes of a first proof, enough for most empty cells. If it does not end, a solution is searched."""
+"""Maximum number of boxes of a first proof, enough for most empty cells. If it does not end, a solution is searched. Not
+examined further."""
 
 BETWEEN = 3000
-"""Maximum number of boxes of a proof about a part that may be halved again; its halves continue with the remaining boxes."""
+"""Maximum number of boxes of a proof about a part that may be halved again; its halves continue with the remaining boxes.
+Not examined further."""
 
 SAMPLES = 64
-"""Number of poses of a cell that are tried."""
+"""Number of poses of a cell that are tried. Not examined further."""
 
 OFTEN = 4
-"""Number of values of the last joint tried per cell that it could move the tip into."""
+"""Number of values of the last joint tried per cell that it could move the tip into. Not examined further."""
 
 STEPS, LONGEST, DAMPING = 30, 0.3, 1e-6
 """Maximum number of steps that move joint values into a cell, longest step of one joint [rad] or [m], and damping. Near a
-singularity, beside a cell at the edge of the workspace, the steps are many and short.
-"""
+singularity, beside a cell at the edge of the workspace, the steps are many and short. Not examined further."""
 
 
 def cells_of_block(

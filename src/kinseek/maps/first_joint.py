@@ -15,7 +15,7 @@ from kinseek.goal import Goal
 from kinseek.robots import SerialChain
 from kinseek.transforms import square
 
-from .measures import STEP, every_answer
+from .measures import STEP, all_solutions
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def divided(chain: SerialChain) -> FirstJoint:
     """
     name = chain.joint_names[0]
     lower, upper, sign = float(chain.lower[0]), float(chain.upper[0]), float(chain.multiplier[0])
-    advice = "take a Grid, which asks for no such thing"
+    advice = "use a Grid, which does not need this"
     if chain.prismatic[0] or chain.leader[0] != 0:
         raise InvalidMap(f"Rings need a first joint that turns, and {name!r} does not; {advice}")
     if (chain.leader == 0).sum() > 1 or abs(sign) != 1.0:
@@ -109,11 +109,11 @@ def turns(
     for begin in range(0, len(every), STEP):
         some = every[begin : begin + STEP]
         if arm.dof > ISOLATED:  # Solutions are a sample, and a few cover nearly every pose all around.
-            low, high = _left(first, gap, *every_answer(arm, goal(poses[some]), count=FEW))
+            low, high = _left(first, gap, *all_solutions(arm, goal(poses[some]), count=FEW))
             some = some[low < high]
             if not len(some):
                 continue
-        low, high = _left(first, gap, *every_answer(arm, goal(poses[some])))
+        low, high = _left(first, gap, *all_solutions(arm, goal(poses[some])))
         start = np.mod(high + np.pi, FULL) - np.pi
         some, start, left = some[low < high], start[low < high], (high - low)[low < high]
         begins[some], ends[some] = start, start + FULL - left
@@ -128,9 +128,9 @@ def _left(
     Args:
         first: The arm with its first joint divided out.
         gap: Arc outside the limits [rad].
-        q: See `every_answer`.
-        firsts: See `every_answer`.
-        counts: See `every_answer`.
+        q: See `all_solutions`.
+        firsts: See `all_solutions`.
+        counts: See `all_solutions`.
     """
     starts = first.upper - q[:, 0] if first.sign > 0 else q[:, 0] - first.lower
     low, high = starts[firsts], starts[firsts] + gap

@@ -262,7 +262,7 @@ def _grid_of(text: str) -> Grid | Rings:
         turns = orientations_of(description["orientations"], description["directions"])
         ranges = [tuple(description[name]) for name in kind.names]
     except (KeyError, TypeError) as error:
-        raise InvalidMap(f"the map's grid is not described as maps.reach does it: {error!r:.200}") from None
+        raise InvalidMap(f"the description of the map's grid is invalid: {error!r:.200}") from None
     grid: Grid | Rings = kind(*ranges, turns)
     if json.dumps(grid.description()) != text:
         raise InvalidMap(
@@ -277,12 +277,10 @@ def _range(name: str, given: Any) -> Range:
     except (TypeError, ValueError, OverflowError):
         raise InvalidMap(f"{name} must be (from, to, step) [m], got {given!r}") from None
     if not np.isfinite([low, high, step]).all() or step <= 0.0 or high <= low:
-        raise InvalidMap(
-            f"{name} must go up by a positive step, from < to, got ({low:g}, {high:g}, {step:g})"
-        )
+        raise InvalidMap(f"{name} must have from < to and a positive step, got ({low:g}, {high:g}, {step:g})")
     cells = (high - low) / step
     if cells > MOST:
-        raise InvalidMap(f"{name} has {cells:.3g} cells, a grid at most {MOST:,} in all; widen the step")
+        raise InvalidMap(f"{name} has {cells:.3g} cells, expected at most {MOST:,} in all; increase the step")
     if abs(cells - max(1, round(cells))) > _FITS * max(1.0, cells):
         raise InvalidMap(
             f"the step of {name} must divide its range: {high:g} - {low:g} is {cells:.6g} steps of {step:g}; "

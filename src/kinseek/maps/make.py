@@ -13,7 +13,7 @@ import numpy as np
 import kinseek
 from kinseek.arm import Arm
 from kinseek.collision import Scene
-from kinseek.collision.answers import judge_of
+from kinseek.collision.solutions import judge_of
 from kinseek.errors import InvalidMap, MissingExtra, suggest
 from kinseek.tolerances import DEFAULT_TOLERANCE, TOLERANCES, check_tolerance
 from kinseek.validation import as_integer
@@ -146,10 +146,10 @@ def reach(
         **options_of(options),
         store=None if store is None else str(Path(store).expanduser().resolve()),
     )
-    kept = store_of(arm, grid, work, client is not None)
-    todo = kept.missing()
-    run(work, todo, math.prod(kept.blocks), client, progress, kept.write)
-    dataset: xarray.Dataset = kept.dataset()
+    map_store = store_of(arm, grid, work, client is not None)
+    todo = map_store.missing()
+    run(work, todo, math.prod(map_store.blocks), client, progress, map_store.write)
+    dataset: xarray.Dataset = map_store.dataset()
     return dataset if work.store is not None else dataset.load()
 
 
@@ -176,7 +176,9 @@ def work_of(
         InvalidMap: The arguments make no map.
     """
     if arm.axes is None:
-        raise InvalidMap(f"a map needs axes and links, and {arm.name!r} is a function")
+        raise InvalidMap(
+            f"a map needs the axes and links of an arm, but {arm.name!r} has black-box kinematics"
+        )
     if not isinstance(grid, Grid | Rings):
         raise InvalidMap(f"grid must be a maps.Grid or maps.Rings, got {type(grid).__name__}")
     given: Mapping[str, Any] = options
@@ -191,14 +193,13 @@ def work_of(
         divided(arm.axes)
     scene, clearance = given["scene"], given["clearance"]
     if scene is None and clearance != 0.0:
-        raise InvalidMap(
-            f"a clearance is kept from what a scene holds: give scene=, got clearance={clearance!r}"
-        )
+        raise InvalidMap(f"clearance= needs a scene: give scene=, got clearance={clearance!r}")
     if scene is not None:
         clearance = judge_of(scene, arm.mechanism, clearance, None).clearance
         if isinstance(grid, Rings):
             raise InvalidMap(
-                "Rings turn poses about the first axis, and what stands in a scene does not turn; take a Grid"
+                "Rings are not supported in a scene: their poses rotate about the first axis, but obstacles do not; "
+                "use a Grid"
             )
     chain, prove, patience = slim(arm.axes), bool(options["prove"]), options["patience"]
     block = options["block"] or (PROVED if prove else BLOCK)
@@ -278,10 +279,10 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
     if path is not None and path.exists():
         if not cluster:
             require_own(path)
-        kept = Store.at(str(path))
-        compare(str(path), kept.description, description)
-        kept.require_sound(TYPES)
-        return kept
+        map_store = Store.at(str(path))
+        compare(str(path), map_store.description, description)
+        map_store.require_sound(TYPES)
+        return map_store
     attributes: dict[str, Any] = {
         "Conventions": "CF-1.11",
         "title": f"What {arm.name} reaches",

@@ -74,7 +74,7 @@ PIECE = 131_072
 """Number of poses solved at a time, small enough that memory is reused instead of being cleared by the system again."""
 
 STEP = 256
-"""Number of poses whose branches are computed at a time."""
+"""Number of poses whose branches are computed at a time. Not examined further."""
 
 
 def checked(what: Sequence[str]) -> tuple[str, ...]:
@@ -89,7 +89,7 @@ def checked(what: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in MEASURES if name == REACHED or name in what)
 
 
-Asked = Callable[[Array], Goal]
+GoalOf = Callable[[Array], Goal]
 """Makes a goal of poses, (k, 4, 4)."""
 
 
@@ -97,7 +97,7 @@ def measured(
     arm: Arm,
     poses: Array,
     what: Sequence[str],
-    goal: Asked,
+    goal: GoalOf,
     free: int = 0,
     patience: int | None = PATIENCE,
     scene: Scene | None = None,
@@ -118,11 +118,11 @@ def measured(
     flat = poses.reshape(-1, 4, 4)
     found = np.zeros(len(flat), dtype=bool)
     for first in range(0, len(flat), PIECE):
-        asked = goal(flat[first : first + PIECE])
+        goals = goal(flat[first : first + PIECE])
         if scene is None:
-            found[first : first + PIECE] = reached(arm, asked, patience)
+            found[first : first + PIECE] = reached(arm, goals, patience)
         else:
-            found[first : first + PIECE] = reached_freely(arm, asked, scene, clearance, patience)
+            found[first : first + PIECE] = reached_freely(arm, goals, scene, clearance, patience)
     values = {name: np.full(len(flat), MEASURES[name].fill, MEASURES[name].dtype) for name in what}
     values[REACHED] = found.astype("int8")
     if len(values) > 1:
@@ -145,7 +145,7 @@ def _best(
     clearance: float,
 ) -> None:
     """Write the measures of all solutions of a goal whose poses have these numbers."""
-    q, firsts, counts = every_answer(arm, goal, scene, clearance)
+    q, firsts, counts = all_solutions(arm, goal, scene, clearance)
     if BRANCHES in values:
         values[BRANCHES][some] = counts
     if DEXTERITY in values:
@@ -154,7 +154,7 @@ def _best(
         values[LIMITS][some] = np.maximum.reduceat(limit_distance(arm, q, free), firsts)
 
 
-def every_answer(
+def all_solutions(
     arm: Arm,
     goal: Goal,
     scene: Scene | None = None,
@@ -173,14 +173,14 @@ def every_answer(
     Returns:
         Joint values, (m, n); the index of the first solution of each pose, (k,), and their number, (k,).
     """
-    answers = cast(
+    branches = cast(
         BranchesBatch, arm.branches(goal, count=count, scene=scene, clearance=clearance, threads=1)
     )
-    counts, q = answers.counts, answers.q
-    lacking = np.flatnonzero(counts == 0)  # `ik` found one that the search for all missed.
-    if len(lacking):
-        single = arm.ik(goal.at(goal.target[lacking]), scene=scene, clearance=clearance, threads=1)
-        q = np.insert(q, answers.offsets[lacking], single.q, axis=0)
+    counts, q = branches.counts, branches.q
+    missed = np.flatnonzero(counts == 0)  # `ik` found one that the search for all missed.
+    if len(missed):
+        single = arm.ik(goal.at(goal.target[missed]), scene=scene, clearance=clearance, threads=1)
+        q = np.insert(q, branches.offsets[missed], single.q, axis=0)
         counts = np.maximum(counts, 1)
     return q, np.cumsum(counts) - counts, counts
 

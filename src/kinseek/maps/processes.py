@@ -105,8 +105,8 @@ class Worker:
         self._send(index, when)
         try:
             values, error = pickle.load(self._stdout)
-        except (OSError, EOFError, pickle.UnpicklingError) as gone:
-            raise WorkerDied(_ended(when)) from gone
+        except (OSError, EOFError, pickle.UnpicklingError) as error:
+            raise WorkerDied(_ended(when)) from error
         if error is not None:
             raise error
         return values
@@ -115,8 +115,8 @@ class Worker:
         try:
             pickle.dump(value, self._stdin)
             self._stdin.flush()
-        except OSError as gone:
-            raise WorkerDied(_ended(when)) from gone
+        except OSError as error:
+            raise WorkerDied(_ended(when)) from error
 
 
 def _ended(when: str) -> str:
@@ -182,11 +182,11 @@ def compute_all(work: Work, todo: Sequence[Index], done: Callable[[Index, Any], 
 
 def serve() -> None:
     """Compute blocks on the requests of `Worker`: the main function of the process."""
-    answers = os.fdopen(os.dup(1), "wb")
+    replies = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Printed text must not mix with the results.
 
-    answers.write(READY)
-    answers.flush()
+    replies.write(READY)
+    replies.flush()
     blocks = SimpleQueue[Index]()
 
     def read() -> None:
@@ -206,5 +206,5 @@ def serve() -> None:
                 reply: Any = do(work, index), None
             except Exception as error:
                 reply = None, error
-            pickle.dump(reply, answers)
-            answers.flush()
+            pickle.dump(reply, replies)
+            replies.flush()

@@ -80,7 +80,7 @@ def described(dataset: xarray.Dataset) -> dict[str, Any]:
     try:
         description: dict[str, Any] = dataset.attrs[DESCRIPTION]
     except (AttributeError, KeyError):
-        raise InvalidMap("this is no map that maps.reach made: it lacks the attribute 'kinseek'") from None
+        raise InvalidMap("this is not a map of maps.reach: it has no attribute 'kinseek'") from None
     _require_description(description)
     return description
 
@@ -93,7 +93,7 @@ def _require_description(description: Any) -> None:
     """
     what = "this is no map that maps.reach made: "
     if not isinstance(description, dict) or not isinstance(description.get("grid"), dict):
-        raise InvalidMap(f"{what}its attribute {DESCRIPTION!r} describes no grid")
+        raise InvalidMap(f"{what}its attribute {DESCRIPTION!r} does not describe a grid")
     names, rings = description.get("variables"), isinstance(grid_of(description["grid"]), Rings)
     if not isinstance(names, list) or not all(isinstance(name, str) and name in TYPES for name in names):
         raise InvalidMap(f"{what}its variables are {names!r:.200}, expected some of {', '.join(TYPES)}")
@@ -107,7 +107,7 @@ def _require_description(description: Any) -> None:
     try:
         shape = as_pose(description.get("first_frame")).shape
     except InvalidGoal as error:
-        raise InvalidMap(f"{what}its first frame is no pose: {error!s:.200}") from None
+        raise InvalidMap(f"{what}its first frame is not a pose: {error!s:.200}") from None
     if shape != (4, 4):
         raise InvalidMap(f"{what}its first frame is of shape {shape}")
     as_number("the share of a turn of its first joint", description.get("first_turns"), 0.0, 1.0, InvalidMap)
@@ -258,26 +258,28 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
     if what not in ("poses", "positions"):
         raise InvalidMap(f"what must be 'poses' or 'positions', got {what!r}")
     if "cell" not in dataset:
-        raise InvalidMap("a volume is bounded by proofs: maps.reach(..., prove=True) makes such a map")
+        raise InvalidMap("bounds of a volume need proofs: make the map with maps.reach(..., prove=True)")
     with _reading():
         cell = dataset["cell"]
         last = cell.isel(dict.fromkeys(cell.dims, -1))  # For most unfinished maps this is unknown.
         if bool(last < 0) or bool((cell < 0).any()):  # Block by block, before loading anything as a whole.
-            raise InvalidMap("the map is not finished; the call of maps.reach that began it goes on with it")
+            raise InvalidMap(
+                "the map is not finished; repeat the call of maps.reach that began it to continue it"
+            )
         known, empty, whole = (dataset[name].transpose(*grid.dims).values for name in ("cell", *SHARES))
     weights = np.full(known.shape[:-1], grid.volume / np.prod(known.shape[:-1]))
     if isinstance(grid, Rings):
         ends = grid.places[0][:, None] + np.array([-0.5, 0.5]) * grid.widths[0]
         weights = np.pi * (ends[:, 1:] ** 2 - ends[:, :1] ** 2) * grid.widths[1] * np.ones(known.shape[1])
     touched, left = known == TOUCHED, np.where(known == EMPTY, 0.0, 1.0 - empty)
-    gather = np.mean if what == "poses" else np.max
+    combine = np.mean if what == "poses" else np.max
     if what == "positions":
         whole = np.floor(whole)  # Parts of cells may or may not share positions.
     # A solution covers all rotations that move the first joint between its limits.
     if isinstance(grid, Rings):
         whole = whole * described(dataset)["first_turns"]
     return Volume(
-        float((weights * gather(whole, axis=-1)).sum()),
-        float((weights * gather(touched.astype(float), axis=-1)).sum()),
-        float((weights * gather(left if what == "poses" else np.ceil(left), axis=-1)).sum()),
+        float((weights * combine(whole, axis=-1)).sum()),
+        float((weights * combine(touched.astype(float), axis=-1)).sum()),
+        float((weights * combine(left if what == "poses" else np.ceil(left), axis=-1)).sum()),
     )

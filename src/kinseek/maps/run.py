@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Written = Callable[[Index, Mapping[str, Any]], None]
 
-AHEAD = 4
+QUEUED = 4
 """Number of tasks submitted ahead for each thread of the cluster, enough that no thread waits for the client."""
 
 ENOUGH, MOST = 1.0, 16
@@ -49,15 +49,15 @@ def run(
     with progress_bar(progress, len(todo)) as advance:
         if client is not None:
             _require_same(client, work)
-            _spread(work, list(todo), blocks, client, advance, written)
+            _distribute(work, list(todo), blocks, client, advance, written)
         elif len(todo) == 1:
-            _here(work, todo[0], blocks - 1, blocks, written)
+            _in_this_process(work, todo[0], blocks - 1, blocks, written)
             advance(1)
         else:
             _in_processes(work, todo, blocks, advance, written)
 
 
-def _here(work: Work, index: Index, before: int, blocks: int, written: Written) -> None:
+def _in_this_process(work: Work, index: Index, before: int, blocks: int, written: Written) -> None:
     if work.store is None:
         written(index, compute(work, index))
         return
@@ -94,7 +94,7 @@ def _require_same(client: Client, work: Work) -> None:
         InvalidMap: A worker does not, or has no kinseek; the message names it.
     """
 
-    def ask() -> str:
+    def worker_version() -> str:
         # A nested function is sent as it is; a function of a module would need that module on the worker.
         try:
             from kinseek.maps.block import version
@@ -104,15 +104,16 @@ def _require_same(client: Client, work: Work) -> None:
 
     if client.status != "running":
         raise InvalidMap(f"the client is {client.status}; give one that is connected to its scheduler")
-    others = {at: it for at, it in client.run(ask).items() if it != work.version}
+    others = {at: it for at, it in client.run(worker_version).items() if it != work.version}
     if others:
         report = ", ".join(f"{at} has {it}" for at, it in others.items())
         raise InvalidMap(
-            f"this map is made with kinseek {work.version}, and not all workers have it: {report}; install the same there"
+            f"this map is made with kinseek {work.version}, and not all workers have this version: {report}; install "
+            "it there"
         )
 
 
-def _spread(
+def _distribute(
     work: Work,
     todo: list[Index],
     blocks: int,
@@ -127,7 +128,7 @@ def _spread(
     from distributed.scheduler import KilledWorker
 
     as_completed: Any = distributed.as_completed
-    before, done, gone = blocks - len(todo), 0, False
+    before, done, disconnected = blocks - len(todo), 0, False
     left, futures = deque(todo), set[Any]()
     threads = max(sum(client.nthreads().values()), 1)
 
@@ -139,7 +140,7 @@ def _spread(
 
     try:
         running = as_completed()
-        while left and len(futures) < AHEAD * threads:
+        while left and len(futures) < QUEUED * threads:
             running.add(submit())
         for future in running:
             made, rest, error = future.result()
@@ -152,19 +153,21 @@ def _spread(
             if error is not None:
                 raise error
             left.extendleft(reversed(rest))
-            while left and len(futures) < AHEAD * threads:
+            while left and len(futures) < QUEUED * threads:
                 running.add(submit())
     except KilledWorker as error:
         raise _interrupted(
-            f"a block ended several workers, perhaps for want of memory: {error}", before + done, blocks
+            f"a block ended several workers, perhaps because memory ran out: {error}", before + done, blocks
         ) from error
     except (CancelledError, CommClosedError, ConnectionError, TimeoutError) as error:
-        gone = True
-        raise _interrupted("the scheduler, or the client, is gone", before + done, blocks) from error
+        disconnected = True
+        raise _interrupted(
+            "the connection to the scheduler or the client was lost", before + done, blocks
+        ) from error
     except OSError as error:
         raise _interrupted(f"a block cannot be written: {error}", before + done, blocks) from error
     finally:
-        if futures and not gone:  # Others may use the cluster: leave no tasks on it.
+        if futures and not disconnected:  # Others may use the cluster: leave no tasks on it.
             client.cancel(list(futures))
 
 

@@ -33,9 +33,9 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 PATIENCE = 1000
-"""Maximum number of FK evaluations for a pose that is not solved from its first samples."""
+"""Maximum number of FK evaluations for a pose that is not solved from its first samples. Not examined further."""
 
-TURNED = 1e-12
+ROUNDED = 1e-12
 """Reduction of tolerances, [m] and [rad], if one pose represents others that are rotated about the tip's z axis: the
 rounding error of the tip's pose after that rotation of the last joint.
 """
@@ -59,8 +59,8 @@ def reached(arm: Arm, goal: Goal, patience: int | None = PATIENCE) -> Flags:
     # If the last joint can make a full turn, poses that differ by its rotation have the same result; grids list them
     # together.
     firsts = np.append(True, (targets[1:, :, 2:] != targets[:-1, :, 2:]).any(axis=(1, 2)))[: len(targets)]
-    position = goal.position_tolerance - last.position - TURNED
-    orientation = goal.orientation_tolerance - last.orientation - TURNED
+    position = goal.position_tolerance - last.position - ROUNDED
+    orientation = goal.orientation_tolerance - last.orientation - ROUNDED
     if firsts.all() or min(position, orientation) <= 0.0:
         return _reached(arm, goal, patience)
     tighter = replace(goal, position_tolerance=position, orientation_tolerance=orientation)

@@ -188,15 +188,15 @@ class Store:
 
         grid = grid_of(self.description["grid"])
         places = dict(zip(grid.dims, (*grid.places, np.arange(grid.shape[-1])), strict=True))
-        kept = self._group.store
+        source = self._group.store
         with _quiet():
             attributes = {name: dict(self._group[name].attrs) for name in places}
             if self._folder is not None:  # Zarr opens all that it finds at once, and prints each failure.
                 from .local_files import LocalFiles
 
-                kept = LocalFiles(self._folder, shown=frozenset({*places, *self._arrays, _ROTATION}))
+                source = LocalFiles(self._folder, shown=frozenset({*places, *self._arrays, _ROTATION}))
             dataset = xarray.open_zarr(
-                kept,
+                source,
                 zarr_format=3,
                 consolidated=False,
                 chunks={},
@@ -206,8 +206,8 @@ class Store:
             {name: (name, each, attributes[name]) for name, each in places.items()}
         )
         dataset = dataset.set_coords(_ROTATION)
-        held: list[Any] = [dataset, *dataset.variables.values()]
-        for each in held:  # xarray prints texts as they are.
+        with_attributes: list[Any] = [dataset, *dataset.variables.values()]
+        for each in with_attributes:  # xarray prints texts as they are.
             each.attrs = {
                 printable(name): printable(value) if isinstance(value, str) else value
                 for name, value in each.attrs.items()
@@ -316,22 +316,23 @@ def _require_small_metadata(folder: Path) -> None:
             continue
         if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES:
             raise InvalidMap(
-                f"no map in {str(folder)!r}: {str(Path(place) / _METADATA)!r} is no regular file of at most "
+                f"no map in {str(folder)!r}: {str(Path(place) / _METADATA)!r} is not a regular file of at most "
                 f"{MOST_BYTES:,} bytes"
             )
 
 
-def compare(place: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
+def compare(place: str, there: dict[str, Any], requested: dict[str, Any]) -> None:
     """Check that a store is of the requested map.
 
     Raises:
         InvalidMap: They differ; the message says in what.
     """
-    other = [key for key in wanted if there.get(key) != wanted[key]]
+    other = [key for key in requested if there.get(key) != requested[key]]
     if other:
-        differences = "; ".join(f"{key} {there.get(key)!r} there, {wanted[key]!r} asked" for key in other)
+        differences = "; ".join(f"{key} is {there.get(key)!r}, requested {requested[key]!r}" for key in other)
         raise InvalidMap(
-            f"the store {place!r} is of another map: {differences}. Ask for the same to go on with it, or take another store"
+            f"the store {place!r} has another map: {differences}. Request the same map to continue it, or use another "
+            "store"
         )
 
 
@@ -344,8 +345,8 @@ def require_own(path: Path) -> None:
         InvalidMap: A folder or metadata belong to another user, others may write to them, or they are a link.
     """
     _require_own(path, path)
-    for folder, names, held in os.walk(path):
-        for name in (*names, *(each for each in held if each == _METADATA)):
+    for folder, names, files in os.walk(path):
+        for name in (*names, *(each for each in files if each == _METADATA)):
             _require_own(path, Path(folder, name))
 
 
@@ -354,7 +355,7 @@ def _require_own(store: Path, folder: Path) -> None:
     if folder.is_symlink():
         raise InvalidMap(
             f"the store {str(store)!r} holds a link, {str(folder.relative_to(store))!r}: blocks are only written to "
-            "folders in the store. Take another store, or replace the link by what it leads to"
+            "folders in the store. Use another store, or replace the link by its target"
         )
     try:
         require_private(folder, folder.lstat())
@@ -362,7 +363,7 @@ def _require_own(store: Path, folder: Path) -> None:
         at = shlex.quote(str(store))
         raise InvalidMap(
             f"{error}, and this is user {os.getuid()}: blocks are only written where no other user can change them. "
-            f"Take another store, or make this one private: chown -R {os.getuid()} {at}; chmod -R go-w {at}"
+            f"Use another store, or make this one private: chown -R {os.getuid()} {at}; chmod -R go-w {at}"
         ) from None
 
 

@@ -31,8 +31,7 @@ DEPTH = 8
 
 PROBES = 4
 """Number of balls that are tried before a cell is halved. If none is proved, hardly any part is, and a divided cell has
-hundreds.
-"""
+hundreds. Not examined further."""
 
 
 def whole_share(arm: Arm, cell: Cell, depth: int) -> float:
@@ -46,9 +45,9 @@ def whole_share(arm: Arm, cell: Cell, depth: int) -> float:
         return share
     for level in range(depth + 1):
         T, position, orientation = zip(*(wide_ball(part, last) for part in parts), strict=True)
-        held = around(arm, np.array(T), np.array(position), np.array(orientation))
-        share += 0.5**level * int(held.sum())
-        left = [part for part, good in zip(parts, held, strict=True) if not good]
+        proved = around(arm, np.array(T), np.array(position), np.array(orientation))
+        share += 0.5**level * int(proved.sum())
+        left = [part for part, good in zip(parts, proved, strict=True) if not good]
         parts = [half for part in left for half in part.halves(LEVER * arm.chain.reach)]
         if not parts:
             break
@@ -75,13 +74,13 @@ def around(arm: Arm, T: Array, position: Array, orientation: Array) -> Flags:
         position: Radii, (k,), [m].
         orientation: Largest rotations, (k,), [rad].
     """
-    held = np.zeros(len(T), dtype=bool)
-    spare = arm.dof - 6
-    if spare < 0:
-        return held  # With fewer joints no ball is reached.
-    whose, q = _answers(arm, T, spare)
+    proved = np.zeros(len(T), dtype=bool)
+    redundancy = arm.dof - 6
+    if redundancy < 0:
+        return proved  # With fewer joints no ball is reached.
+    whose, q = _solutions(arm, T, redundancy)
     if not len(q):
-        return held
+        return proved
     goal = Goal.pose(T[whose])
     hold = np.ascontiguousarray(np.linalg.svd(arm.jacobian(q))[2][:, 6:])
     lower, upper = open_limits(arm.chain)
@@ -92,14 +91,14 @@ def around(arm: Arm, T: Array, position: Array, orientation: Array) -> Flags:
     good = np.zeros(len(q), dtype=bool)
     numbers = numbers_of(Problem(arm.mechanism, goal), q)
     answers_around(chain, goal.targets, q, hold, position[whose], orientation[whose], numbers, good)
-    held[whose[good]] = True
-    return held
+    proved[whose[good]] = True
+    return proved
 
 
-def _answers(arm: Arm, T: Array, spare: int) -> tuple[NDArray[np.int64], Array]:
+def _solutions(arm: Arm, T: Array, redundancy: int) -> tuple[NDArray[np.int64], Array]:
     """Return solutions of poses with the index of each one's pose: all of them, or one each for a redundant arm."""
-    if spare:
+    if redundancy:
         solution = arm.ik(T, threads=1)
         return np.flatnonzero(solution.success), np.ascontiguousarray(solution.q[solution.success])
-    answers = cast(BranchesBatch, arm.branches(Goal.pose(T), threads=1))
-    return np.repeat(np.arange(len(T)), answers.counts), np.ascontiguousarray(answers.q)
+    branches = cast(BranchesBatch, arm.branches(Goal.pose(T), threads=1))
+    return np.repeat(np.arange(len(T)), branches.counts), np.ascontiguousarray(branches.q)

@@ -61,12 +61,12 @@ class Circle(NamedTuple):
         return np.asarray(near > self.length + MARGIN * lengths)
 
 
-_kept: WeakCache[SerialChain, None, list[Circle]] = WeakCache()
+_cache: WeakCache[SerialChain, None, list[Circle]] = WeakCache()
 
 
 def circles(chain: SerialChain) -> list[Circle]:
     """Return the circles of an arm: none if it has a prismatic joint or fewer than three joints."""
-    return _kept.of(chain).get(None, lambda: _circles(chain))
+    return _cache.of(chain).get(None, lambda: _circles(chain))
 
 
 def _circles(chain: SerialChain) -> list[Circle]:

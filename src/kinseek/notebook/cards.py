@@ -143,10 +143,10 @@ def _joints(mechanism: Any, q: Array) -> str:
     return table + _more(len(rows) - MOST_JOINTS, "joints")
 
 
-def _errors(goal: Any, answer: Any) -> list[tuple[str, str]]:
-    place = ("position error", f"{answer.position_error:.2g} m of {goal.position_tolerance:g} m")
+def _errors(goal: Any, solution: Any) -> list[tuple[str, str]]:
+    place = ("position error", f"{solution.position_error:.2g} m of {goal.position_tolerance:g} m")
     turn = (
-        f"{answer.orientation_error:.2g} rad of {goal.orientation_tolerance:g} rad"
+        f"{solution.orientation_error:.2g} rad of {goal.orientation_tolerance:g} rad"
         if goal.form.columns
         else "any"
     )

@@ -52,25 +52,27 @@ def draw(chain: SerialChain, rows: Array, tool: Array | None = None, target: Tar
     every = np.concatenate(arms if target is None else [*arms, target.position[None]])
     floor = float(min(every[:, 2].min(), 0.0))
     tile = _tile(every, floor)
-    sheet = _Sheet(np.concatenate([every, tile]))
-    axis_length = 22.0 / sheet.scale
-    parts = [sheet.line(tile, 'stroke-width="0.8" opacity="0.35"')]
+    drawing = _Drawing(np.concatenate([every, tile]))
+    axis_length = 22.0 / drawing.scale
+    parts = [drawing.line(tile, 'stroke-width="0.8" opacity="0.35"')]
     for points in reversed(arms[1:]):
-        parts.append(sheet.line(points, 'stroke-width="2.5" opacity="0.3"'))
-    parts.append(sheet.line(_on(arms[0], floor), 'stroke-width="5" opacity="0.13"'))
-    parts.append(sheet.line(arms[0], 'stroke-width="4.5" opacity="0.8"'))
-    parts += [sheet.dot(point, 3.4) for point in arms[0][1:-1]]
-    parts += [sheet.arrow(tips[0, :3, 3], tips[0, :3, i] * axis_length, _AXES[i], "") for i in range(3)]
+        parts.append(drawing.line(points, 'stroke-width="2.5" opacity="0.3"'))
+    parts.append(drawing.line(_on(arms[0], floor), 'stroke-width="5" opacity="0.13"'))
+    parts.append(drawing.line(arms[0], 'stroke-width="4.5" opacity="0.8"'))
+    parts += [drawing.dot(point, 3.4) for point in arms[0][1:-1]]
+    parts += [drawing.arrow(tips[0, :3, 3], tips[0, :3, i] * axis_length, _AXES[i], "") for i in range(3)]
     if target is not None:
         parts.append(
-            sheet.line(np.stack([tips[0, :3, 3], target.position]), 'stroke-width="1" stroke-dasharray="2 3"')
+            drawing.line(
+                np.stack([tips[0, :3, 3], target.position]), 'stroke-width="1" stroke-dasharray="2 3"'
+            )
         )
         parts += [
-            sheet.arrow(target.position, axis * 1.5 * axis_length, _AXES[i], ' stroke-dasharray="3 2"')
+            drawing.arrow(target.position, axis * 1.5 * axis_length, _AXES[i], ' stroke-dasharray="3 2"')
             for i, axis in target.axes
         ]
-        parts.append(sheet.ring(target.position))
-    parts.append(sheet.rule())
+        parts.append(drawing.ring(target.position))
+    parts.append(drawing.rule())
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{_WIDTH:.0f}" height="{_HEIGHT:.0f}" role="img" '
         f'viewBox="0 0 {_WIDTH:.0f} {_HEIGHT:.0f}" fill="none" stroke="currentColor" stroke-linecap="round" '
@@ -78,7 +80,7 @@ def draw(chain: SerialChain, rows: Array, tool: Array | None = None, target: Tar
     )
 
 
-class _Sheet:
+class _Drawing:
     """The drawing area, scaled to points in metres that must all fit."""
 
     def __init__(self, points: Array) -> None:

@@ -100,13 +100,14 @@ class Allowed:
             len(a), lambda some: scene.free_motion(begins[some], ends[some], self.clearance)
         )
 
-    def _in_parts(self, count: int, ask: Callable[[slice], Any]) -> Flags:
+    def _in_parts(self, count: int, check: Callable[[slice], Any]) -> Flags:
         """Check `count` rows, (count,), all at once if there is no deadline, otherwise in batches."""
+        # Without a deadline one call is fastest; with one the calls must end soon enough to notice it.
         size = ROWS if self.deadline.limited else count
         report = []
         for begin in range(0, count, size):
             self.deadline.check()
-            report.append(np.asarray(ask(slice(begin, begin + size)), dtype=np.bool_))
+            report.append(np.asarray(check(slice(begin, begin + size)), dtype=np.bool_))
         return np.concatenate(report)
 
     def agreed(self, q: Array) -> Flags:

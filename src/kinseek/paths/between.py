@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 SHARES = (0.25, 0.5, 0.75)
-"""Fractions of a step at which the pose of the hand is computed."""
+"""Fractions of a step at which the pose of the hand is computed. Not examined further."""
 
 AT_ONCE = 4096
 """Steps that are processed together, so that memory does not grow with the length of the path."""
@@ -54,8 +54,8 @@ def _deviation(problem: Problem, q: Array, breaks: NDArray[np.int64]) -> tuple[f
     turned = rotations((part[None, :, None] * vector[:, None]).reshape(-1, 3)).reshape(
         *middle.shape[:2], 3, 3
     )
-    wanted = a[:, None, :3, :3] @ turned
-    off = np.swapaxes(wanted, -1, -2) @ reached[..., :3, :3]
+    rotation = a[:, None, :3, :3] @ turned
+    off = np.swapaxes(rotation, -1, -2) @ reached[..., :3, :3]
     turn = np.linalg.norm(rotation_vectors(off.reshape(-1, 3, 3)), axis=-1)
     return float(distance.max()), float(turn.max())
 

@@ -29,9 +29,9 @@ sides of a pose contain everything within this distance, so both contain the sam
 HALF_TURN = 3.0
 """Largest rotation between two poses [rad] for which a proof is tried: near half a turn its axis is not well defined."""
 
-NEAR, LEADS = 0.02, 0.1
+NEAR, MOVES = 0.02, 0.1
 """Thresholds for holding a joint of a redundant arm that approaches a limit. A joint is held on its straight line if it
-comes nearer to a limit than `NEAR` [rad] or [m], and a unit step of self-motion moves it by more than `LEADS`. Not examined
+comes nearer to a limit than `NEAR` [rad] or [m], and a unit step of self-motion moves it by more than `MOVES`. Not examined
 further."""
 
 CHUNK = 64
@@ -80,12 +80,13 @@ def prove_rows(
     targets = problem.goal.targets
     count, dof, columns = len(which), q.shape[1], problem.goal.form.columns
     state, within = np.zeros(count, dtype=np.int64), np.full((count, 2), np.inf)
-    spare = dof - problem.goal.form.constraints
-    if not count or spare < 0:
+    redundancy = dof - problem.goal.form.constraints
+    if not count or redundancy < 0:
         return Proved(state, within)
     begin, end = targets[which], targets[which + 1]
     turns = turns_between(begin, end, columns)
-    request = np.linalg.norm(turns, axis=1) <= HALF_TURN
+    # A rotation by half a turn or more has no unique axis: the straight motion between the poses is not defined.
+    small_turn = np.linalg.norm(turns, axis=1) <= HALF_TURN
     begins, ends = np.ascontiguousarray(q[which]), np.ascontiguousarray(q[which + 1])
     given = (
         np.ascontiguousarray(begin),
@@ -93,11 +94,11 @@ def prove_rows(
         turns,
         begins,
         ends,
-        _holds(problem, begins, ends, spare),
+        _holds(problem, begins, ends, redundancy),
         np.ascontiguousarray(
             (rims_of(problem, q) if rims is None else rims)[np.stack([which, which + 1], axis=1)]
         ),
-        request,
+        small_turn,
     )
     turning = Turning(problem.chain)
     lower, upper = (turning.open_lower, turning.open_upper) if limits is None else limits
@@ -128,24 +129,25 @@ def turns_between(begin: Array, end: Array, columns: int) -> Array:
     return rotation_vectors(end[:, :, :3] @ np.swapaxes(begin[:, :, :3], 1, 2))
 
 
-def _holds(problem: Problem, begins: Array, ends: Array, spare: int) -> Array:
+def _holds(problem: Problem, begins: Array, ends: Array, redundancy: int) -> Array:
     """Return the directions in which redundant joints are held on their straight line, (k, spare, n).
 
     They follow the self-motion in the middle of a step. A joint that comes near a limit is held itself, so that it stays
     inside.
     """
-    if spare == 0:
+    if redundancy == 0:
         return np.zeros((len(begins), 0, begins.shape[1]))
     _, _, V = np.linalg.svd(constraint_jacobian(problem, (begins + ends) / 2))
-    hold = np.ascontiguousarray(V[:, -spare:])
+    hold = np.ascontiguousarray(V[:, -redundancy:])
     turning = Turning(problem.chain)
     room = np.minimum(
         np.minimum(begins, ends) - turning.open_lower, turning.open_upper - np.maximum(begins, ends)
     )
     share = np.linalg.norm(hold, axis=1)
-    for i in np.flatnonzero(((room < NEAR) & (share > LEADS)).any(axis=1)):
-        near = np.flatnonzero((room[i] < NEAR) & (share[i] > LEADS))
-        near = near[np.argsort(room[i, near], kind="stable")][:spare]
+    # Without this the straight line along the self-motion would leave the limits.
+    for i in np.flatnonzero(((room < NEAR) & (share > MOVES)).any(axis=1)):
+        near = np.flatnonzero((room[i] < NEAR) & (share[i] > MOVES))
+        near = near[np.argsort(room[i, near], kind="stable")][:redundancy]
         _, _, mix = np.linalg.svd(hold[i][:, near].T)
         hold[i] = np.concatenate([np.eye(begins.shape[1])[near], mix[len(near) :] @ hold[i]])
     return hold
@@ -160,15 +162,16 @@ def rims_of(problem: Problem, q: Array) -> Array:
 def numbers_of(problem: Problem, q: Array) -> Array:
     """Return the length that scales a radian, and the rounding margins for the farthest target."""
     goal = problem.goal
+    # Rounding grows with the lengths, so the margins of the farthest target hold for all.
     farthest = int(np.argmax(np.linalg.norm(goal.targets[:, :, 3], axis=1)))
     one = Problem(problem.mechanism, goal.at(goal.target[farthest]))
-    _, wanted, _ = question(one)
+    _, proof_goal, _ = question(one)
     angles = np.abs(problem.arrays.multiplier * q[:, problem.arrays.leader]).sum(axis=1).max()
     numbers = np.zeros(COUNT)
-    numbers[LENGTH] = wanted.length
+    numbers[LENGTH] = proof_goal.length
     # The factor 2 covers the two virtual joints that compensate the motion of the hand, and their frames: these add no more
     # rounding error than the arm with its goal.
     margin, margin_a = margins(one, angles=float(angles))
-    numbers[MARGIN] = 2.0 * max(margin, wanted.margin)
-    numbers[MARGIN_A] = 2.0 * max(margin_a, wanted.margin_a)
+    numbers[MARGIN] = 2.0 * max(margin, proof_goal.margin)
+    numbers[MARGIN_A] = 2.0 * max(margin_a, proof_goal.margin_a)
     return numbers

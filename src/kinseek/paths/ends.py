@@ -43,11 +43,13 @@ def inside_limits(problem: Problem, wide: Layers) -> Layers:
     for some in parts:
         first = turning.first_turn(wide.q[some])
         first, good = _at_both_ends(turning, first, turning.inside(first) & wide.there[some])
+        # More solutions do not fit into the byte that stores their number.
         good &= np.cumsum(good, axis=1) <= MOST
         rows.append(first[good])
         counts.append(good.sum(axis=1))
     count = np.concatenate(counts)
     there = np.arange(max(int(count.max()), 1)) < count[:, None]
+    # The columns that are not used any more are dropped, since the work grows with the square of their number.
     packed = np.zeros((*there.shape, wide.q.shape[2]))
     for some, values in zip(parts, rows, strict=True):
         packed[some][there[some]] = values
@@ -96,12 +98,12 @@ def fill_missed(problem: Problem, layers: Layers, threads: int | None, deadline:
 def with_ends(request: PathRequest, layers: Layers) -> tuple[Layers, tuple[int, int]]:
     """Add the given start and end to the solutions of the first and the last pose; return also their nodes, or -1."""
     turning, nodes = Turning(request.problem.chain), [-1, -1]
-    for k, (wanted, i) in enumerate(((request.start, 0), (request.end, len(layers.q) - 1))):
-        if wanted is None:
+    for k, (fixed_q, i) in enumerate(((request.start, 0), (request.end, len(layers.q) - 1))):
+        if fixed_q is None:
             continue
         q = np.concatenate([layers.q, np.zeros_like(layers.q[:, :1])], axis=1)
         there = np.concatenate([layers.there, np.zeros_like(layers.there[:, :1])], axis=1)
-        place, inside = int(layers.count[i]), turning.off_ends(wanted)
+        place, inside = int(layers.count[i]), turning.off_ends(fixed_q)
         q[i, place], there[i, place] = turning.first_turn(inside), True
         nodes[k] = place * turning.total + turning.turns_of(inside)
         layers = Layers(q, there)
@@ -126,9 +128,10 @@ def best_valid(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices
             return q, breaks
         if request.deadline.passed:
             break
+        # The best paths keep failing: it is then cheaper to check every node once than one more path at a time.
         if tries == ROUNDS:
             with suppress(TimeUp):
-                graph.ask_everywhere()
+                graph.check_all_nodes()
     if count == len(q):  # The step from the last pose to the first is not included.
         return q, np.append(breaks, len(q) - 1)
     return q[:count], breaks[breaks < count - 1]
@@ -142,11 +145,13 @@ def best_of(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices, f
     best: tuple[Array, Indices, float, Indices] | None = None
     longest, turning = request.longest[-1], graph.turning
     if request.ends_where_it_begins:
+        # First and last pose are the same: the joints must return to the same values, not just near them.
         longest = np.minimum(longest, SAME)
     if graph.unreachable & {0, len(graph.q) - 1}:
         longest = np.full_like(longest, np.inf)
     firsts = range(graph.count[0] * turning.total) if ends[0] < 0 else [ends[0]]
     open_way = graph.best(request.longest, *ends)
+    # The best open path probably begins at the best node, so the bound below ends the loop early.
     firsts = [int(open_way[3][0]), *(node for node in firsts if node != open_way[3][0])]
     for first in firsts:
         if not graph.exists(0, first):
@@ -157,6 +162,7 @@ def best_of(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices, f
             way = graph.best(request.longest, first, last)
             if best is None or (len(way[1]), way[2]) < (len(best[1]), best[2]):
                 best = way
+        # An open path is never worse than a closed one, so nothing better exists.
         if best is not None and len(best[1]) == len(open_way[1]) and best[2] <= open_way[2] * (1 + 1e-9):
             break
     if best is not None and len(best[1]) <= len(open_way[1]) + 1:
@@ -179,7 +185,7 @@ def refusals(request: PathRequest, q: Array) -> tuple[set[int], Indices, int]:
     goal, refused = request.problem.goal, np.zeros(len(q), dtype=np.bool_)
     begin, end = steps_of(request, q)
     # Steps to and from a missed pose are not checked, nor are steps that are breaks in any case.
-    asks = short_steps(request, begin, end)
+    short = short_steps(request, begin, end)
     goal = goal.at(goal.target[: len(q)])
     there = goal.met(goal.measure(request.problem.arrays, np.ascontiguousarray(q)))
     size = valid.at_once(len(q))
@@ -191,7 +197,7 @@ def refusals(request: PathRequest, q: Array) -> tuple[set[int], Indices, int]:
             if len(begin) == len(q) and first + size >= len(q):
                 ways = np.append(ways, len(q) - 1)
             fine = np.asarray(there & ~refused)
-            ways = ways[asks[ways] & fine[ways] & fine[(ways + 1) % len(q)]]
+            ways = ways[short[ways] & fine[ways] & fine[(ways + 1) % len(q)]]
             forbidden_edges.append(ways[~valid.ways(begin[ways], end[ways])])
         except TimeUp:
             refused[first:] = False

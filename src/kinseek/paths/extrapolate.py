@@ -14,7 +14,7 @@ CORNER = 1.0
 """If the direction of motion changes by more than this between two chords, the extrapolation is a straight line [rad]."""
 
 
-def poses_ahead(before: Array, middle: Array, now: Array, times: Array) -> Array:
+def extrapolated(before: Array, middle: Array, now: Array, times: Array) -> Array:
     """Extrapolate three poses that are equally spaced in time.
 
     The hand keeps its last angular velocity about its own axis. Its linear velocity keeps its size and turns at the rate of
@@ -45,8 +45,8 @@ def poses_ahead(before: Array, middle: Array, now: Array, times: Array) -> Array
     else:
         way = times[:, None] * chord
     poses[:, :3, 3] = now[:3, 3] + way
-    spin = _vector(middle[:3, :3].T @ now[:3, :3])
-    poses[:, :3, :3] = now[:3, :3] @ rotations(times[:, None] * spin)
+    rotation_vector = _vector(middle[:3, :3].T @ now[:3, :3])
+    poses[:, :3, :3] = now[:3, :3] @ rotations(times[:, None] * rotation_vector)
     return as_pose(poses)
 
 

@@ -77,8 +77,9 @@ def _isolated(
             set(np.flatnonzero(missed).tolist()),
         )
     problem, deadline = request.problem, request.deadline
-    asks = request.cost is not None or request.valid is not None
-    search = deadline.share(FIRST_PART) if asks or len(request) > LONG else deadline
+    has_callbacks = request.cost is not None or request.valid is not None
+    # Callbacks and windows need time after the layers are found.
+    search = deadline.share(FIRST_PART) if has_callbacks or len(request) > LONG else deadline
     wide = isolated_layers(problem, request.longest.max(axis=0), threads, advance, search)
     if not len(wide):
         return *none, wide, set()
@@ -98,13 +99,14 @@ def _ended(request: PathRequest, q: Array) -> Array:
     A closed path that repeats its first pose at the end gets the joint values of that pose there.
     """
     turning, free = Turning(request.problem.chain), True
-    for wanted, i in ((request.start, 0), (request.end, -1)):
-        if wanted is None or not len(q) or (i < 0 and len(q) < len(request)):
+    for fixed_q, i in ((request.start, 0), (request.end, -1)):
+        if fixed_q is None or not len(q) or (i < 0 and len(q) < len(request)):
             continue
-        turns = turning.whole_turns(wanted - q[i])
+        turns = turning.whole_turns(fixed_q - q[i])
         if free:
             q += turns
-        q[i] = wanted if free else wanted - turns
+        q[i] = fixed_q if free else fixed_q - turns
+        # Only the first given end may choose the full turns; the second has to fit the path.
         free = False
     back = len(q) == len(request) and request.closed and request.ends_where_it_begins
     if back and (np.abs(turning.way(q[0] - q[-1])) <= SAME).all():

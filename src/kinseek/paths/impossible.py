@@ -49,7 +49,7 @@ ROOM = 1e-6
 
 
 @dataclass(frozen=True)
-class Answers:
+class CompleteSet:
     """All solutions of a pose inside the limits, modulo whole turns."""
 
     q: Array
@@ -62,15 +62,15 @@ class Answers:
 class Passage:
     """Connections from the solutions of one pose to those of a later one."""
 
-    leads: Flags
+    joined: Flags
     """Flags (k, m): a proved branch leads from the first solution to the second."""
-    open_ahead: Flags
+    open_forward: Flags
     """Flags of solutions of the first pose whose destination is not decided, (k,)."""
-    open_behind: Flags
+    open_backward: Flags
     """Flags of solutions of the later pose whose origin is not decided, (m,)."""
 
 
-def impossible_stretches(
+def impossible_pairs(
     problem: Problem, path: Path, deadline: Deadline | None = None
 ) -> tuple[tuple[int, int], ...]:
     """Return pairs (i, j) of poses that no continuous motion joins, in order, as many as were found; see `PathProof`.
@@ -103,7 +103,7 @@ class Search:
         goal = replace(problem.goal, position_tolerance=TIGHT, orientation_tolerance=TIGHT)
         self.tight = Problem(_roomier(problem.chain), goal)
         self.left = MOST
-        self._known: dict[int, Answers | None] = {}
+        self._known: dict[int, CompleteSet | None] = {}
 
     def step(self, gap: Array) -> Array:
         """Differences of joint values, (k, n), without full turns of joints that are compared modulo whole turns."""
@@ -113,45 +113,47 @@ class Search:
         """Return all impossible pairs between two poses: the search for the next begins where one ends."""
         found, i = [], first
         while i < last and not self.deadline.passed:
-            begin, answers = i, self.answers(i)
-            i += answers is None
-            reached = np.ones(0 if answers is None else len(answers.q), dtype=np.bool_)
+            begin, solutions = i, self.solutions(i)
+            # A pose without a complete set of solutions cannot begin an interval; the next one is tried.
+            i += solutions is None
+            reached = np.ones(0 if solutions is None else len(solutions.q), dtype=np.bool_)
             while i < last and reached.any() and not self.deadline.passed:
-                ahead = self.next_complete(i, min(i + EVERY, last))
-                if ahead is None:
+                next_pose = self.next_complete(i, min(i + EVERY, last))
+                if next_pose is None:
                     i += 1
                     break
-                i, reached = self.advance(i, ahead, reached)
-            if answers is not None and not reached.any():
+                i, reached = self.advance(i, next_pose, reached)
+            if solutions is not None and not reached.any():
                 found.append((begin, i))
         return found
 
-    def answers(self, i: int) -> Answers | None:
+    def solutions(self, i: int) -> CompleteSet | None:
         """Return all solutions of pose i; None if they are not proved complete, or the time is up."""
         if i not in self._known and self.left > 0 and not self.deadline.passed:
             one = Problem(self.tight.mechanism, self.tight.goal.at(self.tight.goal.target[i]))
             found = isolate(one, budget=min(BOXES, self.left), deadline=self.deadline)
             self.left -= found.boxes
             good = found.complete and bool((found.distance <= RIM / 2).all())
-            self._known[i] = Answers(found.q, found.distance) if good else None
+            self._known[i] = CompleteSet(found.q, found.distance) if good else None
         return self._known.get(i)
 
     def next_complete(self, i: int, j: int) -> int | None:
         """Return the last pose in (i, j] whose solutions are all known; None if there is none."""
-        while j > i and self.answers(j) is None:
+        while j > i and self.solutions(j) is None:
             j = (i + j) // 2
         return j if j > i else None
 
     def advance(self, i: int, j: int, reached: Flags) -> tuple[int, Flags]:
         """Return the pose that was reached, j or the first with an empty set, and flags of its reachable solutions."""
-        if self.deadline.passed and (answers := self.answers(j)) is not None:
+        if self.deadline.passed and (solutions := self.solutions(j)) is not None:
             # Nothing more is decided: every solution counts as reachable.
-            return j, np.ones(len(answers.q), dtype=np.bool_)
+            return j, np.ones(len(solutions.q), dtype=np.bool_)
         passage = self.passage(i, j)
-        after: Flags = np.asarray((passage.leads & reached[:, None]).any(axis=0))
-        undecided = bool((passage.open_ahead & reached).any())
+        after: Flags = np.asarray((passage.joined & reached[:, None]).any(axis=0))
+        undecided = bool((passage.open_forward & reached).any())
         if undecided:
-            after |= passage.open_behind
+            after |= passage.open_backward
+        # A branch may be undecided only because the distance is long; half of it may be decided.
         half = self.next_complete(i, (i + j) // 2)
         if half is not None and (undecided or not after.any()):
             at, between = self.advance(i, half, reached)
@@ -160,24 +162,27 @@ class Search:
 
     def passage(self, i: int, j: int) -> Passage:
         """Follow all solutions of pose i to pose j, and those of j that are not reached from i back to i."""
-        begin, end = self.answers(i), self.answers(j)
+        begin, end = self.solutions(i), self.solutions(j)
         assert begin is not None
         assert end is not None
-        leads = np.zeros((len(begin.q), len(end.q)), dtype=np.bool_)
-        gone_ahead, gone_behind = np.zeros(len(begin.q), dtype=np.bool_), np.zeros(len(end.q), dtype=np.bool_)
+        joined = np.zeros((len(begin.q), len(end.q)), dtype=np.bool_)
+        ended_forward, ended_backward = (
+            np.zeros(len(begin.q), dtype=np.bool_),
+            np.zeros(len(end.q), dtype=np.bool_),
+        )
         for k, piece in enumerate(self.follower.follow(begin.q, i, j)):
-            leads[k], gone_ahead[k] = self.goes(piece, i, j, end)
-        rest = np.flatnonzero(~leads.any(axis=0))
+            joined[k], ended_forward[k] = self.arrivals(piece, i, j, end)
+        rest = np.flatnonzero(~joined.any(axis=0))
         for k, piece in zip(rest.tolist(), self.follower.follow(end.q[rest], j, i), strict=True):
-            leads[:, k], gone_behind[k] = self.goes(piece, j, i, begin)
-        return Passage(leads, ~(gone_ahead | leads.any(axis=1)), ~(gone_behind | leads.any(axis=0)))
+            joined[:, k], ended_backward[k] = self.arrivals(piece, j, i, begin)
+        return Passage(joined, ~(ended_forward | joined.any(axis=1)), ~(ended_backward | joined.any(axis=0)))
 
-    def goes(self, piece: Piece, i: int, j: int, answers: Answers) -> tuple[Flags, bool]:
+    def arrivals(self, piece: Piece, i: int, j: int, solutions: CompleteSet) -> tuple[Flags, bool]:
         """Return the solutions of pose j that a proved branch from pose i reaches, (m,), and whether it leaves the limits.
 
         A branch that arrives at none of the solutions is outside the limits at pose j.
         """
-        nothing = np.zeros(len(answers.q), dtype=np.bool_)
+        nothing = np.zeros(len(solutions.q), dtype=np.bool_)
         goal, rows = self.tight.goal, np.arange(piece.first, piece.first + len(piece.q))
         proved = prove_rows(
             Problem(self.tight.mechanism, goal.at(goal.target[rows])),
@@ -195,9 +200,10 @@ class Search:
                 return nothing, False
         if not piece.covers(j):
             return nothing, False
-        off = np.abs(self.step(piece.q[j - piece.first] - answers.q))
-        may_be = (off <= RIM + answers.distance).all(axis=1)
-        is_sure = (off + answers.distance <= RIM).all(axis=1)
+        off = np.abs(self.step(piece.q[j - piece.first] - solutions.q))
+        may_be = (off <= RIM + solutions.distance).all(axis=1)
+        is_sure = (off + solutions.distance <= RIM).all(axis=1)
+        # The branch arrives near a solution, but the bounds do not show at which one.
         if (may_be & ~is_sure).any():
             return nothing, False
         return np.asarray(is_sure), not is_sure.any()

@@ -47,8 +47,8 @@ class Turning:
             turned = zip(chain.joint_names, self.copies.tolist(), strict=True)
             report = ", ".join(f"{joint!r} {count}" for joint, count in turned if count > 1)
             raise InvalidProblem(
-                f"turned by the full turns that the limits of {chain.name!r} allow ({report}), each answer to a pose is "
-                f"there {self.total:,} times; a path chooses among at most {MOST_COPIES:,}: narrow the limits by with_limits"
+                f"with the full turns inside the limits of {chain.name!r} ({report}) each solution of a pose occurs "
+                f"{self.total:,} times, expected at most {MOST_COPIES:,}: narrow the limits with with_limits"
             )
         self.open_lower = np.where(endless, -np.inf, self.lower)
         """Lower limits, -inf for joints without limits, (n,)."""

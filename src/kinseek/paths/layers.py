@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import BranchIndex, index_of
-from kinseek.branches.result import answers_of
+from kinseek.branches.result import solutions_of
 from kinseek.deadline import Deadline
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.trace import JOINED, TAKEN, part_ways, trace
@@ -122,7 +122,7 @@ class Follower:
     def all_at(self, i: int) -> Array:
         """Return all branches at target i, (k, n)."""
         rows = self.index.search(self.tolerances, self.targets[i], self.index.view, 0)
-        return answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
+        return solutions_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
 
     def unknown(self, found: Array, known: Array) -> Array:
         """Return the solutions of `found`, (k, n), that are not in `known`, (m, n)."""
@@ -133,22 +133,22 @@ class Follower:
         gap = np.where(self._turns, np.sin(half), half)
         return np.asarray(found[~(np.abs(gap).max(axis=-1) < SAME / 2).any(axis=1)])
 
-    def follow(self, answers: Array, begin: int, end: int) -> list[Piece]:
+    def follow(self, solutions: Array, begin: int, end: int) -> list[Piece]:
         """Follow solutions of target `begin`, (k, n), to target `end`, forward or backward."""
         low = min(begin, end)
-        rows, spans = self._traced(answers, begin, end)
+        rows, spans = self._traced(solutions, begin, end)
         return [Piece(low + one, rows[one : last + 1, k]) for k, (one, last) in enumerate(spans.tolist())]
 
-    def _traced(self, answers: Array, begin: int, end: int) -> tuple[Array, Indices]:
+    def _traced(self, solutions: Array, begin: int, end: int) -> tuple[Array, Indices]:
         """Like `follow`, but return one array of joint values, (rows, k, n), from the lower target on.
 
         The second return value is the first and the last row of each branch, (k, 2).
         """
         low, high = min(begin, end), max(begin, end)
         begin, end, targets = begin - low, end - low, self.rows[low : high + 1]
-        parts, spans = [], np.full((len(answers), 2), begin)
-        for first in range(0, len(answers), LANES):
-            some = answers[first : first + LANES]
+        parts, spans = [], np.full((len(solutions), 2), begin)
+        for first in range(0, len(solutions), LANES):
+            some = solutions[first : first + LANES]
             q, ends = np.zeros((len(targets), LANES, self.dof)), np.zeros(LANES, dtype=np.int64)
             q[begin, : len(some)] = some
             handle = self.index.fine.handle
@@ -157,22 +157,22 @@ class Follower:
             spans[first : first + LANES, 0 if end < begin else 1] = ends[: len(some)]
         return np.concatenate(parts, axis=1) if parts else np.zeros((len(targets), 0, self.dof)), spans
 
-    def extend(self, pieces: list[Piece], answers: Array, begin: int, end: int) -> list[Loss]:
+    def extend(self, pieces: list[Piece], solutions: Array, begin: int, end: int) -> list[Loss]:
         """Follow solutions that are not known yet from target to target, as long as they stay on their branches.
 
         Args:
             pieces: Known pieces of branches; the pieces that are found are appended.
-            answers: Solutions of target `begin`, (k, n).
+            solutions: Solutions of target `begin`, (k, n).
             begin: Index of the target where they are.
             end: Index of the target up to which they are followed, forward or backward.
 
         Returns:
             The branches that were lost on the way.
         """
-        if not len(answers):
+        if not len(solutions):
             return []
         low, way, lost = min(begin, end), 1 if end >= begin else -1, list[Loss]()
-        rows, spans = self._traced(answers, begin, end)
+        rows, spans = self._traced(solutions, begin, end)
         known, known_spans = _table(pieces, low, max(begin, end), self.dof)
         rows, spans = np.concatenate([known, rows], axis=1), np.concatenate([known_spans, spans])
         became = np.zeros(len(spans), dtype=np.int64)
@@ -189,14 +189,14 @@ class Follower:
         """Return all branches between two targets at which all solutions are known, both included."""
         pieces: list[Piece] = []
         lost = self.extend(pieces, at_begin, begin, end)
-        lost += self.extend(pieces, self.unknown(at_end, _answers(pieces, end, self.dof)), end, begin)
+        lost += self.extend(pieces, self.unknown(at_end, _solutions_at(pieces, end, self.dof)), end, begin)
         done: set[int] = set()
         while doubtful := {one.target for one in lost} - done:
             i = min(doubtful)
             done.add(i)
             if self.vanish(i, lost):
                 continue
-            fresh = self.unknown(self.all_at(i), _answers(pieces, i, self.dof))
+            fresh = self.unknown(self.all_at(i), _solutions_at(pieces, i, self.dof))
             lost += self.extend(pieces, fresh, i, end) if i < end else []
             lost += self.extend(pieces, fresh, i, begin) if i > begin else []
         return pieces
@@ -222,7 +222,7 @@ class Follower:
         return not len(rows)
 
 
-def _answers(pieces: list[Piece], i: int, dof: int) -> Array:
+def _solutions_at(pieces: list[Piece], i: int, dof: int) -> Array:
     """Return the solutions that pieces have for pose i, (k, n)."""
     rows = [p.q[i - p.first] for p in pieces if p.covers(i)]
     return np.array(rows).reshape(-1, dof)

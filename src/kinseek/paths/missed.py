@@ -67,7 +67,7 @@ def judge_missed(path: Path, missed: Flags, threads: int | None, deadline: Deadl
         search.out_of_reach[i] = excluded(search.at(i), 0).outcome == ENDED
     for budget in ROUNDS:
         for first, last in intervals(missed & ~search.out_of_reach & ~search.in_reach):
-            search.ask(first, last, budget)
+            search.decide(first, last, budget)
     return Missed(search.out_of_reach, search.in_reach)
 
 
@@ -77,7 +77,7 @@ class _Search:
         self.problem, self.q, self.threads, self.left = path.problem, path.q, threads, budget
         self.out_of_reach, self.in_reach = np.zeros((2, len(path)), dtype=np.bool_)
 
-    def ask(self, first: int, last: int, budget: int) -> None:
+    def decide(self, first: int, last: int, budget: int) -> None:
         """Try to decide poses first … last, with `budget` boxes per proof; poses are combined only in the first round."""
         most = min(budget, self.left)
         if most <= 0 or self.deadline.passed:
@@ -89,14 +89,15 @@ class _Search:
             self.in_reach[first] = one.verdict is Verdict.REACHABLE
             return
         middle, wide = (first + last) // 2, self.holding(first, last)
+        # One proof for several poses saves time only while their common tolerances stay small.
         if budget == ROUNDS[0] and self.stays_clear(wide, first, last):
             together = excluded(wide, most, threads=self.threads, watch=Watch(self.deadline))
             self.left -= together.boxes
             if together.outcome == ENDED:
                 self.out_of_reach[first : last + 1] = True
                 return
-        self.ask(first, middle, budget)
-        self.ask(middle + 1, last, budget)
+        self.decide(first, middle, budget)
+        self.decide(middle + 1, last, budget)
 
     def at(self, i: int) -> Problem:
         """Return the problem of one pose."""

@@ -24,7 +24,7 @@ GRACE = 0.1
 
 LAST_PART = 0.5
 """Time that the search for the best path may take after the costs are computed, as a fraction of the time spent until then;
-0.4 was measured."""
+0.4 was measured. The program of this trial is not in the repository."""
 
 
 class LayerGraph:
@@ -37,7 +37,7 @@ class LayerGraph:
         """
         self.request, self.turning = request, Turning(request.problem.chain)
         self.q, self.count = layers.q, layers.count
-        self.ahead = self.q
+        self.arrivals = self.q
         self.nodes = self.q.shape[1] * self.turning.total
         self._forbidden_edges: set[tuple[int, int, int]] = set()
         self._refused: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
@@ -72,8 +72,8 @@ class LayerGraph:
 
     def values(self, i: Indices, nodes: Indices) -> Array:
         """Return joint values of nodes at poses i, (k,) and (k,) -> (k, n)."""
-        answer, turns = nodes // self.turning.total, nodes % self.turning.total
-        return self.turning.node_values(self.q[i, answer], turns)
+        solution, turns = nodes // self.turning.total, nodes % self.turning.total
+        return self.turning.node_values(self.q[i, solution], turns)
 
     def best(self, longest: Array, first: int = -1, last: int = -1) -> tuple[Array, Indices, float, Indices]:
         """Return the best path: joint values (N, n), its breaks, its cost, and its nodes (N,)."""
@@ -82,7 +82,7 @@ class LayerGraph:
         forbidden_edges = np.array(sorted(self._forbidden_edges), dtype=np.int64).reshape(-1, 3)
         viterbi(
             self.q,
-            self.ahead,
+            self.arrivals,
             self.count,
             turning.lower,
             turning.upper,
@@ -103,6 +103,7 @@ class LayerGraph:
             # No node is left there: the pose counts as missed, and the path leads through rejected nodes.
             self.unreachable |= set(empty.tolist())
             self._refused[empty] = False
+            # The path must have a value at every pose, so the nodes rejected there are allowed again.
             return self.best(longest, first, last)
         breaks = np.flatnonzero(report[1:] > 0)
         q = turning.unwrapped(self._clipped(self.values(np.arange(count), np.maximum(path, 0))))
@@ -197,7 +198,7 @@ class LayerGraph:
         first, last = node - node % total, following - following % total
         return {(i, first + int(s), last + int(there[s] @ units)) for s in same}
 
-    def ask_everywhere(self) -> None:
+    def check_all_nodes(self) -> None:
         """Check with `valid` every node that was not checked yet."""
         for i, count in enumerate(self.count):
             if i in self.unreachable:
@@ -239,14 +240,14 @@ class LayerGraph:
         last, total = len(self.q) - 1, self.turning.total
         q = self.values(np.array([0]), np.array([first]))[0]
         found = []
-        for answer in range(self.count[last]):
-            step = self.turning.step(self.q[last, answer] - q)
+        for solution in range(self.count[last]):
+            step = self.turning.step(self.q[last, solution] - q)
             there = q + step
             inside = (there >= self.turning.open_lower - 1e-9) & (there <= self.turning.open_upper + 1e-9)
             if (np.abs(step) <= longest).all() and inside.all():
-                digits = np.round((there - self.q[last, answer]) / (2 * np.pi)).astype(np.int64)
+                digits = np.round((there - self.q[last, solution]) / (2 * np.pi)).astype(np.int64)
                 digits = np.where(self.turning.kind == ENDLESS, 0, digits)
-                node = answer * total + int((digits * self.turning.units).sum())
+                node = solution * total + int((digits * self.turning.units).sum())
                 refused = len(self._refused) and self._refused[last, node]
                 if not refused and (last, node, first) not in self._forbidden_edges:
                     found.append(node)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import BranchIndex, freedom, index_of
 from kinseek.branches.order import cost_of
-from kinseek.branches.result import answers_of
+from kinseek.branches.result import solutions_of
 from kinseek.deadline import TimeUp
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.propagation import propagate_layer, spread_solutions
@@ -67,7 +67,7 @@ CROWD = 1.2
 CLEAR = 0.3
 """Solutions closer than this in every joint [rad or m] to a forbidden one are excluded as well."""
 
-AHEAD = 64
+LAYERS_AT_ONCE = 64
 """Layers whose fresh solutions are sampled together if there is a deadline."""
 
 FORGET = 16
@@ -112,7 +112,7 @@ class Place(NamedTuple):
     """Whether it is reached from the layer before without a break."""
 
 
-class Kept(NamedTuple):
+class PrunedLayer(NamedTuple):
     """Nodes of a layer that the best paths lead through."""
 
     q: Array
@@ -128,12 +128,12 @@ class Ways:
 
     def __init__(self, total: int) -> None:
         """Start without layers; `total` is the largest number of copies of a solution."""
-        self.total, self.layers = total, list[Kept]()
+        self.total, self.layers = total, list[PrunedLayer]()
         self._looked_at = 0
 
     def add(self, layer: Layer) -> None:
         """Append a layer."""
-        self.layers.append(Kept(layer.q, np.arange(len(layer.came)), layer.came))
+        self.layers.append(PrunedLayer(layer.q, np.arange(len(layer.came)), layer.came))
         nodes = np.flatnonzero(layer.fault >= 0)
         if len(self.layers) % FORGET == 0 and len(nodes):
             self._forget(nodes)
@@ -141,22 +141,22 @@ class Ways:
     def _forget(self, nodes: Indices) -> None:
         """Keep only what leads to some nodes of the last layer; these keep their numbers."""
         for k in range(len(self.layers) - 1, 0, -1):
-            behind = np.unique(_before(self.layers[k].came[nodes]))
+            predecessors = np.unique(_before(self.layers[k].came[nodes]))
             here, before = self.layers[k], self.layers[k - 1]
-            if len(behind) == len(before.came) and k < self._looked_at:
+            if len(predecessors) == len(before.came) and k < self._looked_at:
                 break
-            place = np.searchsorted(behind, _before(here.came)).clip(0, len(behind) - 1)
+            place = np.searchsorted(predecessors, _before(here.came)).clip(0, len(predecessors) - 1)
             self.layers[k] = here._replace(came=np.where(here.came >= 0, place, -2 - place))
-            self.layers[k - 1] = Kept(before.q, before.nodes[behind], before.came[behind])
-            nodes = np.arange(len(behind))
+            self.layers[k - 1] = PrunedLayer(before.q, before.nodes[predecessors], before.came[predecessors])
+            nodes = np.arange(len(predecessors))
         self._looked_at = len(self.layers)
 
     def to(self, node: int) -> list[Place]:
         """Return the best path to a node of the last layer, one place for each layer."""
         places = []
         for layer in reversed(self.layers):
-            answer, turns = divmod(int(layer.nodes[node]), self.total)
-            places.append(Place(layer.q[answer], turns, bool(layer.came[node] >= 0)))
+            solution, turns = divmod(int(layer.nodes[node]), self.total)
+            places.append(Place(layer.q[solution], turns, bool(layer.came[node] >= 0)))
             node = int(_before(layer.came[node]))
         return places[::-1]
 
@@ -188,9 +188,9 @@ class Planner:
             tolerances_of(problem.goal),
             np.ascontiguousarray(problem.goal.targets),
         )
-        self.gone = path_parameter(problem)
+        self.parameter = path_parameter(problem)
         """Accumulated motion of the hand at each pose, see `Effort.way`, (N,)."""
-        self.rows = rows_of(self.gone, effort.way)
+        self.rows = rows_of(self.parameter, effort.way)
         """Indices of the poses on which the path is planned."""
         self.row_targets = np.ascontiguousarray(self.targets[self.rows])
         last = len(self.rows) - 1
@@ -209,7 +209,7 @@ class Planner:
         target = np.eye(4)
         target[:3] = self.targets[i]
         rows = self.index.search(self.tolerances, target, self.index.view, count)
-        return answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
+        return solutions_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
 
     def layer(self, k: int, arrived: Array, fresh: Array, alone: bool = False) -> tuple[Array, Array]:
         """Return the solutions at a layer, (k, n), and the directions of the self-motion there."""
@@ -222,6 +222,8 @@ class Planner:
         count = spread_solutions(
             handle, self.tolerances, target, given, len(arrived), *limits, self.apart, beside, q, along, LANES
         )
+        # The array is full: a larger distance thins the next layers out. Otherwise the distance returns to its normal
+        # value.
         self.apart = self.apart * CROWD if count == len(q) else max(self.effort.apart, self.apart / CROWD)
         q, along = q[:count], along[:count]
         if self.request.valid is not None:
@@ -238,7 +240,7 @@ class Planner:
         """Return solutions at a layer on the other side of a fold from those that arrive there, (k, n)."""
         q = mirrored(arrived, self.folds)
         targets = np.repeat(self.row_targets[self.keys[k]][None], len(q), axis=0)
-        return q[self.smoother.settle(q, targets)] if len(q) else q
+        return q[self.smoother.project(q, targets)] if len(q) else q
 
     def clipped(self, q: Array) -> Array:
         """Clip solutions in the first turn to the limits."""
@@ -256,7 +258,7 @@ class Planner:
         last = len(self.keys) - 1
         deadline = self.request.deadline
         fresh: list[Array] = []
-        size = AHEAD if deadline.limited else last + 1
+        size = LAYERS_AT_ONCE if deadline.limited else last + 1
         ways, before, none = Ways(self.turning.total), None, np.zeros((0, self.dof))
         count = last + 1
         for k in range(last + 1):
@@ -266,23 +268,24 @@ class Planner:
             only = fixed[0] if k == 0 else fixed[1] if k == last else None
             try:
                 deadline.check()
-                led = None if before is None else self.propagate_layer(before.q, begin, end)
+                propagated = None if before is None else self.propagate_layer(before.q, begin, end)
                 if only is not None:
                     q, along = self.layer(k, self.turning.first_turn(only[None]), none, alone=True)
-                elif led is None:
+                elif propagated is None:
                     q, along = self.layer(k, fresh[k], none)
                 else:
-                    arrived = led[0][np.isfinite(led[1][:, 0])]
+                    arrived = propagated[0][np.isfinite(propagated[1][:, 0])]
                     q, along = self.layer(k, np.concatenate([self.twins(k, arrived), arrived]), fresh[k])
             except TimeUp:
                 count = k
                 break
             poses = int(self.rows[end] - self.rows[begin])
-            before = self.linked(before, q, along, led, poses, only)
+            before = self.linked(before, q, along, propagated, poses, only)
             ways.add(before)
             advance(poses)
         if before is None:
             raise TimeUp
+        # A node without a way from the beginning must not win.
         fault = np.where(before.fault < 0, np.iinfo(np.int64).max, before.fault)
         return self.filled(ways.to(int(np.lexsort((before.sums, fault))[0])), self.keys[:count])
 
@@ -307,7 +310,7 @@ class Planner:
         Returns:
             Joint values there, the kernel's report for each, and the directions of the self-motion.
         """
-        ahead, along = np.empty((2, *q.shape))
+        arrivals, along = np.empty((2, *q.shape))
         report = np.empty((len(q), 1 + 2 * self.dof))
         leaps = np.full(self.dof, LEAPS)
         moments = self.rows[begin : end + 1].astype(np.float64)
@@ -320,7 +323,7 @@ class Planner:
             leaps,
             self.smoother.weights,
             q,
-            ahead,
+            arrivals,
             report,
             along,
             LANES,
@@ -332,30 +335,30 @@ class Planner:
         if valid is not None and valid.scene is not None:
             # Layers are close, so the straight step from one to the next stands for the branch. The path itself is checked
             # later.
-            leads = np.isfinite(report[:, 0])
-            leads[leads] = valid.free_ways(self.clipped(q[leads]), self.clipped(ahead[leads]))
-            report[~leads, 0] = np.inf
-        return ahead, report, along
+            open_way = np.isfinite(report[:, 0])
+            open_way[open_way] = valid.free_ways(self.clipped(q[open_way]), self.clipped(arrivals[open_way]))
+            report[~open_way, 0] = np.inf
+        return arrivals, report, along
 
     def linked(
         self,
         before: Layer | None,
         q: Array,
         along: Array,
-        led: tuple[Array, Array, Array] | None,
+        propagated: tuple[Array, Array, Array] | None,
         poses: int,
         only: Array | None,
     ) -> Layer:
         """Build a layer of solutions, linked to the layer before; with `only`, (n,), no other turn of it is a node."""
         turning, nodes = self.turning, len(q) * self.turning.total
         made = Layer(q, along, np.empty(nodes, np.int64), np.empty(nodes), np.empty(nodes, np.int64))
-        if before is None or led is None:
+        if before is None or propagated is None:
             none, no_node = np.zeros((0, self.dof)), np.zeros(0, dtype=np.int64)
             before = Layer(none, none, no_node, np.zeros(0), no_node)
-            led = none, np.zeros((0, 1 + 2 * self.dof)), none
+            propagated = none, np.zeros((0, 1 + 2 * self.dof)), none
         viterbi_step(
             before.q,
-            *led,
+            *propagated,
             q,
             along,
             turning.lower,
@@ -421,13 +424,13 @@ def path_parameter(problem: Problem) -> Array:
     return np.asarray(np.concatenate([[0.0], np.cumsum(distance / arm_length(problem.chain) * 3 + turn)]))
 
 
-def rows_of(gone: Array, way: float) -> Indices:
+def rows_of(parameter: Array, way: float) -> Indices:
     """Indices of poses between which the hand moves by `way`, with the first and the last; all poses if `way` is 0."""
-    last = len(gone) - 1
+    last = len(parameter) - 1
     if way <= 0.0:
         return np.arange(last + 1)
-    parts = max(int(np.ceil(gone[-1] / way)), min(last, 2))
-    rows = np.searchsorted(gone, np.linspace(0, gone[-1], parts + 1))
+    parts = max(int(np.ceil(parameter[-1] / way)), min(last, 2))
+    rows = np.searchsorted(parameter, np.linspace(0, parameter[-1], parts + 1))
     return np.unique(np.concatenate([[0], rows, [last]]).clip(0, last)).astype(np.int64)
 
 

@@ -12,7 +12,7 @@ from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.problem import Problem
 
 from .certify import prove_rows, rims_of, turns_between
-from .impossible import impossible_stretches
+from .impossible import impossible_pairs
 from .intervals import intervals, these
 from .joints import Turning
 from .missed import Missed, judge_missed
@@ -34,7 +34,7 @@ def with_proofs(request: PathRequest, path: Path, threads: int | None) -> Path:
     missed |= path.orientation_error > path.problem.goal.orientation_tolerance
     missed |= ~path.planned
     report = judge_missed(path, missed, threads, request.deadline)
-    impossible = impossible_stretches(part.problem, path, request.deadline) if part is request else ()
+    impossible = impossible_pairs(part.problem, path, request.deadline) if part is request else ()
     undecided = missed & ~report.out_of_reach
     late = request.deadline.passed
     proof = PathProof(steps, within, report.out_of_reach, undecided, impossible, late)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import index_of
 from kinseek.branches.order import cost_of
-from kinseek.branches.result import answers_of
+from kinseek.branches.result import solutions_of
 from kinseek.deadline import TimeUp
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import tolerances_of
@@ -78,6 +78,7 @@ def mendable(request: PathRequest, q: Array) -> Flags:
     distance, turn = distance - 2 * goal.position_tolerance, turn - 2 * goal.orientation_tolerance
     torn, turned = beyond_a_step(request.problem.chain, request.longest, distance, turn)
     if goal.columns == 3:
+        # Only a goal with a whole orientation fixes how far the hand has to turn.
         torn = torn | turned
     return np.asarray(_faulty(request, q) & (~torn | (goal.ranges is not None)))
 
@@ -108,7 +109,7 @@ def follow_samples(
         row = start[None].copy()
         with suppress(TimeUp):
             request.deadline.check()
-            smoother_of(request).settle(row, np.ascontiguousarray(goal.targets[:1]))
+            smoother_of(request).project(row, np.ascontiguousarray(goal.targets[:1]))
             round_trip = replace(
                 request, problem=around, longest=longest, start=row[0], end=row[0], closed=False
             )
@@ -168,7 +169,7 @@ def _refused(request: PathRequest, q: Array) -> Flags:
     for i in np.flatnonzero(~request.valid.each(q)):
         target[:3] = problem.goal.targets[i]
         rows = index.search(tolerances, target, index.view, LOOKED_AT)
-        others = answers_of(rows, problem.chain.dof).q if len(rows) else q[:0]
+        others = solutions_of(rows, problem.chain.dof).q if len(rows) else q[:0]
         others = np.clip(others, turning.open_lower, turning.open_upper)
         refused[i] = not request.valid.each(others).any()
     return refused
@@ -176,9 +177,9 @@ def _refused(request: PathRequest, q: Array) -> Flags:
 
 def _mended(request: PathRequest, q: Array, effort: Effort, threads: int | None) -> Array:
     """Plan the parts of a path around its breaks again, and keep them where this removes the breaks."""
-    gone = path_parameter(request.problem)
+    parameter = path_parameter(request.problem)
     for around in AROUND:
-        windows = _around(request, q, gone, around)
+        windows = _around(request, q, parameter, around)
         parts = [_part(request, q, first, last) for first, last in windows]
         made = [np.zeros(0)] * len(parts)
 
@@ -284,19 +285,20 @@ def _finished(request: PathRequest, planner: Planner, q: Array) -> Array:
     if len(rows) < len(all_of_them.targets):
         q = _put(request, smoother, between_rows(rows, q), all_of_them)
     q = _smoothed(request, smoother, q, all_of_them, LAST_PASSES)
+    # High powers come last: they reduce the largest steps, but need a path that is short already.
     for power in POWERS:
-        for first, last in _around(request, q, planner.gone, EASED):
+        for first, last in _around(request, q, planner.parameter, EASED):
             part = _row(_part(request, q, first, last), np.arange(last + 1 - first))
             q[first : last + 1] = smoother.smooth(q[first : last + 1], part, POWER_PASSES, power)
     return q
 
 
-def _around(request: PathRequest, q: Array, gone: Array, way: float) -> list[tuple[int, int]]:
+def _around(request: PathRequest, q: Array, parameter: Array, way: float) -> list[tuple[int, int]]:
     """First and last pose of each part of a path around its breaks, extended to both sides by a motion of the hand."""
     parts: list[tuple[int, int]] = []
     for i in np.flatnonzero(mendable(request, q)).tolist():
-        first = int(np.searchsorted(gone, gone[i] - way))
-        last = min(int(np.searchsorted(gone, gone[i + 1] + way)), len(q) - 1)
+        first = int(np.searchsorted(parameter, parameter[i] - way))
+        last = min(int(np.searchsorted(parameter, parameter[i + 1] + way)), len(q) - 1)
         if parts and first <= parts[-1][1]:
             first = parts.pop()[0]
         parts.append((first, last))

@@ -167,15 +167,15 @@ def together(rows: list[Any]) -> Goal:
     for i, row in enumerate(rows):
         if not isinstance(row, Goal) or row.shape != ():
             raise InvalidGoal(
-                f"a row of goals must hold one goal each with one target, got {_report(row)} at index {i}; of a pose "
-                f"beside goals say Goal.pose(T)"
+                f"a row of goals must hold one goal each with one target, got {_report(row)} at index {i}; write a "
+                "pose among goals as Goal.pose(T)"
             )
         for name in (each.name for each in fields(Goal)):
             mine, other = getattr(row, name), getattr(first, name)
             if name != "target" and not arrays_equal(mine, other):
                 raise InvalidGoal(
-                    f"the goals of a path differ in their target alone: goal {i} has {name}={mine!r}, those before it "
-                    f"{other!r}"
+                    f"the goals of a path may differ only in their targets: goal {i} has {name}={mine!r}, the goals "
+                    f"before it have {other!r}"
                 )
     return first.at(np.array([row.target for row in rows]))
 
@@ -204,7 +204,7 @@ def read(
     """
     problem = Problem(arm, goal)
     if problem.axes is None:
-        raise InvalidProblem(f"{arm.name!r} is a function: paths are followed along axes, and it has none")
+        raise InvalidProblem(f"{arm.name!r} has black-box kinematics: a path needs the axes of an arm")
     count = len(goal.targets)
     longest = positive(arm, "max_step", max_step, "rad or m")[None]
     speed = None if velocity is None else positive(arm, "velocity", velocity, "rad/s or m/s")
@@ -212,10 +212,10 @@ def read(
         try:
             moments = np.asarray(times, dtype=np.float64)
         except (TypeError, ValueError, OverflowError) as error:
-            raise InvalidProblem(f"times must be numbers [s], one a pose: {error}") from None
+            raise InvalidProblem(f"times must be numbers [s], one per pose: {error}") from None
         if moments.shape != (count,) or not np.isfinite(moments).all():
             raise InvalidProblem(
-                f"times must be {count} finite numbers [s], one a pose, got shape {moments.shape}"
+                f"times must be {count} finite numbers [s], one per pose, got shape {moments.shape}"
             )
         gaps = np.diff(moments)
         if (gaps <= 0).any():
@@ -263,7 +263,7 @@ def _own_speeds(arm: Mechanism) -> Array:
     unsaid = np.flatnonzero(np.isnan(arm.velocity))
     if len(unsaid):
         raise InvalidProblem(
-            f"times need to know how fast the joints may go, and the file of {arm.name!r} gives no speed above 0 for "
+            f"times= needs the largest speeds of the joints, but the file of {arm.name!r} gives no speed above 0 for "
             f"{', '.join(arm.joint_names[i] for i in unsaid)}: give velocity=, [rad/s] or [m/s]"
         )
     return arm.velocity

@@ -30,24 +30,25 @@ from .joints import Turning
 from .plan import smoother_of
 from .redundant import PLANS, faults, follow_samples
 from .request import PathRequest
-from .smooth import SETTLED
+from .smooth import ON_POSE
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Advance = Callable[[int], object]
 
-SAMPLED, AHEAD = 4000, 400
+SAMPLED, LOOK_AHEAD = 4000, 400
 """Most poses that are followed together, and the number of poses of look-ahead beyond them."""
 
 STEPS = 40
-"""Most steps to bring the hand onto the nearest pose; near the boundary of the workspace each step halves the error."""
+"""Most steps to bring the hand onto the nearest pose; near the boundary of the workspace each step halves the error. Not
+examined further."""
 
-ASIDE = 0.02
-"""Offset of the additional starts, [rad] or [m], see `_starts`."""
+START_OFFSET = 0.02
+"""Offset of the additional starts, [rad] or [m], see `_starts`. Not examined further."""
 
 SHARE, NEAR = 0.02, 1e-12
 """The hand counts as at the nearest pose if its distance from it is at most `SHARE` of that pose's own error, or if the
-squared scaled error is less than `NEAR`."""
+squared scaled error is less than `NEAR`. Not examined further."""
 
 
 def follow_runs(request: PathRequest, threads: int | None, advance: Advance) -> Array:
@@ -152,7 +153,7 @@ def _starts(dof: int) -> Array:
     The kernel processes `LANES` starts in any case. At the boundary of the workspace a single start may not converge.
     """
     signs = (np.arange(1, LANES)[:, None] >> (np.arange(dof) % 3)) % 2 * 2.0 - 1.0
-    return np.concatenate([np.zeros((1, dof)), ASIDE * signs])
+    return np.concatenate([np.zeros((1, dof)), START_OFFSET * signs])
 
 
 def _look_beside(request: PathRequest, nearest: Array, missed: Flags) -> None:
@@ -164,9 +165,10 @@ def _look_beside(request: PathRequest, nearest: Array, missed: Flags) -> None:
         while len(some):
             beside = some - way
             some = some[(beside >= 0) & (beside < len(missed))]
+            # Only poses beside a solved one have a start; the front then moves on over the run of missed poses.
             some = some[~missed[some - way]]
             q = nearest[some - way]
-            smoother.settle(q, targets[some])
+            smoother.project(q, targets[some])
             goal = request.problem.goal.at(request.problem.goal.target[some])
             there = goal.met(goal.measure(request.problem.arrays, q))
             some, q = some[there], q[there]
@@ -184,6 +186,7 @@ def _joined(
         q, refused = _whole(request, threads, advance)
         if not refused.any() or len(q) < len(request):
             return q
+        # Poses at which no solution is allowed are treated like missed ones, and the rest is planned without them.
         missed, nearest = refused, q
     bridge, q = Bridge(request, nearest), nearest.copy()
     here, end = request.start if missed[0] else None, 0
@@ -230,10 +233,10 @@ def _run(
     if here is None:
         return _joined(part, none, bridge.nearest[:0], threads, advance)[:count]
     target = np.ascontiguousarray(part.problem.goal.targets[0])
-    start, left = bridge.onto(target, here, SETTLED)
+    start, left = bridge.onto(target, here, ON_POSE)
     begun = bridge.nearest[:0]
     try:
-        if left <= SETTLED and (part.valid is None or part.valid(start)):
+        if left <= ON_POSE and (part.valid is None or part.valid(start)):
             begun = _begun(replace(part, start=start), threads, advance)
             if len(begun) == len(part) and not faults(part, begun)[0]:
                 return begun[:count]
@@ -247,7 +250,7 @@ def _run(
 
 def _begun(part: PathRequest, threads: int | None, advance: Advance) -> Array:
     """Plan a run once from the current joint values; if the plan breaks, the run starts elsewhere."""
-    if len(part) <= SAMPLED + AHEAD:
+    if len(part) <= SAMPLED + LOOK_AHEAD:
         return follow_samples(part, threads, advance, PLANS[:1])[0]
     return _joined(part, np.zeros(len(part), dtype=np.bool_), part.longest[:0], threads, advance)
 
@@ -278,7 +281,7 @@ def _whole(request: PathRequest, threads: int | None, advance: Advance) -> tuple
             return none, refused[:0]
         return np.ascontiguousarray(q[::-1]), refused[::-1]
     try:
-        if len(request) <= SAMPLED + AHEAD or request.closed:
+        if len(request) <= SAMPLED + LOOK_AHEAD or request.closed:
             return follow_samples(request, threads, advance)
     except TimeUp:
         return none, np.zeros(0, dtype=np.bool_)
@@ -286,7 +289,7 @@ def _whole(request: PathRequest, threads: int | None, advance: Advance) -> tuple
     known = 0
     for begin in range(0, len(request), SAMPLED):
         # Each window begins where the one before ended, and looks ahead beyond the beginning of the next.
-        part = request.part(begin, min(begin + SAMPLED + 1 + AHEAD, len(request)))
+        part = request.part(begin, min(begin + SAMPLED + 1 + LOOK_AHEAD, len(request)))
         part = replace(part, start=q[begin]) if begin else part
         rows = none
         with suppress(TimeUp):

@@ -21,11 +21,13 @@ from kinseek.structure.axes import lean
 from kinseek.transforms import rotation
 
 ONE_LINE = 1e-3
-"""Axes coincide if their distance is at most this fraction of the arm's length, and their angle at most this [rad]."""
+"""Axes coincide if their distance is at most this fraction of the arm's length, and their angle at most this [rad]. Not
+examined further."""
 
 NEAR = 0.5
-"""Solutions with the joint no farther than this from its singular value [rad] are mirrored. Tried on one path of ten joints:
-it was followed after seven plans with this value, after ten with less than half of it, and by no plan without mirroring."""
+"""Solutions with the joint no farther than this from its singular value [rad] are mirrored. Tried on one path of ten
+joints: it was followed after seven plans with this value, after ten with less than half of it, and by no plan without
+mirroring. The program of this trial is not in the repository."""
 
 
 class Fold(NamedTuple):

@@ -34,38 +34,41 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 STIFF = 1e4
-"""μ: weight of leaving the pose, relative to a step of the same size; the remaining error is corrected after each pass."""
+"""μ: weight of leaving the pose, relative to a step of the same size; the remaining error is corrected after each pass. Not
+examined further."""
 
-HELD = 1e8
+PINNED = 1e8
 """Weight that keeps a joint at its value, relative to that of a step."""
 
 TRUST = 0.4
-"""Largest motion of any joint in one pass [rad or m]: the linearisation is not valid beyond it."""
+"""Largest motion of any joint in one pass [rad or m]: the linearisation is not valid beyond it. Not examined further."""
 
 TRIES, SHORTER = 5, 0.4
-"""Most attempts of a Gauss-Newton step until the path improves, and the factor that shortens each further attempt."""
+"""Most attempts of a Gauss-Newton step until the path improves, and the factor that shortens each further attempt. Not
+examined further."""
 
-KEPT, TORN = 0.9, 1.2
-"""A path is torn if a step grows and exceeds `KEPT` times its largest allowed length. This bound is `TORN` times as large if
-the largest steps are minimised."""
+TORN, LOOSER = 0.9, 1.2
+"""A path is torn if a step grows and exceeds `TORN` times its largest allowed length. If the largest steps are minimised,
+this bound is `LOOSER` times as large. Not examined further."""
 
-HOLD = 4
-"""Rows on each side of a torn step that are held back, multiplied by the number of the attempt."""
+TORN_ROWS = 4
+"""Rows on each side of a torn step that are held back, multiplied by the number of the attempt. Not examined further."""
 
 LIGHTEST, HEAVIEST = 0.5, 4.0
-"""Bounds of a step's length, relative to the root mean square of all, when a higher power weights it."""
+"""Bounds of a step's length, relative to the root mean square of all, when a higher power weights it. Not examined
+further."""
 
-SETTLED = 1e-14
+ON_POSE = 1e-14
 """Squared scaled error up to which a pose counts as reached again; it corresponds to 1e-7 of the arm's length."""
 
 MEND = 12
-"""Most steps that bring a pose back onto its target."""
+"""Most steps that bring a pose back onto its target. Not examined further."""
 
 ACTIVE = 3
-"""How often the system is solved with the joints that would leave their limits held there."""
+"""How often the system is solved with the joints that would leave their limits held there. Not examined further."""
 
 ENOUGH = 1e-3
-"""Smoothing ends after a pass that reduces the sum by less than this fraction."""
+"""Smoothing ends after a pass that reduces the sum by less than this fraction. Not examined further."""
 
 
 class Row(NamedTuple):
@@ -109,7 +112,7 @@ class Smoother:
         )
         self.scale = arm_length(problem.chain) / RADIAN_PART
 
-    def settle(self, q: Array, targets: Array) -> Flags:
+    def project(self, q: Array, targets: Array) -> Flags:
         """Project joint values, (k, n), onto targets, (k, 3, 4), in place.
 
         Returns:
@@ -120,15 +123,15 @@ class Smoother:
         project_onto_poses(
             self.handle, self.tolerances, targets, self.lower, self.upper, MEND, q, left, LANES
         )
-        there = left < SETTLED
+        there = left < ON_POSE
         if self.valid is not None:
             there[there] = self.valid.each(q[there])
         return there
 
     def onto(self, q: Array, targets: Array) -> None:
-        """Like `settle`, but replace rows that do not arrive by what the atlas finds, at worst the nearest pose."""
+        """Like `project`, but replace rows that do not arrive by what the atlas finds, at worst the nearest pose."""
         begin = q.copy()
-        lost = np.flatnonzero(~self.settle(q, targets))
+        lost = np.flatnonzero(~self.project(q, targets))
         if not len(lost):
             return
         goal = self.problem.goal
@@ -154,9 +157,10 @@ class Smoother:
         before = self._sum(q, row, power)
         with suppress(TimeUp):
             for _ in range(passes):
-                q = self._together(q, row, power)
-                q = self._one_by_one(q, row, power)
+                q = self._gauss_newton(q, row, power)
+                q = self._relax_each(q, row, power)
                 now = self._sum(q, row, power)
+                # Further passes would cost as much time and change almost nothing.
                 if now > before * (1 - ENOUGH):
                     break
                 before = now
@@ -175,7 +179,7 @@ class Smoother:
     def _sum(self, q: Array, row: Row, power: int) -> float:
         return float(self._of_steps(np.diff(q, axis=0), row.spans, power).sum())
 
-    def _together(self, q: Array, row: Row, power: int) -> Array:
+    def _gauss_newton(self, q: Array, row: Row, power: int) -> Array:
         """Make one Gauss-Newton step of all poses, held back where it would tear the path.
 
         Raises:
@@ -184,13 +188,14 @@ class Smoother:
         self.deadline.check()
         step = self._step(q, row, power)
         before, share = self._sum(q, row, power), np.ones(len(q))
-        bounds = np.maximum(np.abs(np.diff(q, axis=0)), KEPT * row.longest)
+        bounds = np.maximum(np.abs(np.diff(q, axis=0)), TORN * row.longest)
         if power > 2:
-            bounds *= TORN
+            bounds *= LOOSER
         for tries in range(TRIES):
             self.deadline.check()
             moved = q + share[:, None] * step
-            lost = ~self.settle(moved, row.targets) | row.fixed
+            # Poses that do not return to their target stay where they were; the others keep the improvement.
+            lost = ~self.project(moved, row.targets) | row.fixed
             moved[lost] = q[lost]
             self._put_back(q, moved)
             torn = np.flatnonzero((np.abs(np.diff(moved, axis=0)) > bounds * (1 + 1e-9)).any(axis=1))
@@ -198,8 +203,9 @@ class Smoother:
                 if self._sum(moved, row, power) < before:
                     return moved
                 share *= SHORTER
+            # Shortening all steps would stop the smoothing everywhere because of one place.
             for i in torn.tolist():
-                reach = HOLD * (1 + tries)
+                reach = TORN_ROWS * (1 + tries)
                 first, last = max(i - reach, 0), min(i + 2 + reach, len(q))
                 away = np.abs(np.arange(first, last) - i - 0.5) - 0.5
                 share[first:last] = np.minimum(share[first:last], away / reach)
@@ -212,6 +218,7 @@ class Smoother:
         steps = np.diff(q, axis=0)
         lengths = np.abs(steps * self.weights) / row.spans
         usual = np.sqrt((lengths.max(axis=1) ** 2).mean() + 1e-18)
+        # Iteratively reweighted least squares: weights that are too different make the system badly conditioned.
         heavy = np.clip(lengths / usual, LIGHTEST, HEAVIEST) ** (power - 2)
         coupling = np.zeros_like(q)
         coupling[:-1] = heavy * self.weights**2 / row.spans
@@ -225,17 +232,18 @@ class Smoother:
         pull = np.zeros_like(q)
         pull[:-1] += coupling[:-1] * steps
         pull[1:] -= coupling[:-1] * steps
-        held = np.repeat(row.fixed[:, None], q.shape[1], axis=1)
-        move, firm = np.zeros_like(q), HELD * heavy.max() * self.weights**2
+        pinned = np.repeat(row.fixed[:, None], q.shape[1], axis=1)
+        move, firm = np.zeros_like(q), PINNED * heavy.max() * self.weights**2
         step, system = move, np.empty_like(blocks)
         for _ in range(ACTIVE):
-            system[:], step = blocks, np.where(held, firm * move, pull)
-            system[:, diagonal, diagonal] += np.where(held, firm, 0.0)
+            system[:], step = blocks, np.where(pinned, firm * move, pull)
+            system[:, diagonal, diagonal] += np.where(pinned, firm, 0.0)
             solve_band(system, coupling, step)
-            beyond = ~held & ((q + step < self.lower - 1e-9) | (q + step > self.upper + 1e-9))
+            # Active set method: joints that would leave their limits are pinned there, and the others are computed again.
+            beyond = ~pinned & ((q + step < self.lower - 1e-9) | (q + step > self.upper + 1e-9))
             if not beyond.any():
                 break
-            held |= beyond
+            pinned |= beyond
             move = np.where(beyond, np.clip(q + step, self.lower, self.upper) - q, move)
         step *= np.minimum(1.0, TRUST / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
         step[row.fixed] = 0.0
@@ -246,6 +254,7 @@ class Smoother:
         if self.valid is None or self.valid.scene is None:
             return
         off = (moved != q).any(axis=1)
+        # Steps between unchanged rows were free before.
         steps = np.flatnonzero(off[:-1] | off[1:])
         while len(steps):
             hits = steps[~self.valid.free_ways(moved[steps], moved[steps + 1])]
@@ -255,9 +264,10 @@ class Smoother:
             beside = np.union1d(rows[rows > 0] - 1, rows[rows < len(q) - 1])
             steps = beside[off[beside] | off[beside + 1]]
 
-    def _one_by_one(self, q: Array, row: Row, power: int) -> Array:
+    def _relax_each(self, q: Array, row: Row, power: int) -> Array:
         """Move each pose between its neighbours if this improves its two steps."""
         q = q.copy()
+        # Every other pose: neighbours do not move at the same time, so each comparison stays valid.
         for first in (1, 2):
             self.deadline.check()
             some = np.arange(first, len(q) - 1, 2)
@@ -265,12 +275,14 @@ class Smoother:
             if not len(some):
                 continue
             before, here, after = q[some - 1], q[some], q[some + 1]
-            behind, ahead = row.spans[some - 1], row.spans[some]
-            middle = (before * ahead + after * behind) / (ahead + behind)
-            there = self.settle(middle, np.ascontiguousarray(row.targets[some]))
-            now = self._of_steps(here - before, behind, power) + self._of_steps(after - here, ahead, power)
-            then = self._of_steps(middle - before, behind, power) + self._of_steps(
-                after - middle, ahead, power
+            span_before, span_after = row.spans[some - 1], row.spans[some]
+            middle = (before * span_after + after * span_before) / (span_after + span_before)
+            there = self.project(middle, np.ascontiguousarray(row.targets[some]))
+            now = self._of_steps(here - before, span_before, power) + self._of_steps(
+                after - here, span_after, power
+            )
+            then = self._of_steps(middle - before, span_before, power) + self._of_steps(
+                after - middle, span_after, power
             )
             better = there & (then < now)
             if self.valid is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.branches.index import index_of
-from kinseek.branches.result import answers_of
+from kinseek.branches.result import solutions_of
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.atlas.memory import LAYOUT
@@ -36,7 +36,7 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import PLAIN, atlas_of
 from kinseek.validation import as_integer, as_number
 
-from .extrapolate import poses_ahead
+from .extrapolate import extrapolated
 from .joints import Turning
 from .request import positive
 
@@ -46,23 +46,25 @@ SPREAD = 60
 """Solutions that are examined when a redundant arm looks for another branch."""
 
 ELSEWHERE = 0.5
-"""Another branch differs by more than this from the current joint values, in some joint [rad or m]."""
+"""Another branch differs by more than this from the current joint values, in some joint [rad or m]. Not examined
+further."""
 
-SPAN, KEPT = 0.2, 200
-"""Age of the oldest pose used for extrapolation [s], and the largest number of periods this may be."""
+SPAN, MOST_PERIODS_BACK = 0.2, 200
+"""Age of the oldest pose used for extrapolation [s], and the largest number of periods this may be. Not examined
+further."""
 
 AWAY = (1e-3, 1e-2)
 """The hand has lost its pose if its error exceeds these values [m], [rad]."""
 
 FASTER, AFTER = 10.0, 0.5
 """If joints that are `FASTER` times as fast still track the poses `AFTER` seconds later, only the hand is too fast, and its
-branch does not end."""
+branch does not end. Not examined further."""
 
 TIMES, MOST_PERIODS = (1e-9, 1e9), 1_000_000
 """Bounds of the period and of times to look ahead [s], and the most periods of a motion to another branch."""
 
 RETRY = 0.05
-"""Time between two attempts to reach a lost pose again [s]."""
+"""Time between two attempts to reach a lost pose again [s]. Not examined further."""
 
 
 class TrackStatus(Enum):
@@ -124,7 +126,7 @@ class Tracker:
     ) -> None:
         """Start at joint values; see `Arm.track`."""
         if arm.axes is None:
-            raise InvalidProblem(f"{arm.name!r} is a function: a tracker works along axes, and it has none")
+            raise InvalidProblem(f"{arm.name!r} has black-box kinematics: a tracker needs the axes of an arm")
         period = as_number("period, in seconds,", period, *TIMES, InvalidProblem)
         if not isinstance(recover, bool):
             raise InvalidProblem(f"recover must be True or False, got {recover!r:.200}")
@@ -146,7 +148,7 @@ class Tracker:
         self._state[REACH], self._state[NOW] = self.velocity * self.period, start
         self._state[REACHED] = start
         self._memory = np.zeros(LAYOUT.count.of(dof=arm.dof, joints=len(arm.axes.leader)))
-        self._apart = min(max(1, round(SPAN / self.period)), KEPT)
+        self._apart = min(max(1, round(SPAN / self.period)), MOST_PERIODS_BACK)
         self._poses = np.zeros((2 * self._apart + 1, 4, 4))
         self._given = 0
         self._way: list[Array] = []
@@ -180,7 +182,7 @@ class Tracker:
         if ended == NO_POSE:
             T = _one(T)
             position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
-        self._keep(T)
+        self._store(T)
         if ended == TRACKED:
             if self._lost_for:
                 self._forget_loss()
@@ -220,7 +222,7 @@ class Tracker:
         if at_once == TRACKED or (ended in (LIMIT, SINGULAR) and _is_away(position, orientation)):
             self._there = None
             return self.step(T)
-        self._keep(T)
+        self._store(T)
         step = there[NOW] - state[NOW]
         periods = np.abs(step / state[REACH]).max() * (1 + 1e-9)
         if periods <= 1.0:
@@ -263,8 +265,8 @@ class Tracker:
         needed = self._time_of(step) / self.period * (1 + 1e-9)
         if not needed <= MOST_PERIODS:
             raise InvalidProblem(
-                f"the way to the other branch takes {needed:.3g} periods, and at most {MOST_PERIODS:,} are planned: "
-                f"give arm.track a higher velocity= or a longer period="
+                f"the motion to the other branch takes {needed:.3g} periods, expected at most {MOST_PERIODS:,}: give "
+                "arm.track a higher velocity= or a longer period="
             )
         periods = max(1, int(np.ceil(needed)))
         parts = np.arange(1, periods + 1)[:, None] / periods
@@ -303,7 +305,7 @@ class Tracker:
         """Return the joint motions to the other branches of a pose inside the limits, shortest time first, (k, n)."""
         index = index_of(Problem(self._arm, Goal.pose(target)))
         rows = index.search(PLAIN, target, index.view, SPREAD if index.freedom else 0)
-        found = answers_of(rows, self._arm.dof).q
+        found = solutions_of(rows, self._arm.dof).q
         steps = self._ways(found)
         steps = steps[np.abs(steps).max(axis=1, initial=0.0) > ELSEWHERE]
         return np.asarray(steps[np.argsort([self._time_of(step) for step in steps], kind="stable")])
@@ -342,7 +344,7 @@ class Tracker:
         pose, q = _one(T), self._way.pop(0)
         self._state[LAST] = q - self._state[NOW]
         self._state[NOW] = q
-        self._keep(pose)
+        self._store(pose)
         return Step(q.copy(), TrackStatus.SWITCHED, *self._errors(q, pose))
 
     def _errors(self, q: Array, T: Array) -> tuple[float, float]:
@@ -373,20 +375,21 @@ class Tracker:
             coming, at_once = np.ascontiguousarray(as_pose(poses)).reshape(-1, 4, 4), 1
             near = len(coming)
         state = self._standing(at_once)
-        behind, lost, ended = self._look(coming[:near], state)
+        tracked, lost, ended = self._look(coming[:near], state)
         if ended == TRACKED:
             return Foresight(TrackStatus.TRACKING, np.inf, None)
-        joint = self._held(state, ended)
+        joint = self._limiting_joint(state, ended)
         if ended == LAGGING:
             # Test whether much faster joints keep up for a while: then the speed is the cause, otherwise the branch ends.
             state = self._standing(at_once)
+            # If faster joints keep up, the speed is the cause and not the end of the branch.
             state[REACH] *= FASTER
             while_after = round(AFTER / self.period / at_once)
             _, _, truly = self._look(coming[: lost + 1 + while_after], state)
             if truly != TRACKED:
                 ended = LIMIT if truly == LIMIT else SINGULAR
-                joint = self._held(state, ended)
-        return Foresight(_ENDED[ended], (behind + 1) * at_once * self.period, joint)
+                joint = self._limiting_joint(state, ended)
+        return Foresight(_ENDED[ended], (tracked + 1) * at_once * self.period, joint)
 
     def _coming(self, seconds: float, looks: int, longer: float = 0.0) -> tuple[Array, int]:
         """Return `looks` poses to come and some for `longer`, (k, 4, 4), and how many periods lie between them."""
@@ -400,7 +403,7 @@ class Tracker:
         now, middle = self._pose(0), self._pose(apart)
         before = self._pose(2 * apart) if self._given > 2 * apart else middle
         times = np.arange(1.0, count + 1.0) * (at_once / apart)
-        return poses_ahead(before, middle, now, times), at_once
+        return extrapolated(before, middle, now, times), at_once
 
     def _standing(self, at_once: int) -> Array:
         """Return the current state, for steps of `at_once` periods each."""
@@ -413,7 +416,7 @@ class Tracker:
         """Follow poses as `kernels.paths.servo.look_ahead` does; the state is changed."""
         return look_ahead(self._index.address, PLAIN, poses, *AWAY, self._memory, state)
 
-    def _keep(self, T: Array) -> None:
+    def _store(self, T: Array) -> None:
         """Store a pose in the ring of the last poses."""
         self._poses[self._given % len(self._poses)] = T
         self._given += 1
@@ -422,7 +425,7 @@ class Tracker:
         """Return the pose given `back` periods ago."""
         return np.asarray(self._poses[(self._given - 1 - back) % len(self._poses)])
 
-    def _held(self, state: Array, ended: int) -> str | None:
+    def _limiting_joint(self, state: Array, ended: int) -> str | None:
         at_limit = (state[NOW] <= state[LOWER]) | (state[NOW] >= state[UPPER])
         fast = np.abs(state[LAST]) >= state[REACH] * (1 - 1e-9)
         some = np.flatnonzero(at_limit if ended == LIMIT else fast & ~at_limit)

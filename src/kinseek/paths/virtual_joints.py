@@ -34,11 +34,11 @@ from .smooth import MEND
 Array = NDArray[np.float64]
 
 LEAST_SHARE = 0.25
-"""Least fraction that remains of ranges about three axes."""
+"""Least fraction that remains of ranges about three axes. Not examined further."""
 
 LIGHT = 0.02
 """Weight of a joint that stands for a free axis, relative to 1 for a joint of the arm: it moves at almost no cost, but
-smoothly."""
+smoothly. Not examined further."""
 
 
 def with_virtual_joints(request: PathRequest) -> tuple[PathRequest, slice]:
@@ -136,8 +136,8 @@ def _angles(ranges: dict[int, tuple[float, float]], frame: str) -> dict[int, tup
     axes = f"about {', '.join(AXES[i] for i in ranges)} of the {frame}"
     if len(ranges) == 2:
         raise InvalidProblem(
-            f"a path takes ranges about one axis, or about all three; this goal has ranges {axes} and none about the third: "
-            f"give it a range as well, or leave it free"
+            f"a path supports ranges about one axis or about all three; this goal has ranges {axes} and none about "
+            "the third: give the third axis a range, or make it free"
         )
     order = sorted(ranges, key=lambda i: ranges[i][1] - ranges[i][0])
     low, high = np.array([ranges[i] for i in order]).T
@@ -179,8 +179,8 @@ def _constant(axes: Array, name: str, way: str, where: str) -> Array:
     """
     if np.abs(axes - axes[0]).max() > 1e-9:
         raise InvalidProblem(
-            f"a path takes this range {way} {name} only where the axis {where} is the same at all poses, and it changes. "
-            f"Give the range in the other frame"
+            f"this range {way} {name} needs an axis {where} that is the same at all poses, but it changes. Give the "
+            "range in the other frame"
         )
     return np.asarray(axes[0])
 

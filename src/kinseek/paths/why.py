@@ -19,8 +19,9 @@ from .windows import Windows
 
 Array = NDArray[np.float64]
 
-WEAK = 0.05
-"""Least singular value of the Jacobian, relative to the largest, below which a singularity is given as the reason."""
+NEAR_SINGULAR = 0.05
+"""Least singular value of the Jacobian, relative to the largest, below which a singularity is given as the reason. Not
+examined further."""
 
 
 def reasons(request: PathRequest, path: Path, wide: Layers | Windows | None) -> tuple[str, ...]:
@@ -98,11 +99,11 @@ def _break(request: PathRequest, path: Path, i: int, wide: Layers | Windows | No
         joint = int(np.argmax(step / longest))
         far = _too_far(chain, joint, step[joint], longest[joint])
         return f"{begin}: no sampled solution continues the motion; to reach the one chosen, {far}"
-    ahead, ended = _end_of_branch(request, path.q[i], i, wide, 1)
-    back, began = _end_of_branch(request, path.q[following], following, wide, -1)
+    end_before, ended = _end_of_branch(request, path.q[i], i, wide, 1)
+    begin_after, began = _end_of_branch(request, path.q[following], following, wide, -1)
     return (
-        f"{begin}: the branch before it ends {_at(ahead, count)} ({ended}), "
-        f"the one after it begins {_at(back, count)} ({began})"
+        f"{begin}: the branch before it ends {_at(end_before, count)} ({ended}), "
+        f"the one after it begins {_at(begin_after, count)} ({began})"
     )
 
 
@@ -123,7 +124,7 @@ def _end_of_branch(
         if not 0 <= j < len(wide):
             return (
                 j,
-                "it goes on to the end of the path"
+                "it continues to the end of the path"
                 if way > 0
                 else "it goes back to the beginning of the path",
             )
@@ -133,6 +134,7 @@ def _end_of_branch(
             return j, "nothing reaches the pose"
         nearest = int(np.argmin(np.abs(steps / longest).max(axis=1)))
         step = steps[nearest]
+        # The branch does not continue: near a singularity because it vanishes there, otherwise because it moves too fast.
         if (np.abs(step) > longest).any():
             J = constraint_jacobian(problem, q[None])[0]
             values = np.linalg.svd(J, compute_uv=False)
@@ -140,14 +142,14 @@ def _end_of_branch(
             joint = int(np.argmax(np.abs(step) / longest))
             far = _too_far(problem.mechanism, joint, abs(step[joint]), longest[joint])
             singular = f"a singularity: the least singular value is {least:.2g} of the largest"
-            return i, singular if least < WEAK else far
+            return i, singular if least < NEAR_SINGULAR else far
         q, i = q + step, j
         low = q < turning.open_lower - 1e-9
         high = q > turning.open_upper + 1e-9
         if (low | high).any():
             joint = int(np.flatnonzero(low | high)[0])
             side, limit = ("lower", turning.lower) if low[joint] else ("upper", turning.upper)
-            return i, f"joint {names[joint]!r} meets its {side} limit {limit[joint]:.4g}"
+            return i, f"joint {names[joint]!r} reaches its {side} limit {limit[joint]:.4g}"
         if request.valid is not None and (report := _against(request.valid, q - step, q)):
             return i, report
 

@@ -35,7 +35,7 @@ LONG = 8 * WINDOW
 """Poses from which on a path is processed in windows; the solutions of a shorter path take up to some 30 MB."""
 
 FIRST_PART = 0.45
-"""Fraction of a time limit for the first pass over all windows; the second pass takes as long."""
+"""Fraction of a time limit for the first pass over all windows; the second pass takes as long. Not examined further."""
 
 STAYS = 1e-12
 """Over a run a branch leads only to itself: solutions farther off than this [rad or m] are not linked."""
@@ -50,7 +50,7 @@ def in_windows(request: PathRequest) -> bool:
 class Run:
     """The kept poses of a window, and how each branch continues from one of them to the next."""
 
-    kept: Indices
+    chosen_poses: Indices
     """Indices of the kept poses in the window, (k,), with the first and the last."""
     layers: Layers
     """Solutions of these poses."""
@@ -82,6 +82,7 @@ class Windows:
         """Return the solutions of pose i, with widened limits, (k, n)."""
         begin = i - i % WINDOW
         if self._wide is None or self._wide[0] != begin:
+            # The last window is kept, because a caller usually asks for adjacent poses.
             self._wide = begin, self._isolated(begin, _silent, Deadline())
         return self._wide[1].at(i - begin)
 
@@ -130,6 +131,7 @@ def best_in_windows(windows: Windows, advance: Callable[[int], object]) -> tuple
         layers, ends, part = found
         runs.append(shortened(part, layers, turning))
         first, last = (ends[0] if begin == 0 else first), ends[1]
+        # The second pass over the same windows needs the rest of the time.
         if half.passed:
             break
     q, breaks, place = [np.empty((0, len(turning.lower)))], [np.zeros(0, dtype=np.int64)], 0
@@ -139,14 +141,14 @@ def best_in_windows(windows: Windows, advance: Callable[[int], object]) -> tuple
         if found is None:
             break
         layers = found[0]
-        mine = slice(place, place + len(run.kept))
-        breaks.append(begin + run.kept[report[mine]] - 1)
+        mine = slice(place, place + len(run.chosen_poses))
+        breaks.append(begin + run.chosen_poses[report[mine]] - 1)
         # Over a run the node stays the same.
-        chosen = np.repeat(nodes[mine], np.diff(run.kept, append=run.count))[: len(layers)]
-        answers, turns = chosen // turning.total, chosen % turning.total
-        values = turning.node_values(layers.q[np.arange(len(chosen)), answers], turns)
+        chosen = np.repeat(nodes[mine], np.diff(run.chosen_poses, append=run.count))[: len(layers)]
+        solutions, turns = chosen // turning.total, chosen % turning.total
+        values = turning.node_values(layers.q[np.arange(len(chosen)), solutions], turns)
         q.append(np.clip(values, turning.open_lower, turning.open_upper))
-        place += len(run.kept)
+        place += len(run.chosen_poses)
         if len(chosen) < run.count:
             break
     rows = np.concatenate(q)
@@ -176,45 +178,46 @@ def shortened(request: PathRequest, layers: Layers, turning: Turning) -> Run:
         costs[:-1] = np.hypot(costs[:-1], step) if request.velocity is None else np.maximum(costs[:-1], step)
     alone = close == (together & np.eye(q.shape[1], dtype=np.bool_))
     steady = alone.all(axis=(1, 2)) & ((there[1:] == there[:-1]) & (itself | ~there[1:])).all(axis=1)
-    kept = (
+    chosen_poses = (
         np.flatnonzero(np.concatenate([[True], ~(steady[1:] & steady[:-1]), [True]])) if len(q) > 1 else [0]
     )
-    kept = np.asarray(kept, dtype=np.int64)
-    sums = np.add.reduceat(costs, kept, axis=0)
-    sums[np.diff(kept, append=len(q)) == 1] = 0.0
-    return Run(kept, Layers(q[kept], there[kept]), sums, len(q))
+    chosen_poses = np.asarray(chosen_poses, dtype=np.int64)
+    sums = np.add.reduceat(costs, chosen_poses, axis=0)
+    sums[np.diff(chosen_poses, append=len(q)) == 1] = 0.0
+    return Run(chosen_poses, Layers(q[chosen_poses], there[chosen_poses]), sums, len(q))
 
 
 def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Indices, Flags]:
     """Return the best path through all kept poses: a node for each, and whether it is reached by a break."""
     request, turning = windows.request, windows.turning
     width = max(run.layers.q.shape[1] for run in runs)
-    count, dof = sum(len(run.kept) for run in runs), len(turning.lower)
+    count, dof = sum(len(run.chosen_poses) for run in runs), len(turning.lower)
     # One more column holds the cost of a branch over a run: it is added as the distance to the next kept pose.
-    q, ahead = np.zeros((2, count, width, dof + 1))
+    q, arrivals = np.zeros((2, count, width, dof + 1))
     longest = np.empty((max(count - 1, 1), dof + 1))
     longest[:, -1] = np.inf
     number, place = np.empty(count, dtype=np.int64), 0
     for begin, run in zip(windows.begins, runs, strict=False):
-        mine, wide = slice(place, place + len(run.kept)), run.layers.q.shape[1]
-        q[mine, :wide, :-1] = ahead[mine, :wide, :-1] = run.layers.q
+        mine, wide = slice(place, place + len(run.chosen_poses)), run.layers.q.shape[1]
+        q[mine, :wide, :-1] = arrivals[mine, :wide, :-1] = run.layers.q
         number[mine] = run.layers.count
-        rows = slice(place, min(place + len(run.kept), count - 1))
-        steps = np.minimum(begin + run.kept, len(request.longest) - 1)[: rows.stop - rows.start]
+        rows = slice(place, min(place + len(run.chosen_poses), count - 1))
+        steps = np.minimum(begin + run.chosen_poses, len(request.longest) - 1)[: rows.stop - rows.start]
         longest[rows, :-1] = request.longest[steps]
-        following = np.minimum(begin + run.kept + 1, len(request) - 1)
-        open_steps = windows.missed[begin + run.kept] | windows.missed[following]
+        following = np.minimum(begin + run.chosen_poses + 1, len(request) - 1)
+        open_steps = windows.missed[begin + run.chosen_poses] | windows.missed[following]
+        # Steps to and from missed poses do not count as breaks.
         longest[rows, :-1][open_steps[: rows.stop - rows.start]] = np.inf
-        over = np.flatnonzero(np.diff(run.kept) > 1)
-        ahead[place + over, :wide, :-1] = run.layers.q[over + 1]
-        ahead[place + over, :wide, -1] = -run.costs[over]
+        over = np.flatnonzero(np.diff(run.chosen_poses) > 1)
+        arrivals[place + over, :wide, :-1] = run.layers.q[over + 1]
+        arrivals[place + over, :wide, -1] = -run.costs[over]
         longest[place + over, :-1] = STAYS
-        place += len(run.kept)
+        place += len(run.chosen_poses)
     weights = request.weights if request.velocity is None else request.weights / request.velocity
     path, report = np.zeros(count, dtype=np.int64), np.zeros(count)
     viterbi(
         q,
-        ahead,
+        arrivals,
         number,
         np.append(turning.lower, -1.0),
         np.append(turning.upper, 1.0),

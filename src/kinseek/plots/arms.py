@@ -26,7 +26,7 @@ VIEW = (22.0, -60.0)
 FRAME_PART = 0.14
 """Length of the axes of a goal, relative to the longest side of the picture."""
 
-ASIDE = 6.0
+LABEL_PAD = 6.0
 """Additional distance of the label of y [pt]: it is printed at an angle above numbers."""
 
 SHORTEST = 0.4
@@ -97,7 +97,7 @@ def branches(
     """
     if not isinstance(branches, Branches):
         raise InvalidUse(
-            f"the branches of one goal are needed, arm.branches(goal); got {type(branches).__name__}"
+            f"expected the branches of one goal, arm.branches(goal), got {type(branches).__name__}"
         )
     if not len(branches):
         raise InvalidUse("there is no branch to draw: the goal was not reached")
@@ -108,7 +108,7 @@ def branches(
     figure, axes = given_or_new_space(ax, size, view)
     _draw(axes, problem.mechanism, branches.q[first], problem.goal)
     count = f"{len(branches)} {'answer' if len(branches) == 1 else 'answers'}"
-    sample = ", a sample of endlessly many" if branches.sampled else ""
+    sample = ", a sample of infinitely many" if branches.sampled else ""
     title = f"{text_of(problem.mechanism.name)}: {count}{sample}"
     if ax is None:
         trim(figure, axes, title)
@@ -149,7 +149,7 @@ def _chain_of(arm: Arm | Mechanism) -> SerialChain:
     """
     if arm.axes is None:
         raise InvalidProblem(
-            f"{arm.name!r} is a function: where its links are, only its author knows; use draw_line"
+            f"{arm.name!r} has black-box kinematics, so the positions of its links are unknown; use draw_line"
         )
     return arm.axes
 
@@ -172,7 +172,7 @@ def _draw(axes: Any, arm: Arm | Mechanism, q: ArrayLike, goal: Goal | ArrayLike 
         _draw_goal(axes, goal)
     _widen(axes)
     same_scale(axes)
-    axes.yaxis.labelpad += ASIDE
+    axes.yaxis.labelpad += LABEL_PAD
 
 
 def _widen(axes: Any) -> None:
@@ -185,12 +185,12 @@ def _widen(axes: Any) -> None:
 
 def _draw_goal(axes: Any, goal: Goal | ArrayLike) -> None:
     """Draw a goal as its axes, or as a star if the orientation is free, in the arm's base."""
-    asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
-    if asked.shape:
-        raise InvalidUse(f"one goal is drawn, got a batch of shape {asked.shape}; choose one")
-    T = np.vstack([asked.targets[0], [0.0, 0.0, 0.0, 1.0]])
-    T[:3, :3] = T[:3, :3] @ asked.tip_rotation.T
-    if asked.form.columns == 0 and not asked.form.ranges:
+    requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
+    if requested.shape:
+        raise InvalidUse(f"one goal is drawn, got a batch of shape {requested.shape}; choose one")
+    T = np.vstack([requested.targets[0], [0.0, 0.0, 0.0, 1.0]])
+    T[:3, :3] = T[:3, :3] @ requested.tip_rotation.T
+    if requested.form.columns == 0 and not requested.form.ranges:
         axes.scatter(*T[:3, 3], marker="*", s=110, color="black", zorder=6)
         return
     ends = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])

@@ -53,12 +53,13 @@ def samples(arm: Arm, pose: ArrayLike, *, size: tuple[float, float] = (9.4, 5.0)
     index, division = atlas_of(arm.chain), divide(arm.chain, POSE)
     if division.head != TURN or division.tail != TURN:
         raise InvalidUse(
-            f"the picture is of arms whose first and last joint turn and move nothing else; {arm.name!r} is none"
+            f"the picture needs an arm whose first and last joint turn and move no other joint; {arm.name!r} is not "
+            "such an arm"
         )
     tree = index.sorted.tree
-    wanted = coordinates(_seen(index, goal.targets[0]), division)[0]
+    query = coordinates(_seen(index, goal.targets[0]), division)[0]
     every = coordinates(index.sorted.poses, division)
-    leaf = leaf_of(tree, wanted)
+    leaf = leaf_of(tree, query)
     own = np.arange(leaf * LEAF_SIZE, (leaf + 1) * LEAF_SIZE)
     beside = tree.beside[leaf * BESIDE : (leaf + 1) * BESIDE]
     near = (beside[(beside >= 0) & (beside != leaf)][:, None] * LEAF_SIZE + np.arange(LEAF_SIZE)).ravel()
@@ -73,16 +74,16 @@ def samples(arm: Arm, pose: ArrayLike, *, size: tuple[float, float] = (9.4, 5.0)
         label=f"{len(near)} samples of the leaves beside it",
     )
     _arrows(right, every[own], color=OWN, width=0.006, label=f"{LEAF_SIZE} samples of the pose's leaf")
-    _arrows(right, wanted[None], color="black", width=0.008)
+    _arrows(right, query[None], color="black", width=0.008)
     for axes in (left, right):
-        axes.plot(*wanted[:2], "*", color="black", markersize=11, label="the pose", linestyle="none")
+        axes.plot(*query[:2], "*", color="black", markersize=11, label="the pose", linestyle="none")
         axes.set(xlabel="radius from the first axis [m]", ylabel="height along it [m]", aspect="equal")
-    far = np.abs(every[:, :2] - wanted[:2]).max(axis=1)
+    far = np.abs(every[:, :2] - query[:2]).max(axis=1)
     least = 0.05 * division.length  # All samples may coincide: with two joints there is none in the middle.
     around = float(np.percentile(far[near], 70)) if len(near) else 0.0
     spread = 1.15 * max(least, float(far[own].max()), around)
-    right.set(xlim=wanted[0] + spread * np.array([-1, 1]), ylim=wanted[1] + spread * np.array([-1, 1]))
-    left.add_patch(_square(wanted[:2], spread))
+    right.set(xlim=query[0] + spread * np.array([-1, 1]), ylim=query[1] + spread * np.array([-1, 1]))
+    left.add_patch(_square(query[:2], spread))
     left.set_title(f"{text_of(arm.name)}: {index.samples:,} samples, darker where there are more")
     right.set_title("in the frame, with the directions of the last axis")
     handles, labels = right.get_legend_handles_labels()

@@ -163,11 +163,11 @@ def given_or_new_space(ax: Any, size: tuple[float, float], view: tuple[float, fl
 def _figure_of(ax: Any, in_space: bool) -> Any:
     from matplotlib.axes import Axes
 
-    wanted = "axes in space, such as those of plots.space()" if in_space else "axes in a plane"
+    expected = "axes in space, such as those of plots.space()" if in_space else "axes in a plane"
     if not isinstance(ax, Axes):
-        raise InvalidUse(f"ax must be {wanted}, got {type(ax).__name__}")
+        raise InvalidUse(f"ax must be {expected}, got {type(ax).__name__}")
     if hasattr(ax, "get_zlim") != in_space:
-        raise InvalidUse(f"ax must be {wanted}, got axes {'in a plane' if in_space else 'in space'}")
+        raise InvalidUse(f"ax must be {expected}, got axes {'in a plane' if in_space else 'in space'}")
     return ax.get_figure()
 
 

@@ -38,7 +38,7 @@ def landscape(
     solution: Solution,
     joints: Pair = (0, 1),
     *,
-    answers: ArrayLike | None = None,
+    solutions: ArrayLike | None = None,
     within: ArrayLike | None = None,
     points: int = POINTS,
     ax: Any = None,
@@ -51,7 +51,7 @@ def landscape(
     Args:
         solution: Solution of one target.
         joints: The two joints, by index from 0 or by name.
-        answers: Other joint values to mark, (k, n), such as those of `arm.branches`.
+        solutions: Other joint values to mark, (k, n), such as those of `arm.branches`.
         within: Lowest and highest values of the first joint and of the second, (2, 2); by default their whole ranges.
         points: Number of values of each joint; points² errors are computed.
         ax: Axes in a plane to draw on; a new figure also has a colour bar.
@@ -61,7 +61,7 @@ def landscape(
         The Matplotlib figure.
 
     Raises:
-        InvalidProblem: `answers` do not fit the arm.
+        InvalidProblem: `solutions` do not fit the arm.
         InvalidUse: A batch, not two joints of the arm, ends in the wrong order, too few points, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
@@ -69,8 +69,8 @@ def landscape(
     mechanism = one.problem.mechanism
     x, y = two_joints(mechanism.joint_names, joints)
     others = np.empty((0, mechanism.dof))
-    if answers is not None:
-        others = np.atleast_2d(as_joints(mechanism, answers, "answers"))
+    if solutions is not None:
+        others = np.atleast_2d(as_joints(mechanism, solutions, "solutions"))
     figure, axes = given_or_new(ax, size)
     low, high = np.array(one.problem.limits)[:, [x, y]] if within is None else _ends(within)
     image = _shade(axes, one, (x, y), low, high, points, "viridis")
@@ -129,8 +129,8 @@ def passes(
         nodes = len(each.values(x)) * len(each.values(y))
         if nodes > MOST_NODES:
             raise InvalidUse(
-                f"{each.name!r} has {nodes:,} nodes in this plane, at most {MOST_NODES:,} can be told apart; choose fewer "
-                "divisions"
+                f"{each.name!r} has {nodes:,} nodes in this plane, at most {MOST_NODES:,} can be distinguished; "
+                "choose fewer divisions"
             )
     columns = min(3, len(shown))
     rows = -(-len(shown) // columns)
@@ -208,8 +208,8 @@ def windows(
     shown = with_windows(trace)
     lower, upper = solution.problem.limits
     figure, axes = plane(2, size=size)
-    answer = np.asarray(solution.q)
-    centre, half = answer[[x, y]], (upper - lower)[[x, y]] / 2
+    best_q = np.asarray(solution.q)
+    centre, half = best_q[[x, y]], (upper - lower)[[x, y]] / 2
     # The right panel shows the fourth window, or the last: about a ninth of the second.
     near = shown[min(3, len(shown) - 1)]
     close = np.maximum(np.subtract(*near.ends[::-1])[[x, y]] * 1.5, 1e-9)
@@ -297,7 +297,7 @@ def _ends(within: ArrayLike) -> tuple[Array, Array]:
     ends = np.asarray(within, dtype=float)
     if ends.shape != (2, 2) or not np.isfinite(ends).all() or not (ends[:, 0] < ends[:, 1]).all():
         raise InvalidUse(
-            f"within must be two pairs of rising values, (low, high) of each joint; got {within!r}"
+            f"within must be two pairs of increasing values, (low, high) of each joint; got {within!r}"
         )
     return ends[:, 0], ends[:, 1]
 

@@ -66,10 +66,10 @@ def map_slice(
         where = {"y": float(np.median(grid.places[1]))}
     if len(where) > 1 or not set(where) <= set(grid.names):
         raise InvalidUse(
-            f"one of {', '.join(grid.names)} says where the plane is, got {', '.join(where) or 'none'}"
+            f"give the position of the plane by one of {', '.join(grid.names)}, got {', '.join(where) or 'none'}"
         )
     if orientation is not None and _is_capability(dataset):
-        raise InvalidUse("a capability has no single orientations: give the map itself")
+        raise InvalidUse("a capability has no separate orientations: give the map itself")
     if orientation is not None and not 0 <= orientation < grid.shape[-1]:
         raise InvalidUse(f"orientation must be from 0 to {grid.shape[-1] - 1}, got {orientation}")
     plane = dataset.sel(where, method="nearest") if where else dataset
@@ -153,15 +153,18 @@ def cloud(
     grid = grid_of_map(dataset)
     if isinstance(grid, Rings):
         raise InvalidUse(
-            "a cloud is drawn of a Grid; maps.expand makes one of Rings, and map_slice draws rings"
+            "a cloud needs a map of a Grid; convert one of Rings with maps.expand, or draw it with map_slice"
         )
     share = _share(dataset).transpose(*grid.names).values
     x, y, z = np.meshgrid(*grid.places, indexing="ij")
     shown = share >= least
     if cut:
         azimuth = np.radians(view[1])
-        towards, aside = x * np.cos(azimuth) + y * np.sin(azimuth), x * np.sin(azimuth) - y * np.cos(azimuth)
-        shown &= towards < np.abs(aside)
+        towards, sideways = (
+            x * np.cos(azimuth) + y * np.sin(azimuth),
+            x * np.sin(azimuth) - y * np.cos(azimuth),
+        )
+        shown &= towards < np.abs(sideways)
     figure, axes = given_or_new_space(ax, size, view)
     dots = axes.scatter(
         x[shown],
@@ -245,10 +248,10 @@ def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] | None = Non
     shown = axes.scatter(*places[::-1].T, c=reached[::-1], cmap=SHARES, vmin=0, vmax=most, s=40)
     figure.colorbar(shown, ax=axes, label=f"poses reached, of {most}", shrink=0.8)
     if len(np.unique(places.round(6), axis=0)) < len(places):
-        ahead = ranked["base"].values[:, :2, 0]
+        directions = ranked["base"].values[:, :2, 0]
         look = {"angles": "xy", "scale_units": "inches", "scale": 1 / ARROW, "width": 0.03, "units": "inches"}
-        axes.quiver(*places[::-1].T, *ahead[::-1].T, reached[::-1], cmap=SHARES, clim=(0, most), **look)
-        axes.quiver(*places[0], *ahead[0], color=COLOURS[1], label="x axis of the best", **look)
+        axes.quiver(*places[::-1].T, *directions[::-1].T, reached[::-1], cmap=SHARES, clim=(0, most), **look)
+        axes.quiver(*places[0], *directions[0], color=COLOURS[1], label="x axis of the best", **look)
         axes.margins(0.15)  # Arrows at the edge do not widen the axes.
     axes.plot(*places[0], "*", color=COLOURS[1], markersize=16, label="best")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")

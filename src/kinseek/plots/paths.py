@@ -124,5 +124,7 @@ def _times(times: ArrayLike | None, count: int) -> Array:
         return np.arange(count, dtype=float)
     where = np.asarray(times, dtype=float)
     if where.shape != (count,) or not np.isfinite(where).all() or not (np.diff(where) > 0).all():
-        raise InvalidUse(f"times must be {count} rising numbers [s], one a row; got shape {where.shape}")
+        raise InvalidUse(
+            f"times must be {count} increasing numbers [s], one per row; got shape {where.shape}"
+        )
     return where

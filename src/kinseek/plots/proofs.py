@@ -73,11 +73,11 @@ def boxes(
         MissingExtra: Matplotlib is not installed.
     """
     if not isinstance(certificate, Certificate):
-        raise InvalidUse(f"a certificate, of arm.prove, is needed; got {type(certificate).__name__}")
+        raise InvalidUse(f"expected a certificate of arm.prove, got {type(certificate).__name__}")
     problem = certificate.problem
-    looks = watched(problem, count_of("most", most, 1))
+    looks = examined_boxes(problem, count_of("most", most, 1))
     if not looks:
-        raise InvalidUse("no box is looked at: lengths and angles alone prove that this goal is out of reach")
+        raise InvalidUse("there are no boxes: lengths and angles alone prove that this goal is out of reach")
     q = _within(looks[0].box, certificate.q)
     x, y = _axes_of(problem, looks, q, joints)
     slice_ = Slice(q, x, y)
@@ -93,14 +93,14 @@ def boxes(
     return figure
 
 
-def watched(problem: Problem, most: int = MOST) -> list[Look]:
+def examined_boxes(problem: Problem, most: int = MOST) -> list[Look]:
     """Examine boxes as `Arm.prove` does, one at a time, widest first, until none is left or `most` are examined.
 
     Args:
         problem: One target without ranges.
         most: Maximum number of steps.
     """
-    asked = question(problem)
+    reduction = question(problem)
     tuning = tuning_of(problem, most + 1, 0)  # No steps towards a solution: only boxes are needed.
     looks: list[Look] = []
     waiting: list[tuple[float, int, Array]] = []
@@ -110,10 +110,10 @@ def watched(problem: Problem, most: int = MOST) -> list[Look]:
         for box in boxes:
             heappush(waiting, (-float(np.prod(box[len(box) // 2 :])), next(number), box))
 
-    put(start_boxes(problem.chain, asked[2].present))
+    put(start_boxes(problem.chain, reduction[2].present))
     while waiting and len(looks) < most:
         box = heappop(waiting)[2]
-        run = Run(problem, asked, box[None].copy(), np.zeros(problem.chain.dof), tuning)
+        run = Run(problem, reduction, box[None].copy(), np.zeros(problem.chain.dof), tuning)
         found = run.go(1, Watch()) == FOUND
         if run.seen == 0:  # Lengths and angles alone decide.
             return []
@@ -163,7 +163,7 @@ def _axes_of(problem: Problem, looks: list[Look], q: Array, joints: object) -> t
         x, y = two_joints(names, joints)
         if max(x, y) >= k:
             raise InvalidUse(
-                f"joint {names[k]!r} is divided out and in no box; valid: {', '.join(names[:k])}"
+                f"joint {names[k]!r} is divided out and not part of the boxes; valid: {', '.join(names[:k])}"
             )
         return x, y
     boxes = np.array([each.box for each in looks])

@@ -29,7 +29,7 @@ def trace_of(traced: Trace | Solution) -> Trace:
             f"a picture shows one search, got a batch of shape {trace.shape}; choose one: solution[0]"
         )
     if not isinstance(trace, Trace):
-        raise InvalidUse(f"a trace, or a solution that has one, is needed; got {type(traced).__name__}")
+        raise InvalidUse(f"expected a trace, or a solution with a trace, got {type(traced).__name__}")
     return trace
 
 
@@ -40,9 +40,9 @@ def judged(solution: Solution) -> Solution:
         InvalidUse: Something else.
     """
     if isinstance(solution, Trace):
-        raise InvalidUse("a trace does not know the goal, which this picture needs; give the solution")
+        raise InvalidUse("this picture needs the goal, which a trace does not contain; give the solution")
     if not isinstance(solution, Solution):
-        raise InvalidUse(f"a solution, of arm.ik, is needed; got {type(solution).__name__}")
+        raise InvalidUse(f"expected a solution of arm.ik, got {type(solution).__name__}")
     if solution.problem.goal.shape:
         shape = solution.problem.goal.shape
         raise InvalidUse(f"a picture shows one search, got a batch of shape {shape}; choose one: solution[0]")
@@ -93,9 +93,7 @@ def with_windows(trace: Trace) -> list[Pass]:
     """
     shown = [each for each in trace if each.counts is not None]
     if not shown:
-        raise InvalidUse(
-            f"no pass of this {trace.search} has a window; one of DivideAndConquer or BruteForce has"
-        )
+        raise InvalidUse(f"no pass of this {trace.search} has a window; use DivideAndConquer or BruteForce")
     return shown
 
 

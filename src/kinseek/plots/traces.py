@@ -98,8 +98,8 @@ def tree(solution: Solution, number: int = 1, size: tuple[float, float] = (7.2, 
     leaves = int(np.prod(counts))
     if leaves > MOST_LEAVES:
         raise InvalidUse(
-            f"{one.name!r} has {leaves:,} leaves ({' x '.join(map(str, counts))}), at most {MOST_LEAVES:,} can be told "
-            "apart; choose an arm of fewer joints, or fewer divisions"
+            f"{one.name!r} has {leaves:,} leaves ({' x '.join(map(str, counts))}), at most {MOST_LEAVES:,} can be "
+            "distinguished; choose an arm of fewer joints, or fewer divisions"
         )
     errors = errors_at(solution, np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(leaves, -1))
     best = int(np.argmin(errors))
@@ -111,8 +111,10 @@ def tree(solution: Solution, number: int = 1, size: tuple[float, float] = (7.2, 
         below = leaves // int(np.prod(counts[: d + 1]))
         here = np.arange(leaves // below) * below + (below - 1) / 2
         for i, x in enumerate(here):
-            viterbi = best // below == i
-            look = {"color": COLOURS[1], "linewidth": 2.2, "zorder": 2} if viterbi else {"color": "#999999"}
+            on_best_path = best // below == i
+            look = (
+                {"color": COLOURS[1], "linewidth": 2.2, "zorder": 2} if on_best_path else {"color": "#999999"}
+            )
             axes.plot([above[i // count], x], [-d, -d - 1], **({"linewidth": width, "zorder": 1} | look))
         if d + 1 < len(counts):
             axes.scatter(here, np.full(len(here), -d - 1), s=16, color="#444444", zorder=3)

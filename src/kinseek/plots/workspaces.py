@@ -62,35 +62,35 @@ def workspace(
         InvalidUse: A batch of goals, no such plane, a width or a number out of its range, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
-    asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
-    asked.require_plain("a slice of a workspace is drawn of")
-    if asked.shape:
-        raise InvalidUse(f"one goal is drawn, got a batch of shape {asked.shape}; choose one")
-    plane = _plane(arm, asked) if plane is None else plane
+    requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
+    requested.require_plain("a slice of a workspace cannot be drawn for")
+    if requested.shape:
+        raise InvalidUse(f"one goal is drawn, got a batch of shape {requested.shape}; choose one")
+    plane = _plane(arm, requested) if plane is None else plane
     if len(plane) != 2 or not set(plane) <= set("xyz") or plane[0] == plane[1]:
         raise InvalidUse(f"plane must be two of the axes x, y and z, such as 'xz'; got {plane!r}")
     across, up = ("xyz".index(axis) for axis in plane)
     cells, budget = count_of("cells", cells, 2), count_of("budget", budget, 0)
-    centre, half = _extent(arm, asked, width)
+    centre, half = _extent(arm, requested, width)
     middles = (np.arange(cells) + 0.5) / cells * 2 * half - half
-    targets = np.tile(asked.target, (cells, cells, 1, 1))
+    targets = np.tile(requested.target, (cells, cells, 1, 1))
     targets[..., across, 3], targets[..., up, 3] = np.meshgrid(
         centre[across] + middles, centre[up] + middles, indexing="xy"
     )
-    solution = arm.ik(asked.at(targets))
+    solution = arm.ik(requested.at(targets))
     verdict = np.where(solution.success, 0, 2)
     if budget:
         for place in np.argwhere(verdict == 2):
             one = solution[tuple(place)]
-            proof = prove(one.problem, answer=one, budget=budget, threads=1).verdict
+            proof = prove(one.problem, solution=one, budget=budget, threads=1).verdict
             verdict[tuple(place)] = {Verdict.REACHABLE: 0, Verdict.UNREACHABLE: 1}.get(proof, 2)
     figure, axes = given_or_new(ax, size)
     _colour(figure, axes, verdict, (centre[across], centre[up], half), ax is None)
-    axes.plot(*asked.target[[across, up], 3], "*", color="black", markersize=10)
+    axes.plot(*requested.target[[across, up], 3], "*", color="black", markersize=10)
     other = ({0, 1, 2} - {across, up}).pop()
     axes.set(xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]", aspect="equal")
-    what = {0: "any orientation", 1: "one direction"}.get(asked.form.columns, "one orientation")
-    axes.set_title(f"{text_of(arm.name)}, {'xyz'[other]} = {asked.target[other, 3]:.3g} m, {what}")
+    what = {0: "any orientation", 1: "one direction"}.get(requested.form.columns, "one orientation")
+    axes.set_title(f"{text_of(arm.name)}, {'xyz'[other]} = {requested.target[other, 3]:.3g} m, {what}")
     return figure
 
 
@@ -112,7 +112,7 @@ def _extent(arm: Arm, goal: Goal, width: float | None) -> tuple[Array, float]:
             raise InvalidUse(f"width must be a positive length [m], got {width!r}")
         half = width / 2
     elif arm.axes is None:
-        raise InvalidUse(f"{arm.name!r} is a function, nobody knows its reach: width= is needed [m]")
+        raise InvalidUse(f"{arm.name!r} has black-box kinematics, so its reach is unknown: give width= [m]")
     else:
         half = float(arm.axes.reach)
     centre = np.zeros(3) if arm.axes is None else arm.axes.fixed[0][:3, 3]

@@ -47,14 +47,16 @@ from .wrist import without_wrist
 SPREAD = 2.5
 """Boxes whose rotation of the hand is less than this [rad] are tested to second order. Found by trial on four arms of six
 joints: with twice the value an exclusion takes 22 % fewer boxes but no less time, since most second-order tests of wide
-boxes are in vain; with half the value it takes 37 % more boxes."""
+boxes are in vain; with half the value it takes 37 % more boxes. The program of this trial is not in the repository."""
 
 SHRINK = 0.5
 """Boxes that shrink to less than this fraction of their volume are tested again before they are cut. Found by trial: 2 to 5
-% more boxes with 0.25 and with 0.8. With 1 or more every box would be tested again endlessly."""
+% more boxes with 0.25 and with 0.8. With 1 or more every box would be tested again endlessly. The program of this trial is
+not in the repository."""
 
 PASSES = 2
-"""Forms tried on a box if the tolerances decide. Found by trial: 13 % more boxes with one, no fewer with four."""
+"""Forms tried on a box if the tolerances decide. Found by trial: 13 % more boxes with one, no fewer with four. The program
+of this trial is not in the repository."""
 
 
 PIECE = 8192
@@ -68,7 +70,7 @@ FIRST = 1024
 goals of six joints."""
 
 SHARE = 0.5
-"""Fraction of the budget for the arm without its wrist; the rest is for the whole arm."""
+"""Fraction of the budget for the arm without its wrist; the rest is for the whole arm. Not examined further."""
 
 
 HANDS = 16
@@ -140,7 +142,7 @@ class Run:
     def __init__(
         self,
         problem: Problem,
-        asked: tuple[Form, ProofGoal, LastJoint],
+        reduction: tuple[Form, ProofGoal, LastJoint],
         boxes: Array,
         q: Array,
         tuning: Tuning,
@@ -148,7 +150,7 @@ class Run:
         places: Places | None = None,
     ) -> None:
         """Allocate room for more boxes than the given ones, (k, 2 dof); q, (n,), is overwritten. See `search_boxes`."""
-        self.question = Question(*asked, problem.arrays, problem.goal.arrays)
+        self.question = Question(*reduction, problem.arrays, problem.goal.arrays)
         self.kind = ENCLOSE if heap is not None else ISOLATE if places is not None else EXCLUDE
         self._chunk, self.tuning = chunk_of(problem), tuning
         self.boxes, self.q = roomy(boxes), q
@@ -206,11 +208,11 @@ def heap_for(room: int, given: Heap | None = None) -> Heap:
     return more
 
 
-def places_for(answers: Array, periodic: Flags, most: int) -> Places:
-    """Allocate memory for `most` solutions with neighbourhoods; `answers`, (k, n), are known, `periodic`, (reduced n,)."""
-    whole, reduced = answers.shape[1], len(periodic)
+def places_for(solutions: Array, periodic: Flags, most: int) -> Places:
+    """Allocate memory for `most` solutions with neighbourhoods; `solutions`, (k, n), are known, `periodic`, (reduced n,)."""
+    whole, reduced = solutions.shape[1], len(periodic)
     return Places(
-        answers,
+        solutions,
         periodic,
         np.zeros(most, dtype=np.bool_),
         np.zeros(most, dtype=np.int64),
@@ -245,11 +247,11 @@ def excluded(
     only on the box, and results are read in order. So the verdict, the witness and the count are the same for any number of
     threads. If the first piece does not decide, the arm without its wrist is tried before the search continues.
     """
-    watch, asked = watch or Watch(), question(problem, trust)
-    tuning, roll = tuning_of(problem, OFTEN, STEPS), asked[2]
+    watch, reduction = watch or Watch(), question(problem, trust)
+    tuning, last_joint = tuning_of(problem, OFTEN, STEPS), reduction[2]
 
-    def stretch(_: Search | None, boxes: Array, most: int) -> Search:
-        run = Run(problem, asked, boxes, np.zeros(problem.chain.dof), tuning)
+    def search_piece(_: Search | None, boxes: Array, most: int) -> Search:
+        run = Run(problem, reduction, boxes, np.zeros(problem.chain.dof), tuning)
         if run.go(most, watch) == FOUND:
             return run.search(FOUND, 0.0, boxes[:0])._replace(floor=np.inf)
         left = run.boxes[: run.counts[COUNT]].copy()
@@ -257,8 +259,8 @@ def excluded(
         largest = float(left[:, left.shape[1] // 2 :].max(initial=stuck))
         return run.search(STOPPED if len(left) or stuck > 0.0 else ENDED, largest, left)
 
-    boxes = start_boxes(problem.chain, roll.present) if begin is None else begin
-    search = stretch(None, boxes, min(budget, FIRST))
+    boxes = start_boxes(problem.chain, last_joint.present) if begin is None else begin
+    search = search_piece(None, boxes, min(budget, FIRST))
     if not len(search.left) or search.boxes >= budget or watch.over:
         return search
     easier = without_wrist(problem) if begin is None else None
@@ -268,8 +270,8 @@ def excluded(
         search = search._replace(boxes=search.boxes + rest.boxes)
         if rest.outcome == ENDED:
             return search._replace(outcome=ENDED, largest=0.0, left=search.left[:0], stuck=0.0, floor=np.inf)
-    search = _together(search, [stretch(search, search.left, min(budget - search.boxes, PIECE))])
-    return _shared(search, stretch, budget, sys.maxsize, threads, watch)
+    search = _together(search, [search_piece(search, search.left, min(budget - search.boxes, PIECE))])
+    return _shared(search, search_piece, budget, sys.maxsize, threads, watch)
 
 
 def chunk_of(problem: Problem) -> int:
@@ -290,12 +292,12 @@ def roomy(boxes: Array) -> Array:
 
 def _shared(
     search: Search,
-    stretch: Callable[[Search, Array, int], Search],
+    search_piece: Callable[[Search, Array, int], Search],
     budget: int,
     hands: int,
     threads: int | None,
     watch: Watch,
-    settle: Callable[[Search], Search] = lambda search: search,
+    prune: Callable[[Search], Search] = lambda search: search,
 ) -> Search:
     """Continue with the remaining boxes, divided into `hands` parts in each round, until none is left or the budget ends.
 
@@ -305,7 +307,7 @@ def _shared(
         return search
 
     def one(known: Search, most: int, boxes: Array) -> Search:
-        return _untouched(known, boxes) if watch.over else stretch(known, boxes, most)
+        return _untouched(known, boxes) if watch.over else search_piece(known, boxes, most)
 
     def rounds() -> Search:
         found = search
@@ -315,7 +317,7 @@ def _shared(
             if most == 0:
                 break
             dealt = [found.left[part::parts] for part in range(parts)]
-            found = settle(_together(found, in_threads(functools.partial(one, found, most), dealt, threads)))
+            found = prune(_together(found, in_threads(functools.partial(one, found, most), dealt, threads)))
         return found
 
     return uninterrupted(rounds, stop=watch.interrupt)
@@ -364,17 +366,17 @@ def enclosed(
     threads, so the bounds, the pose and the count do not either.
     """
     chain, watch = problem.chain, watch or Watch()
-    form, proof_goal, roll = error_question(problem, q, gap, trust)
+    form, proof_goal, last_joint = error_question(problem, q, gap, trust)
     tuning = tuning_of(problem, OFTEN, 0, gap)
 
-    def stretch(known: Search, boxes: Array, most: int) -> Search:
+    def search_piece(known: Search, boxes: Array, most: int) -> Search:
         heap = Heap(boxes[:, -1], np.zeros(len(boxes), dtype=np.int64))
-        run = Run(problem, (form, proof_goal, roll), boxes[:, :-1], known.q.copy(), tuning, heap)
+        run = Run(problem, (form, proof_goal, last_joint), boxes[:, :-1], known.q.copy(), tuning, heap)
         run.go(most, watch)
         bounded = np.c_[run.boxes, run.heap.bound]
-        return settle(run.search(STOPPED, 0.0, bounded[run.heap.order[: run.counts[COUNT]]]))
+        return prune(run.search(STOPPED, 0.0, bounded[run.heap.order[: run.counts[COUNT]]]))
 
-    def settle(search: Search) -> Search:
+    def prune(search: Search) -> Search:
         """Remove the boxes that the best known pose rules out."""
         ceiling = (1.0 - gap) * search.upper
         left = search.left[search.left[:, -1] < ceiling]
@@ -387,25 +389,28 @@ def enclosed(
 
     def sort(search: Search) -> Search:
         """Sort the boxes, the lowest bounds first."""
-        settled = settle(search)
-        return settled._replace(left=settled.left[np.argsort(settled.left[:, -1], kind="stable")])
+        pruned = prune(search)
+        return pruned._replace(left=pruned.left[np.argsort(pruned.left[:, -1], kind="stable")])
 
     start = Search(STOPPED, 0, 0.0, np.ascontiguousarray(q), 0.0, np.inf, np.empty((0, 0)), 0.0, np.inf)
     error = float(judge(problem.arrays, start.q[None], problem.goal.targets, problem.goal.arrays)[0, 2])
     ball = bounded_by_ball(problem, (1.0 - gap) * error, budget, trust, lambda: watch.over)
     if ball.lower >= (1.0 - gap) * error:
         return start._replace(outcome=ENDED, boxes=ball.boxes, lower=ball.lower, upper=error)
-    search = stretch(
-        start, np.c_[start_boxes(chain, roll.present), ball.lower], min(budget - ball.boxes, PIECE)
+    search = search_piece(
+        start, np.c_[start_boxes(chain, last_joint.present), ball.lower], min(budget - ball.boxes, PIECE)
     )
     search = search._replace(boxes=search.boxes + ball.boxes)
     if not len(search.left) or search.boxes >= budget or watch.over:
         return search
-    off = max(math.pi - (roll.upper - roll.lower) / 2, 0.0)
-    if roll.present and 2.0 * problem.goal.orientation_weight * (1.0 - math.cos(off)) > gap * search.upper:
+    off = max(math.pi - (last_joint.upper - last_joint.lower) / 2, 0.0)
+    if (
+        last_joint.present
+        and 2.0 * problem.goal.orientation_weight * (1.0 - math.cos(off)) > gap * search.upper
+    ):
         # The limits of the last joint can cost more than the gap, so from here on this joint is part of the boxes.
-        form, proof_goal, roll = error_question(problem, search.q, gap, trust, whole=True)
+        form, proof_goal, last_joint = error_question(problem, search.q, gap, trust, whole=True)
         last = [chain.dof - 1, 2 * chain.dof - 2]
         middle_and_half = start_boxes(chain, False)[0, [chain.dof - 1, 2 * chain.dof - 1]]
         search = search._replace(left=np.insert(search.left, last, middle_and_half, axis=1))
-    return _shared(sort(search), stretch, budget, HANDS, threads, watch, sort)
+    return _shared(sort(search), search_piece, budget, HANDS, threads, watch, sort)

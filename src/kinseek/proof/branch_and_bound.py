@@ -39,7 +39,7 @@ def prove(
     *,
     gap: float | None = None,
     budget: int = BUDGET,
-    answer: Solution | None = None,
+    solution: Solution | None = None,
     threads: int | None = None,
     deadline: Deadline = ENDLESS,
 ) -> Certificate:
@@ -50,7 +50,7 @@ def prove(
         gap: If the goal is not reached, continue until the bounds of the least weighted error are this close, relative to
             the upper one, > 0. None skips this second search.
         budget: Largest number of boxes examined by both searches, >= 0; the bounds hold whenever the search stops.
-        answer: A solution of the same problem, if known; otherwise the atlas is used.
+        solution: A solution of the same problem, if known; otherwise the atlas is used.
         threads: Threads that share the boxes; None uses every core. The certificate has the same bits for any number.
         deadline: When to stop. The bounds hold then too, and the certificate reports that its time was up.
 
@@ -65,7 +65,7 @@ def prove(
         raise InvalidProblem(f"gap must be a number in (0, 1), got {gap!r:.200}")
     refuse_ranges(problem.goal)
     budget = as_integer("budget", budget, 0, error=InvalidProblem)
-    best = answer if answer is not None else Atlas().solve(replace(problem, budget=None))
+    best = solution if solution is not None else Atlas().solve(replace(problem, budget=None))
     if best.success:
         return _certificate(problem, Verdict.REACHABLE, best.q, 0.0, 0, 0.0)
     watch = Watch(deadline)
@@ -104,7 +104,7 @@ def refuse_ranges(goal: Goal) -> None:
     Raises:
         InvalidProblem: It has them.
     """
-    goal.require_plain("nothing can be proved yet of")
+    goal.require_plain("proofs are not supported for")
 
 
 def least_outside(goal: Goal) -> float:

@@ -16,7 +16,7 @@ class Verdict(Enum):
 
     REACHABLE = "Reachable: the witness meets both tolerances."
     UNREACHABLE = "Unreachable: no joint values within the limits meet both tolerances."
-    UNDECIDED = "Undecided: neither an answer nor a proof that there is none."
+    UNDECIDED = "Undecided: neither a solution nor a proof that there is none."
 
     def __str__(self) -> str:
         """Return the sentence."""

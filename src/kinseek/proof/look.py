@@ -44,7 +44,7 @@ class Looks(NamedTuple):
 
 def look(
     problem: Problem,
-    asked: tuple[Form, ProofGoal, LastJoint],
+    reduction: tuple[Form, ProofGoal, LastJoint],
     boxes: Array,
     ceiling: float | None = None,
     passes: int = PASSES,
@@ -53,14 +53,14 @@ def look(
 
     Args:
         problem: One target.
-        asked: Its question in the form of the kernels, see `question` and `error_question`.
+        reduction: Its question in the form of the kernels, see `question` and `error_question`.
         boxes: Centres and half widths, (k, 2 dof).
         ceiling: Weighted error to stay below; None: the tolerances decide.
         passes: Forms tried to second order; 0 tests to first order only.
     """
     dof, n = boxes.shape[1] // 2, problem.chain.dof
     room, counts, figures = np.zeros((3, 2 * dof)), np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
-    heap, question = heap_for(3), Question(*asked, problem.arrays, problem.goal.arrays)
+    heap, question = heap_for(3), Question(*reduction, problem.arrays, problem.goal.arrays)
     memory = Memory(room, heap, no_places(n, dof), np.zeros(n), counts, figures)
     tuning = tuning_of(problem, 1, 0)._replace(spread=np.inf if passes else 0.0, shrink=0.0, passes=passes)
     left, lower = np.full((len(boxes), 2, 2 * dof), np.nan), np.zeros(len(boxes))

@@ -65,7 +65,7 @@ def question(problem: Problem, trust: float = 1.0) -> tuple[Form, ProofGoal, Las
     proof_goal = _tolerances(problem, target, columns, trust, foot)._replace(position=slack)
     if columns:
         proof_goal = proof_goal._replace(chord=chord, angle=angle)
-    return _form(chain, fixed, head, columns, 0, 0.0), proof_goal, _roll(chain, tail)
+    return _form(chain, fixed, head, columns, 0, 0.0), proof_goal, _last_joint(chain, tail)
 
 
 def error_question(
@@ -82,7 +82,7 @@ def error_question(
     chain, goal = problem.chain, problem.goal
     fixed, target, head, tail = _divided(problem)
     off_axis = float(np.hypot(*fixed[-1, :2, 3]))
-    if tail and off_axis < ON_AXIS and not (whole or _last_is_held(chain, q)):
+    if tail and off_axis < ON_AXIS and not (whole or _last_at_limit(chain, q)):
         cut, proof_goal = _without_last(problem, fixed, target, trust)
         astray = [float(np.hypot(*np.delete(fixed[-1, 2, :3], i))) for i in range(3)]
         along = [each < ALONG for each in astray]
@@ -94,8 +94,8 @@ def error_question(
             y, z = (float(each) for each in fixed[-1, :2, 1 if along[0] else 0])
             proof_goal = proof_goal._replace(side_y=y, side_z=z)
         if aligned or sideways or _loss_of_last(problem, q) < 0.5 * gap:
-            roll = _roll(chain, True, goal.orientation_weight if aligned else 0.0)
-            return _form(chain, cut, head, 1, 0, 0.0), proof_goal, roll
+            last_joint = _last_joint(chain, True, goal.orientation_weight if aligned else 0.0)
+            return _form(chain, cut, head, 1, 0, 0.0), proof_goal, last_joint
     columns = goal.paper_columns
     tail = tail and len(fixed) > 2
     foot = _foot(fixed, chain) if tail else 0.0
@@ -136,7 +136,7 @@ def _without_last(problem: Problem, fixed: Array, target: Array, trust: float) -
     return cut, proof_goal._replace(back=back) if abs(back) < arm_length(chain) else proof_goal
 
 
-def _last_is_held(chain: SerialChain, q: Array) -> bool:
+def _last_at_limit(chain: SerialChain, q: Array) -> bool:
     """Return whether the last joint is at a limit, with a range of less than a turn."""
     lower, upper = float(chain.lower[-1]), float(chain.upper[-1])
     return upper - lower < 2 * np.pi and min(float(q[-1]) - lower, upper - float(q[-1])) < AT_LIMIT
@@ -223,7 +223,7 @@ def _form(chain: SerialChain, fixed: Array, head: int, columns: int, tail: int, 
     )
 
 
-def _roll(chain: SerialChain, present: bool, weight: float = 0.0) -> LastJoint:
+def _last_joint(chain: SerialChain, present: bool, weight: float = 0.0) -> LastJoint:
     return LastJoint(present, float(chain.lower[-1]), float(chain.upper[-1]), weight)
 
 
@@ -291,17 +291,17 @@ def sizes_of(problem: Problem, target: Array | None = None, foot: float = 0.0, a
     """
     chain, goal = problem.chain, problem.goal
     arm: Sizes = _arms.of(chain).get(None, lambda: _sizes_of_arm(chain))
-    asked, tip = goal.targets[0], goal.tip
+    original, tip = goal.targets[0], goal.tip
     reach = arm.reach + abs(foot) + goal.position_tolerance
-    defect = arm.defect + defect_of(asked[:, :3])
-    for pose in (asked, asked if target is None else target):
+    defect = arm.defect + defect_of(original[:, :3])
+    for pose in (original, original if target is None else target):
         reach += math.hypot(*pose[:, 3])
     if tip is not None:
         reach, defect = reach + math.hypot(*tip[:3, 3]), defect + defect_of(tip[:3, :3])
     if not reach <= LARGEST:
         raise InvalidProblem(
-            f"the lengths of the arm and the goal add up to {reach:.3g} m: beyond {LARGEST:g} m numbers round by so much "
-            f"that nothing can be proved; expected metres"
+            f"the lengths of the arm and the goal add up to {reach:.3g} m: beyond {LARGEST:g} m rounding errors are "
+            "too large for a proof; expected metres"
         )
     return arm._replace(angles=max(arm.angles, angles), reach=reach, defect=defect)
 

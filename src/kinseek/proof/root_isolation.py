@@ -85,12 +85,12 @@ class Isolation:
         found = int((self.given < 0).sum())
         if self.solutions is not None:
             known = f"complete, exactly {self.solutions} solutions"
-        return f"Isolation({len(self.q)} answers, {found} of them not given; {known}; {self.boxes} boxes)"
+        return f"Isolation({len(self.q)} solutions, {found} of them not given; {known}; {self.boxes} boxes)"
 
 
 def isolate(
     problem: Problem,
-    answers: ArrayLike | None = None,
+    solutions: ArrayLike | None = None,
     *,
     budget: int = BUDGET,
     trust: float = 1.0,
@@ -103,7 +103,7 @@ def isolate(
 
     Args:
         problem: One target.
-        answers: Joint values that meet the tolerances, (k, n); without them all solutions are searched.
+        solutions: Joint values that meet the tolerances, (k, n); without them all solutions are searched.
         budget: Largest number of boxes to examine, >= 0.
         trust: 1; tests scale every bound by a smaller value to check that they notice it.
         deadline: When to stop; the result contains what was found by then, and is not complete.
@@ -115,16 +115,16 @@ def isolate(
     if goal.shape:
         raise InvalidProblem(f"a proof is about one target, got a batch of shape {goal.shape}")
     budget = as_integer("budget", budget, 0, error=InvalidProblem)
-    known = _checked(problem, answers)
-    asked = question(problem, trust)
-    without_last = asked[2].present
+    known = _checked(problem, solutions)
+    reduction = question(problem, trust)
+    without_last = reduction[2].present
     boxes = start_boxes(chain, without_last)
     if chain.dof > goal.form.constraints:
         nothing, never = np.full(known.shape, np.inf), np.zeros(len(known), dtype=np.bool_)
         return Isolation(False, known, nothing, np.arange(len(known)), never, 0, len(boxes), chain.periodic)
     dof = boxes.shape[1] // 2
     places = places_for(known, chain.periodic[:dof].copy(), MOST + len(known))
-    run = Run(problem, asked, boxes, np.zeros(chain.dof), tuning_of(problem, OFTEN, STEPS), places=places)
+    run = Run(problem, reduction, boxes, np.zeros(chain.dof), tuning_of(problem, OFTEN, STEPS), places=places)
     watch = Watch(deadline)
     run.go(budget, watch)
     count, left = int(run.counts[KNOWN]), int(run.counts[COUNT] + run.counts[LEFT])
@@ -145,7 +145,7 @@ def isolate(
 
 
 def prove_complete(
-    problem: Problem, answers: ArrayLike, *, budget: int = BUDGET, deadline: Deadline = ENDLESS
+    problem: Problem, solutions: ArrayLike, *, budget: int = BUDGET, deadline: Deadline = ENDLESS
 ) -> tuple[Array, bool]:
     """Complete the solutions of `Arm.branches`: return all known ones, (k, n), and whether they are proved to be all.
 
@@ -155,25 +155,25 @@ def prove_complete(
     Raises:
         InvalidProblem: As `isolate`.
     """
-    isolation = isolate(problem, answers, budget=budget, deadline=deadline)
+    isolation = isolate(problem, solutions, budget=budget, deadline=deadline)
     found = isolation.q[isolation.given < 0]
     return np.concatenate(
-        [np.asarray(answers, dtype=float).reshape(-1, problem.chain.dof), found]
+        [np.asarray(solutions, dtype=float).reshape(-1, problem.chain.dof), found]
     ), isolation.complete
 
 
-def _checked(problem: Problem, answers: ArrayLike | None) -> Array:
+def _checked(problem: Problem, solutions: ArrayLike | None) -> Array:
     chain, goal = problem.chain, problem.goal
-    if answers is None:
+    if solutions is None:
         return np.empty((0, chain.dof))
-    known = as_joints(chain, answers, "answers")
+    known = as_joints(chain, solutions, "solutions")
     if known.ndim != 2:
-        raise InvalidProblem(f"answers must have shape (k, {chain.dof}), got {known.shape}")
+        raise InvalidProblem(f"solutions must have shape (k, {chain.dof}), got {known.shape}")
     outside = np.argwhere((known < chain.lower) | (known > chain.upper))
     if len(outside):
         row, i = (int(each) for each in outside[0])
         raise InvalidProblem(
-            f"answers must lie inside the limits, got {known[row, i]:.6g} for joint {chain.joint_names[i]!r} in row "
+            f"solutions must lie inside the limits, got {known[row, i]:.6g} for joint {chain.joint_names[i]!r} in row "
             f"{row}; its range is [{chain.lower[i]:.6g}, {chain.upper[i]:.6g}]"
         )
     targets = np.repeat(goal.targets, len(known), axis=0)
@@ -182,7 +182,7 @@ def _checked(problem: Problem, answers: ArrayLike | None) -> Array:
     if missed.any():
         row = int(missed.argmax())
         raise InvalidProblem(
-            f"answers must meet the tolerances {goal.position_tolerance:g} m and {goal.orientation_tolerance:g} rad, "
+            f"solutions must meet the tolerances {goal.position_tolerance:g} m and {goal.orientation_tolerance:g} rad, "
             f"row {row} misses the goal by {measured[row, 0]:.3g} m and {measured[row, 1]:.3g} rad"
         )
     return np.ascontiguousarray(known)

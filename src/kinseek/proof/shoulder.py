@@ -40,7 +40,7 @@ FEWEST = 7
 """Fewest joints of an arm: with fewer it is not redundant, and the ball joint allows what the arm cannot do."""
 
 MOST = 5
-"""Most joints distal to the ball joint: with more the sums of products are too long."""
+"""Most joints distal to the ball joint: with more the sums of products are too long. Not examined further."""
 
 WORK = 5_000_000
 """Boxes times products in each of their sums: some tenths of a second. Most decided goals take a tenth of that."""
@@ -77,11 +77,11 @@ def bounded_by_ball(
     """
     if problem.chain.dof < FEWEST:
         return Bounded(0.0, 0)
-    asked = question_without_last(problem, trust)
+    reduction = question_without_last(problem, trust)
     best = Bounded(0.0, 0)
     # A ball joint that replaces two joints takes fewer boxes, but ignores their limits.
     for alone in (False, True):
-        found = shoulder_of(problem, *asked, alone)
+        found = shoulder_of(problem, *reduction, alone)
         if found is None:
             break
         more = _bounded(problem, *found, ceiling, budget - best.boxes, over)
@@ -135,25 +135,25 @@ def shoulder_of(
     along = -float(axis[:2] @ point[:2]) / across if across > CROSSED else 0.0
     nearest = point + along * axis
     apart = math.hypot(nearest[0], nearest[1])
-    meet = apart < ON_AXIS and not alone
-    first = 2 if meet else 1
+    intersecting = apart < ON_AXIS and not alone
+    first = 2 if intersecting else 1
     if joints - first > MOST:
         return None
-    ball = np.array([0.0, 0.0, along if meet else nearest[2]])
+    ball = np.array([0.0, 0.0, along if intersecting else nearest[2]])
     g, b = proof_goal.target[:, 3] - [0.0, 0.0, nearest[2]], proof_goal.target[:, 0]
     far = float(np.linalg.norm(g))
-    ahead = float(b @ g) / far if far > 0.0 else 1.0
-    aside = float(np.linalg.norm(np.cross(g, b))) / far if far > 0.0 else 0.0
-    plane = np.array([[far, 0.0, 0.0], [ahead, aside, 0.0]])
+    cosine = float(b @ g) / far if far > 0.0 else 1.0
+    sine = float(np.linalg.norm(np.cross(g, b))) / far if far > 0.0 else 0.0
+    plane = np.array([[far, 0.0, 0.0], [cosine, sine, 0.0]])
     size = 1.0 + float(np.linalg.norm(form.fixed[1:, :, 3], axis=1).sum()) + far + abs(float(ball[2]))
     shoulder = Shoulder(
-        invariants=_invariants(form.fixed[first:], ball, upright=not meet),
-        goal=plane if meet else _turned_over(g, b),
+        invariants=_invariants(form.fixed[first:], ball, upright=not intersecting),
+        goal=plane if intersecting else _in_plane(g, b),
         plane=plane,
         weight_p=proof_goal.weight_p,
         weight_a=proof_goal.weight_a,
         size=size,
-        margin=proof_goal.margin + proof_goal.margin_a * size + 2.0 * apart * meet,
+        margin=proof_goal.margin + proof_goal.margin_a * size + 2.0 * apart * intersecting,
         margin_a=proof_goal.margin_a,
         trust=proof_goal.trust,
         rounding=_of_products(joints - first, sum(defect_of(A[:, :3]) for A in form.fixed[first:])),
@@ -161,12 +161,12 @@ def shoulder_of(
     return shoulder, first
 
 
-def _turned_over(g: Array, b: Array) -> Array:
+def _in_plane(g: Array, b: Array) -> Array:
     """Rotate g and b about the third axis and mirror them: g gets no second component, b's is not negative, (2, 3)."""
     azimuth = math.atan2(g[1], g[0])
     turn = math.cos(azimuth), math.sin(azimuth)
-    ahead, aside = turn[0] * b[0] + turn[1] * b[1], abs(turn[0] * b[1] - turn[1] * b[0])
-    return np.array([[math.hypot(g[0], g[1]), 0.0, g[2]], [ahead, aside, b[2]]])
+    x, y = turn[0] * b[0] + turn[1] * b[1], abs(turn[0] * b[1] - turn[1] * b[0])
+    return np.array([[math.hypot(g[0], g[1]), 0.0, g[2]], [x, y, b[2]]])
 
 
 def _of_products(n: int, defect: float) -> float:

@@ -39,14 +39,14 @@ def without_wrist(problem: Problem) -> Problem | None:
     Joint values that meet both tolerances of the goal meet those of this question, without the last three joints.
     """
     chain, goal, fixed = problem.chain, problem.goal, problem.arrays.fixed
-    kept = len(chain.leader) - WRIST
-    if goal.form.columns != 3 or kept < 2 or chain.prismatic[-WRIST:].any():
+    remaining = len(chain.leader) - WRIST
+    if goal.form.columns != 3 or remaining < 2 or chain.prismatic[-WRIST:].any():
         return None
     alone = np.bincount(chain.leader, minlength=chain.dof)[-WRIST:] == 1
     own = chain.leader[-WRIST:] == np.arange(chain.dof - WRIST, chain.dof)
     if not (alone & own).all():
         return None
-    centre, off = _centre(fixed[kept:])
+    centre, off = _centre(fixed[remaining:])
     if off > ASTRAY * arm_length(chain):
         return None
     angle = min(goal.orientation_tolerance, math.pi)
@@ -55,8 +55,8 @@ def without_wrist(problem: Problem) -> Problem | None:
     target = goal.targets[0]
     turned = 2.0 * math.sin(angle / 2) * float(np.linalg.norm(at))
     margin, margin_a = margins(problem, foot=float(np.linalg.norm(at)))
-    leans, side = _lean(problem, kept, margin_a)
-    tip = square(fixed[kept]).copy()
+    leans, side = _lean(problem, remaining, margin_a)
+    tip = square(fixed[remaining]).copy()
     tip[:3, 3] += tip[:3, :3] @ centre[0]
     rest = replace(
         chain,
@@ -64,11 +64,11 @@ def without_wrist(problem: Problem) -> Problem | None:
         kinds=chain.kinds[:-WRIST],
         lower=chain.lower[:-WRIST],
         upper=chain.upper[:-WRIST],
-        fixed=np.concatenate([fixed[:kept], tip[None, :3]]),
-        prismatic=chain.prismatic[:kept],
-        leader=chain.leader[:kept],
-        multiplier=chain.multiplier[:kept],
-        offset=chain.offset[:kept],
+        fixed=np.concatenate([fixed[:remaining], tip[None, :3]]),
+        prismatic=chain.prismatic[:remaining],
+        leader=chain.leader[:remaining],
+        multiplier=chain.multiplier[:remaining],
+        offset=chain.offset[:remaining],
         velocity=chain.velocity[:-WRIST],
         frames={},
     )
@@ -101,13 +101,13 @@ def _centre(fixed: Array) -> tuple[Array, float]:
     return along[:, None] * [0.0, 0.0, 1.0], off
 
 
-def _lean(problem: Problem, kept: int, margin: float) -> tuple[float, float]:
+def _lean(problem: Problem, remaining: int, margin: float) -> tuple[float, float]:
     """Return the largest angle between the first and last axis of a wrist [rad], and the sign of the last axis, 1 or -1.
 
     The cosine of the angle is ``a cos v + b sin v + c`` with the middle joint's angle v.
     """
     chain = problem.chain
-    a, b, c = lean(problem.arrays.fixed[kept + 1], problem.arrays.fixed[kept + 2])
+    a, b, c = lean(problem.arrays.fixed[remaining + 1], problem.arrays.fixed[remaining + 2])
     ends = chain.multiplier[-2] * np.array([chain.lower[-2], chain.upper[-2]]) + chain.offset[-2]
     low, high = float(ends.min()), float(ends.max())
     turn, top = 2.0 * math.pi, math.atan2(b, a)

@@ -111,11 +111,11 @@ def _read_model_of_library(source: Any, base: str | None, tip: str | None) -> Se
 
 def _path(source: str | os.PathLike[str]) -> Path:
     if isinstance(os.fspath(source), bytes):
-        raise InvalidRobot(f"source must be a path of letters, got bytes: {os.fspath(source)!r}")
+        raise InvalidRobot(f"source must be a path as text, got bytes: {os.fspath(source)!r}")
     scheme, address, _ = str(source).partition("://")
     if address and "<" not in scheme:
         raise InvalidRobot(
-            f"{str(source)!r}: addresses are not opened; write the path of the file, without {scheme}://"
+            f"{str(source)!r}: URLs are not supported; give the path of the file, without {scheme}://"
         )
     try:
         return Path(source).expanduser()
@@ -154,14 +154,10 @@ def as_mechanism(value: Any) -> Mechanism:
     if isinstance(value, SerialChain | BlackBox):
         return value
     if isinstance(value, str | os.PathLike):
-        raise InvalidRobot(
-            f"Arm takes a chain that a reader made, got {value!r}; write kinseek.load({value!r})"
-        )
+        raise InvalidRobot(f"Arm takes a SerialChain, got {value!r}; write kinseek.load({value!r})")
     if isinstance(getattr(value, "mechanism", None), SerialChain | BlackBox):
-        raise InvalidRobot("Arm takes a chain that a reader made, got an Arm: it needs no wrapping")
-    raise InvalidRobot(
-        f"Arm takes a chain that a reader made, got {type(value).__name__}. Ways to make an arm: {MAKERS}"
-    )
+        raise InvalidRobot("Arm takes a SerialChain, got an Arm, which can be used as it is")
+    raise InvalidRobot(f"Arm takes a SerialChain, got {type(value).__name__}. Ways to make an arm: {MAKERS}")
 
 
 def _require_names(base: object, tip: object) -> None:

@@ -101,8 +101,8 @@ def read_described(name: str, base: str | None, tip: str | None) -> SerialChain:
         known = importlib.import_module("robot_descriptions").DESCRIPTIONS
     except ImportError:
         raise InvalidRobot(
-            f"{name!r} is no bundled arm. The package robot_descriptions has names that end so, and it is not installed: "
-            "pip install robot_descriptions"
+            f"{name!r} is not a bundled arm. It may be a name of the package robot_descriptions, which is not "
+            "installed: pip install robot_descriptions"
         ) from None
     if name not in known:
         near = near_names(name, known)

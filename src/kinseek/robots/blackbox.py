@@ -88,10 +88,10 @@ class BlackBox(Variables):
 
     def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> BlackBox:
         """Return the same mechanism in which only some joints move; see `Mechanism`."""
-        chosen, held = list(joints), q.copy()
+        chosen, fixed_q = list(joints), q.copy()
 
         def poses(rows: Array) -> Array:
-            full = np.repeat(held[None], len(rows), axis=0)
+            full = np.repeat(fixed_q[None], len(rows), axis=0)
             full[:, chosen] = rows
             found = self.forward(full)
             return found if tool is None else found @ tool
@@ -260,7 +260,7 @@ def black_box(
     dof = len(low)
     called = tuple(f"joint{i + 1}" for i in range(dof)) if names is None else listed
     if len(called) != dof or not all(isinstance(each, str) for each in called) or len(set(called)) != dof:
-        raise InvalidRobot(f"names must be {dof} different strings, one a joint, got {called}")
+        raise InvalidRobot(f"names must be {dof} different strings, one per joint, got {called}")
     kind_of = (
         (NUMBER,) * dof
         if kinds is None
@@ -269,7 +269,7 @@ def black_box(
         else _listed(kinds, "kinds")
     )
     if len(kind_of) != dof:
-        raise InvalidRobot(f"kinds must be one word, or {dof}, one a joint; got {len(kind_of)}")
+        raise InvalidRobot(f"kinds must be one word, or {dof}, one per joint; got {len(kind_of)}")
     for i, kind in enumerate(kind_of):
         if kind not in KINDS:
             raise InvalidRobot(f"joint {called[i]!r}: {suggest(str(kind), KINDS, 'kind')}")
@@ -282,8 +282,8 @@ def black_box(
             )
         if max(abs(low[i]), abs(high[i])) > _MOST:
             raise InvalidRobot(
-                f"joint {called[i]!r}: limits must be at most {_MOST:g}, got [{low[i]}, {high[i]}]: what searches square "
-                f"would be infinite"
+                f"joint {called[i]!r}: limits must be at most {_MOST:g}, got [{low[i]}, {high[i]}]: its square would "
+                "overflow"
             )
         if low[i] > high[i]:
             raise InvalidRobot(f"joint {called[i]!r}: lower limit {low[i]} is above upper limit {high[i]}")
@@ -311,8 +311,8 @@ def _require_own_rows(box: BlackBox) -> None:
         i = int(np.argmax(wrong))
         row = np.array2string(rows[i], separator=", ", max_line_width=10**6)
         raise FailedKinematics(
-            f"fk of {box.name!r} mixes its rows up: row {i} of 3 differs by {off[i]:.3g} from the same row alone, "
-            f"at q = {row}",
+            f"fk of {box.name!r} mixes up its rows: row {i} of 3 differs by {off[i]:.3g} from the same row alone, at "
+            f"q = {row}",
             rows[i],
         )
 
@@ -321,16 +321,16 @@ def _listed(values: Any, name: str) -> tuple[Any, ...]:
     try:
         return tuple(values)
     except TypeError:
-        raise InvalidRobot(f"{name} must be words, one a joint, got {values!r:.80}") from None
+        raise InvalidRobot(f"{name} must be strings, one per joint, got {values!r:.80}") from None
 
 
 def _limits(values: object, name: str) -> Array:
     try:
         numbers = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidRobot(f"{name} must be numbers, one a joint: {error}") from error
+        raise InvalidRobot(f"{name} must be numbers, one per joint: {error}") from error
     if numbers.ndim != 1 or not len(numbers):
-        raise InvalidRobot(f"{name} must have shape (n,), one number a joint, got shape {numbers.shape}")
+        raise InvalidRobot(f"{name} must have shape (n,), one number per joint, got shape {numbers.shape}")
     return numbers
 
 

@@ -26,32 +26,32 @@ def read_bundled(name: str) -> SerialChain | None:
     """Return the chain of a bundled arm between its own base and tip, or None if there is no valid JSON file."""
     path = catalog_path(name)
     try:
-        kept = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+        data = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    current = isinstance(kept, dict) and kept.get("digest") == _digest(path)
-    return _chain(kept, path) if current else None
+    current = isinstance(data, dict) and data.get("digest") == _digest(path)
+    return _chain(data, path) if current else None
 
 
-def _chain(kept: dict[str, Any], path: Path) -> SerialChain:
-    given: dict[str, Any] = {word: kept[word] for word in _WORDS}
-    given |= {name: np.array(kept[name], dtype=np.float64) for name in (*_FLOATS, "velocity")}
+def _chain(data: dict[str, Any], path: Path) -> SerialChain:
+    given: dict[str, Any] = {word: data[word] for word in _WORDS}
+    given |= {name: np.array(data[name], dtype=np.float64) for name in (*_FLOATS, "velocity")}
     return SerialChain(
         **given,
-        joint_names=tuple(kept["joint_names"]),
-        kinds=tuple(kept["kinds"]),
-        prismatic=np.array(kept["prismatic"], dtype=np.bool_),
-        leader=np.array(kept["leader"], dtype=np.int64),
+        joint_names=tuple(data["joint_names"]),
+        kinds=tuple(data["kinds"]),
+        prismatic=np.array(data["prismatic"], dtype=np.bool_),
+        leader=np.array(data["leader"], dtype=np.int64),
         source=str(path),
         urdf=path.read_bytes(),
         frames={
             name: Frame(joints, np.array([*rows, [0.0, 0.0, 0.0, 1.0]]))
-            for name, (joints, rows) in kept["frames"].items()
+            for name, (joints, rows) in data["frames"].items()
         },
     )
 
 
-def as_kept(chain: SerialChain, path: Path) -> dict[str, Any]:
+def as_json(chain: SerialChain, path: Path) -> dict[str, Any]:
     """Return the JSON content for a chain that was read from a file; numbers have as many digits as exact values need."""
     return {
         "digest": _digest(path),

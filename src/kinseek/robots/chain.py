@@ -128,7 +128,7 @@ class SerialChain(Variables):
     def arrays(self) -> ChainArrays:
         """The chain in the form that kernels take."""
         return chain_arrays(
-            self.fixed, self.prismatic, self.leader, self.multiplier, self.offset, self.lower, self.upper
+            self.fixed, self.prismatic, self.leader, self.multiplier, self.offset, (self.lower, self.upper)
         )
 
     @property
@@ -154,8 +154,8 @@ class SerialChain(Variables):
         """Return the same chain in which only some joints move; see `Mechanism`."""
         from .variants import with_locked, with_tool
 
-        held = {name: float(q[i]) for i, name in enumerate(self.joint_names) if i not in joints}
-        chain = with_locked(self, held)
+        locked = {name: float(q[i]) for i, name in enumerate(self.joint_names) if i not in joints}
+        chain = with_locked(self, locked)
         return chain if tool is None else with_tool(chain, tool)
 
     def forward(self, q: Array) -> Array:
@@ -171,8 +171,7 @@ class SerialChain(Variables):
             self.leader[:m],
             self.multiplier[:m],
             self.offset[:m],
-            self.lower,
-            self.upper,
+            (self.lower, self.upper),
         )
 
 
@@ -216,8 +215,9 @@ def serial_chain(
         farthest = abs(shift) + abs(scale) * max(abs(lower[i]), abs(upper[i]))
         if not max(farthest, abs(scale)) <= LARGEST:
             raise InvalidRobot(
-                f"joint {joint.name!r} may go as far as {farthest:g} rad or m, and follow its leader {abs(scale):g} times "
-                f"as fast; both must be at most {LARGEST:g}: farther off, joint values are rounded by more than 1e-9"
+                f"joint {joint.name!r} has limits up to {farthest:g} rad or m, and a mimic multiplier of "
+                f"{abs(scale):g}; both must be at most {LARGEST:g}: farther off, joint values are rounded by more "
+                "than 1e-9"
             )
 
     fixed = np.empty((len(joints) + 1, 3, 4))
@@ -342,7 +342,14 @@ def _narrowed(
     for joint, (leader, multiplier, offset) in zip(joints, drive, strict=True):
         # Files contain 0 0 for limits that nobody specified, so equal limits of a mimic joint are ignored.
         limited = joint.kind != CONTINUOUS and np.isfinite([joint.lower, joint.upper]).all()
-        if joint.mimic is None or not limited or joint.lower >= joint.upper or multiplier == 0:
+        if joint.mimic is None or not limited or joint.lower >= joint.upper:
+            continue
+        if multiplier == 0:
+            if not joint.lower <= offset <= joint.upper:
+                raise InvalidRobot(
+                    f"mimic joint {joint.name!r} with limits [{joint.lower}, {joint.upper}] always stands at {offset}, "
+                    f"outside of them: its multiplier is 0"
+                )
             continue
         ends = sorted((bound - offset) / multiplier for bound in (joint.lower, joint.upper))
         old = cut[leader]
@@ -427,5 +434,5 @@ def _rigid_pose(pose: Array, what: str) -> Array:
     turn = pose[:3, :3]
     off = float(np.abs(turn @ turn.T - np.eye(3)).max())
     if off > _RIGID:
-        raise InvalidRobot(f"{what}: no rotation: RRᵀ differs from the identity by {off:.3g}")
+        raise InvalidRobot(f"{what}: not a rotation: RRᵀ differs from the identity by {off:.3g}")
     return pose

@@ -69,7 +69,7 @@ def read_dh(
     count = len(table)
     letters = "R" * count if kinds is None else kinds
     if not isinstance(letters, str):
-        raise InvalidRobot(f"kinds must be a word of one letter a joint, such as 'RRP', got {kinds!r:.80}")
+        raise InvalidRobot(f"kinds must have one letter per joint, such as 'RRP', got {kinds!r:.80}")
     if unknown := sorted(set(letters) - set("RP")):
         raise InvalidRobot(
             f"unknown joint kind {unknown[0]!r} in kinds={letters!r}. Valid: R (turns), P (slides)"
@@ -122,14 +122,14 @@ def _listed(values: Any) -> list[Any] | None:
 def _names(names: Sequence[str]) -> list[str]:
     listed = _listed(names)
     if listed is None or not all(isinstance(name, str) for name in listed):
-        raise InvalidRobot(f"names must be strings, one a joint, got {names!r:.80}")
+        raise InvalidRobot(f"names must be strings, one per joint, got {names!r:.80}")
     return listed
 
 
 def _table(rows: Sequence[Row] | Array) -> Array:
     given = _listed(rows)
     if given is None:
-        raise InvalidRobot(f"the DH table must be rows of 4 numbers, one row a joint, got {rows!r:.80}")
+        raise InvalidRobot(f"the DH table must be rows of 4 numbers, one per joint, got {rows!r:.80}")
     listed = []
     for i, row in enumerate(given):
         numbers: object = row

@@ -172,7 +172,7 @@ class _Reader:
                 return CONSTANTS[node.id]
             raise NameError(f"name {node.id!r} is not defined") from None
         if not isinstance(value, bool | int | float | str | list | tuple | dict | type(None)):
-            raise Refused(f"{node.id!r}, which is no value")
+            raise Refused(f"{node.id!r}, which is not a value")
         return value
 
     def _binop(self, node: ast.BinOp) -> Any:
@@ -188,11 +188,11 @@ class _Reader:
         return self._apply(node.op, self.value(node.operand))
 
     def _boolop(self, node: ast.BoolOp) -> Any:
-        wanted = isinstance(node.op, ast.Or)
+        decisive = isinstance(node.op, ast.Or)
         value: Any = None
         for part in node.values:
             value = self.value(part)
-            if bool(value) is wanted:
+            if bool(value) is decisive:
                 break
         return value
 

@@ -51,7 +51,7 @@ def file_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     except OSError as error:
         raise InvalidRobot(f"cannot read {str(path)!r}: {error.strerror}") from error
     except ValueError as error:  # The name contains a zero byte.
-        raise InvalidRobot(f"no file can be called {str(path)!r}: {error}") from None
+        raise InvalidRobot(f"{str(path)!r} is not a valid file name: {error}") from None
     if len(text) > most:
         size = os.path.getsize(path)
         raise InvalidRobot(

@@ -164,4 +164,4 @@ class Variables(Lazy):
 
 def no_axes(mechanism: Mechanism, why: str) -> str:
     """Return the message that axes and links are required but not available; `why` names what requires them."""
-    return f"{why}, and {mechanism.name!r} is a function of which only values are known"
+    return f"{why}, but {mechanism.name!r} has black-box kinematics: only its poses are known"

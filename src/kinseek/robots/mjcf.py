@@ -177,7 +177,7 @@ def _moving_joint(model: Any, joint: int, name: str, body_pose: Array, body: str
     axis = model.jnt_axis[joint].copy()
     hinge, limited = kind == mjtJoint.mjJNT_HINGE, bool(model.jnt_limited[joint])
     if not hinge and not limited:
-        raise InvalidRobot(f"slide joint {name!r} has no range, and a search needs one")
+        raise InvalidRobot(f"slide joint {name!r} has no range, but a search needs one")
     ref = float(model.qpos0[model.jnt_qposadr[joint]])
     back = transform(rotation(axis, -ref), np.zeros(3)) if hinge else transform(np.eye(3), -ref * axis)
     lower, upper = (float(bound) for bound in model.jnt_range[joint])

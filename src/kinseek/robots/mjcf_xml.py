@@ -166,7 +166,7 @@ class _Reader:
             places = [self.folder / name, beside.parent / name]
             return next((place for place in places if place.exists()), places[0])
         except (OSError, ValueError) as error:
-            raise InvalidRobot(f"{beside}: no file can be called {name!r}: {error}") from None
+            raise InvalidRobot(f"{beside}: {name!r} is not a valid file name: {error}") from None
 
 
 def _size(root: Any, attached: dict[str, int]) -> int:

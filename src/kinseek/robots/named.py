@@ -53,7 +53,9 @@ def _of_message(message: Any, what: str, error: Callable[[str], Exception]) -> M
     except TypeError as reason:
         raise error(f"{what}: name and position must be lists: {reason}") from None
     if len(names) != len(positions):
-        raise error(f"{what}: {len(names)} names and {len(positions)} positions, expected as many of both")
+        raise error(
+            f"{what}: {len(names)} names and {len(positions)} positions, expected the same number of both"
+        )
     return dict(zip(names, positions, strict=True))
 
 

@@ -33,7 +33,7 @@ def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path], option
         if os.path.isfile(folder / inside):
             return folder / inside
     raise InvalidRobot(
-        f"{name!r} was not found: say where the package {package!r} is with {option}, or set ROS_PACKAGE_PATH"
+        f"{name!r} was not found: give the folder of the package {package!r} with {option}, or set ROS_PACKAGE_PATH"
     )
 
 

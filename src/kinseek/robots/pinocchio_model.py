@@ -123,7 +123,7 @@ def _moving_joint(model: Any, joint: int, origin: Array) -> Joint:
         law = kind.extract()
         if not law.scaling:
             raise InvalidRobot(
-                f"joint {name!r} follows another 0 times as fast: it does not move, and should be fixed"
+                f"joint {name!r} mimics another with multiplier 0: it does not move, and should be fixed"
             )
         leader = next(i for i, other in enumerate(model.joints) if other.nq and other.idx_q == kind.idx_q)
         return Joint(

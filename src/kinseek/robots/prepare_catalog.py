@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from .bundled import as_kept
+from .bundled import as_json
 from .catalog import catalog_entry, catalog_names, catalog_path
 from .urdf import read_urdf
 
@@ -13,8 +13,8 @@ def main() -> None:
     """Write the JSON file of every arm."""
     for name in catalog_names():
         path, entry = catalog_path(name), catalog_entry(name)
-        kept = as_kept(read_urdf(path, entry.base, entry.tip), path)
-        lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in kept.items())
+        data = as_json(read_urdf(path, entry.base, entry.tip), path)
+        lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in data.items())
         path.with_suffix(".json").write_text(f"{{\n{lines}\n}}\n", encoding="utf-8")
         print(path.with_suffix(".json"))
 

@@ -169,7 +169,7 @@ def _check_tree(found: Checkup, links: list[Any], joints: list[Any], space: str)
             if not element.get("name"):
                 found.error(noun, f"the <{noun}> in line {element.sourceline} has no name")
         for name in (name for name, count in names.items() if name and count > 1):
-            found.error(f"{noun} {name!r}", f"{names[name]} {noun}s are called so")
+            found.error(f"{noun} {name!r}", f"{names[name]} {noun}s have this name")
     parents: dict[str, str | None] = {link.get("name"): None for link in links}
     if not parents:
         found.error("", "the robot has no links")
@@ -223,12 +223,12 @@ def _check_joint(found: Checkup, joint: Any, space: str) -> None:
         if kind != "fixed":
             found.warning(
                 here,
-                f"{kind} joints are refused between base and tip: choose base= or tip= so that it is left out",
+                f"{kind} joints are not supported between base and tip: choose base= or tip= to leave it out",
             )
         return
     axis = joint.find(space + "axis")
     if axis is None:
-        found.note(here, "no <axis>: 1 0 0 is taken, as URDF says")
+        found.note(here, "no <axis>: the default of URDF is used, 1 0 0")
     elif (direction := _numbers(found, here, axis, "xyz", 3, required=True)) is not None:
         length = math.hypot(*direction)
         if abs(length - 1.0) > _ROUNDED:
@@ -241,12 +241,14 @@ def _check_origin(found: Checkup, here: str, origin: Any) -> None:
     angles = _numbers(found, here, origin, "rpy", 3)
     if angles is not None and max(map(abs, angles)) > TURN * (1 + _ROUNDED):
         found.warning(
-            here, f"origin rpy={origin.get('rpy')!r} is more than a full turn: degrees? URDF has radians"
+            here,
+            f"origin rpy={origin.get('rpy')!r} is more than a full turn; URDF uses radians, are these degrees?",
         )
     place = _numbers(found, here, origin, "xyz", 3)
     if place is not None and max(map(abs, place)) > _FAR:
         found.warning(
-            here, f"origin xyz={origin.get('xyz')!r} is more than {_FAR:g} m: millimetres? URDF has metres"
+            here,
+            f"origin xyz={origin.get('xyz')!r} is more than {_FAR:g} m; URDF uses metres, are these millimetres?",
         )
 
 
@@ -257,7 +259,7 @@ def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
         for tag, names in _ENDS.items():
             element = joint.find(space + tag)
             if element is not None and any(element.get(name) is not None for name in names):
-                found.note(here, f"has limits in <{tag}>, and is continuous: they are not looked at")
+                found.note(here, f"is continuous, so its limits in <{tag}> are ignored")
         return
     if limit is None:
         if not mimics:
@@ -275,24 +277,29 @@ def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
     elif lower == upper and not mimics:  # Files contain 0 0 for limits of mimic joints that nobody specified.
         found.warning(here, f"cannot move: both limits are {lower:g}")
     if kind == REVOLUTE and max(-lower, upper) > TURNS_OF_A_JOINT:
-        found.warning(here, f"limits [{lower:g}, {upper:g}] are many turns: degrees? URDF has radians")
+        found.warning(
+            here, f"limits [{lower:g}, {upper:g}] are many turns; URDF uses radians, are these degrees?"
+        )
     short = TURN - (upper - lower)
     if kind == REVOLUTE and 0.0 < short < _ROUNDED and not holds_a_turn(np.array(lower), np.array(upper)):
         found.note(
             here,
-            f"limits [{lower:.15g}, {upper:.15g}] are {short:.2g} rad short of a full turn, and no motion passes the gap; "
-            f'if none is meant, write 15 digits or more, or type="continuous"',
+            f"limits [{lower:.15g}, {upper:.15g}] are {short:.2g} rad short of a full turn, and no motion crosses the gap; "
+            f'if a full turn is meant, write 15 digits or more, or type="continuous"',
         )
     if kind == PRISMATIC and max(-lower, upper) > _FAR:
         found.warning(
-            here, f"limits [{lower:g}, {upper:g}] are more than {_FAR:g} m: millimetres? URDF has metres"
+            here,
+            f"limits [{lower:g}, {upper:g}] are more than {_FAR:g} m; URDF uses metres, are these millimetres?",
         )
     for name in ("effort", "velocity"):
         value = _numbers(found, here, limit, name, 1)
         if value is not None and value[0] < 0:
             found.warning(here, f"{name} limit {value[0]:g} is below 0")
         elif value is not None and value[0] == 0 and name == "velocity" and not mimics:
-            found.note(here, "velocity limit 0: its speed counts as unknown, and a tracker does not bound it")
+            found.note(
+                here, "velocity limit 0: its speed is treated as unknown, and a tracker does not bound it"
+            )
     if lower <= upper:
         _check_soft_limits(found, joint, lower, upper, space)
 
@@ -312,7 +319,7 @@ def _check_soft_limits(found: Checkup, joint: Any, lower: float, upper: float, s
     if inner[0] > inner[1]:
         found.error(here, f"soft limits leave no value within the limits [{lower:g}, {upper:g}]")
     elif inner[0] == inner[1] and lower < upper:
-        found.warning(here, f"cannot move: its soft limits leave {inner[0]:g} alone")
+        found.warning(here, f"cannot move: its soft limits leave only {inner[0]:g}")
     elif inner != (lower, upper):
         found.note(
             here, f"soft limits narrow [{lower:g}, {upper:g}] to [{inner[0]:g}, {inner[1]:g}], as in MoveIt"
@@ -363,7 +370,7 @@ def _check_masses(found: Checkup, links: list[Any], space: str) -> None:
         elif why := _why_no_inertia(found, here, inertia):
             found.warning(here, why)
     if links and len(without) == len(links):
-        found.note("", "no link has a mass: kinematics needs none, a simulator does")
+        found.note("", "no link has a mass: kinematics does not need masses, a simulator does")
     elif without:
         found.note("", f"{len(without)} of {len(links)} links have no mass: {_some(without)}")
 
@@ -440,7 +447,8 @@ def _check_chains(
     ends = [name for name in parents if name not in above]
     if tip is None and len(ends) > 1:
         found.note(
-            "", f"{len(ends)} tips: kinseek.load needs tip=, one of {_some(ends)}, or any link before them"
+            "",
+            f"{len(ends)} tips: kinseek.load needs tip=, one of {_some(ends)}, or another link before them",
         )
     reported = {finding.part for finding in found.findings if finding.part}
     tried = ends[: min(_TRIED, max(1, _WORK // len(parents)))] if tip is None and len(ends) > 1 else [tip]
@@ -499,7 +507,7 @@ def _numbers(
             float(word.replace("_", "?")) for word in text.split()
         )  # Python alone would accept 1_000.
     except ValueError:
-        found.error(here, f"<{tag}> {attribute}={text!r} is no number")
+        found.error(here, f"<{tag}> {attribute}={text!r} is not a number")
         return None
     if len(values) != count:
         found.error(here, f"<{tag}> {attribute}={text!r}: {len(values)} values, expected {count}")

@@ -168,7 +168,7 @@ def fixed_links(text: bytes, where: str) -> dict[str, Array]:
     for joint in robot.joints:
         if joint.type != "fixed":
             raise InvalidRobot(
-                f"{where}: joint {joint.name!r} is {joint.type}, expected fixed: what stands here cannot move"
+                f"{where}: joint {joint.name!r} is {joint.type}, expected fixed: obstacles cannot move"
             )
     poses: dict[str, Array] = {}
     for link in parents:

@@ -29,7 +29,7 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 
 _XACRO = "http://www.ros.org/wiki/xacro"
 
-_KEPT = ("origin", "parent", "child", "axis", "limit", "mimic")
+_READ = ("origin", "parent", "child", "axis", "limit", "mimic")
 """Elements of a joint that define its pose and motion."""
 
 _XACRO_LOCK = threading.RLock()
@@ -92,14 +92,14 @@ class _Arguments(dict[str, str]):
 
     def __init__(self, given: Mapping[str, str]) -> None:
         super().__init__(given)
-        self.asked: set[str] = set()
+        self.requested: set[str] = set()
 
     def __contains__(self, name: object) -> bool:
-        self.asked.add(str(name))
+        self.requested.add(str(name))
         return super().__contains__(name)
 
     def __getitem__(self, name: str) -> str:
-        self.asked.add(name)
+        self.requested.add(name)
         return super().__getitem__(name)
 
 
@@ -126,8 +126,8 @@ def expand_xacro(
     arguments = _Arguments({str(name): _as_xacro(value) for name, value in (args or {}).items()})
     text = _expanded(path, arguments, _folders(packages or {}), trusted)
     for name in args or {}:
-        if name not in arguments.asked:
-            raise InvalidRobot(f"{path}: {suggest(str(name), arguments.asked, 'argument')}")
+        if name not in arguments.requested:
+            raise InvalidRobot(f"{path}: {suggest(str(name), arguments.requested, 'argument')}")
     return text
 
 
@@ -146,7 +146,7 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
     with importing:
         from xacrodoc import XacroDoc, packages
 
-    with _XACRO_LOCK, _watched_xacro(path) as spend, contextlib.ExitStack() as stack:
+    with _XACRO_LOCK, _restricted_xacro(path) as spend, contextlib.ExitStack() as stack:
         if not trusted:
             stack.enter_context(_computed_xacro(path, spend))
         before = packages._finder
@@ -174,7 +174,7 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
 
 
 @contextlib.contextmanager
-def _watched_xacro(path: Path) -> Iterator[_Spend]:
+def _restricted_xacro(path: Path) -> Iterator[_Spend]:
     """Make xacro read only regular files of limited size, print nothing, and stop if the work grows too large.
 
     xacro looks these functions up in its own modules at each call. `sys.stdout` and `sys.stderr` are not replaced, since all
@@ -421,14 +421,14 @@ def _computed_xacro(path: Path, spend: _Spend) -> Iterator[None]:
             return evaluate(expression, names, functions, lambda units: spend(units, "expressions"))
         except Refused as refused:
             raise InvalidRobot(
-                f"{path}: xacro: {expression.strip()[:80]!r} holds {refused}; in a file that is not trusted only plain sums "
-                "are computed. If you trust it, say trusted=True"
+                f"{path}: xacro: {expression.strip()[:80]!r} holds {refused}; in a file that is not trusted only "
+                "simple expressions are computed. If you trust the file, give trusted=True"
             ) from None
 
     def safe_eval(expression: str, names: Any, inner: Any = None) -> Any:
-        asked = xacro.substitution_args_context["arg"]
+        arguments = xacro.substitution_args_context["arg"]
         own = {"load_yaml": load_yaml, "dotify": lambda value: value, "abs_filename": xacro.abs_filename_spec}
-        own["arg"] = lambda name: asked[name]
+        own["arg"] = lambda name: arguments[name]
         return compute(expression, names, own | {f"xacro.{name}": function for name, function in own.items()})
 
     def eval_extension(expression: str, context: Any) -> str:
@@ -444,7 +444,7 @@ def _computed_xacro(path: Path, spend: _Spend) -> Iterator[None]:
             f"{path}: xacro: $(env {name}): the environment is not read for a file that is not trusted"
         )
 
-    kept = xacro.safe_eval
+    original = xacro.safe_eval
     before = {name: getattr(substitution_args, name) for name in ("_eval", "_eval_env", "_eval_optenv")}
     try:
         xacro.safe_eval = safe_eval
@@ -452,7 +452,7 @@ def _computed_xacro(path: Path, spend: _Spend) -> Iterator[None]:
         substitution_args._eval_optenv = lambda name, default="": default
         yield
     finally:
-        xacro.safe_eval = kept
+        xacro.safe_eval = original
         for name, function in before.items():
             setattr(substitution_args, name, function)
 
@@ -487,7 +487,7 @@ def kinematic_part(root: Any, name: str, where: str) -> Any:
     if tag != "robot":
         raise InvalidRobot(f"{where}: not a robot: the root tag is <{tag}>, expected <robot>")
     if next(root.iter(f"{{{_XACRO}}}*"), None) is not None:
-        raise InvalidRobot(f"{where}: the file holds xacro commands; name it .xacro to have them expanded")
+        raise InvalidRobot(f"{where}: the file has xacro commands; rename it to .xacro to expand them")
     space = root.tag.removesuffix("robot")
 
     robot = etree.Element("robot", name=root.get("name") or name)
@@ -562,7 +562,7 @@ def _copy_joint(joint: Any, copy: Any, space: str, where: str) -> None:
         )
     copy.set("name", name)
     copy.set("type", kind)
-    for tag in _KEPT:
+    for tag in _READ:
         found = joint.findall(space + tag)
         if len(found) > 1:
             raise InvalidRobot(f"{here}: {len(found)} <{tag}> elements, expected one")
@@ -582,13 +582,13 @@ def _checked_attributes(element: Any, tag: str, here: str) -> dict[str, str]:
     required = _REQUIRED.get(tag)
     if required and not element.get(required):
         raise InvalidRobot(f"{here}: <{tag}> has no {required}")
-    kept = {required: element.get(required)} if required else {}
+    checked = {required: element.get(required)} if required else {}
     for attribute, count in _NUMBERS.get(tag, {}).items():
         text = element.get(attribute)
         if text is not None:
             _check_numbers(text, count, f"{here}: <{tag}> {attribute}={text!r}")
-            kept[attribute] = text.strip()
-    return kept
+            checked[attribute] = text.strip()
+    return checked
 
 
 def _check_numbers(text: str, count: int, what: str) -> None:

@@ -44,10 +44,10 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
         return replace(chain)
     left = [i for i in range(chain.dof) if i not in locked]
     if not left:
-        raise InvalidRobot(f"{chain.name}: every joint is locked; at least one must be left to move")
+        raise InvalidRobot(f"{chain.name}: every joint is locked; at least one joint must be able to move")
 
     fixed: list[Array] = []
-    kept: list[int] = []
+    moving: list[int] = []
     pending = np.eye(4)
     ends = [Frame(0, pending)]
     """For each physical joint of the arm: the number of kept joints up to it, and the transform since the last of them."""
@@ -57,12 +57,12 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
             pending = pending @ _moved(
                 bool(chain.prismatic[k]), chain.multiplier[k] * locked[i] + chain.offset[k]
             )
-            ends.append(Frame(len(kept), pending))
+            ends.append(Frame(len(moving), pending))
             continue
         fixed.append(pending[:3])
-        kept.append(k)
+        moving.append(k)
         pending = np.eye(4)
-        ends.append(Frame(len(kept), pending))
+        ends.append(Frame(len(moving), pending))
     fixed.append((pending @ square(chain.fixed[-1]))[:3])
     return replace(
         chain,
@@ -72,10 +72,10 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
         upper=chain.upper[left],
         velocity=chain.velocity[left],
         fixed=np.array(fixed),
-        prismatic=chain.prismatic[kept],
-        leader=np.array([left.index(i) for i in chain.leader[kept]], dtype=np.int64),
-        multiplier=chain.multiplier[kept],
-        offset=chain.offset[kept],
+        prismatic=chain.prismatic[moving],
+        leader=np.array([left.index(i) for i in chain.leader[moving]], dtype=np.int64),
+        multiplier=chain.multiplier[moving],
+        offset=chain.offset[moving],
         frames={
             name: Frame(ends[frame.joints].joints, ends[frame.joints].pose @ frame.pose)
             for name, frame in chain.frames.items()
@@ -110,7 +110,7 @@ def with_limits(chain: Mechanism, limits: Mapping[str, tuple[float, float]]) -> 
             raise InvalidRobot(f"joint {name!r}: lower limit {low:g} is above upper limit {high:g}")
         if kinds[i] == CONTINUOUS and high - low > TURN:
             raise InvalidRobot(
-                f"joint {name!r} turns without end, so limits [{low:g}, {high:g}] wider than a full turn say nothing"
+                f"joint {name!r} is continuous, so limits [{low:g}, {high:g}] wider than a full turn have no effect"
             )
         if kinds[i] != CONTINUOUS and not chain.lower[i] <= low <= high <= chain.upper[i]:
             raise InvalidRobot(

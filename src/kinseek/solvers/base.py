@@ -50,29 +50,29 @@ def watch_each(
     problem: Problem,
     search: Callable[[Problem, Deadline, Callable[[int], object]], Found],
     work: int,
-    wanted: bool,
+    show_progress: bool,
     deadline: Deadline | None = None,
 ) -> Solution:
-    """Do the same as `solve_each`, with a progress bar if `wanted` is set.
+    """Do the same as `solve_each`, with a progress bar if `show_progress` is set.
 
     Args:
         problem: One target or a batch.
         search: Solves one target, and reports to the watch how much of its work is done.
         work: Most work for one target, in any unit.
-        wanted: Whether to show the progress bar.
+        show_progress: Whether to show the progress bar.
         deadline: When to end.
     """
-    if not wanted:
+    if not show_progress:
         return solve_each(problem, lambda one, until: search(one, until, unwatched), deadline)
-    with progress_bar(wanted, work * len(problem.goal.targets)) as advance:
+    with progress_bar(show_progress, work * len(problem.goal.targets)) as advance:
         watch = Watch(advance, work)
 
-        def watched(one: Problem, deadline: Deadline) -> Found:
+        def with_watch(one: Problem, deadline: Deadline) -> Found:
             found = search(one, deadline, watch)
             watch.end()
             return found
 
-        return solve_each(problem, watched, deadline)
+        return solve_each(problem, with_watch, deadline)
 
 
 def solve_each(

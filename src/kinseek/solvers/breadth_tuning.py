@@ -23,7 +23,7 @@ Breadth = tuple[int, ...]
 
 _PROBES = 128
 _PATIENCE = 3
-"""Rounds without a gain after which tuning ends: some joints only gain together."""
+"""Rounds without a gain after which tuning ends: some joints only gain together. Not examined further."""
 
 
 def probe_joints(chain: SerialChain) -> Array:

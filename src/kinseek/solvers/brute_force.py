@@ -104,8 +104,8 @@ class BruteForce:
         grid = joint_grid(problem.mechanism, count)
         order = np.stack([self._order(count, joint) for joint in range(dof)])
         if problem.axes is None:
-            asked = self._ask(problem.mechanism, problem, grid, order, deadline, watch)
-            return self._report(problem, grid, asked, 2 * order.nbytes) if problem.trace else asked
+            result = self._search_black_box(problem.mechanism, problem, grid, order, deadline, watch)
+            return self._report(problem, grid, result, 2 * order.nbytes) if problem.trace else result
         window = Window(grid.values_of(order), order, np.full(dof, count, dtype=np.int64))
         budget = count**dof if problem.budget is None else problem.budget
         beam, scratch = make_beam(1, dof), make_node_scratch(dof)
@@ -137,7 +137,7 @@ class BruteForce:
             recorder.note(f"Stopped at the first node with a weighted error below {self.stop_below:g}.")
         return found._replace(trace=recorder.finish())
 
-    def _ask(
+    def _search_black_box(
         self,
         box: Mechanism,
         problem: Problem,
@@ -146,17 +146,20 @@ class BruteForce:
         deadline: Deadline,
         watch: Callable[[int], object],
     ) -> Found:
-        from .black_box.asking import Asker
+        from .black_box.evaluator import Evaluator
         from .black_box.grid import Cells, best_or_start, node_values, search_window
 
-        asker, cells = Asker(box, problem, deadline), Cells.empty(1, box.dof, tie_of(problem, self.ties))
+        evaluator, cells = (
+            Evaluator(box, problem, deadline),
+            Cells.empty(1, box.dof, tie_of(problem, self.ties)),
+        )
         values = [node_values(grid, d, each) for d, each in enumerate(order)]
-        leaves = search_window(asker, values, list(order), cells, float(self.stop_below) or -1.0, watch)
+        leaves = search_window(evaluator, values, list(order), cells, float(self.stop_below) or -1.0, watch)
         expanded = (
             nodes_until(np.full(box.dof, self.branching_factor, dtype=np.int64), leaves - 1) if leaves else 0
         )
         q = best_or_start(cells.q[0] if len(cells.q) else None, box, problem.start)
-        return Found(q, asker.spent, box.dof * self.branching_factor, expanded, asker.out_of_time)
+        return Found(q, evaluator.spent, box.dof * self.branching_factor, expanded, evaluator.out_of_time)
 
     def _order(self, count: int, joint: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
         if self.order == "paper":

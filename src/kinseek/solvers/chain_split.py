@@ -61,7 +61,7 @@ def middle(chain: Mechanism) -> Array:
 
 
 SETTINGS = 12
-"""Configurations at which each joint is moved."""
+"""Configurations at which each joint is moved. Not examined further."""
 STILL = 1e-6
 """Largest motion of a point that counts as resting, relative to the arm's reach; rounded numbers in descriptions cause
 more."""
@@ -76,21 +76,22 @@ def find_split(chain: Mechanism, goal: Goal) -> Split:
     movers = tuple(j for j in range(chain.dof) if look.moves(j)) or tuple(range(chain.dof))
     idle = tuple(j for j in range(chain.dof) if j not in movers)
     freedom = look.freedom(movers)
-    why = "no joint leaves a point of the hand at rest whose place the goal tells"
+    why = "no joint leaves a point of the hand at rest whose position follows from the goal"
     for joints, point in reversed(_resting(look, movers)):
         first = tuple(j for j in movers if j not in joints)
         place = look.freedom(first, point)
         if first and freedom - place <= len(joints):
             where = ", ".join(f"{x:.4g}" for x in np.round(point, 6) + 0.0)
             why = (
-                f"moving {_list(chain, joints)} leaves the point ({where}) m of the hand at rest, so {_list(chain, first)} "
-                f"{_are(first)} searched for its place, then {_list(chain, joints)} for the goal"
+                f"moving {_list(chain, joints)} leaves the point ({where}) m of the hand at rest, so "
+                f"{_list(chain, first)} {_are(first)} searched for its position, then {_list(chain, joints)} for the "
+                "goal"
             )
             at = (float(point[0]), float(point[1]), float(point[2]))
             return Split(first, joints, idle, at, why + _idly(chain, idle), look.evaluations)
         why = (
-            f"moving {_list(chain, joints)} leaves a point of the hand at rest, but of the {freedom} ways in which the hand "
-            f"can move its place settles {place}, and they cannot settle the others"
+            f"moving {_list(chain, joints)} leaves a point of the hand at rest, but its position fixes only {place} "
+            f"of the {freedom} degrees of freedom of the hand, and these joints cannot fix the others"
         )
     sentence = f"{_list(chain, movers)} {_are(movers)} searched as one chain: {why}" + _idly(chain, idle)
     return Split(movers, (), idle, (0.0, 0.0, 0.0), sentence, look.evaluations)
@@ -116,7 +117,7 @@ def _are(joints: Joints) -> str:
 
 
 def _idly(chain: Mechanism, idle: Joints) -> str:
-    return f"; moving {_list(chain, idle)} changes nothing that the goal asks for" if idle else ""
+    return f"; moving {_list(chain, idle)} changes nothing that the goal constrains" if idle else ""
 
 
 class _Look:
@@ -219,10 +220,10 @@ class _Known(NamedTuple):
     """The second chain, with the first in the middle."""
 
 
-KEPT = 16
+MOST_CACHED = 16
 """Kinds of goal, tools and tool axes that are kept for an arm, the last ones used."""
 
-_known: WeakCache[Mechanism, tuple[int, bytes | None], _Known] = WeakCache(KEPT)
+_known: WeakCache[Mechanism, tuple[int, bytes | None], _Known] = WeakCache(MOST_CACHED)
 
 
 def known_of(chain: Mechanism, goal: Goal) -> _Known:

@@ -48,9 +48,9 @@ def as_solver(value: Any, what: str = "solver") -> Solver:
     )
 
 
-def with_progress(solver: Solver, wanted: bool) -> Solver:
+def with_progress(solver: Solver, show_progress: bool) -> Solver:
     """Return the same search with a progress bar, if one is requested and the search supports it."""
-    if wanted and is_dataclass(solver) and any(each.name == "progress" for each in fields(solver)):
+    if show_progress and is_dataclass(solver) and any(each.name == "progress" for each in fields(solver)):
         return replace(cast(Any, solver), progress=True)
     return solver
 

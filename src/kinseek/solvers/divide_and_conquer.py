@@ -132,14 +132,14 @@ class DivideAndConquer:
         require_ties(self.ties)
         if self.ties == "first" and self.beam > 1:
             raise InvalidSolver(
-                f"ties='first' is the rule of a search that keeps one cell, the paper's; got beam={self.beam}"
+                f"ties='first' needs a search that keeps one cell, as in the paper; got beam={self.beam}"
             )
         if self.offset is not None:
             object.__setattr__(self, "offset", _offsets(self.offset))
         if isinstance(self.breadth, str):
             if self.breadth not in ("tuned", "reach"):
                 raise InvalidSolver(
-                    f"breadth must be a number, one number a joint, 'reach' or 'tuned'; got {self.breadth!r}"
+                    f"breadth must be a number, one number per joint, 'reach' or 'tuned'; got {self.breadth!r}"
                 )
         elif isinstance(self.breadth, Sequence | np.ndarray):
             each = tuple(_breadth("every breadth", b) for b in self.breadth)
@@ -152,8 +152,8 @@ class DivideAndConquer:
         require(self, problem)
         if problem.axes is None and self.breadth == "tuned":
             raise InvalidSolver(
-                "breadth='tuned' tries the search many thousand times, too dear for an arm that is a function; "
-                "give one number, or one a joint"
+                "breadth='tuned' runs the search many thousand times, which is too expensive for black-box "
+                "kinematics; give one number, or one per joint"
             )
         deadline = Deadline(problem.time_limit)
         try:
@@ -165,7 +165,7 @@ class DivideAndConquer:
 
         def search(one: Problem, until: Deadline, watch: Callable[[int], object] = unwatched) -> Found:
             if one.axes is None:
-                return self._ask(one, plan, until, watch)
+                return self._search_black_box(one, plan, until, watch)
             return self._search(one, plan, memory, until, watch)
 
         change = "a smaller breadth, beam or number of divisions"
@@ -189,8 +189,8 @@ class DivideAndConquer:
             return (self.breadth,) * chain.dof
         if len(self.breadth) != chain.dof:
             raise InvalidSolver(
-                f"breadth must be one number or {chain.dof}, one a joint "
-                f"({', '.join(chain.joint_names)}); got {len(self.breadth)}: {self.breadth}"
+                f"breadth must be one number or {chain.dof}, one per joint ({', '.join(chain.joint_names)}); got "
+                f"{len(self.breadth)}: {self.breadth}"
             )
         return self.breadth
 
@@ -261,7 +261,7 @@ class DivideAndConquer:
         given = self.offset if isinstance(self.offset, tuple) else (self.offset,) * len(wraps)
         if len(given) != len(wraps):
             raise InvalidSolver(
-                f"offset must be one number or {len(wraps)}, one a joint; got {len(given)}: {self.offset}"
+                f"offset must be one number or {len(wraps)}, one per joint; got {len(given)}: {self.offset}"
             )
         # Departs from the paper, which starts at the lower limit for every joint. The middles of D equal cells keep both
         # ends of a range within reach of the later, ever smaller windows.
@@ -361,8 +361,8 @@ class DivideAndConquer:
             created = problem.mechanism.dof * self.branching_factor if self.tree == "static" else expanded
             found = Found(q if leaves else problem.start, leaves, created, expanded, not done)
             if recorder is not None and leaves > recorder.spent:
-                held = bytes_of(memory, plan.grid)
-                record_pass(recorder, plan.grid, plan.first, now, end - 1, before, found, held)
+                memory_bytes = bytes_of(memory, plan.grid)
+                record_pass(recorder, plan.grid, plan.first, now, end - 1, before, found, memory_bytes)
             if at[STOPPED] or not done:
                 break
             before = found.q.copy()
@@ -386,30 +386,30 @@ class DivideAndConquer:
         tie = tie_of(problem, self.ties)
         return plan._replace(passes=plan.passes._replace(tie=tie)) if tie else plan
 
-    def _ask(
+    def _search_black_box(
         self, problem: Problem, plan: _Plan, deadline: Deadline, watch: Callable[[int], object]
     ) -> Found:
-        from .black_box.asking import Asker
+        from .black_box.evaluator import Evaluator
         from .black_box.grid import best_or_start, descend
 
         box = problem.mechanism
         plan = self._with_ties(problem, plan)
-        asker = Asker(box, problem, deadline)
-        recorder, held = self._recorder(problem) if problem.trace else None, bytes_of(plan.grid)
+        evaluator = Evaluator(box, problem, deadline)
+        recorder, memory_bytes = self._recorder(problem) if problem.trace else None, bytes_of(plan.grid)
         stored = box.dof * self.branching_factor if self.tree == "static" else 0
         before = problem.start
 
         def on_pass(k: int, q: Array | None, expanded: int) -> None:
             nonlocal before
             best = best_or_start(q, box, problem.start)
-            now = Found(best, asker.spent, stored or expanded, expanded)
-            if recorder and asker.spent > recorder.spent:
-                record_pass(recorder, plan.grid, plan.first, plan.until(k + 1), k, before, now, held)
+            now = Found(best, evaluator.spent, stored or expanded, expanded)
+            if recorder and evaluator.spent > recorder.spent:
+                record_pass(recorder, plan.grid, plan.first, plan.until(k + 1), k, before, now, memory_bytes)
             before = best
 
-        q, expanded = descend(asker, plan.grid, plan.passes, plan.later, plan.first, watch, on_pass)
+        q, expanded = descend(evaluator, plan.grid, plan.passes, plan.later, plan.first, watch, on_pass)
         q = best_or_start(q, box, problem.start)
-        found = Found(q, asker.spent, stored or expanded, expanded, asker.out_of_time)
+        found = Found(q, evaluator.spent, stored or expanded, expanded, evaluator.out_of_time)
         return found if recorder is None else self._report(recorder, found)
 
 

@@ -196,8 +196,8 @@ def require_patience(
     if refused:
         counted = f", each pose of a function counted as {weight:,}" if weight > 1 else ""
         raise InvalidSolver(
-            f"{would}{counted}, about {_duration(seconds)} a target as measured here; "
-            f"most_nodes allows {most_nodes:,}. Choose {change}, give a time_limit, or lift the guard by most_nodes=None"
+            f"{would}{counted}, about {_duration(seconds)} per target as measured on this machine; most_nodes allows "
+            f"{most_nodes:,}. Choose {change}, give a time_limit, or disable this check with most_nodes=None"
         )
     total = min(seconds * targets, problem.time_limit or math.inf)
     if total > LONG:

@@ -45,7 +45,7 @@ class Recorder:
         """Record the passes of `search`, an object or its name, for one target."""
         self.problem = problem
         self.search = search if isinstance(search, str) else type(search).__name__
-        self._kept: list[dict[str, Any]] = []
+        self._passes: list[dict[str, Any]] = []
         self._q: list[Array] = []
         self._starts: list[Array | None] = []
         self._notes: list[str] = []
@@ -97,7 +97,7 @@ class Recorder:
                 "upper": window.upper + turned,
                 "counts": np.array(window.counts, dtype=np.int64),
             }
-        self._kept.append({"name": name, "memory": int(memory), "cells": int(cells), **fields})
+        self._passes.append({"name": name, "memory": int(memory), "cells": int(cells), **fields})
         self._q.append(best)
         self._starts.append(None if start is None else np.array(start, dtype=float))
 
@@ -114,7 +114,7 @@ class Recorder:
     @property
     def empty(self) -> bool:
         """Whether no pass is recorded yet."""
-        return not self._kept
+        return not self._passes
 
     @property
     def noted(self) -> bool:
@@ -124,7 +124,7 @@ class Recorder:
     def add_rest(self, name: str, found: Found) -> None:
         """Record the work after the last recorded pass, if there is any."""
         if (found.evaluations, found.nodes_created, found.nodes_expanded) != self._totals:
-            memory = self._kept[-1]["memory"] if self._kept else 0
+            memory = self._passes[-1]["memory"] if self._passes else 0
             self.add(name, *found[:4], memory=memory)
 
     def note_end(self, found: Found) -> None:
@@ -138,11 +138,11 @@ class Recorder:
     def finish(self) -> Trace:
         """Return the trace; every pass is evaluated by plain forward kinematics."""
         passes = []
-        if self._kept:
+        if self._passes:
             errors = [self.judged(q) for q in self._q]
             first = [float("nan") if start is None else self.judged(start)[2] for start in self._starts]
             for fields, q, start, row, error in zip(
-                self._kept, self._q, self._starts, errors, first, strict=True
+                self._passes, self._q, self._starts, errors, first, strict=True
             ):
                 passes.append(
                     Pass(
@@ -174,13 +174,13 @@ def require_room(problem: Problem, passes: int) -> None:
         require_memory(len(problem.goal.targets), passes, problem.mechanism.dof)
 
 
-def bytes_of(*held: Any) -> int:
+def bytes_of(*arrays: Any) -> int:
     """Return the size of arrays, also inside tuples [bytes]."""
-    return sum(each.nbytes if isinstance(each, np.ndarray) else _bytes_in(each) for each in held)
+    return sum(each.nbytes if isinstance(each, np.ndarray) else _bytes_in(each) for each in arrays)
 
 
-def _bytes_in(held: Any) -> int:
-    return bytes_of(*held) if isinstance(held, tuple) else 0
+def _bytes_in(arrays: Any) -> int:
+    return bytes_of(*arrays) if isinstance(arrays, tuple) else 0
 
 
 def grid_window(grid: Grid, nodes: list[Indices], centre: Indices | None = None) -> Look:

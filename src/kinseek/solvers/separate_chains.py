@@ -120,13 +120,13 @@ class SeparateChains(DivideAndConquer):
         if first is None:
             first, second = parts(problem.mechanism, problem.goal, split)
         searches, leaves, nodes = [], [], 0
-        for joints, chain, wanted in (
+        for joints, chain, chain_goal in (
             (split.first, first, split.first_goal(goal)),
             (split.second, second, goal),
         ):
             search = self._of(joints)
             if chain is not None:
-                nothing = Problem(chain, wanted, budget=problem.budget, time_limit=problem.time_limit)
+                nothing = Problem(chain, chain_goal, budget=problem.budget, time_limit=problem.time_limit)
                 breadths = search.breadths(nothing, deadline)
                 search = replace(search, breadth=breadths)
                 for each in (search, _wider(search)) if np.isfinite(self.again) else (search,):
@@ -153,16 +153,16 @@ class SeparateChains(DivideAndConquer):
         goal, split = problem.goal, plan.split
         account = _Account(problem, self, deadline)
         account.note(split.sentence)
-        wanted = split.first_goal(goal)
+        chain_goal = split.first_goal(goal)
         most = None if problem.budget is None else int(np.ceil(problem.budget * plan.share))
-        place = account.search("place", plan.first, split.first, wanted, plan.chain, most)
+        place = account.search("place", plan.first, split.first, chain_goal, plan.chain, most)
         if not split.second:
             return account.found()
         account.search("goal", plan.second, split.second, goal)
         if account.goes_on:
             # The paper's search dives if the best coarse cell is the wrong one; more cells correct this.
             if place is not None and place.position_error > self.again:
-                account.search("place, wider", _wider(plan.first), split.first, wanted, plan.chain)
+                account.search("place, wider", _wider(plan.first), split.first, chain_goal, plan.chain)
             account.search("goal, wider", _wider(plan.second), split.second, goal)
         if account.goes_on:
             # The second chain may be at its limits: the first one can compensate this in part.
@@ -206,7 +206,7 @@ def _wider(search: DivideAndConquer) -> DivideAndConquer:
 
 
 WIDER = 4
-"""Factor on the number of cells, and so on the cost."""
+"""Factor on the number of cells, and so on the cost. Not examined further."""
 
 
 class _Account:

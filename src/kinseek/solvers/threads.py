@@ -107,9 +107,9 @@ def in_threads(work: Callable[[T], R], items: Sequence[T], threads: int | None) 
 
 
 @contextmanager
-def progress_bar(wanted: bool, total: int) -> Iterator[Callable[[int], object]]:
+def progress_bar(show_progress: bool, total: int) -> Iterator[Callable[[int], object]]:
     """Yield a function that is called with the number of targets that were completed since the last call."""
-    if not wanted:
+    if not show_progress:
         yield lambda count: None
         return
     try:

@@ -50,19 +50,19 @@ class OwnSolver(Solver, Protocol):
     traits: ClassVar[Traits]
 
 
-def named(wanted: Callable[[Traits], bool]) -> list[str]:
+def named(condition: Callable[[Traits], bool]) -> list[str]:
     """Return the names of the searches with requested traits; composed searches come last and are marked."""
     from . import ALL_SOLVERS
 
-    own = [cls.__name__ for cls in ALL_SOLVERS if wanted(cls.traits) and not cls.traits.made_of]
+    own = [cls.__name__ for cls in ALL_SOLVERS if condition(cls.traits) and not cls.traits.made_of]
     return own + [
         f"{cls.__name__} made of these" for cls in ALL_SOLVERS if cls.traits.made_of and len(own) > 1
     ]
 
 
-def listed(wanted: Callable[[Traits], bool]) -> str:
+def listed(condition: Callable[[Traits], bool]) -> str:
     """Return the same as text."""
-    names = named(wanted)
+    names = named(condition)
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])}, and {names[-1]}"
 
 
@@ -76,12 +76,12 @@ def require(search: OwnSolver, problem: Problem) -> None:
     name, traits = type(search).__name__, search.traits
     if traits.axes and problem.axes is None:
         why = no_axes(problem.mechanism, f"{name} needs the axes and links of an arm")
-        raise InvalidSolver(f"{why}. What works on it: {listed(lambda each: not each.axes)}")
+        raise InvalidSolver(f"{why}. Searches that support it: {listed(lambda each: not each.axes)}")
     form = problem.goal.form
     if form.ranges and not traits.ranges:
         raise InvalidProblem(
-            f"{name} makes nothing of {form.noun}, only of {', '.join(kind.noun for kind in PLAIN_KINDS)}. "
-            f"What takes it: {listed(lambda each: each.ranges)}"
+            f"{name} does not support {form.noun}; supported: {', '.join(kind.noun for kind in PLAIN_KINDS)}. "
+            f"Searches that support it: {listed(lambda each: each.ranges)}"
         )
 
 

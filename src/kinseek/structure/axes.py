@@ -27,7 +27,7 @@ class Axes(NamedTuple):
         """Return the arm from its tip to its base; it produces the inverse transforms."""
         return Axes(-self.direction[::-1], self.point[::-1], self.slides[::-1], self.home)
 
-    def behind(self, joints: int) -> Axes:
+    def distal_to(self, joints: int) -> Axes:
         """Return the part of the arm distal to its first `joints` joints."""
         return Axes(self.direction[joints:], self.point[joints:], self.slides[joints:], self.home)
 

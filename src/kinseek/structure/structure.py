@@ -15,11 +15,12 @@ from kinseek.transforms import inverse
 from .axes import Axes, axes_of, meeting, nearest_on, slant
 
 NEARLY = 0.005
-"""Largest deviation at which the closed form of the nearby arm gives useful starts; see `Structure.deviation`."""
+"""Largest deviation at which the closed form of the nearby arm gives useful starts; see `Structure.deviation`. Not examined
+further."""
 
 
 BENT = 0.1
-"""Sine of the least angle between axes that must not be parallel."""
+"""Sine of the least angle between axes that must not be parallel. Not examined further."""
 
 
 SHORT = 1e-3
@@ -74,15 +75,15 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
     """
     axes = axes_of(arrays)
     if axes is None:
-        return _none("one variable moves several joints, or moves one by another angle")
-    spare = len(axes.direction) - DECIDED
-    if spare not in (0, 1):
-        return _none(f"closed forms are for 6 joints, or 7, and the arm has {len(axes.direction)}")
+        return _none("one variable moves several joints, or moves a joint by a multiple of its value")
+    swept = len(axes.direction) - DECIDED
+    if swept not in (0, 1):
+        return _none(f"closed forms exist for 6 or 7 joints, but the arm has {len(axes.direction)}")
     found = [
         one
         for backward in (False, True)
         for find in (_wrist, _three, _meeting)
-        if (one := _found(find, axes.backwards() if backward else axes, backward, spare, size)) is not None
+        if (one := _found(find, axes.backwards() if backward else axes, backward, swept, size)) is not None
     ]
     best = min(
         found,
@@ -90,8 +91,14 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
         default=None,
     )
     if best is None or best.deviation > NEARLY:
-        near = "" if best is None else f"; nearest is {_words(best)[1]}, off by {best.deviation:.2g}"
-        return _none(f"no axes meet or run parallel so that a closed form comes of it, to {NEARLY:g}{near}")
+        near = (
+            ""
+            if best is None
+            else f"; the nearest structure is that {_words(best)[1]}, off by {best.deviation:.2g}"
+        )
+        return _none(
+            f"no axes intersect or are parallel in a way that gives a closed form, to {NEARLY:g}{near}"
+        )
     word, what = _words(best)
     how = (
         f"to {best.deviation:.1g}, which is rounding (at most {form.ROUNDING:g})"
@@ -99,12 +106,12 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
         else f"nearly: off by {best.deviation:.2g} rad, lengths in parts of {size:.3g} m (at most {NEARLY:g})"
     )
     gives = (
-        "every answer comes in closed form"
+        "every solution is computed in closed form"
         if best.exact
-        else "the closed form of the nearby arm gives starts"
+        else "the closed form of the nearby arm gives the starts of the search"
     )
-    if spare:
-        gives = "the other joints come in closed form for each of its values, of which some are tried"
+    if swept:
+        gives = "some of its values are tried, and for each the other joints are computed in closed form"
     return Structure(word, f"{what}, {how}; {gives}", best.deviation, best.exact, best.numbers)
 
 
@@ -124,15 +131,17 @@ def _home(axes: Axes, backward: bool) -> Array:
 
 
 def _none(why: str) -> Structure:
-    return Structure("none", f"{why}; answers are searched", np.inf, False, np.zeros(form.NUMBERS))
+    return Structure(
+        "none", f"{why}; solutions are searched numerically", np.inf, False, np.zeros(form.NUMBERS)
+    )
 
 
 def _words(found: _Found) -> tuple[str, str]:
-    spare = 1 if found.numbers[form.SWEPT] else 0
-    joints = [spare + 1 + i for i in range(DECIDED)]
+    swept = 1 if found.numbers[form.SWEPT] else 0
+    joints = [swept + 1 + i for i in range(DECIDED)]
     if found.backward:
         joints = [DECIDED - i for i in range(DECIDED)]
-    given = ("joint 7 given, " if found.backward else "joint 1 given, ") if spare else ""
+    given = ("joint 7 given, " if found.backward else "joint 1 given, ") if swept else ""
     a, b, c = sorted(joints[3:])
     if found.kind == form.PARALLEL:
         word, what = (
@@ -147,7 +156,7 @@ def _words(found: _Found) -> tuple[str, str]:
             else f"{_listed(joints[:2])} meet"
         )
         what = f"axes {a}, {b} and {c} meet in a point and axes {others}"
-    return ("one joint given" if spare else word), given + what
+    return ("one joint given" if swept else word), given + what
 
 
 def _listed(joints: list[int]) -> str:
@@ -157,12 +166,12 @@ def _listed(joints: list[int]) -> str:
 
 
 def _found(
-    find: Callable[[Axes, bool, float], _Found | None], axes: Axes, backward: bool, spare: int, size: float
+    find: Callable[[Axes, bool, float], _Found | None], axes: Axes, backward: bool, swept: int, size: float
 ) -> _Found | None:
-    """Find a structure in the axes after `spare` swept joints, with the kernel's parameters of these joints."""
-    rest = axes.behind(spare)
+    """Find a structure in the axes after the first joint if `swept` is 1, with the kernel's parameters of these joints."""
+    rest = axes.distal_to(swept)
     found = None if rest.slides.any() else find(rest, backward, size)
-    if found is not None and spare:
+    if found is not None and swept:
         numbers = found.numbers
         numbers[form.SWEPT], numbers[form.SLIDES] = 1.0, axes.slides[0]
         numbers[form.HS : form.HS + 3], numbers[form.PS : form.PS + 3] = axes.direction[0], axes.point[0]
@@ -194,8 +203,8 @@ def _meeting(axes: Axes, backward: bool, size: float) -> _Found | None:
     """Find a wrist whose axes 4, 5 and 6 intersect, with axes 1 and 2 intersecting."""
     h = axes.direction
     x, apart = meeting(h[3:], axes.point[3:])
-    start, aside = meeting(h[:2], axes.point[:2])
-    off = max(apart, aside) / size
+    start, apart_first = meeting(h[:2], axes.point[:2])
+    off = max(apart, apart_first) / size
     if not (np.isfinite(off) and _bent(h, (0, 1), (3, 4), (4, 5))):
         return None
     elbow = axes.point[2]
@@ -264,9 +273,9 @@ def _across(h: Array) -> Array:
     return np.asarray(across / np.linalg.norm(across))
 
 
-NO_STRUCTURE = _none("the goal leaves more open than a closed form decides")
+NO_STRUCTURE = _none("the goal constrains less than a closed form needs")
 """Structure for goals that are less than a pose."""
 
 
-FUNCTION = _none("the arm is a function, whose axes are not known")
+FUNCTION = _none("the arm has black-box kinematics, so its axes are unknown")
 """Structure for black-box kinematics."""

@@ -12,11 +12,11 @@ from kinseek.kernels.structure.swept_values import try_swept_values
 from .structure import Structure
 
 SWEPT_VALUES = 24
-"""Values that are tried for each pose of the trial."""
+"""Values that are tried for each pose of the trial. Not examined further."""
 
 
 SAMPLES = 64
-"""Samples of the atlas for each pose of the trial."""
+"""Samples of the atlas for each pose of the trial. Not examined further."""
 
 
 def choose_swept_values(structure: Structure, handle: Indices, size: float, samples: int) -> None:

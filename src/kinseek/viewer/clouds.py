@@ -70,16 +70,16 @@ def completed(chain: SerialChain, q: Array, target: Array) -> tuple[Array, NDArr
     """
     division, q = divide(chain, POSE), np.array(q, dtype=float)
     head, last = square(inverse(chain.fixed[0])), square(inverse(chain.fixed[-1]))
-    wanted = head @ target @ last
+    goal = head @ target @ last
     if division.head != NONE:
         q[:, 0] = 0.0
     if division.tail == TURN:
         q[:, -1] = 0.0
     axis = (head @ chain.forward(q) @ last)[:, :3, 3]
     if division.head == SLIDE:
-        q[:, 0] = wanted[2, 3] - axis[:, 2]
+        q[:, 0] = goal[2, 3] - axis[:, 2]
     elif division.head == TURN:
-        q[:, 0] = np.arctan2(wanted[1, 3], wanted[0, 3]) - np.arctan2(axis[:, 1], axis[:, 0])
+        q[:, 0] = np.arctan2(goal[1, 3], goal[0, 3]) - np.arctan2(axis[:, 1], axis[:, 0])
     if division.tail == TURN:
         turn = np.swapaxes((chain.forward(q) @ last)[:, :3, :3], 1, 2) @ (target @ last)[:3, :3]
         q[:, -1] = np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
@@ -181,7 +181,7 @@ def boxes_left(arm: Arm, options: ViewerOptions, q: Array, examined: int) -> Clo
     if arm.axes is None:
         return "A proof needs the axes of an arm."
     try:
-        options.goal.require_plain("nothing can be proved yet of")
+        options.goal.require_plain("proofs are not supported for")
         left = enclosed(Problem(arm.mechanism, options.goal), q, 1e-3, examined, threads=1).left
     except KinseekError as error:
         return str(error)

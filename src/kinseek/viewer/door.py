@@ -145,7 +145,7 @@ class Door:
 
         self._there = True
         asyncio.get_running_loop().set_exception_handler(_log_exception)
-        ask = options["process_request"]
+        process_request = options["process_request"]
 
         def checked(connection: Any, request: Any) -> Any:
             why = "" if self._anyone else refusal(request.headers, self._alone)
@@ -154,7 +154,7 @@ class Door:
             if why:
                 return connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n")
             try:
-                return ask(connection, request)
+                return process_request(connection, request)
             except OSError:  # A name that is too long for a file.
                 return connection.respond(HTTPStatus.NOT_FOUND, "NOT FOUND")
 
@@ -238,7 +238,7 @@ def _word(value: Any) -> bool:
     return value is None or _text(value)
 
 
-def _kept(value: Any) -> bool:
+def _text_or_none(value: Any) -> bool:
     return value is None or isinstance(value, str)
 
 
@@ -284,6 +284,10 @@ MESSAGES: Mapping[str, Mapping[str, Callable[[Any], bool]]] = {
         "owner": _text,
     },
     "GuiUpdateMessage": {"uuid": _text, "updates": _updates},
-    "LocalStorageGetItemResponseMessage": {"value": _kept, "error": _kept, "request_uuid": _text},
+    "LocalStorageGetItemResponseMessage": {
+        "value": _text_or_none,
+        "error": _text_or_none,
+        "request_uuid": _text,
+    },
 }
 """Messages from pages, with a check for each field; viser's other messages are for features that kinseek does not use."""

@@ -92,7 +92,7 @@ class ViewerOptions:
             changes.setdefault("parameters", parameters_of(changes["search"]))
         return replace(self, **changes)
 
-    def kept(self) -> str:
+    def to_json(self) -> str:
         """Return the options as text to store in a browser."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         values |= {"target": self.target.tolist(), "q": self.q.tolist(), "version": VERSION}
@@ -112,7 +112,7 @@ def read_selection(text: str | None, begin: ViewerOptions) -> ViewerOptions:
     """Read stored options. The text is not trusted: whatever is invalid is taken from `begin`.
 
     Args:
-        text: Text from `ViewerOptions.kept`, or anything else.
+        text: Text from `ViewerOptions.to_json`, or anything else.
         begin: The initial options of the page.
     """
     try:

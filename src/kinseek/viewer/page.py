@@ -19,7 +19,7 @@ from .options import ViewerOptions, read_selection
 from .panel import Actions, Panel
 from .scene import CLOUD, MOST_GHOSTS, REACHED, SEARCH, Scene, matrix_of
 from .searches import DEFAULT
-from .session import Answer, Proof, Session, nearest_of
+from .session import GoalResult, Proof, Session, nearest_of
 from .workers import Newest
 
 Array = NDArray[np.float64]
@@ -35,14 +35,14 @@ PASS, SHOW = 0.9, 12.0
 
 
 class Page:
-    """One person's page. Any thread may report a change by `wish`; the page responds in threads of its own."""
+    """One person's page. Any thread may report a change by `change`; the page responds in threads of its own."""
 
     def __init__(self, client: Any, session: Session, meshes: Meshes) -> None:
         """Lay out the scene and the panel with the options stored in this browser, and solve the first goal."""
         self._client, self._session, self.arm = client, session, session.arm
         self._lock = threading.RLock()
         self.options = read_selection(self._fetch(), session.begin)
-        self.answer = Answer(self.options, self.options.q)
+        self.result = GoalResult(self.options, self.options.q)
         self.proof: Proof | None = None
         self.branches: Branches | str | None = None
         self.trace: Trace | None = None
@@ -51,7 +51,7 @@ class Page:
         self._new_goals = np.random.default_rng(client.client_id)
         self.scene = Scene(client.scene, self.arm, meshes)
         actions = Actions(
-            self.wish,
+            self.change,
             self._step_branch,
             self._goal_to_arm,
             self._another_goal,
@@ -61,12 +61,12 @@ class Page:
         )
         self.panel = Panel(client.gui, self.arm, self.options, actions, meshes)
         name = f"kinseek page {id(self):x}"
-        self._front = Newest(self._answer, f"{name}: answers")
+        self._solver = Newest(self._solve, f"{name}: answers")
         self._prover = Newest(self._prove, f"{name}: proofs", QUIET)
         self._clouder = Newest(self._cloud, f"{name}: clouds", QUIET)
         self._player = Newest(self._play, f"{name}: passes")
-        self._keeper = Newest(self._keep, f"{name}: what is kept", QUIET)
-        self._workers = self._front, self._prover, self._clouder, self._player, self._keeper
+        self._storer = Newest(self._store, f"{name}: options", QUIET)
+        self._workers = self._solver, self._prover, self._clouder, self._player, self._storer
         try:
             self._begin()
         except BaseException:  # The client left at once: nothing else would close the threads.
@@ -87,25 +87,25 @@ class Page:
 
         async def dragged(event: Any) -> None:
             with contextlib.suppress(KinseekError):  # Not a pose that a page sends.
-                self.wish(target=matrix_of(event.target.wxyz, event.target.position))
+                self.change(target=matrix_of(event.target.wxyz, event.target.position))
 
         async def looked(camera: Any) -> None:
             with self._lock:
                 eye, at = (tuple(map(float, point)) for point in (camera.position, camera.look_at))
                 self.options = self.options.but(camera=(eye, at))
-            self._keeper.give("keep")
+            self._storer.give("keep")
 
         self.scene.goal.on_update(dragged)
         client.camera.on_update(looked)
         self.scene.on_ghost(self.pick)
-        self._front.give(None)
+        self._solver.give(None)
 
     @property
     def idle(self) -> bool:
         """Return whether all requested work is done."""
         return all(worker.idle for worker in self._workers)
 
-    def wish(self, **changes: Any) -> None:
+    def change(self, **changes: Any) -> None:
         """Change `ViewerOptions` by name; a target (4, 4) moves the goal.
 
         Raises:
@@ -123,16 +123,16 @@ class Page:
         ):
             self.scene.show_goal(after.target)
         if {"target", "free", "search", "parameters", "follow"} & changes.keys():
-            self._front.give(None)
+            self._solver.give(None)
         else:
             self._clouder.give("again")
-        self._keeper.give("keep")
+        self._storer.give("keep")
 
     def pick(self, number: int) -> None:
         """Show one of the branches, by its index."""
         known = self.branches
         if isinstance(known, Branches) and 0 <= number < len(known):
-            self._front.give(known.q[number])
+            self._solver.give(known.q[number])
 
     def show_pass(self, number: int) -> None:
         """Show one pass of the search, by its index from 0; an index out of range changes nothing."""
@@ -143,7 +143,7 @@ class Page:
         self.scene.show_pass(one.q, clouds.visited(self.arm, one))
         self.panel.show_number(number, len(trace))
         self.panel.pass_text.content = words.pass_html(trace, number)
-        self.panel.joints.content = words.joints_html(self.arm, self.answer.q, one)
+        self.panel.joints.content = words.joints_html(self.arm, self.result.q, one)
 
     def close(self) -> None:
         """End the threads after the page was closed."""
@@ -152,31 +152,31 @@ class Page:
 
     # Fast responses.
 
-    def _answer(self, picked: Array | None) -> None:
+    def _solve(self, picked: Array | None) -> None:
         options = self.options
-        answer = self._session.answer(options) if picked is None else self._session.picked(options, picked)
+        result = self._session.solve(options) if picked is None else self._session.picked(options, picked)
         with self._lock:
-            self.options = self.options.but(q=answer.q)
-            self.answer, self.proof, self.trace = answer, None, answer.trace
-        missed = not (answer.reached or answer.refused)
+            self.options = self.options.but(q=result.q)
+            self.result, self.proof, self.trace = result, None, result.trace
+        missed = not (result.reached or result.refused)
         with self._client.atomic():
-            self.scene.show_arm(answer.q, options.target, answer.reached)
-            self.panel.answer.content = words.answer_html(answer, None, missed and options.search == DEFAULT)
-            self.panel.joints.content = words.joints_html(self.arm, answer.q)
+            self.scene.show_arm(result.q, options.target, result.reached)
+            self.panel.result.content = words.result_html(result, None, missed and options.search == DEFAULT)
+            self.panel.joints.content = words.joints_html(self.arm, result.q)
         self._client.flush()
-        if self._front.stale():
+        if self._solver.stale():
             return
         if picked is None or self.branches is None:
             self.branches = self._session.branches(options)
         self._show_branches()
-        self.panel.call.content = words.call_html(answer)
+        self.panel.call.content = words.call_html(result)
         for worker in (self._prover, self._clouder):
             worker.give("again")
 
     def _show_branches(self) -> None:
         known, drawn = self.branches, 0
         if isinstance(known, Branches):
-            shown = nearest_of(known, self.answer.q) if self.answer.reached else -1
+            shown = nearest_of(known, self.result.q) if self.result.reached else -1
             self.scene.show_ghosts(known.q, shown)
             drawn = min(len(known), MOST_GHOSTS)
         else:
@@ -187,17 +187,17 @@ class Page:
     def _step_branch(self, step: int) -> None:
         known = self.branches
         if isinstance(known, Branches) and len(known):
-            self.pick((nearest_of(known, self.answer.q) + step) % len(known))
+            self.pick((nearest_of(known, self.result.q) + step) % len(known))
 
     def _goal_to_arm(self) -> None:
-        target = self.arm.fk(self.answer.q)
+        target = self.arm.fk(self.result.q)
         if np.isfinite(target).all():
-            self.wish(target=target)
+            self.change(target=target)
 
     def _another_goal(self) -> None:
         target = self.arm.fk(self.arm.sample(1, int(self._new_goals.integers(2**31)))[0])
         if np.isfinite(target).all():
-            self.wish(target=target)
+            self.change(target=target)
 
     def _look(self, options: ViewerOptions) -> None:
         self.scene.see(options.ghosts, options.meshes)
@@ -207,46 +207,46 @@ class Page:
     # Slower computations.
 
     def _prove(self, _: str) -> None:
-        answer = self.answer
-        if answer.reached or answer.refused:
+        result = self.result
+        if result.reached or result.refused:
             return
-        for proof in self._session.proofs(answer.options, self._prover.stale):
-            if self._prover.stale() or not self._report_once(answer, proof, looking=True):
+        for proof in self._session.proofs(result.options, self._prover.stale):
+            if self._prover.stale() or not self._report_once(result, proof, looking=True):
                 return
-        if not self._report_once(answer, self.proof, looking=False):
+        if not self._report_once(result, self.proof, looking=False):
             return
         found = None if self.proof is None else self.proof.certificate
-        known = np.inf if answer.solution is None else float(answer.solution.weighted_error)
+        known = np.inf if result.solution is None else float(result.solution.weighted_error)
         if (
             found is not None
-            and answer.options.search == DEFAULT
+            and result.options.search == DEFAULT
             and found.upper_bound < known * (1.0 - 1e-3)
         ):
-            self._nearer(answer, found.q)
+            self._nearer(result, found.q)
 
-    def _report_once(self, answer: Answer, proof: Proof | None, looking: bool) -> bool:
+    def _report_once(self, result: GoalResult, proof: Proof | None, looking: bool) -> bool:
         """Report what is proved about a solution; return False, and report nothing, if it is no longer the one shown."""
         with self._lock:  # A newer solution waits for the lock, and overwrites.
-            if self.answer is not answer:
+            if self.result is not result:
                 return False
             self.proof = proof
-            self.panel.answer.content = words.answer_html(answer, proof, looking)
+            self.panel.result.content = words.result_html(result, proof, looking)
             return True
 
-    def _nearer(self, answer: Answer, q: Array) -> None:
+    def _nearer(self, result: GoalResult, q: Array) -> None:
         """Show the pose that a proof found, if it is nearer than that of the search."""
         with self._lock:
-            if self.answer is not answer:
+            if self.result is not result:
                 return
             self.options = self.options.but(q=q)
-            self.scene.show_arm(q, answer.options.target, False)
+            self.scene.show_arm(q, result.options.target, False)
             self.panel.joints.content = words.joints_html(self.arm, q)
 
     def _cloud(self, _: str) -> None:
-        options, answer, scene = self.options, self.answer, self.scene
+        options, result, scene = self.options, self.result, self.scene
         self.panel.show_target(options)
         if self.trace is None and self.panel.passes.value:
-            self._find_trace(options, answer)
+            self._find_trace(options, result)
         self.panel.pass_text.content = words.pass_html(self.trace, 0) if self.panel.passes.value else ""
         self.show_pass(len(self.trace) - 1 if self.trace else 0)
         scene.show_cloud(
@@ -255,28 +255,28 @@ class Page:
         self.panel.examined.visible = options.boxes
         said = []
         if options.boxes:
-            said.append(self._boxes(options, answer))
+            said.append(self._boxes(options, result))
         else:
             scene.show_cloud("boxes", None, SEARCH)
         self.panel.seen.content = words.note_html(*said)
         self._reach(options)
 
-    def _find_trace(self, options: ViewerOptions, answer: Answer) -> None:
+    def _find_trace(self, options: ViewerOptions, result: GoalResult) -> None:
         """Compute the trace of a search; if a newer solution has arrived, it has its own trace."""
         trace = self._session.traced(options)
         with self._lock:
-            if self.answer is answer:
+            if self.result is result:
                 self.trace = trace
 
-    def _boxes(self, options: ViewerOptions, answer: Answer) -> str:
+    def _boxes(self, options: ViewerOptions, result: GoalResult) -> str:
         examined = clouds.BOXES[self.panel.looks - 1]
         left: clouds.Cloud | str = "The goal is reached: there is nothing to exclude."
-        if not answer.reached:
-            left = clouds.boxes_left(self.arm, options, answer.q, examined)
+        if not result.reached:
+            left = clouds.boxes_left(self.arm, options, result.q, examined)
         self.scene.show_cloud("boxes", None if isinstance(left, str) else left, SEARCH)
         if isinstance(left, str):
             return left
-        return f"{len(left.points):,} boxes are left of those made in {examined:,} looks; the palest can hold least."
+        return f"{len(left.points):,} boxes are left after {examined:,} tests; the palest have the smallest bound."
 
     def _reach(self, options: ViewerOptions) -> None:
         if not options.reach or not clouds.same_question(options, self._reached_for):
@@ -299,7 +299,7 @@ class Page:
         if not on:
             self.scene.show_pass(None, None)
             self.panel.show_number(0, 0)
-            self.panel.joints.content = words.joints_html(self.arm, self.answer.q)
+            self.panel.joints.content = words.joints_html(self.arm, self.result.q)
         self._clouder.give("again")
 
     def _play(self, _: str) -> None:
@@ -318,10 +318,10 @@ class Page:
 
     def _fetch(self) -> str | None:
         try:
-            kept: str | None = self._client.local_storage.get_item(self._key, timeout=3.0)
+            stored: str | None = self._client.local_storage.get_item(self._key, timeout=3.0)
         except (RuntimeError, TimeoutError):  # A browser without storage.
             return None
-        return kept
+        return stored
 
-    def _keep(self, _: str) -> None:
-        self._client.local_storage.set_item(self._key, self.options.kept())
+    def _store(self, _: str) -> None:
+        self._client.local_storage.set_item(self._key, self.options.to_json())

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 class Actions:
     """Actions of a panel on its page."""
 
-    wish: Callable[..., object]
+    change: Callable[..., object]
     """Change `ViewerOptions`, by name."""
     step_branch: Callable[[int], object]
     """Show the branch at this offset from the current one."""
@@ -45,7 +45,7 @@ class Panel:
     def __init__(self, gui: Any, arm: Arm, options: ViewerOptions, actions: Actions, meshes: Meshes) -> None:
         """Lay out the panel."""
         self._gui, self._arm, self._do = gui, arm, actions
-        self.answer = gui.add_html("")
+        self.result = gui.add_html("")
         self.branches = gui.add_html("")
         step = gui.add_button_group("Branch", ("previous", "next"))
         self._on(step, lambda value: actions.step_branch(-1 if value == "previous" else 1), click=True)
@@ -59,11 +59,11 @@ class Panel:
             self._see(options, meshes)
 
     def _goal(self, options: ViewerOptions) -> None:
-        gui, wish = self._gui, self._do.wish
+        gui, change = self._gui, self._do.change
         self.counts = gui.add_dropdown(
             "Counts", (*COUNTS, CHOSEN), initial_value=options.counts, hint="What of the goal must be met."
         )
-        self._on(self.counts, lambda name: wish(free=COUNTS[name]) if name in COUNTS else None)
+        self._on(self.counts, lambda name: change(free=COUNTS[name]) if name in COUNTS else None)
         with gui.add_folder("Free axes of the goal", expand_by_default=False):
             self.free = {
                 axis: gui.add_checkbox(
@@ -72,7 +72,7 @@ class Panel:
                 for axis, about in zip(AXES, ["along"] * 3 + ["about"] * 3, strict=True)
             }
         for box in self.free.values():
-            self._on(box, lambda _: wish(free=[axis for axis, each in self.free.items() if each.value]))
+            self._on(box, lambda _: change(free=[axis for axis, each in self.free.items() if each.value]))
         self.place = gui.add_vector3("Position [m]", tuple(options.target[:3, 3]), step=0.001)
         self.turn = gui.add_vector3("Roll, pitch, yaw [°]", _degrees(options), step=0.1)
         self._on(self.place, lambda _: self._typed())
@@ -80,19 +80,19 @@ class Panel:
         self.follow = gui.add_checkbox(
             "Stay near the arm", options.follow, hint="near=q: a drag stays on its branch where it can."
         )
-        self._on(self.follow, lambda value: wish(follow=value))
+        self._on(self.follow, lambda value: change(follow=value))
         self._on(gui.add_button("Goal to the tip of the arm"), lambda _: self._do.goal_to_arm(), click=True)
         self._on(gui.add_button("Another reachable goal"), lambda _: self._do.another_goal(), click=True)
         self.call = gui.add_html("")
 
     def _typed(self) -> None:
         target = pose(self.place.value, rpy=self.turn.value, degrees=True)
-        self._do.wish(target=target)
+        self._do.change(target=target)
 
     def _search(self, options: ViewerOptions) -> None:
         gui, do = self._gui, self._do
         self.search = gui.add_dropdown("Search", tuple(SEARCHES), initial_value=options.search)
-        self._on(self.search, lambda name: do.wish(search=name))
+        self._on(self.search, lambda name: do.change(search=name))
         own = options.parameters or parameters_of(options.search)
         self.parameters: dict[str, Any] = {}
         for name, label in PARAMETERS.items():
@@ -104,7 +104,7 @@ class Panel:
                 if name == "tree"
                 else gui.add_text(label, value, hint=HINTS[name], visible=shown)
             )
-            self._on(self.parameters[name], lambda _: do.wish(parameters=self._parameters()))
+            self._on(self.parameters[name], lambda _: do.change(parameters=self._parameters()))
         self.passes = gui.add_checkbox(
             "Pass by pass", False, hint="Where each pass of the search looked, and the best it knew after it."
         )
@@ -129,7 +129,7 @@ class Panel:
         self.see = {
             name: gui.add_checkbox(label, getattr(options, name), hint=hint, disabled=not there)
             for name, label, hint, there in (
-                ("ghosts", "Every branch", "All answers, see-through; click one to take it.", axes),
+                ("ghosts", "Every branch", "All solutions, transparent; click one to select it.", axes),
                 (
                     "samples",
                     "Atlas's samples",
@@ -164,7 +164,8 @@ class Panel:
             []
             if axes
             else [
-                "This arm is a function: where its links are, nobody knows. Its tip is shown, and nothing can be proved."
+                "This arm has black-box kinematics: the positions of its links are unknown. Only its tip is shown, "
+                "and nothing can be proved."
             ]
         )
         if lacks or missing:
@@ -172,10 +173,10 @@ class Panel:
 
     def _look(self, value: float) -> None:
         self.looks = int(value)
-        self._do.wish()
+        self._do.change()
 
     def _setter(self, name: str) -> Callable[[Any], object]:
-        return lambda value: self._do.wish(**{name: value})
+        return lambda value: self._do.change(**{name: value})
 
     def show_options(self, options: ViewerOptions) -> None:
         """Set the inputs to the current options after a change from elsewhere."""
@@ -225,7 +226,7 @@ class Panel:
             try:
                 do(event.target.value)
             except KinseekError as error:  # The typed values may not be a pose.
-                self.answer.content = refused_html(str(error))
+                self.result.content = refused_html(str(error))
 
         (handle.on_click if click else handle.on_update)(report)
 

@@ -61,13 +61,13 @@ class Viewer:
                 super().__setattr__(name, value)
 
         door = Door(is_loopback(host), share)
-        wanted = free_port(host, port)
+        free = free_port(host, port)
         self.arm = arm
         self.meshes = meshes_of(arm.axes, packages)
         self._session = Session(arm)
         with _silence():  # viser prints a greeting.
             self._server = Server(
-                host=host, port=wanted, label=f"kinseek: {printable(arm.name)}", verbose=False
+                host=host, port=free, label=f"kinseek: {printable(arm.name)}", verbose=False
             )
         try:
             door.require()
@@ -75,7 +75,7 @@ class Viewer:
             self._server.stop()
             raise
         self.port: int = self._server.get_port()
-        self.asked_port = port
+        self.requested_port = port
         self.host = host
         self.pages: dict[int, Page] = {}
         """The open pages, by the index of their connection."""
@@ -191,7 +191,9 @@ def free_port(host: str, port: int) -> int:
                 if error.errno == errno.EADDRINUSE:
                     continue
                 if error.errno in (errno.EACCES, errno.EPERM):
-                    raise InvalidUse(f"port {number} is not for this user; choose one from 1024 on") from None
+                    raise InvalidUse(
+                        f"port {number} is not available to this user; choose one from 1024 on"
+                    ) from None
                 raise InvalidUse(
                     f"host must be an address of this machine such as 127.0.0.1, got {host!r}: {error.strerror}"
                 ) from None

@@ -44,7 +44,7 @@ BEGINNINGS = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class GoalResult:
     """The result for one goal."""
 
     options: ViewerOptions
@@ -71,8 +71,8 @@ class Answer:
     @property
     def trace(self) -> Trace | None:
         """The trace of the search, if it has one."""
-        kept = None if self.solution is None else self.solution._trace
-        return kept if isinstance(kept, Trace) else None
+        trace = None if self.solution is None else self.solution._trace
+        return trace if isinstance(trace, Trace) else None
 
 
 @dataclass(frozen=True)
@@ -151,12 +151,12 @@ class Session:
             arm.ik(goal, near=q)
         self.branches(self.begin)
 
-    def answer(self, options: ViewerOptions) -> Answer:
+    def solve(self, options: ViewerOptions) -> GoalResult:
         """Solve a goal by the chosen search. If the goal is rejected, the result says why, and the arm does not move."""
         if far := self._far(options):
-            return Answer(options, options.q, refused=far)
+            return GoalResult(options, options.q, refused=far)
         try:
-            goal, search = self._question(options), make_search(options.search, options.parameters)
+            goal, search = self._goal(options), make_search(options.search, options.parameters)
             near = options.q if options.follow or needs_start(options.search) else None
             extra: dict[str, Any] = {}
             if takes_seconds(options.search):
@@ -165,8 +165,8 @@ class Session:
             solution = self.arm.ik(goal, near=near, **extra)
             seconds = time.perf_counter() - began
         except KinseekError as error:
-            return Answer(options, options.q, refused=str(error))
-        return Answer(options.but(q=solution.q), solution.q, solution, seconds)
+            return GoalResult(options, options.q, refused=str(error))
+        return GoalResult(options.but(q=solution.q), solution.q, solution, seconds)
 
     def _far(self, options: ViewerOptions) -> str:
         """Return a message for a goal so far away that its units may be wrong: `Arm.ik` would warn."""
@@ -174,15 +174,15 @@ class Session:
         if self.arm.axes is None or far <= FAR * self.arm.axes.reach:
             return ""
         return (
-            f"The goal is {far:.4g} m from the base, and the arm reaches {self.arm.axes.reach:.3g} m at most: "
-            "lengths are in metres."
+            f"The goal is {far:.4g} m from the base, but the arm reaches {self.arm.axes.reach:.3g} m at most: lengths "
+            "are in metres."
         )
 
     def traced(self, options: ViewerOptions) -> Trace | None:
         """Return the trace of the default search for a goal; other searches return their trace with the solution."""
         try:
             near = options.q if options.follow else None
-            trace = self.arm.ik(self._question(options), near=near, trace=True).trace
+            trace = self.arm.ik(self._goal(options), near=near, trace=True).trace
         except KinseekError:
             return None
         return trace if isinstance(trace, Trace) else None
@@ -190,16 +190,16 @@ class Session:
     def branches(self, options: ViewerOptions) -> Branches | str:
         """Return every solution, or the reason why there are none to show."""
         try:
-            found = self.arm.branches(self._question(options), time_limit=PATIENCE)
+            found = self.arm.branches(self._goal(options), time_limit=PATIENCE)
         except KinseekError as error:
             return str(error)
         assert isinstance(found, Branches)
         return found
 
-    def picked(self, options: ViewerOptions, q: Array) -> Answer:
+    def picked(self, options: ViewerOptions, q: Array) -> GoalResult:
         """Show one of the known solutions, (n,)."""
-        solution = self.arm.ik(self._question(options), near=q)
-        return Answer(options.but(q=solution.q), solution.q, solution)
+        solution = self.arm.ik(self._goal(options), near=q)
+        return GoalResult(options.but(q=solution.q), solution.q, solution)
 
     def proofs(
         self, options: ViewerOptions, stopped: Callable[[], bool], threads: int | None = 1
@@ -214,20 +214,20 @@ class Session:
         from kinseek.proof.branch_and_bound import prove
 
         if self.arm.axes is None:
-            yield Proof(refused="Nothing can be proved of an arm that is a function.")
+            yield Proof(refused="Nothing can be proved about an arm with black-box kinematics.")
             return
         until, place = Until(stopped, PROOF_PATIENCE), None
         try:
-            asked = Problem(self.arm.mechanism, options.goal)
-            best = prove(asked, budget=FIRST_LOOK, threads=threads, deadline=until)
+            problem = Problem(self.arm.mechanism, options.goal)
+            best = prove(problem, budget=FIRST_LOOK, threads=threads, deadline=until)
             yield Proof(best)
             if best.verdict is Verdict.REACHABLE or until.passed:
                 return
-            if asked.goal.columns:
+            if problem.goal.columns:
                 spot = Problem(self.arm.mechanism, Goal.position(options.target[:3, 3]))
                 place = prove(spot, gap=GAPS[-1], budget=FIRST_LOOK, threads=threads, deadline=until)
             for gap in GAPS:
-                known = prove(asked, gap=gap, threads=threads, deadline=until)
+                known = prove(problem, gap=gap, threads=threads, deadline=until)
                 best = known if known.lower_bound >= best.lower_bound else best
                 yield Proof(best, place)
                 if best.verdict is Verdict.REACHABLE or until.passed:
@@ -235,7 +235,7 @@ class Session:
         except KinseekError as error:
             yield Proof(refused=str(error))
 
-    def _question(self, options: ViewerOptions) -> Any:
+    def _goal(self, options: ViewerOptions) -> Any:
         """Return the goal, or a bare pose if possible, which is the fastest to solve."""
         return options.goal if options.free else options.target
 
@@ -262,15 +262,15 @@ def nearest_of(branches: Branches, q: Array) -> int:
     return int(np.argmin(np.linalg.norm(apart, axis=1)))
 
 
-def status_of(answer: Answer, proof: Proof | None) -> tuple[str, str]:
+def status_of(result: GoalResult, proof: Proof | None) -> tuple[str, str]:
     """Return the sentence to show and its kind: ``"good"``, ``"bad"``, ``"open"`` or ``"refused"``."""
-    if answer.refused:
-        return answer.refused, "refused"
-    if answer.reached:
-        return answer.status, "good"
+    if result.refused:
+        return result.refused, "refused"
+    if result.reached:
+        return result.status, "good"
     if proof is not None and proof.unreachable:
         return str(Status.PROVED_UNREACHABLE), "bad"
-    return answer.status, "open"
+    return result.status, "open"
 
 
 def call_of(options: ViewerOptions) -> str:

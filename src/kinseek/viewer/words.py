@@ -11,7 +11,7 @@ from kinseek.printable import in_html
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from kinseek.trace import Pass, Trace
 
-from .session import Answer, Proof, call_of, status_of
+from .session import GoalResult, Proof, call_of, status_of
 
 Array = NDArray[np.float64]
 
@@ -21,16 +21,16 @@ _NEAR = 0.02
 """Fraction of a joint's range within which a value near a limit is highlighted."""
 
 
-def answer_html(answer: Answer, proof: Proof | None, proving: bool) -> str:
+def result_html(result: GoalResult, proof: Proof | None, proving: bool) -> str:
     """The status sentence, both errors, the work, and what is proved; `proving` announces that more may follow."""
-    parts = [_sentence(*status_of(answer, proof))]
-    if answer.solution is not None:
-        found = answer.solution
+    parts = [_sentence(*status_of(result, proof))]
+    if result.solution is not None:
+        found = result.solution
         turn = float(found.orientation_error)
         rows = [
             ("position error", f"{float(found.position_error):.3g} m"),
             ("orientation error", f"{turn:.3g} rad ({np.degrees(turn):.3g}°)"),
-            ("work", f"{int(found.evaluations):,} FK evaluations{_time(answer.seconds)}"),
+            ("work", f"{int(found.evaluations):,} FK evaluations{_time(result.seconds)}"),
         ]
         cells = "".join(
             f"<tr><td style='{_SOFT};padding-right:10px'>{name}</td><td>{value}</td></tr>"
@@ -75,7 +75,7 @@ def branches_html(branches: Branches | str | None, shown: int, drawn: int) -> st
     else:
         count = f"{len(branches)} branch{'es' if len(branches) > 1 else ''}"
         text = count if shown < 0 else f"Branch {shown + 1} of {len(branches)}"
-        text += ", a sample of endlessly many" if branches.sampled else ""
+        text += ", a sample of infinitely many" if branches.sampled else ""
         text += f"; {drawn} drawn." if drawn < len(branches) else "."
     return _block(f"<div style='{_SOFT}'>{in_html(text)}</div>")
 
@@ -143,7 +143,7 @@ def joint(value: float, kind: str) -> str:
 def pass_html(trace: Trace | None, number: int) -> str:
     """Describe one pass of a search, by its index from 0."""
     if trace is None or not len(trace):
-        return _block(f"<div style='{_SOFT}'>This search told of no passes.</div>")
+        return _block(f"<div style='{_SOFT}'>This search recorded no passes.</div>")
     one, spent = trace[number], int(trace.evaluations[number])
     lines = [
         f"<b>{in_html(one.name)}</b> ({number + 1} of {len(trace)})",
@@ -160,10 +160,10 @@ def pass_html(trace: Trace | None, number: int) -> str:
     return _block("".join(f"<div data-pass='{number}'>{line}</div>" for line in lines))
 
 
-def call_html(answer: Answer) -> str:
+def call_html(result: GoalResult) -> str:
     """The Python call with the same goal and options."""
     return _block(
-        f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{in_html(call_of(answer.options))}</code>"
+        f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{in_html(call_of(result.options))}</code>"
     )
 
 

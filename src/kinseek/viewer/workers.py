@@ -67,7 +67,7 @@ class Newest(Generic[Item]):
                 self._work(taken[0])
             except Exception:  # After an error in a page, it must continue with the next goal.
                 if not self._closed:
-                    _log.exception("a page could not show what was asked of it")
+                    _log.exception("a page could not show its options")
 
     def _next(self) -> list[Item]:
         """Return a list with the next item; empty at the end."""

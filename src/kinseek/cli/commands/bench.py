@@ -17,7 +17,7 @@ from kinseek.cli.peers import PEERS
     arguments=[ARM],
     examples=["kinseek bench planar2 --poses 50 --seconds 0.05"],
     more=[
-        f"Peers, each asked if it is installed: {', '.join(f'{peer.name} ({peer.package})' for peer in PEERS)}."
+        f"Peers, each measured if it is installed: {', '.join(f'{peer.name} ({peer.package})' for peer in PEERS)}."
     ],
 )
 @arm_argument
@@ -28,7 +28,7 @@ from kinseek.cli.peers import PEERS
     metavar="S",
     type=click.FloatRange(0, min_open=True),
     default=2.0,
-    help="Time for each line of the table; who is slow gets through fewer poses. Default: 2.",
+    help="Time for each line of the table; a slow solver solves fewer poses in it. Default: 2.",
 )
 @json_option
 def command(arm: str, chain: Chain, poses: int, seconds: float, as_json: bool) -> int:

@@ -20,7 +20,7 @@ from kinseek.robots.soundness import READABLE, check
     cls=Command,
     arguments=[("ARM", "A .urdf, .xacro or MJCF .xml file, or a bundled arm.")],
     examples=["kinseek check ur5e"],
-    more=["Exit codes: 0 sound, or notes alone; 1 errors or warnings; 2 the file cannot be read."],
+    more=["Exit codes: 0 sound, or only notes; 1 errors or warnings; 2 the file cannot be read."],
 )
 @arm_argument
 @chain_options

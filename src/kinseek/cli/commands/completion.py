@@ -17,8 +17,9 @@ SHELLS = ("bash", "zsh", "fish")
     arguments=[("SHELL", f"{', '.join(SHELLS[:-1])} or {SHELLS[-1]}.")],
     examples=["kinseek completion bash"],
     more=[
-        'Load it from the file that the shell reads at its start: eval "$(kinseek completion bash)" in ~/.bashrc, '
-        'eval "$(kinseek completion zsh)" in ~/.zshrc, kinseek completion fish | source in ~/.config/fish/config.fish.'
+        'Load it in the file that the shell reads when it starts: eval "$(kinseek completion bash)" in ~/.bashrc, '
+        'eval "$(kinseek completion zsh)" in ~/.zshrc, kinseek completion fish | source in '
+        "~/.config/fish/config.fish."
     ],
 )
 @click.argument("shell", metavar="SHELL")

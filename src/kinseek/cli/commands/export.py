@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from kinseek.cli import report
-from kinseek.cli.goals import Asked, take_turns, target_of
+from kinseek.cli.goals import GoalSpec, take_turns, target_of
 from kinseek.cli.help import Command, option
 from kinseek.cli.options import ARM, GOAL, Chain, arm_argument, chain_options, complete, pose_options
 from kinseek.cli.output import complain
@@ -32,35 +32,35 @@ _EXPORTED = ("divide-and-conquer", "atlas")
     examples=["kinseek export scara4 --to c --folder scara4_c --position-only --at 0.3 -0.1 0.2 --breadth 2"],
 )
 @arm_argument
-@option("--to", metavar="c", required=True, help="The language that is written.")
+@option("--to", metavar="c", required=True, help="Language of the generated files.")
 @option(
     "--folder",
     type=click.Path(path_type=Path),
     metavar="FOLDER",
-    help="Where the files go, made unless it is there; ARM_c unless given.",
+    help="Output folder, created if it does not exist. Default: ARM_c.",
 )
 @option(
     "--target",
     metavar="NAME",
     default="x86-64",
     shell_complete=complete(lambda: TARGETS),
-    help=f"The kind of processor: {', '.join(TARGETS)}. Default: x86-64.",
+    help=f"Kind of processor: {', '.join(TARGETS)}. Default: x86-64.",
 )
-@option("--cpu", metavar="NAME", help="One processor of that kind, as LLVM calls it.")
+@option("--cpu", metavar="NAME", help="Processor of that kind, by its name in LLVM.")
 @option(
     "--form",
     metavar="WORD",
     default="object",
-    help="How the kernels are written: object, assembly or llvm (its assembly). Default: object.",
+    help="Form of the kernels: object, assembly or llvm (LLVM assembly). Default: object.",
 )
-@option("--ram", metavar="BYTES", help="What static memory may take: 65536, 64k or 1M.")
-@option("--flash", metavar="BYTES", help="What kernels and constants may take.")
+@option("--ram", metavar="BYTES", help="Limit of static memory, e.g. 65536, 64k or 1M.")
+@option("--flash", metavar="BYTES", help="Limit of the size of kernels and constants.")
 @option(
     "--solver",
     metavar="NAME",
     default=_EXPORTED[0],
     shell_complete=complete(lambda: _EXPORTED),
-    help=f"The search: {' or '.join(_EXPORTED)}; the atlas takes 3 to 4 MB of flash. Default: {_EXPORTED[0]}.",
+    help=f"Search: {' or '.join(_EXPORTED)}; the atlas needs 3 to 4 MB of flash. Default: {_EXPORTED[0]}.",
 )
 @pose_options
 @option("--position-only", is_flag=True, group=GOAL, help="Any orientation is allowed, now and on the part.")
@@ -92,7 +92,7 @@ def command(
     loaded = chain.load(arm)
     goal, turns = None, take_turns(more)
     if at is not None or turns or position_only:
-        goal = Asked(position_only).goal(target_of(at, turns, position_only, deg))
+        goal = GoalSpec(position_only).goal(target_of(at, turns, position_only, deg))
     if solver not in _EXPORTED:
         raise InvalidExport(suggest(solver, _EXPORTED, "search for a controller"))
     search = cast("DivideAndConquer | Atlas", make_search(solver, more))

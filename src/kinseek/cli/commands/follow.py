@@ -12,7 +12,7 @@ from kinseek.cli import report
 from kinseek.cli.batch import beside
 from kinseek.cli.columns import VALID
 from kinseek.cli.files import read_poses, writable, write_columns
-from kinseek.cli.goals import Asked
+from kinseek.cli.goals import GoalSpec
 from kinseek.cli.help import Command, option
 from kinseek.cli.options import ARM, GOAL, Chain, arm_argument, chain_options, complete_joints, json_option
 from kinseek.cli.output import on_terminal
@@ -32,7 +32,7 @@ _POSES, _OUT = "POSES", "OUT"
         (_POSES, "Poses in a .csv or .parquet file, or an array (N, 4, 4) in a .npy file."),
         (
             _OUT,
-            "Where the joint values go, .csv, .npy or .parquet: as a whole when all are there, or not at all.",
+            "Output file for the joint values, .csv, .npy or .parquet; written once all are computed.",
         ),
     ],
     examples=[
@@ -61,43 +61,49 @@ _POSES, _OUT = "POSES", "OUT"
     metavar="Q...",
     shell_complete=complete_joints,
     group=_MOTION,
-    help="Joint values to begin with, rad or m: one a joint, or JOINT=VALUE of every joint.",
+    help="Joint values to begin with, rad or m: one per joint, or JOINT=VALUE for every joint.",
 )
 @option(
     "--end",
     metavar="Q...",
     shell_complete=complete_joints,
     group=_MOTION,
-    help="Joint values to end with, as --start.",
+    help="Joint values to end with, in the form of --start.",
 )
-@option("--closed", is_flag=True, group=_MOTION, help="The last pose leads on to the first.")
+@option(
+    "--closed",
+    is_flag=True,
+    group=_MOTION,
+    help="The path is closed: the last pose is followed by the first.",
+)
 @option(
     "--max-step",
     metavar="X",
     type=float,
     default=0.3,
     group=_MOTION,
-    help="How far a joint may go between two poses, rad or m, also with --deg; more is a break. Default: 0.3.",
+    help="Largest motion of a joint between two poses, rad or m, also with --deg; more is a break. Default: 0.3.",
 )
 @option(
     "--period",
     metavar="X",
     type=float,
     group=_MOTION,
-    help="Time from pose to pose, s: no joint goes faster than the arm's file allows.",
+    help="Time from pose to pose, s; no joint exceeds the speed in the arm's file.",
 )
 @option(
     "--prove",
     is_flag=True,
     group=_MOTION,
-    help="Prove what can be proved: that no step jumps, that missed poses are out of reach, that no motion leads on.",
+    help="Prove as far as possible that no step jumps, that missed poses are out of reach and that breaks are "
+    "unavoidable.",
 )
 @option(
     "--time-limit",
     metavar="X",
     type=float,
     group=_MOTION,
-    help="Seconds after which no further part of the work is begun; poses that are not planned by then are missed.",
+    help="Time limit, s: no further part of the work is begun after it; poses that are not planned by then are missed.",
 )
 @json_option
 def command(
@@ -121,8 +127,8 @@ def command(
     """Find one continuous motion through many poses, with as few breaks as possible."""
     loaded = chain.load(arm)
     place = writable(out, poses, _OUT, _POSES)  # Before any work is done.
-    asked = Asked(position_only, free.replace(",", " ").split() if free is not None else [])
-    goal = asked.goal(read_poses(poses, position_only, deg, _POSES))
+    goal_spec = GoalSpec(position_only, free.replace(",", " ").split() if free is not None else [])
+    goal = goal_spec.goal(read_poses(poses, position_only, deg, _POSES))
     first = None if start is None else joint_values(loaded, start, "--start", deg)
     last = None if end is None else joint_values(loaded, end, "--end", deg)
     if period is not None and not 0 < period < np.inf:

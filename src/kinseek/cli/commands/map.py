@@ -32,8 +32,8 @@ _GRID, _WORK = "The grid", "The work"
         "kinseek map ur5e --step 0.5 --orientations 12 --scene cell.urdf --capsules 0.05",
     ],
     more=[
-        "What it takes is tried first, and told before the work begins. With --store it can be stopped at any time, and "
-        "--resume goes on.",
+        "Time and memory are estimated and printed before the work begins. With --store it can be stopped at any "
+        "time, and --resume continues it.",
         "Exit codes: 0 done, 2 misuse or interrupted; 130 stopped with Ctrl-C.",
     ],
 )
@@ -45,14 +45,14 @@ _GRID, _WORK = "The grid", "The work"
     metavar="M",
     type=float,
     group=_GRID,
-    help="Width of a cell, m; a tenth of the arm's reach unless given.",
+    help="Width of a cell, m. Default: a tenth of the arm's reach.",
 )
 @option(
     "--range",
     "ranges",
     metavar="X X Y Y Z Z",
     group=_GRID,
-    help="From and to along x, y and z, m; as far as the arm reaches unless given. With --rings: radius and height.",
+    help="Lower and upper value along x, y and z, m; with --rings of radius and height. Default: the arm's reach.",
 )
 @option(
     "--orientations",
@@ -61,26 +61,26 @@ _GRID, _WORK = "The grid", "The work"
     type=int,
     default=576,
     group=_GRID,
-    help="About so many, evenly. Default: 576.",
+    help="Approximate number of orientations, evenly spread. Default: 576.",
 )
 @option(
     "--rings",
     is_flag=True,
     group=_GRID,
-    help="Divide out the first joint: one plane of cells serves all around.",
+    help="Divide out the first joint: one plane of cells represents all rotations about it.",
 )
 @option(
     "--what",
     metavar="WORDS",
     default="reached",
     group=_WORK,
-    help="reached, branches, dexterity, limit_distance, with commas between. Default: reached.",
+    help="Measures separated by commas: reached, branches, dexterity, limit_distance. Default: reached.",
 )
 @option(
     "--prove",
     is_flag=True,
     group=_WORK,
-    help="Say of each whole cell: reached somewhere, proved empty or undecided.",
+    help="Classify each whole cell: reached somewhere, proved empty or undecided.",
 )
 @option(
     "--depth",
@@ -88,7 +88,7 @@ _GRID, _WORK = "The grid", "The work"
     type=int,
     default=2,
     group=_WORK,
-    help="How often such a cell is cut in half. Default: 2.",
+    help="Number of halvings of an undecided cell. Default: 2.",
 )
 @option(
     "--store",
@@ -97,21 +97,21 @@ _GRID, _WORK = "The grid", "The work"
     group=_WORK,
     help="Write the map here, block by block (Zarr).",
 )
-@option("--resume", is_flag=True, group=_WORK, help="Go on with a map that is in the folder already.")
+@option("--resume", is_flag=True, group=_WORK, help="Continue the map in the folder.")
 @option(
     "--scheduler",
     metavar="ADDRESS",
     group=_WORK,
-    help="Of a Dask cluster, tcp://HOST:PORT; this machine's cores unless given.",
+    help="Scheduler of a Dask cluster, tcp://HOST:PORT. Default: the cores of this machine.",
 )
 @option(
     "--picture",
     metavar="FILE",
     type=click.Path(path_type=Path),
     group=_WORK,
-    help="Draw the middle slice, .png.",
+    help="Draw the middle slice into this .png file.",
 )
-@option("--estimate", "only", is_flag=True, group=_WORK, help="Say what it takes, and stop.")
+@option("--estimate", "only", is_flag=True, group=_WORK, help="Print the estimate and stop.")
 @json_option
 def command(
     arm: str,
@@ -135,9 +135,9 @@ def command(
     loaded = chain.load(arm)
     grid = _grid(loaded, step, ranges, count, rings)
     if resume and store is None:
-        raise InvalidMap("--resume goes on with the map in a folder: give it as --store")
+        raise InvalidMap("--resume needs --store FOLDER, the folder of the map to continue")
     if store is not None and not resume and store.exists():
-        raise InvalidMap(f"{str(store)!r} is there already; --resume goes on with it")
+        raise InvalidMap(f"{str(store)!r} already exists; add --resume to continue the map in it")
     if picture is not None and picture.suffix.lower() != ".png":
         raise InvalidMap(f"--picture must end in .png, got {str(picture)!r}")
     if picture is not None and not only:
@@ -205,7 +205,8 @@ def _grid(arm: Arm, step: float | None, ranges: str | None, count: int, rings: b
             raise InvalidMap(f"--range must be numbers, got {ranges!r}") from None
         if len(numbers) != 2 * len(names):
             raise InvalidMap(
-                f"--range takes from and to of {', '.join(names)}: {2 * len(names)} numbers, got {len(numbers)}"
+                f"--range needs a lower and an upper value of {', '.join(names)}, {2 * len(names)} numbers; got "
+                f"{len(numbers)}"
             )
         pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
     cells = [(float(low), float(high), width) for low, high in pairs]
@@ -222,4 +223,4 @@ def _client(scheduler: str | None) -> Any:
     try:
         return connect(scheduler, timeout=10)
     except (OSError, ValueError) as error:
-        raise InvalidMap(f"no Dask scheduler at {scheduler!r}: {error}") from None
+        raise InvalidMap(f"cannot connect to a Dask scheduler at {scheduler!r}: {error}") from None

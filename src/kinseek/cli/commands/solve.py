@@ -13,7 +13,7 @@ from kinseek.branches.result import Branches
 from kinseek.cli import report
 from kinseek.cli.batch import solve_file
 from kinseek.cli.columns import VALID
-from kinseek.cli.goals import Asked, take_turns, target_of
+from kinseek.cli.goals import GoalSpec, take_turns, target_of
 from kinseek.cli.help import Command, option
 from kinseek.cli.json_lines import solve_lines
 from kinseek.cli.options import (
@@ -27,7 +27,7 @@ from kinseek.cli.options import (
     json_option,
     pose_options,
 )
-from kinseek.cli.question import Question
+from kinseek.cli.request import SolveRequest
 from kinseek.cli.scenes import Cell, scene_options
 from kinseek.cli.searches import make_search, search_options, searches, searches_in_words
 from kinseek.cli.words import in_radians, joint_values, named_values
@@ -54,9 +54,9 @@ _MANY = "Many poses"
     ],
     more=[
         f"Columns of --batch, lengths in m, angles in rad: {VALID}. With --position-only those of a rotation may be "
-        "left out. A line of --jsonl is an object such as "
-        '{"position": [0.4, 0.2, 0.3], "rpy": [3.14, 0, 0]}; quat_wxyz, quat_xyzw and rotvec may stand in place of '
-        "rpy, matrix in place of both, and id and near beside them.",
+        "omitted. A line of --jsonl is an object such as "
+        '{"position": [0.4, 0.2, 0.3], "rpy": [3.14, 0, 0]}; quat_wxyz, quat_xyzw or rotvec may replace rpy, '
+        "matrix may replace both, and id and near are optional.",
         "Exit codes: 0 reached, 1 not reached, 2 misuse, or a wrong line of --jsonl; 130 stopped with Ctrl-C.",
     ],
 )
@@ -64,7 +64,10 @@ _MANY = "Many poses"
 @pose_options
 @option("--position-only", is_flag=True, group=GOAL, help="Any orientation is allowed.")
 @option(
-    "--free", metavar="AXES", group=GOAL, help="Axes whose deviation does not matter, such as rz or z,rx,ry."
+    "--free",
+    metavar="AXES",
+    group=GOAL,
+    help="Free axes: their deviation does not matter, e.g. rz or z,rx,ry.",
 )
 @option(
     "--frame",
@@ -72,7 +75,7 @@ _MANY = "Many poses"
     default="tool",
     shell_complete=complete(lambda: ("tool", "base")),
     group=GOAL,
-    help="Whose axes --free names: tool (those of the wanted pose) or base. Default: tool.",
+    help="Frame of the axes of --free: tool (that of the target pose) or base. Default: tool.",
 )
 @option("--deg", is_flag=True, group=GOAL, help="--rpy, --rotvec, --near and --lock are in degrees.")
 @chain_options
@@ -82,7 +85,7 @@ _MANY = "Many poses"
     multiple=True,
     shell_complete=complete_joints,
     group="The arm",
-    help="Joints that stay where they are, rad or m; several apart by blanks or commas.",
+    help="Joints that are locked at a value, rad or m; separated by blanks or commas.",
 )
 @scene_options
 @option(
@@ -90,14 +93,14 @@ _MANY = "Many poses"
     metavar="Q...",
     shell_complete=complete_joints,
     group=_WHICH,
-    help="Joint values to be near to, or to start from, rad or m: one a joint, or JOINT=VALUE of every joint.",
+    help="Joint values to stay near to, or to start from, rad or m: one per joint, or JOINT=VALUE for every joint.",
 )
 @option(
     "--prefer",
     metavar="WORD",
     shell_complete=complete(lambda: ("mid-range", "limits", "dexterity")),
     group=_WHICH,
-    help="The best of all answers: mid-range (nearest to the middle of the limits), limits (farthest from them) or "
+    help="The best of all solutions: mid-range (nearest to the middle of the limits), limits (farthest from them) or "
     "dexterity (farthest from singular).",
 )
 @option(
@@ -105,15 +108,16 @@ _MANY = "Many poses"
     "every",
     is_flag=True,
     group=_WHICH,
-    help="Every distinct answer, or a spread sample where the arm has joints to spare; --near or --prefer says which "
-    "comes first.",
+    help="Every distinct solution, or a spread sample if the arm is redundant; --near or --prefer sets the order.",
 )
-@option("--count", metavar="N", type=click.IntRange(1), group=_WHICH, help="Answers of --all at most.")
+@option(
+    "--count", metavar="N", type=click.IntRange(1), group=_WHICH, help="Maximum number of solutions of --all."
+)
 @option(
     "--prove",
     is_flag=True,
     group=_WHICH,
-    help="Prove that a missed pose has no answer, or that --all are all.",
+    help="Prove that a missed pose has no solution, or that --all found every solution.",
 )
 @option(
     "--position-tolerance",
@@ -159,18 +163,22 @@ _MANY = "Many poses"
     type=click.Path(path_type=Path),
     metavar="FILE",
     group=_MANY,
-    help="Where the answers of --batch go, .csv, .npy or .parquet: as a whole when all are there, or not at all.",
+    help="Output file of --batch, .csv, .npy or .parquet; written once all solutions are computed.",
 )
 @option(
     "--jsonl",
     is_flag=True,
     group=_MANY,
-    help="A pose a line on standard input, in place of --at, and an answer a line on standard output, at once.",
+    help="Read one pose per line from standard input, in place of --at, and write one solution per line without delay.",
 )
-@option("--trace", is_flag=True, help="Print what the search did, pass by pass.")
+@option("--trace", is_flag=True, help="Print the trace of the search, pass by pass.")
 @json_option
 @option(
-    "--solver", metavar="NAME", shell_complete=complete(searches), group="The search", later=searches_in_words
+    "--solver",
+    metavar="NAME",
+    shell_complete=complete(searches),
+    group="The search",
+    lazy_help=searches_in_words,
 )
 @search_options()
 def command(
@@ -203,7 +211,7 @@ def command(
     """Find joint values that reach a pose."""
     loaded = _locked(chain.load(arm), lock, deg)
     turns = take_turns(more)
-    asked = Asked(
+    goal_spec = GoalSpec(
         position_only,
         free.replace(",", " ").split() if free is not None else [],
         frame,
@@ -214,9 +222,9 @@ def command(
             "orientation_weight": orientation_weight,
         },
     )
-    question = Question(
+    request = SolveRequest(
         loaded,
-        asked,
+        goal_spec,
         near=None if near is None else joint_values(loaded, near, "--near", deg),
         search=make_search(solver, more),
         prefer=prefer,
@@ -226,13 +234,15 @@ def command(
         clearance=cell.clearance,
     )
     if near is not None and prefer is not None:
-        raise InvalidProblem("--near and --prefer both say which answer is the best; give one of them")
+        raise InvalidProblem(
+            "--near and --prefer cannot be combined, since each selects the best solution; give one of them"
+        )
     if count is not None and not every:
-        raise InvalidProblem("--count is how many answers --all gives at most; add --all")
+        raise InvalidProblem("--count limits the number of solutions of --all; add --all")
     if batch is None and not jsonl:
         if out is not None:
-            raise InvalidProblem("--out is where the answers of --batch go; add --batch")
-        return _one(question, asked.goal(target_of(at, turns, position_only, deg)), every, count, as_json)
+            raise InvalidProblem("--out names the output file of --batch; add --batch FILE")
+        return _one(request, goal_spec.goal(target_of(at, turns, position_only, deg)), every, count, as_json)
     single = [
         *(["--at"] if at is not None else []),
         *(f"--{name.replace('_', '-')}" for name in turns),
@@ -240,14 +250,14 @@ def command(
     ]
     if single:
         many = "--jsonl" if jsonl else "--batch"
-        raise InvalidProblem(f"{many} takes many poses; it goes without {' and '.join(single)}")
+        raise InvalidProblem(f"{many} reads many poses; it cannot be combined with {' or '.join(single)}")
     if batch is None:
-        return solve_lines(question, deg, every, count)
+        return solve_lines(request, deg, every, count)
     if jsonl or out is None:
         raise InvalidProblem(
-            "--batch and --jsonl exclude each other" if jsonl else "--batch needs --out FILE"
+            "--batch and --jsonl cannot be combined" if jsonl else "--batch needs --out FILE"
         )
-    return solve_file(question, batch, out, deg, every, count, as_json)
+    return solve_file(request, batch, out, deg, every, count, as_json)
 
 
 def _locked(arm: Arm, lock: tuple[str, ...], deg: bool) -> Arm:
@@ -256,19 +266,17 @@ def _locked(arm: Arm, lock: tuple[str, ...], deg: bool) -> Arm:
     return arm.with_locked(in_radians(arm, named_values(" ".join(lock), "--lock"), "--lock", deg))
 
 
-def _one(question: Question, goal: Goal, every: bool, count: int | None, as_json: bool) -> int:
+def _one(request: SolveRequest, goal: Goal, every: bool, count: int | None, as_json: bool) -> int:
     clock, proof = time.perf_counter(), None
     if every:
-        found = question.branches(goal, count)
+        found = request.branches(goal, count)
         seconds = time.perf_counter() - clock
-        report.print_branches(
-            question.arm, cast(Branches, found), seconds, as_json, question.scene is not None
-        )
+        report.print_branches(request.arm, cast(Branches, found), seconds, as_json, request.scene is not None)
         return 0 if len(found) else 1
-    if question.prove:
-        solution, proof = question.answer_with_proof(goal)
+    if request.prove:
+        solution, proof = request.solve_with_proof(goal)
     else:
-        solution = question.answer(goal)
-    seconds, in_scene = time.perf_counter() - clock, question.scene is not None
-    report.print_solution(question.arm, solution, question.search, seconds, as_json, proof, in_scene)
+        solution = request.solve(goal)
+    seconds, in_scene = time.perf_counter() - clock, request.scene is not None
+    report.print_solution(request.arm, solution, request.search, seconds, as_json, proof, in_scene)
     return 0 if solution.success else 1

@@ -26,8 +26,8 @@ from kinseek.cli.output import direct_output
     default=8080,
     help="Port to listen at; if it is taken, the next free one is. Default: 8080.",
 )
-@option("--share", is_flag=True, help="Make a public address too, by a relay that viser's authors run.")
-@option("--browser/--no-browser", default=None, help="Open a browser, or only say where the page is.")
+@option("--share", is_flag=True, help="Also make a public address, through a relay of viser's authors.")
+@option("--browser/--no-browser", default=None, help="Open a browser, or only print the address of the page.")
 def command(
     arm: str,
     chain: Chain,

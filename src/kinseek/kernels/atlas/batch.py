@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.atlas.task import Handle
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import array_view, entry, inlined
 
 from .descent import FIRST_STEPS, is_hopeless, iterate, reset_weights, within
@@ -15,7 +16,7 @@ from .lanes import LANES, Lanes
 from .memory import Scratch, make_scratch, scratch_size
 from .one_goal import CORRECTIONS, MIDMOST, OFFER, closed_answer, finish, solve_pose
 from .seeds import FIRST, TAKES, load_seed, middle, scan, take_seed
-from .task import CLOSED, EVALUATIONS, HANDLE, TOLERANCES, Job, Task, routine_at, task_of
+from .task import CLOSED, EVALUATIONS, TOLERANCES, Job, Task, routine_at, task_of
 from .tree import take_nearest
 
 MOST_STARTS = max(2 * LANES, TAKES)
@@ -108,23 +109,13 @@ def take_target(task: Task, lanes: Lanes, queue: Queue, block: Block, number: in
             lanes.target[r, c, l] = block.targets[number, r, c]
 
 
-@entry(
-    returns=I64,
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    targets=F64["k", 3, 4],
-    results=F64["k", "width"].out,
-    left=I64["*"].out,
-    begin=I64,
-    end=I64,
-    w=I64,
-)
+@entry
 def solve_many(
-    handle: Indices,
-    tolerances: Array,
-    targets: Array,
-    results: Array,
-    left: Indices,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "k", 3, 4],
+    results: Annotated[Array, "k", "width", OUT],
+    left: Annotated[Indices, "*", OUT],
     begin: int,
     end: int,
     w: int,
@@ -168,23 +159,13 @@ def solve_many(
     return count
 
 
-@entry(
-    returns=I64,
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    targets=F64["k", 3, 4],
-    results=F64["k", "width"].out,
-    some=I64["*"],
-    begin=I64,
-    end=I64,
-    w=I64,
-)
+@entry
 def solve_some(
-    handle: Indices,
-    tolerances: Array,
-    targets: Array,
-    results: Array,
-    some: Indices,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "k", 3, 4],
+    results: Annotated[Array, "k", "width", OUT],
+    some: Annotated[Indices, "*"],
     begin: int,
     end: int,
     w: int,

@@ -13,7 +13,7 @@ J, instead of being clamped after the solution.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from kinseek.kernels.arm.links import (
     ADDS,
@@ -30,7 +30,6 @@ from kinseek.kernels.arm.trigonometry import sine_cosine
 from kinseek.kernels.arm.vectors import Twist, Vector, cross, dot, minus, plus, scaled, twist_dot
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import inlined
-from kinseek.kernels.layout import DOF, JOINTS, Layout, floats
 
 LANES = 8
 """Configurations in parallel: as many as the widest vectors hold doubles."""
@@ -50,51 +49,32 @@ UNLIMITED = 1e300
 class Lanes(NamedTuple):
     """State of eight configurations, one in each lane."""
 
-    q: Array
+    q: Annotated[Array, "dof", LANES]
     """Joint values, (n, LANES)."""
-    target: Array
+    target: Annotated[Array, 3, 4, LANES]
     """Target poses, (3, 4, LANES)."""
-    pose: Array
+    pose: Annotated[Array, 3, 4, LANES]
     """Tip poses at q, (3, 4, LANES)."""
-    axes: Array
+    axes: Annotated[Array, "joints", 6, LANES]
     """Direction of the axis of every physical joint and a point on it, (m, 6, LANES)."""
-    jacobian: Array
+    jacobian: Annotated[Array, "dof", 6, LANES]
     """Columns of the scaled Jacobian, (n, 6, LANES)."""
-    gram: Array
+    gram: Annotated[Array, 21, LANES]
     """Lower triangle of J Jᵀ + λ I row by row, (21, LANES)."""
-    residual: Array
+    residual: Annotated[Array, 6, LANES]
     """Scaled residual e, then the solution of the 6x6 system, (6, LANES)."""
-    step: Array
+    step: Annotated[Array, "dof", LANES]
     """dq, (n, LANES)."""
-    share: Array
+    share: Annotated[Array, LANES]
     """Fraction of the last step that was taken, (LANES,)."""
-    before: Array
+    before: Annotated[Array, LANES]
     """An earlier |e|² for comparison, (LANES,)."""
-    stubborn: Array
+    stubborn: Annotated[Array, LANES]
     """1 for a stubborn lane, see `lanes_hold`, else 0, (LANES,)."""
-    error: Array
+    error: Annotated[Array, 4, LANES]
     """See `DISTANCE2`, (4, LANES)."""
-    weight: Array
+    weight: Annotated[Array, 2, LANES]
     """Scale of the position rows [1/m] and of the orientation rows, (2, LANES)."""
-
-
-LAYOUT = Layout(
-    Lanes,
-    q=floats(DOF, LANES),
-    jacobian=floats(DOF, 6, LANES),
-    step=floats(DOF, LANES),
-    axes=floats(JOINTS, 6, LANES),
-    target=floats(3, 4, LANES),
-    pose=floats(3, 4, LANES),
-    gram=floats(21, LANES),
-    residual=floats(6, LANES),
-    share=floats(LANES),
-    before=floats(LANES),
-    stubborn=floats(LANES),
-    error=floats(4, LANES),
-    weight=floats(2, LANES),
-)
-"""Layout of the lanes of an arm in memory."""
 
 
 class Link(NamedTuple):

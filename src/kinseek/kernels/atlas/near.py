@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
 from kinseek.kernels.arm.pose_error import LARGEST, is_rigid
-from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.atlas.task import Handle
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import array_view, entry, exact, inlined, noinline
 from kinseek.kernels.pointers import part1
 
@@ -20,7 +22,6 @@ from .one_goal import NEAREST, closed_answer, conclude_answer, finish, outcome, 
 from .seeds import MORE, fill_from_lookup, load_seed, look_up, turns_fully
 from .task import (
     EVALUATIONS,
-    HANDLE,
     TOLERANCES,
     Job,
     Task,
@@ -113,15 +114,9 @@ def all_finite(values: Array) -> bool:
     return strange == 0
 
 
-@entry(
-    returns=(F64, F64, F64, I64, FLAG),
-    address=I64,
-    target=F64[4, 4],
-    near=F64["n"],
-    q=F64["n"].out,
-)
+@entry
 def solve_plain_near(
-    address: int, target: Array, near: Array, q: Array
+    address: int, target: Annotated[Array, 4, 4], near: Annotated[Array, "n"], q: Annotated[Array, "n", OUT]
 ) -> tuple[float, float, float, int, bool]:
     """Do the same as `one_goal.solve_plain` near a reference, (n,); evaluations are -1 also if it is not finite."""
     if not (is_rigid(target) and all_finite(near)):
@@ -140,17 +135,14 @@ def solve_plain_near(
     return status
 
 
-@entry(
-    returns=(F64, F64, F64, I64, FLAG),
-    address=I64,
-    tolerances=F64[TOLERANCES],
-    target=F64[3, 4],
-    near=F64["n"],
-    close=FLAG,
-    q=F64["n"].out,
-)
+@entry
 def solve_goal(
-    address: int, tolerances: Array, target: Array, near: Array, close: bool, q: Array
+    address: int,
+    tolerances: Annotated[Array, TOLERANCES],
+    target: Annotated[Array, 3, 4],
+    near: Annotated[Array, "n"],
+    close: bool,
+    q: Annotated[Array, "n", OUT],
 ) -> tuple[float, float, float, int, bool]:
     """Do the same as `one_goal.solve_plain` for any goal without ranges, with `close` near a reference.
 
@@ -182,22 +174,13 @@ def solve_goal(
     return status
 
 
-@entry(
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    targets=F64["k", 3, 4],
-    near=F64["k", "n"],
-    results=F64["k", "n+4"].out,
-    begin=I64,
-    end=I64,
-    w=I64,
-)
+@entry
 def solve_many_near(
-    handle: Indices,
-    tolerances: Array,
-    targets: Array,
-    near: Array,
-    results: Array,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "k", 3, 4],
+    near: Annotated[Array, "k", "n"],
+    results: Annotated[Array, "k", "n+4", OUT],
     begin: int,
     end: int,
     w: int,

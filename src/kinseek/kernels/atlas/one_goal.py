@@ -8,12 +8,15 @@ pose found, see `ending`. Every solution is judged by plain forward kinematics.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, is_rigid, weighted_error
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.atlas.task import Handle
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import array_view, entry, inlined, kernel, routine
 from kinseek.kernels.pointers import call, part1, part2
 
@@ -62,7 +65,6 @@ from .task import (
     DISTANT,
     ENDING,
     EVALUATIONS,
-    HANDLE,
     ITERATE,
     ORIENTATION_ERROR,
     POSITION_ERROR,
@@ -265,7 +267,7 @@ def conclude_answer(job: Job, target: Array, q: Array, report: Array) -> None:
 
 
 def routines() -> Indices:
-    """Addresses of the routines of a pose, for `task_arrays`.
+    """Addresses of the routines of a pose, for `TaskRows`.
 
     The routines of goals with ranges are in `kernels.ranges.search.range_routines`. The routine of an arm with a closed
     form is `structure.one_answer.closed_routine`.
@@ -276,18 +278,15 @@ def routines() -> Indices:
     return addresses
 
 
-@entry(
-    returns=I64,
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    memory=F64["*"].out,
-    target=F64[3, 4],
-    budget=F64,
-    q=F64["n"].out,
-    w=I64,
-)
+@entry
 def search_within(
-    handle: Indices, tolerances: Array, memory: Array, target: Array, budget: float, q: Array, w: int
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    memory: Annotated[Array, "*", OUT],
+    target: Annotated[Array, 3, 4],
+    budget: float,
+    q: Annotated[Array, "n", OUT],
+    w: int,
 ) -> int:
     """Do the same as `solve_target`, (3, 4), in the caller's memory, which stays readable, see `memory.LAYOUT`."""
     return solve_target(Job(handle, tolerances, memory, w), target, budget, q)
@@ -327,8 +326,10 @@ def outcome(task: Task, report: Array) -> tuple[float, float, float, int, bool]:
     return position, orientation, report[WEIGHTED_ERROR], int(report[EVALUATIONS]), met
 
 
-@entry(returns=(F64, F64, F64, I64, FLAG), address=I64, target=F64[4, 4], q=F64["n"])
-def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, float, int, bool]:
+@entry
+def solve_plain(
+    address: int, target: Annotated[Array, 4, 4], q: Annotated[Array, "n"]
+) -> tuple[float, float, float, int, bool]:
     """Solve one pose with the default tolerances and weights, with little overhead on the side of Python.
 
     Args:

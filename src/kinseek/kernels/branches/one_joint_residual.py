@@ -288,9 +288,11 @@ def write_residuals(S: Array, D: Array, table: Array, residuals: Residuals, lane
             lanes.value[2, l], lanes.value[3, l], lanes.room[2, l] = mean + swing, mean - swing, room
         for l in range(w):
             residuals.reach[begin + l] = lanes.reach[l]
-            for r in range(WAYS):
+        for r in range(WAYS):
+            for l in range(w):
                 residuals.value[r, begin + l] = lanes.value[r, l]
-            for r in range(3):
+        for r in range(3):
+            for l in range(w):
                 residuals.room[r, begin + l] = lanes.room[r, l]
 
 

@@ -18,10 +18,10 @@ from kinseek.kernels.atlas.descent import start
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.one_goal import solve_pose
-from kinseek.kernels.atlas.samples import complete_seed, coordinates
-from kinseek.kernels.atlas.seeds import MARGIN, keep_joints, kick, restart, see
+from kinseek.kernels.atlas.samples import coordinates
+from kinseek.kernels.atlas.seeds import MARGIN, complete, keep_joints, kick, restart, see
 from kinseek.kernels.atlas.task import EVALUATIONS, Job, Task, lanes_of, task_of
-from kinseek.kernels.atlas.tree import nearest
+from kinseek.kernels.atlas.tree import Neighbours, nearest
 from kinseek.kernels.jit import array_view, inlined, noinline
 from kinseek.kernels.structure.candidates import SWEPT
 
@@ -110,16 +110,13 @@ def sample_branches(
 @array_view
 def write_nearest_samples(task: Task, scratch: Scratch, search: Search) -> int:
     """Complete the nearest samples of the atlas into the starts, nearest first; return their number."""
-    most, many, chain = len(search.starts), 0, task.chain
-    distance, neighbour = np.empty(most), np.empty(most, dtype=np.int64)
+    most, many = len(search.starts), 0
+    neighbours = Neighbours(np.empty(most), np.empty(most, dtype=np.int64), scratch.stack, scratch.bound)
     see(task, scratch, search.target)
     coordinates(scratch.seen, task.division, scratch.point)
-    found = nearest(task.atlas.tree, scratch.point, most, distance, neighbour, scratch.stack, scratch.bound)
-    for k in range(found):
-        q = search.starts[many]
-        if complete_seed(
-            task.atlas, task.division, scratch.seen, neighbour[k], chain.lower, chain.upper, MARGIN, q
-        ):
+    for k in range(nearest(task.atlas.tree, scratch.point, most, neighbours)):
+        if complete(task, scratch, neighbours.place[k], MARGIN):
+            keep_joints(search.starts, many, scratch.seed)
             many += 1
     return many
 

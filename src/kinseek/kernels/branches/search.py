@@ -21,7 +21,7 @@ their number odd.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -34,16 +34,16 @@ from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.seeds import turns_fully
 from kinseek.kernels.atlas.task import (
     EVALUATIONS,
-    HANDLE,
     ORIENTATION_ERROR,
     POSITION_ERROR,
     TOLERANCES,
+    Handle,
     Job,
     Task,
     lanes_of,
     task_of,
 )
-from kinseek.kernels.entry import F64, I64, Bundle
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import array_view, entry, inlined, noinline
 from kinseek.kernels.structure.candidates import DEVIATION, KIND, LOOSE, NUMBERS, PARALLEL, ROUNDING
 from kinseek.kernels.structure.closed import FOLDED, LOST, REPORT, SURE, TRIED, UNSURE, closed_starts, serves
@@ -103,33 +103,20 @@ Elsewhere an odd number shows that poses around the target missed solutions. Not
 class ArmTables(NamedTuple):
     """Data of an arm and a kind of goal."""
 
-    handle: Indices
+    handle: Handle
     """The task with the coarse atlas, see `task_of`."""
-    fine: Indices
+    fine: Handle
     """The task with the fine atlas, for a target that no coarse sample leads to."""
-    mirrors: Array
+    mirrors: Annotated[Array, "*", 3, "n"]
     """Mirror images, see `twins.SIGNS`, (k, 3, n)."""
-    structure: Array
+    structure: Annotated[Array, NUMBERS]
     """See `structure.candidates.KIND`, (NUMBERS,)."""
-    joint: Array
+    joint: Annotated[Array, one_joint_residual.NUMBERS]
     """Numbers of an arm with one searched joint, see `one_joint_residual.BEGIN`, (one_joint_residual.NUMBERS,)."""
-    table: Array
+    table: Annotated[Array, one_joint_residual.PLACES, "*"]
     """See `one_joint_residual.HEIGHT`, (PLACES, SAMPLES); without columns for other arms."""
-    steps: Array
+    steps: Annotated[Array, "*", 6, LANES]
     """See `seeding.fill_steps`, (samples of the coarse atlas, 6, LANES)."""
-
-
-ARM_TABLES = Bundle(
-    ArmTables,
-    handle=HANDLE,
-    fine=HANDLE,
-    mirrors=F64["*", 3, "n"],
-    structure=F64[NUMBERS],
-    joint=F64[one_joint_residual.NUMBERS],
-    table=F64[one_joint_residual.PLACES, "*"],
-    steps=F64["*", 6, LANES],
-)
-"""Declaration of these data."""
 
 
 class Plan(NamedTuple):
@@ -172,11 +159,8 @@ def find_branches(arm: ArmTables, tolerances: Array, target: Array, view: Array,
     if not is_rigid(target):
         return 0
     memory, starts = np.zeros(scratch_size(dof, joints)), np.empty((DEEP_STARTS, dof))
-    scratch, job, tally = (
-        make_scratch(memory, dof, joints),
-        Job(arm.handle, tolerances, memory, lanes_of(arm.handle)),
-        np.zeros(TALLY),
-    )
+    scratch, tally = make_scratch(memory, dof, joints), np.zeros(TALLY)
+    job = Job(arm.handle, tolerances, memory, lanes_of(arm.handle))
     tally[WEAKEST] = np.inf
     search = Search(job, target, view, starts, np.empty((ROWS, dof)), np.empty(ROWS), tally)
     start(task, scratch, target)
@@ -220,23 +204,15 @@ def try_closed_form(arm: ArmTables, task: Task, scratch: Scratch, search: Search
     merge, the nearby equations may have neither; those of this arm lead to one of them, and the other is its twin.
     """
     structure, report = arm.structure, np.empty(REPORT)
-    closed_starts(
-        task,
-        structure,
-        search.target,
-        scratch.spare,
-        scratch.candidates,
-        search.starts,
-        report,
-        search.job.width,
-    )
+    work, starts, w = scratch.candidates, search.starts, search.job.width
+    closed_starts(task, structure, search.target, scratch.spare, work, starts, report, w)
     tried, sure, unsure = int(report[TRIED]), int(report[SURE]), report[UNSURE] > 0.0
     count = refine_all(search, Batch(0, tried, tried, SIBLING), 0)
     exact, left, lean = structure[DEVIATION] <= ROUNDING, SAMPLES, 1.0
     if not unsure and count >= sure and (count > 0 or (exact and tried == 0)):
         left = COMPLETE if exact else TWINS
     elif not exact and tried > 0 and structure[KIND] == PARALLEL:
-        left, lean = POSES, least_lean(structure, search.starts, tried)
+        left, lean = POSES, least_lean(structure, starts, tried)
     # In an arm that only nearly has its structure, an angle is seldom undetermined, and solutions next to its candidates
     # are found early.
     return Plan(left, count, tried, sure, unsure and exact, report[LOST] > 0.0, report[FOLDED], lean)
@@ -322,23 +298,15 @@ def try_fine_atlas(arm: ArmTables, search: Search) -> int:
     return count
 
 
-@entry(
-    arm=ARM_TABLES,
-    tolerances=F64[TOLERANCES],
-    targets=F64["k", 4, 4],
-    views=F64["*", 3, "n"],
-    number=I64,
-    results=F64["k", "*", "width"].out,
-    counts=I64["k"].out,
-)
+@entry
 def many_branches(
     arm: ArmTables,
-    tolerances: Array,
-    targets: Array,
-    views: Array,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "k", 4, 4],
+    views: Annotated[Array, "*", 3, "n"],
     number: int,
-    results: Array,
-    counts: Indices,
+    results: Annotated[Array, "k", "*", "width", OUT],
+    counts: Annotated[Indices, "k", OUT],
 ) -> None:
     """Run `find_branches`, or `sample_branches` if `number` > 0, for each target.
 

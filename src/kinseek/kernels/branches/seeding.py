@@ -10,7 +10,7 @@ converge to the same solution, so only the nearest sample of these is refined.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -32,9 +32,9 @@ from kinseek.kernels.atlas.lanes import (
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import MARGIN, see
-from kinseek.kernels.atlas.task import HANDLE, Task, plain_tolerances, task_of
+from kinseek.kernels.atlas.task import Handle, Task, plain_tolerances, task_of
 from kinseek.kernels.atlas.tree import LEAF_SIZE
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, kernel
 
 from .distance import six_gaps, six_in_column, six_of, squares
@@ -126,8 +126,8 @@ class Round(NamedTuple):
     """True to skip similar starts; False near a singularity, where solutions are close together."""
 
 
-@entry(handle=HANDLE, steps=F64["s", 6, LANES].out, w=I64)
-def fill_steps(handle: Indices, steps: Array, w: int) -> None:
+@entry
+def fill_steps(handle: Handle, steps: Annotated[Array, "s", 6, LANES, OUT], w: int) -> None:
     """Fill the table of an arm that has at most `LANES` joints.
 
     Args:
@@ -423,28 +423,17 @@ def step_ahead(task: Task, eight: Array, l: int, sample: int, steps: Array, move
         move: Scratch memory, (LANES,).
         q: Receives joint values.
     """
-    first, last, longest, middle = (
-        0 if task.division.head == NONE else 1,
-        len(q) - 1,
-        FARTHEST,
-        task.atlas.middle,
-    )
+    middle, first, longest = task.atlas.middle, 0 if task.division.head == NONE else 1, FARTHEST
+    e0, e1, e2 = eight[ERROR, l], eight[ERROR + 1, l], eight[ERROR + 2, l]
+    e3, e4, e5 = eight[ERROR + 3, l], eight[ERROR + 4, l], eight[ERROR + 5, l]
     for i in range(LANES):
-        step = (
-            steps[0, i] * eight[ERROR, l]
-            + steps[1, i] * eight[ERROR + 1, l]
-            + steps[2, i] * eight[ERROR + 2, l]
-        )
-        step += (
-            steps[3, i] * eight[ERROR + 3, l]
-            + steps[4, i] * eight[ERROR + 4, l]
-            + steps[5, i] * eight[ERROR + 5, l]
-        )
+        step = steps[0, i] * e0 + steps[1, i] * e1 + steps[2, i] * e2
+        step += steps[3, i] * e3 + steps[4, i] * e4 + steps[5, i] * e5
         move[i] = step
         longest = max(longest, abs(step))
     for j in range(middle.shape[1]):
         q[first + j] = middle[sample, j]
-    q[0], q[last] = eight[COMPLETED_FIRST, l], eight[COMPLETED_LAST, l]
+    q[0], q[len(q) - 1] = eight[COMPLETED_FIRST, l], eight[COMPLETED_LAST, l]
     for i in range(len(q)):
         q[i] = min(max(q[i] + move[i] * (FARTHEST / longest), task.lower[i]), task.upper[i])
 

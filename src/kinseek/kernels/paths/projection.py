@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
@@ -18,8 +20,8 @@ from kinseek.kernels.atlas.lanes import (
     lanes_solve,
 )
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
-from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.atlas.task import TOLERANCES, Handle, task_of
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, noinline
 
 EXACT = 1e-18
@@ -75,26 +77,16 @@ def load_lane(scratch: Scratch, lane: int, target: Array, q: Array) -> None:
         scratch.lanes.q[i, lane] = q[i]
 
 
-@entry(
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    targets=F64["k", 3, 4],
-    lower=F64["n"],
-    upper=F64["n"],
-    steps=I64,
-    q=F64["k", "n"].out,
-    left=F64["k"].out,
-    w=I64,
-)
+@entry
 def project_onto_poses(
-    handle: Indices,
-    tolerances: Array,
-    targets: Array,
-    lower: Array,
-    upper: Array,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "k", 3, 4],
+    lower: Annotated[Array, "n"],
+    upper: Annotated[Array, "n"],
     steps: int,
-    q: Array,
-    left: Array,
+    q: Annotated[Array, "k", "n", OUT],
+    left: Annotated[Array, "k", OUT],
     w: int,
 ) -> None:
     """Project joint values that are close to a solution onto it, each row onto its own target, eight at a time.

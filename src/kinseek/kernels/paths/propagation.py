@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
@@ -16,8 +17,8 @@ from kinseek.kernels.atlas.lanes import (
     lanes_solve,
 )
 from kinseek.kernels.atlas.memory import make_scratch, scratch_size
-from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.atlas.task import TOLERANCES, Handle, task_of
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, noinline
 
 from .projection import load_lane, settle
@@ -184,30 +185,18 @@ BASE = 0
 before. The smallest and the largest motion of each joint from pose to pose follow."""
 
 
-@entry(
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    targets=F64["r", 3, 4],
-    moments=F64["r"],
-    longest=F64["n"],
-    weights=F64["n"],
-    q=F64["k", "n"],
-    ahead=F64["k", "n"].out,
-    report=F64["k", "*"].out,
-    along=F64["k", "n"].out,
-    w=I64,
-)
+@entry
 def propagate_layer(
-    handle: Indices,
-    tolerances: Array,
-    targets: Array,
-    moments: Array,
-    longest: Array,
-    weights: Array,
-    q: Array,
-    ahead: Array,
-    report: Array,
-    along: Array,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "r", 3, 4],
+    moments: Annotated[Array, "r"],
+    longest: Annotated[Array, "n"],
+    weights: Annotated[Array, "n"],
+    q: Annotated[Array, "k", "n"],
+    ahead: Annotated[Array, "k", "n", OUT],
+    report: Annotated[Array, "k", "*", OUT],
+    along: Annotated[Array, "k", "n", OUT],
     w: int,
 ) -> None:
     """Follow branches from solutions of the first target to the last target.
@@ -255,35 +244,20 @@ def propagate_layer(
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
 
 
-@entry(
-    returns=I64,
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    target=F64[3, 4],
-    given=F64["m", "n"],
-    first=I64,
-    lower=F64["n"],
-    upper=F64["n"],
-    turning=I64["n"],
-    apart=F64,
-    beside=F64,
-    q=F64["k", "n"].out,
-    along=F64["k", "n"].out,
-    w=I64,
-)
+@entry
 def spread_solutions(
-    handle: Indices,
-    tolerances: Array,
-    target: Array,
-    given: Array,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    target: Annotated[Array, 3, 4],
+    given: Annotated[Array, "m", "n"],
     first: int,
-    lower: Array,
-    upper: Array,
-    turning: Indices,
+    lower: Annotated[Array, "n"],
+    upper: Annotated[Array, "n"],
+    turning: Annotated[Indices, "n"],
     apart: float,
     beside: float,
-    q: Array,
-    along: Array,
+    q: Annotated[Array, "k", "n", OUT],
+    along: Annotated[Array, "k", "n", OUT],
     w: int,
 ) -> int:
     """Spread solutions of one target: given ones, others next to them along the self-motion, then the other given ones.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from kinseek.kernels.arm.forward import forward
@@ -12,7 +14,7 @@ from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.newton import Walk, minimise
 from kinseek.kernels.atlas.task import TOLERANCES, Task, handle_at, lanes_of, task_of
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, noinline
 
 from .projection import load_lane, settle
@@ -128,16 +130,13 @@ def one_period(
     return position, orientation, ended
 
 
-@entry(
-    returns=(F64, F64, I64),
-    address=I64,
-    tolerances=F64[TOLERANCES],
-    target=F64[4, 4],
-    memory=F64["*"],
-    state=F64[ROWS, "n"].out,
-)
+@entry
 def servo_step(
-    address: int, tolerances: Array, target: Array, memory: Array, state: Array
+    address: int,
+    tolerances: Annotated[Array, TOLERANCES],
+    target: Annotated[Array, 4, 4],
+    memory: Annotated[Array, "*"],
+    state: Annotated[Array, ROWS, "n", OUT],
 ) -> tuple[float, float, int]:
     """Move as near to a pose as one period allows; the row NOW of the state receives the new joint values.
 
@@ -157,18 +156,15 @@ def servo_step(
     return one_period(address, tolerances, target, memory, state)
 
 
-@entry(
-    returns=(I64, I64, I64),
-    address=I64,
-    tolerances=F64[TOLERANCES],
-    targets=F64["k", 4, 4],
-    place=F64,
-    turn=F64,
-    memory=F64["*"],
-    state=F64[ROWS, "n"].out,
-)
+@entry
 def look_ahead(
-    address: int, tolerances: Array, targets: Array, place: float, turn: float, memory: Array, state: Array
+    address: int,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "k", 4, 4],
+    place: float,
+    turn: float,
+    memory: Annotated[Array, "*"],
+    state: Annotated[Array, ROWS, "n", OUT],
 ) -> tuple[int, int, int]:
     """Make one step after another, until the error of the hand exceeds the given bounds.
 

@@ -8,6 +8,8 @@ found, polished under the goal's weights.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from kinseek.kernels.arm.forward import forward
@@ -19,12 +21,10 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.near import load_near
 from kinseek.kernels.atlas.one_goal import routines, search_near
-from kinseek.kernels.atlas.samples import complete_seed
-from kinseek.kernels.atlas.seeds import MARGIN, MORE, into_limits, load_seed, look_up
+from kinseek.kernels.atlas.seeds import MARGIN, MORE, complete, into_limits, load_seed, look_up
 from kinseek.kernels.atlas.task import (
     ENDING,
     EVALUATIONS,
-    HANDLE,
     ITERATE,
     JUDGE,
     ORIENTATION_ERROR,
@@ -32,11 +32,12 @@ from kinseek.kernels.atlas.task import (
     STARTS,
     TOLERANCES,
     WEIGHTED_ERROR,
+    Handle,
     Job,
     handle_at,
     task_of,
 )
-from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, routine
 from kinseek.kernels.pointers import part1, part2
 
@@ -60,7 +61,7 @@ def range_starts_routine(
     task = task_of(handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES))
     dof, joints = len(task.lower), len(task.chain.leader)
     scratch = make_scratch(part1(memory_address, 0, scratch_size(dof, joints)), dof, joints)
-    ranges, chain = make_range_scratch(memory_address, dof, joints), task.chain
+    ranges = make_range_scratch(memory_address, dof, joints)
     used, first = ranges.used, 0
     if close != 0 and begin == 0:
         first = 1
@@ -76,9 +77,7 @@ def range_starts_routine(
             i, fresh = scratch.neighbour[k], True
             for j in range(len(used)):
                 fresh = fresh and used[j] != i
-            if fresh and complete_seed(
-                task.atlas, task.division, scratch.seen, i, chain.lower, chain.upper, MARGIN, scratch.seed
-            ):
+            if fresh and complete(task, scratch, i, MARGIN):
                 taken = i
                 load_seed(scratch.lanes, l, scratch.seed)
                 scratch.state[l] = 0
@@ -129,25 +128,15 @@ def range_routines() -> Indices:
     return addresses
 
 
-@entry(
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    questions=F64["k", QUESTION],
-    poses=F64["k", POSES, 3, 4],
-    near=F64["k", "n"],
-    close=FLAG,
-    results=F64["*", "n+4"].out,
-    begin=I64,
-    w=I64,
-)
+@entry
 def solve_ranged(
-    handle: Indices,
-    tolerances: Array,
-    questions: Array,
-    poses: Array,
-    near: Array,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    questions: Annotated[Array, "k", QUESTION],
+    poses: Annotated[Array, "k", POSES, 3, 4],
+    near: Annotated[Array, "k", "n"],
     close: bool,
-    results: Array,
+    results: Annotated[Array, "*", "n+4", OUT],
     begin: int,
     w: int,
 ) -> None:

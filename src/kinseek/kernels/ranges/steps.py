@@ -10,7 +10,7 @@ and Atchuthan 2018, Sec. 4). The rows are therefore exact for rotations of any s
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from kinseek.kernels.arm.range_error import (
     FRAME,
@@ -42,7 +42,7 @@ from kinseek.kernels.atlas.lanes import (
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.task import TOLERANCES, Task, handle_at, task_of
 from kinseek.kernels.jit import array_view, inlined, routine
-from kinseek.kernels.layout import Layout, floats, whole
+from kinseek.kernels.layout import Layout
 from kinseek.kernels.pointers import part1
 
 POSES = 32
@@ -66,29 +66,21 @@ there. Relative to that value, the next term is a sixtieth of the squared angle.
 class RangeScratch(NamedTuple):
     """Memory of a goal with ranges, after the scratch memory of its call."""
 
-    question: Array
+    question: Annotated[Array, QUESTION]
     """The goal, see `range_error.FRAME`, (QUESTION,)."""
-    poses: Array
+    poses: Annotated[Array, 3 * POSES, 4]
     """Poses at which starts are looked up, (3, 4) each, one below the other, (3 · POSES, 4)."""
-    used: Indices
+    used: Annotated[Indices, 2 * POSES]
     """Sample used at each pose in the first and in the second look-up; -1 for none, (2 · POSES,)."""
-    rows: Array
+    rows: Annotated[Array, 2, 9, LANES]
     """Two matrices for each lane, (2, 9, LANES), each row by row."""
-    out: Array
+    out: Annotated[Array, 6]
     """Deviation of the current pose, (6,)."""
-    work: Array
+    work: Annotated[Array, 27]
     """See `deviation`, (27,)."""
 
 
-LAYOUT = Layout(
-    RangeScratch,
-    question=floats(QUESTION),
-    poses=floats(3 * POSES, 4),
-    used=whole(2 * POSES),
-    rows=floats(2, 9, LANES),
-    out=floats(6),
-    work=floats(27),
-)
+LAYOUT = Layout(RangeScratch)
 """Layout in memory."""
 
 

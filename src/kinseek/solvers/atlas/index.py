@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from kinseek.caching import WeakCache
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
+from kinseek.kernels.arm.links import links_of
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas.far import BEYOND, MOST, ROUNDED
 from kinseek.kernels.atlas.one_goal import routines
@@ -24,11 +25,14 @@ from kinseek.kernels.atlas.task import (
     NUMBERS,
     ORIENTATION,
     POSITION,
+    ROWS,
     SHOULDER,
     SPAN,
     TOLERANCES,
     WEIGHT,
-    task_arrays,
+    TaskRows,
+    task_lengths,
+    task_numbers,
     with_ranges,
 )
 from kinseek.kernels.pointers import handle_of
@@ -91,19 +95,20 @@ class AtlasIndex(Lazy):
         """Structure of the arm's geometry; `NO_STRUCTURE` if the goal is less than a pose."""
         if self.structure.numbers[KIND] != NO_CLOSED_FORM:
             self._routines[CLOSED] = closed_routine.address
-        self._arrays = task_arrays(
-            arrays,
-            self.sorted,
-            division,
-            lower,
-            upper,
-            columns,
-            size / RADIAN_PART,
-            self._routines,
-            PLAIN,
-            self.structure.numbers,
-            self.structure.exact,
-            span_of(arrays, kind is POSE),
+        self._arrays = ROWS.arrays(
+            TaskRows(
+                chain=arrays,
+                atlas=self.sorted,
+                lower=lower,
+                upper=upper,
+                columns=columns,
+                numbers=task_numbers(division, self.structure.exact),
+                lengths=task_lengths(division, size / RADIAN_PART, span_of(arrays, kind is POSE)),
+                links=links_of(arrays),
+                routines=self._routines,
+                plain=PLAIN,
+                structure=self.structure.numbers,
+            )
         )
         self.handle = handle_of(self._arrays)
         """Addresses of the arrays, for kernels, and of the routines that they call."""
@@ -145,7 +150,7 @@ class AtlasIndex(Lazy):
         )
 
 
-KEPT = 16
+MOST_CACHED = 16
 """Number of atlases of other tools and tool axes that an arm keeps, the last ones used."""
 
 
@@ -153,14 +158,14 @@ _Key = tuple[Kind, int, bytes | None]
 """Kind of goal, number of samples, and the transform of the tip; None if there is none."""
 
 
-_indices: WeakCache[SerialChain, _Key, AtlasIndex] = WeakCache(KEPT, lambda key: key[2] is not None)
+_indices: WeakCache[SerialChain, _Key, AtlasIndex] = WeakCache(MOST_CACHED, lambda key: key[2] is not None)
 
 
 def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLES) -> AtlasIndex:
     """Return the atlas of an arm for a kind of goal: built at the first call, dropped with the arm.
 
     Another tool shares the samples if the goal is a whole pose; if the tip's pose is not determined, the tool has its own.
-    The atlases of the last `KEPT` tools and tool axes are kept.
+    The atlases of the last `MOST_CACHED` tools and tool axes are kept.
     """
     kind = POSE if goal is None else goal.seeded_as
     tip = None if goal is None else goal.tip

@@ -13,10 +13,10 @@ from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution, quick_solution
 
 from .index import AtlasIndex, tolerance_numbers
-from .solver import asks_again
+from .solver import retries_missed
 
 
-def answers_quickly(goal: Goal, near: Array | None) -> bool:
+def can_solve_quickly(goal: Goal, near: Array | None) -> bool:
     """Return whether this is one goal without ranges, and with at most one start to be near to."""
     return (
         type(goal) is Goal
@@ -26,13 +26,13 @@ def answers_quickly(goal: Goal, near: Array | None) -> bool:
     )
 
 
-def quick_answer(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array | None) -> Solution | None:
+def solve_quickly(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array | None) -> Solution | None:
     """Solve one goal.
 
     Args:
         chain: The arm.
         index: Its atlas for such goals.
-        goal: One that `answers_quickly`.
+        goal: One that `can_solve_quickly`.
         near: Joint values that the solution shall be near to, (n,), finite, [rad] or [m].
 
     Returns:
@@ -49,7 +49,7 @@ def quick_answer(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array 
     # A target has the memory layout of the array it was created from.
     q, target = np.empty(chain.dof), goal.targets[0] if moved else np.ascontiguousarray(goal.target[:3])
     report = solve_goal(index.address, tolerances, target, q if near is None else near, near is not None, q)
-    if not report[4] and asks_again(goal, chain):
+    if not report[4] and retries_missed(goal, chain):
         return None
     return quick_solution(chain, goal, near, q, report)
 

@@ -54,12 +54,12 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
     nears = np.ascontiguousarray(np.broadcast_to(near, (*goal.shape, chain.dof))).reshape(-1, chain.dof)
     results, done = np.empty((count, chain.dof + EVALUATIONS + 1)), np.zeros(count, dtype=bool)
     assert goal.ranges is not None
-    asked, (parallel_for, turns) = goal.questions, deviations(goal.ranges, goal.swing)
+    questions, (fractions, turns) = goal.questions, deviations(goal.ranges, goal.swing)
 
     def work(begin: int, end: int, go_on: GoOn) -> None:
         for first in range(begin, end, _GROUP):
             last = min(first + _GROUP, end)
-            poses = seed_poses(chain, goal, parallel_for, turns, slice(first, last))
+            poses = seed_poses(chain, goal, fractions, turns, slice(first, last))
             for piece in range(first, last, _PIECE):
                 if not go_on():
                     return
@@ -67,7 +67,7 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
                 solve_ranged(
                     index.range_handle,
                     tolerances,
-                    asked[piece:until],
+                    questions[piece:until],
                     poses[piece - first : until - first],
                     nears[piece:until],
                     problem.near is not None,
@@ -87,16 +87,16 @@ def deviations(ranges: Ranges, swing: tuple[float, float, float] | None) -> tupl
     open_axes = [i for i, (low, high) in enumerate(ranges) if low < high]
     if swing is not None:
         open_axes = [i for i in open_axes if i < 3] + [3]
-    parallel_for = np.zeros((POSES, 6))
-    parallel_for[:, open_axes] = low_discrepancy(POSES, len(open_axes)) if open_axes else 0.0
-    return parallel_for[:, :3], rotations(turn_vectors(ranges, swing, parallel_for))
+    fractions = np.zeros((POSES, 6))
+    fractions[:, open_axes] = low_discrepancy(POSES, len(open_axes)) if open_axes else 0.0
+    return fractions[:, :3], rotations(turn_vectors(ranges, swing, fractions))
 
 
-def seed_poses(chain: SerialChain, goal: Goal, parallel_for: Array, turns: Array, targets: slice) -> Array:
+def seed_poses(chain: SerialChain, goal: Goal, fractions: Array, turns: Array, targets: slice) -> Array:
     """Return poses spread over the ranges about each target, the first as near to it as they allow, (k, POSES, 3, 4)."""
     about, frames = goal.targets[targets], goal.frames[targets]
     low, high = place_ranges(chain, goal, about, frames)
-    place = low[:, None] + parallel_for[None] * (high - low)[:, None]
+    place = low[:, None] + fractions[None] * (high - low)[:, None]
     place[:, 0] = np.clip(0.0, low, high)
     poses = np.empty((len(about), POSES, 3, 4))
     poses[..., 3:] = about[:, None, :, 3:] + _product(frames[:, None], place[..., None])
@@ -118,14 +118,14 @@ def place_ranges(chain: SerialChain, goal: Goal, about: Array, frames: Array) ->
     return np.where(none, nearer, low), np.where(none, nearer, high)
 
 
-def turn_vectors(ranges: Ranges, swing: tuple[float, float, float] | None, parallel_for: Array) -> Array:
+def turn_vectors(ranges: Ranges, swing: tuple[float, float, float] | None, fractions: Array) -> Array:
     """Return rotation vectors spread over the ranges, the first as short as they allow, (POSES, 3)."""
     if swing is not None:
-        angles = np.pi * (2.0 * parallel_for[:, 3] - 1.0)
+        angles = np.pi * (2.0 * fractions[:, 3] - 1.0)
         angles[0] = 0.0
         return np.asarray(angles[:, None] * np.array(swing))
     ends = np.array(ranges)[3:]
-    vectors = ends[:, 0] + parallel_for[:, 3:] * (ends[:, 1] - ends[:, 0])
+    vectors = ends[:, 0] + fractions[:, 3:] * (ends[:, 1] - ends[:, 0])
     vectors[0] = np.clip(0.0, ends[:, 0], ends[:, 1])
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors * np.minimum(1.0, np.pi / np.maximum(lengths, TINY)))

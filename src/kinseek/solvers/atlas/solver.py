@@ -38,8 +38,8 @@ CHUNK = 1024
 
 
 WIDE = 1e-4
-"""Tolerance from which on a missed goal is searched again, see `Atlas._ask_again`: [rad], or relative to the arm's length.
-Below it two tolerances hardly leave weights a choice."""
+"""Tolerance from which on a missed goal is searched again, see `Atlas._retry_missed`: [rad], or relative to the length of
+the arm. Below it two tolerances hardly leave weights a choice. Not examined further."""
 
 
 _PIECE = 16
@@ -80,7 +80,7 @@ class Atlas:
         """Refine the nearest sample, then the next ones if it fails; if all fail, return the best pose found."""
         goal, chain = problem.goal, problem.axes
         if chain is None:
-            return self._ask(problem.mechanism, problem)
+            return self._solve_black_box(problem.mechanism, problem)
         if goal.form.ranges:
             from .ranges import solve_ranges
 
@@ -128,10 +128,10 @@ class Atlas:
                     done[first:last] = True
 
             self.parallel_for(from_starts, len(targets), deadline)
-        self._ask_again(problem, index.handle, results, done, deadline)
+        self._retry_missed(problem, index.handle, results, done, deadline)
         return self._report(batch_solution(problem, results, done))
 
-    def _ask_again(
+    def _retry_missed(
         self, problem: Problem, handle: Indices, results: Array, done: NDArray[np.bool_], deadline: Deadline
     ) -> None:
         """Search missed goals once more with equally weighted tolerances.
@@ -144,9 +144,9 @@ class Atlas:
         if problem.budget is not None:
             return
         missed = np.flatnonzero(done & ~goal.met(results[:, dof:]))
-        if not len(missed) or not asks_again(goal, problem.chain):
+        if not len(missed) or not retries_missed(goal, problem.chain):
             return
-        tolerances, asked = tolerances_of(goal), goal.at(goal.target.reshape(-1, 4, 4)[missed])
+        tolerances, missed_goal = tolerances_of(goal), goal.at(goal.target.reshape(-1, 4, 4)[missed])
         tolerances[WEIGHT] = 1.0 / goal.position_tolerance
         tolerances[AXES:] = 2.0 / goal.orientation_tolerance**2 * (tolerances[AXES:] > 0.0)
         found, every = np.full((len(missed), results.shape[1]), np.inf), np.arange(len(missed))
@@ -154,20 +154,20 @@ class Atlas:
         if problem.near is not None:
             near = np.broadcast_to(problem.near, (*goal.shape, dof)).reshape(-1, dof)[missed]
 
-        def again(begin: int, end: int, go_on: GoOn) -> None:
+        def retry(begin: int, end: int, go_on: GoOn) -> None:
             for k in range(begin, end):
                 if not go_on():
                     return
                 if near is None:
-                    solve_some(handle, tolerances, asked.targets, found, every, k, k + 1, LANES)
+                    solve_some(handle, tolerances, missed_goal.targets, found, every, k, k + 1, LANES)
                 else:
-                    solve_many_near(handle, tolerances, asked.targets, near, found, k, k + 1, LANES)
+                    solve_many_near(handle, tolerances, missed_goal.targets, near, found, k, k + 1, LANES)
                 results[missed[k], -1] += found[k, -1]
 
-        parallel_for(again, len(missed), _PIECE, self.threads, deadline)
+        parallel_for(retry, len(missed), _PIECE, self.threads, deadline)
         better = np.flatnonzero(goal.met(found[:, dof:]))
         if len(better):
-            measured = asked.at(asked.target[better]).measure(problem.arrays, found[better, :dof])
+            measured = missed_goal.at(missed_goal.target[better]).measure(problem.arrays, found[better, :dof])
             results[missed[better], :-1] = np.column_stack([found[better, :dof], measured])
 
     @staticmethod
@@ -186,15 +186,15 @@ class Atlas:
 
         return traced(solution, atlas_of(problem.chain, problem.goal, self.samples))
 
-    def _ask(self, box: Mechanism, problem: Problem) -> Solution:
-        from kinseek.solvers.black_box.atlas import MOST_PASSES, answer
+    def _solve_black_box(self, box: Mechanism, problem: Problem) -> Solution:
+        from kinseek.solvers.black_box.atlas import MOST_PASSES, solve_target
 
         require_room(problem, MOST_PASSES)
         with progress_bar(self.progress, len(problem.goal.targets)) as advance:
 
             def search(one: Problem, deadline: Deadline) -> Found:
                 recorder = Recorder(one, self) if problem.trace else None
-                found = answer(box, one, self.samples, deadline, recorder)
+                found = solve_target(box, one, self.samples, deadline, recorder)
                 advance(1)
                 if recorder is None:
                     return found
@@ -215,7 +215,7 @@ class Atlas:
             parallel_for(work, count, CHUNK, self.threads, deadline, advance)
 
 
-def asks_again(goal: Goal, chain: SerialChain) -> bool:
+def retries_missed(goal: Goal, chain: SerialChain) -> bool:
     """Return whether both tolerances of a goal are above 0 and one is so wide that missed goals are searched again."""
     position, orientation = goal.position_tolerance, goal.orientation_tolerance
     both = 0.0 < position < math.inf and 0.0 < orientation < math.inf

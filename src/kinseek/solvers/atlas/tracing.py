@@ -32,7 +32,7 @@ MOST_PASSES = PASSES + 1
 """Most passes of one target: the look-up, and every round."""
 
 
-class Room(NamedTuple):
+class Round(NamedTuple):
     """Number of evaluations that a kind of round needs to begin."""
 
     evaluations: int
@@ -40,9 +40,9 @@ class Room(NamedTuple):
 
 
 ROOMS = (
-    Room((FIRST_STEPS + 1) * LANES, "nearest samples"),
-    Room((DEEP_STEPS + 1) * LANES, "more samples"),
-    Room((RESTART_STEPS + 1) * LANES, "restarts"),
+    Round((FIRST_STEPS + 1) * LANES, "nearest samples"),
+    Round((DEEP_STEPS + 1) * LANES, "more samples"),
+    Round((RESTART_STEPS + 1) * LANES, "restarts"),
 )
 """The kinds of rounds, from the least room on. A round that begins with less room than the next kind needs is not followed
 by another."""
@@ -53,18 +53,18 @@ def traced(solution: Solution, index: AtlasIndex) -> Solution:
     return with_traces(solution, [_trace_of(one, index) for one in solution.each()])
 
 
-def _trace_of(answer: Solution, index: AtlasIndex) -> Trace:
+def _trace_of(solution: Solution, index: AtlasIndex) -> Trace:
     """Return the trace of one target."""
-    problem = answer.problem
+    problem = solution.problem
     recorder = Recorder(problem, "Atlas")
-    found = Found(answer.q, answer.evaluations, out_of_time=answer.out_of_time)
+    found = Found(solution.q, solution.evaluations, out_of_time=solution.out_of_time)
     _note_samples(recorder, index)
     if found.out_of_time:
         recorder.note("The time limit passed before this target was begun.")
     elif problem.near is not None or problem.goal.form.ranges:
         what = "near a start" if problem.near is not None else "with free axes or ranges"
-        recorder.note(f"Rounds {what} are told as one: the compiled search shows nothing of them.")
-        recorder.add("all rounds", found.q, found.evaluations, memory=_held(index))
+        recorder.note(f"Rounds {what} are reported as one: the compiled search does not report them.")
+        recorder.add("all rounds", found.q, found.evaluations, memory=_bytes_of(index))
         recorder.note_end(found)
     else:
         _record_rounds(recorder, index, found)
@@ -74,19 +74,19 @@ def _trace_of(answer: Solution, index: AtlasIndex) -> Trace:
 
 def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
     """Record the look-up and every round. What follows the last restart is one round, or a patient search before it."""
-    problem, held = recorder.problem, _held(index)
+    problem, memory_bytes = recorder.problem, _bytes_of(index)
     tolerances, restarts, spent = tolerances_of(problem.goal, problem.budget), 0, 0
     most = tolerances[BUDGET]
     if index.is_far(tolerances, problem.goal.targets[0]):
-        recorder.note("Farther away than the arm is long: nothing was looked for but the nearest pose.")
-        recorder.add("nearest pose", found.q, found.evaluations, memory=held)
+        recorder.note("The target is farther away than the arm is long: only the nearest pose was searched.")
+        recorder.add("nearest pose", found.q, found.evaluations, memory=memory_bytes)
         return
     if index.structure.word != "none" and most >= ROOMS[0].evaluations:
         # Steps before the first round take some of its room: the search then computes what the geometry gives.
-        row = _ask(index, problem, tolerances, ROOMS[0].evaluations)
+        row = _result_within(index, problem, tolerances, ROOMS[0].evaluations)
         spent = int(row[-1])
         if spent:
-            recorder.add("closed form", row[:-4], spent, memory=held)
+            recorder.add("closed form", row[:-4], spent, memory=memory_bytes)
         if spent == found.evaluations:
             return
     seeds = _seeds(index, problem, tolerances, 0)
@@ -94,27 +94,27 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
     # If no round fits into the budget, the solution is not even the best sample.
     none = not seeds or found.evaluations == 0
     best = found.q if none else within_limits(problem.chain, seeds[int(np.argmin(errors))])
-    recorder.add("look-up", best, spent, memory=held, spacing=_spacing(index, problem))
+    recorder.add("look-up", best, spent, memory=memory_bytes, spacing=_spacing(index, problem))
     while spent < found.evaluations:
         seeds = _seeds(index, problem, tolerances, spent)
         for room in ROOMS if restarts < RESTARTS else ():
             if spent + room.evaluations > most:
                 continue
-            row = _ask(index, problem, tolerances, spent + room.evaluations)
+            row = _result_within(index, problem, tolerances, spent + room.evaluations)
             if row[-1] > spent:
                 errors = [recorder.judged(seed)[2] for seed in seeds]
                 start = seeds[int(np.argmin(errors))]
                 spent, restarts = int(row[-1]), restarts + LANES * (room is ROOMS[2])
                 name = f"{len(seeds)} {room.name}"
-                recorder.add(name, row[:-4], spent, memory=held, start=start)
+                recorder.add(name, row[:-4], spent, memory=memory_bytes, start=start)
                 break
         else:
             name = "nearest pose" if restarts >= RESTARTS else "patient search"
-            recorder.add(name, found.q, found.evaluations, memory=held)
+            recorder.add(name, found.q, found.evaluations, memory=memory_bytes)
             break
 
 
-def _ask(index: AtlasIndex, problem: Problem, tolerances: Array, budget: int) -> Array:
+def _result_within(index: AtlasIndex, problem: Problem, tolerances: Array, budget: int) -> Array:
     """Return the result of the search within a budget: joint values, three errors, FK evaluations, (n + 4,)."""
     results, less = np.empty((1, problem.chain.dof + 4)), tolerances.copy()
     less[BUDGET] = budget
@@ -139,7 +139,7 @@ def filled_lanes(memory: Array, dof: int, joints: int) -> list[Array]:
     return [np.array(lane) for lane, now in zip(lanes.T, state, strict=True) if now == 0]
 
 
-def _held(index: AtlasIndex) -> int:
+def _bytes_of(index: AtlasIndex) -> int:
     """Return the memory of the samples and of a call [bytes]."""
     dof = index.sorted.middle.shape[1] + 2
     return index.memory + 8 * LAYOUT.count.of(dof=dof, joints=dof)

@@ -24,7 +24,7 @@ from kinseek.solvers.recording import Recorder
 from kinseek.solvers.traits import listed
 from kinseek.turns import TURN
 
-from .asking import Asker, features
+from .evaluator import Evaluator, features
 from .samples import spread
 
 Array = NDArray[np.float64]
@@ -53,34 +53,34 @@ def answer(
     Raises:
         InvalidSolver: Along some joint the error is neither a sinusoid nor a parabola; the message names the joint.
     """
-    asker = Asker(box, problem, deadline)
+    evaluator = Evaluator(box, problem, deadline)
     form = _forms.of(box).get(None, lambda: turning(box))
     goal = problem.goal
-    weights = np.full(len(asker.target), goal.position_weight**2)
+    weights = np.full(len(evaluator.target), goal.position_weight**2)
     # As in the compiled search: (K_P |Δp|)² + (K_A Δφ)² near the goal.
     weights[3:] = goal.orientation_weight**2 / 2
 
     def errors_at(rows: Array) -> Array:
-        value = (asker.ask(rows) ** 2) @ weights
+        value = (evaluator.differences(rows) ** 2) @ weights
         return np.asarray(np.where(np.isnan(value), np.inf, value))
 
     q = problem.start.copy()
-    if asker.left < 1:
-        return Found(q, asker.spent, out_of_time=asker.out_of_time)
-    away = asker.ask(q[None])
+    if evaluator.left < 1:
+        return Found(q, evaluator.spent, out_of_time=evaluator.out_of_time)
+    away = evaluator.differences(q[None])
     error = float(((away**2) @ weights)[0])
     plan: list[tuple[int, ...]] = [(i,) for i in range(box.dof)]
     if pairs:
         plan += [(i, j) for i in range(box.dof - 1) for j in range(i + 1, box.dof)]
     if recorder:
-        recorder.add("start", q, asker.spent, memory=q.nbytes)
+        recorder.add("start", q, evaluator.spent, memory=q.nbytes)
     for sweep in range(most_sweeps):
-        if asker.within(away)[0]:
+        if evaluator.within(away)[0]:
             break
         before = error
         for joints in plan:
-            if 3 ** len(joints) + 1 > asker.left:
-                return Found(q, asker.spent, out_of_time=asker.out_of_time)
+            if 3 ** len(joints) + 1 > evaluator.left:
+                return Found(q, evaluator.spent, out_of_time=evaluator.out_of_time)
             trial = (
                 line(box, form, joints[0], q, errors_at)
                 if len(joints) == 1
@@ -89,14 +89,14 @@ def answer(
             value = float(errors_at(trial[None])[0])
             if value < error:
                 q, error = trial, value
-        if asker.left < 1:
+        if evaluator.left < 1:
             break
-        away = asker.ask(q[None])
+        away = evaluator.differences(q[None])
         if recorder:
-            recorder.add(f"sweep {sweep + 1}", q, asker.spent, memory=q.nbytes)
+            recorder.add(f"sweep {sweep + 1}", q, evaluator.spent, memory=q.nbytes)
         if before - error <= stall * before:
             break
-    return Found(q, asker.spent, out_of_time=asker.out_of_time)
+    return Found(q, evaluator.spent, out_of_time=evaluator.out_of_time)
 
 
 def line(box: Mechanism, form: Flags, i: int, q: Array, errors_at: Errors) -> Array:
@@ -162,10 +162,10 @@ def turning(box: Mechanism) -> Flags:
         best = int(np.argmin(misfit))
         if misfit[best] > FITS:
             raise InvalidSolver(
-                "coordinate descent needs joints that turn about an axis or slide along one, so that the squared error is "
-                f"a sinusoid or a parabola; joint {box.joint_names[i]!r} of {box.name!r} misses "
-                f"{'both' if len(possible) == 2 else 'what its kind promises'} by {misfit[best]:.2g} of what it moves. "
-                f"What works on it: {others()}"
+                "coordinate descent needs joints that turn about an axis or slide along one, so that the squared "
+                f"error is a sinusoid or a parabola; joint {box.joint_names[i]!r} of {box.name!r} deviates from "
+                f"{'both' if len(possible) == 2 else 'the form of its kind'} by {misfit[best]:.2g} of its motion. "
+                f"Searches that support it: {others()}"
             )
         form[i] = possible[best]
     return form
@@ -188,7 +188,7 @@ def misfits(box: Mechanism, i: int, place: Array, possible: list[bool]) -> list[
     if np.isnan(poses).any():
         raise InvalidSolver(
             "coordinate descent fits the error along each joint over its whole range, and joint "
-            f"{box.joint_names[i]!r} of {box.name!r} cannot go everywhere there. What works on it: {others()}"
+            f"{box.joint_names[i]!r} of {box.name!r} cannot go everywhere there. Searches that support it: {others()}"
         )
     entries = features(poses, None, (0, 1, 2))
     moved = np.abs(entries - entries.mean(axis=0)).max()

@@ -18,7 +18,7 @@ from kinseek.kernels.grid.window import nodes_until
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.nodes import window_around
 
-from .asking import Asker
+from .evaluator import Evaluator
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -71,7 +71,7 @@ class Cells:
 
 
 def search_window(
-    asker: Asker,
+    evaluator: Evaluator,
     values: list[Array],
     nodes: list[Indices],
     cells: Cells,
@@ -81,7 +81,7 @@ def search_window(
     """Evaluate every leaf of a window, last joint fastest, within the budget; return the number of evaluated leaves.
 
     Args:
-        asker: The function and the target.
+        evaluator: The function and the target.
         values: Values of each joint.
         nodes: The caller's numbers of these values.
         cells: Receives the best leaves.
@@ -89,28 +89,28 @@ def search_window(
         watch: Called with the number of leaves so far.
     """
     counts = tuple(len(each) for each in values)
-    total, asked = math.prod(counts), 0
-    most = _CHUNK if asker.box.cheap else _DEAR_CHUNK
+    total, evaluated = math.prod(counts), 0
+    most = _CHUNK if evaluator.box.cheap else _DEAR_CHUNK
     chunk = most if stop_below < 0 else 64
-    while asked < total and (left := asker.left) > 0:
-        flat = np.arange(asked, asked + min(chunk, total - asked, left))
+    while evaluated < total and (left := evaluator.left) > 0:
+        flat = np.arange(evaluated, evaluated + min(chunk, total - evaluated, left))
         chunk = min(2 * chunk, most)
         place = np.unravel_index(flat, counts)
         q = np.stack([each[i] for each, i in zip(values, place, strict=True)], axis=1)
         named = np.stack([each[i] for each, i in zip(nodes, place, strict=True)], axis=1)
-        errors = asker.weighted(asker.ask(q))
-        asked += len(flat)
+        errors = evaluator.weighted(evaluator.differences(q))
+        evaluated += len(flat)
         below = np.flatnonzero(errors < stop_below)
         end = int(below[0]) + 1 if len(below) else len(flat)
         cells.offer(named[:end], q[:end], errors[:end])
-        watch(asked)
+        watch(evaluated)
         if len(below):
             break
-    return asked
+    return evaluated
 
 
 def descend(
-    asker: Asker,
+    evaluator: Evaluator,
     grid: Grid,
     passes: Passes,
     later: Indices,
@@ -121,7 +121,7 @@ def descend(
     """Refine a grid around the best leaves, pass by pass; return the best joint values and the number of expanded nodes.
 
     Args:
-        asker: The function and the target.
+        evaluator: The function and the target.
         grid: The nodes.
         passes: The plan.
         later: Number of nodes of each joint in each pass after the first, (passes, n).
@@ -137,22 +137,24 @@ def descend(
         if len(before.q):
             cells.offer(before.nodes[:1], before.q[:1], before.errors[:1])
         for cell in range(1 if k == 0 else len(before.q)):
-            if asker.left <= 0:
+            if evaluator.left <= 0:
                 break
             nodes = first
             if k > 0:
                 centre = before.nodes[cell].tolist()
                 nodes = window_around(wraps, grid.size, centre, int(spacing), later[k - 1], passes.clips)
             values = [node_values(grid, d, each) for d, each in enumerate(nodes)]
-            litter = Cells.empty(passes.children if k else passes.beam, dof, passes.tie)
+            children = Cells.empty(passes.children if k else passes.beam, dof, passes.tie)
             if passes.tie > 0 and len(cells.q):  # A leaf has to be clearly better than the best so far.
-                litter.offer(cells.nodes, cells.q, cells.errors)
-            asked = search_window(asker, values, nodes, litter, passes.stop_below, _after(leaves, watch))
-            cells.offer(litter.nodes, litter.q, litter.errors)
-            leaves += asked
+                children.offer(cells.nodes, cells.q, cells.errors)
+            evaluated = search_window(
+                evaluator, values, nodes, children, passes.stop_below, _after(leaves, watch)
+            )
+            cells.offer(children.nodes, children.q, children.errors)
+            leaves += evaluated
             counts = [len(each) for each in nodes]
             if len(cells.errors) and cells.errors[0] < passes.stop_below:
-                expanded += nodes_until(np.array(counts, dtype=np.int64), asked - 1)
+                expanded += nodes_until(np.array(counts, dtype=np.int64), evaluated - 1)
                 on_pass(k, cells.q[0], expanded)
                 return cells.q[0], expanded
             expanded += sum(math.prod(counts[: d + 1]) for d in range(dof))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from kinseek.robots.mechanism import Mechanism
 from kinseek.turns import TURN
 
-from .asking import Asker
+from .evaluator import Evaluator
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -26,12 +26,12 @@ DIFFERENCE = 1e-6
 COARSE = 3e-4
 """The same for a function in single precision."""
 LONGEST = 0.2
-"""Largest motion of a joint in one step, as a fraction of its range."""
+"""Largest motion of a joint in one step, as a fraction of its range. Not examined further."""
 LOST = 1e-14
 """Lower bound of the damping, per joint. A smaller one is lost in rounding beside the slopes, and the system is then
 singular if a joint has no effect."""
 DAMPING = 1e-2
-"""First damping, relative to the mean diagonal of the squared slopes."""
+"""First damping, relative to the mean diagonal of the squared slopes. Not examined further."""
 
 
 class Ends(NamedTuple):
@@ -46,39 +46,47 @@ class Ends(NamedTuple):
 
 
 def walk(
-    asker: Asker, length: float, seeds: Array, steps: int, *, first_only: bool = True, polish: bool = False
+    evaluator: Evaluator,
+    length: float,
+    seeds: Array,
+    steps: int,
+    *,
+    first_only: bool = True,
+    polish: bool = False,
 ) -> Ends:
     """Minimise from every seed, (k, n).
 
     Args:
-        asker: The function and the target.
+        evaluator: The function and the target.
         length: Length of the mechanism [m].
         seeds: Joint values inside the limits.
         steps: Most steps of each lane.
         first_only: Stop as soon as one lane meets both tolerances.
         polish: Minimise the goal's own weighted error, not the squared error: for a goal that may be out of reach.
     """
-    box = asker.box
+    box = evaluator.box
     dof, rows = box.dof, 1 + box.dof
-    seeds = seeds[: max(asker.left // rows, 0)]
+    seeds = seeds[: max(evaluator.left // rows, 0)]
     ends = Ends(
-        seeds.copy(), np.full((len(seeds), len(asker.target)), np.nan), np.zeros(len(seeds), dtype=bool)
+        seeds.copy(), np.full((len(seeds), len(evaluator.target)), np.nan), np.zeros(len(seeds), dtype=bool)
     )
     if not len(seeds):
         return ends
-    scale = np.array([1.0 / length] * 3 + [np.sqrt(asker.goal.form.column_weight)] * (len(asker.target) - 3))
+    scale = np.array(
+        [1.0 / length] * 3 + [np.sqrt(evaluator.goal.form.column_weight)] * (len(evaluator.target) - 3)
+    )
     span = box.span
     lanes = np.arange(len(seeds))
     trial, q = seeds.copy(), seeds.copy()
-    away = np.full((len(seeds), len(asker.target)), np.nan)
-    slopes = np.zeros((len(seeds), len(asker.target), dof))
+    away = np.full((len(seeds), len(evaluator.target)), np.nan)
+    slopes = np.zeros((len(seeds), len(evaluator.target), dof))
     cost = np.full(len(seeds), np.inf)
     promised = np.ones(len(seeds))
     damping, growth = np.full(len(seeds), DAMPING), np.full(len(seeds), 2.0)
 
     for step in range(steps + 1):
-        got, turned = look(asker, trial)
-        value = asker.weighted(got) if polish else squared(got * scale)
+        got, turned = look(evaluator, trial)
+        value = evaluator.weighted(got) if polish else squared(got * scale)
         better = value < cost
         with np.errstate(invalid="ignore"):
             drop = cost - value
@@ -92,12 +100,12 @@ def walk(
         stalled = better & (drop <= 1e-12 * value) & (step > 0)
         cost = np.where(better, value, cost)
         ends.q[lanes], ends.away[lanes] = q, away
-        solved = asker.within(away)
+        solved = evaluator.within(away)
         ends.solved[lanes] = solved
         if step == steps or (first_only and solved.any()):
             break
         alive = ~solved & ~stalled & np.isfinite(cost) & (damping < 1e10)
-        alive[max(asker.left // rows, 0) :] = False
+        alive[max(evaluator.left // rows, 0) :] = False
         if not alive.any():
             break
         lanes, q, away, slopes, cost, damping, growth = (
@@ -105,7 +113,7 @@ def walk(
         )
         weights = np.broadcast_to(scale, away.shape)
         if polish:
-            weights = polish_weights(asker, away, length)
+            weights = polish_weights(evaluator, away, length)
         move, promised = bounded_step(away * weights, slopes * weights[:, :, None] * span, damping, q, box)
         trial = into_range(box, q + move * span)
     return ends
@@ -117,7 +125,7 @@ def squared(residual: Array) -> Array:
     return np.where(np.isnan(value), np.inf, value)
 
 
-def polish_weights(asker: Asker, away: Array, length: float) -> Array:
+def polish_weights(evaluator: Evaluator, away: Array, length: float) -> Array:
     """Return the square roots of the weights that turn the weighted error into squares, (k, m).
 
     ``K_P |Δp|`` has a kink at 0. Everywhere else it equals the square ``(K_P / 2|Δp|) |Δp|²`` with fixed weight, with half
@@ -125,23 +133,23 @@ def polish_weights(asker: Asker, away: Array, length: float) -> Array:
     """
     weights = np.empty_like(away)
     far = np.maximum(np.sqrt((away[:, :3] ** 2).sum(axis=1)), 1e-9 * length)
-    weights[:, :3] = np.sqrt(asker.goal.position_weight / far)[:, None]
-    for i, column in enumerate(asker.columns):
-        weights[:, 3 + 3 * i : 6 + 3 * i] = np.sqrt(asker.goal.arrays.axis_weights[column])
+    weights[:, :3] = np.sqrt(evaluator.goal.position_weight / far)[:, None]
+    for i, column in enumerate(evaluator.columns):
+        weights[:, 3 + 3 * i : 6 + 3 * i] = np.sqrt(evaluator.goal.arrays.axis_weights[column])
     return weights
 
 
-def look(asker: Asker, q: Array) -> tuple[Array, Array]:
+def look(evaluator: Evaluator, q: Array) -> tuple[Array, Array]:
     """Return differences from the target, (k, n) -> (k, m), and their slopes, (k, m, n), from one call of the function."""
-    box, count = asker.box, len(q)
+    box, count = evaluator.box, len(q)
     step = (COARSE if box.single else DIFFERENCE) * box.span
     step = np.where(q + step > box.upper, -step, step)
     rows = np.repeat(q[:, None], 1 + box.dof, axis=1)
     joint = np.arange(box.dof)
     rows[:, 1 + joint, joint] += step
-    got = asker.ask(rows.reshape(-1, box.dof)).reshape(count, 1 + box.dof, -1)
+    got = evaluator.differences(rows.reshape(-1, box.dof)).reshape(count, 1 + box.dof, -1)
     if box.partial:
-        step = _other_side(asker, q, step, got)
+        step = _other_side(evaluator, q, step, got)
     taken = rows[:, 1 + joint, joint] - q if not box.partial else (q + step) - q
     with np.errstate(invalid="ignore", divide="ignore"):
         slopes = (got[:, 1:] - got[:, :1]) / taken[:, :, None]
@@ -149,18 +157,20 @@ def look(asker: Asker, q: Array) -> tuple[Array, Array]:
     return got[:, 0], np.swapaxes(slopes, 1, 2)
 
 
-def _other_side(asker: Asker, q: Array, step: Array, got: Array) -> Array:
+def _other_side(evaluator: Evaluator, q: Array, step: Array, got: Array) -> Array:
     """Evaluate a step backward if the mechanism cannot be assembled a step forward; update `got` and return the steps."""
-    box = asker.box
-    behind = q - step
-    again = np.isnan(got[:, 1:, 0]) & ~np.isnan(got[:, :1, 0]) & (behind >= box.lower) & (behind <= box.upper)
-    lane, joint = np.nonzero(again)
-    left = max(asker.left, 0)
+    box = evaluator.box
+    backward = q - step
+    retry = (
+        np.isnan(got[:, 1:, 0]) & ~np.isnan(got[:, :1, 0]) & (backward >= box.lower) & (backward <= box.upper)
+    )
+    lane, joint = np.nonzero(retry)
+    left = max(evaluator.left, 0)
     lane, joint = lane[:left], joint[:left]
     if len(lane):
         rows = q[lane].copy()
-        rows[np.arange(len(lane)), joint] = behind[lane, joint]
-        got[lane, 1 + joint] = asker.ask(rows)
+        rows[np.arange(len(lane)), joint] = backward[lane, joint]
+        got[lane, 1 + joint] = evaluator.differences(rows)
         step = step.copy()
         step[lane, joint] *= -1.0
     return step
@@ -184,19 +194,19 @@ def bounded_step(
         down = np.where(span > 0, (box.lower - q) / span, 0.0)
         up = np.where(span > 0, (box.upper - q) / span, 0.0)
     down[:, box.full], up[:, box.full] = -np.inf, np.inf
-    held = np.zeros(q.shape, dtype=bool)
+    at_limit = np.zeros(q.shape, dtype=bool)
     move = np.zeros(q.shape)
     for _ in range(dof + 1):
-        fixed = np.where(held, move, 0.0)
-        loose = ~held[:, :, None] & ~held[:, None, :]
+        fixed = np.where(at_limit, move, 0.0)
+        loose = ~at_limit[:, :, None] & ~at_limit[:, None, :]
         M = np.where(loose, A, np.eye(dof))
-        right = np.where(held, fixed, g - (A @ fixed[:, :, None])[:, :, 0])
+        right = np.where(at_limit, fixed, g - (A @ fixed[:, :, None])[:, :, 0])
         move = np.linalg.solve(M, right[:, :, None])[:, :, 0]
-        through = ~held & ((move < down) | (move > up))
+        through = ~at_limit & ((move < down) | (move > up))
         if not through.any():
             break
         move = np.clip(move, down, up)
-        held |= through
+        at_limit |= through
     longest = np.abs(move).max(axis=1)
     move *= (LONGEST / np.maximum(longest, LONGEST))[:, None]
     promised = (move * (g - (H @ move[:, :, None])[:, :, 0] / 2)).sum(axis=1)

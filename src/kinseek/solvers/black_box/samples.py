@@ -18,12 +18,12 @@ from kinseek.kinds import Kind
 from kinseek.robots.mechanism import Mechanism
 from kinseek.robots.sampling import spread_inside
 
-from .asking import features
+from .evaluator import features
 
 Array = NDArray[np.float64]
 
 _DEAR = 8
-"""A function that runs Python code for every row gets this many times fewer samples."""
+"""A function that runs Python code for every row gets this many times fewer samples. Not examined further."""
 
 
 MOST_FEATURES = 16
@@ -40,8 +40,8 @@ class Samples:
             InvalidRobot: The mechanism cannot be assembled at any of the samples.
         """
         began = time.perf_counter()
-        wanted = min(count if box.cheap else max(count // _DEAR, 8), 64**box.dof)
-        q = spread(box, wanted)
+        requested = min(count if box.cheap else max(count // _DEAR, 8), 64**box.dof)
+        q = spread(box, requested)
         poses = box.forward(q)
         there = ~np.isnan(poses).any(axis=(1, 2))
         if not there.any():

@@ -28,13 +28,14 @@ from .shapes import length_or_zero
 Array = NDArray[np.float64]
 
 _MORE = (8, 20)
-"""Sizes of further samples, as multiples of the first, if no solution of the first sample is free."""
+"""Sizes of further samples, as multiples of the first, if no solution of the first sample is free. Not examined further."""
 
 _AT_ONCE = 16
 """Solutions checked in one call: eight fit into vector lanes, and most poses have at most sixteen."""
 
 _ESCAPES = 3
-"""Number of solutions that are moved away from contacts, the least colliding ones of the first `SPREAD`."""
+"""Number of solutions that are moved away from contacts, the least colliding ones of the first `SPREAD`. Not examined
+further."""
 
 
 @dataclass
@@ -59,7 +60,7 @@ class Judge(ManyAtOnce):
         """Do the same for several solutions, (k, n) -> (k,)."""
         free = self.scene.free(q, self.clearance)
         return np.array(
-            [self._agrees(one, report) for one, report in zip(q, free, strict=True)], dtype=np.bool_
+            [self._agrees(one, is_free) for one, is_free in zip(q, free, strict=True)], dtype=np.bool_
         )
 
     def first(self, candidates: Array) -> Array | None:
@@ -191,6 +192,7 @@ def _pick(
         if deadline.passed:
             late = True
             break
+        # A larger sample contains the solutions of the smaller one, which would be counted twice.
         judge.blocked, judge.refused, judge.seen, judge.spared = 0, 0, [], None
         selection = Selection(
             prefer or ORDERS[0], cost, copies=cost is not None, count=many * SPREAD if many > 1 else None
@@ -199,6 +201,7 @@ def _pick(
         assert isinstance(found, Branches)  # True for one target.
         spent, candidates, late = spent + found.evaluations, found.q, found.out_of_time
         if not len(candidates):
+            # The search for branches may miss a solution that the atlas finds.
             last = Atlas().solve(replace(problem, time_limit=deadline.left))
             spent += last.evaluations
             if not last.success:
@@ -245,6 +248,7 @@ def all_blocked(problem: Problem, judge: Judge, deadline: Deadline) -> tuple[Arr
     Returns:
         A free and accepted solution, (n,), or None; and whether it is proved that no free solution exists.
     """
+    # The proof is about all solutions modulo whole turns, so the turns near some joint values do not matter.
     problem = replace(problem, near=None)
     found = branches_of(problem, Selection())
     assert isinstance(found, Branches)
@@ -274,6 +278,7 @@ def _escaped(
     scene, blocked = judge.scene, np.array(judge.seen[:SPREAD]).reshape(-1, problem.chain.dof)
     if judge.spared is not None or not len(blocked):
         return _Pick(problem.start if judge.spared is None else judge.spared, spent, False, judge, late)
+    # The solution that penetrates least is probably the one with the shortest way to a free one.
     order = np.argsort(-scene.distance(blocked), kind="stable")
     best = blocked[order[0]]
     for q in blocked[order[:_ESCAPES]] if index.freedom else ():

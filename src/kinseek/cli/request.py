@@ -18,15 +18,15 @@ from kinseek.proof.certificate import Certificate, Verdict
 from kinseek.solution import Solution
 from kinseek.solvers import Solver
 
-from .goals import Asked
+from .goals import GoalSpec
 
 
 @dataclass(frozen=True)
-class Question:
+class SolveRequest:
     """An arm, the constrained part of a pose, and the selection of solutions."""
 
     arm: Arm
-    asked: Asked
+    goal_spec: GoalSpec
     near: NDArray[np.float64] | None = None
     search: Solver | None = None
     prefer: str | None = None
@@ -36,7 +36,7 @@ class Question:
     clearance: float = 0.0
     """Minimum distance of bodies [m]."""
 
-    def answer(self, goal: Goal, progress: bool = False) -> Solution:
+    def solve(self, goal: Goal, progress: bool = False) -> Solution:
         """Solve one goal, or a batch."""
         return self.arm.ik(
             goal,
@@ -50,15 +50,15 @@ class Question:
             progress=progress,
         )
 
-    def answer_with_proof(self, goal: Goal) -> tuple[Solution, Certificate | None]:
+    def solve_with_proof(self, goal: Goal) -> tuple[Solution, Certificate | None]:
         """Solve one goal, and keep the certificate of `prove`; in a scene it proves more than one statement."""
         if self.scene is not None:
-            return self.answer(goal), None
+            return self.solve(goal), None
         from kinseek.proof.branch_and_bound import prove, refuse_ranges
 
         refuse_ranges(goal)
-        solution = replace(self, prove=False).answer(goal)
-        proof = prove(solution.problem, answer=solution)
+        solution = replace(self, prove=False).solve(goal)
+        proof = prove(solution.problem, solution=solution)
         return replace(solution, proved_unreachable=proof.verdict is Verdict.UNREACHABLE), proof
 
     def branches(self, goal: Goal, count: int | None = None) -> Branches | BranchesBatch:
@@ -68,9 +68,7 @@ class Question:
             InvalidProblem: A search or a trace is requested, too.
         """
         if self.search is not None or self.trace:
-            raise InvalidProblem(
-                "--all finds every branch in a way of its own; it takes neither --solver nor --trace"
-            )
+            raise InvalidProblem("--all has its own search; it cannot be combined with --solver or --trace")
         order: dict[str, Any] = {} if self.prefer is None else {"order": self.prefer}
         return self.arm.branches(
             goal,

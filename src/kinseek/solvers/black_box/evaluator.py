@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 NO_BUDGET = 2**62
 
 
-class Asker:
+class Evaluator:
     """Evaluates the function for one target, converts poses into features, and counts the evaluations.
 
     The features of a pose are its position and the columns of its rotation that matter, (3 + 3c,). Their differences from
@@ -34,8 +34,8 @@ class Asker:
         goal = problem.goal
         if goal.form.ranges:
             raise InvalidGoal(
-                f"{goal.form.noun} cannot be asked of {box.name!r}, which is a function; "
-                f"valid: {', '.join(kind.noun for kind in PLAIN_KINDS)}"
+                f"{goal.form.noun} is not supported for {box.name!r}, which has black-box kinematics; valid: "
+                f"{', '.join(kind.noun for kind in PLAIN_KINDS)}"
             )
         self.box, self.goal = box, goal
         self.columns = tuple(range(goal.columns))
@@ -52,7 +52,7 @@ class Asker:
             self._left, self.out_of_time = 0, True
         return self._left
 
-    def ask(self, q: Array) -> Array:
+    def differences(self, q: Array) -> Array:
         """Return features minus the target's at joint values inside the limits, (k, n) -> (k, m); NaN without a pose."""
         self.spent += len(q)
         self._left -= len(q)

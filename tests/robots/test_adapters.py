@@ -109,7 +109,7 @@ def test_text_that_is_no_robot(text: str, message: str) -> None:
             "robot: ur5e\njoints: 6\n",
             "this is text of 22 letters and no path; the text of a robot begins with <robot",
         ),
-        ("file:///home/ur5e.urdf", "write the path of the file, without file://"),
+        ("file:///home/ur5e.urdf", "give the path of the file, without file://"),
         ("arm.sdf", ".sdf files are not read: export the arm as URDF or MJCF"),
         ("UR5e", "unknown robot 'UR5e'; did you mean 'ur5e'\\? Names of bundled arms are lower-case"),
         ("KR6-R900", "did you mean 'kr6r900'"),
