@@ -71,7 +71,8 @@ ROOT, SIGN1, SIGN3 = range(3)
 class SearchedStarts(NamedTuple):
     """What is known of the starts."""
 
-    count: int
+    number: int
+    """How many there are."""
     close: bool
     """Whether solutions may be close together."""
     unsure: bool

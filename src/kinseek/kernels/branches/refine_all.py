@@ -228,7 +228,8 @@ def is_futile(progress: Progress, most: int, l: int) -> bool:
     made = progress.made[l]
     slow = made >= PATIENCE and progress.strikes[l] >= STRIKES
     leads_nowhere_new = made > 1 and progress.heading[l] > 0.0
-    return made >= most or slow or leads_nowhere_new
+    futile: bool = made >= most or slow or leads_nowhere_new
+    return futile
 
 
 @inlined

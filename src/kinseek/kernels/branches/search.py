@@ -124,7 +124,7 @@ class Plan(NamedTuple):
 
     left: int
     """See `COMPLETE`."""
-    count: int
+    found: int
     """Number of solutions."""
     tried: int
     """Number of starts that led to them."""
@@ -169,7 +169,7 @@ def find_branches(arm: ArmTables, tolerances: Array, target: Array, view: Array,
         plan = try_closed_form(arm, task, scratch, search)
     elif arm.table.shape[1] > 0 and max(task.position_tolerance, task.orientation_tolerance) <= LOOSE:
         plan = try_one_joint(arm, search)
-    count = plan.count
+    count = plan.found
     if plan.left != COMPLETE:
         count = refine_siblings(search, arm.mirrors, 0, count, plan.left == TWINS)
         known, before, kept = np.empty((MOST_JOINTS, ROOM)), 0, 0
@@ -222,10 +222,10 @@ def try_closed_form(arm: ArmTables, task: Task, scratch: Scratch, search: Search
 def try_one_joint(arm: ArmTables, search: Search) -> Plan:
     """Refine the starts that the search of one joint leads to, see `one_joint`."""
     starts = write_searched_starts(search, arm.joint, arm.table)
-    count = refine_all(search, Batch(0, starts.count, starts.count, SIBLING), 0)
+    count = refine_all(search, Batch(0, starts.number, starts.number, SIBLING), 0)
     unsure = starts.unsure or count == 0
-    left = SIBLINGS if count < starts.count or starts.close else COMPLETE
-    return Plan(SAMPLES if unsure else left, count, starts.count, 0, unsure, False, 0.0, 1.0)
+    left = SIBLINGS if count < starts.number or starts.close else COMPLETE
+    return Plan(SAMPLES if unsure else left, count, starts.number, 0, unsure, False, 0.0, 1.0)
 
 
 @inlined

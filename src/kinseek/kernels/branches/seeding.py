@@ -406,8 +406,9 @@ def turned_back(cosine: float, sine: float, v: Vector) -> Vector:
 @inlined
 def copy_near_middle(angle: float, joint: EndJoint) -> float:
     """Add full turns to move an angle as close as possible to the middle of a joint's range."""
-    middle: float = 0.5 * (joint.low + joint.high)
-    return angle + 2.0 * math.pi * np.floor((middle - angle) * (0.5 / math.pi) + 0.5)
+    middle = 0.5 * (joint.low + joint.high)
+    copy: float = angle + 2.0 * math.pi * np.floor((middle - angle) * (0.5 / math.pi) + 0.5)
+    return copy
 
 
 @inlined
