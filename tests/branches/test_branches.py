@@ -17,7 +17,7 @@ from benchmarks.targets import plain_fk, random_joints, singular_joints, strict
 from chains import wide_panda
 from kinseek import Branches, BranchesBatch, Goal, InvalidGoal, InvalidProblem
 from kinseek.kernels.arm.jacobian import jacobian_many
-from kinseek.kernels.branches import search
+from kinseek.kernels.branches import seeding
 from kinseek.kernels.structure import candidates
 from places import ROOT
 
@@ -259,7 +259,7 @@ def test_answers_come_in_pairs_where_no_joint_is_limited(name: str) -> None:
 def test_mirror_images_are_those_of_a_spherical_wrist() -> None:
     for name, images in (("irb120", 1), ("ur5e", 0), ("elbow6", 3)):
         arm = kinseek.load(name)
-        mirrors = arm._branches.mirrors
+        mirrors = arm._branches.tables.mirrors
         assert len(mirrors) == images
         q = random_joints(arm.chain, 20, 1)
         for signs, shifts, _ in mirrors:
@@ -613,7 +613,7 @@ def test_a_proof_keeps_every_answer_at_the_edge_of_reach(name: str) -> None:
 
 def test_the_page_names_the_constants_that_completeness_rests_on() -> None:
     text = (ROOT / "docs" / "branches_explained.md").read_text(encoding="utf-8")
-    known = vars(candidates) | vars(search)
+    known = vars(candidates) | vars(seeding)
     named = re.findall(r"^\| ((?:`[A-Z_]+`(?:, )?)+) \| ([^|]+) \|", text, re.MULTILINE)
     said = {
         name: float(value)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -13,11 +11,12 @@ from kinseek.branches.index import index_of
 from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.atlas.task import HEAD
 from kinseek.kernels.branches import seeding
+from kinseek.kernels.branches.distance import MOST_JOINTS
 from kinseek.kernels.jit import exposed
 from kinseek.robots.geometry import RADIAN_PART, arm_length
 
-radius, sort_samples, is_alike = (
-    exposed(each) for each in (seeding.radius, seeding.sort_samples, seeding.is_alike)
+radius, sort_samples, is_alike, keep_start = (
+    exposed(each) for each in (seeding.radius, seeding.sort_samples, seeding.is_alike, seeding.keep_start)
 )
 
 
@@ -36,8 +35,8 @@ def test_the_table_of_first_steps_is_a_damped_inverse(name: str) -> None:
         J[:3] += np.cross(J[3:].T, lever).T
         J = np.concatenate([head @ J[:3] / length, head @ J[3:]])
         expected = J.T @ np.linalg.inv(J @ J.T + seeding.DAMPED * np.eye(6))
-        np.testing.assert_allclose(index.steps[k, :, : arm.dof].T, expected, atol=1e-9)
-        assert (index.steps[k, :, arm.dof :] == 0.0).all()
+        np.testing.assert_allclose(index.tables.steps[k, :, : arm.dof].T, expected, atol=1e-9)
+        assert (index.tables.steps[k, :, arm.dof :] == 0.0).all()
 
 
 @pytest.mark.jit
@@ -54,8 +53,9 @@ def test_samples_come_nearest_first_and_none_twice() -> None:
         assert 360 <= (distance < far).sum() <= 440
         taken = []
         for low, high in ((0.0, near), (near, far)):
-            order = np.empty(count + seeding.BUCKETS + 1, dtype=np.int64)
-            found = sort_samples(distance, low, high, count, room, order)
+            order = np.empty(count, dtype=np.int64)
+            bucket_ends = np.empty(seeding.BUCKETS + 1, dtype=np.int64)
+            found = sort_samples(seeding.Sorting(distance, room, order, bucket_ends), low, high, count)
             assert sorted(order[:found]) == list(np.flatnonzero((low <= distance) & (distance < high)))
             bucket = (distance[order[:found]].max() - distance[order[:found]].min()) / (seeding.BUCKETS - 1)
             assert (np.diff(distance[order[:found]]) >= -bucket).all()
@@ -67,10 +67,9 @@ def test_samples_come_nearest_first_and_none_twice() -> None:
 
 @pytest.mark.jit
 def test_starts_are_alike_modulo_full_turns_only_where_a_joint_turns() -> None:
-    known: Any = np.zeros((seeding.MOST_JOINTS + 1, 8))
-    known[seeding.MOST_JOINTS] = seeding.NOWHERE
-    known[:, 0] = 0.0
-    known[0, 0], q = 3.0, np.zeros(6)
+    known, q = np.empty((MOST_JOINTS, 8)), np.zeros(6)
+    q[0] = 3.0
+    keep_start(known, 0, q)
     q[0] = 3.0 - 2 * np.pi + 0.5 * seeding.APART
     turning, limited = np.full(6, 0.5 / np.pi), np.zeros(6)
     assert is_alike(known, 1, turning, q)

@@ -12,7 +12,6 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.branches.refine_all import ANSWER, CENTRE, RATES
 from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.problem import Problem
@@ -116,22 +115,15 @@ def _search(
             if not go_on():
                 return
             last = min(first + _PIECE, end)
+            some = slice(first, last)
             many_branches(
-                index.coarse.handle,
-                index.fine.handle,
+                index.tables,
                 tolerances,
-                index.mirrors,
-                index.structure.numbers,
-                *index.joint,
-                index.steps,
-                targets,
-                views,
+                targets[some],
+                views[some] if len(views) > 1 else views,
                 number,
-                first,
-                last,
-                results,
-                counts,
-                LANES,
+                results[: last - first],
+                counts[: last - first],
             )
             for i in range(first, last):
                 found[i] = results[i - first, : counts[i - first]].copy()

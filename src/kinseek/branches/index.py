@@ -15,7 +15,7 @@ from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.branches.refine_all import ANSWER
-from kinseek.kernels.branches.search import ROWS, many_branches
+from kinseek.kernels.branches.search import ROWS, ArmTables, many_branches
 from kinseek.kernels.branches.seeding import fill_steps
 from kinseek.kernels.branches.twins import SHIFTS, SIGNS
 from kinseek.kernels.structure.candidates import KIND, NONE
@@ -63,19 +63,24 @@ class BranchIndex:
         range, in halves of it, (3, n); see `refine_all.CENTRE`."""
         self.structure = self.fine.structure
         """Structure of the arm's geometry; `NO_STRUCTURE` if the goal is less than a pose."""
-        self.joint = NOTHING
-        """Tables of the joint that is searched, if the solutions are found that way."""
+        joint = NOTHING
         if kind is POSE and not self.freedom and self.structure.numbers[KIND] == NONE:
-            self.joint = one_joint_of(problem.arrays, arm_length(chain))
-        self.steps: Array = np.zeros((0 if self.freedom else self.coarse.samples, 6, LANES))
-        """First step of a start from each coarse sample, see `seeding.fill_steps`, (samples, 6, LANES); empty for a
-        redundant arm."""
+            joint = one_joint_of(problem.arrays, arm_length(chain))
+        steps = np.zeros((0 if self.freedom else self.coarse.samples, 6, LANES))
         if not self.freedom:
-            fill_steps(self.coarse.handle, self.steps, LANES)
-        self.mirrors: Array = np.zeros((0, 3, chain.dof))
-        """Every mirror image of the arm, see `twins.SIGNS`, (k, 3, n)."""
+            fill_steps(self.coarse.handle, steps, LANES)
+        self.tables = ArmTables(
+            handle=self.coarse.handle,
+            fine=self.fine.handle,
+            mirrors=np.zeros((0, 3, chain.dof)),
+            structure=self.structure.numbers,
+            joint=joint.numbers,
+            table=joint.table,
+            steps=steps,
+        )
+        """What `kernels.branches.search` takes of an arm; without steps for a redundant one."""
         if not self.freedom and chain.dof <= _MOST_MIRRORED:
-            self.mirrors = self._mirrors(problem)
+            self.tables = self.tables._replace(mirrors=self._mirrors(problem))
 
     def plain(self, chain: SerialChain, T: Array) -> Branches | None:
         """Return all solutions of one plain pose, (4, 4), without checks; None if it is not a rigid transform."""
@@ -90,9 +95,7 @@ class BranchIndex:
         assert count or not self.freedom, "all answers are looked for from starts that are not there"
         most, number = (count, count) if self.freedom else (ROWS, 0)
         rows, found = np.empty((1, most + 1, view.shape[-1] + ANSWER)), np.empty(1, dtype=np.int64)
-        handles, one = (self.coarse.handle, self.fine.handle), (target[None], view[None])
-        what = self.mirrors, self.structure.numbers, *self.joint, self.steps
-        many_branches(*handles, tolerances, *what, *one, number, 0, 1, rows, found, LANES)
+        many_branches(self.tables, tolerances, target[None], view[None], number, rows, found)
         return rows[0, : found[0]]
 
     def _mirrors(self, problem: Problem) -> Array:

@@ -139,8 +139,9 @@ def _arm_as_data(arm: Arm) -> dict[str, Any]:
     numbers, lengths = task["numbers"].tolist(), task["lengths"].tolist()
     division = Division(numbers[HEAD], numbers[TAIL], numbers[COLUMNS], lengths[DIRECTION])
     arrays = {name: each for name, each in task.items() if name not in (*_MADE, "routines")}
-    arrays |= {"view": index.view, "mirrors": index.mirrors, "structure": index.structure.numbers}
-    arrays |= {"joint": index.joint.numbers, "table": index.joint.table}
+    tables = index.tables
+    arrays |= {"view": index.view, "mirrors": tables.mirrors, "structure": tables.structure}
+    arrays |= {"joint": tables.joint, "table": tables.table}
     return {
         "name": arm.name,
         "joint_names": list(arm.joint_names),

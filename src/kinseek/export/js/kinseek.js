@@ -215,22 +215,19 @@ class Arm {
       eye.fill(1.0, dof, 2 * dof);
     }
     machine.call("ks_many_branches", {
-      handle: this.coarse,
-      fine: this.fine,
-      wanted: this.arrays.plain,
-      mirrors: this.arrays.mirrors,
-      structure: this.arrays.structure,
-      joint: this.arrays.joint,
-      table: this.arrays.table,
-      steps: this.steps,
+      "arm.handle": this.coarse,
+      "arm.fine": this.fine,
+      "arm.mirrors": this.arrays.mirrors,
+      "arm.structure": this.arrays.structure,
+      "arm.joint": this.arrays.joint,
+      "arm.table": this.arrays.table,
+      "arm.steps": this.steps,
+      tolerances: this.arrays.plain,
       targets: this.target,
       views: this.eye,
       number,
-      begin: 0,
-      end: 1,
       results: this.results,
       counts: this.counts,
-      w: machine.description.lanes,
     });
     const rows = Number(machine.view(this.counts)[0]);
     if (rows === 0) throw new RangeError("the pose is no rigid transform");

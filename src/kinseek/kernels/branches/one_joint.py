@@ -5,18 +5,22 @@ of its equations has a double root: two branches meet there in one curve, and th
 the distance from the end. Eight more samples are placed between the last samples and the end, so spaced that the residual
 is smooth along them. The same is done where an equation nearly has a double root, and where the residual approaches zero
 and turns back.
+
+Arms that have such a joint get all solutions 3.0 to 4.7 times as fast as by the search from samples, one pose at a time,
+and 3.3 to 5.4 times as fast in batches (jaco2_6, mpx3500 and irb5400, 3,000 and 20,000 random poses each).
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from kinseek.kernels.arm.division import nearest_copy
-from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.task import task_of
+from kinseek.kernels.atlas.task import Task, task_of
 from kinseek.kernels.jit import inlined, noinline
 from kinseek.kernels.structure.candidates import displacement
 
@@ -24,30 +28,35 @@ from .one_joint_residual import (
     APART,
     AXIS,
     BEGIN,
-    LANE_ROWS,
     OTHER,
     PLACES,
     SAMPLES,
     SEARCHED,
-    between,
+    WAYS,
+    Lanes,
+    Residuals,
     complete,
+    cubic,
+    interpolate,
     write_residuals,
 )
+from .refine_all import Search
 
 SEGMENTS, ROOTS = 48, 48
-"""Largest number of places that are searched closely, and of solutions."""
+"""Largest number of segments that are searched closely, and of solutions. Not examined further."""
 
 
 ENDS, NEARLY, DIPS = range(3)
-"""Kinds of these places: a branch ends; an equation nearly has a double root; the residual comes close to zero."""
+"""Kinds of segments: a branch ends; an equation nearly has a double root; the residual comes close to zero."""
 
 
 BESIDE = 0.02
-"""Largest distance of a start beyond a limit [rad], because starts are not exact."""
+"""Largest distance of a start beyond a limit [rad], because starts are not exact. Not examined further."""
 
 
 NARROW, LOW = 2.0, 0.2
-"""Thresholds of closeness, for an equation and for the residual, relative to their second differences between samples."""
+"""Thresholds of closeness, for an equation and for the residual, relative to their second differences between samples.
+Not examined further."""
 
 
 FLAT, FREE = 1e-4, 2e-4
@@ -55,149 +64,278 @@ FLAT, FREE = 1e-4, 2e-4
 undetermined. The solutions are then continua, within the tolerances."""
 
 
-MANY, TWINS, UNSURE = range(3)
-"""Indices into the report on starts: their number; 1 if solutions may be close together, else 0; and 1 if there may be
-solutions that no start leads to, else 0."""
+ROOT, SIGN1, SIGN3 = range(3)
+"""Rows of a root: the value of the joint, and the signs of the solutions of joints 1 and 3."""
+
+
+class SearchedStarts(NamedTuple):
+    """What is known of the starts."""
+
+    number: int
+    """How many there are."""
+    close: bool
+    """Whether solutions may be close together."""
+    unsure: bool
+    """Whether there may be solutions that no start leads to."""
+
+
+class Segment(NamedTuple):
+    """A part of the joint's range that eight samples search closely."""
+
+    kind: int
+    row: int
+    """The equation for ENDS and NEARLY: 0 for joint 1, else 1 + its solution; the way for DIPS."""
+    begin: float
+    end: float
+    """Where the samples are densest, unless the kind is DIPS."""
+
+
+class Close(NamedTuple):
+    """Segments, roots, and which intervals are left to the segments."""
+
+    covered: Array
+    """1 for an interval between two samples of an equation that is searched closely, else 0, (3, SAMPLES)."""
+    segments: Array
+    """Each `Segment`, (SEGMENTS, 4)."""
+    roots: Array
+    """See `ROOT`, (3, ROOTS)."""
+
+
+@noinline
+def write_searched_starts(search: Search, S: Array, table: Array) -> SearchedStarts:
+    """Write starts that lead to every solution within the limits, or close to them, and say what is known of them.
+
+    Args:
+        search: The search.
+        S: Numbers of the arm, see `one_joint_residual.BEGIN`.
+        table: See `one_joint_residual.HEIGHT`, (PLACES, SAMPLES).
+    """
+    task, D, w = task_of(search.job.handle, search.job.tolerances), np.empty((3, 4)), search.job.width
+    lanes = Lanes(
+        np.empty((PLACES, LANES)),
+        np.empty((WAYS, LANES)),
+        np.empty((3, LANES)),
+        np.empty(LANES),
+        np.empty((6, LANES)),
+    )
+    sampled = Residuals(np.empty((WAYS, SAMPLES)), np.empty((3, SAMPLES)), np.empty(SAMPLES))
+    close = Close(np.zeros((3, SAMPLES)), np.empty((SEGMENTS, 4)), np.zeros((3, ROOTS)))
+    displacement(S, search.target, D)
+    write_residuals(S, D, table, sampled, lanes, w)
+    segments = find_ends(S, sampled, close)
+    count, segments, flat = find_roots(S, sampled, close, segments)
+    free = np.inf
+    for k in range(0, SAMPLES, LANES):
+        free = min(free, sampled.reach[k])
+    unsure, dips = segments > SEGMENTS or flat > 1 or free < FREE * FREE, 0
+    segments = min(segments, SEGMENTS)
+    if segments > 0:
+        many = segments * LANES
+        columns = np.empty((PLACES, many))
+        closely = Residuals(np.empty((WAYS, many)), np.empty((3, many)), np.empty(many))
+        for i in range(segments):
+            segment = segment_at(close, i)
+            for j in range(LANES):
+                interpolate(S, table, sample_of(segment, float(j)), AXIS, columns, i * LANES + j)
+        write_residuals(S, D, columns, closely, lanes, w)
+        count, dips = find_close_roots(closely, close, segments, count)
+    unsure = unsure or count > ROOTS
+    count = min(count, ROOTS)
+    # Branches are closed curves: the residual changes its sign an even number of times.
+    once, around = 0, S[APART] * (SAMPLES - 1) >= 2.0 * math.pi
+    for k in range(count):
+        once += 1 if close.roots[ROOT, k] < S[BEGIN] + 2.0 * math.pi else 0
+    unsure = unsure or (around and once % 2 == 1)
+    many = 0
+    for begin in range(0, count, LANES):
+        for l in range(LANES):
+            interpolate(S, table, close.roots[ROOT, min(begin + l, count - 1)], PLACES, lanes.table, l)
+        complete(S, D, close.roots, begin, lanes, w)
+        for l in range(min(LANES, count - begin)):
+            many += 1 if place_start(task, S, lanes.joints, l, search.starts[many]) else 0
+    return SearchedStarts(many, dips > 0, unsure)
+
+
+@inlined
+def place_start(task: Task, S: Array, joints: Array, l: int, q: Array) -> bool:
+    """Write the joint values of lane l, within their limits, into q, (n,); return False if one is far beyond them."""
+    lower, upper, fits = task.chain.lower, task.chain.upper, True
+    for r in range(6):
+        i = int(S[SEARCHED]) if r == 3 else int(S[OTHER]) if r == 4 else r
+        q[i] = joints[r, l]
+        if not math.isinf(task.lower[i]):
+            value = nearest_copy(q[i], lower[i], upper[i], 0.5 * (lower[i] + upper[i]))
+            fits = fits and lower[i] - BESIDE <= value <= upper[i] + BESIDE
+            q[i] = min(max(value, lower[i]), upper[i])
+    return fits
+
+
+@inlined
+def sample_of(segment: Segment, j: float) -> float:
+    """Value of the joint at sample j of a segment, 0 … LANES - 1, or between two of them."""
+    u = 1.0 - j / (LANES - 1)
+    return segment.end + (segment.begin - segment.end) * (u if segment.kind == DIPS else u * u)
+
+
+@inlined
+def segment_at(close: Close, i: int) -> Segment:
+    """Read segment i."""
+    segments = close.segments
+    return Segment(int(segments[i, 0]), int(segments[i, 1]), segments[i, 2], segments[i, 3])
+
+
+@inlined
+def add_segment(segment: Segment, close: Close, count: int) -> int:
+    """Store a segment if there is room; return the number of segments."""
+    if count < SEGMENTS:
+        segments = close.segments
+        segments[count, 0], segments[count, 1] = segment.kind, segment.row
+        segments[count, 2], segments[count, 3] = segment.begin, segment.end
+    return count + 1
+
+
+@inlined
+def add_root(value: float, way: int, close: Close, count: int) -> int:
+    """Store a root if there is room; return the number of roots."""
+    if count < ROOTS:
+        close.roots[ROOT, count] = value
+        close.roots[SIGN1, count] = 1.0 - 2.0 * (way // 2)
+        close.roots[SIGN3, count] = 1.0 - 2.0 * (way % 2)
+    return count + 1
 
 
 @inlined
 def crossing(y0: float, y1: float, y2: float, y3: float) -> float:
-    """Zero between 1 and 2 of a cubic through values at 0, 1, 2 and 3; y1 and y2 have different signs."""
-    low, high, at_low = 1.0, 2.0, y1
-    x = 1.0 + y1 / (y1 - y2)
+    """Zero between 1 and 2 of a cubic through values at 0, 1, 2 and 3; y1 and y2 have different signs.
+
+    Newton's method, inside an interval that is halved where it fails.
+    """
+    low, high, x = 1.0, 2.0, 1.0 + y1 / (y1 - y2)
     for _ in range(6):
+        w = cubic(x)
+        y = w.w0 * y0 + w.w1 * y1 + w.w2 * y2 + w.w3 * y3
         a, b, c, d = x, x - 1.0, x - 2.0, x - 3.0
-        y = -b * c * d / 6.0 * y0 + 0.5 * a * c * d * y1 - 0.5 * a * b * d * y2 + a * b * c / 6.0 * y3
         slope = (
             -(c * d + b * d + b * c) / 6.0 * y0
             + 0.5 * (c * d + a * d + a * c) * y1
             - 0.5 * (b * d + a * d + a * b) * y2
             + (b * c + a * c + a * b) / 6.0 * y3
         )
-        low, high = (x, high) if y * at_low > 0.0 else (low, x)
+        low, high = (x, high) if y * y1 > 0.0 else (low, x)
         step = x - y / slope if slope != 0.0 else low
         x = step if low < step < high else 0.5 * (low + high)
     return x
 
 
 @inlined
-def segment(kind: int, row: int, begin: float, end: float, segments: Array, count: int) -> int:
-    """Store a place to search; return the number of places."""
-    if count < SEGMENTS:
-        segments[count, 0], segments[count, 1], segments[count, 2], segments[count, 3] = kind, row, begin, end
-    return count + 1
-
-
-@inlined
-def find_places(S: Array, seen: Array, covered: Array, segments: Array) -> int:
-    """Find ends of branches and near double roots of equations; return the number of places.
+def find_ends(S: Array, sampled: Residuals, close: Close) -> int:
+    """Find ends of branches and near double roots of equations; return the number of segments.
 
     Args:
         S: Numbers of the arm.
-        seen: See `write_residuals`.
-        covered: Receives 1 for an interval of an equation that is searched closely, else 0, (3, samples).
-        segments: Receives for each place its kind, the index of the equation, and the begin and the end of its eight
-            samples, which are densest at the end, (SEGMENTS, 4).
+        sampled: The residual at the samples.
+        close: Receives segments and covered intervals.
     """
-    many, count, t0, dt = seen.shape[1], 0, S[BEGIN], S[APART]
+    count, last = 0, SAMPLES - 1
     for e in range(3):
-        for k in range(many):
-            covered[e, k] = 0.0
-    for e in range(3):
-        for k in range(many - 1):
-            if e > 0 and max(seen[4, k], seen[4, k + 1]) <= 0.0:
+        room = sampled.room[e]
+        for k in range(last):
+            if e > 0 and max(sampled.room[0, k], sampled.room[0, k + 1]) <= 0.0:
                 continue
-            y0, y1, y2, y3 = (
-                seen[4 + e, max(k - 1, 0)],
-                seen[4 + e, k],
-                seen[4 + e, k + 1],
-                seen[4 + e, min(k + 2, many - 1)],
-            )
-            if (y1 > 0.0) != (y2 > 0.0):
-                y0 = 2.0 * y1 - y2 if k == 0 else y0
-                y3 = 2.0 * y2 - y1 if k == many - 2 else y3
-                at = t0 + (k - 1 + crossing(y0, y1, y2, y3)) * dt
-                begin = k if y1 > 0.0 else k + 1
-                # One sample more, if it exists, because the residual is steep there.
-                further = begin - 1 if y1 > 0.0 else begin + 1
-                covered[e, k] = 1.0
-                if (
-                    0 <= further < many
-                    and seen[4 + e, further] > 0.0
-                    and covered[e, min(begin, further)] == 0.0
-                ):
-                    covered[e, min(begin, further)] = 1.0
-                    begin = further
-                count = segment(ENDS, e, t0 + begin * dt, at, segments, count)
-                continue
-            s1, s2 = y2 - y0, y3 - y1
-            bend = 0.5 * (s2 - s1)
-            if k == 0 or k == many - 2 or s1 * s2 >= 0.0 or (bend > 0.0) != (y1 > 0.0):
-                continue
-            x = s1 / (s1 - s2)
-            most = y1 + 0.25 * s1 * x
-            if y1 > 0.0 and most < NARROW * bend:
-                covered[e, k] = 1.0
-                wide = math.sqrt(max(-2.0 * most / bend, 0.0))
-                kind = ENDS if most <= 0.0 else NEARLY
-                count = segment(kind, e, t0 + k * dt, t0 + (k + max(x - wide, 0.0)) * dt, segments, count)
-                count = segment(
-                    kind, e, t0 + (k + 1) * dt, t0 + (k + min(x + wide, 1.0)) * dt, segments, count
-                )
-            elif y1 <= 0.0 and most > 0.1 * bend:
-                wide = math.sqrt(2.0 * max(most / -bend, 0.1))
-                count = segment(ENDS, e, t0 + (k + x) * dt, t0 + (k + x - wide) * dt, segments, count)
-                count = segment(ENDS, e, t0 + (k + x) * dt, t0 + (k + x + wide) * dt, segments, count)
+            if (room[k] > 0.0) != (room[k + 1] > 0.0):
+                count = add_end(S, room, e, k, close, count)
+            elif 0 < k < last - 1:
+                count = add_near_double_root(S, room, e, k, close, count)
     return count
 
 
 @inlined
-def root(value: float, branch: int, roots: Array, count: int) -> int:
-    """Store a root; return the number of roots."""
-    if count < ROOTS:
-        roots[0, count], roots[1, count], roots[2, count] = (
-            value,
-            1.0 - 2.0 * (branch // 2),
-            1.0 - 2.0 * (branch % 2),
-        )
-    return count + 1
-
-
-@inlined
-def find_roots(
-    S: Array, seen: Array, covered: Array, segments: Array, places: int, roots: Array
-) -> tuple[int, int, int]:
-    """Find sign changes of the residual between samples, and places where it may be zero between two samples.
+def add_end(S: Array, room: Array, e: int, k: int, close: Close, count: int) -> int:
+    """Add the segment at the end of a branch between samples k and k + 1; return the number of segments.
 
     Args:
         S: Numbers of the arm.
-        seen: See `write_residuals`.
-        covered: See `find_places`.
-        segments: See `find_places`; receives more places.
-        places: Number of places so far.
-        roots: Receives the value of the joint and two signs of each root, (3, ROOTS).
+        room: Room of an equation, (SAMPLES,).
+        e: The equation.
+        k: The sample.
+        close: Receives the segment and its covered intervals.
+        count: Number of segments so far.
+    """
+    y1, y2 = room[k], room[k + 1]
+    y0 = 2.0 * y1 - y2 if k == 0 else room[k - 1]
+    y3 = 2.0 * y2 - y1 if k == SAMPLES - 2 else room[k + 2]
+    end = S[BEGIN] + (k - 1 + crossing(y0, y1, y2, y3)) * S[APART]
+    begin = k if y1 > 0.0 else k + 1
+    # One sample more, if it exists, because the residual is steep there.
+    further = begin - 1 if y1 > 0.0 else begin + 1
+    close.covered[e, k] = 1.0
+    if 0 <= further < SAMPLES and room[further] > 0.0 and close.covered[e, min(begin, further)] == 0.0:
+        close.covered[e, min(begin, further)] = 1.0
+        begin = further
+    return add_segment(Segment(ENDS, e, S[BEGIN] + begin * S[APART], end), close, count)
+
+
+@inlined
+def add_near_double_root(S: Array, room: Array, e: int, k: int, close: Close, count: int) -> int:
+    """Add the segments where an equation nearly has a double root, or has two, between samples k and k + 1.
+
+    The extreme of the room is that of the parabola through four samples. See `add_end` for the arguments.
+    """
+    t0, dt, y1 = S[BEGIN], S[APART], room[k]
+    s1, s2 = room[k + 1] - room[k - 1], room[k + 2] - y1
+    bend = 0.5 * (s2 - s1)
+    if s1 * s2 >= 0.0 or (bend > 0.0) != (y1 > 0.0):
+        return count
+    x = s1 / (s1 - s2)
+    most = y1 + 0.25 * s1 * x
+    if y1 > 0.0 and most < NARROW * bend:
+        close.covered[e, k] = 1.0
+        wide, kind = math.sqrt(max(-2.0 * most / bend, 0.0)), ENDS if most <= 0.0 else NEARLY
+        left = Segment(kind, e, t0 + k * dt, t0 + (k + max(x - wide, 0.0)) * dt)
+        right = Segment(kind, e, t0 + (k + 1) * dt, t0 + (k + min(x + wide, 1.0)) * dt)
+        count = add_segment(right, close, add_segment(left, close, count))
+    elif y1 <= 0.0 and most > 0.1 * bend:
+        wide, middle = math.sqrt(2.0 * max(most / -bend, 0.1)), t0 + (k + x) * dt
+        left, right = (
+            Segment(ENDS, e, middle, t0 + (k + x - wide) * dt),
+            Segment(ENDS, e, middle, t0 + (k + x + wide) * dt),
+        )
+        count = add_segment(right, close, add_segment(left, close, count))
+    return count
+
+
+@inlined
+def find_roots(S: Array, sampled: Residuals, close: Close, segments: int) -> tuple[int, int, int]:
+    """Find sign changes of the residual between samples, and segments where it may be zero between two samples.
+
+    Args:
+        S: Numbers of the arm.
+        sampled: The residual at the samples.
+        close: Has covered intervals; receives roots and more segments.
+        segments: Number of segments so far.
 
     Returns:
-        The number of roots, the number of places, and the number of intervals in which the residual stays near zero.
+        The number of roots, the number of segments, and the number of intervals in which the residual stays near zero.
     """
-    many, count, flat, t0, dt = seen.shape[1], 0, 0, S[BEGIN], S[APART]
-    for b in range(4):
-        e = 5 + b // 2
-        for k in range(many - 1):
-            if min(seen[4, k], seen[4, k + 1], seen[e, k], seen[e, k + 1]) <= 0.0:
+    count, flat, t0, dt = 0, 0, S[BEGIN], S[APART]
+    for way in range(WAYS):
+        e, y, room1, room3 = 1 + way // 2, sampled.value[way], sampled.room[0], sampled.room[1 + way // 2]
+        for k in range(SAMPLES - 1):
+            if min(room1[k], room1[k + 1], room3[k], room3[k + 1]) <= 0.0:
                 continue
-            if max(covered[0, k], covered[e - 4, k]) > 0.0:
+            if max(close.covered[0, k], close.covered[e, k]) > 0.0:
                 continue
-            y1, y2 = seen[b, k], seen[b, k + 1]
+            y1, y2 = y[k], y[k + 1]
             flat += 1 if max(abs(y1), abs(y2)) < FLAT else 0
             if y1 * y2 <= 0.0:
-                count = root(t0 + (k + y1 / (y1 - y2)) * dt, b, roots, count)
-            elif 0 < k < many - 2:
+                count = add_root(t0 + (k + y1 / (y1 - y2)) * dt, way, close, count)
+            elif 0 < k < SAMPLES - 2:
                 sign = 1.0 if y1 > 0.0 else -1.0
-                s1, s2 = sign * (y2 - seen[b, k - 1]), sign * (seen[b, k + 2] - y1)
+                s1, s2 = sign * (y2 - y[k - 1]), sign * (y[k + 2] - y1)
                 if s1 < 0.0 < s2 and abs(y1) + 0.25 * s1 * s1 / (s1 - s2) < LOW * 0.5 * (s2 - s1):
-                    places = segment(DIPS, b, t0 + k * dt, t0 + (k + 1) * dt, segments, places)
-    return count, places, flat
+                    dip = Segment(DIPS, way, t0 + k * dt, t0 + (k + 1) * dt)
+                    segments = add_segment(dip, close, segments)
+    return count, segments, flat
 
 
 @inlined
@@ -210,134 +348,41 @@ def turns_back(a: float, b: float, c: float) -> bool:
 
 
 @inlined
-def look_closely(
-    S: Array, close: Array, segments: Array, places: int, roots: Array, count: int
-) -> tuple[int, int]:
-    """Add the roots at the places that are searched closely; return the number of roots and of possible double roots.
+def find_close_roots(closely: Residuals, close: Close, segments: int, count: int) -> tuple[int, int]:
+    """Add the roots in the segments; return the number of roots and of possible double roots.
 
     Args:
-        S: Numbers of the arm.
-        close: See `write_residuals`, eight samples of each place, (8, places * LANES).
-        segments: See `find_places`.
-        places: Number of places.
-        roots: See `find_roots`.
+        closely: The residual at eight samples of each segment.
+        close: Has the segments; receives roots.
+        segments: Number of segments.
         count: Number of roots so far.
     """
-    last, dips = LANES - 1, 0
-    for i in range(places):
-        kind, row, begin, end, o = (
-            int(segments[i, 0]),
-            int(segments[i, 1]),
-            segments[i, 2],
-            segments[i, 3],
-            i * LANES,
-        )
-        for b in range(4):
-            if (kind == DIPS and b != row) or (kind != DIPS and row > 0 and b // 2 != row - 1):
+    dips = 0
+    for i in range(segments):
+        segment = segment_at(close, i)
+        for way in range(WAYS):
+            near_joint3 = way // 2 == segment.row - 1
+            if (way != segment.row) if segment.kind == DIPS else not (segment.row == 0 or near_joint3):
                 continue
-            e = 5 + b // 2 if row == 0 or kind == DIPS else 4
-            for j in range(last):
-                if max(close[e, o + j], close[e, o + j + 1]) <= 0.0:
+            equation = 1 + way // 2 if segment.kind == DIPS or segment.row == 0 else 0
+            y, room, first = closely.value[way], closely.room[equation], i * LANES
+            for j in range(LANES - 1):
+                y1, y2 = y[first + j], y[first + j + 1]
+                if max(room[first + j], room[first + j + 1]) <= 0.0:
                     continue
-                y1, y2 = close[b, o + j], close[b, o + j + 1]
                 if y1 * y2 <= 0.0:
-                    u = 1.0 - (j + (y1 / (y1 - y2) if y1 != y2 else 0.0)) / last
-                    count = root(end + (begin - end) * (u if kind == DIPS else u * u), b, roots, count)
-                elif j > 0 and turns_back(close[b, o + j - 1], y1, y2):
+                    share = y1 / (y1 - y2) if y1 != y2 else 0.0
+                    count = add_root(sample_of(segment, j + share), way, close, count)
+                elif j > 0 and turns_back(y[first + j - 1], y1, y2):
                     dips += 1
-                    u = 1.0 - j / last
-                    count = root(end + (begin - end) * (u if kind == DIPS else u * u), b, roots, count)
-            if (
-                kind == ENDS
-                and ((row == 0 and b < 2) or (row > 0 and b % 2 == 0))
-                and close[e, o + last] > 0.0
-            ):
-                k = b + 2 if row == 0 else b + 1
-                y1, y2 = close[b, o + last], close[k, o + last]
-                if y1 * y2 < 0.0:
-                    count = root(end, b, roots, count)
-                elif turns_back(close[b, o + last - 1], y1, close[k, o + last - 1]):
-                    count, dips = root(end, b, roots, count), dips + 1
+                    count = add_root(sample_of(segment, float(j)), way, close, count)
+            last = first + LANES - 1
+            joined = way + 2 if segment.row == 0 else way + 1
+            begins = way < 2 if segment.row == 0 else way % 2 == 0
+            if segment.kind == ENDS and begins and room[last] > 0.0:
+                other = closely.value[joined]
+                if y[last] * other[last] < 0.0:
+                    count = add_root(segment.end, way, close, count)
+                elif turns_back(y[last - 1], y[last], other[last - 1]):
+                    count, dips = add_root(segment.end, way, close, count), dips + 1
     return count, dips
-
-
-@noinline
-def searched_starts(
-    handle: Indices,
-    tolerances: Array,
-    S: Array,
-    table: Array,
-    target: Array,
-    seeds: Array,
-    report: Indices,
-    w: int,
-) -> None:
-    """Write starts that lead to every solution within the limits, or close to them, into seeds.
-
-    Args:
-        handle: The task, see `task_of`.
-        tolerances: See `task_of`.
-        S: Numbers of the arm, see `one_joint_residual.BEGIN`.
-        table: See `HEIGHT`, (PLACES, SAMPLES).
-        target: (4, 4), lengths in [m].
-        seeds: Receives joint values, (at least ROOTS, n).
-        report: See `MANY`, (3,).
-        w: LANES.
-    """
-    task, D, dips = task_of(handle, tolerances), np.empty((3, 4)), 0
-    seen, covered, segments = np.empty((8, SAMPLES)), np.empty((3, SAMPLES)), np.empty((SEGMENTS, 4))
-    roots, work = np.zeros((3, ROOTS)), np.empty(LANE_ROWS * LANES)
-    displacement(S, target, D)
-    write_residuals(S, D, table, SAMPLES, seen, work, w)
-    places = find_places(S, seen, covered, segments)
-    count, places, flat = find_roots(S, seen, covered, segments, places, roots)
-    free = np.inf
-    for k in range(0, SAMPLES, LANES):
-        free = min(free, seen[7, k])
-    unsure = places > SEGMENTS or flat > 1 or free < FREE * FREE
-    places = min(places, SEGMENTS)
-    if places > 0:
-        column = np.empty((PLACES, places * LANES))
-        close = np.empty((8, places * LANES))
-        for i in range(places):
-            for j in range(LANES):
-                u = 1.0 - j / (LANES - 1)
-                u = u if segments[i, 0] == DIPS else u * u
-                between(
-                    S,
-                    table,
-                    segments[i, 3] + (segments[i, 2] - segments[i, 3]) * u,
-                    AXIS,
-                    column,
-                    i * LANES + j,
-                )
-        write_residuals(S, D, column, places * LANES, close, work, w)
-        count, dips = look_closely(S, close, segments, places, roots, count)
-    unsure = unsure or count > ROOTS
-    count = min(count, ROOTS)
-    # Branches are closed curves: the residual changes its sign an even number of times.
-    once, around = 0, S[APART] * (SAMPLES - 1) >= 2.0 * math.pi
-    for k in range(count):
-        once += 1 if roots[0, k] < S[BEGIN] + 2.0 * math.pi else 0
-    unsure = unsure or (around and once % 2 == 1)
-    at, many, lower, upper = np.empty((PLACES, ROOTS)), 0, task.chain.lower, task.chain.upper
-    for k in range((count + LANES - 1) // LANES * LANES):
-        between(S, table, roots[0, min(k, count - 1)], PLACES, at, k)
-    for begin in range(0, count, LANES):
-        complete(S, D, at, begin, roots, work, w)
-        for l in range(min(LANES, count - begin)):
-            fits = True
-            for r in range(6):
-                i = r
-                if r == 3:
-                    i = int(S[SEARCHED])
-                elif r == 4:
-                    i = int(S[OTHER])
-                value = work[r * LANES + l]
-                if not math.isinf(task.lower[i]):
-                    value = nearest_copy(value, lower[i], upper[i], 0.5 * (lower[i] + upper[i]))
-                    fits = fits and lower[i] - BESIDE <= value <= upper[i] + BESIDE
-                    value = min(max(value, lower[i]), upper[i])
-                seeds[many, i] = value
-            many += 1 if fits else 0
-    report[MANY], report[TWINS], report[UNSURE] = many, 1 if dips > 0 else 0, 1 if unsure else 0

@@ -1,6 +1,14 @@
-"""A well-spread sample of the solutions of a redundant arm."""
+"""A well-spread sample of the solutions of a redundant arm.
+
+The number of starts is one and a half times the number of requested solutions. For an arm with a closed form distal to
+one joint they are taken along every curve, see `curves`; for others they are the nearest samples. If limits leave too few
+solutions, more starts are tried around those found. From all solutions, after one of each curve, the farthest from those
+already chosen is chosen next (Gonzalez 1985).
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,50 +16,50 @@ from kinseek.kernels.arm.pose_error import is_rigid
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import start
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import make_scratch, scratch_size
+from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.samples import coordinates
-from kinseek.kernels.atlas.seeds import kick, restart, see
-from kinseek.kernels.atlas.task import EVALUATIONS, task_of
-from kinseek.kernels.jit import inlined, noinline
-from kinseek.kernels.structure.candidates import SWEPT, WORK
+from kinseek.kernels.atlas.seeds import MARGIN, complete, keep_joints, kick, restart, see
+from kinseek.kernels.atlas.task import EVALUATIONS, Job, Task, lanes_of, task_of
+from kinseek.kernels.atlas.tree import Neighbours, nearest
+from kinseek.kernels.jit import array_view, inlined, noinline
+from kinseek.kernels.structure.candidates import SWEPT
 
-from . import curves
-from .refine_all import (
-    ANSWERS,
-    CENTRE,
-    CONTINUUM,
-    EQUAL,
-    EVALUATED,
-    RATES,
-    SAMPLED,
-    SCALE,
-    SPENT,
-    TALLY,
-    joint_gap,
-    refine_all,
-    sorted_rows,
-    starts,
-)
+from .curves import write_curve_starts
+from .distance import joint_gap
+from .refine_all import EQUAL, EVALUATED, RATES, SAMPLED, TALLY, Batch, Search, refine_all, report_solutions
 
-SAMPLE_ROUNDS, SAMPLE_KICK = 16, 1.5
-"""Largest number of rounds of starts around known solutions, and their distance [rad or m], if a sample is too small."""
+ROUNDS, KICK = 16, 1.5
+"""Largest number of rounds of starts around known solutions, and their distance [rad or m], if a sample is too small. Not
+examined further."""
 
 
 CURVES = 128
 """Room for this many additional starts, one or two of each curve."""
 
 
+MORE = 4 * LANES
+"""Number of starts around known solutions in a round. Not examined further."""
+
+
+class Choice(NamedTuple):
+    """The solutions that are chosen, and memory for choosing them."""
+
+    chosen: Array
+    """Joint values of the chosen solutions, (most, n)."""
+    columns: Array
+    """All solutions, joint by joint, so that the innermost loop runs over solutions, (n, capacity)."""
+    nearest: Array
+    """Squared distance of each solution to the nearest chosen one, (capacity,)."""
+    latest: Array
+    """Squared distance to the one chosen last, (capacity,)."""
+
+
 @noinline
 def sample_branches(
-    handle: Indices, tolerances: Array, target: Array, view: Array, number: int, result: Array, w: int
+    handle: Indices, tolerances: Array, target: Array, view: Array, number: int, result: Array
 ) -> int:
     """Find a well-spread sample of the solutions of one target for a redundant arm.
-
-    The number of starts is one and a half times the number of requested solutions. For an arm with a closed form distal
-    to one joint they are taken along every curve, see `curves`; for others they are the nearest samples. If limits leave
-    too few solutions, more starts are tried around those found. From all solutions, after one of each curve, the farthest
-    from those already chosen is chosen next (Gonzalez 1985).
 
     Args:
         handle: The task, see `task_of`.
@@ -59,161 +67,118 @@ def sample_branches(
         target: (4, 4), lengths in [m].
         view: See `refine_all.CENTRE`, (3, n).
         number: Number of requested solutions.
-        result: Receives the rows, (at least number + 1, n + ANSWER), see `find_branches`.
-        w: LANES.
+        result: See `refine_all.report_solutions`, (at least number + 1, n + ANSWER).
 
     Returns:
-        As `find_branches`.
+        The number of rows; 0 if the target is not a rigid transform.
     """
     task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     if not is_rigid(target):
         return 0
-    memory = np.zeros(scratch_size(dof, joints))
-    scratch = make_scratch(memory, dof, joints)
-    swept = task.structure[SWEPT] > 0.0
-    most = max(number + number // 2, 4 * LANES) + (CURVES if swept else 0)
-    rows, chosen, seeds = np.empty((most, dof)), np.empty((number, dof)), np.empty((most, dof))
-    columns, left = np.empty((dof, most)), np.empty(most)
-    distance, neighbour, tally = np.empty(2 * most), np.empty(most, dtype=np.int64), np.zeros(TALLY)
+    memory, swept = np.zeros(scratch_size(dof, joints)), task.structure[SWEPT] > 0.0
+    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory, lanes_of(handle))
+    most = max(number + number // 2, MORE) + (CURVES if swept else 0)
+    starts, rows, tally = np.empty((most, dof)), np.empty((most, dof)), np.zeros(TALLY)
+    search = Search(job, target, view, starts, rows, np.empty(most), tally)
+    choice = Choice(np.empty((number, dof)), np.empty((dof, most)), np.empty(most), np.empty(most))
     start(task, scratch, target)
-    first, many, count = 0, 0, 0
+    first, many = 0, 0
     if swept:
-        size = curves.GRID + curves.SPARE + number
-        first, many = curves.swept_starts(
-            task,
-            scratch,
-            target,
-            number,
-            np.empty(size),
-            np.empty((size, curves.REPORT, LANES)),
-            np.empty(size, dtype=np.int64),
-            np.empty(WORK),
-            np.empty(curves.UNDER),
-            seeds,
-            w,
-        )
-        count = refine_all(
-            handle,
-            tolerances,
-            memory,
-            target,
-            seeds,
-            first,
-            first,
-            rows,
-            left,
-            0,
-            view[RATES],
-            SAMPLED,
-            tally,
-            w,
-        )
-        seeds = seeds[first:]
+        first, many = write_curve_starts(search, number)
+    must = refine_all(search, Batch(0, first, first, SAMPLED), 0)
     if many == 0:
-        see(task, scratch, target)
-        coordinates(scratch.seen, task.division, scratch.point)
-        many = starts(task, scratch, most, distance, neighbour, seeds)
-    must, many = count, many - first
-    count = refine_all(
-        handle,
-        tolerances,
-        memory,
-        target,
-        seeds,
-        many,
-        many,
-        rows,
-        left,
-        count,
-        view[RATES],
-        SAMPLED,
-        tally,
-        w,
-    )
-    kept = 0
-    for rounds in range(SAMPLE_ROUNDS + 1):
-        kept = spread(view[RATES], rows, count, must, columns, chosen, distance)
-        if kept == number or rounds == SAMPLE_ROUNDS or (kept == 0 and rounds > 0):
+        many = write_nearest_samples(task, scratch, search)
+    count = refine_all(search, Batch(first, many, many, SAMPLED), must)
+    kept = choose_spread(search, choice, count, must)
+    for k in range(ROUNDS):
+        if kept == number or (kept == 0 and k > 0):
             break
-        many, count = 4 * LANES, kept
-        if count == 0:
-            other = solve_pose(handle, tolerances, target, w)
-            tally[EVALUATED] += other[dof + EVALUATIONS]
-            for i in range(dof):
-                seeds[0, i] = other[i]
-            many = 1
+        if kept == 0:
+            many = write_one_start(search)
         else:
-            for k in range(count):
-                for i in range(dof):
-                    rows[k, i] = chosen[k, i]
-            must = min(must, kept)
-            for k in range(many):
-                restart(task, rounds * many + k, scratch.seed)
-                kick(task, rows, (rounds * many + k) % count, SAMPLE_KICK, scratch.seed)
-                for i in range(dof):
-                    seeds[k, i] = scratch.seed[i]
-        count = refine_all(
-            handle,
-            tolerances,
-            memory,
-            target,
-            seeds,
-            many,
-            many,
-            rows,
-            left,
-            count,
-            view[RATES],
-            SAMPLED,
-            tally,
-            w,
-        )
-    result[kept, ANSWERS] = sorted_rows(
-        task, scratch, target, chosen, kept, view[CENTRE], view[SCALE], result
-    )
-    result[kept, SPENT], result[kept, CONTINUUM] = tally[EVALUATED], 1.0
+            many = MORE
+            write_starts_around(task, scratch, search, choice.chosen, kept, k)
+        must = min(must, kept)
+        count = refine_all(search, Batch(0, many, many, SAMPLED), kept)
+        kept = choose_spread(search, choice, count, must)
+    written = report_solutions(search, choice.chosen, kept, True, result)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
-    return kept + 1
+    return written
+
+
+@array_view
+def write_nearest_samples(task: Task, scratch: Scratch, search: Search) -> int:
+    """Complete the nearest samples of the atlas into the starts, nearest first; return their number."""
+    most, many = len(search.starts), 0
+    neighbours = Neighbours(np.empty(most), np.empty(most, dtype=np.int64), scratch.stack, scratch.bound)
+    see(task, scratch, search.target)
+    coordinates(scratch.seen, task.division, scratch.point)
+    for k in range(nearest(task.atlas.tree, scratch.point, most, neighbours)):
+        if complete(task, scratch, neighbours.place[k], MARGIN):
+            keep_joints(search.starts, many, scratch.seed)
+            many += 1
+    return many
+
+
+@array_view
+def write_one_start(search: Search) -> int:
+    """Write the solution that `arm.ik` finds as the only start; return 1."""
+    job = search.job
+    found = solve_pose(job.handle, job.tolerances, search.target, job.width)
+    dof = search.starts.shape[1]
+    search.tally[EVALUATED] += found[dof + EVALUATIONS]
+    for i in range(dof):
+        search.starts[0, i] = found[i]
+    return 1
 
 
 @inlined
-def spread(
-    rates: Array, rows: Array, count: int, must: int, columns: Array, chosen: Array, distance: Array
-) -> int:
-    """Copy the rows that are farthest from one another into `chosen`, the first `must` rows first; return their number.
+def write_starts_around(
+    task: Task, scratch: Scratch, search: Search, chosen: Array, kept: int, round_number: int
+) -> None:
+    """Keep the chosen solutions alone, and write `MORE` starts around them."""
+    for k in range(kept):
+        for i in range(chosen.shape[1]):
+            search.rows[k, i] = chosen[k, i]
+    for k in range(MORE):
+        restart(task, round_number * MORE + k, scratch.seed)
+        kick(task, chosen, (round_number * MORE + k) % kept, KICK, scratch.seed)
+        keep_joints(search.starts, k, scratch.seed)
+
+
+@inlined
+def choose_spread(search: Search, choice: Choice, count: int, must: int) -> int:
+    """Choose the solutions that are farthest from one another; return their number.
 
     Args:
-        rates: See `joint_gap`, (n,).
-        rows: Solutions, (capacity, n).
-        count: Number of rows.
-        must: Number of first rows that precede all others, also ordered by distance.
-        columns: Scratch memory, (n, capacity), joint by joint, so that the innermost loop runs over solutions.
-        chosen: Receives rows, (most, n).
-        distance: Scratch memory, (2 · capacity,).
+        search: The search.
+        choice: Receives them.
+        count: Number of solutions.
+        must: Number of first solutions that precede all others, also ordered by distance.
     """
-    kept, last = 0, 0
+    chosen, columns, rates, kept, last = choice.chosen, choice.columns, search.metric[RATES], 0, 0
     for j in range(count):
-        distance[j] = np.inf
-        for i in range(rows.shape[1]):
-            columns[i, j] = rows[j, i]
+        choice.nearest[j] = np.inf
+        for i in range(len(columns)):
+            columns[i, j] = search.rows[j, i]
     while kept < min(count, len(chosen)):
+        keep_joints(chosen, kept, search.rows[last])
+        kept += 1
         for j in range(count):
-            distance[count + j] = 0.0
-        for i in range(rows.shape[1]):
-            chosen[kept, i] = rows[last, i]
-            here, rate = rows[last, i], rates[i]
+            choice.latest[j] = 0.0
+        for i in range(len(columns)):
+            here, rate = search.rows[last, i], rates[i]
             for j in range(count):
                 gap = joint_gap(columns[i, j], here, rate)
-                distance[count + j] += gap * gap
-        kept += 1
+                choice.latest[j] += gap * gap
         farthest = -1.0
         for j in range(count):
-            distance[j] = min(distance[j], distance[count + j])
+            choice.nearest[j] = min(choice.nearest[j], choice.latest[j])
         for some in (must, count):
             for j in range(some):
-                if distance[j] > farthest:
-                    farthest, last = distance[j], j
+                if choice.nearest[j] > farthest:
+                    farthest, last = choice.nearest[j], j
             if farthest >= EQUAL * EQUAL:
                 break
         if farthest < EQUAL * EQUAL:

@@ -1,28 +1,56 @@
 """Starts of the search for all solutions: samples near a goal, each improved by a tabulated step, without similar ones.
 
-The table has the damped inverse of the Jacobian of each sample, without the joints that are divided out. The first step
-of a start is the product of this inverse and the remaining pose error. Starts that are close together after this step
-nearly always converge to the same solution, so only the nearest sample of these is refined.
+A sample has values of the middle joints and the pose K of the last axis seen from the first. For a goal G the first joint
+is the angle about its axis, and the last joint the rotation about its own, that make K closest to G. The rest of the pose
+error is reduced by a tabulated step: the table has the damped inverse of the Jacobian of each sample, ``Jᵀ (J Jᵀ + λ I)⁻¹``
+(Levenberg 1944), without the joints that are divided out. Starts that are close together after this step nearly always
+converge to the same solution, so only the nearest sample of these is refined.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from kinseek.kernels.arm.division import NONE, SLIDE, TURN
 from kinseek.kernels.arm.trigonometry import rough_angle, sine_cosine
+from kinseek.kernels.arm.vectors import Twist, Vector, column, cross, dot, minus, plus, rotated, scaled
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import free_turn, reset_weights
-from kinseek.kernels.atlas.lanes import LANES, lanes_forward, lanes_gram, lanes_jacobian, lanes_solve
+from kinseek.kernels.atlas.lanes import (
+    LANES,
+    lanes_forward,
+    lanes_gram,
+    lanes_jacobian,
+    lanes_solve,
+    pose_column,
+    set_twist,
+    twist_at,
+)
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
-from kinseek.kernels.atlas.seeds import MARGIN
+from kinseek.kernels.atlas.samples import coordinates
+from kinseek.kernels.atlas.seeds import MARGIN, see
 from kinseek.kernels.atlas.task import Handle, Task, plain_tolerances, task_of
 from kinseek.kernels.atlas.tree import LEAF_SIZE
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import entry, inlined
+from kinseek.kernels.jit import entry, inlined, kernel
+
+from .distance import six_gaps, six_in_column, six_of, squares
+from .refine_all import RATES, Search
+
+STARTS, DEEP_STARTS = 128, 512
+"""Number of samples for every goal, and for a goal that may have more solutions."""
+
+
+FIRST_ROOM = STARTS + STARTS // 10
+"""Largest number of samples in the first round, see `radius`."""
+
+
+ROOM = (FIRST_ROOM + DEEP_STARTS + LANES - 1) // LANES * LANES
+"""Largest number of starts that are compared for likeness, a multiple of LANES."""
+
 
 DAMPED = 0.03
 """Damping of the steps in the table, tried on three arms and not examined further. Less damping overshoots, because the
@@ -30,7 +58,7 @@ samples are far from the goal."""
 
 
 FARTHEST = 1.2
-"""Largest tabulated step of a joint [rad or m]."""
+"""Largest tabulated step of a joint [rad or m]. Not examined further."""
 
 
 BUCKETS = 64
@@ -42,20 +70,60 @@ HALVINGS = 40
 
 
 APART = 0.8
-"""A start closer than this to an earlier one [rad or m], after the first step, leads to the same solution."""
+"""A start closer than this to an earlier one [rad or m], after the first step, leads to the same solution. Not examined
+further."""
 
 
-MOST_JOINTS = 6
-"""A goal fixes at most six degrees of freedom of the hand: an arm with more joints is redundant, and its solutions are
-sampled."""
+POSE, FIRST, LAST = 0, 12, 13
+"""Rows of eight samples, one in each lane, that `complete_eight` reads: the pose K, row-major (3, 4); and the values of
+the first and the last joint, used if they are not divided out."""
 
 
-FIRST, FINAL, BEYOND = 12, 13, 14
-"""Rows after the twelve of a pose, see `complete_eight`."""
+ERROR, COMPLETED_FIRST, COMPLETED_LAST, BEYOND = 14, 20, 21, 22
+"""Rows that it writes: the remaining pose error, position in units of the arm's length and then rotation; the first and
+the last joint, within their limits; and how far outside they were [rad or m]."""
 
 
-NOWHERE = 1e9
-"""Squared distance of an empty entry."""
+EIGHT_ROWS = BEYOND + 1
+"""Number of these rows."""
+
+
+class Sorting(NamedTuple):
+    """Memory for sorting samples by their distance from the goal."""
+
+    distance: Array
+    """Squared distances of all samples, (samples,)."""
+    inside: Indices
+    """Samples between two distances, unsorted, (samples + 1,)."""
+    order: Indices
+    """The same, nearest first, (samples,)."""
+    bucket: Indices
+    """First place in the order of each bucket, (BUCKETS + 1,)."""
+
+
+class EndJoint(NamedTuple):
+    """The first or the last joint, when it is completed from the rest of a pose."""
+
+    turns: float
+    """1 if it is divided out and revolute, else 0."""
+    slides: float
+    """1 if it is divided out and prismatic, else 0."""
+    stays: float
+    """1 if it is not divided out, so that the sample has its value, else 0."""
+    low: float
+    """[rad] or [m]"""
+    high: float
+
+
+class Round(NamedTuple):
+    """Which samples become starts."""
+
+    more: bool
+    """True for those after the `STARTS` nearest ones, up to `DEEP_STARTS`; False for the nearest ones."""
+    kept: int
+    """Number of starts made so far."""
+    thin: bool
+    """True to skip similar starts; False near a singularity, where solutions are close together."""
 
 
 @entry
@@ -74,35 +142,17 @@ def fill_steps(handle: Handle, steps: Annotated[Array, "s", 6, LANES, OUT], w: i
     memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
     scratch = make_scratch(memory, dof, len(task.chain.leader))
     lanes, first = scratch.lanes, 0 if task.division.head == NONE else 1
-    away, row = np.empty(3), np.empty(6)
     reset_weights(task, scratch)
     for l in range(LANES):
         scratch.floor[l] = DAMPED
-    T, J, e = lanes.pose, lanes.jacobian, lanes.residual
+    J, e = lanes.jacobian, lanes.residual
     for group in range(len(steps) // LANES):
         for l in range(LANES):
             for j in range(atlas.middle.shape[1]):
                 lanes.q[first + j, l] = atlas.middle[group * LANES + l, j]
         lanes_forward(task.chain.leader, task.links, lanes, w)
         lanes_jacobian(task.chain.leader, task.links, lanes, free_turn(task), w)
-        for l in range(LANES):
-            for r in range(3):
-                away[r] = 0.0
-                for c in range(3):
-                    away[r] += T[r, c, l] * atlas.inverse_tip[c, 3] / task.length
-            for i in range(dof):
-                for r in range(6):
-                    row[r] = J[i, r, l]
-                # From the tip to the point on the last axis.
-                row[0] += row[4] * away[2] - row[5] * away[1]
-                row[1] += row[5] * away[0] - row[3] * away[2]
-                row[2] += row[3] * away[1] - row[4] * away[0]
-                # From the base to the frame of the first axis.
-                for r in range(3):
-                    J[i, r, l], J[i, 3 + r, l] = 0.0, 0.0
-                    for c in range(3):
-                        J[i, r, l] += atlas.inverse_head[r, c] * row[c]
-                        J[i, 3 + r, l] += atlas.inverse_head[r, c] * row[3 + c]
+        see_from_first(task, scratch)
         lanes_gram(0.0, scratch.floor, lanes, w)
         for part in range(6):
             for r in range(6):
@@ -117,6 +167,67 @@ def fill_steps(handle: Handle, steps: Annotated[Array, "s", 6, LANES, OUT], w: i
                             value += J[i, r, l] * e[r, l]
                     steps[group * LANES + l, part, i] = value
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
+
+
+@inlined
+def see_from_first(task: Task, scratch: Scratch) -> None:
+    """Change the Jacobians of all lanes to the motion of a point on the last axis, in the frame of the first axis."""
+    T, J, atlas = scratch.lanes.pose, scratch.lanes.jacobian, task.atlas
+    for l in range(LANES):
+        # From the tip to the point on the last axis.
+        lever = Vector(0.0, 0.0, 0.0)
+        for c in range(3):
+            part = scaled(atlas.inverse_tip[c, 3], pose_column(T, c, l))
+            lever = plus(lever, Vector(part.x / task.length, part.y / task.length, part.z / task.length))
+        for i in range(len(J)):
+            motion = twist_at(J[i], l)
+            linear = plus(motion.linear, cross(motion.angular, lever))
+            seen = Twist(rotated(atlas.inverse_head, linear), rotated(atlas.inverse_head, motion.angular))
+            set_twist(J[i], l, seen)
+
+
+@kernel
+def write_sampled_starts(search: Search, steps: Array, known: Array, samples: Round) -> int:
+    """Make starts from the samples nearest to the target, each after the tabulated step; return their number.
+
+    Args:
+        search: The search; receives the starts.
+        steps: See `fill_steps`.
+        known: The starts made so far, joint by joint, see `is_alike`; receives the new ones, (MOST_JOINTS, ROOM).
+        samples: Which samples.
+    """
+    job, starts, rates, count = search.job, search.starts, search.metric[RATES], len(steps)
+    task = task_of(job.handle, job.tolerances)
+    scratch = make_scratch(job.memory, len(task.lower), len(task.chain.leader))
+    eight, chosen, move = np.empty((EIGHT_ROWS, LANES)), np.empty(LANES, dtype=np.int64), np.empty(LANES)
+    sorting = Sorting(
+        np.empty(count),
+        np.empty(count + 1, dtype=np.int64),
+        np.empty(count, dtype=np.int64),
+        np.empty(BUCKETS + 1, dtype=np.int64),
+    )
+    see(task, scratch, search.target)
+    coordinates(scratch.seen, task.division, scratch.point)
+    measure_samples(task.atlas.tree.points, scratch.point, sorting.distance)
+    inner, outer, most = 0.0, radius(sorting.distance, STARTS), FIRST_ROOM
+    if samples.more:
+        inner, outer, most = outer, radius(sorting.distance, DEEP_STARTS), DEEP_STARTS
+    found, many = sort_samples(sorting, inner, outer, most), 0
+    for begin in range(0, found, LANES):
+        for l in range(LANES):
+            chosen[l] = sorting.order[min(begin + l, found - 1)]
+        complete_eight(task, scratch.seen, chosen, eight, job.width)
+        for l in range(min(LANES, found - begin)):
+            if eight[BEYOND, l] > MARGIN:
+                continue
+            q, at = starts[many], samples.kept + many
+            step_ahead(task, eight, l, chosen[l], steps[chosen[l]], move, q)
+            if samples.thin and is_alike(known, at, rates, q):
+                continue
+            keep_start(known, at, q)
+            many += 1
+    job.memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
+    return many
 
 
 @inlined
@@ -163,226 +274,194 @@ def radius(distance: Array, most: int) -> float:
 
 
 @inlined
-def sort_samples(distance: Array, low: float, high: float, most: int, apart: Indices, order: Indices) -> int:
-    """Write the samples between two distances, nearest first; return their number, at most `most`.
-
-    Args:
-        distance: Squared distances of all samples, (samples,).
-        low: Smallest squared distance.
-        high: Squared distance, exclusive.
-        most: Largest number of samples.
-        apart: Scratch memory, (samples + 1,).
-        order: Receives the samples, followed by scratch memory, (samples + BUCKETS + 1,) in total.
-    """
-    count, found, nearest, farthest = len(distance), 0, np.inf, 0.0
-    for i in range(count):
-        apart[found] = i
+def sort_samples(sorting: Sorting, low: float, high: float, most: int) -> int:
+    """Sort the samples at squared distances in [low, high) by a counting sort; return their number, at most `most`."""
+    distance, inside, bucket, found = sorting.distance, sorting.inside, sorting.bucket, 0
+    for i in range(len(distance)):
+        inside[found] = i
         found += 1 if low <= distance[i] < high else 0
+    nearest, farthest = np.inf, 0.0
     for k in range(found):
-        nearest, farthest = min(nearest, distance[apart[k]]), max(farthest, distance[apart[k]])
-    # A counting sort.
+        nearest, farthest = min(nearest, distance[inside[k]]), max(farthest, distance[inside[k]])
     share = (BUCKETS - 1) / max(farthest - nearest, 1e-300)
     for b in range(BUCKETS + 1):
-        order[count + b] = 0
+        bucket[b] = 0
     for k in range(found):
-        order[count + 1 + int((distance[apart[k]] - nearest) * share)] += 1
+        bucket[1 + int((distance[inside[k]] - nearest) * share)] += 1
     for b in range(BUCKETS):
-        order[count + 1 + b] += order[count + b]
+        bucket[1 + b] += bucket[b]
     for k in range(found):
-        b = count + int((distance[apart[k]] - nearest) * share)
-        order[order[b]] = apart[k]
-        order[b] += 1
+        b = int((distance[inside[k]] - nearest) * share)
+        sorting.order[bucket[b]] = inside[k]
+        bucket[b] += 1
     return min(found, most)
 
 
 @inlined
-def complete_eight(task: Task, K: Array, G: Array, order: Indices, begin: int, end: int, w: int) -> None:
-    """Complete samples begin … begin + 7 of an order as `samples.complete_seed` does, one in each lane.
+def complete_eight(task: Task, goal: Array, chosen: Indices, eight: Array, w: int) -> None:
+    """Complete eight samples as `samples.complete_seed` does, one in each lane.
 
-    The last sample is repeated at the end. Input and output share one array and there are no branches, so that LLVM
-    vectorizes the loop.
+    All rows are in one array and there are no branches, so that LLVM vectorizes the loop.
 
     Args:
         task: The task.
-        K: (at least 15, LANES). Receives the remaining pose error, six rows; in `FIRST` and `FINAL` the
-            first and the last joint, within their limits; and in `BEYOND` how far outside they were [rad or m].
-        G: The goal in the coordinates of the atlas, (3, 4).
-        order: See `sort_samples`.
-        begin: First of the samples.
-        end: One past the last.
+        goal: The goal in the coordinates of the atlas, (3, 4).
+        chosen: The samples, (LANES,).
+        eight: See `POSE` and `ERROR`, (EIGHT_ROWS, LANES).
         w: LANES.
     """
-    columns, atlas, division = task.columns, task.atlas, task.division
-    last, offset = len(task.lower) - 1, 0 if task.division.head == NONE else 1
+    atlas, division = task.atlas, task.division
+    head, tail = first_joint(task), last_joint(task)
     for l in range(LANES):
-        sample = order[min(begin + l, end - 1)]
+        sample = chosen[l]
         for r in range(3):
             for c in range(4):
-                K[4 * r + c, l] = atlas.poses[sample, r, c]
+                eight[POSE + 4 * r + c, l] = atlas.poses[sample, r, c]
         # Joints that are not divided out are among the middle ones.
-        K[FIRST, l] = atlas.middle[sample, 0] if offset == 0 else 0.0
-        K[FINAL, l] = atlas.middle[sample, last - offset] if last - offset < atlas.middle.shape[1] else 0.0
-    turning, slides = 1.0 if division.head == TURN else 0.0, 1.0 if division.head == SLIDE else 0.0
-    twisting, square = 1.0 if division.tail == TURN else 0.0, division.length * division.length
-    stays, ends = 1.0 if division.head == NONE else 0.0, 1.0 - twisting
-    w0 = square if twisting == 0.0 and division.columns > 0 else 0.0
-    w1 = square if twisting == 0.0 and division.columns > 1 else 0.0
-    w2 = square if twisting > 0.0 and division.columns > 0 else 0.0
-    g00, g01, g02, g03 = G[0, 0], G[0, 1], G[0, 2], G[0, 3]
-    g10, g11, g12, g13 = G[1, 0], G[1, 1], G[1, 2], G[1, 3]
-    g20, g21, g22, g23 = G[2, 0], G[2, 1], G[2, 2], G[2, 3]
-    low, high = task.chain.lower[0], task.chain.upper[0]
-    low_last, high_last = task.chain.lower[last], task.chain.upper[last]
-    mid, mid_last, turn, scale = (
-        0.5 * (low + high),
-        0.5 * (low_last + high_last),
-        2.0 * math.pi,
-        1.0 / task.length,
-    )
-    per_turn, c0, c1, c2 = 0.5 / math.pi, columns[0], columns[1], columns[2]
+        eight[FIRST, l] = atlas.middle[sample, 0] if head.stays > 0.0 else 0.0
+        eight[LAST, l] = atlas.middle[sample, atlas.middle.shape[1] - 1] if tail.stays > 0.0 else 0.0
+    square = division.length * division.length
+    weight_x = square if tail.stays > 0.0 and division.columns > 0 else 0.0
+    weight_y = square if tail.stays > 0.0 and division.columns > 1 else 0.0
+    weight_z = square if tail.turns > 0.0 and division.columns > 0 else 0.0
+    goal_x, goal_y, goal_z, goal_p = column(goal, 0), column(goal, 1), column(goal, 2), column(goal, 3)
+    share_x, share_y, share_z = task.columns[0], task.columns[1], task.columns[2]
+    scale = 1.0 / task.length
     for l in range(w):
-        k00, k01, k02, k03 = K[0, l], K[1, l], K[2, l], K[3, l]
-        k10, k11, k12, k13 = K[4, l], K[5, l], K[6, l], K[7, l]
-        k20, k21, k22, k23 = K[8, l], K[9, l], K[10, l], K[11, l]
-        dot = k03 * g03 + k13 * g13 + w0 * (k00 * g00 + k10 * g10)
-        dot += w1 * (k01 * g01 + k11 * g11) + w2 * (k02 * g02 + k12 * g12)
-        cross = k03 * g13 - k13 * g03 + w0 * (k00 * g10 - k10 * g00)
-        cross += w1 * (k01 * g11 - k11 * g01) + w2 * (k02 * g12 - k12 * g02)
-        first = rough_angle(cross, dot)
-        first += turn * np.floor((mid - first) * per_turn + 0.5)
-        first = turning * first + slides * (g23 - k23) + stays * K[FIRST, l]
-        beyond = max(low - first, first - high)
-        first = min(max(first, low), high)
-        sine, cosine = sine_cosine(turning * first)
-        # The goal without the rotation of the first joint.
-        a00, a10 = cosine * g00 + sine * g10, cosine * g10 - sine * g00
-        a01, a11 = cosine * g01 + sine * g11, cosine * g11 - sine * g01
-        a02, a12 = cosine * g02 + sine * g12, cosine * g12 - sine * g02
-        x, y = cosine * g03 + sine * g13 - k03, cosine * g13 - sine * g03 - k13
-        z = g23 - k23 - slides * first
+        x, y, z, p = (
+            sample_column(eight, 0, l),
+            sample_column(eight, 1, l),
+            sample_column(eight, 2, l),
+            sample_column(eight, 3, l),
+        )
+        along = flat_dot(p, goal_p) + weight_x * flat_dot(x, goal_x)
+        along += weight_y * flat_dot(y, goal_y) + weight_z * flat_dot(z, goal_z)
+        across = flat_cross(p, goal_p) + weight_x * flat_cross(x, goal_x)
+        across += weight_y * flat_cross(y, goal_y) + weight_z * flat_cross(z, goal_z)
+        first = head.turns * copy_near_middle(rough_angle(across, along), head)
+        first += head.slides * (goal_p.z - p.z) + head.stays * eight[FIRST, l]
+        beyond = max(head.low - first, first - head.high)
+        first = min(max(first, head.low), head.high)
+        sine, cosine = sine_cosine(head.turns * first)
+        # The goal without the motion of the first joint.
+        seen_x, seen_y = turned_back(cosine, sine, goal_x), turned_back(cosine, sine, goal_y)
+        seen_z, seen_p = turned_back(cosine, sine, goal_z), turned_back(cosine, sine, goal_p)
+        position = minus(seen_p, p)
         # The rotation about the last axis that is closest to the remaining one.
-        along = k00 * a00 + k10 * a10 + k20 * g20 + k01 * a01 + k11 * a11 + k21 * g21
-        across = k01 * a00 + k11 * a10 + k21 * g20 - k00 * a01 - k10 * a11 - k20 * g21
-        final = rough_angle(across, along)
-        final += turn * np.floor((mid_last - final) * per_turn + 0.5)
-        final = twisting * final + ends * K[FINAL, l]
-        beyond = max(beyond, low_last - final, final - high_last)
-        final = min(max(final, low_last), high_last)
-        sine, cosine = sine_cosine(twisting * final)
-        b00, b10, b20 = cosine * a00 - sine * a01, cosine * a10 - sine * a11, cosine * g20 - sine * g21
-        b01, b11, b21 = cosine * a01 + sine * a00, cosine * a11 + sine * a10, cosine * g21 + sine * g20
-        rx = c0 * (k10 * b20 - k20 * b10) + c1 * (k11 * b21 - k21 * b11) + c2 * (k12 * g22 - k22 * a12)
-        ry = c0 * (k20 * b00 - k00 * b20) + c1 * (k21 * b01 - k01 * b21) + c2 * (k22 * a02 - k02 * g22)
-        rz = c0 * (k00 * b10 - k10 * b00) + c1 * (k01 * b11 - k11 * b01) + c2 * (k02 * a12 - k12 * a02)
-        K[0, l], K[1, l], K[2, l] = scale * x, scale * y, scale * z
-        K[3, l], K[4, l], K[5, l] = rx, ry, rz
-        K[FIRST, l], K[FINAL, l], K[BEYOND, l] = first, final, beyond
+        along = dot(x, seen_x) + y.x * seen_y.x + y.y * seen_y.y + y.z * seen_y.z
+        across = dot(y, seen_x) - x.x * seen_y.x - x.y * seen_y.y - x.z * seen_y.z
+        last = tail.turns * copy_near_middle(rough_angle(across, along), tail) + tail.stays * eight[LAST, l]
+        beyond = max(beyond, tail.low - last, last - tail.high)
+        last = min(max(last, tail.low), tail.high)
+        sine, cosine = sine_cosine(tail.turns * last)
+        end_x = minus(scaled(cosine, seen_x), scaled(sine, seen_y))
+        end_y = plus(scaled(cosine, seen_y), scaled(sine, seen_x))
+        turn = plus(scaled(share_x, cross(x, end_x)), scaled(share_y, cross(y, end_y)))
+        turn = plus(turn, scaled(share_z, cross(z, seen_z)))
+        eight[ERROR, l], eight[ERROR + 1, l] = scale * position.x, scale * position.y
+        eight[ERROR + 2, l] = scale * (position.z - head.slides * first)
+        eight[ERROR + 3, l], eight[ERROR + 4, l], eight[ERROR + 5, l] = turn.x, turn.y, turn.z
+        eight[COMPLETED_FIRST, l], eight[COMPLETED_LAST, l], eight[BEYOND, l] = first, last, beyond
 
 
 @inlined
-def answer(row: Array, K: Array, l: int, i: int) -> float:
-    """Motion of joint i for the remaining pose error in a lane, from the table of a sample, (6, LANES)."""
-    value: float = row[0, i] * K[0, l] + row[1, i] * K[1, l] + row[2, i] * K[2, l]
-    value += row[3, i] * K[3, l] + row[4, i] * K[4, l] + row[5, i] * K[5, l]
-    return value
+def first_joint(task: Task) -> EndJoint:
+    """The first joint of the arm."""
+    turns, slides = 1.0 if task.division.head == TURN else 0.0, 1.0 if task.division.head == SLIDE else 0.0
+    stays = 1.0 if task.division.head == NONE else 0.0
+    return EndJoint(turns, slides, stays, task.chain.lower[0], task.chain.upper[0])
 
 
 @inlined
-def step_ahead(task: Task, K: Array, l: int, sample: int, steps: Array, move: Array, q: Array) -> None:
-    """Write the start in a lane of `complete_eight`, after the tabulated step, into q, (n,); `move` is scratch memory."""
-    row, last = steps[sample], len(q) - 1
-    a, b, c = answer(row, K, l, 0), answer(row, K, l, 1), answer(row, K, l, 2)
-    d, e, f = answer(row, K, l, 3), answer(row, K, l, 4), answer(row, K, l, 5)
-    far = FARTHEST / max(FARTHEST, abs(a), abs(b), abs(c), abs(d), abs(e), abs(f))
-    move[0], move[1], move[2], move[3], move[4], move[5] = a, b, c, d, e, f
-    middle, first = task.atlas.middle, 0 if task.division.head == NONE else 1
+def last_joint(task: Task) -> EndJoint:
+    """The last joint of the arm; it is never divided out if it is prismatic."""
+    turns, last = 1.0 if task.division.tail == TURN else 0.0, len(task.lower) - 1
+    return EndJoint(turns, 0.0, 1.0 - turns, task.chain.lower[last], task.chain.upper[last])
+
+
+@inlined
+def sample_column(eight: Array, c: int, l: int) -> Vector:
+    """Column c of the pose of the sample in lane l."""
+    return Vector(eight[POSE + c, l], eight[POSE + 4 + c, l], eight[POSE + 8 + c, l])
+
+
+@inlined
+def flat_dot(a: Vector, b: Vector) -> float:
+    """Dot product of the components normal to the first axis."""
+    return a.x * b.x + a.y * b.y
+
+
+@inlined
+def flat_cross(a: Vector, b: Vector) -> float:
+    """Component of the cross product along the first axis."""
+    return a.x * b.y - a.y * b.x
+
+
+@inlined
+def turned_back(cosine: float, sine: float, v: Vector) -> Vector:
+    """Rotate v about the first axis by the negative of an angle."""
+    return Vector(cosine * v.x + sine * v.y, cosine * v.y - sine * v.x, v.z)
+
+
+@inlined
+def copy_near_middle(angle: float, joint: EndJoint) -> float:
+    """Add full turns to move an angle as close as possible to the middle of a joint's range."""
+    middle = 0.5 * (joint.low + joint.high)
+    copy: float = angle + 2.0 * math.pi * np.floor((middle - angle) * (0.5 / math.pi) + 0.5)
+    return copy
+
+
+@inlined
+def step_ahead(task: Task, eight: Array, l: int, sample: int, steps: Array, move: Array, q: Array) -> None:
+    """Write the completed sample in lane l, after the tabulated step, into q, (n,).
+
+    Args:
+        task: The task.
+        eight: See `complete_eight`.
+        l: The lane.
+        sample: The sample.
+        steps: Its table, see `fill_steps`, (6, LANES).
+        move: Scratch memory, (LANES,).
+        q: Receives joint values.
+    """
+    middle, first, longest = task.atlas.middle, 0 if task.division.head == NONE else 1, FARTHEST
+    e0, e1, e2 = eight[ERROR, l], eight[ERROR + 1, l], eight[ERROR + 2, l]
+    e3, e4, e5 = eight[ERROR + 3, l], eight[ERROR + 4, l], eight[ERROR + 5, l]
+    for i in range(LANES):
+        step = steps[0, i] * e0 + steps[1, i] * e1 + steps[2, i] * e2
+        step += steps[3, i] * e3 + steps[4, i] * e4 + steps[5, i] * e5
+        move[i] = step
+        longest = max(longest, abs(step))
     for j in range(middle.shape[1]):
         q[first + j] = middle[sample, j]
-    q[0], q[last] = K[FIRST, l], K[FINAL, l]
+    q[0], q[len(q) - 1] = eight[COMPLETED_FIRST, l], eight[COMPLETED_LAST, l]
     for i in range(len(q)):
-        q[i] = min(max(q[i] + move[i] * far, task.lower[i]), task.upper[i])
+        q[i] = min(max(q[i] + move[i] * (FARTHEST / longest), task.lower[i]), task.upper[i])
 
 
 @inlined
 def is_alike(known: Array, kept: int, rates: Array, q: Array) -> bool:
-    """Return True if a start, (n,), is closer than `APART` to one of those kept, modulo full turns.
-
-    One loop over the kept starts handles all joints, because the overhead of short loops dominates.
+    """Return True if a start, (n,), is closer than `APART` to one of the first `kept` known ones, modulo full turns.
 
     Args:
-        known: The kept starts, joint by joint; the last row is 0, or `NOWHERE` for empty entries, (MOST_JOINTS + 1,
-            capacity).
-        kept: Number of kept starts.
-        rates: See `refine_all.joint_gap`, (n,).
+        known: See `keep_start`.
+        kept: Number of known starts.
+        rates: See `distance.joint_gap`, (n,).
         q: Joint values.
     """
-    dof, turn = len(q), 2.0 * math.pi
-    # With fewer joints the last counts more than once.
-    b, c, d = min(1, dof - 1), min(2, dof - 1), min(3, dof - 1)
-    e, f = min(4, dof - 1), min(5, dof - 1)
-    qa, qb, qc, qd, qe, qf = q[0], q[b], q[c], q[d], q[e], q[f]
-    ra, rb, rc, rd, re, rf = rates[0], rates[b], rates[c], rates[d], rates[e], rates[f]
-    close, square = 0, APART * APART
+    mine, six_rates, close = six_of(q), six_of(rates), 0
     for j in range((kept + LANES - 1) // LANES * LANES):
-        ga, gb, gc = known[0, j] - qa, known[b, j] - qb, known[c, j] - qc
-        gd, ge, gf = known[d, j] - qd, known[e, j] - qe, known[f, j] - qf
-        ga -= turn * np.floor(ga * ra + 0.5)
-        gb -= turn * np.floor(gb * rb + 0.5)
-        gc -= turn * np.floor(gc * rc + 0.5)
-        gd -= turn * np.floor(gd * rd + 0.5)
-        ge -= turn * np.floor(ge * re + 0.5)
-        gf -= turn * np.floor(gf * rf + 0.5)
-        gap = known[MOST_JOINTS, j] + ga * ga + gb * gb + gc * gc + gd * gd + ge * ge + gf * gf
-        close += 1 if gap < square else 0
+        gap = squares(six_gaps(six_in_column(known, len(q), j), mine, six_rates))
+        close += 1 if gap < APART * APART else 0
     return close > 0
 
 
 @inlined
-def spread_starts(
-    task: Task,
-    scratch: Scratch,
-    steps: Array,
-    order: Indices,
-    found: int,
-    rates: Array,
-    thin: bool,
-    known: Array,
-    kept: int,
-    seeds: Array,
-    w: int,
-) -> int:
-    """Make starts from the samples of an order, each after the tabulated step, without similar ones; return their number.
+def keep_start(known: Array, at: int, q: Array) -> None:
+    """Add a start, (n,), to the known ones, stored joint by joint, (MOST_JOINTS, a multiple of LANES).
 
-    Args:
-        task: The task.
-        scratch: Its memory, with the goal in `seen`.
-        steps: See `fill_steps`.
-        order: See `sort_samples`.
-        found: Number of samples in it.
-        rates: See `refine_all.joint_gap`, (n,).
-        thin: True to skip similar starts; False near a singularity, where solutions are close together.
-        known: Starts kept so far, see `is_alike`; receives the new ones.
-        kept: Number of starts kept so far.
-        seeds: Receives the new starts, (at least found, n).
-        w: LANES.
+    The entries up to the next multiple of LANES, which `is_alike` reads too, become copies of it.
     """
-    many, q, K = 0, scratch.seed, scratch.lanes.gram
-    for begin in range(0, found, LANES):
-        complete_eight(task, K, scratch.seen, order, begin, found, w)
-        for lane in range(min(LANES, found - begin)):
-            if K[BEYOND, lane] > MARGIN:
-                continue
-            step_ahead(task, K, lane, order[begin + lane], steps, scratch.bound, q)
-            if thin and is_alike(known, kept + many, rates, q):
-                continue
-            at = kept + many
-            if at % LANES == 0:
-                for i in range(MOST_JOINTS + 1):
-                    for l in range(LANES):
-                        known[i, at + l] = NOWHERE if i == MOST_JOINTS else 0.0
-            for i in range(len(q)):
-                seeds[many, i] = q[i]
-                known[i, at] = q[i]
-            known[MOST_JOINTS, at] = 0.0
-            many += 1
-    return many
+    for i in range(len(q)):
+        for j in range(at, (at + LANES) // LANES * LANES):
+            known[i, j] = q[i]

@@ -1,4 +1,12 @@
-"""Siblings of a solution: across a singularity, and mirror images of the arm."""
+"""Siblings of a solution: across a singularity, and mirror images of the arm.
+
+Let v be the direction of joint space along which the pose moves least, u the direction in which it moves, and σ the
+singular value of the scaled Jacobian J. Along v the pose moves by ``σ t + ½ t² u·H(v, v)`` to second order, which is zero
+again at ``t = -2 σ / u·H(v, v)``: the *twin* of the solution. Two probes measure the curvature,
+``u·e(q + h v) + u·e(q - h v) = -h² u·H(v, v)`` for the residual e.
+
+v and u come from inverse iteration, ``u → (J Jᵀ)⁻¹ u`` and ``v = Jᵀ u / |Jᵀ u|`` (Golub & Van Loan 2013, Sec. 7.6).
+"""
 
 from __future__ import annotations
 
@@ -7,21 +15,15 @@ import math
 import numpy as np
 
 from kinseek.kernels.arm.division import nearest_copy
-from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.atlas.descent import FLOOR, free_turn
-from kinseek.kernels.atlas.lanes import (
-    LANES,
-    lanes_forward,
-    lanes_gram,
-    lanes_jacobian,
-    lanes_residual,
-    lanes_solve,
-)
-from kinseek.kernels.atlas.memory import make_scratch
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.atlas.descent import FLOOR, free_turn, iterate
+from kinseek.kernels.atlas.lanes import LANES, Lanes, lanes_gram, lanes_jacobian, lanes_solve
+from kinseek.kernels.atlas.memory import Scratch, make_scratch
 from kinseek.kernels.atlas.task import Task, task_of
 from kinseek.kernels.jit import inlined, kernel
 
-from .refine_all import CONTINUA, EQUAL, EVALUATED, WEAKEST, squared_gap
+from .distance import squared_gap
+from .refine_all import CONTINUA, EQUAL, EVALUATED, RATES, SIBLING, WEAKEST, Batch, Search, refine_all
 
 WEAK = 0.02
 """Singular value of the scaled Jacobian at a solution below which there may be others close to it."""
@@ -40,8 +42,12 @@ PROBE, FLAT = 0.05, 1e-6
 continuum."""
 
 
-PHASES = 3
-"""Number of FK evaluations: one at the solution for the weakest direction, and one on each side of it."""
+EVALUATIONS = 3
+"""FK evaluations for a twin: one at the solution for the weakest direction, and one on each side of it."""
+
+
+ITERATIONS = 5
+"""Number of inverse iterations. Not examined further."""
 
 
 LEAN = 0.27
@@ -64,144 +70,208 @@ each."""
 
 
 @kernel
-def twins(
-    handle: Indices,
-    tolerances: Array,
-    memory: Array,
-    rows: Array,
-    first: int,
-    last: int,
-    seeds: Array,
-    tally: Array,
-    w: int,
-) -> int:
-    """Write the estimated twins of solutions first … last-1, at most LANES, into seeds; return their number.
+def refine_siblings(search: Search, mirrors: Array, first: int, count: int, done: bool) -> int:
+    """Refine the siblings of all solutions from `first` on, and of those found this way; return the number of solutions.
+
+    Args:
+        search: The search.
+        mirrors: Mirror images, see `SIGNS`, (k, 3, n).
+        first: First solution whose siblings are unknown.
+        count: Number of solutions.
+        done: Whether the solutions are known to be complete unless one is close to a singularity.
+    """
+    while first < count < len(search.rows):
+        last = min(count, first + LANES)
+        many = write_twins(search, first, last)
+        if done and last == count and search.tally[WEAKEST] >= WEAK:
+            break
+        many = write_images(search, mirrors, first, last, many)
+        count = refine_all(search, Batch(0, many, many, SIBLING), count)
+        first = last
+    return count
+
+
+@kernel
+def write_twins(search: Search, first: int, last: int) -> int:
+    """Write the estimated twins of solutions first … last-1, at most LANES, into the starts; return their number.
 
     CONTINUA of the tally increases by the number of solutions on a continuum, whose pose is stationary along the weakest
     direction to second order. WEAKEST becomes the smallest singular value of their scaled Jacobians if it is smaller.
     """
-    task = task_of(handle, tolerances)
+    job, tally, w, many = search.job, search.tally, search.job.width, 0
+    task = task_of(job.handle, job.tolerances)
     dof = len(task.lower)
-    scratch = make_scratch(memory, dof, len(task.chain.leader))
+    scratch = make_scratch(job.memory, dof, len(task.chain.leader))
     lanes = scratch.lanes
-    e, J = lanes.residual, lanes.jacobian
-    U, way, weak, bent = np.empty((6, LANES)), np.empty(dof), np.empty(LANES), np.zeros(LANES)
+    weakest, bends, across = np.zeros(LANES), np.zeros(LANES), np.zeros((6, LANES))
     for l in range(LANES):
         for i in range(dof):
-            lanes.q[i, l] = rows[min(first + l, last - 1), i]
-        # Rows that no joint can move make J Jᵀ singular.
-        scratch.floor[l] = FULL_FLOOR if dof >= 6 else SHORT_FLOOR
-    for phase in range(PHASES):
-        lanes_forward(task.chain.leader, task.links, lanes, w)
-        lanes_residual(lanes, scratch.columns, w)
-        if phase == 0:
-            lanes_jacobian(task.chain.leader, task.links, lanes, free_turn(task), w)
-            lanes_gram(0.0, scratch.floor, lanes, w)
-            for i in range(dof):
-                for l in range(w):
-                    lanes.step[i, l] = 1.0 - LEAN * i
-            # Inverse iteration, u → (J Jᵀ)⁻¹ u; if there are rows that no joint moves, v → Jᵀ (J Jᵀ)⁻² J v. Exactly at a
-            # singularity Jᵀ u is zero; the last turn then takes the part in the null space of J, v - Jᵀ (J Jᵀ)⁻¹ J v.
-            for turn in range(6):
-                if turn == 5 or (dof < 6 and turn not in (1, 3)):
-                    fresh = 1.0 if turn in (0, 5) else 0.0
-                    for r in range(6):
-                        for l in range(w):
-                            e[r, l] = 0.0
-                    for i in range(dof):
-                        for r in range(6):
-                            for l in range(w):
-                                v = fresh * (1.0 - LEAN * i) + (1.0 - fresh) * lanes.step[i, l]
-                                e[r, l] += J[i, r, l] * v
-                elif turn == 0:
-                    for r in range(6):
-                        for l in range(w):
-                            e[r, l] = 1.0 - LEAN * r
-                lanes_solve(lanes, w)
-                if turn < 5:
-                    for l in range(w):
-                        size = TINY
-                        for r in range(6):
-                            size += e[r, l] * e[r, l]
-                        size = 1.0 / math.sqrt(size)
-                        for r in range(6):
-                            e[r, l] *= size
-                if turn in (0, 2):
-                    continue
-                for l in range(w):
-                    size = TINY
-                    for i in range(dof):
-                        d = 0.0
-                        for r in range(6):
-                            d += J[i, r, l] * e[r, l]
-                        d = 1.0 - LEAN * i - d if turn == 5 else d
-                        size += d * d
-                        way[i] = d
-                    size = math.sqrt(size)
-                    if turn == 5 and size < SINGULAR:
-                        continue
-                    weak[l] = 0.0 if turn == 5 else size
-                    for i in range(dof):
-                        lanes.step[i, l] = way[i] / size
-                if turn == 4:
-                    for r in range(6):
-                        for l in range(w):
-                            U[r, l] = e[r, l]
-        else:
+            lanes.q[i, l] = search.rows[min(first + l, last - 1), i]
+    iterate(job, False)
+    find_weakest_directions(task, scratch, np.empty((dof, LANES)), weakest, across, w)
+    for shift in (PROBE, -2.0 * PROBE):
+        move_along(lanes, shift, w)
+        iterate(job, False)
+        for r in range(6):
             for l in range(w):
-                for r in range(6):
-                    bent[l] += e[r, l] * U[r, l]
-        shift = -2.0 * PROBE if phase == 1 else PROBE
-        for i in range(dof):
-            for l in range(w):
-                lanes.q[i, l] += shift * lanes.step[i, l]
-    many = 0
-    for l in range(LANES):
-        scratch.floor[l] = FLOOR
-        if first + l >= last:
-            continue
-        tally[EVALUATED] += PHASES
-        tally[WEAKEST] = min(tally[WEAKEST], weak[l])
-        moved, bend = weak[l] * PROBE, bent[l]
+                bends[l] += lanes.residual[r, l] * across[r, l]
+    move_along(lanes, PROBE, w)
+    for l in range(last - first):
+        tally[EVALUATED] += EVALUATIONS
+        tally[WEAKEST] = min(tally[WEAKEST], weakest[l])
+        moved, bend = weakest[l] * PROBE, bends[l]
         if moved < FLAT and abs(bend) < FLAT:
             tally[CONTINUA] += 1.0
         if 2.0 * moved * PROBE < FAR * abs(bend):
             t = 2.0 * moved * PROBE / bend
             for i in range(dof):
                 value = lanes.q[i, l] + t * lanes.step[i, l]
-                seeds[many, i] = min(max(value, task.lower[i]), task.upper[i])
+                search.starts[many, i] = min(max(value, task.lower[i]), task.upper[i])
             many += 1
-    memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
+    job.memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return many
 
 
 @inlined
-def images(
-    task: Task,
-    mirrors: Array,
-    rates: Array,
-    rows: Array,
-    first: int,
-    last: int,
-    seeds: Array,
-    many: int,
-    image: Array,
-) -> int:
-    """Append the unknown mirror images of solutions first … last-1 to seeds; return the number of seeds."""
+def find_weakest_directions(
+    task: Task, scratch: Scratch, begin: Array, weakest: Array, across: Array, w: int
+) -> None:
+    """Find the direction of joint space along which the pose of each lane moves least.
+
+    Inverse iteration, ``u → (J Jᵀ)⁻¹ u``. With fewer than six joints there are rows that no joint moves, and v is iterated,
+    ``v → Jᵀ (J Jᵀ)⁻² J v``. Exactly at a singularity Jᵀ u is zero. The part of the first v in the null space of J,
+    ``v - Jᵀ (J Jᵀ)⁻¹ J v``, then replaces it.
+
+    Args:
+        task: The task.
+        scratch: Its memory, with poses and axes; receives v in `lanes.step`.
+        begin: Scratch memory, (n, LANES).
+        weakest: Receives the singular values, (LANES,).
+        across: Receives u, (6, LANES).
+        w: LANES.
+    """
+    lanes, dof = scratch.lanes, len(begin)
+    short = dof < 6
+    lanes_jacobian(task.chain.leader, task.links, lanes, free_turn(task), w)
+    for l in range(LANES):
+        scratch.floor[l] = SHORT_FLOOR if short else FULL_FLOOR
+    lanes_gram(0.0, scratch.floor, lanes, w)
+    for l in range(LANES):
+        scratch.floor[l] = FLOOR
+        for i in range(dof):
+            begin[i, l] = lanes.step[i, l] = 1.0 - LEAN * i
+        for r in range(6):
+            lanes.residual[r, l] = 1.0 - LEAN * r
+    for k in range(ITERATIONS + 1):
+        null_space = k == ITERATIONS
+        if null_space:
+            multiply(lanes, begin, w)
+        elif short and k % 2 == 0:
+            multiply(lanes, lanes.step, w)
+        lanes_solve(lanes, w)
+        if null_space:
+            take_null_space(lanes, begin, weakest, w)
+        else:
+            normalise(lanes, w)
+            if k == ITERATIONS - 1 or (short and k % 2 == 1):
+                pull_back(lanes, weakest, w)
+        if k == ITERATIONS - 1:
+            for r in range(6):
+                for l in range(w):
+                    across[r, l] = lanes.residual[r, l]
+
+
+@inlined
+def multiply(lanes: Lanes, v: Array, w: int) -> None:
+    """Write ``J v`` into the residual of every lane."""
+    J, e = lanes.jacobian, lanes.residual
+    for r in range(6):
+        for l in range(w):
+            e[r, l] = 0.0
+    for i in range(len(v)):
+        for r in range(6):
+            for l in range(w):
+                e[r, l] += J[i, r, l] * v[i, l]
+
+
+@inlined
+def normalise(lanes: Lanes, w: int) -> None:
+    """Scale the residual of every lane to length 1."""
+    e = lanes.residual
+    for l in range(w):
+        size = TINY
+        for r in range(6):
+            size += e[r, l] * e[r, l]
+        size = 1.0 / math.sqrt(size)
+        for r in range(6):
+            e[r, l] *= size
+
+
+@inlined
+def transposed_row(lanes: Lanes, i: int, l: int) -> float:
+    """Entry i of ``Jᵀ e`` for the residual e of lane l."""
+    total = 0.0
+    for r in range(6):
+        total += lanes.jacobian[i, r, l] * lanes.residual[r, l]
+    return total
+
+
+@inlined
+def pull_back(lanes: Lanes, weakest: Array, w: int) -> None:
+    """Write ``v = Jᵀ u / |Jᵀ u|`` into the step of every lane, and ``|Jᵀ u|`` into `weakest`, (LANES,)."""
+    step = lanes.step
+    for l in range(w):
+        size = TINY
+        for i in range(len(step)):
+            step[i, l] = transposed_row(lanes, i, l)
+            size += step[i, l] * step[i, l]
+        weakest[l] = math.sqrt(size)
+        for i in range(len(step)):
+            step[i, l] /= weakest[l]
+
+
+@inlined
+def take_null_space(lanes: Lanes, begin: Array, weakest: Array, w: int) -> None:
+    """Replace the step of a lane by ``begin - Jᵀ e``, normalised, if that is longer than `SINGULAR`."""
+    for l in range(w):
+        size = TINY
+        for i in range(len(begin)):
+            begin[i, l] -= transposed_row(lanes, i, l)
+            size += begin[i, l] * begin[i, l]
+        size = math.sqrt(size)
+        if size < SINGULAR:
+            continue
+        weakest[l] = 0.0
+        for i in range(len(begin)):
+            lanes.step[i, l] = begin[i, l] / size
+
+
+@inlined
+def move_along(lanes: Lanes, far: float, w: int) -> None:
+    """Move the joints of every lane along its step, without limits."""
+    for i in range(len(lanes.step)):
+        for l in range(w):
+            lanes.q[i, l] += far * lanes.step[i, l]
+
+
+@inlined
+def write_images(search: Search, mirrors: Array, first: int, last: int, many: int) -> int:
+    """Append the unknown mirror images of solutions first … last-1 to the starts; return the number of starts."""
+    task = task_of(search.job.handle, search.job.tolerances)
+    starts, rates, chain = search.starts, search.metric[RATES], task.chain
     for j in range(first, last):
         for k in range(len(mirrors)):
-            fits = many < len(seeds)
+            if many == len(starts):
+                return many
+            image, fits = starts[many], True
             for i in range(len(image)):
-                low, high = task.chain.lower[i], task.chain.upper[i]
-                value = mirrors[k, SIGNS, i] * rows[j, i] + mirrors[k, SHIFTS, i]
+                low, high = chain.lower[i], chain.upper[i]
+                value = mirrors[k, SIGNS, i] * search.rows[j, i] + mirrors[k, SHIFTS, i]
                 if mirrors[k, TURNING, i] > 0.0:
                     value = nearest_copy(value, low, high, 0.5 * (low + high))
                 fits = fits and low - EQUAL <= value <= high + EQUAL
                 image[i] = min(max(value, low), high)
             for c in range(last):
-                fits = fits and squared_gap(rates, rows, c, image) > EQUAL * EQUAL
-            if fits:
-                for i in range(len(image)):
-                    seeds[many, i] = image[i]
-                many += 1
+                fits = fits and squared_gap(rates, search.rows, c, image) > EQUAL * EQUAL
+            many += 1 if fits else 0
     return many
