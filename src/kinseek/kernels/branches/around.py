@@ -22,7 +22,7 @@ from kinseek.kernels.atlas.memory import make_scratch
 from kinseek.kernels.atlas.task import task_of
 from kinseek.kernels.jit import inlined, kernel
 from kinseek.kernels.structure.candidates import DEVIATION, H5, H6, SIZE, H, joint_of
-from kinseek.kernels.structure.closed import REPORT, TRIED, closed_starts
+from kinseek.kernels.structure.closed import closed_starts
 
 from .distance import squared_gap
 from .refine_all import RATES, Search
@@ -99,12 +99,12 @@ def write_starts_around(search: Search, structure: Array, far: bool, count: int)
     task = task_of(job.handle, job.tolerances)
     dof = len(task.lower)
     scratch = make_scratch(job.memory, dof, len(task.chain.leader))
-    pose, report, work = np.empty((4, 4)), np.empty(REPORT), scratch.candidates
+    pose = np.empty((4, 4))
     for pose_number in range(DIRECTIONS if far else 0, 4 * DIRECTIONS if far else DIRECTIONS):
         distance = distance_of(pose_number // DIRECTIONS) * structure[DEVIATION]
         displace(search.target, pose_number % DIRECTIONS, distance, structure[SIZE], pose)
-        closed_starts(task, structure, pose, scratch.spare, work, scratch.found, report, job.width)
-        for l in range(int(report[TRIED])):
+        closed = closed_starts(task, structure, pose, scratch, scratch.found, job.width)
+        for l in range(closed.tried):
             if many == len(starts):
                 break
             q = starts[many]

@@ -46,7 +46,7 @@ from kinseek.kernels.atlas.task import (
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import array_view, entry, inlined, noinline
 from kinseek.kernels.structure.candidates import DEVIATION, KIND, LOOSE, NUMBERS, PARALLEL, ROUNDING
-from kinseek.kernels.structure.closed import FOLDED, LOST, REPORT, SURE, TRIED, UNSURE, closed_starts, serves
+from kinseek.kernels.structure.closed import closed_starts, serves
 
 from . import one_joint_residual
 from .around import least_lean, write_starts_around
@@ -135,7 +135,7 @@ class Plan(NamedTuple):
     lost: bool
     """Whether the nearby arm may have lost solutions of this arm."""
     folded: float
-    """See `closed.FOLDED`."""
+    """See `closed.Closed.folded`."""
     lean: float
     """Sine of the smallest angle of axis 6 to three nearly parallel axes at any start, see `around.least_lean`."""
 
@@ -203,10 +203,9 @@ def try_closed_form(arm: ArmTables, task: Task, scratch: Scratch, search: Search
     its structure, equations without solutions prove nothing: its own may have solutions. Where two solutions nearly
     merge, the nearby equations may have neither; those of this arm lead to one of them, and the other is its twin.
     """
-    structure, report = arm.structure, np.empty(REPORT)
-    work, starts, w = scratch.candidates, search.starts, search.job.width
-    closed_starts(task, structure, search.target, scratch.spare, work, starts, report, w)
-    tried, sure, unsure = int(report[TRIED]), int(report[SURE]), report[UNSURE] > 0.0
+    structure, starts = arm.structure, search.starts
+    closed = closed_starts(task, structure, search.target, scratch, starts, search.job.width)
+    tried, sure, unsure = closed.tried, closed.sure, closed.unsure
     count = refine_all(search, Batch(0, tried, tried, SIBLING), 0)
     exact, left, lean = structure[DEVIATION] <= ROUNDING, SAMPLES, 1.0
     if not unsure and count >= sure and (count > 0 or (exact and tried == 0)):
@@ -215,7 +214,7 @@ def try_closed_form(arm: ArmTables, task: Task, scratch: Scratch, search: Search
         left, lean = POSES, least_lean(structure, starts, tried)
     # In an arm that only nearly has its structure, an angle is seldom undetermined, and solutions next to its candidates
     # are found early.
-    return Plan(left, count, tried, sure, unsure and exact, report[LOST] > 0.0, report[FOLDED], lean)
+    return Plan(left, count, tried, sure, unsure and exact, closed.lost, closed.folded, lean)
 
 
 @inlined
@@ -262,7 +261,7 @@ def may_hide(lean: float, folded: float) -> bool:
 
     Args:
         lean: Sine of the angle of axis 6, see `around.least_lean`.
-        folded: See `closed.FOLDED`.
+        folded: See `closed.Closed.folded`.
     """
     return lean < LITTLE and (lean - HARDLY) * math.sqrt(folded) < ASIDE
 

@@ -9,12 +9,12 @@ import numpy as np
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.task import TOLERANCES, Handle, task_of
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry
-from kinseek.kernels.structure.candidates import NUMBERS, WORK
-from kinseek.kernels.structure.closed import REPORT, TRIED, UNSURE, closed_starts, serves
+from kinseek.kernels.structure.candidates import NUMBERS
+from kinseek.kernels.structure.closed import closed_starts, serves
 
 LEFT, NO, YES = range(3)
 """Results for a pose: it is left to a search; it has no candidate within the limits or close to them; a candidate is a
@@ -50,18 +50,19 @@ def many_closed(
         for i in range(left):
             report[i] = LEFT
         return left
-    D, T, work = np.empty((3, 4)), np.empty((3, 4)), np.empty(WORK)
-    seeds, asked = np.empty((LANES, dof)), np.empty(REPORT)
+    memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
+    scratch, T = make_scratch(memory, dof, len(task.chain.leader)), np.empty((3, 4))
+    seeds = scratch.found
     for i in range(len(targets)):
-        closed_starts(task, structure, targets[i], D, work, seeds, asked, w)
-        many = int(asked[TRIED])
-        report[i] = NO if many == 0 and asked[UNSURE] == 0.0 else LEFT
+        closed = closed_starts(task, structure, targets[i], scratch, seeds, w)
+        report[i] = LEFT if closed.tried > 0 or closed.unsure else NO
         goal = GoalArrays(targets[i], task.position_weight, task.axis_weights)
-        for j in range(many):
+        for j in range(closed.tried):
             forward(task.chain, seeds[j], T)
             position, orientation = errors(T, goal)
             if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
                 report[i] = YES
                 break
         left -= 1 if report[i] != LEFT else 0
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return left

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import Scratch
 from kinseek.kernels.atlas.seeds import turns_fully
 from kinseek.kernels.atlas.task import Task
 from kinseek.kernels.jit import inlined
@@ -34,13 +36,21 @@ from .candidates import (
     row_of,
 )
 
-TRIED, SURE, UNSURE, LOST, FOLDED = range(5)
-"""Indices into the report on candidates. How many are tried. How many of these must be solutions. 1 if there may be
-solutions that no candidate leads to. 1 if an arm that only nearly has its structure may have solutions that the nearby
-arm has lost. And the absolute discriminant of the equation that is solved first, see `candidates.ROOTS`."""
 
-REPORT = FOLDED + 1
-"""Length of the report."""
+class Closed(NamedTuple):
+    """What is known of the candidates of an arm."""
+
+    tried: int
+    """Number of candidates that are tried."""
+    sure: int
+    """How many of these must be solutions."""
+    unsure: bool
+    """Whether there may be solutions that no candidate leads to."""
+    lost: bool
+    """Whether an arm that only nearly has its structure may have solutions that the nearby arm has lost."""
+    folded: float
+    """Absolute discriminant of the equation that is solved first, see `candidates.ROOTS`."""
+
 
 ASKEW = 5.0
 """Infeasibility that is allowed for an equation of the nearby arm, as a multiple of the error of its angles. It is larger
@@ -60,25 +70,24 @@ def serves(task: Task, structure: Array) -> bool:
 
 @inlined
 def closed_starts(
-    task: Task, structure: Array, target: Array, D: Array, work: Array, seeds: Array, report: Array, w: int
-) -> None:
-    """Write the candidates within the limits, or close to them, into seeds, and report on them.
+    task: Task, structure: Array, target: Array, scratch: Scratch, seeds: Array, w: int
+) -> Closed:
+    """Write the candidates within the limits, or close to them, into seeds.
 
     Args:
         task: The task.
         structure: See `candidates.KIND`, (NUMBERS,).
         target: (4, 4), lengths in [m].
-        D: Scratch memory, (3, 4).
-        work: Scratch memory, `candidates.WORK`.
+        scratch: Its `spare` and `candidates` are overwritten.
         seeds: Receives joint values, (at least LANES, n).
-        report: See `TRIED`, (REPORT,).
         w: LANES.
     """
+    D, work = scratch.spare, scratch.candidates
     off = SPREAD * structure[DEVIATION]
     exact = structure[DEVIATION] <= ROUNDING
     far, beside = INFEASIBLE + ASKEW * off, BESIDE + off
     slack = off + max(task.position_tolerance / structure[SIZE], task.orientation_tolerance)
-    many, sure, unsure, lost = 0, 0, 0.0, 0.0
+    many, sure, unsure, lost = 0, 0, False, False
     displacement(structure, target, D)
     candidates(structure, D, far, work, w)
     for l in range(LANES):
@@ -91,8 +100,8 @@ def closed_starts(
         if conditioning < FREE + off or (
             not exact and (discriminant < off or (not duplicate and 0.0 < infeasibility <= beside))
         ):
-            unsure = 1.0
-            lost = 1.0 if infeasibility > 0.0 else lost
+            unsure = True
+            lost = lost or infeasibility > 0.0
         if duplicate or infeasibility > far:
             continue
         # Possible error of an angle: larger where it is poorly conditioned.
@@ -111,5 +120,4 @@ def closed_starts(
             many += 1
             if inside and infeasibility <= 0.0 and discriminant > CLEAR + off:
                 sure += 1
-    report[TRIED], report[SURE], report[UNSURE], report[LOST] = many, sure, unsure, lost
-    report[FOLDED] = abs(work[ROOTS, 0])
+    return Closed(many, sure, unsure, lost, abs(work[ROOTS, 0]))

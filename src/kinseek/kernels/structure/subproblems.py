@@ -14,31 +14,6 @@ TINY = 1e-30
 
 
 @inlined
-def dot(a: float, b: float, c: float, x: float, y: float, z: float) -> float:
-    """Dot product of two vectors."""
-    return a * x + b * y + c * z
-
-
-@inlined
-def cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Cross product of two vectors."""
-    return b * z - c * y, c * x - a * z, a * y - b * x
-
-
-@inlined
-def rotate(
-    a: float, b: float, c: float, cosine: float, sine: float, x: float, y: float, z: float
-) -> tuple[float, float, float]:
-    """Rotate the vector (x, y, z) about the unit vector (a, b, c) (Rodrigues 1840)."""
-    along = (a * x + b * y + c * z) * (1.0 - cosine)
-    return (
-        cosine * x + sine * (b * z - c * y) + along * a,
-        cosine * y + sine * (c * x - a * z) + along * b,
-        cosine * z + sine * (a * y - b * x) + along * c,
-    )
-
-
-@inlined
 def solve_trig(a: float, b: float, c: float, sign: float) -> tuple[float, float, float, float]:
     """Solve ``a cos θ + b sin θ = c``: subproblems 3 and 4 of Paden and Kahan, and of Elias and Wen (2022).
 
