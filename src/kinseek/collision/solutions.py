@@ -193,7 +193,7 @@ def _pick(
         if deadline.passed:
             late = True
             break
-        # A larger sample contains the solutions of the smaller one, which would be counted twice.
+        # The counts and contacts that are reported refer to the last sample alone.
         judge.blocked, judge.refused, judge.seen, judge.spared = 0, 0, [], None
         selection = Selection(
             prefer or ORDERS[0], cost, copies=cost is not None, count=many * SPREAD if many > 1 else None
