@@ -244,7 +244,7 @@ def all_blocked(problem: Problem, judge: Judge, deadline: Deadline) -> tuple[Arr
     """Search for missing solutions, and prove that every solution collides.
 
     Around each solution of the complete set, a box contains all joint values that meet the tolerances (see
-    `proof.isolation`). One pair of bodies is in contact everywhere in it.
+    `proof.root_isolation`). One pair of bodies is in contact everywhere in it.
 
     Returns:
         A free and accepted solution, (n,), or None; and whether it is proved that no free solution exists.
