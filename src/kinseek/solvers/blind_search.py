@@ -51,7 +51,7 @@ class BlindSearch:
     traits: ClassVar[Traits] = Traits(
         source="Cubero 2008",
         finds="a local minimum",
-        work="3ⁿ poses a step",
+        work="3ⁿ FK evaluations per step",
         near=Near.START,
         axes=True,
     )
