@@ -14,14 +14,15 @@ import kinseek
 from kinseek import plots
 from kinseek.kernels.arm.division import Division
 from kinseek.kernels.arm.links import links_of
+from kinseek.kernels.arrays import Limits
 from kinseek.kernels.atlas import lanes as eight
 from kinseek.kernels.atlas import samples as atlas
 from kinseek.kernels.atlas import tree as neighbours
 from kinseek.kernels.atlas.descent import DAMPING, LONGEST
 from kinseek.kernels.atlas.lanes import LANES, Lanes
-from kinseek.kernels.atlas.samples import Atlas, build_atlas
+from kinseek.kernels.atlas.samples import Atlas, Divided, build_atlas
 from kinseek.kernels.atlas.seeds import MARGIN
-from kinseek.kernels.atlas.tree import LEAF_SIZE
+from kinseek.kernels.atlas.tree import LEAF_SIZE, Neighbours
 from kinseek.kernels.jit import exposed
 from kinseek.kinds import POSE
 from kinseek.robots.geometry import divide, open_limits
@@ -62,21 +63,13 @@ class Query:
         self.goal = self.seen(G[None])[0]
         point, distance, index = np.empty(9), np.empty(64), np.empty(64, dtype=np.int64)
         used = coordinates(G, self.division, point)
-        found = nearest(
-            self.atlas.tree,
-            point[:used],
-            64,
-            distance,
-            index,
-            np.empty(64, dtype=np.int64),
-            np.empty(64 + LEAF_SIZE),
-        )
+        stack, bound = np.empty(64, dtype=np.int64), np.empty(64 + LEAF_SIZE)
+        found = nearest(self.atlas.tree, point[:used], 64, Neighbours(distance, index, stack, bound))
+        divided = Divided(self.atlas, self.division, Limits(chain.lower, chain.upper), MARGIN)
         seeds: list[Array] = []
         for i in index[:found]:
             q = np.empty(arm.dof)
-            if len(seeds) < LANES and complete_seed(
-                self.atlas, self.division, G, i, chain.lower, chain.upper, MARGIN, q
-            ):
+            if len(seeds) < LANES and complete_seed(divided, G, i, q):
                 seeds.append(q)
         self.walk(np.array(seeds), target)
 
@@ -92,16 +85,18 @@ class Query:
         length, links, W = self.division.length, links_of(chain.arrays), LANES
         lanes = Lanes(
             q=np.ascontiguousarray(seeds.T),
-            target=np.repeat(target[:3].ravel(), W),
-            pose=np.zeros(12 * W),
-            axes=np.zeros((len(chain.leader), 6 * W)),
-            jacobian=np.zeros((n, 6 * W)),
-            gram=np.zeros(21 * W),
-            residual=np.zeros(6 * W),
+            target=np.repeat(target[:3, :, None], W, axis=2),
+            pose=np.zeros((3, 4, W)),
+            axes=np.zeros((len(chain.leader), 6, W)),
+            jacobian=np.zeros((n, 6, W)),
+            gram=np.zeros((21, W)),
+            residual=np.zeros((6, W)),
             step=np.zeros((n, W)),
-            work=np.zeros(4 * W),
-            error=np.zeros(4 * W),
-            weight=np.repeat([1.0 / length, 1.0], W),
+            share=np.zeros(W),
+            before=np.zeros(W),
+            stubborn=np.zeros(W),
+            error=np.zeros((4, W)),
+            weight=np.repeat([[1.0 / length], [1.0]], W, axis=1),
         )
         errors, points = [], []
         for step in range(STEPS + 1):
@@ -113,9 +108,9 @@ class Query:
                 lanes_move(lower, upper, LONGEST, lanes, W)
             lanes_forward(chain.leader, links, lanes, W)
             lanes_residual(lanes, np.full(3, 0.5), W)
-            errors.append(np.sqrt(lanes.error[:W]))
+            errors.append(np.sqrt(lanes.error[0]))
             poses = np.tile(np.eye(4), (W, 1, 1))
-            poses[:, :3] = lanes.pose.reshape(12, W).T.reshape(W, 3, 4)
+            poses[:, :3] = np.moveaxis(lanes.pose, 2, 0)
             points.append(self.seen((self.frames[0] @ poses @ self.frames[1])[:, :3]))
         self.errors, self.points = np.array(errors), np.array(points)
 

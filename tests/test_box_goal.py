@@ -357,7 +357,7 @@ def test_tools_share_samples_and_are_forgotten() -> None:
         ({"box": {"x": (0, 1, 2)}}, r"box\['x'\] must be a pair"),
         ({"box": {"x": ("a", "b")}}, r"box\['x'\] must be a pair"),
         ({"box": [("x", 0, 1)]}, "box must map axes to ranges"),
-        ({"box": {"rz": (-4.0, 1.0)}}, r"must lie within \[-π, π\], got \(-4, 1\).*free='rz'"),
+        ({"box": {"rz": (-4.0, 1.0)}}, r"must lie within \[-π, π\] rad, got \(-4, 1\).*free='rz'"),
         ({"box": {"rz": (0.0, np.inf)}}, r"must lie within \[-π, π\]"),
         ({"box": {"rx": (3, 3.1), "ry": (3, 3.1)}}, "no rotation lies in this box.*4.243"),
         ({"free": AXES}, "nothing is constrained"),
@@ -415,7 +415,7 @@ def test_the_message_recommends_a_call_that_works(wish: str) -> None:
         else "prefer=, cost=, valid= and scene= are not supported"
     )
     assert said.startswith(named)
-    assert said.endswith("default solver supports it, without prefer=, cost=, valid=, scene= and prove=")
+    assert said.endswith("default solver, without prefer=, cost=, valid=, scene= and prove=")
     assert arm.ik(goal).success
 
 

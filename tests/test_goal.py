@@ -54,12 +54,19 @@ def test_no_rotation_is_no_turn_and_batches_broadcast() -> None:
         pose(np.zeros((5, 3)), rotvec=np.zeros((2, 3)))
 
 
+def deep(levels: int) -> Any:
+    """Return a number inside of that many lists."""
+    return [deep(levels - 1)] if levels else 0.0
+
+
 @pytest.mark.parametrize(
     ("position", "named", "words"),
     [
         ([0, 0], {}, r"position must have shape \(3,\) or \(..., 3\), got \(2,\)"),
         ([0, 0, np.nan], {}, "position contains NaN or infinity"),
         ("here", {}, "position must be numbers"),
+        ([[1, [2, 3]], 0.4, 0.3], {}, "a pose must be .* got list"),
+        ([deep(70), 0.4, 0.3], {}, "a pose must be .* got list"),
         ([0, 0, 0], {"quat_wxyz": [0, 0, 0, 0]}, "zero quaternion is not a rotation"),
         ([0, 0, 0], {"quat_xyzw": [0, 0, 1]}, r"quat_xyzw must have shape \(4,\)"),
         ([0, 0, 0], {"rpy": [0, np.inf, 0]}, "rpy contains NaN or infinity"),
@@ -122,7 +129,7 @@ def test_not_a_pose(target: Any, words: str) -> None:
 def test_not_a_rotation_says_how_far_off() -> None:
     off = reference_pose()
     off[:3, 0] *= 1.01
-    with pytest.raises(InvalidGoal, match=r"RᵀR differs from the identity by 0\.0201 .*refused above"):
+    with pytest.raises(InvalidGoal, match=r"RᵀR differs from the identity by 0\.0201 .*more is rejected"):
         Goal.pose(off)
     with pytest.raises(InvalidGoal, match="its determinant is -1, a reflection"):
         Goal.pose(np.diag([1.0, 1.0, -1.0, 1.0]))

@@ -48,9 +48,7 @@ def test_the_others_are_answered_with_the_same_bits(near: bool) -> None:
     assert not solution.success[BAD].any()
     assert not solution.evaluations[BAD].any()
     assert repr(solution) == "Solution(35 of 40 solved, 5 invalid, q(40, 6))"
-    with pytest.raises(
-        kinseek.NotReached, match="5 of 40 targets not reached; 5 targets are no poses; errors up to"
-    ):
+    with pytest.raises(kinseek.NotReached, match=r"5 of 40 targets not reached; 5 targets are not poses$"):
         solution.require()
 
 
@@ -74,7 +72,7 @@ def test_batches_of_none_of_one_and_of_nothing_else() -> None:
     assert (alone.status, alone.success, alone.invalid) == (Status.INVALID, False, True)
     assert np.isnan(alone.q).all()
     assert alone.q.shape == (6,)
-    with pytest.raises(kinseek.NotReached, match="1 targets are no poses"):
+    with pytest.raises(kinseek.NotReached, match="1 target is not a pose"):
         alone.require()
     every = ARM.ik(spoilt()[[3, 7]], bad="skip")
     assert every.invalid.all()

@@ -39,7 +39,7 @@ def test_require_returns_or_raises_with_the_solution() -> None:
     solved, missed = judged(Q), judged(Q + 0.1)
     assert solved.require() is solved
     with pytest.raises(
-        NotReached, match=r"errors up to .* m, 0\.2 rad, tolerances 1e-06 m, 1e-06 rad"
+        NotReached, match=r"nearest pose found is .* m and 0\.2 rad away, tolerances 1e-06 m, 1e-06 rad"
     ) as caught:
         missed.require()
     assert caught.value.solution is missed

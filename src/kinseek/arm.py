@@ -216,9 +216,7 @@ class Arm(ForwardArm):
             and not clearance
         )
         if plain and (axes := self._axes) is not None and (T := plain_array(goal, (4, 4))) is not None:
-            # A short path for one plain pose: the kernel itself rejects a matrix that is not a rigid transform. The kernel
-            # also gives up on the first pose that is out of reach, because the code that handles it is compiled in the other
-            # path.
+            # A short path for one plain pose: the kernel itself rejects a matrix that is not a rigid transform.
             q, index = np.empty(axes.dof), self._index or self._atlas_along(axes)
             if near is None:
                 report = solve_plain(index.address, T, q)

@@ -302,8 +302,8 @@ class Goal(Lazy):
         if self.form.ranges:
             taken = ", ".join(kind.noun for kind in PLAIN_KINDS)
             raise InvalidProblem(
-                f"{what} {self.form.noun}; supported: {taken}. Arm.ik with its default solver supports it, without "
-                "prefer=, cost=, valid=, scene= and prove="
+                f"{what} {self.form.noun}, only of {taken}. Use arm.ik with its default solver, without prefer=, cost=, "
+                "valid=, scene= and prove="
             )
 
     def measure(self, arrays: ChainArrays, q: Array) -> Array:

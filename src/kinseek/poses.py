@@ -210,11 +210,12 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
         where = f" at index {_index(first)} of the batch" if matrix.ndim > 2 else ""
         raise InvalidGoal(
             _why_not_rigid(off[tuple(first)], row[tuple(first)], mirrored[tuple(first)], where, repairable)
+            + _transposed(matrix[tuple(first)])
         )
     if off.size and (most := float(off.max())) > _REPAIRABLE:
         warnings.warn(
-            f"{int((off > _REPAIRABLE).sum())} of {off.size} matrices were not rotations, and were replaced by the "
-            f"nearest ones: RᵀR differed from the identity by up to {most:.3g}",
+            f"{int((off > _REPAIRABLE).sum())} of {off.size} matrices were not rotations, and were replaced by the nearest "
+            f"ones: RᵀR differed from the identity by up to {most:.3g}",
             RepairWarning,
             stacklevel=level,
         )
@@ -297,11 +298,13 @@ def _matrix_of(target: Any) -> Array:
 
 def _hint(matrix: Array) -> str:
     if matrix.shape[-1:] == (7,) or matrix.shape[-1:] == (6,):
-        return "; write kinseek.pose(position, quat_wxyz=... | quat_xyzw=... | rpy=...): names say the order"
+        return (
+            "; write kinseek.pose(position, quat_wxyz=... | quat_xyzw=... | rpy=...): the name says the order"
+        )
     if matrix.shape[-2:] == (3, 3):
         return "; this is a rotation alone, the position is missing"
     if matrix.shape[-1:] == (3,):
-        return "; for a position alone use Goal.position"
+        return "; kinseek.pose([x, y, z]) makes a pose, and Goal.position a goal without an orientation"
     return ""
 
 
@@ -314,9 +317,16 @@ def _why_not_rigid(off: float, row: float, mirrored: bool, where: str, repairabl
         reason = f"its last row differs from [0, 0, 0, 1] by {row:.3g}"
     rounded = _REPAIRABLE < off <= _ROUNDED and row <= _REPAIRABLE and not mirrored
     hint = (
-        "; one that was rounded to a few digits is taken by kinseek.pose(..., repair=True)" if rounded else ""
+        "; for one that was rounded to a few digits, write kinseek.pose(..., repair=True)" if rounded else ""
     )
-    return f"not a rigid transform{where}: {reason} (repaired up to {repairable:g}, refused above){hint}"
+    return (
+        f"not a rigid transform{where}: {reason} (up to {repairable:g} is repaired, more is rejected){hint}"
+    )
+
+
+def _transposed(matrix: Array) -> str:
+    bottom = matrix[:, 3]
+    return "; is it transposed?" if (bottom == [0.0, 0.0, 0.0, 1.0]).all() and matrix[3, :3].any() else ""
 
 
 def _whole(position: Any) -> Array | None:
@@ -324,11 +334,20 @@ def _whole(position: Any) -> Array | None:
     if isinstance(position, np.ndarray):
         return position if position.shape[-2:] == (4, 4) else None
     carries = any(hasattr(position, name) for name in _CARRIERS)
-    nested = isinstance(position, list | tuple) and len(position) > 0 and np.ndim(position[0]) > 0
-    if not (carries or nested):
+    if not (
+        carries or (isinstance(position, list | tuple) and len(position) > 0 and _is_nested(position[0]))
+    ):
         return None
     matrix = _matrix_of(position)
     return matrix if carries or matrix.shape[-2:] == (4, 4) else None
+
+
+def _is_nested(value: Any) -> bool:
+    """Return whether an element of a sequence has elements itself; true also for what NumPy cannot make an array of."""
+    try:
+        return np.ndim(value) > 0
+    except ValueError:  # Rows of different lengths, or nested too deeply.
+        return True
 
 
 def _of_matrix(value: Any, repairable: float) -> Array:

@@ -178,7 +178,9 @@ def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
     try:
         joints = as_float_array(q)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidProblem(f"{name} must be numbers of shape (..., {arm.dof}): {error}") from error
+        hint = "; give its q" if hasattr(q, "q") else ""
+        what = f"got {type(q).__name__}{hint}" if hint else f"{error}"
+        raise InvalidProblem(f"{name} must be numbers of shape (..., {arm.dof}): {what}") from error
     if joints.ndim == 0 or joints.shape[-1] != arm.dof:
         raise InvalidProblem(
             f"{name} must have shape ({arm.dof},) or (..., {arm.dof}), got {joints.shape}. "

@@ -117,7 +117,7 @@ def _range(axis: str, pair: object) -> tuple[float, float]:
             )
     if axis.startswith("r") and (low < -math.pi or high > math.pi):
         raise InvalidGoal(
-            f"box[{axis!r}] must lie within [-π, π], got ({low:.6g}, {high:.6g}): no component of a rotation vector "
-            f"is larger; if any rotation is acceptable, give free={axis!r}"
+            f"box[{axis!r}] must lie within [-π, π] rad, got ({low:.6g}, {high:.6g}): no component of a rotation vector "
+            f"is larger; to allow every rotation, write free={axis!r}"
         )
     return low, high

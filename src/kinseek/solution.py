@@ -40,13 +40,13 @@ class Status(Enum):
 
     SOLVED = "Solved: both errors are within their tolerances."
     BEST_EFFORT = "Best effort: the nearest pose found; a tolerance is missed."
-    REJECTED = "Rejected: solutions were found, but the user's `valid` rejected every one."
+    REJECTED = "Rejected: solutions were found, and `valid` rejected each of them."
     PROVED_UNREACHABLE = "Proved unreachable: no joint values within the limits meet the tolerances."
     OUT_OF_TIME = "Out of time: the nearest pose found before the time limit; a tolerance is missed."
-    INVALID = "Invalid: the target is not a pose, so no search was made."
-    BLOCKED = "Blocked: solutions were found, but in every one the arm hits something or comes too close."
+    INVALID = "Invalid: the target is not a pose, so it was not solved."
+    BLOCKED = "Blocked: every solution found hits something or comes nearer than the clearance."
     PROVED_BLOCKED = (
-        "Proved blocked: in every solution within the limits the arm hits something or comes too close."
+        "Proved blocked: every solution within the limits hits something or comes nearer than the clearance."
     )
 
     def __str__(self) -> str:
@@ -343,21 +343,31 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
             np.where(solution.invalid, 0.0, each)
             for each in (solution.position_error, solution.orientation_error)
         ]
-        worst = f"{np.max(errors[0]):.3g} m, {np.max(errors[1]):.3g} rad"
+        position, orientation = float(np.max(errors[0])), float(np.max(errors[1]))
+        tolerances = f"tolerances {goal.position_tolerance:g} m, {goal.orientation_tolerance:g} rad"
         count = "" if missed.size == 1 else f"{missed.sum()} of {missed.size} targets not reached; "
         if skipped := int(np.sum(solution.invalid)):
-            count += f"{skipped} targets are no poses; "
+            count += f"{skipped} {'target is not a pose' if skipped == 1 else 'targets are not poses'}; "
         refused = int(np.sum(np.where(missed, solution.rejected, 0)))
-        refusals = f"; `valid` refused {refused} answers" if refused else ""
-        if hits := int(np.sum(np.where(missed, solution.blocked, 0))):
-            refusals += f"; in {hits} answers the arm hits something"
-        ways = [contact for one in self.each() if not one.success for contact in one.contacts]
-        refusals += f": {ways[0]}" if ways else ""
-        raise NotReached(
-            f"{count}errors up to {worst}, tolerances {goal.position_tolerance:g} m, "
-            f"{goal.orientation_tolerance:g} rad{refusals}",
-            self,
-        )
+        hits = int(np.sum(np.where(missed, solution.blocked, 0)))
+        reasons = []
+        outside = position > goal.position_tolerance or orientation > goal.orientation_tolerance
+        if outside or not (refused or hits or skipped):
+            if missed.size == 1:
+                away = f"{position:.3g} m and {orientation:.3g} rad away"
+                reasons.append(f"the nearest pose found is {away}, {tolerances}")
+            else:
+                reasons.append(f"errors up to {position:.3g} m, {orientation:.3g} rad, {tolerances}")
+        if refused:
+            reasons.append(f"`valid` rejected {refused} {'solution' if refused == 1 else 'solutions'}")
+        if hits:
+            contacts = [contact for one in self.each() if not one.success for contact in one.contacts]
+            where = f": {contacts[0]}" if contacts else ""
+            reasons.append(
+                f"{hits} {'solution was' if hits == 1 else 'solutions were'} found, and the arm hits something in "
+                f"{'it' if hits == 1 else 'each of them'}{where}"
+            )
+        raise NotReached((count + "; ".join(reasons)).removesuffix("; "), self)
 
     def to_frame(self) -> Any:
         """Return a ``pandas.DataFrame`` with a row per target: joint values by name, status, errors and evaluations.

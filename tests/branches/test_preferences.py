@@ -118,7 +118,7 @@ def test_where_valid_never_agrees_there_is_no_success() -> None:
         assert solution.status is Status.REJECTED
         assert solution.rejected == len(branches)
         assert solution.position_error <= 1e-6  # What it holds is an answer, only a refused one.
-        with pytest.raises(NotReached, match=f"`valid` refused {len(branches)} answers"):
+        with pytest.raises(NotReached, match=f"`valid` rejected {len(branches)} solutions"):
             solution.require()
 
 

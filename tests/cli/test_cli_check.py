@@ -285,7 +285,7 @@ UNREADABLE = {
     "nowhere.urdf": (None, "no file"),
     "broken.urdf": ("<robot", "broken XML"),
     "other.urdf": ("<html/>", "not a robot"),
-    "r.txt": ("<robot/>", "A path must end in .urdf"),
+    "r.txt": ("<robot/>", "expected the path of a .urdf"),
     "UR5E": (None, "did you mean 'ur5e'"),
 }
 

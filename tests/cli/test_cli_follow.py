@@ -85,7 +85,7 @@ def test_both_ends_and_a_period(line: Any, tmp_path: Path, capsys: pytest.Captur
     assert run([*words, *ends, "--period", "0.1"]) == 0
     np.testing.assert_array_equal(np.load(out)["q"][[0, -1]], path.q[[0, -1]])
     assert run([*words, "--period", "0.001"]) == 1  # Faster than its joints.
-    assert "the limit is 0.00314" in capsys.readouterr().out
+    assert "0.00314 rad is allowed" in capsys.readouterr().out
     assert run(["follow", "puma560", *words[2:], "--period", "0.1"]) == 2
     assert "no speed above 0" in capsys.readouterr().err
 

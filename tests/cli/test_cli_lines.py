@@ -73,6 +73,14 @@ def test_every_answer(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFix
 BAD = {
     "no JSON": ('{"position": [0.4, 0.2', "not JSON: Expecting"),
     "a list": ("[1, 2, 3]", "a line must be an object"),
+    "rows of different lengths": (
+        '{"position": [[1, [2, 3]], 0.4, 0.3], "rpy": [0, 0, 0]}',
+        "a pose must be a (..., 4, 4) array",
+    ),
+    "nested deeply": (
+        '{"position": [' + "[" * 70 + "1" + "]" * 70 + ', 0.4, 0.3], "rpy": [0, 0, 0]}',
+        "a pose must be a (..., 4, 4) array",
+    ),
     "nested": ("[" * 100_000, "not JSON"),
     "unknown key": ({**GOOD, "quat": [1, 0, 0, 0]}, "unknown key 'quat'; did you mean 'quat_"),
     "no position": ({"rpy": [0, 0, 0]}, "needs the key position"),

@@ -109,7 +109,7 @@ def test_outer_spheres_and_boxes_bound_the_distance_from_below(arm: kinseek.Arm,
 def test_a_sphere_and_a_box_are_as_far_apart_as_on_paper() -> None:
     arm = kinseek.Arm.from_dh([[0.5, 0, 0, 0], [0.5, 0, 0, 0]], [-3, -3], [3, 3])
     scene = Scene.of(arm, capsules=0.05)
-    assert "stand in" in scene.notes[0]
+    assert "replace shapes" in scene.notes[0]
     scene.add_box("wall", (0.1, 2.0, 2.0), kinseek.pose([1.25, 0, 0]))
     assert scene.distance([0.0, 0.0]) == pytest.approx(0.15, abs=1e-6)
     assert scene.nearest([0.0, 0.0])[:2] == ("link2", "wall")
@@ -199,8 +199,8 @@ def test_pairs_that_do_not_count_say_why(arm: kinseek.Arm, file: Path, scene: Sc
     assert any(pair.reason.startswith("never") for pair in less.pairs)
     scene.add_box("table", (1, 1, 0.1))
     scene.allow("table", "turret")
-    assert [str(p) for p in scene.pairs if p.reason.startswith("said")] == [
-        "turret - table: said: they may touch"
+    assert [str(p) for p in scene.pairs if p.reason.startswith("allowed")] == [
+        "turret - table: allowed: they may touch"
     ]
 
 
@@ -366,7 +366,7 @@ def test_bad_input_is_told(arm: kinseek.Arm, file: Path, scene: Scene, tmp_path:
     assert any("left out: link 'upper'" in note for note in skipped.notes)
     with pytest.raises(InvalidScene, match="no folder"):
         Scene.of(arm, ["nowhere"])
-    with pytest.raises(InvalidScene, match=r"no geometry of arm .*capsules=0.05"):
+    with pytest.raises(InvalidScene, match=r"the shape of arm .* is not known.*capsules=0.05"):
         Scene.of(kinseek.load("ur5e"))
     with pytest.raises(InvalidScene, match="SRDF of robot 'panda'"):
         Scene.of(arm, folders, srdf='<robot name="panda"><disable_collisions link1="a" link2="b"/></robot>')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tracemalloc
@@ -78,6 +79,117 @@ def test_what_is_simplified_and_made_thicker_holds_the_mesh(
     kept = np.array([after.holds(p) for p in off])
     assert (kept | (away(off, vertices, faces) <= moved))[inside].all()
     assert not (kept & (away(off, *mesh[:2]) > moved))[~inside].any()  # And nothing far outside has come in.
+
+
+def cube(size: float, x: float = 0.0, inverted: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    made = trimesh.creation.box((size,) * 3)
+    faces = np.array(made.faces)
+    return np.array(made.vertices) + np.array([x, 0, 0]), faces[:, ::-1] if inverted else faces
+
+
+def turned_over(mesh: tuple[np.ndarray, np.ndarray], *which: int) -> tuple[np.ndarray, np.ndarray]:
+    faces = mesh[1].copy()
+    faces[[*which]] = faces[[*which], ::-1]
+    return mesh[0], faces
+
+
+def klein() -> tuple[np.ndarray, np.ndarray]:
+    """A closed surface without an inside: a tube whose ends are joined with opposite orientations."""
+    count = 12
+    quads = []
+    for i in range(count):
+        for j in range(count):
+            ahead, left, right = (i + 1) % count, j, (j + 1) % count
+            far = [(-k) % count if i == count - 1 else k for k in (left, right)]
+            quads.append(
+                [count * i + left, count * ahead + far[0], count * ahead + far[1], count * i + right]
+            )
+    sides = np.array(quads)
+    vertices = np.random.default_rng(0).normal(size=(count * count, 3))
+    return vertices, np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+
+
+CENTRE, WALL, CORE, SIDE = (np.array([x, 0.013, 0.007]) for x in (0.0, 1.8, 0.6, 2.2))
+ROOM = together(cube(4), cube(3, inverted=True))
+SURFACES: dict[str, tuple[tuple[np.ndarray, np.ndarray], bool, tuple[bool, bool, bool, bool]]] = {
+    "box": (cube(4), True, (True, True, True, False)),
+    "inside out": (cube(4, inverted=True), True, (True, True, True, False)),
+    **{
+        f"{count} turned over": (turned_over(cube(4), *range(count)), True, (True, True, True, False))
+        for count in (1, 3, 4, 6)
+    },
+    "overlapping": (together(cube(4, -0.1), cube(4, 0.1, True)), True, (True, True, True, False)),
+    "twice": (together(cube(4), cube(4)), True, (True, True, True, False)),
+    "room": (ROOM, True, (False, True, False, False)),
+    "room, inside out": (turned_over(ROOM, *range(24)), True, (False, True, False, False)),
+    "room with a box in it": (together(ROOM, cube(1, 0.6)), True, (False, True, True, False)),
+    "room with a box inside out": (together(ROOM, cube(1, 0.6, True)), True, (False, True, True, False)),
+    "room of two boxes": (together(cube(4), cube(3)), True, (True, True, True, False)),
+    "room with a triangle turned over": (turned_over(ROOM, 3), True, (True, True, True, False)),
+    "room with a triangle turned over inside": (turned_over(ROOM, 20), True, (True, True, True, False)),
+    "box beside a sheet": (
+        together(cube(4), (cube(1, 9)[0], cube(1)[1][:2])),
+        False,
+        (True, True, True, False),
+    ),
+    "lid off": ((cube(4)[0], cube(4)[1][:10]), False, (False, False, False, False)),
+    "both sides": (together(cube(4), cube(4, inverted=True)), False, (False, False, False, False)),
+}
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_every_closed_surface_is_solid_however_it_is_oriented(name: str) -> None:
+    """Triangles that were turned over, and boxes inside out, took away from the inside of the others."""
+    (vertices, faces), closed, expected = SURFACES[name]
+    corners = vertices[faces].reshape(-1, 3)  # As in an STL file.
+    for mesh in (Mesh(vertices, faces, False), Mesh(corners, np.arange(len(corners)).reshape(-1, 3), False)):
+        assert mesh.closed == closed
+        assert tuple(mesh.holds(point) for point in (CENTRE, WALL, CORE, SIDE)) == expected
+        again = Mesh(mesh.vertices, mesh.interior.faces, False)
+        assert np.array_equal(again.interior.faces, mesh.interior.faces)
+
+
+def test_boxes_that_share_an_edge_or_a_side_are_both_solid() -> None:
+    for place, inverted in (([4, 4, 0], False), ([4, 4, 0], True), ([4, 0, 0], False)):
+        vertices, faces = cube(4, inverted=inverted)
+        mesh = Mesh(*together(cube(4), (vertices + place, faces)), False)
+        assert mesh.closed
+        assert mesh.holds(CENTRE)
+        assert mesh.holds(np.array(place) + 0.01)
+        assert not mesh.holds(np.array([0.01, 3.02, 0.03]))
+
+
+def test_a_surface_without_an_inside_is_open() -> None:
+    mesh = Mesh(*klein(), False)
+    assert not mesh.closed
+    assert not mesh.interior.any_solid
+
+
+def test_surfaces_with_an_inside_are_told_from_open_ones(tmp_path: Path) -> None:
+    arm = kinseek.load("planar2")
+    q = [0.0, 0.1]
+    scene = Scene.of(arm, capsules=0.02)
+    for name, words, free in (
+        ("4 turned over", None, False),
+        ("room", None, True),
+        ("box beside a sheet", "is an open mesh in part: .* its open surfaces", False),
+        ("both sides", "is an open mesh, a surface", True),
+    ):
+        before = len(scene.notes)
+        scene.add_mesh("part", write_stl(tmp_path / "part.stl", *SURFACES[name][0]))
+        assert scene.free(q) == free
+        assert len(scene.notes) == before + (words is not None)
+        assert words is None or re.search(words, scene.notes[-1])
+        scene.remove("part")
+
+
+def test_a_mesh_is_oriented_before_it_is_simplified(tmp_path: Path) -> None:
+    vertices, faces = ball(0.1)
+    faces[::3] = faces[::3, ::-1]
+    file = write_stl(tmp_path / "part.stl", vertices, faces)
+    mesh = Mesh.read(file, hull=False, simplify=0.02)
+    assert mesh.closed
+    assert mesh.holds(np.zeros(3))
 
 
 @pytest.mark.slow

@@ -72,11 +72,11 @@ def test_what_is_in_the_way_is_named(ur5e: kinseek.Arm, table: Scene) -> None:
     assert "and crate" in why
     assert f"{-least * 1e3:.1f} mm deep" in why
     with pytest.raises(
-        kinseek.NotReached, match="are blocked: the arm hits something in every solution found"
+        kinseek.NotReached, match="are blocked: in every solution found the arm hits something"
     ):
         path.require()
     near = ur5e.follow(T[:3], scene=table, clearance=0.5)
-    assert "or comes nearer than 0.5 m in every solution found; least at pose 1: " in near.why[0]
+    assert "or comes nearer than 0.5 m; at pose 1, in the one that collides least: " in near.why[0]
     assert "mm apart" in near.why[0]
 
 

@@ -30,7 +30,7 @@ from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import GoalArrays
 rigid = np.eye(4)[None, :3].repeat(2, axis=0)
 one, flag, zero = np.ones(1), np.array([True]), np.zeros(1, dtype=np.int64)
-chain = chain_arrays(rigid, flag, zero, one, np.zeros(1), np.zeros(1), one)
+chain = chain_arrays(rigid, flag, zero, one, np.zeros(1), (np.zeros(1), one))
 goal = GoalArrays(np.array(rigid[0] + np.eye(3, 4, 3)[[2, 1, 0]]), 1.0, np.zeros(3))
 print(judge(chain, np.array([[0.25]]), goal.target[None], goal)[0, 0])
 """

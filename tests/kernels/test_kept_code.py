@@ -22,13 +22,14 @@ pytestmark = [pytest.mark.slow, pytest.mark.jit]
 PACKAGE = Path(kinseek.__file__).parent
 
 TINY = """
-from .jit import kernel, routine
+from .jit import kernel
+from .pointers import routine
 
 @kernel
 def double(x: float) -> float:
     return 2.0 * x
 
-@routine("int64(int64)")
+@routine
 def triple(x: int) -> int:
     return 3 * x
 """

@@ -38,28 +38,30 @@ def lanes_at(chain: SerialChain, q: Array, goals: Array, weight: Array) -> Lanes
     n, m = chain.dof, len(chain.leader)
     lanes = Lanes(
         q=np.ascontiguousarray(q.T),
-        target=np.ascontiguousarray(goals.reshape(LANES, 12).T).ravel(),
-        pose=np.zeros(12 * LANES),
-        axes=np.zeros((m, 6 * LANES)),
-        jacobian=np.full((n, 6 * LANES), np.nan),
-        gram=np.zeros(21 * LANES),
-        residual=np.zeros(6 * LANES),
+        target=np.ascontiguousarray(np.moveaxis(goals, 0, 2)),
+        pose=np.zeros((3, 4, LANES)),
+        axes=np.zeros((m, 6, LANES)),
+        jacobian=np.full((n, 6, LANES), np.nan),
+        gram=np.zeros((21, LANES)),
+        residual=np.zeros((6, LANES)),
         step=np.zeros((n, LANES)),
-        work=np.zeros(4 * LANES),
-        error=np.zeros(4 * LANES),
-        weight=np.repeat(weight, LANES),
+        share=np.zeros(LANES),
+        before=np.zeros(LANES),
+        stubborn=np.zeros(LANES),
+        error=np.zeros((4, LANES)),
+        weight=np.repeat(weight[:, None], LANES, axis=1),
     )
     return lanes
 
 
 def poses_of(lanes: Lanes) -> Array:
-    return lanes.pose.reshape(12, LANES).T.reshape(LANES, 3, 4)
+    return np.moveaxis(lanes.pose, 2, 0)
 
 
 def jacobian_of(chain: SerialChain, lanes: Lanes) -> Array:
     """The Jacobian, (n, 6, LANES)."""
     lanes_jacobian(chain.leader, links_of(chain.arrays), lanes, 0.0, LANES)
-    return lanes.jacobian.reshape(chain.dof, 6, LANES).copy()
+    return lanes.jacobian.copy()
 
 
 def plain_jacobian(chain: SerialChain, q: Array, weight: Array) -> Array:
@@ -109,7 +111,7 @@ def test_the_residual_agrees_with_the_twin(columns: Array) -> None:
     lanes = lanes_at(chain, q, goals, np.array([2.0, 0.7]))
     lanes_forward(chain.leader, links_of(chain.arrays), lanes, LANES)
     lanes_residual(lanes, columns, LANES)
-    residual, error = lanes.residual.reshape(6, LANES), lanes.error.reshape(4, LANES)
+    residual, error = lanes.residual, lanes.error
     for k in range(LANES):
         T, G = fk(chain, q[k]), goals[k]
         turn = sum(columns[c] * np.cross(T[:3, c], G[:, c]) for c in range(3))
@@ -137,7 +139,7 @@ def test_a_damped_step_agrees_with_the_twin(name: str, at_limits: bool) -> None:
     floor, damping, longest = np.full(LANES, 1e-3), 0.1, 0.8
     lanes_forward(chain.leader, links_of(chain.arrays), lanes, LANES)
     lanes_residual(lanes, POSE, LANES)
-    e = lanes.residual.reshape(6, LANES).T.copy()
+    e = lanes.residual.T.copy()
     J = jacobian_of(chain, lanes)
     lanes_hold(chain.lower, chain.upper, lanes, LANES)
     lanes_gram(damping, floor, lanes, LANES)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from kinseek.kernels.atlas import memory as scratch
 from kinseek.kernels.atlas import task
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.tree import LEAF_SIZE
-from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, whole
+from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats
 from kinseek.kernels.pointers import ROW
 from kinseek.kinds import POSE
 from kinseek.solvers.atlas.index import PLAIN, AtlasIndex, tolerances_of
@@ -59,16 +59,18 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
     np.testing.assert_array_equal(owners(memory, laid), 1)
     assert {name: array.shape for name, array in arrays_of(laid)} == {
         "lanes.q": (dof, LANES),
-        "lanes.target": (12 * LANES,),
-        "lanes.pose": (12 * LANES,),
-        "lanes.axes": (joints, 6 * LANES),
-        "lanes.jacobian": (dof, 6 * LANES),
-        "lanes.gram": (21 * LANES,),
-        "lanes.residual": (6 * LANES,),
+        "lanes.target": (3, 4, LANES),
+        "lanes.pose": (3, 4, LANES),
+        "lanes.axes": (joints, 6, LANES),
+        "lanes.jacobian": (dof, 6, LANES),
+        "lanes.gram": (21, LANES),
+        "lanes.residual": (6, LANES),
         "lanes.step": (dof, LANES),
-        "lanes.work": (4 * LANES,),
-        "lanes.error": (4 * LANES,),
-        "lanes.weight": (2 * LANES,),
+        "lanes.share": (LANES,),
+        "lanes.before": (LANES,),
+        "lanes.stubborn": (LANES,),
+        "lanes.error": (4, LANES),
+        "lanes.weight": (2, LANES),
         "seen": (3, 4),
         "spare": (3, 4),
         "between": (3, 4),
@@ -77,6 +79,7 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
         "neighbour": (scratch.DEEP,),
         "stack": (64,),
         "bound": (64 + LEAF_SIZE,),
+        "candidates": (scratch.CANDIDATE_ROWS, LANES),
         "seed": (dof,),
         "found": (LANES, dof),
         "state": (LANES,),
@@ -101,18 +104,25 @@ def test_what_is_written_to_one_part_stands_in_no_other(dof: int, joints: int) -
 
 
 class Inner(NamedTuple):
-    rows: Array
-    number: NDArray[np.int64]
+    number: Annotated[NDArray[np.int64], 3]
+    rows: Annotated[Array, "dof", 4]
 
 
 class Outer(NamedTuple):
-    first: Array
+    first: Annotated[Array, 5]
     inner: Inner
-    last: Array
+    last: Annotated[Array, 2, "joints"]
 
 
-INNER = Layout(Inner, number=whole(3), rows=floats(DOF, 4))
-OUTER = Layout(Outer, first=floats(5), inner=INNER, last=floats(2, JOINTS))
+class Bare(NamedTuple):
+    rows: Array
+
+
+class Number(NamedTuple):
+    count: int
+
+
+OUTER = Layout(Outer)
 
 
 def test_a_layout_says_where_a_bundle_within_a_bundle_stands() -> None:
@@ -128,12 +138,12 @@ def test_a_layout_says_where_a_bundle_within_a_bundle_stands() -> None:
 
 
 def test_a_declaration_that_does_not_fit_its_bundle() -> None:
-    with pytest.raises(
-        TypeError, match=r"Inner has the fields \('rows', 'number'\), declared are \('rows',\)"
-    ):
-        Layout(Inner, rows=floats(3))
-    with pytest.raises(TypeError, match="Inner has the fields"):
-        Rows(Inner, rows="floats2", numbers="integers")
+    with pytest.raises(TypeError, match=r"Inner has the fields \('number', 'rows'\), declared are .*'row'"):
+        Layout(Inner, row=floats(3))
+    with pytest.raises(TypeError, match=r"Bare.rows needs a number, a named tuple or Annotated"):
+        Rows(Bare)
+    with pytest.raises(TypeError, match=r"Number.count is a number, and a layout has arrays only"):
+        Layout(Number)
     with pytest.raises(TypeError, match="grows no faster than the arm"):
         floats(DOF, JOINTS)
 
@@ -147,7 +157,7 @@ def _index() -> AtlasIndex:
 def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:
     chain, atlas = kinseek.load("ur10e_rail").chain.arrays, index.sorted
     tolerances = np.arange(7.0)
-    task = task_of(index._addresses, tolerances)
+    task = task_of(index.handle, tolerances)
     for bundle, made_of in ((task.chain, chain), (task.atlas.tree, atlas.tree), (task.atlas, atlas)):
         for name, array in zip(bundle._fields, bundle, strict=True):
             if isinstance(array, np.ndarray):
@@ -165,7 +175,7 @@ def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:
 
 
 def test_numbers_of_a_handle_that_stand_alone(index: AtlasIndex) -> None:
-    handle = index._addresses
+    handle = index.handle
     assert len(handle) == task.ARRAYS * ROW
     assert inlined(task.lanes_of)(handle) == LANES
     np.testing.assert_array_equal(inlined(task.plain_tolerances)(handle), PLAIN)
@@ -176,9 +186,9 @@ def test_numbers_of_a_handle_that_stand_alone(index: AtlasIndex) -> None:
 
 
 def test_an_array_of_other_elements_or_dimensions_is_refused() -> None:
-    rows = Rows(Inner, rows="floats2", number="integers")
-    assert len(rows.arrays(Inner(np.zeros((2, 3)), np.zeros(4, dtype=np.int64)))) == 2
+    rows = Rows(Inner)
+    assert len(rows.arrays(Inner(np.zeros(4, dtype=np.int64), np.zeros((2, 3))))) == 2
     with pytest.raises(TypeError, match="rows is read by floats2, got 1 dimensions of float64, expected 2"):
-        rows.arrays(Inner(np.zeros(3), np.zeros(4, dtype=np.int64)))
+        rows.arrays(Inner(np.zeros(4, dtype=np.int64), np.zeros(3)))
     with pytest.raises(TypeError, match="number is read by integers, got 1 dimensions of float32"):
-        rows.arrays(Inner(np.zeros((2, 3)), np.zeros(4, dtype=np.float32)))
+        rows.arrays(Inner(np.zeros(4, dtype=np.float32), np.zeros((2, 3))))

@@ -11,17 +11,18 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import kinseek
 from kinseek.kernels.arm.forward import write_poses
 from kinseek.kernels.arm.pose_error import first_loose
 from kinseek.kernels.atlas.one_goal import solve_plain
 from kinseek.kernels.backend import LIBRARY, describe_backend
-from kinseek.kernels.entry import ENTRIES, F64, FLAG, I64, Bundle, Dimension, declare
+from kinseek.kernels.entry import ENTRIES, OUT, Dimension, Leaf, declare, declared
 from kinseek.kernels.sources import PACKAGE
 
 library = pytest.mark.skipif(LIBRARY is None, reason=describe_backend())
@@ -253,20 +254,26 @@ def test_what_a_library_lacks_is_compiled_when_it_is_called(tmp_path: Path) -> N
 
 
 def test_declarations_are_checked() -> None:
-    def double(x: Any, n: int) -> None: ...
+    Array, Flags = NDArray[np.float64], NDArray[np.bool_]
 
-    with pytest.raises(TypeError, match=r"double takes \('x', 'n'\), declared are \('n', 'x'\)"):
-        declare(double, (), {"n": I64, "x": F64["k"]})
+    def double(x: np.ndarray, n: int) -> None: ...
+
+    with pytest.raises(
+        TypeError, match=r"x needs a number, a named tuple or Annotated\[Array, shape ...\], got"
+    ):
+        declare(double)
     with pytest.raises(TypeError, match="a dimension is"):
-        F64["2n"]
-    with pytest.raises(TypeError, match="has the fields"):
-        Bundle(type(PANDA.chain.arrays), fixed=F64["k"])
+        declared(Annotated[Array, "2n"], "x")
     assert str(Dimension.read("m+1")) == "m+1"
-    known = {"m": 7}
-    assert F64["m+1", 3, 4].fits(np.zeros((8, 3, 4)), known)
-    assert not F64["m+1", 3, 4].fits(np.zeros((7, 3, 4)), known)
-    assert not F64["m+1"].fits(np.zeros(0), {})
-    assert FLAG["k"].words({}) == "a C-contiguous array of bool of shape (k,)"
+    known, fixed = {"m": 7}, declared(Annotated[Array, "m+1", 3, 4, OUT], "fixed")
+    assert isinstance(fixed, Leaf)
+    assert fixed.written
+    assert fixed.fits(np.zeros((8, 3, 4)), known)
+    assert not fixed.fits(np.zeros((7, 3, 4)), known)
+    assert not fixed.fits(np.zeros((0, 3, 4)), {})
+    flags = declared(Annotated[Flags, "k"], "flags")
+    assert isinstance(flags, Leaf)
+    assert flags.words({}) == "a C-contiguous array of bool of shape (k,)"
 
 
 @library

@@ -281,13 +281,14 @@ def test_what_the_budget_leaves_open_is_said(monkeypatch: pytest.MonkeyPatch) ->
     assert path.proof.undecided.any()
     assert ((path.proof.undecided | path.proof.out_of_reach) == whole.out_of_reach).all()
     assert any(
-        "not proved out of reach: what a path may spend on proofs was not enough" in each for each in path.why
+        "not proved out of reach: the work that a path may spend on proofs did not suffice" in each
+        for each in path.why
     )
     T[:, :3, 3] += [0.0, 0.0, 2.0]
     ranges = arm.follow(Goal.pose(T[:3], free="x"), prove=True)
     assert ranges.proof is not None
     assert (ranges.proof.undecided == ~ranges.reached).all()
-    assert any("nothing is proved of ranges" in each for each in ranges.why)
+    assert any("goals with ranges are not proved" in each for each in ranges.why)
 
 
 def around(arm: kinseek.Arm, radius: float, count: int, height: float = 0.5) -> Array:

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from chains import serial_chains
 from kinseek import Goal
-from kinseek.kernels.atlas import newton as newton
+from kinseek.kernels.arrays import Limits
+from kinseek.kernels.atlas import newton
 from kinseek.kernels.jit import exposed
 from kinseek.robots.chain import SerialChain
 from reference import fk, weighted_error
@@ -24,7 +25,7 @@ pytestmark = pytest.mark.jit
 
 Array = NDArray[np.float64]
 
-settle: Any = exposed(newton.settle)
+minimise: Any = exposed(newton.minimise)
 derivatives, damped_step = exposed(newton.derivatives), exposed(newton.damped_step)
 
 
@@ -52,8 +53,8 @@ def test_derivatives_agree_with_differences(chain: SerialChain, seed: int, squar
 
     def at(values: Array) -> tuple[Array, Array]:
         g, H = np.empty(n), np.empty((n, n))
-        memory = np.empty((3, 4)), np.empty((m, 6)), np.empty((m, 3))
-        derivatives(chain.arrays, goal.arrays, squared, values, *memory, g, H)
+        rest = np.empty((3, 4)), np.empty((m, 6)), np.empty((m, 3))
+        derivatives(chain.arrays, goal.arrays, squared, values, newton.Model(*rest, g, H, np.empty((n, 3))))
         return g, np.tril(H) + np.tril(H, -1).T
 
     g, H = at(q)
@@ -76,7 +77,8 @@ def test_it_stays_inside_the_limits_and_is_never_worse(chain: SerialChain, seed:
     goal, start = far_goal(chain, rng), rng.uniform(chain.lower, chain.upper)
     q = start.copy()
     steps = newton.VALLEY_STEPS if squared else newton.WALK_STEPS
-    spent = settle(chain.arrays, goal.arrays, squared, steps, 0.0, chain.lower, chain.upper, q)
+    limits = Limits(chain.lower, chain.upper)
+    spent = minimise(chain.arrays, goal.arrays, limits, newton.Walk(squared, steps, 0.0), q)
     assert 1 <= spent <= (steps + 1 if squared else newton.WALK)
     assert ((q >= chain.lower) & (q <= chain.upper)).all()
     error = squared_error if squared else weighted_error
@@ -90,7 +92,7 @@ def test_out_of_reach_it_ends_at_a_minimum_as_another_method_does(name: str) -> 
     chain, rng = kinseek.load(name).chain, np.random.default_rng(2)
     for _ in range(10):
         goal, q = far_goal(chain, rng, 10.0), rng.uniform(chain.lower, chain.upper)
-        spent = settle(chain.arrays, goal.arrays, False, newton.WALK_STEPS, 0.0, chain.lower, chain.upper, q)
+        spent = minimise(chain.arrays, goal.arrays, Limits(chain.lower, chain.upper), newton.DOWNHILL, q)
         assert spent < newton.WALK
         found = weighted_error(fk(chain, q), goal)
         limits = list(zip(chain.lower, chain.upper, strict=True))

@@ -215,7 +215,7 @@ def test_a_path_without_time_is_not_planned(name: str) -> None:
         assert not path.planned.any()
         assert path.out_of_time
         assert path.status is PathStatus.OUT_OF_TIME
-        assert path.why[0] == "poses 0 to 49 are not planned: the time was up"
+        assert path.why[0] == "poses 0 to 49 are not planned: the time limit was reached"
         assert not len(path.breaks)
         assert path.missed == ((0, 49),)
         followed(arm, path)

@@ -373,6 +373,79 @@ def test_a_file_that_is_cut_anywhere_is_read_or_refused(name: str, tmp_path: Pat
             mesh_parts(tmp_path / name, MOST)
 
 
+ROWS = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+SIDES = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
+"""Corners and sides of a cube, counted from 1 as in OBJ."""
+
+
+def vertices_of(*numbers: int) -> str:
+    return "".join("v {} {} {}\n".format(*ROWS[number - 1]) for number in numbers)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "".join(f"{vertices_of(*side)}f -4 -3 -2 -1\n" for side in SIDES),
+        "".join(f"{vertices_of(*side)}vn 0 0 1\nf -4//-1 -3//-1 \\\n-2//-1 -1//-1\n" for side in SIDES),
+        "".join(
+            f"{vertices_of(*side)}f {i} -3 {i + 2} -1\n"
+            for side, i in zip(SIDES, range(1, 25, 4), strict=True)
+        ),
+        vertices_of(*range(1, 9))
+        + "".join(
+            f"{before}f{blank}{a} {b} {c} {d}\n"
+            for (a, b, c, d), before, blank in zip(
+                SIDES, ("", " ", "\t", "", "  ", ""), (" ", " ", " ", "\t", "  ", " "), strict=True
+            )
+        ),
+    ],
+    ids=["backwards", "with normals", "both", "blanks"],
+)
+def test_faces_of_obj_name_vertices_in_every_way(text: str, tmp_path: Path) -> None:
+    """Faces that count back from their place all named the last four vertices; those after a blank were skipped."""
+    (tmp_path / "a.obj").write_text(text)
+    (part,) = mesh_parts(tmp_path / "a.obj")
+    assert part.area == pytest.approx(6)
+    assert np.array_equal(part.bounds, [[0, 0, 0], [1, 1, 1]])
+
+
+@pytest.mark.parametrize(
+    ("face", "wrong"),
+    [("f 1 2 -4", "-4"), ("f 0 1 2", "0"), ("f 1/-1 2/-1 3/-1", "-1"), ("f 1 2 3\nf -1 -2 -", "-")],
+)
+def test_a_face_of_obj_without_a_vertex_is_refused(face: str, wrong: str, tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(f"{TRIANGLE}{face}\n{TRIANGLE}")
+    with pytest.raises(InvalidRobot, match=rf"a\.obj': a face has the index {wrong}, expected one from 1 on"):
+        mesh_parts(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize(
+    ("element", "why"),
+    [
+        (
+            "element tristrips 0\nproperty list int int vertex_indices",
+            "it has tristrips, expected the element face",
+        ),
+        (
+            "element face 0\nproperty list uchar int vertex_indices",
+            "it has two elements 'face', expected one",
+        ),
+    ],
+)
+def test_faces_of_ply_beside_the_first_are_refused(element: str, why: str, tmp_path: Path) -> None:
+    text = trimesh.creation.box((1, 1, 1)).export(file_type="ply", encoding="ascii").decode()
+    (tmp_path / "a.ply").write_text(text.replace("end_header", f"{element}\nend_header"))
+    with pytest.raises(InvalidRobot, match=why):
+        mesh_parts(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize("units", ["0.001 * meters", "nan * meters"])
+def test_words_of_the_author_of_glb_scale_nothing(units: str, tmp_path: Path) -> None:
+    (tmp_path / "a.glb").write_bytes(changed_glb("mesh", {"extras": {"units": units}}))
+    (part,) = mesh_parts(tmp_path / "a.glb")
+    assert np.array_equal(np.ptp(part.vertices, axis=0), [1, 1, 1])
+
+
 def test_materials_come_from_beside_and_from_nowhere_else(tmp_path: Path) -> None:
     folder = tmp_path / "meshes"
     (folder / "below").mkdir(parents=True)

@@ -269,6 +269,21 @@ def test_a_followers_limits_narrow_its_leader(
     assert chain.kinds == ("revolute",)
 
 
+@pytest.mark.parametrize(("offset", "sound"), [("2", True), ("2.1", False), ("-1.1", False)])
+def test_a_follower_that_never_moves_stands_inside_its_limits(
+    tmp_path: Path, offset: str, sound: bool
+) -> None:
+    inside = f'<limit lower="-1" upper="2"/><mimic joint="j" multiplier="0" offset="{offset}"/>'
+    path = write(tmp_path, robot(joint(), joint("k", "b c", inside=inside)))
+    if sound:
+        assert read_urdf(path).offset[1] == float(offset)
+        return
+    with pytest.raises(
+        InvalidRobot, match=rf"'k' with limits \[-1.0, 2.0\] always stands at {offset}, outside"
+    ):
+        read_urdf(path)
+
+
 def test_joints_beside_the_path_may_be_anything(tmp_path: Path) -> None:
     text = robot(
         joint("float", "w a", "floating", ""),

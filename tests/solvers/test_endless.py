@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal
 from kinseek.errors import InvalidProblem
-from kinseek.kernels.arrays import GoalArrays
+from kinseek.kernels.arrays import GoalArrays, Limits
 from kinseek.kernels.atlas import lanes as eight
 from kinseek.kernels.atlas import newton as newton
 from kinseek.kernels.atlas.lanes import LANES
@@ -120,8 +120,8 @@ def test_a_slide_without_curvature_is_walked_downhill() -> None:
     arm = kinseek.Arm.from_dh([[0, 0, 0, 0]], [0], [1000], kinds="P")
     goal = GoalArrays(transform(np.eye(3), [0.0, 0.0, 5.0])[:3].copy(), 1.0, np.zeros(3))
     q = np.zeros(1)
-    settle: Any = exposed(newton.settle)
-    spent = settle(arm.chain.arrays, goal, False, newton.WALK_STEPS, 0.0, arm.lower, arm.upper, q)
+    minimise: Any = exposed(newton.minimise)
+    spent = minimise(arm.chain.arrays, goal, Limits(arm.lower, arm.upper), newton.DOWNHILL, q)
     assert spent <= newton.WALK
     assert q[0] == pytest.approx(5.0, abs=1e-6)
 
@@ -132,16 +132,18 @@ def test_a_step_is_finite_however_far_one_joint_moves_the_tip(length: float) -> 
     """A Jacobian of rank one, (1, 2, 4) times a length: in rounding 4 - 2·2 and 16 - 4·4 leave nothing to divide by."""
     lanes = eight.Lanes(
         q=np.zeros((1, LANES)),
-        target=np.zeros(12 * LANES),
-        pose=np.zeros(12 * LANES),
-        axes=np.zeros((1, 6 * LANES)),
-        jacobian=length * np.repeat([1.0, 2.0, 4.0, 0.0, 0.0, 0.0], LANES)[None],
-        gram=np.zeros(21 * LANES),
-        residual=np.ones(6 * LANES),
+        target=np.zeros((3, 4, LANES)),
+        pose=np.zeros((3, 4, LANES)),
+        axes=np.zeros((1, 6, LANES)),
+        jacobian=length * np.repeat([1.0, 2.0, 4.0, 0.0, 0.0, 0.0], LANES).reshape(1, 6, LANES),
+        gram=np.zeros((21, LANES)),
+        residual=np.ones((6, LANES)),
         step=np.zeros((1, LANES)),
-        work=np.zeros(4 * LANES),
-        error=np.zeros(4 * LANES),
-        weight=np.ones(2 * LANES),
+        share=np.zeros(LANES),
+        before=np.zeros(LANES),
+        stubborn=np.zeros(LANES),
+        error=np.zeros((4, LANES)),
+        weight=np.ones((2, LANES)),
     )
     exposed(eight.lanes_gram)(0.0, np.full(LANES, 1e-11), lanes, LANES)
     exposed(eight.lanes_solve)(lanes, LANES)

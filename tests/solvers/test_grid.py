@@ -11,7 +11,6 @@ import kinseek
 from chains import serial_chains
 from inlined import inlined
 from kinseek.kernels.grid.memory import (
-    CELLS,
     LAYOUT,
     MADE_FOR,
     MOST_LANES,
@@ -24,7 +23,7 @@ from kinseek.kernels.grid.memory import (
     memory_size,
 )
 from kinseek.kernels.grid.window import nodes_until, offer, search_window, split_depth, window_nodes
-from kinseek.kernels.layout import Layout, floats
+from kinseek.kernels.layout import Layout, floats, named
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solvers.brute_force import equation_1
@@ -189,8 +188,9 @@ def test_a_bench_fills_its_memory_and_no_part_lies_over_another(
 
 
 def test_a_layout_for_other_numbers_than_an_arms() -> None:
+    cells = named("cells")
     square = Layout(
-        Beam, MADE_FOR, "square", errors=floats(CELLS, CELLS), nodes=floats(2), q=floats(CELLS, 3)
+        Beam, MADE_FOR, "square", errors=floats(cells, cells), nodes=floats(2), q=floats(cells, 3)
     )
     assert square.count.of(cells=5) == 25 + 2 + 15
     assert str(square.count) == "(1 * cells * cells + 3 * cells + 2)"

@@ -22,7 +22,7 @@ def look_up(tree: Tree, point: Array, wanted: int) -> tuple[Array, NDArray[np.in
     """Squared distances and places in the leaves."""
     distance, index = np.empty(wanted), np.empty(wanted, dtype=np.int64)
     stack, bound = np.empty(64, dtype=np.int64), np.empty(64 + LEAF_SIZE)
-    found = nearest(tree, point, wanted, distance, index, stack, bound)
+    found = nearest(tree, point, wanted, neighbours.Neighbours(distance, index, stack, bound))
     return distance[:found], index[:found]
 
 

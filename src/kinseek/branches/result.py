@@ -96,7 +96,8 @@ class Branches(Lazy):
         what = "a sample" if self.sampled else "complete" if self.complete else "not proved complete"
         refused = f", {self.rejected} rejected" if self.rejected else ""
         refused += ", proved blocked" if self.proved_blocked else ""
-        return f"Branches({len(self)} solutions, {what}{refused}, q{self.q.shape})"
+        count = "1 solution" if len(self) == 1 else f"{len(self)} solutions"
+        return f"Branches({count}, {what}{refused}, q{self.q.shape})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

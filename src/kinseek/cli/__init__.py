@@ -1,6 +1,6 @@
 """The command line, with one file per command in `commands`. It has no computations of its own.
 
-Exit codes: 0 done or reached, 1 not reached or found wanting, 2 misuse or output that cannot be written, 130 stopped with
+Exit codes: 0 done or reached, 1 not reached or found unsound, 2 misuse or output that cannot be written, 130 stopped with
 Ctrl-C, 141 the reader of a pipe is gone.
 """
 

@@ -124,7 +124,7 @@ _chain_options = together(
         "--untrusted",
         is_flag=True,
         group="The arm",
-        help="Do not trust a xacro file: compute simple expressions without Python, and reject others.",
+        help="Do not trust a xacro file: read it without Python, and reject expressions that need it.",
     ),
 )
 

@@ -113,9 +113,7 @@ def arm_bodies(
     found = None if file is None else read_bodies(chain, *file, {**known, **folders}, skip, joints)
     if found is not None and found.bodies:
         if capsules is not None:
-            raise InvalidScene(
-                "capsules= is for arms whose file has no geometry, but the file of this arm has geometry"
-            )
+            raise InvalidScene("capsules replace links without a shape, and the file of this arm has shapes")
         return found
     if capsules is not None:
         return capsules_along(chain, length("capsules", capsules))
@@ -125,8 +123,8 @@ def arm_bodies(
         else f"{chain.source or 'it'!r} is no URDF file"
     )
     raise InvalidScene(
-        f"no geometry of arm {chain.name!r} is known: {what}. Give a file with geometry, urdf=..., or the radius of "
-        "capsules that replace the links, capsules=0.05"
+        f"the shape of arm {chain.name!r} is not known: {what}. Give the file that contains it, urdf=..., or the radius of "
+        f"capsules that replace the links, capsules=0.05"
     )
 
 
@@ -275,8 +273,8 @@ def capsules_along(chain: SerialChain, radius: float) -> ArmBodies:
         bodies.append(Body(names[k], Frame(k, np.eye(4)), [part], is_link=True))
     neighbours = [(a.name, b.name) for a, b in pairwise(bodies)]
     note = (
-        f"capsules of radius {radius:g} m along the links stand in for geometry that the file does not have: what is free "
-        f"of them may touch in truth, and the other way round"
+        f"capsules of radius {radius:g} m along the links replace shapes that the file does not have: where they are free, "
+        f"the real arm may touch, and where they touch, it may be free"
     )
     # An arm lists the names of its links from base to tip, and then those of its joints.
     last = list(chain.frames).index(chain.tip)
@@ -343,7 +341,7 @@ def _require_same(chain: SerialChain, text: bytes, path: Path) -> None:
     try:
         other = read_urdf_text(text, chain.base, chain.tip, where=str(path))
     except InvalidRobot as error:
-        raise InvalidScene(f"the file does not describe the arm {chain.name!r}: {error}") from error
+        raise InvalidScene(f"this file does not describe the arm {chain.name!r}: {error}") from error
     locked = dict(chain.locked)
     if set(other.joint_names) != {*chain.joint_names, *locked}:
         raise InvalidScene(

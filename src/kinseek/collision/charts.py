@@ -103,8 +103,7 @@ def chart_of(
         np.arange(turning),
         np.ones(turning),
         np.zeros(turning),
-        -endless,
-        endless,
+        (-endless, endless),
     )
     numbered = np.array([(i, len(parts) + j, n) for n, (i, j) in enumerate(pairs)], dtype=np.int64)
     cell = make_collision_model(

@@ -83,8 +83,9 @@ class Contents:
     ) -> None:
         """Add a triangle mesh from a file.
 
-        A closed mesh is solid. An open mesh is a surface: a body wholly behind it does not touch it, and `notes` reports
-        this.
+        A closed surface of the mesh is solid, whichever way its triangles are oriented; one wholly inside another and
+        oriented the other way is a cavity. An open surface is thin: a body wholly behind it does not touch it, and `notes`
+        reports this.
 
         Args:
             name: Name of the new body.
@@ -218,7 +219,7 @@ class Contents:
             )
         )
         for other in {to, *touches} & self._bodies.keys():
-            self._never[key(name, other)] = ATTACHED if other == to else "said: it may touch this"
+            self._never[key(name, other)] = ATTACHED if other == to else "allowed: it may touch this"
         self._sample(self._samples, False, name)
 
     def add_arm(self, name: str, other: Contents, q: Any, pose: Any = None) -> None:
@@ -272,7 +273,7 @@ class Contents:
         if self._assembly is not None:
             self._assembly.stand(moved)
 
-    def allow(self, a: str, b: str, reason: str = "said: they may touch") -> None:
+    def allow(self, a: str, b: str, reason: str = "allowed: they may touch") -> None:
         """Exclude a pair of bodies from the checks.
 
         Raises:
@@ -280,7 +281,7 @@ class Contents:
         """
         self._require(a)
         self._require(b)
-        self._never[key(a, b)] = str(reason) or "said: they may touch"
+        self._never[key(a, b)] = str(reason) or "allowed: they may touch"
         self._assembly = None
 
     def remove(self, name: str) -> None:
@@ -378,7 +379,14 @@ class Contents:
         self._bodies[body.name] = body
         self._assembly = None
         shapes = [part.shape for part in body.parts]
-        if any(isinstance(shape, Mesh) and not shape.hull and not shape.closed for shape in shapes):
+        opened = [
+            shape for shape in shapes if isinstance(shape, Mesh) and not shape.hull and not shape.closed
+        ]
+        if any(shape.interior.any_solid for shape in opened):
+            self._notes.append(
+                f"{body.name!r} is an open mesh in part: what lies wholly behind its open surfaces does not touch them"
+            )
+        elif opened:
             self._notes.append(
                 f"{body.name!r} is an open mesh, a surface: what lies wholly behind it does not touch it"
             )
@@ -401,7 +409,7 @@ class Contents:
         notes = "".join(f"\n  {printable(note)}" for note in self._notes)
         return (
             f"Scene({self._chain.name!r}, {links} links, {len(self._bodies) - links} other bodies, "
-            f"{counted} of {len(pairs)} pairs count){notes}"
+            f"{counted} of {len(pairs)} pairs checked){notes}"
         )
 
 

@@ -34,7 +34,7 @@ class Pair:
 
     def __str__(self) -> str:
         """A line for display."""
-        return printable(f"{self.a} - {self.b}: {self.reason or 'counts'}")
+        return printable(f"{self.a} - {self.b}: {self.reason or 'checked'}")
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from kinseek.lazy import Lazy, lazy
 if TYPE_CHECKING:
     from kinseek.robots.mesh_files import Budget
 
+    from .interior import Interior
     from .spheres import Cover
 
 Array = NDArray[np.float64]
@@ -311,8 +312,11 @@ class Mesh(Shape):
             return cls(vertices, faces, hull, repr(str(path)))
         from .simplify import simplified
 
-        _require_measure(vertices, repr(str(path)))
-        vertices, faces, moved = simplified(vertices, faces, length("simplify", simplify))
+        whole, tolerance = cls(vertices, faces, True, repr(str(path))), length("simplify", simplify)
+        # Simplifying keeps a surface closed if its triangles are oriented alike.
+        vertices, faces, moved = simplified(
+            whole.vertices, whole.faces if hull else whole.interior.faces, tolerance
+        )
         return cls(vertices, faces, hull, repr(str(path)), moved)
 
     @property
@@ -342,28 +346,23 @@ class Mesh(Shape):
                 raise
             return box_corners(self.vertices)
 
-    @lazy
+    @property
     def closed(self) -> bool:
-        """Does every edge belong to two triangles, so that the mesh has an inside?"""
-        _, places = np.unique(self.vertices.round(9), axis=0, return_inverse=True)
-        corners = places.ravel()[self.faces]
-        edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        _, counts = np.unique(edges, axis=0, return_counts=True)
-        return bool((counts % 2 == 0).all())
+        """Is every surface of it closed, so that it has an inside?"""
+        return self.interior.closed
+
+    @lazy
+    def interior(self) -> Interior:
+        """Its closed surfaces, which are solid or cavities."""
+        from .interior import Interior
+
+        return Interior(self.vertices, self.faces)
 
     def holds(self, point: Array) -> bool:
-        """Return whether a point (3,) lies inside, by the winding number (Van Oosterom and Strackee 1983).
-
-        Only a closed mesh has an inside.
-        """
-        if not self.closed or (point < self._least).any() or (point > self._most).any():
+        """Return whether a point (3,) lies inside of a closed surface of it, and in no cavity of that surface."""
+        if (point < self._least).any() or (point > self._most).any():
             return False
-        a, b, c = (self.vertices[self.faces[:, i]] - point for i in range(3))
-        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-        top = np.einsum("ij,ij->i", a, np.cross(b, c))
-        dot = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
-        bottom = la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb
-        return bool(abs(np.arctan2(top, bottom).sum()) > np.pi)
+        return self.interior.holds(point)
 
     def geometry(self) -> Any:
         """Return the geometry for coal."""

@@ -1,8 +1,8 @@
 """Mesh simplification with a bound on how far any point moves, by merging the vertices in each cell of a grid.
 
 After Rossignac and Borrel (1993). Triangles that collapse to a line or a point stay as slivers, so that the simplified
-triangles, made thicker by the bound, contain the original ones. A closed mesh stays closed, because every edge keeps an even
-number of triangles.
+triangles, made thicker by the bound, contain the original ones. A closed mesh whose triangles are oriented alike stays
+closed, because its triangles pass every edge as often in one direction as in the other.
 """
 
 from __future__ import annotations

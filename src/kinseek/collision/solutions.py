@@ -111,9 +111,8 @@ def judge_of(scene: Any, mechanism: Mechanism, clearance: float, valid: Valid | 
         )
     if not scene.fits(mechanism):
         raise InvalidScene(
-            f"this scene is for {scene.arm}, not for {mechanism.name!r} with joints "
-            f"{', '.join(mechanism.joint_names)}: joints, lengths or the values of locked joints differ; make a scene "
-            "for this arm: Scene.of(arm)"
+            f"this scene is of {scene.arm}, and not of {mechanism.name!r} with joints {', '.join(mechanism.joint_names)}: "
+            "the joints, the lengths or the locked joints differ; make a scene of this arm: Scene.of(arm)"
         )
     return Judge(scene, length_or_zero("clearance", clearance), valid)
 

@@ -43,9 +43,9 @@ def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
         blob.extend(b"\0" * (-len(blob) % _LINE))
         rows.append((len(blob), *each.shape, *(1,) * (ROW - 1 - each.ndim)))
         blob.extend(each.astype(each.dtype.newbyteorder("<")).tobytes())
-    # Working memory of a call, including that of the fallback, which moves to the nearest pose as in `settle`.
+    # Working memory of a call, including that of the fallback, which moves to the nearest pose as in `minimise`.
     scratch = LAYOUT.count.of(dof=dof, joints=joints) + EVALUATIONS + 1
-    room = room_for(scratch, 12, 6 * joints, 3 * joints, dof, dof, dof, dof * dof, dof * dof, dof)
+    room = room_for(scratch, 12, 6 * joints, 3 * joints, dof, dof, dof, dof * dof, dof * dof, dof, 3 * dof)
     taken = room + 8 * (DISTANT + 1 + ROW * len(rows) + 1)
     if ram is not None and taken > ram:
         raise InvalidExport(

@@ -9,9 +9,9 @@ import numpy as np
 
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidExport
-from kinseek.kernels.entry import ENTRIES
+from kinseek.kernels.entry import ENTRIES, bundle_of
 from kinseek.kernels.grid.descent import BEGINNING, TRIED, VISITED
-from kinseek.kernels.grid.memory import MOST_LANES, TAKEN_SCRATCH, memory_size
+from kinseek.kernels.grid.memory import MOST_LANES, NodeScratch, memory_size
 from kinseek.kernels.grid.window import PART, split_depth
 from kinseek.problem import Problem
 from kinseek.solvers import DivideAndConquer
@@ -129,7 +129,7 @@ def _lanes(problem: Problem, plan: Any) -> int:
 def _numbers_a_lane() -> int:
     """Return the number of values in a search's memory for each tabulated leaf."""
     taken = 0
-    for leaf in TAKEN_SCRATCH.fields.values():
+    for leaf in bundle_of(NodeScratch).fields.values():
         lengths = [each.plus for each in getattr(leaf, "shape", ()) if not each.name]
         if MOST_LANES in lengths:
             taken += math.prod(lengths) // MOST_LANES

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from .entry import F64, FLAG, I64, Bundle
-from .layout import Rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -18,49 +15,22 @@ Flags = NDArray[np.bool_]
 class ChainArrays(NamedTuple):
     """A serial chain: m physical joints moved by n variables."""
 
-    fixed: Array
+    fixed: Annotated[Array, "m+1", 3, 4]
     """``A_1 … A_m, A_tip``, (m+1, 3, 4), lengths in [m]."""
-    prismatic: Flags
+    prismatic: Annotated[Flags, "m"]
     """(m,)"""
-    leader: Indices
+    leader: Annotated[Indices, "m"]
     """Variable that moves each physical joint, (m,)."""
-    multiplier: Array
+    multiplier: Annotated[Array, "m"]
     """(m,)"""
-    offset: Array
+    offset: Annotated[Array, "m"]
     """[rad] or [m], (m,)"""
-    start: Indices
+    start: Annotated[Indices, "n+1"]
     """Physical joints ``start[d] … start[d+1]-1`` are determined by variables 0 … d, (n+1,)."""
-    lower: Array
+    lower: Annotated[Array, "n"]
     """[rad] or [m], (n,)"""
-    upper: Array
+    upper: Annotated[Array, "n"]
     """[rad] or [m], (n,)"""
-
-
-CHAIN = Bundle(
-    ChainArrays,
-    fixed=F64["m+1", 3, 4],
-    prismatic=FLAG["m"],
-    leader=I64["m"],
-    multiplier=F64["m"],
-    offset=F64["m"],
-    start=I64["n+1"],
-    lower=F64["n"],
-    upper=F64["n"],
-)
-"""Declaration of a chain that Python passes to a kernel."""
-
-CHAIN_ROWS = Rows(
-    ChainArrays,
-    fixed="floats3",
-    prismatic="flags",
-    leader="integers",
-    multiplier="floats1",
-    offset="floats1",
-    start="integers",
-    lower="floats1",
-    upper="floats1",
-)
-"""Declaration of a chain in the handle of another bundle."""
 
 
 def chain_arrays(
@@ -69,10 +39,10 @@ def chain_arrays(
     leader: Indices,
     multiplier: Array,
     offset: Array,
-    lower: Array,
-    upper: Array,
+    limits: tuple[Array, Array],
 ) -> ChainArrays:
     """Bundle a chain and divide it into the segments that each variable completes."""
+    lower, upper = limits
     known_after = np.maximum.accumulate(leader)
     start = np.searchsorted(known_after, np.arange(len(lower) + 1)).astype(np.int64)
     return ChainArrays(
@@ -87,15 +57,19 @@ def chain_arrays(
     )
 
 
+class Limits(NamedTuple):
+    """Limits of the variables [rad] or [m], (n,) each; infinite or very large for a joint that turns fully."""
+
+    lower: Array
+    upper: Array
+
+
 class GoalArrays(NamedTuple):
     """Target and weights of the relevant parts of a pose."""
 
-    target: Array
+    target: Annotated[Array, 3, 4]
     """Columns x, y, z, p of the target pose, (3, 4), lengths in [m]."""
     position_weight: float
     """K_P of the paper, per [m]."""
-    axis_weights: Array
+    axis_weights: Annotated[Array, 3]
     """K_A for the x, y and z columns, (3,): a pose (1, 1, 0)·K_A, a direction (1, 0, 0)·K_A."""
-
-
-GOAL = Bundle(GoalArrays, target=F64[3, 4], position_weight=F64, axis_weights=F64[3])

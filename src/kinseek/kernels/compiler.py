@@ -31,6 +31,7 @@ from numba.core import compiler as numba_compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.types import unliteral
 from numba.extending import intrinsic
+from numba.np import arrayobj
 
 from kinseek.forks import finish_first
 from kinseek.interrupts import uninterrupted
@@ -102,6 +103,7 @@ def numerics(function: Callable[..., Any]) -> dict[str, Any]:
     return NUMERICS
 
 
+_make_array: Any = arrayobj.make_array
 _njit: Any = numba.njit  # Its stubs leave out `no_cfunc_wrapper`, which saves compile time.
 signature_of: Callable[[str], Any] = sigutils.normalize_signature
 _unliteral: Callable[[Any], Any] = unliteral
@@ -242,11 +244,27 @@ def pointer_to(element: str) -> Any:
 
 @intrinsic
 def call_routine(typing_context: Any, address: Any, arguments: Any) -> Any:
-    """Call the `jit.Routine` at an address with a tuple of integers and floats; return the integer it returns."""
+    """Call the `jit.Routine` at an address with a tuple of arguments; return the integer it returns.
+
+    The routine receives numbers: of an array its address and shape, of a named tuple those of its fields.
+    """
     result = numba.types.int64
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        given = [builder.extract_value(values[1], i) for i in range(len(arguments))]
+        word = context.get_value_type(result)
+
+        def numbers_of(kind: Any, value: Any) -> Iterator[Any]:
+            if isinstance(kind, numba.types.BaseTuple):
+                for i, each in enumerate(cast("Any", kind)):
+                    yield from numbers_of(_unliteral(each), builder.extract_value(value, i))
+            elif isinstance(kind, numba.types.Array):
+                array = _make_array(kind)(context, builder, value)
+                yield builder.ptrtoint(array.data, word)
+                yield from (builder.extract_value(array.shape, i) for i in range(kind.ndim))
+            else:
+                yield builder.zext(value, word) if kind == numba.types.boolean else value
+
+        given = list(numbers_of(arguments, values[1]))
         kind = ir.FunctionType(context.get_value_type(result), [value.type for value in given])
         return builder.call(builder.inttoptr(values[0], kind.as_pointer()), given)
 

@@ -1,17 +1,18 @@
-"""Entries: the kernels that may be called from outside, declared once with names, element types and shapes.
+"""Entries: the kernels that may be called from outside, declared by their annotations with element types and shapes.
 
-The declaration defines the compiled function, the symbol in a prebuilt library, the argument checks of that library, and
+The annotation defines the compiled function, the symbol in a prebuilt library, the argument checks of that library, and
 a C header. Machine code does not check its arguments: it would read beyond the end of memory with another shape. All
 arguments are therefore checked.
 """
 
 from __future__ import annotations
 
+import functools
 import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
@@ -54,16 +55,6 @@ class Leaf:
     written: bool = False
     """True if the kernel writes into it."""
 
-    def __getitem__(self, shape: int | str | tuple[int | str, ...]) -> Leaf:
-        """An array of such numbers."""
-        each = shape if isinstance(shape, tuple) else (shape,)
-        return Leaf(self.element, tuple(map(Dimension.read, each)))
-
-    @property
-    def out(self) -> Leaf:
-        """The same, written into by the kernel."""
-        return replace(self, written=True)
-
     def words(self, known: Mapping[str, int]) -> str:
         """Description for messages, with the lengths that are already known."""
         if not self.shape:
@@ -92,23 +83,63 @@ class Leaf:
 
 _NAMES = {"f": ("a number", "float64"), "i": ("a whole number", "int64"), "b": ("True or False", "bool")}
 
-F64, I64, FLAG = Leaf("f"), Leaf("i"), Leaf("b")
+
+class Out:
+    """Marks an annotation of memory that a kernel writes into."""
+
+
+OUT = Out()
 
 
 class Bundle:
-    """A named tuple of numbers, arrays and bundles."""
+    """A named tuple of numbers, arrays and bundles, declared by its annotations."""
 
-    def __init__(self, made_of: Any, **fields: Leaf | Bundle) -> None:
-        """Declare the fields of a named tuple.
+    def __init__(self, made_of: Any) -> None:
+        """Read the annotations of the fields, see `declared`.
 
         Raises:
-            TypeError: The names are not those of its fields.
+            TypeError: A field is no number, no bundle, and no array with a shape.
         """
-        if tuple(fields) != made_of._fields:
-            raise TypeError(
-                f"{made_of.__name__} has the fields {made_of._fields}, declared are {tuple(fields)}"
-            )
-        self.made_of, self.fields = made_of, fields
+        self.made_of = made_of
+        self.fields: dict[str, Leaf | Bundle] = {
+            name: declared(hint, f"{made_of.__name__}.{name}") for name, hint in _hints(made_of).items()
+        }
+
+
+def declared(hint: Any, name: str) -> Leaf | Bundle:
+    """Read an annotation.
+
+    Args:
+        hint: `int`, `float` or `bool` for a number; a named tuple; or an array with its shape and, if the kernel writes into
+            it, `OUT`: ``Annotated[Array, "k", 3, "n+1", OUT]``. See `Dimension` for the lengths.
+        name: Name of what has the annotation, for messages.
+
+    Raises:
+        TypeError: It is none of these.
+    """
+    if hint in _NUMBERS:
+        return Leaf(_NUMBERS[hint])
+    if hasattr(hint, "_fields"):
+        return bundle_of(hint)
+    marks, array = getattr(hint, "__metadata__", ()), get_args(getattr(hint, "__origin__", None))
+    if not marks or len(array) != 2:
+        raise TypeError(f"{name} needs a number, a named tuple or Annotated[Array, shape ...], got {hint}")
+    lengths = tuple(Dimension.read(each) for each in marks if each is not OUT)
+    return Leaf(_ELEMENTS[get_args(array[1])[0]], lengths, OUT in marks)
+
+
+_NUMBERS = {float: "f", int: "i", bool: "b"}
+_ELEMENTS = {np.float64: "f", np.int64: "i", np.bool_: "b"}
+
+
+@functools.cache
+def bundle_of(made_of: Any) -> Bundle:
+    """The declaration of a named tuple."""
+    return Bundle(made_of)
+
+
+def _hints(thing: Any) -> dict[str, Any]:
+    return get_type_hints(thing, include_extras=True)
 
 
 @dataclass(frozen=True)
@@ -148,20 +179,25 @@ ENTRIES: dict[str, Entry] = {}
 """All entries of the imported modules."""
 
 
-def declare(
-    function: Callable[..., Any],
-    returns: tuple[Leaf, ...],
-    takes: dict[str, Leaf | Bundle],
-    exact: bool = False,
-) -> Entry:
-    """Register an entry.
+def parameters(function: Callable[..., Any]) -> dict[str, Leaf | Bundle]:
+    """Parameters of a kernel, declared by their annotations, see `declared`.
 
     Raises:
-        TypeError: The names are not those of the function's parameters, or another entry has its name.
+        TypeError: An annotation is missing or unsuitable.
     """
-    names = tuple(inspect.signature(function).parameters)
-    if names != tuple(takes):
-        raise TypeError(f"{function.__name__} takes {names}, declared are {tuple(takes)}")
+    hints = _hints(function)
+    return {name: declared(hints.get(name), name) for name in inspect.signature(function).parameters}
+
+
+def declare(function: Callable[..., Any], exact: bool = False) -> Entry:
+    """Register an entry. Its parameters are declared by their annotations, see `declared`; it returns numbers.
+
+    Raises:
+        TypeError: An annotation is missing or unsuitable, or another entry has its name.
+    """
+    takes, result = parameters(function), _hints(function).get("return")
+    numbers = get_args(result) or (() if result in (None, type(None)) else (result,))
+    returns = tuple(Leaf(_NUMBERS[each]) for each in numbers)
     made = Entry(function, takes, returns, exact)
     if made.name in ENTRIES and ENTRIES[made.name].function.__module__ != function.__module__:
         raise TypeError(f"two entries are called {made.name}")

@@ -6,11 +6,10 @@ Kernels take and return numbers, arrays and named tuples of them, and use nothin
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, overload
 
 from . import entry as entries
 from .backend import LIBRARY, PLAIN
-from .entry import Bundle, Leaf
 from .python_backend import address_of, plainly
 from .sources import room_of
 
@@ -24,25 +23,33 @@ COMPILES = LIBRARY is None and not PLAIN
 """True if Numba compiles decorated functions."""
 
 
+@overload
+def entry(function: Callable[P, R]) -> Callable[P, R]: ...
+
+
+@overload
+def entry(*, exact: bool) -> Callable[[Callable[P, R]], Callable[P, R]]: ...
+
+
 def entry(
-    returns: Leaf | tuple[Leaf, ...] = (), exact: bool = False, **takes: Leaf | Bundle
-) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Declare a kernel that Python calls, with its parameters by name and the numbers that it returns.
+    function: Callable[P, R] | None = None, *, exact: bool = False
+) -> Callable[P, R] | Callable[[Callable[P, R]], Callable[P, R]]:
+    """Make a kernel that Python calls; its annotations declare what it takes, see `entry.declared`.
+
+    It returns numbers only: memory for results belongs to the caller, who passes it to be filled.
 
     Args:
-        returns: Numbers only: memory for results belongs to the caller, who passes it to be filled.
+        function: The kernel.
         exact: True if it may receive NaN and must not assume that there is none.
-        takes: Declaration of each parameter, see `kinseek.kernels.entry`.
     """
 
     def make(function: Callable[P, R]) -> Callable[P, R]:
-        numbers = returns if isinstance(returns, tuple) else (returns,)
-        declared = entries.declare(function, numbers, takes, exact)
+        declared = entries.declare(function, exact)
         if LIBRARY is not None:
             return LIBRARY.caller(declared)
         return kernel_exact(function) if exact else kernel(function)
 
-    return make
+    return make if function is None else make(function)
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -144,35 +151,31 @@ class Routine:
     """A function that kernels call by its address: its machine code is compiled once, independently of its callers.
 
     Numba optimises a function that it links into a kernel again with that kernel, and with all its callers. For a search
-    that is four calls deep this took most of the compile time. See `pointers.call`.
+    that is four calls deep this took most of the compile time. See `pointers.routine` and `pointers.call`.
     """
 
-    def __init__(self, signature: str, function: Callable[..., int]) -> None:
-        """Store what to compile, as a C function of this signature: numbers, and memory by address."""
-        self.signature, self.function = signature, function
+    def __init__(self, signature: str, function: Callable[..., int], original: Callable[..., int]) -> None:
+        """Store what to compile.
+
+        Args:
+            signature: That of a C function of numbers, as Numba reads it.
+            function: A function of numbers, which calls the original.
+            original: The kernel itself, for plain Python.
+        """
+        self.signature, self.function, self.original = signature, function, original
         self.name, self.room = f"ks_{function.__name__}", room_of(function.__module__)
         self._compiled = compiler.Compiled(signature, function) if COMPILES else None
+        if self.name in ROUTINES and ROUTINES[self.name].function.__module__ != function.__module__:
+            raise TypeError(f"two routines are called {self.name}")
+        ROUTINES[self.name] = self
 
     @property
     def address(self) -> int:
         """Address of its machine code, compiled by now or in the library."""
         if LIBRARY is not None:
             return LIBRARY.address(self.name, self.room)
-        return address_of(self.function) if self._compiled is None else self._compiled.address
+        return address_of(self.original) if self._compiled is None else self._compiled.address
 
 
 ROUTINES: dict[str, Routine] = {}
 """All routines of the imported modules."""
-
-
-def routine(signature: str) -> Callable[[Callable[..., int]], Routine]:
-    """Make a `Routine` of a function that returns an integer; it is compiled when its address is requested."""
-
-    def make(function: Callable[..., int]) -> Routine:
-        made = Routine(signature, function)
-        if made.name in ROUTINES and ROUTINES[made.name].function.__module__ != function.__module__:
-            raise TypeError(f"two routines are called {made.name}")
-        ROUTINES[made.name] = made
-        return made
-
-    return make

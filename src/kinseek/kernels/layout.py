@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import pointers
+from .entry import Bundle, Leaf, bundle_of
 from .jit import array_view, inlined
 
 
@@ -98,6 +99,14 @@ def _part(views: tuple[str, ...], shape: tuple[int | Count, ...]) -> Part:
     return Part(views[len(shape) - 1], counts, math.prod(counts, start=plain(1)))
 
 
+def _part_of(leaf: Leaf, name: str) -> Part:
+    """The part of a declared array."""
+    if not leaf.shape:
+        raise TypeError(f"{name} is a number, and a layout has arrays only")
+    lengths = [named(each.name) + plain(each.plus) if each.name else plain(each.plus) for each in leaf.shape]
+    return floats(*lengths) if leaf.element == "f" else whole(*lengths)
+
+
 class Layout:
     """The arrays of a bundle in one memory of 8-byte numbers, consecutive in the order of their declaration."""
 
@@ -107,17 +116,27 @@ class Layout:
         """Lay out a bundle.
 
         Args:
-            bundle: Named tuple of arrays, and of bundles that have layouts themselves, for the same sizes.
+            bundle: Named tuple of arrays and such bundles. The annotations of its fields give the shapes, and their order is
+                that in memory.
             made_for: Names of the sizes.
             name: Distinguishes two layouts of one bundle: machine code is stored under it.
-            parts: Declaration of each field, in the order in memory.
+            parts: Declaration of fields that differ from their annotation.
         """
-        _check_names(bundle, parts)
+        fields = bundle_of(bundle).fields
+        _check_names(bundle, fields | parts)
+        for field, leaf in fields.items():
+            if field in parts:
+                continue
+            if isinstance(leaf, Bundle):
+                parts[field] = Layout(leaf.made_of, made_for)
+            else:
+                parts[field] = _part_of(leaf, f"{bundle.__name__}.{field}")
         self.count = plain(0)
         """Length of the memory in numbers."""
         views = {}
         self._places: dict[str, tuple[Count, Part | Layout]] = {}
-        for field, part in parts.items():
+        for field in bundle._fields:
+            part = parts[field]
             self._places[field] = self.count, part
             views[field] = part.at(self.count, field)
             self.count = self.count + part.count
@@ -157,14 +176,14 @@ class Layout:
 class Rows:
     """The arrays of a bundle at arbitrary addresses: maps the rows of a handle to fields, see `pointers.handle_of`."""
 
-    def __init__(self, bundle: Any, **rows: str | Rows) -> None:
-        """Declare the rows of a bundle.
-
-        Args:
-            bundle: Named tuple of arrays, and of bundles that are declared themselves.
-            rows: For each field the function of `pointers` that views it, or its own rows, in the order of the rows.
-        """
-        _check_names(bundle, rows)
+    def __init__(self, bundle: Any) -> None:
+        """Declare the rows of a named tuple of arrays and bundles, in the order of its fields."""
+        rows: dict[str, str | Rows] = {
+            name: Rows(leaf.made_of)
+            if isinstance(leaf, Bundle)
+            else _VIEWS[leaf.element][len(leaf.shape) - 1]
+            for name, leaf in bundle_of(bundle).fields.items()
+        }
         self.rows = rows
         self.first: dict[str, int] = {}
         """First row of each field."""
@@ -201,6 +220,9 @@ class Rows:
             arrays.append(np.ascontiguousarray(value))
         return arrays
 
+
+_VIEWS = {"f": ("floats1", "floats2", "floats3"), "i": ("integers", "integers2"), "b": ("flags",)}
+"""Functions of `pointers` that view arrays of one and more dimensions, for each `Leaf.element`."""
 
 _VIEWED = {
     "floats1": (np.dtype(np.float64), 1),

@@ -7,12 +7,15 @@ kernels create plain views of them.
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import COMPILES, array_view
+from .entry import Bundle, Leaf, parameters
+from .jit import COMPILES, Routine, array_view
 from .python_backend import call_at, pointer_at, view_at
 
 if TYPE_CHECKING:  # Rows of a chain are declared next to its arrays, and depend on this module.
@@ -22,7 +25,7 @@ ROW = 4
 """Numbers in a row of a handle: address and three dimensions."""
 
 call: Any = call_at
-"""Call the `jit.Routine` at an address with a tuple of integers and floats; it returns an integer."""
+"""Call the `jit.Routine` at an address with a tuple of numbers, arrays and named tuples; it returns an integer."""
 
 carray: Any = view_at
 _pointer_to: Any = pointer_at
@@ -117,3 +120,52 @@ def part3(address: int, first: int, tables: int, rows: int, columns: int) -> Arr
     """View tables of floats in a memory from number `first` on."""
     seen: Array = carray(_floats(address + 8 * first), (tables, rows, columns))
     return seen
+
+
+def routine(function: Callable[..., int]) -> Routine:
+    """Make a `jit.Routine` of a kernel, whose annotations declare what it takes, see `entry.declared`.
+
+    Machine code is called with numbers: the address and the shape of an array, and the fields of a named tuple. A function
+    of these numbers is generated; it views the arrays and calls the kernel.
+    """
+    scope: dict[str, Any] = {name: _PARTS[name] for name in _PARTS}
+    scope |= {"kernel": array_view(function), "__name__": function.__module__}
+    kinds: list[str] = []
+
+    def number(kind: str) -> str:
+        kinds.append(kind)
+        return f"n{len(kinds) - 1}"
+
+    def argument(one: Leaf | Bundle) -> str:
+        if isinstance(one, Bundle):
+            bundle = one.made_of.__name__
+            scope[bundle] = one.made_of
+            return f"{bundle}({', '.join(map(argument, one.fields.values()))})"
+        if one.shape:
+            view = _VIEWS[one.element][len(one.shape) - 1]
+            return f"{view}({number('int64')}, 0, {', '.join(number('int64') for _ in one.shape)})"
+        return number("float64") if one.element == "f" else number("int64") + " != 0" * (one.element == "b")
+
+    given = ", ".join(map(argument, parameters(function).values()))
+    names = ", ".join(f"n{i}" for i in range(len(kinds)))
+    source = f"def {function.__name__}({names}):\n    return kernel({given})"
+    exec(compile(source, inspect.getfile(function), "exec"), scope)
+    return Routine(f"int64({', '.join(kinds)})", scope[function.__name__], checked(function))
+
+
+def checked(function: Callable[..., int]) -> Callable[..., int]:
+    """A routine for plain Python, which raises a TypeError if its arguments do not fit: machine code would misread them."""
+
+    def call(*given: Any) -> int:
+        known: dict[str, int] = {}
+        takes = parameters(function)
+        for (name, one), value in zip(takes.items(), given, strict=True):
+            if isinstance(one, Leaf) and one.shape and not one.fits(value, known):
+                raise TypeError(f"{function.__name__}: {name} must be {one.words({})}, got {value!r}")
+        return function(*given)
+
+    return call
+
+
+_PARTS = {each.__name__: each for each in (part1, part2, part3, integer_part, integer_part2)}
+_VIEWS = {"f": ("part1", "part2", "part3"), "i": ("integer_part", "integer_part2")}

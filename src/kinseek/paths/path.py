@@ -24,12 +24,12 @@ class PathStatus(Enum):
     """Outcome of a path; the value is the sentence to show."""
 
     CONTINUOUS = "Continuous: one motion reaches every pose, and no joint jumps."
-    BROKEN = "Broken: every pose is reached, but the arm has to be repositioned between some of them."
-    BLOCKED = "Blocked: every solution found for some poses collides or is rejected by valid; the path passes through them."
+    BROKEN = "Broken: every pose is reached, but not in one continuous motion; breaks says where it is interrupted."
+    BLOCKED = "Blocked: at some poses each solution found hits something or is rejected by valid; the path continues there."
     OUT_OF_TIME = (
         "Out of time: the time limit ended the planning; poses that were not planned by then are missed."
     )
-    UNREACHABLE = "Unreachable: some poses are missed; there the path has the nearest pose found."
+    UNREACHABLE = "Unreachable: some poses are not reached; there the path holds the nearest pose found."
 
     def __str__(self) -> str:
         """Return the sentence."""

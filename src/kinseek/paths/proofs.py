@@ -43,13 +43,17 @@ def with_proofs(request: PathRequest, path: Path, threads: int | None) -> Path:
 
 def _words(path: Path, proof: PathProof, report: Missed) -> list[str]:
     ranges = path.problem.goal.ranges is not None
-    short = "nothing is proved of ranges" if ranges else "what a path may spend on proofs was not enough"
-    short = "the time was up" if proof.out_of_time and not ranges else short
+    short = (
+        "goals with ranges are not proved"
+        if ranges
+        else "the work that a path may spend on proofs did not suffice"
+    )
+    short = "the time limit was reached" if proof.out_of_time and not ranges else short
     said = [
         (proof.out_of_reach, "proved out of reach: no joint values inside the limits meet the tolerances"),
         (
             report.in_reach,
-            "in reach, though this path goes by: there are joint values that meet the tolerances",
+            "in reach, although the path misses them: some joint values meet the tolerances",
         ),
         (proof.undecided & ~report.in_reach, f"not proved out of reach: {short}"),
     ]

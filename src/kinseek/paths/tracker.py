@@ -71,13 +71,11 @@ class TrackStatus(Enum):
     """Outcome of one step of a tracker; the value is the sentence to show."""
 
     TRACKING = "Tracking: the pose is reached within this period."
-    LAGGING = "Lagging: the joints move as fast as they may, but the pose is farther away."
-    LIMIT = "At a limit: a joint is at its limit, and this branch comes no nearer."
-    SINGULAR = (
-        "Singular, or out of reach: no joint is at its limit, and no motion of the joints comes nearer."
-    )
-    SWITCHED = "Switched: on the way to another branch, as requested."
-    RECOVERING = "Recovering: the pose was lost, and the joints are on the way to values that reach it again."
+    LAGGING = "Lagging: the joints move as fast as they may, and the pose is farther away."
+    LIMIT = "At a limit: a joint is at its limit, and the hand cannot come nearer on this branch."
+    SINGULAR = "Singular or out of reach: no joint is at its limit, and no motion of the joints brings the hand nearer."
+    SWITCHED = "Switched: the joints are moving to another branch, because switch() was called."
+    RECOVERING = "Recovering: the pose was lost, and the joints are moving to values that reach it again."
 
     def __str__(self) -> str:
         """Return the sentence."""
@@ -145,7 +143,6 @@ class Tracker:
         """Joint speed limits, (n,), [rad/s] or [m/s]; infinite if neither the caller nor the robot's file gives one."""
         self._arm, self._turning = arm.axes, Turning(arm.axes)
         self._index = atlas_of(arm.axes)
-        _ = self._index.handle  # Reading the attribute loads the kernels that are not loaded yet.
         self._state = np.zeros((ROWS, arm.dof))
         self._state[LOWER], self._state[UPPER] = self._turning.open_lower, self._turning.open_upper
         self._state[REACH], self._state[NOW] = self.velocity * self.period, start
@@ -259,7 +256,7 @@ class Tracker:
         target = self._pose(0).copy()
         if not np.isfinite(self.velocity).all():
             raise InvalidProblem(
-                "switch() needs the largest speeds of the joints: give arm.track(..., velocity=)"
+                "switch() needs a speed limit for every joint: give arm.track(..., velocity=)"
             )
         steps = self._others(target) if to is None else self._given_branch(target, to)[None]
         if not len(steps):
@@ -329,10 +326,13 @@ class Tracker:
         position, orientation = self._errors(q, target)
         if _is_away(position, orientation):
             raise InvalidProblem(
-                f"to must reach the last pose: it is {position:.3g} m and {orientation:.3g} rad away from it"
+                f"the joint values given to switch() must reach the last pose: the hand would be {position:.3g} m and "
+                f"{orientation:.3g} rad away from it"
             )
         if ((q < self._turning.open_lower) | (q > self._turning.open_upper)).any():
-            raise InvalidProblem("to must lie inside the limits of the joints")
+            raise InvalidProblem(
+                "the joint values given to switch() must lie inside the limits of the joints"
+            )
         return np.asarray(self._turning.way(q - self._state[NOW]))
 
     def _time_of(self, step: Array) -> float:
@@ -394,7 +394,7 @@ class Tracker:
     def _coming(self, seconds: float, looks: int, longer: float = 0.0) -> tuple[Array, int]:
         """Return `looks` poses to come and some for `longer`, (k, 4, 4), and how many periods lie between them."""
         if self._given < 2:
-            raise InvalidProblem("an extrapolation needs two poses: call step(T) twice first")
+            raise InvalidProblem("looking ahead needs two poses: call step(T) twice first")
         looks = as_integer("looks", looks, 1, error=InvalidProblem)
         seconds = as_number("seconds", seconds, *TIMES, InvalidProblem)
         at_once = max(1, round(seconds / looks / self.period))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import constraint_jacobian
+from kinseek.robots.mechanism import Mechanism
 
 from .allowed import Allowed
 from .between import apart, beyond_a_step
@@ -42,7 +43,7 @@ def _refused(request: PathRequest, path: Path, first: int, last: int, wide: Laye
     which, valid, i = these(first, last), request.valid, (first + last) // 2
     assert valid is not None
     if request.deadline.passed:
-        return f"{which} blocked or rejected in every solution found before the time was up"
+        return f"{which} blocked: each solution found within the time limit hits something or is rejected by valid"
     q = path.q[i : i + 1]
     given = (i == 0 and request.start is not None) or (i == len(path.q) - 1 and request.end is not None)
     if wide is not None and not given:
@@ -52,16 +53,19 @@ def _refused(request: PathRequest, path: Path, first: int, last: int, wide: Laye
         q = every if len(every) else q
     free = valid.free(q)
     if valid.scene is None or free.any():
-        hits = "hit something or are those " if not free.all() else ""
-        return f"{which} reached only by joint values that {hits}{'that ' if hits else ''}valid rejects"
+        hits = "hit something or that " if not free.all() else ""
+        return f"{which} reached only by joint values that {hits}valid rejects"
     least = q[int(np.argmax(valid.scene.distance(q)))]
-    where = "" if first == last else f" at pose {i}"
+    where = "" if first == last else f"at pose {i}, "
     near = f" or comes nearer than {valid.clearance:g} m" if valid.clearance else ""
-    return f"{which} blocked: the arm hits something{near} in every solution found; least{where}: {valid.against(least)}"
+    return (
+        f"{which} blocked: in every solution found the arm hits something{near}; {where}in the one that collides least: "
+        f"{valid.against(least)}"
+    )
 
 
 def _late(first: int, last: int) -> str:
-    return f"{these(first, last)} not planned: the time was up"
+    return f"{these(first, last)} not planned: the time limit was reached"
 
 
 def _missed(path: Path, first: int, last: int) -> str:
@@ -76,14 +80,14 @@ def _break(request: PathRequest, path: Path, i: int, wide: Layers | Windows | No
     following = (i + 1) % count
     begin = f"between poses {i} and {following}"
     if request.deadline.passed:
-        return f"{begin}: the time was up before a continuous motion was found"
+        return f"{begin}: the time limit was reached before a continuous motion was found"
     target = request.problem.goal.target
     distance, turn = apart(target[i : i + 1], target[following : following + 1])
     chain = request.problem.chain
     longest = request.longest[min(i, len(request.longest) - 1)]
     if any(beyond.any() for beyond in beyond_a_step(chain, longest[None], distance, turn)):
         report = f"{distance[0]:.3g} m and {turn[0]:.3g} rad apart"
-        return f"{begin}: they are {report}, farther than one step of the joints"
+        return f"{begin}: they are {report}, farther than the joints may move in one step"
     if i == count - 1:
         return f"{begin}: the motion does not come back to where it began"
     if wide is None:
@@ -91,12 +95,10 @@ def _break(request: PathRequest, path: Path, i: int, wide: Layers | Windows | No
         step = np.abs(gap)
         if request.valid is not None and (step <= longest).all():
             what = request.valid.against_way(path.q[i], path.q[i] + gap)
-            return f"{begin}: no sampled solution continues to the next pose; on the way of the path found {what}"
+            return f"{begin}: no sampled solution continues the motion; on the way to the one chosen {what}"
         joint = int(np.argmax(step / longest))
-        return (
-            f"{begin}: no sampled solution continues to the next pose; in the path found joint "
-            f"{chain.joint_names[joint]!r} would move by {step[joint]:.3g} at once, the limit is {longest[joint]:.3g}"
-        )
+        far = _too_far(chain, joint, step[joint], longest[joint])
+        return f"{begin}: no sampled solution continues the motion; to reach the one chosen, {far}"
     end_before, ended = _end_of_branch(request, path.q[i], i, wide, 1)
     begin_after, began = _end_of_branch(request, path.q[following], following, wide, -1)
     return (
@@ -117,7 +119,7 @@ def _end_of_branch(
     names = problem.mechanism.joint_names
     while True:
         if request.deadline.passed:
-            return i, "the time was up"
+            return i, "the time limit was reached"
         j = i + way
         if not 0 <= j < len(wide):
             return (
@@ -138,7 +140,7 @@ def _end_of_branch(
             values = np.linalg.svd(J, compute_uv=False)
             least = values[min(J.shape) - 1] / values[0]
             joint = int(np.argmax(np.abs(step) / longest))
-            far = f"joint {names[joint]!r} would move by {abs(step[joint]):.3g} at once, the limit is {longest[joint]:.3g}"
+            far = _too_far(problem.mechanism, joint, abs(step[joint]), longest[joint])
             singular = f"a singularity: the least singular value is {least:.2g} of the largest"
             return i, singular if least < NEAR_SINGULAR else far
         q, i = q + step, j
@@ -150,6 +152,12 @@ def _end_of_branch(
             return i, f"joint {names[joint]!r} reaches its {side} limit {limit[joint]:.4g}"
         if request.valid is not None and (report := _against(request.valid, q - step, q)):
             return i, report
+
+
+def _too_far(arm: Mechanism, joint: int, step: float, longest: float) -> str:
+    """Say that a step moves a joint farther than it may."""
+    unit = "m" if arm.kinds[joint] == "prismatic" else "rad"
+    return f"joint {arm.joint_names[joint]!r} would move {step:.3g} {unit} in one step; {longest:.3g} {unit} is allowed"
 
 
 def _against(valid: Allowed, a: Array, b: Array) -> str:

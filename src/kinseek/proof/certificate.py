@@ -61,7 +61,8 @@ class Certificate:
         """Return one sentence with the figures."""
         return (
             f"{self.verdict} Weighted error of the best pose found {self.upper_bound:.4g}, of any pose at least "
-            f"{self.lower_bound:.4g}; {self.boxes} boxes examined, the widest one left ±{self.largest_box:.3g}."
+            f"{self.lower_bound:.4g}; {self.boxes:,} {'box' if self.boxes == 1 else 'boxes'} examined"
+            + (f", half width of the widest one left {self.largest_box:.3g}." if self.largest_box else ".")
             + (" The time was up." if self.out_of_time else "")
         )
 

@@ -16,6 +16,7 @@ from .bundled import read_bundled
 from .catalog import CatalogEntry, catalog_entry, catalog_names, catalog_path
 from .chain import SerialChain
 from .dh import read_dh
+from .files import instead_of_a_description
 from .mechanism import Mechanism
 from .mjcf import read_mjcf
 from .urdf import read_urdf
@@ -127,6 +128,8 @@ def _what_it_may_be(source: str) -> str:
     if hint := hint_at(source):
         shown = repr(source if len(source) <= 60 else f"{source[:60]}…")
         return f"no arm is called {shown}; {hint}. A path must end in .urdf, .xacro or .xml"
+    if found := instead_of_a_description(Path(source)):
+        return f"{source!r} is {found}; expected the path of a .urdf, .xacro or .xml file"
     plain = {_plain(name): name for name in catalog_names()}
     if (meant := plain.get(_plain(source))) is not None:
         return f"unknown robot {source!r}; did you mean {meant!r}? Names of bundled arms are lower-case"

@@ -128,7 +128,7 @@ class SerialChain(Variables):
     def arrays(self) -> ChainArrays:
         """The chain in the form that kernels take."""
         return chain_arrays(
-            self.fixed, self.prismatic, self.leader, self.multiplier, self.offset, self.lower, self.upper
+            self.fixed, self.prismatic, self.leader, self.multiplier, self.offset, (self.lower, self.upper)
         )
 
     @property
@@ -171,8 +171,7 @@ class SerialChain(Variables):
             self.leader[:m],
             self.multiplier[:m],
             self.offset[:m],
-            self.lower,
-            self.upper,
+            (self.lower, self.upper),
         )
 
 
@@ -347,7 +346,14 @@ def _narrowed(
     for joint, (leader, multiplier, offset) in zip(joints, drive, strict=True):
         # Files contain 0 0 for limits that nobody specified, so equal limits of a mimic joint are ignored.
         limited = joint.kind != CONTINUOUS and np.isfinite([joint.lower, joint.upper]).all()
-        if joint.mimic is None or not limited or joint.lower >= joint.upper or multiplier == 0:
+        if joint.mimic is None or not limited or joint.lower >= joint.upper:
+            continue
+        if multiplier == 0:
+            if not joint.lower <= offset <= joint.upper:
+                raise InvalidRobot(
+                    f"mimic joint {joint.name!r} with limits [{joint.lower}, {joint.upper}] always stands at {offset}, "
+                    f"outside of them: its multiplier is 0"
+                )
             continue
         ends = sorted((bound - offset) / multiplier for bound in (joint.lower, joint.upper))
         old = cut[leader]

@@ -10,7 +10,8 @@ import os
 import stat
 from pathlib import Path
 
-from kinseek.errors import InvalidRobot, suggest
+from kinseek.errors import InvalidRobot, near_names
+from kinseek.printable import printable
 
 MOST_BYTES = 32 * 2**20
 """Most bytes of a file together with all files it includes: a hundred times the largest known robot."""
@@ -82,9 +83,26 @@ def require_few(count: int, noun: str, most: int, where: str) -> None:
         raise InvalidRobot(f"{where}: {count:,} {noun}, expected at most {most:,}")
 
 
-def _hint(path: Path) -> str:
+def instead_of_a_description(path: Path) -> str:
+    """Describe an existing folder or file that is not the description of an arm; empty if there is none."""
     try:
-        nearby = [p.name for p in path.parent.glob("*") if p.suffix in {".urdf", ".xacro", ".xml"}]
+        if path.expanduser().is_dir():
+            return "a folder"
+        return f"a file that ends in {path.suffix!r}" if path.suffix and path.is_file() else ""
+    except (OSError, RuntimeError, ValueError):  # The name is too long for a file, or contains a zero byte.
+        return ""
+
+
+def _hint(path: Path) -> str:
+    """Return the similar names of files in the same folder that could be meant, and the list of them."""
+    kinds = {".urdf", ".xacro", ".xml"}
+    kinds = kinds if path.suffix in kinds else {path.suffix}
+    try:
+        nearby = sorted(p.name for p in path.parent.glob("*") if p.suffix in kinds)
     except OSError:
         return ""
-    return f" ({suggest(path.name, nearby, 'file')})" if nearby else ""
+    if not nearby:
+        return ""
+    near = near_names(path.name, nearby)
+    meant = f"; did you mean {' or '.join(map(repr, near))}?" if near else "."
+    return f"{meant} In its folder: {', '.join(map(printable, nearby))}"

@@ -77,6 +77,10 @@ _LINE_ENDS = (
     b"\xe2\x80\xa9",
 )
 """Line ends of `str.splitlines`, in UTF-8."""
+_LINE_START = re.compile(rb"^[ \t]*(vt|vn|v|f|usemtl)[ \t]+", re.MULTILINE)
+"""Beginning of a line of OBJ that is read, with its keyword."""
+_NO_INDEX = re.compile(rb"^f[^\n]*?[ \t/](-[0-9]*|0+)(?=[ \t\r\n/]|\Z)", re.MULTILINE)
+"""A face of OBJ with an index that does not count from 1 on, up to that index."""
 _COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of one number of a GLB accessor, by its component type."""
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -123,11 +127,45 @@ def require_mesh(path: Path, text: bytes) -> Size:
 
 
 def readable(kind: str, text: bytes) -> bytes:
-    """Convert a text format to UTF-8, so that the checks and trimesh read the same characters.
+    """Convert a text format such that the checks and trimesh read the same characters.
 
-    trimesh guesses any other encoding, also one in which no byte has the value of an ASCII line end.
+    Text becomes UTF-8: trimesh guesses any other encoding, also one in which no byte has the value of an ASCII line end. In
+    OBJ, each line begins with its keyword and one space, otherwise trimesh skips it; and indices are absolute.
     """
-    return _utf8(text) if kind == "obj" or (kind == "stl" and not _is_binary_stl(text)) else text
+    if kind == "obj":
+        return _absolute(_LINE_START.sub(rb"\1 ", _joined(_utf8(text))))
+    return _utf8(text) if kind == "stl" and not _is_binary_stl(text) else text
+
+
+def _joined(text: bytes) -> bytes:
+    """Join the lines of OBJ that end with a backslash to the next one."""
+    return text.replace(b"\r\n", b"\n").replace(b"\\\n", b"")
+
+
+def _absolute(text: bytes) -> bytes:
+    """Replace negative indices of OBJ, which count back from the last vertex before the face: trimesh counts from the end.
+
+    Indices that name no vertex before the face stay as they are, for `_obj` to reject.
+    """
+    if _NO_INDEX.search(text) is None:
+        return text
+    before = {b"v": 0, b"vt": 0, b"vn": 0}
+
+    def absolute(corner: bytes) -> bytes:
+        indices = corner.split(b"/")
+        for place, (index, count) in enumerate(zip(indices, before.values(), strict=False)):
+            if re.fullmatch(rb"-[0-9]{1,18}", index) and 0 < -int(index) <= count:
+                indices[place] = b"%d" % (count + 1 + int(index))
+        return b"/".join(indices)
+
+    lines = text.split(b"\n")
+    for number, line in enumerate(lines):
+        word = line.partition(b" ")[0]
+        if word in before:
+            before[word] += 1
+        elif word == b"f":
+            lines[number] = b" ".join(map(absolute, line.split()))
+    return b"\n".join(lines)
 
 
 def _utf8(text: bytes) -> bytes:
@@ -314,12 +352,17 @@ def _is_binary_stl(text: bytes) -> bool:
 def _obj(text: bytes) -> Size:
     lines = _lines(text)
     _at_most(lines, MOST_LINES, "lines")
-    joined = text.replace(b"\r\n", b"\n").replace(b"\\\n", b"") + b"\n"
+    joined = _joined(text) + b"\n"
     whole = np.frombuffer(joined, dtype=np.uint8)
     _at_most(int(np.diff(np.flatnonzero(whole == ord("\n")), prepend=-1).max()), MOST_LINE, "bytes in a line")
     materials = len(set(re.findall(rb"usemtl[^\n]*", joined)))
     _at_most(materials, MOST_GROUPS, "materials")
     _at_most(lines * materials, MOST_MASKED, "lines times materials")
+    if found := _NO_INDEX.search(joined):
+        raise InvalidRobot(
+            f"a face has the index {found[1].decode()}, expected one from 1 on, or a negative one that counts back from the "
+            f"last vertex before the face: {found[0].decode(errors='replace')!r:.100}"
+        )
     return Size(materials, lines)
 
 
@@ -330,6 +373,7 @@ def _ply(text: bytes) -> Size:
     if is_text:
         _at_most(_lines(text), MOST_LINES, "lines")
     name, rows, properties, values = "", 0, 0, 0
+    names = set[str]()
     for words in header:
         if "element" in words[0]:
             if len(words) != 3 or re.fullmatch("[0-9]{1,18}", words[2]) is None:
@@ -339,6 +383,11 @@ def _ply(text: bytes) -> Size:
             name, rows = words[1], int(words[2])
             if name == "edge":
                 raise InvalidRobot("it has edges that belong to no triangle; remove them")
+            if name in ("tristrips", "trifans"):
+                raise InvalidRobot(f"it has {name}, expected the element face; write each triangle as a face")
+            if name in names:
+                raise InvalidRobot(f"it has two elements {name!r:.100}, expected one; write them as one")
+            names.add(name)
         elif "property" in words[0]:
             properties, values = properties + 1, values + rows
             if name == "vertex" and "list" in words[1]:  # trimesh copies it for each corner of a triangle.

@@ -70,7 +70,8 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
     parts = [part for part in bodies if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     if not parts:
         raise InvalidRobot(f"{str(path)!r} holds no triangles")
-    for part in parts:  # COLLADA declares its unit in metres, and the reader does not apply it.
+    # COLLADA declares its unit in metres, and the reader does not apply it. In GLB, metadata is free text of the author.
+    for part in parts if kind == "dae" else []:
         word = str(part.metadata.get("units", "")).partition(" * meters")
         if word[1]:
             part.apply_scale(float(word[0]))

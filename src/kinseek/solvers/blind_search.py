@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -12,12 +12,9 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
-from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, Flags, GoalArrays, Indices
-from kinseek.kernels.entry import F64, FLAG, I64, Bundle
+from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays, Indices
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.grid.memory import (
-    TAKEN_BEAM,
-    TAKEN_SCRATCH,
-    TAKEN_WINDOW,
     Beam,
     NodeScratch,
     Window,
@@ -165,7 +162,7 @@ class Memory(NamedTuple):
     scratch: NodeScratch
     beam: Beam
     """Beam with one leaf."""
-    now: Array
+    now: Annotated[Array, 2, OUT]
     """The step Δ, and the weighted error at q, (2,)."""
 
 
@@ -174,31 +171,17 @@ NEXT_LEAF, LEAVES, EXPANDED, STEPS = range(4)
 """Progress of a walk: index of the next leaf in its step's window; total leaves, nodes and steps that are done."""
 
 
-MEMORY = Bundle(Memory, window=TAKEN_WINDOW, scratch=TAKEN_SCRATCH, beam=TAKEN_BEAM, now=F64[2].out)
-
-
-@entry(
-    returns=FLAG,
-    chain=CHAIN,
-    goal=GOAL,
-    wraps=FLAG["n"],
-    tolerances=F64[2],
-    parameters=F64[4],
-    work=I64,
-    memory=MEMORY,
-    at=I64[4].out,
-    q=F64["n"].out,
-)
+@entry
 def walk(
     chain: ChainArrays,
     goal: GoalArrays,
-    wraps: Flags,
-    tolerances: Array,
-    parameters: Array,
+    wraps: Annotated[Flags, "n"],
+    tolerances: Annotated[Array, 2],
+    parameters: Annotated[Array, 4],
     work: int,
     memory: Memory,
-    at: Indices,
-    q: Array,
+    at: Annotated[Indices, 4, OUT],
+    q: Annotated[Array, "n", OUT],
 ) -> bool:
     """Walk q downhill in place; return whether the walk is done.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import chordal_error, errors
-from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, GoalArrays, Indices
-from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.grid.sinusoid import TURN, coefficients, minimise_pair, minimiser
 from kinseek.kernels.jit import entry, inlined_with_wrapper, kernel
 from kinseek.problem import Problem
@@ -153,28 +153,17 @@ def joint_kinds(chain: ChainArrays) -> Array:
     return kinds
 
 
-@entry(
-    returns=FLAG,
-    chain=CHAIN,
-    squared=GOAL,
-    goal=GOAL,
-    limits=F64[4],
-    pairs=FLAG,
-    budget=I64,
-    part=I64,
-    at=I64[2].out,
-    q=F64["n"].out,
-)
+@entry
 def sweep_down(
     chain: ChainArrays,
     squared: GoalArrays,
     goal: GoalArrays,
-    limits: Array,
+    limits: Annotated[Array, 4],
     pairs: bool,
     budget: int,
     part: int,
-    at: Indices,
-    q: Array,
+    at: Annotated[Indices, 2, OUT],
+    q: Annotated[Array, "n", OUT],
 ) -> bool:
     """Descend in place; return whether the descent is done.
 

@@ -11,6 +11,7 @@ from kinseek.cli.help import Command
 from kinseek.cli.options import Chain, arm_argument, chain_options, json_option
 from kinseek.errors import InvalidRobot, suggest
 from kinseek.robots import catalog_entry, catalog_names, catalog_path
+from kinseek.robots.files import instead_of_a_description
 from kinseek.robots.soundness import READABLE, check
 
 
@@ -33,6 +34,8 @@ def command(arm: str, chain: Chain, as_json: bool) -> int:
     """
     path = catalog_path(arm) if arm in catalog_names() else Path(arm).expanduser()
     if path.suffix.lower() not in READABLE:
+        if instead := instead_of_a_description(path):
+            raise InvalidRobot(f"{arm!r} is {instead}; expected the path of a {', '.join(READABLE)} file")
         raise InvalidRobot(
             f"{suggest(arm, catalog_names(), 'robot')}. A path must end in {', '.join(READABLE)}"
         )

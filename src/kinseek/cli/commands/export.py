@@ -63,12 +63,7 @@ _EXPORTED = ("divide-and-conquer", "atlas")
     help=f"Search: {' or '.join(_EXPORTED)}; the atlas needs 3 to 4 MB of flash. Default: {_EXPORTED[0]}.",
 )
 @pose_options
-@option(
-    "--position-only",
-    is_flag=True,
-    group=GOAL,
-    help="Constrain the position only, here and on the controller.",
-)
+@option("--position-only", is_flag=True, group=GOAL, help="Any orientation is allowed, now and on the part.")
 @option("--deg", is_flag=True, group=GOAL, help="--rpy and --rotvec are in degrees.")
 @chain_options
 @search_options(_EXPORTED)

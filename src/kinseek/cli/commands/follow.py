@@ -43,8 +43,8 @@ _POSES, _OUT = "POSES", "OUT"
     ],
     more=[
         f"Columns of POSES, lengths in m, angles in rad: {VALID}.",
-        "OUT has one row per pose: the joints, whether the pose is reached, its errors, and whether the arm has to "
-        "be repositioned after it.",
+        "OUT has one row per pose: the joints, whether the pose is reached and its errors, and whether the motion has a "
+        "break after it.",
         "Exit codes: 0 one continuous motion, 1 breaks or missed poses, 2 misuse; 130 stopped with Ctrl-C.",
     ],
 )
@@ -53,8 +53,8 @@ _POSES, _OUT = "POSES", "OUT"
 @click.argument("out", metavar=_OUT, type=click.Path(path_type=Path))
 @chain_options
 @scene_options
-@option("--position-only", is_flag=True, group=GOAL, help="Constrain the position only.")
-@option("--free", metavar="AXES", group=GOAL, help="Free axes: their deviation does not matter, e.g. rz.")
+@option("--position-only", is_flag=True, group=GOAL, help="Any orientation is allowed.")
+@option("--free", metavar="AXES", group=GOAL, help="Axes whose deviation does not matter, such as rz.")
 @option("--deg", is_flag=True, group=GOAL, help="Angles of the poses, --start and --end are in degrees.")
 @option(
     "--start",

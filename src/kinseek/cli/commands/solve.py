@@ -62,7 +62,7 @@ _MANY = "Many poses"
 )
 @arm_argument
 @pose_options
-@option("--position-only", is_flag=True, group=GOAL, help="Constrain the position only.")
+@option("--position-only", is_flag=True, group=GOAL, help="Any orientation is allowed.")
 @option(
     "--free",
     metavar="AXES",

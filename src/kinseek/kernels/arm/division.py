@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.entry import F64, I64, Bundle
 from kinseek.kernels.jit import inlined
 
 NONE, TURN, SLIDE = 0, 1, 2
@@ -25,9 +24,6 @@ class Division(NamedTuple):
     """Directions kept: 2 for the whole orientation, 1 for an axis, 0 for none."""
     length: float
     """Length of a direction [m]."""
-
-
-DIVISION = Bundle(Division, head=I64, tail=I64, columns=I64, length=F64)
 
 
 @inlined

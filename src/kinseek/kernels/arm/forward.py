@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
-from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
-from kinseek.kernels.entry import F64
+from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
 from .trigonometry import sine_cosine
@@ -71,8 +72,10 @@ def forward(chain: ChainArrays, q: Array, T: Array) -> None:
     advance(chain.fixed[joints], True, 0.0, T)
 
 
-@entry(chain=CHAIN, q=F64["k", "n"], poses=F64["k", 4, 4].out)
-def write_poses(chain: ChainArrays, q: Array, poses: Array) -> None:
+@entry
+def write_poses(
+    chain: ChainArrays, q: Annotated[Array, "k", "n"], poses: Annotated[Array, "k", 4, 4, OUT]
+) -> None:
     """Write poses of the tip at many joint vectors, (k, n), into `poses`, (k, 4, 4), lengths in [m]."""
     T = np.empty((3, 4))
     for k in range(len(q)):

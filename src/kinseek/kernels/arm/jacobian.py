@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
-from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
-from kinseek.kernels.entry import F64
+from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry
 
 from .forward import advance, identity
 
 
-@entry(chain=CHAIN, q=F64["k", "n"], result=F64["k", 6, "n"].out)
-def add_jacobians(chain: ChainArrays, q: Array, result: Array) -> None:
+@entry
+def add_jacobians(
+    chain: ChainArrays, q: Annotated[Array, "k", "n"], result: Annotated[Array, "k", 6, "n", OUT]
+) -> None:
     """Add the result of `jacobian_many` for q, (k, n), to `result`, (k, 6, n)."""
     joints = len(chain.leader)
     axes, T = np.empty((joints, 6)), np.empty((3, 4))

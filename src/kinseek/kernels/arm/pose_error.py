@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
-from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, Flags, GoalArrays
-from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, exact, inlined
 
 from .forward import forward
@@ -102,8 +103,14 @@ def errors(T: Array, goal: GoalArrays) -> tuple[float, float]:
     return position, 0.0
 
 
-@entry(chain=CHAIN, q=F64["k", "n"], targets=F64["k", 3, 4], goal=GOAL, result=F64["k", 3].out)
-def write_errors(chain: ChainArrays, q: Array, targets: Array, goal: GoalArrays, result: Array) -> None:
+@entry
+def write_errors(
+    chain: ChainArrays,
+    q: Annotated[Array, "k", "n"],
+    targets: Annotated[Array, "k", 3, 4],
+    goal: GoalArrays,
+    result: Annotated[Array, "k", 3, OUT],
+) -> None:
     """Write the result of `judge` into `result`, (k, 3)."""
     T = np.empty((3, 4))
     for k in range(len(q)):
@@ -154,8 +161,8 @@ def is_rigid(T: Array) -> bool:
     return upright
 
 
-@entry(returns=FLAG, poses=F64["k", 4, 4])
-def all_rigid(poses: Array) -> bool:
+@entry
+def all_rigid(poses: Annotated[Array, "k", 4, 4]) -> bool:
     """Return True if all poses, (k, 4, 4), are finite and rigid transforms up to rounding."""
     loose = 0
     for k in range(len(poses)):
@@ -163,8 +170,8 @@ def all_rigid(poses: Array) -> bool:
     return loose == 0
 
 
-@entry(poses=F64["k", 4, 4], result=FLAG["k"].out)
-def write_rigid(poses: Array, result: Flags) -> None:
+@entry
+def write_rigid(poses: Annotated[Array, "k", 4, 4], result: Annotated[Flags, "k", OUT]) -> None:
     """Write the result of `rigid_each` into `result`, (k,)."""
     for k in range(len(poses)):
         result[k] = is_rigid(poses[k])
@@ -197,8 +204,8 @@ def is_loose(T: Array, tolerance: float) -> bool:
     return mirrored
 
 
-@entry(returns=I64, exact=True, poses=F64["k", 4, 4], tolerance=F64, nan_is_fine=FLAG)
-def first_loose(poses: Array, tolerance: float, nan_is_fine: bool) -> int:
+@entry(exact=True)
+def first_loose(poses: Annotated[Array, "k", 4, 4], tolerance: float, nan_is_fine: bool) -> int:
     """Index of the first pose of (k, 4, 4) that is not a rigid transform, or -1; `nan_is_fine` skips NaN."""
     for k in range(len(poses)):
         absent = False
@@ -211,8 +218,13 @@ def first_loose(poses: Array, tolerance: float, nan_is_fine: bool) -> int:
     return -1
 
 
-@entry(poses=F64["k", 4, 4], targets=F64["k", 3, 4], goal=GOAL, result=F64["k", 3].out)
-def write_pose_errors(poses: Array, targets: Array, goal: GoalArrays, result: Array) -> None:
+@entry
+def write_pose_errors(
+    poses: Annotated[Array, "k", 4, 4],
+    targets: Annotated[Array, "k", 3, 4],
+    goal: GoalArrays,
+    result: Annotated[Array, "k", 3, OUT],
+) -> None:
     """Write the result of `judge_poses` into `result`, (k, 3)."""
     for k in range(len(poses)):
         this = GoalArrays(targets[k], goal.position_weight, goal.axis_weights)

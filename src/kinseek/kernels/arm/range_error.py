@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
-from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
-from kinseek.kernels.entry import F64
+from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, noinline
 
 from .forward import forward
@@ -116,16 +117,14 @@ def range_weighted(weight_p: float, weight_o: float, place: float, turn: float) 
     return weight_p * place + 2.0 * weight_o * half * half
 
 
-@entry(
-    chain=CHAIN,
-    q=F64["k", "n"],
-    questions=F64["k", QUESTION],
-    weight_p=F64,
-    weight_o=F64,
-    result=F64["k", 3].out,
-)
+@entry
 def write_range_errors(
-    chain: ChainArrays, q: Array, questions: Array, weight_p: float, weight_o: float, result: Array
+    chain: ChainArrays,
+    q: Annotated[Array, "k", "n"],
+    questions: Annotated[Array, "k", QUESTION],
+    weight_p: float,
+    weight_o: float,
+    result: Annotated[Array, "k", 3, OUT],
 ) -> None:
     """Write the result of `judge_ranges` into `result`, (k, 3)."""
     T, out, work = np.empty((3, 4)), np.empty(6), np.empty(27)

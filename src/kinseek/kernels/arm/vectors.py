@@ -20,6 +20,13 @@ class Vector(NamedTuple):
     z: float
 
 
+class Twist(NamedTuple):
+    """A motion, or a weighted error, of a pose: six components."""
+
+    linear: Vector
+    angular: Vector
+
+
 @inlined
 def vector_at(numbers: Array, first: int) -> Vector:
     """Read the vector at entries first … first+2 of a flat array."""
@@ -60,6 +67,12 @@ def minus(a: Vector, b: Vector) -> Vector:
 def scaled(factor: float, v: Vector) -> Vector:
     """``factor · v``."""
     return Vector(factor * v.x, factor * v.y, factor * v.z)
+
+
+@inlined
+def twist_dot(a: Twist, b: Twist) -> float:
+    """Sum of the products of all six components."""
+    return dot(a.linear, b.linear) + dot(a.angular, b.angular)
 
 
 @inlined

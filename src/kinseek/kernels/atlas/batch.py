@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.atlas.task import Handle
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import array_view, entry, inlined
-from kinseek.kernels.pointers import integer_part
 
 from .descent import FIRST_STEPS, is_hopeless, iterate, reset_weights, within
 from .lanes import LANES, Lanes
 from .memory import Scratch, make_scratch, scratch_size
 from .one_goal import CORRECTIONS, MIDMOST, OFFER, closed_answer, finish, solve_pose
 from .seeds import FIRST, TAKES, load_seed, middle, scan, take_seed
-from .task import CLOSED, EVALUATIONS, HANDLE, TOLERANCES, Job, Task, routine_at, task_of
+from .task import CLOSED, EVALUATIONS, TOLERANCES, Job, Task, routine_at, task_of
 from .tree import take_nearest
 
 MOST_STARTS = max(2 * LANES, TAKES)
 """Largest number of starts for one target: candidates for two values of a swept joint, or samples."""
+
+
+class Block(NamedTuple):
+    """Targets of a batch, and what becomes of them."""
+
+    targets: Array
+    """(k, 3, 4), lengths in [m]."""
+    results: Array
+    """Results as from `solve_pose`, (k, n + 4)."""
+    left: Indices
+    """Indices of the targets that are left, (at least as many as are solved together,)."""
 
 
 class Queue(NamedTuple):
@@ -41,13 +52,14 @@ def stand_still(lanes: Lanes, l: int) -> None:
     """Clear lane l: without pose, axes and error its next step is zero."""
     for k in range(lanes.axes.shape[0]):
         for r in range(6):
-            lanes.axes[k, r * LANES + l] = 0.0
-    for r in range(12):
-        lanes.pose[r * LANES + l] = 0.0
+            lanes.axes[k, r, l] = 0.0
+    for r in range(3):
+        for c in range(4):
+            lanes.pose[r, c, l] = 0.0
     for r in range(6):
-        lanes.residual[r * LANES + l] = 0.0
+        lanes.residual[r, l] = 0.0
     for r in range(4):
-        lanes.error[r * LANES + l] = 0.0
+        lanes.error[r, l] = 0.0
 
 
 @inlined
@@ -76,12 +88,10 @@ def next_seed(task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int
 
 
 @array_view
-def next_candidate(
-    job: Job, task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int, w: int
-) -> bool:
+def next_candidate(job: Job, task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int) -> bool:
     """Load the next candidate of a nearby arm for its target into lane l; return False if there is none."""
     target, q, asked = targets[queue.target[l]], scratch.found[l], OFFER + queue.next[l]
-    offered = closed_answer(job.handle, job.tolerances, job.memory, target, task.budget, q, asked, q, w)
+    offered = closed_answer(job, target, task.budget, q, asked, q)
     queue.next[l], queue.steps[l] = queue.next[l] + 1, 0
     if offered > 0:
         load_seed(scratch.lanes, l, q)
@@ -90,34 +100,22 @@ def next_candidate(
 
 
 @inlined
-def take_target(
-    task: Task, lanes: Lanes, queue: Queue, targets: Array, results: Array, number: int, l: int
-) -> None:
+def take_target(task: Task, lanes: Lanes, queue: Queue, block: Block, number: int, l: int) -> None:
     """Assign a target to lane l."""
     queue.target[l], queue.next[l] = number, 0
-    queue.spent[l] = int(results[number, len(task.lower) + EVALUATIONS])
+    queue.spent[l] = int(block.results[number, len(task.lower) + EVALUATIONS])
     for r in range(3):
         for c in range(4):
-            lanes.target[(4 * r + c) * LANES + l] = targets[number, r, c]
+            lanes.target[r, c, l] = block.targets[number, r, c]
 
 
-@entry(
-    returns=I64,
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    targets=F64["k", 3, 4],
-    results=F64["k", "width"].out,
-    left=I64["*"].out,
-    begin=I64,
-    end=I64,
-    w=I64,
-)
+@entry
 def solve_many(
-    handle: Indices,
-    tolerances: Array,
-    targets: Array,
-    results: Array,
-    left: Indices,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "k", 3, 4],
+    results: Annotated[Array, "k", "width", OUT],
+    left: Annotated[Indices, "*", OUT],
     begin: int,
     end: int,
     w: int,
@@ -144,18 +142,10 @@ def solve_many(
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(scratch_size(dof, joints))
     scratch = make_scratch(memory, dof, joints)
-    numbers = np.zeros(4 * LANES, dtype=np.int64)
-    at = numbers.ctypes.data
-    queue = Queue(
-        integer_part(at, 0, LANES),
-        integer_part(at, LANES, LANES),
-        integer_part(at, 2 * LANES, LANES),
-        integer_part(at, 3 * LANES, LANES),
-    )
-    count, job = 0, Job(handle, tolerances, memory)
+    count, job, block = 0, Job(handle, tolerances, memory, w), Block(targets, results, left)
     closed = routine_at(handle, CLOSED) != 0
     if closed and task.exact == 1:
-        count = run_closed(job, task, scratch, targets, results, left, begin, end, w)
+        count = run_closed(job, task, scratch, block, begin, end)
     else:
         for i in range(begin, end):
             left[count], results[i, dof + EVALUATIONS] = i, 0.0
@@ -164,28 +154,18 @@ def solve_many(
     # the source.
     for nearby in (True, False):
         if not nearby or (closed and task.exact == 0):
-            count = run_lanes(job, task, scratch, queue, targets, results, left, count, nearby, w)
-    memory[0], numbers[0] = 0.0, 0  # Their last use, see `solve_pose`.
+            count = run_lanes(job, task, scratch, block, count, nearby)
+    memory[0] = 0.0  # Its last use, see `solve_pose`.
     return count
 
 
-@entry(
-    returns=I64,
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    targets=F64["k", 3, 4],
-    results=F64["k", "width"].out,
-    some=I64["*"],
-    begin=I64,
-    end=I64,
-    w=I64,
-)
+@entry
 def solve_some(
-    handle: Indices,
-    tolerances: Array,
-    targets: Array,
-    results: Array,
-    some: Indices,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "k", 3, 4],
+    results: Annotated[Array, "k", "width", OUT],
+    some: Annotated[Indices, "*"],
     begin: int,
     end: int,
     w: int,
@@ -201,66 +181,47 @@ def solve_some(
 
 
 @array_view
-def run_closed(
-    job: Job,
-    task: Task,
-    scratch: Scratch,
-    targets: Array,
-    results: Array,
-    left: Indices,
-    begin: int,
-    end: int,
-    w: int,
-) -> int:
+def run_closed(job: Job, task: Task, scratch: Scratch, block: Block, begin: int, end: int) -> int:
     """Solve targets begin … end-1 in closed form; write the indices of the others into `left` and return their number.
 
     For the targets left, `results` receives the evaluations spent so far.
     """
     leftover, dof = 0, len(task.lower)
     for t in range(begin, end):
-        q, report = results[t, :dof], results[t, dof:]
-        tried = closed_answer(
-            job.handle, job.tolerances, job.memory, targets[t], task.budget, q, MIDMOST, q, w
-        )
+        q, report = block.results[t, :dof], block.results[t, dof:]
+        tried = closed_answer(job, block.targets[t], task.budget, q, MIDMOST, q)
         if tried > 0:
             # It is judged already; the report is in `bound` of the scratch memory.
             for k in range(EVALUATIONS):
                 report[k] = scratch.bound[k]
             report[EVALUATIONS] = tried
         else:
-            left[leftover], report[EVALUATIONS] = t, -tried
+            block.left[leftover], report[EVALUATIONS] = t, -tried
             leftover += 1
     return leftover
 
 
-@inlined
-def run_lanes(
-    job: Job,
-    task: Task,
-    scratch: Scratch,
-    queue: Queue,
-    targets: Array,
-    results: Array,
-    left: Indices,
-    count: int,
-    nearby: bool,
-    w: int,
-) -> int:
-    """Process `count` targets with indices in `left`; write the unsolved ones back there and return their number.
+@array_view
+def run_lanes(job: Job, task: Task, scratch: Scratch, block: Block, count: int, nearby: bool) -> int:
+    """Process `count` targets with indices in `block.left`; write the unsolved ones back there and return their number.
 
     The starts are samples, or with `nearby` candidates of the nearby arm.
     """
     lanes, dof, steps = scratch.lanes, len(task.lower), CORRECTIONS if nearby else FIRST_STEPS
+    queue = Queue(
+        np.full(LANES, -1),
+        np.zeros(LANES, dtype=np.int64),
+        np.zeros(LANES, dtype=np.int64),
+        np.zeros(LANES, dtype=np.int64),
+    )
     reset_weights(task, scratch)
     leftover, number, active = 0, 0, LANES
-    for l in range(LANES):
-        queue.target[l] = -1
     # An upper bound: every target has a limited number of steps, and one lane might process all targets in sequence.
     for turn in range(1 + count * MOST_STARTS * (FIRST_STEPS + 1)):
         if active == 0:
             break
         if turn > 0:
-            iterate(job.handle, job.tolerances, job.memory, True, w)
+            iterate(job, True)
         for l in range(LANES):
             if queue.target[l] == -2:
                 continue
@@ -268,7 +229,7 @@ def run_lanes(
             if busy:
                 queue.spent[l] += 1
                 if within(task, lanes, l):
-                    write_result(task, scratch, queue, targets, results, l)
+                    write_result(task, scratch, queue, block, l)
                     busy = False
                 elif queue.steps[l] == steps or (not nearby and is_hopeless(lanes, queue.steps[l], l)):
                     more = True
@@ -277,16 +238,16 @@ def run_lanes(
             while more or (not busy and number < count):
                 if not more:
                     # Unsolved targets are written at places that have been read already.
-                    take_target(task, lanes, queue, targets, results, left[number], l)
+                    take_target(task, lanes, queue, block, block.left[number], l)
                     number += 1
                 if nearby:
-                    busy = next_candidate(job, task, scratch, queue, targets, l, w)
+                    busy = next_candidate(job, task, scratch, queue, block.targets, l)
                 else:
-                    busy = next_seed(task, scratch, queue, targets, l, w)
+                    busy = next_seed(task, scratch, queue, block.targets, l, job.width)
                 more = False
                 if not busy:
                     target = queue.target[l]
-                    left[leftover], results[target, dof + EVALUATIONS] = target, queue.spent[l]
+                    block.left[leftover], block.results[target, dof + EVALUATIONS] = target, queue.spent[l]
                     leftover += 1
             if not busy:
                 queue.target[l] = -2
@@ -295,12 +256,12 @@ def run_lanes(
 
 
 @inlined
-def write_result(task: Task, scratch: Scratch, queue: Queue, targets: Array, results: Array, l: int) -> None:
+def write_result(task: Task, scratch: Scratch, queue: Queue, block: Block, l: int) -> None:
     """Judge lane l by plain FK and write its row of the results."""
-    i, dof = queue.target[l], len(task.lower)
+    i, dof, results = queue.target[l], len(task.lower), block.results
     for j in range(dof):
         results[i, j] = scratch.lanes.q[j, l]
-    goal = GoalArrays(targets[i], task.position_weight, task.axis_weights)
+    goal = GoalArrays(block.targets[i], task.position_weight, task.axis_weights)
     middle(task, scratch.seed)
     finish(task, scratch, goal, scratch.seed, results[i, :dof], results[i, dof:])
     results[i, dof + EVALUATIONS] = queue.spent[l]

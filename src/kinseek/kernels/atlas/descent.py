@@ -9,14 +9,16 @@ import numpy as np
 from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
-from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.jit import array_view, inlined, routine
-from kinseek.kernels.pointers import call, part1
+from kinseek.kernels.arrays import Array, GoalArrays
+from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.pointers import call, routine
 
 from .lanes import (
-    BEFORE,
+    COSINE,
+    DISTANCE2,
     LANES,
-    STUBBORN,
+    RESIDUAL2,
+    SINE2,
     Lanes,
     lanes_forward,
     lanes_gram,
@@ -26,9 +28,17 @@ from .lanes import (
     lanes_residual,
     lanes_solve,
 )
-from .memory import Scratch, make_scratch, scratch_size
+from .memory import Scratch, scratch_of
 from .seeds import copy_joints, keep_joints, load_target, turns_fully
-from .task import ITERATE, JUDGE, TOLERANCES, WEIGHTED_ERROR, Job, Task, handle_at, routine_at, task_of
+from .task import (
+    ITERATE,
+    JUDGE,
+    WEIGHTED_ERROR,
+    Job,
+    Task,
+    routine_at,
+    task_at,
+)
 
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
 """Largest numbers of steps: from one of the first samples, from a sample of a deeper look-up, from a restart, and towards
@@ -74,7 +84,7 @@ LONGEST = 0.8
 def make_stubborn(lanes: Lanes, stubborn: float) -> None:
     """Make every second lane stubborn, or none, see `lanes_hold`; clear their last steps."""
     for l in range(LANES):
-        lanes.work[STUBBORN + l] = stubborn * (l % 2)
+        lanes.stubborn[l] = stubborn * (l % 2)
         for i in range(lanes.step.shape[0]):
             lanes.step[i, l] = 0.0
 
@@ -107,8 +117,8 @@ def reset_weights(task: Task, scratch: Scratch) -> None:
     scratch.damping[0] = DAMPING
     for l in range(LANES):
         scratch.floor[l] = FLOOR
-        lanes.weight[l] = 1.0 / task.length
-        lanes.weight[LANES + l] = 1.0 if task.columns[0] > 0.0 else 0.0
+        lanes.weight[0, l] = 1.0 / task.length
+        lanes.weight[1, l] = 1.0 if task.columns[0] > 0.0 else 0.0
 
 
 @array_view
@@ -124,25 +134,20 @@ def free_turn(task: Task) -> float:
 
 
 @array_view
-def iterate(handle: Indices, tolerances: Array, memory: Array, move: bool, w: int) -> int:
+def iterate(job: Job, move: bool) -> int:
     """Make one damped step of every lane if `move`; then compute poses, residuals and errors.
 
     The step is that of the task: `iterate_routine` for a pose, another for a goal with ranges.
     """
-    at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data)
-    done: int = call(routine_at(handle, ITERATE), (*at, int(move), w))
+    done: int = call(routine_at(job.handle, ITERATE), (job, move))
     return done
 
 
-@routine("int64(int64, int64, int64, int64, int64)")
-def iterate_routine(
-    handle_address: int, tolerances_address: int, memory_address: int, move: int, w: int
-) -> int:
+@routine
+def iterate_routine(job: Job, move: bool) -> int:
     """See `iterate`."""
-    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
-    task = task_of(handle, tolerances)
-    memory = part1(memory_address, 0, scratch_size(len(task.lower), len(task.chain.leader)))
-    scratch = make_scratch(memory, len(task.lower), len(task.chain.leader))
+    task, w = task_at(job), job.width
+    scratch = scratch_of(job, task)
     lanes = scratch.lanes
     if move:
         lanes_jacobian(task.chain.leader, task.links, lanes, free_turn(task), w)
@@ -159,36 +164,34 @@ def iterate_routine(
 def within(task: Task, lanes: Lanes, l: int) -> bool:
     """Return True if lane l is within both tolerances."""
     position, orientation = task.position_tolerance, task.orientation_tolerance
-    if lanes.error[l] > position * position:
+    if lanes.error[DISTANCE2, l] > position * position:
         return False
     if task.poses > 0:
         # The step of a goal with ranges stores squared angles, not sines.
-        turned: bool = lanes.error[LANES + l] <= orientation * orientation
+        turned: bool = lanes.error[SINE2, l] <= orientation * orientation
         return turned
     if task.columns[0] == 0.0:
         return True
     # The weighted cosine of a pose is (1 + 2 cos φ)/2, of a direction cos φ.
-    cosine = lanes.error[2 * LANES + l]
+    cosine = lanes.error[COSINE, l]
     ahead = cosine > 0.5 if task.columns[1] > 0.0 else cosine > 0.0
     # sin φ ≤ sin t where φ < t < π/2. For small t, t - t³/6 is a lower bound of sin t.
     bound = min(orientation, ALMOST_RIGHT)
     bound -= bound * bound * bound / 6.0
-    small: bool = lanes.error[LANES + l] <= bound * bound
+    small: bool = lanes.error[SINE2, l] <= bound * bound
     return ahead and small
 
 
 @inlined
 def is_hopeless(lanes: Lanes, made: int, l: int) -> bool:
     """Return True if lane l, one of the first samples, is to be given up; must be called after every step."""
-    error, before = lanes.error[3 * LANES + l], lanes.work[BEFORE + l]
-    lanes.work[BEFORE + l] = error
+    error, before = lanes.error[RESIDUAL2, l], lanes.before[l]
+    lanes.before[l] = error
     return made >= HOPELESS and error > LEAST_HOPE and error > 0.5 * before
 
 
 @inlined
-def descend_lanes(
-    job: Job, task: Task, scratch: Scratch, steps: int, everyone: bool, w: int
-) -> tuple[int, int]:
+def descend_lanes(job: Job, task: Task, scratch: Scratch, steps: int, everyone: bool) -> tuple[int, int]:
     """Refine the eight lanes; return the first lane that converged, or -1, and the number of steps made.
 
     The nearest seed has precedence: the solution of a later lane counts only after all earlier lanes have made their
@@ -198,7 +201,7 @@ def descend_lanes(
     lanes, dof, patient = scratch.lanes, len(task.lower), steps <= FIRST_STEPS or task.poses > 0
     first_ones = steps == FIRST_STEPS and task.poses == 0 and not everyone
     for made in range(steps + 1):
-        iterate(job.handle, job.tolerances, job.memory, made > 0, w)
+        iterate(job, made > 0)
         waiting, first = 0, -1
         for l in range(LANES):
             if scratch.state[l] == 0 and within(task, lanes, l):
@@ -218,10 +221,10 @@ def descend_lanes(
         if made % STALL == 0 and not patient:
             moving = made == 0
             for l in range(LANES):
-                error = lanes.error[3 * LANES + l]
-                hopeful = error < 0.5 * lanes.work[BEFORE + l] or error < NEARLY * NEARLY
+                error = lanes.error[RESIDUAL2, l]
+                hopeful = error < 0.5 * lanes.before[l] or error < NEARLY * NEARLY
                 moving = moving or (scratch.state[l] == 0 and hopeful)
-                lanes.work[BEFORE + l] = error
+                lanes.before[l] = error
             if not moving:
                 return first, made
     return -1, steps  # Not reached: the last step returns.
@@ -257,8 +260,7 @@ def keep_seed(scratch: Scratch, error: float) -> None:
 @array_view
 def judge_by_ranges(job: Job, q: Array, report: Array) -> int:
     """Judge joint values, (n,), by plain FK against ranges: write errors [m], [rad] and weighted into a report."""
-    at = (job.handle.ctypes.data, job.tolerances.ctypes.data, job.memory.ctypes.data)
-    done: int = call(routine_at(job.handle, JUDGE), (*at, q.ctypes.data, report.ctypes.data))
+    done: int = call(routine_at(job.handle, JUDGE), (job, q, report))
     return done
 
 

@@ -10,9 +10,9 @@ from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
 from kinseek.kernels.arm.range_error import range_weighted
-from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.jit import array_view, inlined, ir_inlined, routine
-from kinseek.kernels.pointers import call, part1, part2
+from kinseek.kernels.arrays import Array, GoalArrays, Limits
+from kinseek.kernels.jit import array_view, inlined, ir_inlined
+from kinseek.kernels.pointers import call, routine
 
 from .descent import (
     DEEP_STEPS,
@@ -26,9 +26,9 @@ from .descent import (
     lowest_row,
     reset_weights,
 )
-from .lanes import LANES
-from .memory import DEEP, Scratch, make_scratch, scratch_size
-from .newton import VALLEY_STEPS, WALK, WALK_STEPS, settle
+from .lanes import DISTANCE2, LANES, SINE2
+from .memory import DEEP, Scratch, scratch_of
+from .newton import DOWNHILL, VALLEY_STEPS, WALK, Walk, minimise
 from .seeds import (
     MORE,
     copy_joints,
@@ -39,7 +39,7 @@ from .seeds import (
     load_target,
     look_up,
 )
-from .task import ENDING, TOLERANCES, WEIGHT, Job, Task, handle_at, routine_at, task_of
+from .task import ENDING, WEIGHT, Job, Target, Task, routine_at, task_at
 
 BALANCES, BEARABLE, SMALL = 8, 10.0, 1e-30
 """Largest number of times that the two tolerances are rebalanced; the multiple of a tolerance beyond which this is
@@ -112,35 +112,28 @@ def fill_from_flips(task: Task, scratch: Scratch) -> int:
 
 
 @array_view
-def find_nearest_pose(handle: Indices, tolerances: Array, memory: Array, target: Array, w: int) -> int:
+def find_nearest_pose(job: Job, target: Array) -> int:
     """Refine the eight best to the nearest pose to an unreachable target, (3, 4); return FK evaluations."""
-    at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data, target.ctypes.data)
-    spent: int = call(routine_at(handle, ENDING), (*at, w))
+    spent: int = call(routine_at(job.handle, ENDING), (job, target))
     return spent
 
 
-@routine("int64(int64, int64, int64, int64, int64)")
-def ending_routine(
-    handle_address: int, tolerances_address: int, memory_address: int, target_address: int, w: int
-) -> int:
+@routine
+def ending_routine(job: Job, target: Target) -> int:
     """See `find_nearest_pose`."""
-    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
-    task = task_of(handle, tolerances)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    memory, target = part1(memory_address, 0, scratch_size(dof, joints)), part2(target_address, 0, 3, 4)
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory)
-    spent = 0
+    task, spent = task_at(job), 0
+    scratch = scratch_of(job, task)
     for turn in range(2):
         if turn > 0:
-            spent += look_around(job, task, scratch, target, w)
-        spent += polish(job, task, scratch, target, w)
+            spent += look_around(job, task, scratch, target)
+        spent += polish(job, task, scratch, target)
     if lowest(scratch.best_error) <= promise(task):
         spent += follow_valleys(task, scratch, target)
     return spent
 
 
 @ir_inlined
-def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: float, steps: int, w: int) -> int:
+def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: float, steps: int) -> int:
     """Minimise the weighted error from the eight best by a number of reweighted steps; return FK evaluations.
 
     `largest` is the largest K_A.
@@ -156,27 +149,27 @@ def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: floa
         floor[l] = POLISH_FLOOR * (job.tolerances[WEIGHT] * task.length + largest)
         scratch.state[l] = 0
         load_seed_row(lanes, l, scratch.best)
-        lanes.weight[LANES + l] = math.sqrt(largest)
+        lanes.weight[1, l] = math.sqrt(largest)
     for c in range(3):
         scratch.columns[c] = goal.axis_weights[c]
     scratch.damping[0] = 0.0
     for step in range(steps):
-        iterate(job.handle, job.tolerances, job.memory, step > 0, w)
+        iterate(job, step > 0)
         for l in range(LANES):
-            gap = math.sqrt(lanes.error[l])
+            gap = math.sqrt(lanes.error[DISTANCE2, l])
             far = math.sqrt(goal.position_weight / max(gap, NEAREST))
-            scale_p, scale_o = far / lanes.weight[l], 1.0
+            scale_p, scale_o = far / lanes.weight[0, l], 1.0
             if task.poses > 0:
-                turn = math.sqrt(lanes.error[LANES + l])
+                turn = math.sqrt(lanes.error[SINE2, l])
                 error = range_weighted(goal.position_weight, largest, gap, turn)
             else:
                 for r in range(3):
                     for c in range(4):
-                        scratch.spare[r, c] = lanes.pose[(4 * r + c) * LANES + l]
+                        scratch.spare[r, c] = lanes.pose[r, c, l]
                 error = weighted_error(scratch.spare, goal)
                 # Rows are scaled by the roots of the weights. The orientation rows hold K_A times √K_A at this point.
                 scale_o = 1.0 / largest if largest > 0.0 else 0.0
-            lanes.weight[l] = far
+            lanes.weight[0, l] = far
             if error <= scratch.best_error[l]:
                 if scratch.state[l] == 0:
                     floor[l] = max(LESS * floor[l], LEAST)
@@ -190,26 +183,26 @@ def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: floa
                 load_seed_row(lanes, l, scratch.best)
                 scale_p, scale_o = 0.0, 0.0  # This lane pauses for one step and continues from its best.
             for r in range(3):
-                lanes.residual[r * LANES + l] *= scale_p
-                lanes.residual[(3 + r) * LANES + l] *= scale_o
+                lanes.residual[r, l] *= scale_p
+                lanes.residual[3 + r, l] *= scale_o
     return steps * LANES
 
 
 @ir_inlined
-def polish(job: Job, task: Task, scratch: Scratch, target: Array, w: int) -> int:
+def polish(job: Job, task: Task, scratch: Scratch, target: Array) -> int:
     """Minimise the weighted error from the eight best; return FK evaluations.
 
     After the reweighted steps Newton's method refines each lane.
     """
-    goal = goal_of(task, target)
+    goal, limits = goal_of(task, target), Limits(task.lower, task.upper)
     largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
-    spent = reweigh(job, task, scratch, target, largest, POLISH_STEPS, w)
+    spent = reweigh(job, task, scratch, target, largest, POLISH_STEPS)
     worth = HOPELESS * lowest(scratch.best_error)
     for l in range(LANES):
         if scratch.best_error[l] > worth:
             continue
         copy_joints(scratch.best, l, scratch.seed)
-        spent += settle(task.chain, goal, False, WALK_STEPS, 0.0, task.lower, task.upper, scratch.seed)
+        spent += minimise(task.chain, goal, limits, DOWNHILL, scratch.seed)
         forward(task.chain, scratch.seed, scratch.spare)
         error = weighted_error(scratch.spare, goal)
         if error < scratch.best_error[l]:
@@ -226,7 +219,7 @@ def follow_valleys(task: Task, scratch: Scratch, target: Array) -> int:
     squares is minimised in which each tolerance counts as one. If its minimum still misses one tolerance, that one gets a
     larger weight.
     """
-    goal, spent = goal_of(task, target), 0
+    goal, limits, spent = goal_of(task, target), Limits(task.lower, task.upper), 0
     near, level = task.position_tolerance, task.orientation_tolerance
     both = near > 0.0 and level > 0.0
     # Half the sum of squares of a pose that meets both tolerances exactly, both counted in radians.
@@ -240,9 +233,8 @@ def follow_valleys(task: Task, scratch: Scratch, target: Array) -> int:
         copy_joints(scratch.best, l, scratch.seed)
         for _ in range(BALANCES):
             squares = GoalArrays(target, weight, task.columns)
-            spent += settle(
-                task.chain, squares, True, VALLEY_STEPS, least, task.lower, task.upper, scratch.seed
-            )
+            walk = Walk(True, VALLEY_STEPS, least)
+            spent += minimise(task.chain, squares, limits, walk, scratch.seed)
             forward(task.chain, scratch.seed, scratch.spare)
             position, orientation = errors(scratch.spare, goal)
             if position <= near and orientation <= level:
@@ -266,7 +258,7 @@ def promise(task: Task) -> float:
 
 
 @ir_inlined
-def look_around(job: Job, task: Task, scratch: Scratch, target: Array, w: int) -> int:
+def look_around(job: Job, task: Task, scratch: Scratch, target: Array) -> int:
     """Reach the best pose found from other starts, one of which may lead to a better pose; return FK evaluations.
 
     The nearest poses to an unreachable goal often occur as mirror images, equally near except for the limits.
@@ -287,7 +279,7 @@ def look_around(job: Job, task: Task, scratch: Scratch, target: Array, w: int) -
         else:
             begin, filled = fill_from_lookup(task, scratch, begin, found)
         if filled > 0:
-            _, made = descend_lanes(job, task, scratch, DEEP_STEPS if promising else FIRST_STEPS, True, w)
+            _, made = descend_lanes(job, task, scratch, DEEP_STEPS if promising else FIRST_STEPS, True)
             spent += (made + 1) * LANES
             keep_best(job, task, scratch, target)
     for l in range(LANES):

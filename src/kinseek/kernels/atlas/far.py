@@ -14,15 +14,15 @@ import numpy as np
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
-from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import array_view, inlined, routine
-from kinseek.kernels.pointers import call, floats1, part1, part2
+from kinseek.kernels.arrays import Array, Limits
+from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.pointers import call, floats1, routine
 
 from .descent import farthest_joint, goal_of, keep_best, lowest, lowest_row, start
 from .ending import fill_from_flips, reweigh
 from .lanes import LANES
-from .memory import Scratch, make_scratch, scratch_size
-from .newton import WALK, WALK_STEPS, settle
+from .memory import Scratch, scratch_of
+from .newton import DOWNHILL, WALK, minimise
 from .seeds import copy_joints, fill_from_lookup, keep_joints, look_up, restart
 from .task import (
     DISTANT,
@@ -32,12 +32,12 @@ from .task import (
     POSITION,
     SHOULDER,
     SPAN,
-    TOLERANCES,
     Job,
+    Joints,
+    Target,
     Task,
-    handle_at,
     routine_at,
-    task_of,
+    task_at,
 )
 
 BEYOND = 1.1
@@ -68,9 +68,9 @@ MOST = (STEPS + STEPS_AFTER + 2 * WALK) * LANES
 
 
 @array_view
-def is_far(handle: Indices, tolerances: Array, target: Array) -> bool:
+def is_far(job: Job, target: Array) -> bool:
     """Return True if a target, (3, 4), is farther away than `BEYOND` times the length of the links."""
-    lengths = floats1(handle, LENGTHS)
+    lengths, tolerances = floats1(job.handle, LENGTHS), job.tolerances
     total, slack = 0.0, tolerances[POSITION] + ROUNDED
     for r in range(3):
         gap = target[r, 3] - lengths[SHOULDER + r]
@@ -83,17 +83,16 @@ def is_far(handle: Indices, tolerances: Array, target: Array) -> bool:
 
 
 @array_view
-def nearest_to_far(handle: Indices, tolerances: Array, memory: Array, target: Array, q: Array, w: int) -> int:
+def nearest_to_far(job: Job, target: Array, q: Array) -> int:
     """Write the nearest pose to a target for which `is_far` holds into q, (n,); return FK evaluations."""
-    at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data, target.ctypes.data)
-    spent: int = call(routine_at(handle, DISTANT), (*at, q.ctypes.data, w))
+    spent: int = call(routine_at(job.handle, DISTANT), (job, target, q))
     return spent
 
 
 @inlined
 def settle_best(task: Task, scratch: Scratch, target: Array) -> int:
     """Walk from the best of the eight to a minimum, in order of their errors; return FK evaluations."""
-    goal, spent = goal_of(task, target), 0
+    goal, limits, spent = goal_of(task, target), Limits(task.lower, task.upper), 0
     for _ in range(LANES):
         least, row = lowest(scratch.best_error), -1
         for l in range(LANES):
@@ -111,7 +110,7 @@ def settle_best(task: Task, scratch: Scratch, target: Array) -> int:
         scratch.state[row] = SETTLED
         if twin:
             continue
-        spent += settle(task.chain, goal, False, WALK_STEPS, 0.0, task.lower, task.upper, scratch.seed)
+        spent += minimise(task.chain, goal, limits, DOWNHILL, scratch.seed)
         forward(task.chain, scratch.seed, scratch.spare)
         error = weighted_error(scratch.spare, goal)
         if error < scratch.best_error[row]:
@@ -120,23 +119,11 @@ def settle_best(task: Task, scratch: Scratch, target: Array) -> int:
     return spent
 
 
-@routine("int64(int64, int64, int64, int64, int64, int64)")
-def far_routine(
-    handle_address: int,
-    tolerances_address: int,
-    memory_address: int,
-    target_address: int,
-    q_address: int,
-    w: int,
-) -> int:
+@routine
+def far_routine(job: Job, target: Target, q: Joints) -> int:
     """See `nearest_to_far`."""
-    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
-    task = task_of(handle, tolerances)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    memory = part1(memory_address, 0, scratch_size(dof, joints))
-    target, q = part2(target_address, 0, 3, 4), part1(q_address, 0, dof)
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory)
-    goal = goal_of(task, target)
+    task = task_at(job)
+    scratch, goal = scratch_of(job, task), goal_of(task, target)
     largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
     start(task, scratch, target)
     begin, found = 0, look_up(task, scratch, target, BESIDE)
@@ -160,7 +147,7 @@ def far_routine(
                 forward(task.chain, scratch.seed, scratch.spare)
                 scratch.best_error[l] = weighted_error(scratch.spare, goal)
                 keep_joints(scratch.best, l, scratch.seed)
-        spent += reweigh(job, task, scratch, target, largest, STEPS if turn == 0 else STEPS_AFTER, w)
+        spent += reweigh(job, task, scratch, target, largest, STEPS if turn == 0 else STEPS_AFTER)
         if top >= 0:
             scratch.state[top] = SETTLED
         spent += settle_best(task, scratch, target)

@@ -1,8 +1,8 @@
 """Damped Newton steps for eight configurations at once, one in each SIMD lane.
 
-Every array is flat, row after row of `LANES` numbers, and every innermost loop runs over the lanes, so that LLVM turns it
-into vector instructions. The trip count is an argument, `w`, always equal to `LANES`: if it were a constant, LLVM would
-unroll the loop before it could vectorise it. Lanes do not read each other, so the result of a lane does not depend on the
+The last index of every array is the lane, and every innermost loop runs over the lanes, so that LLVM turns it into vector
+instructions. The trip count is an argument, `w`, always equal to `LANES`: if it were a constant, LLVM would unroll the
+loop before it could vectorise it. Lanes do not read each other, so the result of a lane does not depend on the
 others, bit by bit.
 
 The step is that of Levenberg and Marquardt with Chan's damping (Chan and Lawrence 1988). The residual e is scaled so that
@@ -13,7 +13,7 @@ J, instead of being clamped after the solution.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from kinseek.kernels.arm.links import (
     ADDS,
@@ -27,9 +27,9 @@ from kinseek.kernels.arm.links import (
     V,
 )
 from kinseek.kernels.arm.trigonometry import sine_cosine
+from kinseek.kernels.arm.vectors import Twist, Vector, cross, dot, minus, plus, scaled, twist_dot
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import inlined
-from kinseek.kernels.layout import DOF, JOINTS, Layout, floats
 
 LANES = 8
 """Configurations in parallel: as many as the widest vectors hold doubles."""
@@ -38,56 +38,80 @@ LOST = 1e-15
 """Rounding error of the factorisation relative to the trace; the damping must exceed it. Otherwise a row that no joint
 moves could lead to a division by zero, next to one that a joint moves far."""
 
-SHARE, BEFORE, STUBBORN = 0, LANES, 3 * LANES
-"""First rows of `Lanes.work`: the fraction of the last step that was taken; an earlier |e|² for comparison; and 1 for a
-stubborn lane, see `lanes_hold`, else 0."""
+DISTANCE2, SINE2, COSINE, RESIDUAL2 = range(4)
+"""Rows of `Lanes.error`: squared position error [m²]; squared sine of the angle to the target; its cosine, times the number
+of columns that count; and |e|²."""
 
 UNLIMITED = 1e300
 """A joint with limits at least this wide counts as unlimited."""
 
 
 class Lanes(NamedTuple):
-    """State of eight configurations; row r of lane l is element ``r · LANES + l`` of a flat array."""
+    """State of eight configurations, one in each lane."""
 
-    q: Array
+    q: Annotated[Array, "dof", LANES]
     """Joint values, (n, LANES)."""
-    target: Array
-    """Target poses, 12 rows, row-major (3, 4)."""
-    pose: Array
-    """Tip poses at q, 12 rows."""
-    axes: Array
-    """Axis direction and a point on it of every physical joint, 6 rows each, (m, 6 · LANES)."""
-    jacobian: Array
-    """Columns of the scaled Jacobian, 6 rows each, (n, 6 · LANES)."""
-    gram: Array
-    """Lower triangle of J Jᵀ + λ I, 21 rows, then its factor."""
-    residual: Array
-    """Scaled residual e, 6 rows, then the solution of the 6x6 system."""
-    step: Array
+    target: Annotated[Array, 3, 4, LANES]
+    """Target poses, (3, 4, LANES)."""
+    pose: Annotated[Array, 3, 4, LANES]
+    """Tip poses at q, (3, 4, LANES)."""
+    axes: Annotated[Array, "joints", 6, LANES]
+    """Direction of the axis of every physical joint and a point on it, (m, 6, LANES)."""
+    jacobian: Annotated[Array, "dof", 6, LANES]
+    """Columns of the scaled Jacobian, (n, 6, LANES)."""
+    gram: Annotated[Array, 21, LANES]
+    """Lower triangle of J Jᵀ + λ I row by row, (21, LANES)."""
+    residual: Annotated[Array, 6, LANES]
+    """Scaled residual e, then the solution of the 6x6 system, (6, LANES)."""
+    step: Annotated[Array, "dof", LANES]
     """dq, (n, LANES)."""
-    work: Array
-    """Values kept between loops, 4 rows, see `SHARE`, `BEFORE` and `STUBBORN`."""
-    error: Array
-    """Squared position error [m²], squared sine of the angle, its cosine, and |e|², 4 rows."""
-    weight: Array
-    """Scale of the position rows [1/m] and of the orientation rows, 2 rows."""
+    share: Annotated[Array, LANES]
+    """Fraction of the last step that was taken, (LANES,)."""
+    before: Annotated[Array, LANES]
+    """An earlier |e|² for comparison, (LANES,)."""
+    stubborn: Annotated[Array, LANES]
+    """1 for a stubborn lane, see `lanes_hold`, else 0, (LANES,)."""
+    error: Annotated[Array, 4, LANES]
+    """See `DISTANCE2`, (4, LANES)."""
+    weight: Annotated[Array, 2, LANES]
+    """Scale of the position rows [1/m] and of the orientation rows, (2, LANES)."""
 
 
-LAYOUT = Layout(
-    Lanes,
-    q=floats(DOF, LANES),
-    jacobian=floats(DOF, 6 * LANES),
-    step=floats(DOF, LANES),
-    axes=floats(JOINTS, 6 * LANES),
-    target=floats(12 * LANES),
-    pose=floats(12 * LANES),
-    gram=floats(21 * LANES),
-    residual=floats(6 * LANES),
-    work=floats(4 * LANES),
-    error=floats(4 * LANES),
-    weight=floats(2 * LANES),
-)
-"""Layout of the lanes of an arm in memory."""
+class Link(NamedTuple):
+    """The fixed part of a joint, ``Tr(u, v, 0) Rx(α)``, see `arm.links`."""
+
+    sine: float
+    cosine: float
+    u: float
+    v: float
+
+
+@inlined
+def twist_at(rows: Array, l: int) -> Twist:
+    """Six rows of a lane, (6, LANES): a residual, or a column of the Jacobian."""
+    return Twist(Vector(rows[0, l], rows[1, l], rows[2, l]), Vector(rows[3, l], rows[4, l], rows[5, l]))
+
+
+@inlined
+def set_twist(rows: Array, l: int, value: Twist) -> None:
+    """Set six rows of a lane, (6, LANES)."""
+    rows[0, l], rows[1, l], rows[2, l] = value.linear
+    rows[3, l], rows[4, l], rows[5, l] = value.angular
+
+
+@inlined
+def pose_column(T: Array, c: int, l: int) -> Vector:
+    """Column c of the pose of a lane, (3, 4, LANES)."""
+    return Vector(T[0, c, l], T[1, c, l], T[2, c, l])
+
+
+@inlined
+def advance_row(row: Array, l: int, link: Link, c: float, s: float, slide: float) -> None:
+    """Multiply one row of the pose of a lane, (4, LANES), by a link and a joint at the angle of c and s."""
+    x, before, z = row[0, l], row[1, l], row[2, l]
+    p = row[3, l] + link.u * x + link.v * before
+    y, z = link.cosine * before + link.sine * z, link.cosine * z - link.sine * before
+    row[0, l], row[1, l], row[2, l], row[3, l] = x * c + y * s, y * c - x * s, z, p + z * slide
 
 
 @inlined
@@ -100,45 +124,31 @@ def lanes_forward(leader: Indices, links: Array, lanes: Lanes, w: int) -> None:
         lanes: Holds q; receives poses and axes.
         w: LANES.
     """
-    W, q, T, axes, joints = LANES, lanes.q, lanes.pose, lanes.axes, len(leader)
-    for r in range(12):
-        value = links[joints, r]
-        for l in range(w):
-            T[r * W + l] = value
-    for k in range(joints):
-        i, sa, ca, u, v = leader[k], links[k, TWIST_SINE], links[k, TWIST_COSINE], links[k, U], links[k, V]
-        turn, turned = links[k, TURN_RATE], links[k, TURN_OFFSET]
-        slide, slid = links[k, SLIDE_RATE], links[k, SLIDE_OFFSET]
-        for l in range(w):
-            s, c = sine_cosine(turn * q[i, l] + turned)
-            d = slide * q[i, l] + slid
-            x, b, z = T[l], T[W + l], T[2 * W + l]
-            p = T[3 * W + l] + u * x + v * b
-            y, z = ca * b + sa * z, ca * z - sa * b
-            p += z * d
-            T[l], T[W + l], T[2 * W + l], T[3 * W + l] = x * c + y * s, y * c - x * s, z, p
-            axes[k, l], axes[k, 3 * W + l] = z, p
-            x, b, z = T[4 * W + l], T[5 * W + l], T[6 * W + l]
-            p = T[7 * W + l] + u * x + v * b
-            y, z = ca * b + sa * z, ca * z - sa * b
-            p += z * d
-            T[4 * W + l], T[5 * W + l], T[6 * W + l], T[7 * W + l] = x * c + y * s, y * c - x * s, z, p
-            axes[k, W + l], axes[k, 4 * W + l] = z, p
-            x, b, z = T[8 * W + l], T[9 * W + l], T[10 * W + l]
-            p = T[11 * W + l] + u * x + v * b
-            y, z = ca * b + sa * z, ca * z - sa * b
-            p += z * d
-            T[8 * W + l], T[9 * W + l], T[10 * W + l], T[11 * W + l] = x * c + y * s, y * c - x * s, z, p
-            axes[k, 2 * W + l], axes[k, 5 * W + l] = z, p
-    A = links[joints + 1]
+    q, T, axes, joints = lanes.q, lanes.pose, lanes.axes, len(leader)
     for r in range(3):
-        o = 4 * r * W
+        for c in range(4):
+            for l in range(w):
+                T[r, c, l] = links[joints, 4 * r + c]
+    for k in range(joints):
+        i, row = leader[k], links[k]
+        link = Link(row[TWIST_SINE], row[TWIST_COSINE], row[U], row[V])
+        turn, turned, slide, slid = row[TURN_RATE], row[TURN_OFFSET], row[SLIDE_RATE], row[SLIDE_OFFSET]
         for l in range(w):
-            x, y, z, p = T[o + l], T[o + W + l], T[o + 2 * W + l], T[o + 3 * W + l]
-            T[o + l] = x * A[0] + y * A[4] + z * A[8]
-            T[o + W + l] = x * A[1] + y * A[5] + z * A[9]
-            T[o + 2 * W + l] = x * A[2] + y * A[6] + z * A[10]
-            T[o + 3 * W + l] = x * A[3] + y * A[7] + z * A[11] + p
+            sine, cosine = sine_cosine(turn * q[i, l] + turned)
+            d = slide * q[i, l] + slid
+            advance_row(T[0], l, link, cosine, sine, d)
+            advance_row(T[1], l, link, cosine, sine, d)
+            advance_row(T[2], l, link, cosine, sine, d)
+            axes[k, 0, l], axes[k, 1, l], axes[k, 2, l] = T[0, 2, l], T[1, 2, l], T[2, 2, l]
+            axes[k, 3, l], axes[k, 4, l], axes[k, 5, l] = T[0, 3, l], T[1, 3, l], T[2, 3, l]
+    tip = links[joints + 1]
+    for r in range(3):
+        for l in range(w):
+            x, y, z, p = T[r, 0, l], T[r, 1, l], T[r, 2, l], T[r, 3, l]
+            T[r, 0, l] = x * tip[0] + y * tip[4] + z * tip[8]
+            T[r, 1, l] = x * tip[1] + y * tip[5] + z * tip[9]
+            T[r, 2, l] = x * tip[2] + y * tip[6] + z * tip[10]
+            T[r, 3, l] = x * tip[3] + y * tip[7] + z * tip[11] + p
 
 
 @inlined
@@ -148,61 +158,50 @@ def lanes_residual(lanes: Lanes, columns: Array, w: int) -> None:
     The orientation part is ``Σ_c columns_c c × c_g``, the downhill direction of ``Σ_c columns_c (1 - c·c_g)``.
     """
     T, G, e, error, weight = lanes.pose, lanes.target, lanes.residual, lanes.error, lanes.weight
-    W = LANES
     for l in range(w):
-        dx, dy, dz = G[3 * W + l] - T[3 * W + l], G[7 * W + l] - T[7 * W + l], G[11 * W + l] - T[11 * W + l]
-        error[l] = dx * dx + dy * dy + dz * dz
-        wp = weight[l]
-        e[l], e[W + l], e[2 * W + l] = wp * dx, wp * dy, wp * dz
-        e[3 * W + l] = e[4 * W + l] = e[5 * W + l] = 0.0
-        error[2 * W + l] = 0.0
+        gap = minus(pose_column(G, 3, l), pose_column(T, 3, l))
+        error[DISTANCE2, l], error[COSINE, l] = dot(gap, gap), 0.0
+        set_twist(e, l, Twist(scaled(weight[0, l], gap), Vector(0.0, 0.0, 0.0)))
     for c in range(3):
-        col, o = columns[c], c * W
-        if col == 0.0:
+        weight_c = columns[c]
+        if weight_c == 0.0:
             continue
         for l in range(w):
-            ax, ay, az = T[o + l], T[o + 4 * W + l], T[o + 8 * W + l]
-            bx, by, bz = G[o + l], G[o + 4 * W + l], G[o + 8 * W + l]
-            e[3 * W + l] += col * (ay * bz - az * by)
-            e[4 * W + l] += col * (az * bx - ax * bz)
-            e[5 * W + l] += col * (ax * by - ay * bx)
-            error[2 * W + l] += col * (ax * bx + ay * by + az * bz)
+            axis, goal = pose_column(T, c, l), pose_column(G, c, l)
+            turn = cross(axis, goal)
+            e[3, l] += weight_c * turn.x
+            e[4, l] += weight_c * turn.y
+            e[5, l] += weight_c * turn.z
+            error[COSINE, l] += weight_c * dot(axis, goal)
     for l in range(w):
-        ex, ey, ez = e[3 * W + l], e[4 * W + l], e[5 * W + l]
-        error[W + l] = ex * ex + ey * ey + ez * ez
-        wo = weight[W + l]
-        e[3 * W + l], e[4 * W + l], e[5 * W + l] = wo * ex, wo * ey, wo * ez
-        error[3 * W + l] = weight[l] * weight[l] * error[l] + wo * wo * error[W + l]
+        turn = Vector(e[3, l], e[4, l], e[5, l])
+        error[SINE2, l] = dot(turn, turn)
+        wp, wo = weight[0, l], weight[1, l]
+        e[3, l], e[4, l], e[5, l] = scaled(wo, turn)
+        error[RESIDUAL2, l] = wp * wp * error[DISTANCE2, l] + wo * wo * error[SINE2, l]
 
 
 @inlined
 def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: int) -> None:
     """Compute the scaled geometric Jacobian of every lane; `free` = 1 ignores rotation about the tool's x axis."""
-    W, T, J, axes, weight = LANES, lanes.pose, lanes.jacobian, lanes.axes, lanes.weight
+    T, J, axes, weight = lanes.pose, lanes.jacobian, lanes.axes, lanes.weight
     for k in range(len(leader)):
         i, turn, slide = leader[k], links[k, TURN_RATE], links[k, SLIDE_RATE]
         adds = links[k, ADDS] > 0.0
         for l in range(w):
-            zx, zy, zz = axes[k, l], axes[k, W + l], axes[k, 2 * W + l]
-            px = T[3 * W + l] - axes[k, 3 * W + l]
-            py = T[7 * W + l] - axes[k, 4 * W + l]
-            pz = T[11 * W + l] - axes[k, 5 * W + l]
-            wp, wo = turn * weight[l], turn * weight[W + l]
-            ws = slide * weight[l]
-            tx, ty, tz = T[l], T[4 * W + l], T[8 * W + l]
-            along = free * (zx * tx + zy * ty + zz * tz)
-            j0 = wp * (zy * pz - zz * py) + ws * zx
-            j1 = wp * (zz * px - zx * pz) + ws * zy
-            j2 = wp * (zx * py - zy * px) + ws * zz
-            j3, j4, j5 = wo * (zx - along * tx), wo * (zy - along * ty), wo * (zz - along * tz)
-            j0 += J[i, l] if adds else 0.0
-            j1 += J[i, W + l] if adds else 0.0
-            j2 += J[i, 2 * W + l] if adds else 0.0
-            j3 += J[i, 3 * W + l] if adds else 0.0
-            j4 += J[i, 4 * W + l] if adds else 0.0
-            j5 += J[i, 5 * W + l] if adds else 0.0
-            J[i, l], J[i, W + l], J[i, 2 * W + l] = j0, j1, j2
-            J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l] = j3, j4, j5
+            joint, tool = twist_at(axes[k], l), pose_column(T, 0, l)
+            axis, lever = joint.linear, minus(pose_column(T, 3, l), joint.angular)
+            wp, wo, ws = turn * weight[0, l], turn * weight[1, l], slide * weight[0, l]
+            along = free * dot(axis, tool)
+            linear = plus(scaled(wp, cross(axis, lever)), scaled(ws, axis))
+            angular = scaled(wo, minus(axis, scaled(along, tool)))
+            before = twist_at(J[i], l)
+            J[i, 0, l] = linear.x + (before.linear.x if adds else 0.0)
+            J[i, 1, l] = linear.y + (before.linear.y if adds else 0.0)
+            J[i, 2, l] = linear.z + (before.linear.z if adds else 0.0)
+            J[i, 3, l] = angular.x + (before.angular.x if adds else 0.0)
+            J[i, 4, l] = angular.y + (before.angular.y if adds else 0.0)
+            J[i, 5, l] = angular.z + (before.angular.z if adds else 0.0)
 
 
 @inlined
@@ -212,21 +211,18 @@ def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
     A stubborn lane also removes the joints that the last step would have moved outward. Truncating a step spoils its
     other components, so convergence is slow if many joints are at limits.
     """
-    W, J, q, e, step, work = LANES, lanes.jacobian, lanes.q, lanes.residual, lanes.step, lanes.work
+    J, q, e, step, stubborn = lanes.jacobian, lanes.q, lanes.residual, lanes.step, lanes.stubborn
     for i in range(len(lower)):
         low, high = lower[i], upper[i]
         if low <= -UNLIMITED:
             continue
         for l in range(w):
-            j0, j1, j2 = J[i, l], J[i, W + l], J[i, 2 * W + l]
-            j3, j4, j5 = J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l]
-            push = j0 * e[l] + j1 * e[W + l] + j2 * e[2 * W + l]
-            push += j3 * e[3 * W + l] + j4 * e[4 * W + l] + j5 * e[5 * W + l]
-            last = work[STUBBORN + l] * step[i, l]
+            column = twist_at(J[i], l)
+            push = twist_dot(column, twist_at(e, l))
+            last = stubborn[l] * step[i, l]
             held = (q[i, l] >= high and max(push, last) > 0.0) or (q[i, l] <= low and min(push, last) < 0.0)
             move = 0.0 if held else 1.0
-            J[i, l], J[i, W + l], J[i, 2 * W + l] = move * j0, move * j1, move * j2
-            J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l] = move * j3, move * j4, move * j5
+            set_twist(J[i], l, Twist(scaled(move, column.linear), scaled(move, column.angular)))
 
 
 @inlined
@@ -236,111 +232,108 @@ def lanes_gram(damping: float, floor: Array, lanes: Lanes, w: int) -> None:
     The lower bound keeps the factorisation finite. Two joints are processed at a time, because half of the work is to
     load and store the sums; a last odd joint is processed alone.
     """
-    W, A, J, dof = LANES, lanes.gram, lanes.jacobian, lanes.jacobian.shape[0]
-    for i in range(21 * W):
-        A[i] = 0.0
+    A, J, dof = lanes.gram, lanes.jacobian, lanes.jacobian.shape[0]
+    for r in range(21):
+        for l in range(w):
+            A[r, l] = 0.0
     for pair in range((dof + 1) // 2):
         i = 2 * pair
         k = min(i + 1, dof - 1)
         once = 1.0 if k > i else 0.0
         for l in range(w):
-            a0, a1, a2 = J[i, l], J[i, W + l], J[i, 2 * W + l]
-            a3, a4, a5 = J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l]
-            b0, b1, b2 = once * J[k, l], once * J[k, W + l], once * J[k, 2 * W + l]
-            b3, b4, b5 = once * J[k, 3 * W + l], once * J[k, 4 * W + l], once * J[k, 5 * W + l]
-            A[l] += a0 * a0 + b0 * b0
-            A[W + l] += a1 * a0 + b1 * b0
-            A[2 * W + l] += a1 * a1 + b1 * b1
-            A[3 * W + l] += a2 * a0 + b2 * b0
-            A[4 * W + l] += a2 * a1 + b2 * b1
-            A[5 * W + l] += a2 * a2 + b2 * b2
-            A[6 * W + l] += a3 * a0 + b3 * b0
-            A[7 * W + l] += a3 * a1 + b3 * b1
-            A[8 * W + l] += a3 * a2 + b3 * b2
-            A[9 * W + l] += a3 * a3 + b3 * b3
-            A[10 * W + l] += a4 * a0 + b4 * b0
-            A[11 * W + l] += a4 * a1 + b4 * b1
-            A[12 * W + l] += a4 * a2 + b4 * b2
-            A[13 * W + l] += a4 * a3 + b4 * b3
-            A[14 * W + l] += a4 * a4 + b4 * b4
-            A[15 * W + l] += a5 * a0 + b5 * b0
-            A[16 * W + l] += a5 * a1 + b5 * b1
-            A[17 * W + l] += a5 * a2 + b5 * b2
-            A[18 * W + l] += a5 * a3 + b5 * b3
-            A[19 * W + l] += a5 * a4 + b5 * b4
-            A[20 * W + l] += a5 * a5 + b5 * b5
+            a0, a1, a2 = J[i, 0, l], J[i, 1, l], J[i, 2, l]
+            a3, a4, a5 = J[i, 3, l], J[i, 4, l], J[i, 5, l]
+            b0, b1, b2 = once * J[k, 0, l], once * J[k, 1, l], once * J[k, 2, l]
+            b3, b4, b5 = once * J[k, 3, l], once * J[k, 4, l], once * J[k, 5, l]
+            A[0, l] += a0 * a0 + b0 * b0
+            A[1, l] += a1 * a0 + b1 * b0
+            A[2, l] += a1 * a1 + b1 * b1
+            A[3, l] += a2 * a0 + b2 * b0
+            A[4, l] += a2 * a1 + b2 * b1
+            A[5, l] += a2 * a2 + b2 * b2
+            A[6, l] += a3 * a0 + b3 * b0
+            A[7, l] += a3 * a1 + b3 * b1
+            A[8, l] += a3 * a2 + b3 * b2
+            A[9, l] += a3 * a3 + b3 * b3
+            A[10, l] += a4 * a0 + b4 * b0
+            A[11, l] += a4 * a1 + b4 * b1
+            A[12, l] += a4 * a2 + b4 * b2
+            A[13, l] += a4 * a3 + b4 * b3
+            A[14, l] += a4 * a4 + b4 * b4
+            A[15, l] += a5 * a0 + b5 * b0
+            A[16, l] += a5 * a1 + b5 * b1
+            A[17, l] += a5 * a2 + b5 * b2
+            A[18, l] += a5 * a3 + b5 * b3
+            A[19, l] += a5 * a4 + b5 * b4
+            A[20, l] += a5 * a5 + b5 * b5
     for l in range(w):
-        trace = A[l] + A[2 * W + l] + A[5 * W + l] + A[9 * W + l] + A[14 * W + l] + A[20 * W + l]
-        damp = damping * lanes.error[3 * W + l] + max(floor[l], LOST * trace)
-        A[l] += damp
-        A[2 * W + l] += damp
-        A[5 * W + l] += damp
-        A[9 * W + l] += damp
-        A[14 * W + l] += damp
-        A[20 * W + l] += damp
+        trace = A[0, l] + A[2, l] + A[5, l] + A[9, l] + A[14, l] + A[20, l]
+        damp = damping * lanes.error[RESIDUAL2, l] + max(floor[l], LOST * trace)
+        A[0, l] += damp
+        A[2, l] += damp
+        A[5, l] += damp
+        A[9, l] += damp
+        A[14, l] += damp
+        A[20, l] += damp
 
 
 @inlined
 def lanes_solve(lanes: Lanes, w: int) -> None:
     """Solve the 6x6 systems by the Cholesky factorisation L D Lᵀ; overwrite the residual."""
-    W, A, e = LANES, lanes.gram, lanes.residual
+    A, e = lanes.gram, lanes.residual
     for l in range(w):
-        d0 = 1.0 / A[l]
-        a10, a20, a30, a40, a50 = A[W + l], A[3 * W + l], A[6 * W + l], A[10 * W + l], A[15 * W + l]
+        d0 = 1.0 / A[0, l]
+        a10, a20, a30, a40, a50 = A[1, l], A[3, l], A[6, l], A[10, l], A[15, l]
         l10, l20, l30, l40, l50 = a10 * d0, a20 * d0, a30 * d0, a40 * d0, a50 * d0
-        d1 = 1.0 / (A[2 * W + l] - l10 * a10)
-        a21, a31 = A[4 * W + l] - l20 * a10, A[7 * W + l] - l30 * a10
-        a41, a51 = A[11 * W + l] - l40 * a10, A[16 * W + l] - l50 * a10
+        d1 = 1.0 / (A[2, l] - l10 * a10)
+        a21, a31 = A[4, l] - l20 * a10, A[7, l] - l30 * a10
+        a41, a51 = A[11, l] - l40 * a10, A[16, l] - l50 * a10
         l21, l31, l41, l51 = a21 * d1, a31 * d1, a41 * d1, a51 * d1
-        d2 = 1.0 / (A[5 * W + l] - l20 * a20 - l21 * a21)
-        a32 = A[8 * W + l] - l30 * a20 - l31 * a21
-        a42 = A[12 * W + l] - l40 * a20 - l41 * a21
-        a52 = A[17 * W + l] - l50 * a20 - l51 * a21
+        d2 = 1.0 / (A[5, l] - l20 * a20 - l21 * a21)
+        a32 = A[8, l] - l30 * a20 - l31 * a21
+        a42 = A[12, l] - l40 * a20 - l41 * a21
+        a52 = A[17, l] - l50 * a20 - l51 * a21
         l32, l42, l52 = a32 * d2, a42 * d2, a52 * d2
-        d3 = 1.0 / (A[9 * W + l] - l30 * a30 - l31 * a31 - l32 * a32)
-        a43 = A[13 * W + l] - l40 * a30 - l41 * a31 - l42 * a32
-        a53 = A[18 * W + l] - l50 * a30 - l51 * a31 - l52 * a32
+        d3 = 1.0 / (A[9, l] - l30 * a30 - l31 * a31 - l32 * a32)
+        a43 = A[13, l] - l40 * a30 - l41 * a31 - l42 * a32
+        a53 = A[18, l] - l50 * a30 - l51 * a31 - l52 * a32
         l43, l53 = a43 * d3, a53 * d3
-        d4 = 1.0 / (A[14 * W + l] - l40 * a40 - l41 * a41 - l42 * a42 - l43 * a43)
-        a54 = A[19 * W + l] - l50 * a40 - l51 * a41 - l52 * a42 - l53 * a43
+        d4 = 1.0 / (A[14, l] - l40 * a40 - l41 * a41 - l42 * a42 - l43 * a43)
+        a54 = A[19, l] - l50 * a40 - l51 * a41 - l52 * a42 - l53 * a43
         l54 = a54 * d4
-        d5 = 1.0 / (A[20 * W + l] - l50 * a50 - l51 * a51 - l52 * a52 - l53 * a53 - l54 * a54)
-        y0 = e[l]
-        y1 = e[W + l] - l10 * y0
-        y2 = e[2 * W + l] - l20 * y0 - l21 * y1
-        y3 = e[3 * W + l] - l30 * y0 - l31 * y1 - l32 * y2
-        y4 = e[4 * W + l] - l40 * y0 - l41 * y1 - l42 * y2 - l43 * y3
-        y5 = e[5 * W + l] - l50 * y0 - l51 * y1 - l52 * y2 - l53 * y3 - l54 * y4
+        d5 = 1.0 / (A[20, l] - l50 * a50 - l51 * a51 - l52 * a52 - l53 * a53 - l54 * a54)
+        y0 = e[0, l]
+        y1 = e[1, l] - l10 * y0
+        y2 = e[2, l] - l20 * y0 - l21 * y1
+        y3 = e[3, l] - l30 * y0 - l31 * y1 - l32 * y2
+        y4 = e[4, l] - l40 * y0 - l41 * y1 - l42 * y2 - l43 * y3
+        y5 = e[5, l] - l50 * y0 - l51 * y1 - l52 * y2 - l53 * y3 - l54 * y4
         x5 = y5 * d5
         x4 = y4 * d4 - l54 * x5
         x3 = y3 * d3 - l43 * x4 - l53 * x5
         x2 = y2 * d2 - l32 * x3 - l42 * x4 - l52 * x5
         x1 = y1 * d1 - l21 * x2 - l31 * x3 - l41 * x4 - l51 * x5
         x0 = y0 * d0 - l10 * x1 - l20 * x2 - l30 * x3 - l40 * x4 - l50 * x5
-        e[l], e[W + l], e[2 * W + l], e[3 * W + l], e[4 * W + l], e[5 * W + l] = x0, x1, x2, x3, x4, x5
+        e[0, l], e[1, l], e[2, l], e[3, l], e[4, l], e[5, l] = x0, x1, x2, x3, x4, x5
 
 
 @inlined
 def lanes_move(lower: Array, upper: Array, longest: float, lanes: Lanes, w: int) -> None:
     """Move by dq = Jᵀ x, each joint by at most `longest` and within its limits."""
-    W, J, x, q = LANES, lanes.jacobian, lanes.residual, lanes.q
-    step, work, dof = lanes.step, lanes.work, len(lower)
+    J, x, q, step, share, dof = lanes.jacobian, lanes.residual, lanes.q, lanes.step, lanes.share, len(lower)
     for l in range(w):
-        work[l] = longest
-    for pair in range((dof + 1) // 2):
+        share[l] = longest
+    for pair in range((dof + 1) // 2):  # Two joints at a time, as in `lanes_gram`.
         i = 2 * pair
         k = min(i + 1, dof - 1)
         for l in range(w):
-            x0, x1, x2, x3, x4, x5 = x[l], x[W + l], x[2 * W + l], x[3 * W + l], x[4 * W + l], x[5 * W + l]
-            a = J[i, l] * x0 + J[i, W + l] * x1 + J[i, 2 * W + l] * x2
-            b = J[k, l] * x0 + J[k, W + l] * x1 + J[k, 2 * W + l] * x2
-            a += J[i, 3 * W + l] * x3 + J[i, 4 * W + l] * x4 + J[i, 5 * W + l] * x5
-            b += J[k, 3 * W + l] * x3 + J[k, 4 * W + l] * x4 + J[k, 5 * W + l] * x5
+            solution = twist_at(x, l)
+            a, b = twist_dot(twist_at(J[i], l), solution), twist_dot(twist_at(J[k], l), solution)
             step[i, l], step[k, l] = a, b
-            work[l] = max(work[l], abs(a), abs(b))
+            share[l] = max(share[l], abs(a), abs(b))
     for l in range(w):
-        work[l] = longest / work[l]
+        share[l] = longest / share[l]
     for i in range(dof):
         low, high = lower[i], upper[i]
         for l in range(w):
-            q[i, l] = min(max(q[i, l] + work[l] * step[i, l], low), high)
+            q[i, l] = min(max(q[i, l] + share[l] * step[i, l], low), high)

@@ -2,82 +2,75 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import array_view
-from kinseek.kernels.layout import DOF, Layout, floats, whole
+from kinseek.kernels.layout import Layout
 
 from .lanes import LANES, Lanes
-from .lanes import LAYOUT as LANES_LAYOUT
+from .task import Job, Task
 from .tree import LEAF_SIZE
 
 DEEP = 160
 """Largest number of samples looked up for one goal."""
 
 
+CANDIDATE_ROWS = 18
+"""Rows of the candidates of a closed form, see `structure.candidates.WORK`."""
+
+
 class Scratch(NamedTuple):
     """Scratch memory of one call."""
 
     lanes: Lanes
-    seen: Array
+    seen: Annotated[Array, 3, 4]
     """The goal as the atlas sees it, (3, 4)."""
-    spare: Array
+    spare: Annotated[Array, 3, 4]
     """(3, 4)"""
-    between: Array
+    between: Annotated[Array, 3, 4]
     """(3, 4)"""
-    point: Array
+    point: Annotated[Array, 9]
     """Coordinates of the goal among the samples, (9,)."""
-    distance: Array
+    distance: Annotated[Array, DEEP]
     """(DEEP,)"""
-    neighbour: Indices
+    neighbour: Annotated[Indices, DEEP]
     """(DEEP,)"""
-    stack: Indices
+    stack: Annotated[Indices, 64]
     """(64,)"""
-    bound: Array
+    bound: Annotated[Array, 64 + LEAF_SIZE]
     """(64 + LEAF_SIZE,)"""
-    seed: Array
+    candidates: Annotated[Array, CANDIDATE_ROWS, LANES]
+    """Candidates of a closed form, one in each lane, (CANDIDATE_ROWS, LANES)."""
+    seed: Annotated[Array, "dof"]
     """(n,)"""
-    found: Array
+    found: Annotated[Array, LANES, "dof"]
     """Joint values at which each lane converged, (LANES, n)."""
-    state: Indices
+    state: Annotated[Indices, LANES]
     """State of each lane: 0 active, 1 converged, 2 empty, 3 given up, (LANES,)."""
-    best: Array
+    best: Annotated[Array, LANES, "dof"]
     """Best joint values found, (LANES, n)."""
-    best_error: Array
+    best_error: Annotated[Array, LANES]
     """Their weighted errors, (LANES,)."""
-    floor: Array
+    floor: Annotated[Array, LANES]
     """Smallest damping of each lane, (LANES,)."""
-    columns: Array
+    columns: Annotated[Array, 3]
     """Weights of the columns in the step, (3,)."""
-    damping: Array
+    damping: Annotated[Array, 1]
     """Factor from the squared error to the damping of the step, (1,)."""
 
 
-LAYOUT = Layout(
-    Scratch,
-    lanes=LANES_LAYOUT,
-    seen=floats(3, 4),
-    spare=floats(3, 4),
-    between=floats(3, 4),
-    point=floats(9),
-    distance=floats(DEEP),
-    neighbour=whole(DEEP),
-    stack=whole(64),
-    bound=floats(64 + LEAF_SIZE),
-    seed=floats(DOF),
-    found=floats(LANES, DOF),
-    state=whole(LANES),
-    best=floats(LANES, DOF),
-    best_error=floats(LANES),
-    floor=floats(LANES),
-    columns=floats(3),
-    damping=floats(1),
-)
+LAYOUT = Layout(Scratch)
 """Layout of the scratch memory of an arm."""
 
 
 scratch_size, lay_scratch = LAYOUT.size, LAYOUT.make
+
+
+@array_view
+def scratch_of(job: Job, task: Task) -> Scratch:
+    """The scratch memory of a job."""
+    return make_scratch(job.memory, len(task.lower), len(task.chain.leader))
 
 
 @array_view

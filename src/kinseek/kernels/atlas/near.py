@@ -3,32 +3,32 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
 from kinseek.kernels.arm.pose_error import LARGEST, is_rigid
-from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.atlas.task import Handle
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import array_view, entry, exact, inlined, noinline
 from kinseek.kernels.pointers import part1
 
 from .descent import DEEP_STEPS, descend_lanes, goal_of, keep_closest, start
 from .far import is_far
 from .lanes import LANES
-from .memory import Scratch, make_scratch, scratch_size
+from .memory import Scratch, scratch_of, scratch_size
 from .one_goal import NEAREST, closed_answer, conclude_answer, finish, outcome, solve_target
 from .seeds import MORE, fill_from_lookup, load_seed, look_up, turns_fully
 from .task import (
-    DISTANT,
     EVALUATIONS,
-    HANDLE,
     TOLERANCES,
     Job,
     Task,
     handle_at,
     lanes_of,
     plain_tolerances,
-    routine_at,
+    task_at,
     task_of,
 )
 
@@ -54,23 +54,20 @@ def load_near(task: Task, scratch: Scratch, near: Array) -> None:
 
 
 @noinline
-def walk_near(
-    handle: Indices, tolerances: Array, memory: Array, target: Array, near: Array, q: Array, w: int
-) -> int:
+def walk_near(job: Job, target: Array, near: Array, q: Array) -> int:
     """Find the solution nearest to `near`, (n,), among all that are found; write q, (n,).
 
     If none is found, the result is that of `solve_target`. A walk from `near` comes first; if it ends close by, there is
     no look-up.
 
     Returns:
-        FK evaluations spent; -1 as in `solve_target`.
+        FK evaluations spent.
     """
-    task, job = task_of(handle, tolerances), Job(handle, tolerances, memory)
-    dof = len(task.lower)
-    scratch = make_scratch(memory, dof, len(task.chain.leader))
-    if routine_at(handle, DISTANT) != 0 and is_far(handle, tolerances, target):
-        return solve_target(handle, tolerances, memory, target, task.budget, q, w)
-    tried = closed_answer(handle, tolerances, memory, target, task.budget, near, NEAREST, q, w)
+    task = task_at(job)
+    scratch = scratch_of(job, task)
+    if is_far(job, target):
+        return solve_target(job, target, task.budget, q)
+    tried = closed_answer(job, target, task.budget, near, NEAREST, q)
     if tried > 0:
         return tried
     start(task, scratch, target)
@@ -85,7 +82,7 @@ def walk_near(
     for _ in range(MORE + 2):  # The walk from `near`, then passes that each use at least one sample.
         if spent + (DEEP_STEPS + 1) * LANES > task.budget:
             break
-        _, made = descend_lanes(job, task, scratch, DEEP_STEPS, True, w)
+        _, made = descend_lanes(job, task, scratch, DEEP_STEPS, True)
         spent += (made + 1) * LANES
         closest = keep_closest(task, scratch, near, closest, q)
         if not looked_up:
@@ -97,18 +94,15 @@ def walk_near(
             break
         begin, _ = fill_from_lookup(task, scratch, begin, found)
     if closest == np.inf:
-        more = solve_target(handle, tolerances, memory, target, task.budget - spent, q, w)
-        spent = spent + more if more >= 0 else -1
+        spent += solve_target(job, target, task.budget - spent, q)
     return spent
 
 
 @array_view
-def conclude_near(
-    handle: Indices, tolerances: Array, memory: Array, target: Array, near: Array, q: Array, report: Array
-) -> None:
+def conclude_near(job: Job, target: Array, near: Array, q: Array, report: Array) -> None:
     """Do the same as `one_goal.conclude_answer`, with full turns chosen near a reference, (n,)."""
-    task = task_of(handle, tolerances)
-    scratch = make_scratch(memory, len(task.lower), len(task.chain.leader))
+    task = task_at(job)
+    scratch = scratch_of(job, task)
     finish(task, scratch, goal_of(task, target), near, q, report)
 
 
@@ -121,15 +115,9 @@ def all_finite(values: Array) -> bool:
     return strange == 0
 
 
-@entry(
-    returns=(F64, F64, F64, I64, FLAG),
-    address=I64,
-    target=F64[4, 4],
-    near=F64["n"],
-    q=F64["n"].out,
-)
+@entry
 def solve_plain_near(
-    address: int, target: Array, near: Array, q: Array
+    address: int, target: Annotated[Array, 4, 4], near: Annotated[Array, "n"], q: Annotated[Array, "n", OUT]
 ) -> tuple[float, float, float, int, bool]:
     """Do the same as `one_goal.solve_plain` near a reference, (n,); evaluations are -1 also if it is not finite."""
     if not (is_rigid(target) and all_finite(near)):
@@ -140,24 +128,22 @@ def solve_plain_near(
     size = scratch_size(len(task.lower), len(task.chain.leader))
     memory = np.zeros(size + EVALUATIONS + 1)
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
-    report[EVALUATIONS] = walk_near(handle, tolerances, memory, target, near, q, lanes_of(handle))
-    conclude_near(handle, tolerances, memory, target, near, q, report)
+    job = Job(handle, tolerances, memory, lanes_of(handle))
+    report[EVALUATIONS] = walk_near(job, target, near, q)
+    conclude_near(job, target, near, q, report)
     status = outcome(task, report)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return status
 
 
-@entry(
-    returns=(F64, F64, F64, I64, FLAG),
-    address=I64,
-    tolerances=F64[TOLERANCES],
-    target=F64[3, 4],
-    near=F64["n"],
-    close=FLAG,
-    q=F64["n"].out,
-)
+@entry
 def solve_goal(
-    address: int, tolerances: Array, target: Array, near: Array, close: bool, q: Array
+    address: int,
+    tolerances: Annotated[Array, TOLERANCES],
+    target: Annotated[Array, 3, 4],
+    near: Annotated[Array, "n"],
+    close: bool,
+    q: Annotated[Array, "n", OUT],
 ) -> tuple[float, float, float, int, bool]:
     """Do the same as `one_goal.solve_plain` for any goal without ranges, with `close` near a reference.
 
@@ -170,40 +156,32 @@ def solve_goal(
         q: As there.
 
     Returns:
-        As there; evaluations are -1 only if a routine is missing.
+        As there; evaluations are never -1.
     """
     handle = handle_at(address)
     task = task_of(handle, tolerances)
-    size, w = scratch_size(len(task.lower), len(task.chain.leader)), lanes_of(handle)
+    size = scratch_size(len(task.lower), len(task.chain.leader))
     memory = np.zeros(size + EVALUATIONS + 1)
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
+    job = Job(handle, tolerances, memory, lanes_of(handle))
     if close:
-        report[EVALUATIONS] = walk_near(handle, tolerances, memory, target, near, q, w)
-        conclude_near(handle, tolerances, memory, target, near, q, report)
+        report[EVALUATIONS] = walk_near(job, target, near, q)
+        conclude_near(job, target, near, q, report)
     else:
-        report[EVALUATIONS] = solve_target(handle, tolerances, memory, target, task.budget, q, w)
-        conclude_answer(handle, tolerances, memory, target, q, report)
+        report[EVALUATIONS] = solve_target(job, target, task.budget, q)
+        conclude_answer(job, target, q, report)
     status = outcome(task, report)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return status
 
 
-@entry(
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    targets=F64["k", 3, 4],
-    near=F64["k", "n"],
-    results=F64["k", "n+4"].out,
-    begin=I64,
-    end=I64,
-    w=I64,
-)
+@entry
 def solve_many_near(
-    handle: Indices,
-    tolerances: Array,
-    targets: Array,
-    near: Array,
-    results: Array,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "k", 3, 4],
+    near: Annotated[Array, "k", "n"],
+    results: Annotated[Array, "k", "n+4", OUT],
     begin: int,
     end: int,
     w: int,
@@ -212,11 +190,12 @@ def solve_many_near(
     task = task_of(handle, tolerances)
     dof = len(task.lower)
     memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
+    job = Job(handle, tolerances, memory, w)
     for i in range(begin, end):
         # The memory is cleared between targets, so that results do not depend on the rest of the batch, bit by bit.
         for k in range(len(memory)):
             memory[k] = 0.0
         q, report = results[i, :dof], results[i, dof:]
-        report[EVALUATIONS] = walk_near(handle, tolerances, memory, targets[i], near[i], q, w)
-        conclude_near(handle, tolerances, memory, targets[i], near[i], q, report)
+        report[EVALUATIONS] = walk_near(job, targets[i], near[i], q)
+        conclude_near(job, targets[i], near[i], q, report)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

@@ -16,12 +16,14 @@ curvature, so the steps keep converging where Gauss-Newton steps do not.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from kinseek.kernels.arm.forward import advance, forward, identity
 from kinseek.kernels.arm.pose_error import chordal_error, weighted_error
-from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays
+from kinseek.kernels.arm.vectors import Vector, column, cross, dot, minus, plus, scaled, vector_at
+from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays, Limits
 from kinseek.kernels.jit import inlined, noinline
 
 WALK_STEPS = 40
@@ -68,31 +70,67 @@ LONGEST = 0.5
 """Largest step of a joint [rad or m]."""
 
 
-@inlined
-def derivatives(
-    chain: ChainArrays,
-    goal: GoalArrays,
-    squared: bool,
-    q: Array,
-    T: Array,
-    axes: Array,
-    moves: Array,
-    g: Array,
-    H: Array,
-) -> None:
-    """Compute the gradient, (n,), and the lower triangle of the Hessian, (n, n), of an error at q.
+class Model(NamedTuple):
+    """The second-order model of an error at joint values, and the pose there."""
 
-    Args:
-        chain: The arm.
-        goal: Target and weights.
-        squared: True for half the squared position distance, False for the distance.
-        q: Joint values, (n,).
-        T: Receives the pose of the tip, (3, 4).
-        axes: Scratch memory for axes and points on them, (m, 6).
-        moves: Receives the velocity of the tip by each joint, (m, 3).
-        g: Receives the gradient.
-        H: Receives the Hessian.
-    """
+    pose: Array
+    """Pose of the tip, (3, 4)."""
+    axes: Array
+    """Direction of the axis of every physical joint and a point on it, (m, 6)."""
+    moves: Array
+    """Velocity of the tip by each joint, (m, 3)."""
+    gradient: Array
+    """(n,)"""
+    hessian: Array
+    """Its lower triangle, (n, n)."""
+    jacobian: Array
+    """Velocity of the tip by each variable, 0 for those that are held, (n, 3), see `bring_back`."""
+
+
+class Walk(NamedTuple):
+    """Which error a walk minimises, and when it ends."""
+
+    squared: bool
+    """True for half the squared position distance, False for the distance."""
+    steps: int
+    """Largest number of steps."""
+    least: float
+    """The walk ends where the error is at most this."""
+
+
+DOWNHILL = Walk(False, WALK_STEPS, 0.0)
+"""A walk down the weighted error."""
+
+
+class Tilt(NamedTuple):
+    """Sums over the columns c of a rotation and c_g of its target, with weights K_c."""
+
+    torque: Vector
+    """Σ K_c c × c_g."""
+    cosine: float
+    """Σ K_c c·c_g."""
+    row0: Vector
+    """Rows of Σ K_c c c_gᵀ."""
+    row1: Vector
+    row2: Vector
+
+
+@inlined
+def tilt_of(T: Array, goal: GoalArrays) -> Tilt:
+    """Compute the sums at a pose, (3, 4)."""
+    w, total = Vector(0.0, 0.0, 0.0), 0.0
+    row0, row1, row2 = Vector(0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0)
+    for c in range(3):
+        a, b = scaled(goal.axis_weights[c], column(T, c)), column(goal.target, c)
+        w = Vector(w.x + a.y * b.z - a.z * b.y, w.y + a.z * b.x - a.x * b.z, w.z + a.x * b.y - a.y * b.x)
+        total += dot(a, b)
+        row0, row1, row2 = plus(row0, scaled(a.x, b)), plus(row1, scaled(a.y, b)), plus(row2, scaled(a.z, b))
+    return Tilt(w, total, row0, row1, row2)
+
+
+@inlined
+def walk_along(chain: ChainArrays, q: Array, T: Array, axes: Array) -> None:
+    """Write the pose of the tip at q, (n,), into T, (3, 4), and the axes of all joints into axes, (m, 6)."""
     joints = len(chain.leader)
     identity(T)
     for k in range(joints):
@@ -101,57 +139,52 @@ def derivatives(
         for r in range(3):
             axes[k, r], axes[k, 3 + r] = T[r, 2], T[r, 3]
     advance(chain.fixed[joints], True, 0.0, T)
+
+
+@inlined
+def derivatives(chain: ChainArrays, goal: GoalArrays, squared: bool, q: Array, model: Model) -> None:
+    """Compute the model of an error at q, (n,), see `Walk.squared`.
+
+    With ``v_b`` the velocity of the tip by joint b and u the direction from the target to the tip, the position part of
+    the Hessian is ``(v_a·v_b - (u·v_a)(u·v_b)) / |p - p_g| + u · (z_a × v_b)``, and the orientation part is
+    ``Σ K_c ((c·c_g) z_a·z_b - z_a · c (c_g · z_b))``, the derivative of ``-Σ K_c z_b · (c × c_g)``.
+    """
+    T, axes, moves, g, H = model.pose, model.axes, model.moves, model.gradient, model.hessian
+    walk_along(chain, q, T, axes)
     for i in range(len(q)):
         g[i] = 0.0
         for j in range(len(q)):
             H[i, j] = 0.0
-    G, weights = goal.target, goal.axis_weights
-    dx, dy, dz = T[0, 3] - G[0, 3], T[1, 3] - G[1, 3], T[2, 3] - G[2, 3]
-    far = 1.0 if squared else math.sqrt(dx * dx + dy * dy + dz * dz + SMOOTH * SMOOTH)
+    tip = column(T, 3)
+    gap = minus(tip, column(goal.target, 3))
+    far = 1.0 if squared else math.sqrt(dot(gap, gap) + SMOOTH * SMOOTH)
     kink = 0.0 if squared else 1.0
-    ux, uy, uz = dx / far, dy / far, dz / far
-    # Σ K_c c × c_g, Σ K_c c·c_g, and Σ K_c c c_gᵀ.
-    wx = wy = wz = total = 0.0
-    m00 = m01 = m02 = m10 = m11 = m12 = m20 = m21 = m22 = 0.0
-    for c in range(3):
-        K = weights[c]
-        ax, ay, az = K * T[0, c], K * T[1, c], K * T[2, c]
-        bx, by, bz = G[0, c], G[1, c], G[2, c]
-        wx, wy, wz = wx + ay * bz - az * by, wy + az * bx - ax * bz, wz + ax * by - ay * bx
-        total += ax * bx + ay * by + az * bz
-        m00, m01, m02 = m00 + ax * bx, m01 + ax * by, m02 + ax * bz
-        m10, m11, m12 = m10 + ay * bx, m11 + ay * by, m12 + ay * bz
-        m20, m21, m22 = m20 + az * bx, m21 + az * by, m22 + az * bz
-    for b in range(joints):
+    u = Vector(gap.x / far, gap.y / far, gap.z / far)
+    tilt = tilt_of(T, goal)
+    for b in range(len(chain.leader)):
         j, scale = chain.leader[b], chain.multiplier[b]
-        zx, zy, zz = axes[b, 0], axes[b, 1], axes[b, 2]
+        axis = vector_at(axes[b], 0)
         slope = 0.0
         if chain.prismatic[b]:
-            vx, vy, vz = zx, zy, zz
+            v = axis
         else:
-            px, py, pz = T[0, 3] - axes[b, 3], T[1, 3] - axes[b, 4], T[2, 3] - axes[b, 5]
-            vx, vy, vz = zy * pz - zz * py, zz * px - zx * pz, zx * py - zy * px
-            slope = -(zx * wx + zy * wy + zz * wz)
-        moves[b, 0], moves[b, 1], moves[b, 2] = vx, vy, vz
-        along = ux * vx + uy * vy + uz * vz
+            v = cross(axis, minus(tip, vector_at(axes[b], 3)))
+            slope = -dot(axis, tilt.torque)
+        moves[b, 0], moves[b, 1], moves[b, 2] = v
+        along = dot(u, v)
         g[j] += scale * (goal.position_weight * along + slope)
-        # M z_b, and v_b × u, for u · (z_a × v_b) = z_a · (v_b × u).
-        ox, oy, oz = (
-            m00 * zx + m01 * zy + m02 * zz,
-            m10 * zx + m11 * zy + m12 * zz,
-            m20 * zx + m21 * zy + m22 * zz,
-        )
-        cx, cy, cz = vy * uz - vz * uy, vz * ux - vx * uz, vx * uy - vy * ux
+        # u · (z_a × v_b) = z_a · (v_b × u).
+        turned, across = Vector(dot(tilt.row0, axis), dot(tilt.row1, axis), dot(tilt.row2, axis)), cross(v, u)
         for a in range(b + 1):
             i = chain.leader[a]
-            before = ux * moves[a, 0] + uy * moves[a, 1] + uz * moves[a, 2]
-            value = (moves[a, 0] * vx + moves[a, 1] * vy + moves[a, 2] * vz - kink * before * along) / far
+            before, proximal = vector_at(moves[a], 0), vector_at(axes[a], 0)
+            value = (dot(before, v) - kink * dot(u, before) * along) / far
             turn = 0.0
             if not chain.prismatic[a]:
-                value += axes[a, 0] * cx + axes[a, 1] * cy + axes[a, 2] * cz
+                value += dot(proximal, across)
                 if not chain.prismatic[b]:
-                    turn = total * (axes[a, 0] * zx + axes[a, 1] * zy + axes[a, 2] * zz)
-                    turn -= axes[a, 0] * ox + axes[a, 1] * oy + axes[a, 2] * oz
+                    turn = tilt.cosine * dot(proximal, axis)
+                    turn -= dot(proximal, turned)
             value = scale * chain.multiplier[a] * (goal.position_weight * value + turn)
             low, high = min(i, j), max(i, j)
             H[high, low] += value
@@ -198,15 +231,7 @@ def error_of(T: Array, goal: GoalArrays, squared: bool) -> float:
 
 @inlined
 def bring_back(
-    chain: ChainArrays,
-    goal: GoalArrays,
-    held: Flags,
-    moves: Array,
-    T: Array,
-    J: Array,
-    lower: Array,
-    upper: Array,
-    trial: Array,
+    chain: ChainArrays, goal: GoalArrays, limits: Limits, held: Flags, model: Model, trial: Array
 ) -> None:
     """Correct the position of the tip towards the goal by one Gauss-Newton step.
 
@@ -216,20 +241,18 @@ def bring_back(
     Args:
         chain: The arm.
         goal: Target and weights.
+        limits: Limits of the joints.
         held: True for joints that do not move, (n,).
-        moves: Velocity of the tip by each joint at the start of the step, (m, 3).
-        T: Pose of the tip, (3, 4).
-        J: Scratch memory, (n, at least 3).
-        lower: Limits, (n,).
-        upper: Same.
+        model: Pose of the tip at `trial`, and velocities at the start of the step.
         trial: Joint values, (n,), replaced by the corrected ones.
     """
+    J = model.jacobian
     for i in range(len(trial)):
         J[i, 0] = J[i, 1] = J[i, 2] = 0.0
-    for b in range(len(moves)):
+    for b in range(len(model.moves)):
         i, scale = chain.leader[b], chain.multiplier[b]
         for c in range(3):
-            J[i, c] += 0.0 if held[i] else scale * moves[b, c]
+            J[i, c] += 0.0 if held[i] else scale * model.moves[b, c]
     xx = xy = xz = yy = yz = zz = 0.0
     for i in range(len(trial)):
         x, y, z = J[i, 0], J[i, 1], J[i, 2]
@@ -237,53 +260,39 @@ def bring_back(
         yy, yz, zz = yy + y * y, yz + y * z, zz + z * z
     damp = SMALL_DAMPING * (xx + yy + zz) + FLAT
     xx, yy, zz = xx + damp, yy + damp, zz + damp
-    dx, dy, dz = goal.target[0, 3] - T[0, 3], goal.target[1, 3] - T[1, 3], goal.target[2, 3] - T[2, 3]
+    gap = minus(column(goal.target, 3), column(model.pose, 3))
     # Invert the symmetric matrix by its minors.
-    ax, ay, az = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    by, bz, cz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-    rate = 1.0 / (xx * ax + xy * ay + xz * az)
-    fx, fy, fz = (
-        rate * (ax * dx + ay * dy + az * dz),
-        rate * (ay * dx + by * dy + bz * dz),
-        rate * (az * dx + bz * dy + cz * dz),
-    )
+    row0 = Vector(yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy)
+    row1 = Vector(row0.y, xx * zz - xz * xz, xy * xz - xx * yz)
+    row2 = Vector(row0.z, row1.z, xx * yy - xy * xy)
+    rate = 1.0 / (xx * row0.x + xy * row0.y + xz * row0.z)
+    force = Vector(rate * dot(row0, gap), rate * dot(row1, gap), rate * dot(row2, gap))
     for i in range(len(trial)):
-        step = J[i, 0] * fx + J[i, 1] * fy + J[i, 2] * fz
-        trial[i] = min(max(trial[i] + step, lower[i]), upper[i])
+        step = dot(vector_at(J[i], 0), force)
+        trial[i] = min(max(trial[i] + step, limits.lower[i]), limits.upper[i])
 
 
 @noinline
-def settle(
-    chain: ChainArrays,
-    goal: GoalArrays,
-    squared: bool,
-    steps: int,
-    least: float,
-    lower: Array,
-    upper: Array,
-    q: Array,
-) -> int:
+def minimise(chain: ChainArrays, goal: GoalArrays, limits: Limits, walk: Walk, q: Array) -> int:
     """Walk from q, (n,), to a local minimum of an error within the limits; return FK evaluations.
 
     Args:
         chain: The arm.
         goal: Target and weights.
-        squared: Which error, see `derivatives`.
-        steps: Largest number of steps.
-        least: Stop if the error is at most this.
-        lower: Limits, (n,); open for a joint that turns fully.
-        upper: Same.
+        limits: Limits of the joints; open for a joint that turns fully.
+        walk: Which error, and when to stop.
         q: The start, replaced by the minimiser; its error never increases.
     """
-    n, joints = len(q), len(chain.leader)
-    T, axes, moves = np.empty((3, 4)), np.empty((joints, 6)), np.empty((joints, 3))
-    g, step, trial = np.empty(n), np.empty(n), np.empty(n)
-    H, L, held = np.empty((n, n)), np.empty((n, n)), np.empty(n, dtype=np.bool_)
+    n, joints, squared = len(q), len(chain.leader), walk.squared
+    lower, upper = limits
+    T, g, H = np.empty((3, 4)), np.empty(n), np.empty((n, n))
+    model = Model(T, np.empty((joints, 6)), np.empty((joints, 3)), g, H, np.empty((n, 3)))
+    L, step, trial, held = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n, dtype=np.bool_)
     first, small = (VALLEY_DAMPING, VALLEY_DAMPING) if squared else (FIRST_DAMPING, SMALL_DAMPING)
-    derivatives(chain, goal, squared, q, T, axes, moves, g, H)
+    derivatives(chain, goal, squared, q, model)
     error, spent, damping = error_of(T, goal, squared), 1, 0.0
-    for _ in range(steps):
-        if error <= least:
+    for _ in range(walk.steps):
+        if error <= walk.least:
             break
         largest, steepest = 0.0, 0.0
         for i in range(n):
@@ -313,7 +322,7 @@ def settle(
         spent += 1
         now = error_of(T, goal, squared)
         if now >= error and n >= 3 and not squared and goal.position_weight > 0.0:
-            bring_back(chain, goal, held, moves, T, L, lower, upper, trial)
+            bring_back(chain, goal, limits, held, model, trial)
             forward(chain, trial, T)
             spent += 1
             now = error_of(T, goal, squared)
@@ -326,7 +335,7 @@ def settle(
             damping *= EASIER
             if damping < FORGET * largest:
                 damping = 0.0
-            derivatives(chain, goal, squared, q, T, axes, moves, g, H)
+            derivatives(chain, goal, squared, q, model)
             error = now
         else:
             damping = max(HARDER * damping, small * largest)

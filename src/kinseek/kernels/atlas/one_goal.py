@@ -8,14 +8,17 @@ pose found, see `ending`. Every solution is judged by plain forward kinematics.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, is_rigid, weighted_error
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.entry import F64, FLAG, I64
-from kinseek.kernels.jit import array_view, entry, inlined, kernel, routine
-from kinseek.kernels.pointers import call, part1, part2
+from kinseek.kernels.atlas.task import Handle
+from kinseek.kernels.entry import OUT
+from kinseek.kernels.jit import array_view, entry, inlined, kernel
+from kinseek.kernels.pointers import call, part1, routine
 
 from .descent import (
     DEEP_STEPS,
@@ -38,7 +41,7 @@ from .ending import ENDGAME, ending_routine, find_nearest_pose, promise
 from .far import MOST as FAR_MOST
 from .far import far_routine, is_far, nearest_to_far
 from .lanes import LANES
-from .memory import DEEP, Scratch, make_scratch, scratch_size
+from .memory import DEEP, Scratch, scratch_of, scratch_size
 from .seeds import (
     MORE,
     MORE_RESTARTS,
@@ -62,7 +65,6 @@ from .task import (
     DISTANT,
     ENDING,
     EVALUATIONS,
-    HANDLE,
     ITERATE,
     ORIENTATION_ERROR,
     POSITION_ERROR,
@@ -71,11 +73,14 @@ from .task import (
     TOLERANCES,
     WEIGHTED_ERROR,
     Job,
+    Joints,
+    Target,
     Task,
     handle_at,
     lanes_of,
     plain_tolerances,
     routine_at,
+    task_at,
     task_of,
 )
 
@@ -91,25 +96,21 @@ surroundings."""
 
 
 @array_view
-def solve_target(
-    handle: Indices, tolerances: Array, memory: Array, target: Array, budget: float, q: Array, w: int
-) -> int:
+def solve_target(job: Job, target: Array, budget: float, q: Array) -> int:
     """Solve one target, (3, 4), within a budget; write q, (n,), and return the FK evaluations spent.
 
-    Closed forms come first, see `structure.one_answer`, and far targets are not searched, see `far`. Returns -1 if the
-    search fails and needs a routine that the task does not contain yet, see `add_ending`. The memory may hold anything.
+    Closed forms come first, see `structure.one_answer`, and far targets are not searched, see `far`. The memory may hold
+    anything.
     """
-    # The routine is missing until `add_ending` adds it for the first unreachable goal.
-    far = routine_at(handle, DISTANT) != 0 and budget >= FAR_MOST and is_far(handle, tolerances, target)
-    tried = 0 if far else closed_answer(handle, tolerances, memory, target, budget, q, MIDMOST, q, w)
+    far = budget >= FAR_MOST and is_far(job, target)
+    tried = 0 if far else closed_answer(job, target, budget, q, MIDMOST, q)
     if tried > 0:
         return tried
-    for k in range(len(memory)):
-        memory[k] = 0.0
+    for k in range(len(job.memory)):
+        job.memory[k] = 0.0
     if far:
-        return nearest_to_far(handle, tolerances, memory, target, q, w)
-    spent = search_near(handle, tolerances, memory, target, budget + tried, q, False, q, w)
-    return spent - tried if spent >= 0 else -1
+        return nearest_to_far(job, target, q)
+    return search_near(job, target, budget + tried, q, False, q) - tried
 
 
 MIDMOST, NEAREST, OFFER = range(3)
@@ -122,74 +123,36 @@ CORRECTIONS = 4
 
 
 @array_view
-def closed_answer(
-    handle: Indices,
-    tolerances: Array,
-    memory: Array,
-    target: Array,
-    budget: float,
-    near: Array,
-    asked: int,
-    q: Array,
-    w: int,
-) -> int:
+def closed_answer(job: Job, target: Array, budget: float, near: Array, asked: int, q: Array) -> int:
     """Return the result of `structure.one_answer.closed_routine`; 0 if the arm has no closed form."""
     tried = 0
-    if routine_at(handle, CLOSED) != 0 and budget >= (FIRST_STEPS + 1) * LANES:
-        at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data, target.ctypes.data)
-        tried = call(routine_at(handle, CLOSED), (*at, near.ctypes.data, asked, q.ctypes.data, w))
+    if routine_at(job.handle, CLOSED) != 0 and budget >= (FIRST_STEPS + 1) * LANES:
+        tried = call(routine_at(job.handle, CLOSED), (job, target, near, asked, q))
     return tried
 
 
 @array_view
-def search_near(
-    handle: Indices,
-    tolerances: Array,
-    memory: Array,
-    target: Array,
-    budget: float,
-    near: Array,
-    close: bool,
-    q: Array,
-    w: int,
-) -> int:
+def search_near(job: Job, target: Array, budget: float, near: Array, close: bool, q: Array) -> int:
     """Do the same as `solve_target`; with `close` choose the solution nearest to `near`, (n,), for a goal with ranges."""
-    at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data, target.ctypes.data)
-    given = (*at, budget, near.ctypes.data, int(close), q.ctypes.data, w)
-    spent: int = call(routine_at(handle, SEARCH), given)
+    spent: int = call(routine_at(job.handle, SEARCH), (job, target, budget, near, close, q))
     return spent
 
 
 @array_view
-def fill_from_ranges(job: Job, near: Array, close: int, begin: int, most: int) -> int:
+def fill_from_ranges(job: Job, near: Array, close: bool, begin: int, most: int) -> int:
     """Load the samples nearest to poses of the ranges, from index `begin` on, into the lanes; return the next index.
 
     At most `most` samples are read for each pose. With `close` the first lane starts from `near`, (n,).
     """
-    at = (job.handle.ctypes.data, job.tolerances.ctypes.data, job.memory.ctypes.data)
-    following: int = call(routine_at(job.handle, STARTS), (*at, near.ctypes.data, close, begin, most))
+    following: int = call(routine_at(job.handle, STARTS), (job, near, close, begin, most))
     return following
 
 
-@routine("int64(int64, int64, int64, int64, float64, int64, int64, int64, int64)")
-def search_routine(
-    handle_address: int,
-    tolerances_address: int,
-    memory_address: int,
-    target_address: int,
-    budget: float,
-    near_address: int,
-    close: int,
-    q_address: int,
-    w: int,
-) -> int:
+@routine
+def search_routine(job: Job, target: Target, budget: float, near: Joints, close: bool, q: Joints) -> int:
     """See `solve_target` and `search_near`."""
-    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
-    task = task_of(handle, tolerances)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    memory = part1(memory_address, 0, scratch_size(dof, joints))
-    target, q, near = part2(target_address, 0, 3, 4), part1(q_address, 0, dof), part1(near_address, 0, dof)
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory)
+    task, w = task_at(job), job.width
+    scratch, dof = scratch_of(job, task), len(task.lower)
     lanes = scratch.lanes
     start(task, scratch, target)
     spent, rounds, looked, begin, found, persisted, number = 0, 0, 0, 0, task.poses, 0, 0
@@ -220,9 +183,7 @@ def search_routine(
         elif persisted == 0 or (persisted == 1 and number >= restarts):
             persisted += 1
             if persisted == 2 and spent + (POLISH_STEPS if ranges else ENDGAME) * LANES <= budget:
-                if routine_at(handle, ENDING) == 0:
-                    return -1
-                spent += find_nearest_pose(handle, tolerances, memory, target, w)
+                spent += find_nearest_pose(job, target)
                 reset_weights(task, scratch)
             if lowest(scratch.best_error) > promise(task):
                 continue
@@ -250,10 +211,10 @@ def search_routine(
             break
         if spent + (steps + 1) * LANES > budget:
             break
-        lane, made = descend_lanes(job, task, scratch, steps, close != 0, w)
+        lane, made = descend_lanes(job, task, scratch, steps, close)
         make_stubborn(lanes, 0.0)
         spent += (made + 1) * LANES
-        if close != 0:
+        if close:
             closest = keep_closest(task, scratch, near, closest, q)
             if closest < np.inf and begin == found:
                 return spent
@@ -281,47 +242,38 @@ def finish(task: Task, scratch: Scratch, goal: GoalArrays, near: Array, q: Array
 
 
 @array_view
-def conclude_answer(
-    handle: Indices, tolerances: Array, memory: Array, target: Array, q: Array, report: Array
-) -> None:
+def conclude_answer(job: Job, target: Array, q: Array, report: Array) -> None:
     """Judge a solution q, (n,): write errors [m], [rad] and weighted into report, (4,)."""
-    task = task_of(handle, tolerances)
-    scratch = make_scratch(memory, len(task.lower), len(task.chain.leader))
+    task = task_at(job)
+    scratch = scratch_of(job, task)
     middle(task, scratch.seed)
     finish(task, scratch, goal_of(task, target), scratch.seed, q, report)
 
 
 def routines() -> Indices:
-    """Addresses of the routines that every goal needs, for `task_arrays`; `add_ending` adds rarely needed ones.
+    """Addresses of the routines of a pose, for `TaskRows`.
 
     The routines of goals with ranges are in `kernels.ranges.search.range_routines`. The routine of an arm with a closed
     form is `structure.one_answer.closed_routine`.
     """
     addresses = np.zeros(DISTANT + 1, dtype=np.int64)
     addresses[ITERATE], addresses[SEARCH] = iterate_routine.address, search_routine.address
+    addresses[ENDING], addresses[DISTANT] = ending_routine.address, far_routine.address
     return addresses
 
 
-def add_ending(addresses: Indices) -> None:
-    """Add the routines that only unreachable goals need; they are a quarter of the code to compile."""
-    addresses[ENDING], addresses[DISTANT] = ending_routine.address, far_routine.address
-
-
-@entry(
-    returns=I64,
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    memory=F64["*"].out,
-    target=F64[3, 4],
-    budget=F64,
-    q=F64["n"].out,
-    w=I64,
-)
+@entry
 def search_within(
-    handle: Indices, tolerances: Array, memory: Array, target: Array, budget: float, q: Array, w: int
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    memory: Annotated[Array, "*", OUT],
+    target: Annotated[Array, 3, 4],
+    budget: float,
+    q: Annotated[Array, "n", OUT],
+    w: int,
 ) -> int:
     """Do the same as `solve_target`, (3, 4), in the caller's memory, which stays readable, see `memory.LAYOUT`."""
-    return solve_target(handle, tolerances, memory, target, budget, q, w)
+    return solve_target(Job(handle, tolerances, memory, w), target, budget, q)
 
 
 @kernel
@@ -341,10 +293,11 @@ def solve_pose(handle: Indices, tolerances: Array, target: Array, w: int) -> Arr
     dof = len(task.lower)
     result = np.empty(dof + EVALUATIONS + 1)
     memory = np.empty(scratch_size(dof, len(task.chain.leader)))
+    job = Job(handle, tolerances, memory, w)
     address = result.ctypes.data
     q, report = part1(address, 0, dof), part1(address, dof, EVALUATIONS + 1)
-    report[EVALUATIONS] = solve_target(handle, tolerances, memory, target, task.budget, q, w)
-    conclude_answer(handle, tolerances, memory, target, q, report)
+    report[EVALUATIONS] = solve_target(job, target, task.budget, q)
+    conclude_answer(job, target, q, report)
     memory[0] = 0.0  # Views do not keep the memory alive: Numba frees it after its last use.
     return result
 
@@ -357,8 +310,10 @@ def outcome(task: Task, report: Array) -> tuple[float, float, float, int, bool]:
     return position, orientation, report[WEIGHTED_ERROR], int(report[EVALUATIONS]), met
 
 
-@entry(returns=(F64, F64, F64, I64, FLAG), address=I64, target=F64[4, 4], q=F64["n"])
-def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, float, int, bool]:
+@entry
+def solve_plain(
+    address: int, target: Annotated[Array, 4, 4], q: Annotated[Array, "n"]
+) -> tuple[float, float, float, int, bool]:
     """Solve one pose with the default tolerances and weights, with little overhead on the side of Python.
 
     Args:
@@ -368,8 +323,7 @@ def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, fl
 
     Returns:
         Position error [m], orientation error [rad], weighted error, FK evaluations, and whether the tolerances are met.
-        Evaluations are -1 if the target is not a rigid transform, or if `solve_target` needs a missing routine; the other
-        values are then invalid.
+        Evaluations are -1 if the target is not a rigid transform; the other values are then invalid.
     """
     if not is_rigid(target):
         return 0.0, 0.0, 0.0, -1, False
@@ -379,9 +333,10 @@ def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, fl
     size = scratch_size(len(task.lower), len(task.chain.leader))
     memory = np.empty(size + EVALUATIONS + 1)
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
+    job = Job(handle, tolerances, memory, lanes_of(handle))
     # Called here and not one level deeper: Numba compiles the callees of a function again at every level.
-    report[EVALUATIONS] = solve_target(handle, tolerances, memory, target, task.budget, q, lanes_of(handle))
-    conclude_answer(handle, tolerances, memory, target, q, report)
+    report[EVALUATIONS] = solve_target(job, target, task.budget, q)
+    conclude_answer(job, target, q, report)
     status = outcome(task, report)
     memory[0] = 0.0  # Its last use, see `solve_pose`.
     return status

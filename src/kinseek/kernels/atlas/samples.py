@@ -10,31 +10,31 @@ the same coordinates. Its nearest samples give q_2 … q_{n-1}, the azimuths giv
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from kinseek.kernels.arm.division import DIVISION, NONE, SLIDE, TURN, Division, nearest_copy
+from kinseek.kernels.arm.division import NONE, SLIDE, TURN, Division, nearest_copy
 from kinseek.kernels.arm.forward import advance, advance_segment, identity
 from kinseek.kernels.arm.trigonometry import rough_angle
-from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
-from kinseek.kernels.entry import F64, I64, Bundle
+from kinseek.kernels.arrays import Array, ChainArrays, Limits
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
-from .tree import TREE, Tree, make_tree, sort_tree
+from .tree import Tree, make_tree, sort_tree
 
 
 class Atlas(NamedTuple):
     """Samples of the middle joints, in the order of the leaves of the tree."""
 
     tree: Tree
-    middle: Array
+    middle: Annotated[Array, "s", "middle", OUT]
     """Joint values of the samples [rad] or [m], (k, middle joints)."""
-    poses: Array
+    poses: Annotated[Array, "s", 3, 4, OUT]
     """K of the samples, (k, 3, 4), lengths in [m]."""
-    inverse_head: Array
+    inverse_head: Annotated[Array, 3, 4]
     """A_1⁻¹ if the first joint is divided out, else the identity, (3, 4)."""
-    inverse_tip: Array
+    inverse_tip: Annotated[Array, 3, 4]
     """A_tip⁻¹ if the last joint is divided out, else the inverse of a tool that the samples exclude, (3, 4)."""
 
 
@@ -66,16 +66,6 @@ def coordinates(K: Array, division: Division, out: Array) -> int:
     return used
 
 
-ATLAS = Bundle(
-    Atlas,
-    tree=TREE,
-    middle=F64["s", "middle"].out,
-    poses=F64["s", 3, 4].out,
-    inverse_head=F64[3, 4],
-    inverse_tip=F64[3, 4],
-)
-
-
 def build_atlas(
     chain: ChainArrays,
     division: Division,
@@ -103,8 +93,10 @@ def within_limits(chain: ChainArrays, i: int, value: float) -> float:
     return inside
 
 
-@entry(chain=CHAIN, division=DIVISION, middle=F64["s", "middle"], first=I64, atlas=ATLAS)
-def fill_atlas(chain: ChainArrays, division: Division, middle: Array, first: int, atlas: Atlas) -> None:
+@entry
+def fill_atlas(
+    chain: ChainArrays, division: Division, middle: Annotated[Array, "s", "middle"], first: int, atlas: Atlas
+) -> None:
     """Compute K and its coordinates for every sample, and sort them.
 
     Args:
@@ -135,16 +127,25 @@ def fill_atlas(chain: ChainArrays, division: Division, middle: Array, first: int
                 atlas.poses[i, r, c] = poses[order[i], r, c]
 
 
+class Divided(NamedTuple):
+    """An atlas, the joints that are divided out of it, and where these may be."""
+
+    atlas: Atlas
+    division: Division
+    limits: Limits
+    margin: float
+    """How far beyond its limits the first or the last joint of a promising sample may be [rad or m]."""
+
+
 @inlined
-def complete_seed(
-    atlas: Atlas, division: Division, G: Array, i: int, lower: Array, upper: Array, margin: float, q: Array
-) -> bool:
+def complete_seed(arm: Divided, G: Array, i: int, q: Array) -> bool:
     """Fill q, (n,), from sample i for a goal G in the frame of the first joint; return False if it is not promising.
 
-    A sample is not promising if its first or last joint is beyond its limits by more than `margin` [rad or m]. Within the
+    A sample is not promising if its first or last joint is beyond its limits by more than the margin. Within the
     margin the joint is clamped to the limit, because the sample is only near the solution.
     """
-    dof, K = len(lower), atlas.poses[i]
+    atlas, division, lower, upper = arm.atlas, arm.division, arm.limits.lower, arm.limits.upper
+    dof, K, margin = len(lower), atlas.poses[i], arm.margin
     first = 0 if division.head == NONE else 1
     for j in range(atlas.middle.shape[1]):
         q[first + j] = atlas.middle[i, j]

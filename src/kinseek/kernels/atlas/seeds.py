@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 from kinseek.kernels.arm.division import nearest_copy, product
-from kinseek.kernels.arrays import Array
+from kinseek.kernels.arrays import Array, Limits
 from kinseek.kernels.jit import inlined
 
 from .lanes import LANES, Lanes
 from .memory import Scratch
-from .samples import complete_seed, coordinates
+from .samples import Divided, complete_seed, coordinates
 from .task import OPEN, Task
-from .tree import nearest, scan_beside, take_nearest
+from .tree import Neighbours, nearest, scan_beside, take_nearest
 
 FIRST, MORE, RESTARTS, MORE_RESTARTS = 24, 40, 64, 256
 """Samples near a goal that are tried first; samples of a deeper look-up; restarts after both; and restarts if the
@@ -55,7 +55,7 @@ def load_target(lanes: Lanes, lane: int, target: Array) -> None:
     """Set the target of one lane, (3, 4)."""
     for r in range(3):
         for c in range(4):
-            lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
+            lanes.target[r, c, lane] = target[r, c]
 
 
 @inlined
@@ -84,15 +84,15 @@ def look_up(task: Task, scratch: Scratch, target: Array, most: int) -> int:
     """Find at most `most` samples nearest to a target, (3, 4); return their number."""
     see(task, scratch, target)
     coordinates(scratch.seen, task.division, scratch.point)
-    return nearest(
-        task.atlas.tree,
-        scratch.point,
-        most,
-        scratch.distance,
-        scratch.neighbour,
-        scratch.stack,
-        scratch.bound,
-    )
+    neighbours = Neighbours(scratch.distance, scratch.neighbour, scratch.stack, scratch.bound)
+    return nearest(task.atlas.tree, scratch.point, most, neighbours)
+
+
+@inlined
+def complete(task: Task, scratch: Scratch, i: int, margin: float) -> bool:
+    """Write sample i, completed for the goal in `seen`, into the seed of the scratch memory, see `complete_seed`."""
+    limits = Limits(task.chain.lower, task.chain.upper)
+    return complete_seed(Divided(task.atlas, task.division, limits, margin), scratch.seen, i, scratch.seed)
 
 
 @inlined
@@ -102,16 +102,7 @@ def fill_from_lookup(task: Task, scratch: Scratch, begin: int, found: int) -> tu
     while begin < found and filled < LANES:
         i = scratch.neighbour[begin]
         begin += 1
-        if complete_seed(
-            task.atlas,
-            task.division,
-            scratch.seen,
-            i,
-            task.chain.lower,
-            task.chain.upper,
-            MARGIN,
-            scratch.seed,
-        ):
+        if complete(task, scratch, i, MARGIN):
             load_seed(scratch.lanes, filled, scratch.seed)
             scratch.state[filled] = 0
             filled += 1
@@ -150,9 +141,7 @@ def take_seed(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) -> tu
     i = take_nearest(task.atlas.tree, leaf, scratch.distance, scratch.bound)
     if i >= 0:
         margin = MARGIN if taken >= FIRST else 0.0
-        worth = complete_seed(
-            task.atlas, task.division, scratch.seen, i, chain.lower, chain.upper, margin, scratch.seed
-        )
+        worth = complete(task, scratch, i, margin)
         worth = worth and (taken < FIRST or stands_at_limit(scratch.seed, chain.lower, chain.upper))
         taken += 1
     else:

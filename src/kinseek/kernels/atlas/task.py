@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.kernels.arm.division import Division
-from kinseek.kernels.arm.links import links_of
-from kinseek.kernels.arrays import CHAIN_ROWS, Array, ChainArrays, Indices
-from kinseek.kernels.entry import I64
+from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.jit import array_view
 from kinseek.kernels.layout import Rows
 from kinseek.kernels.pointers import ROW, floats1, integer_part, integers, part1
 
 from .lanes import LANES
 from .samples import Atlas
-from .tree import Tree
 
 OPEN = 1e300
 """Limit of a joint that turns fully. It is infinite for a continuous joint, which may turn either way without end."""
@@ -30,16 +27,22 @@ POSITION, ORIENTATION, WEIGHT, BUDGET, AXES = range(5)
 TOLERANCES = AXES + 3
 """Length of the tolerances; `Task` has them by name."""
 
-HANDLE = I64["*"]
-"""Declaration of a handle; callers do not choose its length."""
+Handle = Annotated[Indices, "*"]
+"""A handle as an argument of a kernel; callers do not choose its length."""
+
+Target = Annotated[Array, "rows", 4]
+"""A rigid transform as an argument of a kernel, (3, 4) or (4, 4), lengths in [m]."""
+
+Joints = Annotated[Array, "n"]
+"""Joint values as an argument of a kernel, (n,), [rad] or [m]."""
 
 POSITION_ERROR, ORIENTATION_ERROR, WEIGHTED_ERROR, EVALUATIONS = range(4)
 """Indices into a report on joint values: errors [m] and [rad], the weighted error, and FK evaluations. A result has these
 four after its joint values, in the same order."""
 
 ITERATE, SEARCH, ENDING, STARTS, JUDGE, CLOSED, DISTANT = range(7)
-"""Indices of the routines of a task; the entry is 0 if one is not needed, or not yet, see `one_goal.routines`. CLOSED is set
-if the arm has a closed form, DISTANT and ENDING from the first unreachable goal on.
+"""Indices of the routines of a task, see `one_goal.routines`; the entry is 0 if one is not needed. CLOSED is set if the arm
+has a closed form.
 
 A goal with ranges uses other steps than a pose and the same search: its task contains other routines, see `with_ranges`.
 """
@@ -94,42 +97,24 @@ class TaskRows(NamedTuple):
 
     chain: ChainArrays
     atlas: Atlas
-    lower: Array
-    upper: Array
-    columns: Array
-    numbers: Indices
+    lower: Annotated[Array, "n"]
+    upper: Annotated[Array, "n"]
+    columns: Annotated[Array, 3]
+    numbers: Annotated[Indices, EXACT + 1]
     """See `HEAD` and those beside it, (6,)."""
-    lengths: Array
+    lengths: Annotated[Array, MEASURES]
     """See `DIRECTION` and those beside it, (MEASURES,), [m]."""
-    links: Array
-    routines: Indices
+    links: Annotated[Array, "m+2", 12]
+    """See `links.links_of`."""
+    routines: Annotated[Indices, DISTANT + 1]
     """Addresses of routines that kernels call, see `ITERATE`, (7,)."""
-    plain: Array
+    plain: Annotated[Array, TOLERANCES]
     """Tolerances of a plain pose, (TOLERANCES,)."""
-    structure: Array
+    structure: Annotated[Array, "*"]
+    """See `structure.candidates.KIND`."""
 
 
-ROWS = Rows(
-    TaskRows,
-    chain=CHAIN_ROWS,
-    atlas=Rows(
-        Atlas,
-        tree=Rows(Tree, points="floats3", axis="integers", split="floats1", beside="integers"),
-        middle="floats2",
-        poses="floats3",
-        inverse_head="floats2",
-        inverse_tip="floats2",
-    ),
-    lower="floats1",
-    upper="floats1",
-    columns="floats1",
-    numbers="integers",
-    lengths="floats1",
-    links="floats2",
-    routines="integers",
-    plain="floats1",
-    structure="floats1",
-)
+ROWS = Rows(TaskRows)
 """Declaration of the rows of a task's handle."""
 
 
@@ -141,34 +126,17 @@ NUMBERS, ROUTINES, PLAIN, WEIGHTS, LENGTHS = (
 )
 
 
-def task_arrays(
-    chain: ChainArrays,
-    atlas: Atlas,
-    division: Division,
-    lower: Array,
-    upper: Array,
-    columns: Array,
-    length: float,
-    routines: Indices,
-    tolerances: Array,
-    structure: Array,
-    exact: bool,
-    span: Array,
-) -> list[NDArray[Any]]:
-    """The arrays of a task in the order in which `task_of` reads them.
-
-    `tolerances` are those of a plain pose, `span` has the lengths from SPAN on, (7,).
-    """
-    numbers, lengths = np.zeros(EXACT + 1, dtype=np.int64), np.zeros(MEASURES)
+def task_numbers(division: Division, exact: bool) -> Indices:
+    """The integers of a task for goals without ranges, see `HEAD`, (6,)."""
+    numbers = np.zeros(EXACT + 1, dtype=np.int64)
     numbers[HEAD], numbers[TAIL], numbers[COLUMNS] = division.head, division.tail, division.columns
     numbers[WIDTH], numbers[EXACT] = LANES, exact
-    lengths[DIRECTION], lengths[RADIAN], lengths[SPAN:] = division.length, length, span
-    links = links_of(chain)
-    return ROWS.arrays(
-        TaskRows(
-            chain, atlas, lower, upper, columns, numbers, lengths, links, routines, tolerances, structure
-        )
-    )
+    return numbers
+
+
+def task_lengths(division: Division, radian: float, span: Array) -> Array:
+    """The lengths of a task, see `DIRECTION`, (MEASURES,); `span` has those from SPAN on, (7,)."""
+    return np.array([division.length, radian, *span])
 
 
 def with_ranges(arrays: list[NDArray[Any]], poses: int, routines: Indices) -> list[NDArray[Any]]:
@@ -218,7 +186,7 @@ def task_of(handle: Indices, tolerances: Array) -> Task:
     """View a task through its handle.
 
     Args:
-        handle: From `pointers.handle_of` of `task_arrays`.
+        handle: From `pointers.handle_of` of the arrays of `TaskRows`.
         tolerances: See `POSITION` and the other indices, (TOLERANCES,).
     """
     rows: TaskRows = rows_of(handle, 0)
@@ -245,9 +213,17 @@ def task_of(handle: Indices, tolerances: Array) -> Task:
 
 
 class Job(NamedTuple):
-    """The task by address, for kernels that are called and not inlined."""
+    """The task by address, for kernels that are called and not inlined, and the memory of the call."""
 
-    handle: Indices
-    tolerances: Array
-    """(TOLERANCES,)"""
-    memory: Array
+    handle: Handle
+    tolerances: Annotated[Array, TOLERANCES]
+    memory: Annotated[Array, "*"]
+    """See `memory.LAYOUT`."""
+    width: int
+    """LANES, as a number that is unknown to the compiler."""
+
+
+@array_view
+def task_at(job: Job) -> Task:
+    """The task of a job."""
+    return task_of(job.handle, job.tolerances)

@@ -7,12 +7,12 @@ of a leaf serves a point in its corner less well, so a nearer point is sometimes
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.entry import F64, I64, Bundle
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import array_view, inlined, kernel, noinline
 from kinseek.kernels.pointers import part1
 
@@ -37,23 +37,14 @@ POSE_DIMENSIONS = 5
 class Tree(NamedTuple):
     """A complete binary tree over ``LEAF_SIZE · 2^depth`` points: node i has the children 2i+1 and 2i+2."""
 
-    points: Array
+    points: Annotated[Array, "leaves", "used", LEAF_SIZE, OUT]
     """Points leaf by leaf, (leaves, dimensions, LEAF_SIZE)."""
-    axis: Indices
+    axis: Annotated[Indices, "inner", OUT]
     """Dimension that each inner node splits, (leaves - 1,); at least one entry."""
-    split: Array
+    split: Annotated[Array, "inner", OUT]
     """Coordinate of the split, same shape."""
-    beside: Indices
+    beside: Annotated[Indices, "*", OUT]
     """Leaves whose centres are nearest to that of each leaf, nearest first, padded with -1, (leaves · BESIDE,)."""
-
-
-TREE = Bundle(
-    Tree,
-    points=F64["leaves", "used", LEAF_SIZE].out,
-    axis=I64["inner"].out,
-    split=F64["inner"].out,
-    beside=I64["*"].out,
-)
 
 
 def make_tree(count: int, dimensions: int) -> Tree:
@@ -164,24 +155,34 @@ def _select(points: Array, d: int, order: Indices, first: int, last: int, middle
             return
 
 
+class Neighbours(NamedTuple):
+    """The points that a search finds, nearest first, and its scratch memory."""
+
+    distance: Array
+    """Squared distances, at least (most,)."""
+    place: Indices
+    """Places in the leaves, at least (most,)."""
+    stack: Indices
+    """Scratch memory, (64,)."""
+    bound: Array
+    """Scratch memory, (64 + LEAF_SIZE,)."""
+
+
 @inlined
-def nearest(
-    tree: Tree, point: Array, most: int, distance: Array, index: Indices, stack: Indices, bound: Array
-) -> int:
+def nearest(tree: Tree, point: Array, most: int, neighbours: Neighbours) -> int:
     """Find the nearest points, nearest first.
 
     Args:
         tree: The tree to search.
         point: (dimensions,)
         most: Number of points.
-        distance: Receives squared distances, at least (most,).
-        index: Receives places in the leaves, at least (most,).
-        stack: Scratch memory, (64,).
-        bound: Scratch memory, (64 + LEAF_SIZE,).
+        neighbours: Receives the points.
 
     Returns:
         The number of points found.
     """
+    distance, index = neighbours.distance, neighbours.place
+    stack, bound = neighbours.stack, neighbours.bound
     leaves, dimensions = tree.points.shape[0], tree.points.shape[1]
     found, top, scanned = 0, 1, 0
     stack[0], bound[0] = 0, 0.0

@@ -128,15 +128,15 @@ def report_samples(
         value: Value of the swept joint.
         halves: Receives half the range of each angle, infinite if it turns fully, (6,).
         rest: Scratch memory, (3, 4).
-        work: Scratch memory, (WORK,).
+        work: Scratch memory, `candidates.WORK`.
         report: Receives the report, (REPORT, LANES).
         w: LANES.
     """
-    W, dof = LANES, len(task.lower)
+    dof = len(task.lower)
     taken_off(task.structure, D, value, rest)
     candidates(task.structure, rest, np.inf, work, w)
     for l in range(w):
-        a, b, c = work[ROOTS * W + l], work[(ROOTS + 1) * W + l], work[(ROOTS + 2) * W + l]
+        a, b, c = work[ROOTS, l], work[ROOTS + 1, l], work[ROOTS + 2, l]
         report[UNDER, l], report[UNDER + 1, l], report[UNDER + 2, l] = a, b, c
         report[LEAST, l], report[ROOM, l] = min(a, b, c), np.inf
     for row in range(dof - 1):
@@ -145,7 +145,7 @@ def report_samples(
         half, centre = np.inf if turns_fully(task, i) else 0.5 * (high - low), 0.5 * (low + high)
         halves[row] = half
         for l in range(w):
-            angle = joint_gap(work[row * W + l], centre, TURN)
+            angle = joint_gap(work[row, l], centre, TURN)
             report[ANGLES + row, l] = angle
             report[ROOM, l] = min(report[ROOM, l], half - abs(angle))
 
@@ -421,7 +421,7 @@ def swept_starts(
         values: Scratch memory, (k,); k is the largest number of values of the swept joint.
         report: Scratch memory, (k, REPORT, LANES).
         next_one: Scratch memory, (k,).
-        work: Scratch memory, (WORK,).
+        work: Scratch memory, `candidates.WORK`.
         halves: Scratch memory, (6,).
         seeds: Receives joint values, (most, n).
         w: LANES.

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 
+from kinseek.kernels.arm.vectors import rotated, vector_at
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.jit import inlined
 from kinseek.kernels.structure import candidates
-from kinseek.kernels.structure.candidates import H1, H6, P1, P2, P3, SENSE, SIZE, E, H, rotated
+from kinseek.kernels.structure.candidates import H1, H6, P1, P2, P3, SENSE, SIZE, E, H
 from kinseek.kernels.structure.subproblems import angle, cross, dot, rotate, solve_trig, unit_angle
 
 SAMPLES = 128
@@ -225,7 +226,7 @@ def complete(S: Array, D: Array, table: Array, begin: int, roots: Array, work: A
     l0, l1 = link(S)
     square = l0 * l0 + l1 * l1
     ox, oy, oz = px - S[P2], py - S[P2 + 1], pz - S[P2 + 2]
-    vx, vy, vz = rotated(D, S, H6)
+    vx, vy, vz = rotated(D, vector_at(S, H6))
     sense2, sense3 = S[SENSE], S[SENSE + 1]
     for r in range(PLACES):
         for l in range(w):

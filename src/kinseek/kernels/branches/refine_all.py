@@ -11,12 +11,11 @@ from kinseek.kernels.arm.pose_error import errors
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.atlas.batch import stand_still
 from kinseek.kernels.atlas.descent import iterate, within
-from kinseek.kernels.atlas.lanes import LANES, Lanes
+from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2, Lanes
 from kinseek.kernels.atlas.memory import Scratch, make_scratch
-from kinseek.kernels.atlas.samples import complete_seed
-from kinseek.kernels.atlas.seeds import MARGIN, into_limits
-from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Task, task_of
-from kinseek.kernels.atlas.tree import nearest
+from kinseek.kernels.atlas.seeds import MARGIN, complete, into_limits
+from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Job, Task, task_of
+from kinseek.kernels.atlas.tree import Neighbours, nearest
 from kinseek.kernels.jit import inlined, kernel
 
 CENTRE, SCALE, RATES = range(3)
@@ -141,7 +140,7 @@ def head_for_known(lanes: Lanes, rates: Array, rows: Array, count: int, heading:
     Writes 1 for these, else 0, into `heading`, (LANES,). One loop over the lanes handles all joints, see
     `seeding.is_alike`; with fewer than six joints the last counts more than once.
     """
-    q, step, work, dof = lanes.q, lanes.step, lanes.work, rows.shape[1]
+    q, step, dof = lanes.q, lanes.step, rows.shape[1]
     b, c, d = min(1, dof - 1), min(2, dof - 1), min(3, dof - 1)
     e, f = min(4, dof - 1), min(5, dof - 1)
     ra, rb, rc, rd, re, rf = rates[0], rates[b], rates[c], rates[d], rates[e], rates[f]
@@ -153,7 +152,7 @@ def head_for_known(lanes: Lanes, rates: Array, rows: Array, count: int, heading:
             ga, gb, gc = joint_gap(q[0, l], xa, ra), joint_gap(q[b, l], xb, rb), joint_gap(q[c, l], xc, rc)
             gd, ge, gf = joint_gap(q[d, l], xd, rd), joint_gap(q[e, l], xe, re), joint_gap(q[f, l], xf, rf)
             now = ga * ga + gb * gb + gc * gc + gd * gd + ge * ge + gf * gf
-            share = work[l]
+            share = lanes.share[l]
             ga, gb, gc = ga - share * step[0, l], gb - share * step[b, l], gc - share * step[c, l]
             gd, ge, gf = gd - share * step[d, l], ge - share * step[e, l], gf - share * step[f, l]
             before = ga * ga + gb * gb + gc * gc + gd * gd + ge * ge + gf * gf
@@ -197,7 +196,7 @@ def refine_all(
         tally: EVALUATED increases by the FK evaluations spent, LATE by the number of late solutions, (TALLY,).
         w: LANES.
     """
-    task = task_of(handle, tolerances)
+    task, job = task_of(handle, tolerances), Job(handle, tolerances, memory, w)
     dof = len(task.lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))
     goal, lanes = GoalArrays(target, task.position_weight, task.axis_weights), scratch.lanes
@@ -220,7 +219,7 @@ def refine_all(
                 active += 1
         if active == 0 or count == len(rows):
             break
-        iterate(handle, tolerances, memory, True, w)
+        iterate(job, True)
         if mode == SEEDED:
             head_for_known(lanes, rates, rows, count, heading, w)
         for l in range(LANES):
@@ -228,7 +227,7 @@ def refine_all(
                 continue
             tally[EVALUATED] += 1.0
             made[l] += 1
-            error, done = lanes.error[3 * LANES + l], made[l] >= most
+            error, done = lanes.error[RESIDUAL2, l], made[l] >= most
             if made[l] > 1 and error > WORTH * before[l]:
                 strikes[l] += 1
             before[l] = error
@@ -270,12 +269,11 @@ def starts(
     seeds: Array,
 ) -> int:
     """Complete the `most` nearest samples into seeds, nearest first; return their number."""
-    found = nearest(task.atlas.tree, scratch.point, most, distance, neighbour, scratch.stack, scratch.bound)
-    lower, upper, many = task.chain.lower, task.chain.upper, 0
+    neighbours = Neighbours(distance, neighbour, scratch.stack, scratch.bound)
+    found = nearest(task.atlas.tree, scratch.point, most, neighbours)
+    many = 0
     for k in range(found):
-        if complete_seed(
-            task.atlas, task.division, scratch.seen, neighbour[k], lower, upper, MARGIN, scratch.seed
-        ):
+        if complete(task, scratch, neighbour[k], MARGIN):
             for i in range(len(scratch.seed)):
                 seeds[many, i] = scratch.seed[i]
             many += 1

@@ -21,6 +21,7 @@ their number odd.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
@@ -34,14 +35,14 @@ from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import see, turns_fully
 from kinseek.kernels.atlas.task import (
     EVALUATIONS,
-    HANDLE,
     ORIENTATION_ERROR,
     POSITION_ERROR,
     TOLERANCES,
+    Handle,
     Task,
     task_of,
 )
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, noinline
 from kinseek.kernels.structure.candidates import DEVIATION, KIND, LOOSE, NUMBERS, PARALLEL, ROUNDING, WORK
 from kinseek.kernels.structure.closed import FOLDED, LOST, REPORT, SURE, TRIED, UNSURE, closed_starts, serves
@@ -338,40 +339,23 @@ def find_branches(
     return count + 1
 
 
-@entry(
-    handle=HANDLE,
-    fine=HANDLE,
-    tolerances=F64[TOLERANCES],
-    mirrors=F64["*", 3, "n"],
-    structure=F64[NUMBERS],
-    joint=F64[one_joint_residual.NUMBERS],
-    table=F64[one_joint_residual.PLACES, "*"],
-    steps=F64["*", 6, LANES],
-    targets=F64["k", 4, 4],
-    views=F64["*", 3, "n"],
-    number=I64,
-    begin=I64,
-    end=I64,
-    results=F64["*", "*", "width"].out,
-    counts=I64["*"].out,
-    w=I64,
-)
+@entry
 def many_branches(
-    handle: Indices,
-    fine: Indices,
-    tolerances: Array,
-    mirrors: Array,
-    structure: Array,
-    joint: Array,
-    table: Array,
-    steps: Array,
-    targets: Array,
-    views: Array,
+    handle: Handle,
+    fine: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    mirrors: Annotated[Array, "*", 3, "n"],
+    structure: Annotated[Array, NUMBERS],
+    joint: Annotated[Array, one_joint_residual.NUMBERS],
+    table: Annotated[Array, one_joint_residual.PLACES, "*"],
+    steps: Annotated[Array, "*", 6, LANES],
+    targets: Annotated[Array, "k", 4, 4],
+    views: Annotated[Array, "*", 3, "n"],
     number: int,
     begin: int,
     end: int,
-    results: Array,
-    counts: Indices,
+    results: Annotated[Array, "*", "*", "width", OUT],
+    counts: Annotated[Indices, "*", OUT],
     w: int,
 ) -> None:
     """Run `find_branches`, or `sample_branches` if `number` > 0, for targets begin … end-1, (k, 4, 4).

@@ -8,6 +8,7 @@ nearly always converge to the same solution, so only the nearest sample of these
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
@@ -18,9 +19,9 @@ from kinseek.kernels.atlas.descent import free_turn, reset_weights
 from kinseek.kernels.atlas.lanes import LANES, lanes_forward, lanes_gram, lanes_jacobian, lanes_solve
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.seeds import MARGIN
-from kinseek.kernels.atlas.task import HANDLE, Task, plain_tolerances, task_of
+from kinseek.kernels.atlas.task import Handle, Task, plain_tolerances, task_of
 from kinseek.kernels.atlas.tree import LEAF_SIZE
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
 DAMPED = 0.03
@@ -57,8 +58,8 @@ NOWHERE = 1e9
 """Squared distance of an empty entry."""
 
 
-@entry(handle=HANDLE, steps=F64["s", 6, LANES].out, w=I64)
-def fill_steps(handle: Indices, steps: Array, w: int) -> None:
+@entry
+def fill_steps(handle: Handle, steps: Annotated[Array, "s", 6, LANES, OUT], w: int) -> None:
     """Fill the table of an arm that has at most `LANES` joints.
 
     Args:
@@ -69,7 +70,7 @@ def fill_steps(handle: Indices, steps: Array, w: int) -> None:
         w: LANES.
     """
     task = task_of(handle, plain_tolerances(handle))
-    dof, W, atlas = len(task.lower), LANES, task.atlas
+    dof, atlas = len(task.lower), task.atlas
     memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
     scratch = make_scratch(memory, dof, len(task.chain.leader))
     lanes, first = scratch.lanes, 0 if task.division.head == NONE else 1
@@ -88,33 +89,32 @@ def fill_steps(handle: Indices, steps: Array, w: int) -> None:
             for r in range(3):
                 away[r] = 0.0
                 for c in range(3):
-                    away[r] += T[(4 * r + c) * W + l] * atlas.inverse_tip[c, 3] / task.length
+                    away[r] += T[r, c, l] * atlas.inverse_tip[c, 3] / task.length
             for i in range(dof):
                 for r in range(6):
-                    row[r] = J[i, r * W + l]
+                    row[r] = J[i, r, l]
                 # From the tip to the point on the last axis.
                 row[0] += row[4] * away[2] - row[5] * away[1]
                 row[1] += row[5] * away[0] - row[3] * away[2]
                 row[2] += row[3] * away[1] - row[4] * away[0]
                 # From the base to the frame of the first axis.
                 for r in range(3):
-                    J[i, r * W + l], J[i, (3 + r) * W + l] = 0.0, 0.0
+                    J[i, r, l], J[i, 3 + r, l] = 0.0, 0.0
                     for c in range(3):
-                        J[i, r * W + l] += atlas.inverse_head[r, c] * row[c]
-                        J[i, (3 + r) * W + l] += atlas.inverse_head[r, c] * row[3 + c]
+                        J[i, r, l] += atlas.inverse_head[r, c] * row[c]
+                        J[i, 3 + r, l] += atlas.inverse_head[r, c] * row[3 + c]
         lanes_gram(0.0, scratch.floor, lanes, w)
         for part in range(6):
-            for r in range(6 * LANES):
-                e[r] = 0.0
-            for l in range(LANES):
-                e[part * W + l] = 1.0
+            for r in range(6):
+                for l in range(LANES):
+                    e[r, l] = 1.0 if r == part else 0.0
             lanes_solve(lanes, w)
             for l in range(LANES):
                 for i in range(LANES):
                     value = 0.0
                     if i < dof:
                         for r in range(6):
-                            value += J[i, r * W + l] * e[r * W + l]
+                            value += J[i, r, l] * e[r, l]
                     steps[group * LANES + l, part, i] = value
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
 
@@ -204,7 +204,7 @@ def complete_eight(task: Task, K: Array, G: Array, order: Indices, begin: int, e
 
     Args:
         task: The task.
-        K: Rows of LANES, (at least 15 · LANES,). Receives the remaining pose error, six rows; in `FIRST` and `FINAL` the
+        K: (at least 15, LANES). Receives the remaining pose error, six rows; in `FIRST` and `FINAL` the
             first and the last joint, within their limits; and in `BEYOND` how far outside they were [rad or m].
         G: The goal in the coordinates of the atlas, (3, 4).
         order: See `sort_samples`.
@@ -212,18 +212,16 @@ def complete_eight(task: Task, K: Array, G: Array, order: Indices, begin: int, e
         end: One past the last.
         w: LANES.
     """
-    W, columns, atlas, division = LANES, task.columns, task.atlas, task.division
+    columns, atlas, division = task.columns, task.atlas, task.division
     last, offset = len(task.lower) - 1, 0 if task.division.head == NONE else 1
     for l in range(LANES):
         sample = order[min(begin + l, end - 1)]
         for r in range(3):
             for c in range(4):
-                K[(4 * r + c) * W + l] = atlas.poses[sample, r, c]
+                K[4 * r + c, l] = atlas.poses[sample, r, c]
         # Joints that are not divided out are among the middle ones.
-        K[FIRST * W + l] = atlas.middle[sample, 0] if offset == 0 else 0.0
-        K[FINAL * W + l] = (
-            atlas.middle[sample, last - offset] if last - offset < atlas.middle.shape[1] else 0.0
-        )
+        K[FIRST, l] = atlas.middle[sample, 0] if offset == 0 else 0.0
+        K[FINAL, l] = atlas.middle[sample, last - offset] if last - offset < atlas.middle.shape[1] else 0.0
     turning, slides = 1.0 if division.head == TURN else 0.0, 1.0 if division.head == SLIDE else 0.0
     twisting, square = 1.0 if division.tail == TURN else 0.0, division.length * division.length
     stays, ends = 1.0 if division.head == NONE else 0.0, 1.0 - twisting
@@ -243,16 +241,16 @@ def complete_eight(task: Task, K: Array, G: Array, order: Indices, begin: int, e
     )
     per_turn, c0, c1, c2 = 0.5 / math.pi, columns[0], columns[1], columns[2]
     for l in range(w):
-        k00, k01, k02, k03 = K[l], K[W + l], K[2 * W + l], K[3 * W + l]
-        k10, k11, k12, k13 = K[4 * W + l], K[5 * W + l], K[6 * W + l], K[7 * W + l]
-        k20, k21, k22, k23 = K[8 * W + l], K[9 * W + l], K[10 * W + l], K[11 * W + l]
+        k00, k01, k02, k03 = K[0, l], K[1, l], K[2, l], K[3, l]
+        k10, k11, k12, k13 = K[4, l], K[5, l], K[6, l], K[7, l]
+        k20, k21, k22, k23 = K[8, l], K[9, l], K[10, l], K[11, l]
         dot = k03 * g03 + k13 * g13 + w0 * (k00 * g00 + k10 * g10)
         dot += w1 * (k01 * g01 + k11 * g11) + w2 * (k02 * g02 + k12 * g12)
         cross = k03 * g13 - k13 * g03 + w0 * (k00 * g10 - k10 * g00)
         cross += w1 * (k01 * g11 - k11 * g01) + w2 * (k02 * g12 - k12 * g02)
         first = rough_angle(cross, dot)
         first += turn * np.floor((mid - first) * per_turn + 0.5)
-        first = turning * first + slides * (g23 - k23) + stays * K[FIRST * W + l]
+        first = turning * first + slides * (g23 - k23) + stays * K[FIRST, l]
         beyond = max(low - first, first - high)
         first = min(max(first, low), high)
         sine, cosine = sine_cosine(turning * first)
@@ -267,7 +265,7 @@ def complete_eight(task: Task, K: Array, G: Array, order: Indices, begin: int, e
         across = k01 * a00 + k11 * a10 + k21 * g20 - k00 * a01 - k10 * a11 - k20 * g21
         final = rough_angle(across, along)
         final += turn * np.floor((mid_last - final) * per_turn + 0.5)
-        final = twisting * final + ends * K[FINAL * W + l]
+        final = twisting * final + ends * K[FINAL, l]
         beyond = max(beyond, low_last - final, final - high_last)
         final = min(max(final, low_last), high_last)
         sine, cosine = sine_cosine(twisting * final)
@@ -276,17 +274,16 @@ def complete_eight(task: Task, K: Array, G: Array, order: Indices, begin: int, e
         rx = c0 * (k10 * b20 - k20 * b10) + c1 * (k11 * b21 - k21 * b11) + c2 * (k12 * g22 - k22 * a12)
         ry = c0 * (k20 * b00 - k00 * b20) + c1 * (k21 * b01 - k01 * b21) + c2 * (k22 * a02 - k02 * g22)
         rz = c0 * (k00 * b10 - k10 * b00) + c1 * (k01 * b11 - k11 * b01) + c2 * (k02 * a12 - k12 * a02)
-        K[l], K[W + l], K[2 * W + l] = scale * x, scale * y, scale * z
-        K[3 * W + l], K[4 * W + l], K[5 * W + l] = rx, ry, rz
-        K[FIRST * W + l], K[FINAL * W + l], K[BEYOND * W + l] = first, final, beyond
+        K[0, l], K[1, l], K[2, l] = scale * x, scale * y, scale * z
+        K[3, l], K[4, l], K[5, l] = rx, ry, rz
+        K[FIRST, l], K[FINAL, l], K[BEYOND, l] = first, final, beyond
 
 
 @inlined
 def answer(row: Array, K: Array, l: int, i: int) -> float:
     """Motion of joint i for the remaining pose error in a lane, from the table of a sample, (6, LANES)."""
-    W = LANES
-    value: float = row[0, i] * K[l] + row[1, i] * K[W + l] + row[2, i] * K[2 * W + l]
-    value += row[3, i] * K[3 * W + l] + row[4, i] * K[4 * W + l] + row[5, i] * K[5 * W + l]
+    value: float = row[0, i] * K[0, l] + row[1, i] * K[1, l] + row[2, i] * K[2, l]
+    value += row[3, i] * K[3, l] + row[4, i] * K[4, l] + row[5, i] * K[5, l]
     return value
 
 
@@ -301,7 +298,7 @@ def step_ahead(task: Task, K: Array, l: int, sample: int, steps: Array, move: Ar
     middle, first = task.atlas.middle, 0 if task.division.head == NONE else 1
     for j in range(middle.shape[1]):
         q[first + j] = middle[sample, j]
-    q[0], q[last] = K[FIRST * LANES + l], K[FINAL * LANES + l]
+    q[0], q[last] = K[FIRST, l], K[FINAL, l]
     for i in range(len(q)):
         q[i] = min(max(q[i] + move[i] * far, task.lower[i]), task.upper[i])
 
@@ -373,7 +370,7 @@ def spread_starts(
     for begin in range(0, found, LANES):
         complete_eight(task, K, scratch.seen, order, begin, found, w)
         for lane in range(min(LANES, found - begin)):
-            if K[BEYOND * LANES + lane] > MARGIN:
+            if K[BEYOND, lane] > MARGIN:
                 continue
             step_ahead(task, K, lane, order[begin + lane], steps, scratch.bound, q)
             if thin and is_alike(known, kept + many, rates, q):

@@ -83,15 +83,14 @@ def twins(
     task = task_of(handle, tolerances)
     dof = len(task.lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))
-    lanes, W = scratch.lanes, LANES
-    U, e, J, work = lanes.gram, lanes.residual, lanes.jacobian, lanes.work
-    way = np.empty(dof)
+    lanes = scratch.lanes
+    e, J = lanes.residual, lanes.jacobian
+    U, way, weak, bent = np.empty((6, LANES)), np.empty(dof), np.empty(LANES), np.zeros(LANES)
     for l in range(LANES):
         for i in range(dof):
             lanes.q[i, l] = rows[min(first + l, last - 1), i]
         # Rows that no joint can move make J Jᵀ singular.
         scratch.floor[l] = FULL_FLOOR if dof >= 6 else SHORT_FLOOR
-        work[W + l] = 0.0
     for phase in range(PHASES):
         lanes_forward(task.chain.leader, task.links, lanes, w)
         lanes_residual(lanes, scratch.columns, w)
@@ -106,26 +105,27 @@ def twins(
             for turn in range(6):
                 if turn == 5 or (dof < 6 and turn not in (1, 3)):
                     fresh = 1.0 if turn in (0, 5) else 0.0
-                    for r in range(6 * LANES):
-                        e[r] = 0.0
+                    for r in range(6):
+                        for l in range(w):
+                            e[r, l] = 0.0
                     for i in range(dof):
                         for r in range(6):
                             for l in range(w):
                                 v = fresh * (1.0 - LEAN * i) + (1.0 - fresh) * lanes.step[i, l]
-                                e[r * W + l] += J[i, r * W + l] * v
+                                e[r, l] += J[i, r, l] * v
                 elif turn == 0:
                     for r in range(6):
                         for l in range(w):
-                            e[r * W + l] = 1.0 - LEAN * r
+                            e[r, l] = 1.0 - LEAN * r
                 lanes_solve(lanes, w)
                 if turn < 5:
                     for l in range(w):
                         size = TINY
                         for r in range(6):
-                            size += e[r * W + l] * e[r * W + l]
+                            size += e[r, l] * e[r, l]
                         size = 1.0 / math.sqrt(size)
                         for r in range(6):
-                            e[r * W + l] *= size
+                            e[r, l] *= size
                 if turn in (0, 2):
                     continue
                 for l in range(w):
@@ -133,26 +133,24 @@ def twins(
                     for i in range(dof):
                         d = 0.0
                         for r in range(6):
-                            d += J[i, r * W + l] * e[r * W + l]
+                            d += J[i, r, l] * e[r, l]
                         d = 1.0 - LEAN * i - d if turn == 5 else d
                         size += d * d
                         way[i] = d
                     size = math.sqrt(size)
                     if turn == 5 and size < SINGULAR:
                         continue
-                    work[l] = 0.0 if turn == 5 else size
+                    weak[l] = 0.0 if turn == 5 else size
                     for i in range(dof):
                         lanes.step[i, l] = way[i] / size
                 if turn == 4:
-                    # Stored in `pose`, because the last turn still needs the Gram matrix, whose memory U shares.
-                    for r in range(6 * LANES):
-                        lanes.pose[r] = e[r]
-            for r in range(6 * LANES):
-                U[r] = lanes.pose[r]
+                    for r in range(6):
+                        for l in range(w):
+                            U[r, l] = e[r, l]
         else:
             for l in range(w):
                 for r in range(6):
-                    work[W + l] += e[r * W + l] * U[r * W + l]
+                    bent[l] += e[r, l] * U[r, l]
         shift = -2.0 * PROBE if phase == 1 else PROBE
         for i in range(dof):
             for l in range(w):
@@ -163,8 +161,8 @@ def twins(
         if first + l >= last:
             continue
         tally[EVALUATED] += PHASES
-        tally[WEAKEST] = min(tally[WEAKEST], work[l])
-        moved, bend = work[l] * PROBE, work[W + l]
+        tally[WEAKEST] = min(tally[WEAKEST], weak[l])
+        moved, bend = weak[l] * PROBE, bent[l]
         if moved < FLAT and abs(bend) < FLAT:
             tally[CONTINUA] += 1.0
         if 2.0 * moved * PROBE < FAR * abs(bend):

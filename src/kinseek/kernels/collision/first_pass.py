@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
 from kinseek.kernels.arm.forward import FAR
 from kinseek.kernels.arrays import Array, Flags, Indices
-from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
 from .gaps import (
@@ -239,26 +240,16 @@ def is_number(q: Array) -> bool:
     return finite
 
 
-@entry(
-    returns=I64,
-    handle=I64["*"],
-    q=F64["k", "n"],
-    clearance=F64,
-    least=F64,
-    steps=I64,
-    w=I64,
-    verdicts=I64["k"].out,
-    doubts=FLAG["*", "*"].out,
-)
+@entry
 def sort_out(
-    handle: Indices,
-    q: Array,
+    handle: Annotated[Indices, "*"],
+    q: Annotated[Array, "k", "n"],
     clearance: float,
     least: float,
     steps: int,
     w: int,
-    verdicts: Indices,
-    doubts: Flags,
+    verdicts: Annotated[Indices, "k", OUT],
+    doubts: Annotated[Flags, "*", "*", OUT],
 ) -> int:
     """Classify joint values as certainly free, certainly touching, or in doubt.
 
@@ -310,8 +301,14 @@ def sort_out(
     return in_doubt
 
 
-@entry(handle=I64["*"], q=F64["k", "n"], steps=I64, w=I64, bounds=F64["k", "*"].out)
-def bound_pairs(handle: Indices, q: Array, steps: int, w: int, bounds: Array) -> None:
+@entry
+def bound_pairs(
+    handle: Annotated[Indices, "*"],
+    q: Annotated[Array, "k", "n"],
+    steps: int,
+    w: int,
+    bounds: Annotated[Array, "k", "*", OUT],
+) -> None:
     """Write lower bounds of the distance of every pair, (k, pair) [m]; a negative bound has no meaning.
 
     Args:
@@ -350,8 +347,14 @@ def bound_pairs(handle: Indices, q: Array, steps: int, w: int, bounds: Array) ->
     keep(memory)
 
 
-@entry(handle=I64["*"], q=F64["k", "n"], bounds=F64["k", "*"], w=I64, depths=F64["k"].out)
-def bound_depths(handle: Indices, q: Array, bounds: Array, w: int, depths: Array) -> None:
+@entry
+def bound_depths(
+    handle: Annotated[Indices, "*"],
+    q: Annotated[Array, "k", "n"],
+    bounds: Annotated[Array, "k", "*"],
+    w: int,
+    depths: Annotated[Array, "k", OUT],
+) -> None:
     """Write lower bounds of the motion that separates the parts of the deepest pair at every q, (k,) [m].
 
     Args:

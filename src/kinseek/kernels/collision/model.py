@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from kinseek.kernels.arm.trigonometry import sine_cosine
-from kinseek.kernels.arrays import CHAIN_ROWS, Array, ChainArrays, Flags, Indices
+from kinseek.kernels.arrays import Array, ChainArrays, Flags, Indices
 from kinseek.kernels.jit import array_view, inlined
-from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, named, plain, whole
+from kinseek.kernels.layout import Layout, Rows
 
 LANES, BLOCK = 8, 16
 """Number of joint vectors in parallel, as many as the widest vectors hold doubles; and corners of a part in one iteration
@@ -21,85 +21,58 @@ class CollisionModel(NamedTuple):
     """
 
     chain: ChainArrays
-    joint: Indices
+    joint: Annotated[Indices, "part"]
     """Joint of each part, (part,)."""
-    rough: Array
+    rough: Annotated[Array, "part", 4, LANES]
     """A few spheres that contain the part together, x, y, z, radius, (part, 4, LANES)."""
-    outer: Array
+    outer: Annotated[Array, "part", 4, "sphere"]
     """More of them, which fit more tightly, (part, 4, sphere)."""
-    inner: Array
+    inner: Annotated[Array, "part", 4, "sphere_inside"]
     """Spheres inside it, in the same format."""
-    core: Array
+    core: Annotated[Array, "part", 12]
     """Pose of a box that contains the part after thickening, row-major (3, 4), (part, 12)."""
-    half: Array
+    half: Annotated[Array, "part", 3]
     """Half of its edges, (part, 3)."""
-    thick: Array
+    thick: Annotated[Array, "part"]
     """Thickness that is added to the box, (part,)."""
-    exact: Flags
+    exact: Annotated[Flags, "part"]
     """True if the thickened box equals the part, (part,)."""
-    within: Indices
+    within: Annotated[Indices, "part"]
     """The part whose thickened hull of corners lies in this one: itself if it is nothing else; or -1, (part,)."""
-    corner_at: Indices
+    corner_at: Annotated[Indices, "part+1"]
     """Corners of part p are ``corner_at[p] … corner_at[p + 1] - 1``, a multiple of `BLOCK`, (part + 1,)."""
-    corners: Array
+    corners: Annotated[Array, "*"]
     """All x of a part, then all y, then all z, (3 · corner,)."""
-    ball: Array
+    ball: Annotated[Array, "part", 4]
     """Ball around each part, x, y, z, radius, (part, 4)."""
-    pair: Indices
+    pair: Annotated[Indices, "pair", 3]
     """The two parts, and the caller's number of the pair, (pair, 3)."""
-    pad: Array
+    pad: Annotated[Array, "pair"]
     """Padding of each pair, which is subtracted from the distance of its parts, (pair,)."""
-    group: Indices
+    group: Annotated[Indices, "group"]
     """The part that contains all of each group, (group,)."""
-    meeting: Indices
+    meeting: Annotated[Indices, "meeting", 4]
     """Two groups, that of the proximal joint first; the first of their pairs; and one past the last, (meeting, 4)."""
-    widest: Array
+    widest: Annotated[Array, "meeting"]
     """The largest `pad` of a meeting, (meeting,)."""
-    apart: Array
+    apart: Annotated[Array, "meeting"]
     """Lower bound of the distance of the groups of a meeting at any q, (meeting,)."""
-    apart_inside: Array
+    apart_inside: Annotated[Array, "meeting"]
     """The same for q within the limits, in ascending order, (meeting,)."""
-    chart_of: Indices
+    chart_of: Annotated[Indices, "meeting"]
     """Chart of each meeting, or -1, (meeting,)."""
-    chart: Array
+    chart: Annotated[Array, "cell"]
     """Results for two groups wherever two joints are in a cell. Positive: a lower bound of their distance, minus padding.
     Negative: they intersect. 0: nothing is known. The cells of one chart are consecutive, row-major."""
-    below: Indices
+    below: Annotated[Indices, "cell"]
     """First of the four parts of each of these cells, counted from the first cell of the chart; 0 if it is not divided."""
-    chart_axes: Indices
+    chart_axes: Annotated[Indices, "chart", 5]
     """The two joints, or one twice; the numbers of parts of their turns; and the first cell, (chart, 5)."""
-    rounding: Array
+    rounding: Annotated[Array, 1]
     """Upper bound of the error of every length, (1,)."""
 
 
-ROWS = Rows(
-    CollisionModel,
-    chain=CHAIN_ROWS,
-    joint="integers",
-    rough="floats3",
-    outer="floats3",
-    inner="floats3",
-    core="floats2",
-    half="floats2",
-    thick="floats1",
-    exact="flags",
-    within="integers",
-    corner_at="integers",
-    corners="floats1",
-    ball="floats2",
-    pair="integers2",
-    pad="floats1",
-    group="integers",
-    meeting="integers2",
-    widest="floats1",
-    apart="floats1",
-    apart_inside="floats1",
-    chart_of="integers",
-    chart="floats1",
-    below="integers",
-    chart_axes="integers2",
-    rounding="floats1",
-)
+ROWS = Rows(CollisionModel)
 """Declaration of the rows of a scene's handle."""
 
 collision_model_of = ROWS.make
@@ -111,76 +84,51 @@ class LaneState(NamedTuple):
     Row r of lane l is element ``r · LANES + l`` of a flat array. Poses are row-major (3, 4).
     """
 
-    lanes: Array
+    lanes: Annotated[Array, "dof", LANES]
     """The eight q, (n, LANES)."""
-    pose: Array
+    pose: Annotated[Array, 12 * LANES]
     """Pose of the current joint, 12 rows."""
-    turn: Array
+    turn: Annotated[Array, 3 * LANES]
     """Its sine, cosine and translation, 3 rows."""
-    frames: Array
+    frames: Annotated[Array, "joints+1", 12 * LANES]
     """Frames of the base and of all joints, 12 rows each, (m + 1, 12 · LANES)."""
-    balls: Array
+    balls: Annotated[Array, "groups", 3 * LANES]
     """Centres of the balls of all groups, 3 rows each, (group, 3 · LANES)."""
-    gaps: Array
+    gaps: Annotated[Array, LANES]
     """Distance measure of two groups; positive where they are free of each other, (LANES,)."""
-    near: Indices
+    near: Annotated[Indices, LANES, "meetings"]
     """Meetings to examine in each lane, (LANES, meeting)."""
-    counts: Indices
+    counts: Annotated[Indices, LANES]
     """Number of these, (LANES,)."""
-    hits: Indices
+    hits: Annotated[Indices, LANES]
     """1 where a chart proves that groups intersect, (LANES,)."""
-    left: Indices
+    left: Annotated[Indices, "pairs"]
     """Pairs that spheres and boxes leave undecided, (pair,)."""
-    now: Indices
+    now: Annotated[Indices, 2]
     """The current lane, and the number of q so far, (2,)."""
-    frame: Array
+    frame: Annotated[Array, "joints+1", 12]
     """Frames of the base and all joints at that q, (m + 1, 12)."""
-    framed: Indices
+    framed: Annotated[Indices, "joints+1"]
     """Count of q, as in `now`, for which `frame` was computed last, (m + 1,)."""
-    into: Array
+    into: Annotated[Array, "parts", 12]
     """Transform from the base into the core's frame, (part, 12)."""
-    known: Indices
+    known: Annotated[Indices, "parts"]
     """Count of q for which `into` was computed last, (part,)."""
-    middle: Array
+    middle: Annotated[Array, "parts", 3]
     """Centre of the part's ball, (part, 3)."""
-    centred: Indices
+    centred: Annotated[Indices, "parts"]
     """Count of q for which `middle` was computed last, (part,)."""
-    spot: Array
+    spot: Annotated[Array, 12]
     """Intermediate results of a search, (12,)."""
-    simplex: Array
+    simplex: Annotated[Array, 4, 3]
     """Corners of the difference of two parts, (4, 3)."""
-    share: Array
+    share: Annotated[Array, 4]
     """Weight of each corner in a convex combination, (4,)."""
 
 
 MADE_FOR = ("dof", "joints", "parts", "groups", "meetings", "pairs")
-PARTS, GROUPS, MEETINGS, PAIRS = (named(each) for each in MADE_FOR[2:])
-FRAMES = JOINTS + plain(1)
 
-LAYOUT = Layout(
-    LaneState,
-    MADE_FOR,
-    lanes=floats(DOF, LANES),
-    pose=floats(12 * LANES),
-    turn=floats(3 * LANES),
-    frames=floats(FRAMES, 12 * LANES),
-    balls=floats(GROUPS, 3 * LANES),
-    gaps=floats(LANES),
-    near=whole(LANES, MEETINGS),
-    counts=whole(LANES),
-    hits=whole(LANES),
-    left=whole(PAIRS),
-    now=whole(2),
-    frame=floats(FRAMES, 12),
-    framed=whole(FRAMES),
-    into=floats(PARTS, 12),
-    known=whole(PARTS),
-    middle=floats(PARTS, 3),
-    centred=whole(PARTS),
-    spot=floats(12),
-    simplex=floats(4, 3),
-    share=floats(4),
-)
+LAYOUT = Layout(LaneState, MADE_FOR)
 """Layout in the memory of a call."""
 
 lane_state_size, lay_lane_state = LAYOUT.size, LAYOUT.make

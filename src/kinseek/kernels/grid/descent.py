@@ -6,13 +6,13 @@ that signals are handled and time limits are kept in between.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, GoalArrays, Indices
-from kinseek.kernels.entry import F64, FLAG, I64, Bundle
+from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import array_view, entry, exact, inlined_with_wrapper
 
 from .memory import Beam, NodeScratch, Window, make_grid_scratch
@@ -22,17 +22,17 @@ from .window import EARLY, PAUSED, WHOLE, clear, nodes_until, offer, search_part
 class Grid(NamedTuple):
     """Node i of joint d has the value ``lower[d] + i · step[d]``."""
 
-    lower: Array
+    lower: Annotated[Array, "n"]
     """[rad] or [m], (n,)"""
-    upper: Array
+    upper: Annotated[Array, "n"]
     """[rad] or [m], (n,)"""
-    step: Array
+    step: Annotated[Array, "n"]
     """[rad] or [m], (n,)"""
-    wraps: NDArray[np.bool_]
+    wraps: Annotated[NDArray[np.bool_], "n"]
     """True if node B is the same as node 0, (n,)."""
     size: int
     """B"""
-    table: Array
+    table: Annotated[Array, "n", "*"]
     """All values computed in advance, (n, B): the static tree; or (n, 0): computed when needed, the dynamic tree."""
 
     def values_of(self, nodes: Indices) -> Array:
@@ -44,13 +44,13 @@ class Grid(NamedTuple):
 class Passes(NamedTuple):
     """The plan of a descent."""
 
-    spacings: Indices
+    spacings: Annotated[Indices, "*"]
     """Spacing of the nodes in each pass, falling to 1."""
-    later: Indices
+    later: Annotated[Indices, "n"]
     """Number of nodes of each joint in the passes after the first, (n,)."""
-    first: Indices
+    first: Annotated[Indices, "n", "*"]
     """Nodes of the first pass, (n, most of any joint)."""
-    counts: Indices
+    counts: Annotated[Indices, "n"]
     """Number of nodes of each joint in the first pass, (n,)."""
     clips: bool
     """True if a window is truncated at a limit instead of sliding inward."""
@@ -119,42 +119,7 @@ def later_window(
         window.counts[d] = kept
 
 
-GRID = Bundle(
-    Grid,
-    lower=F64["n"],
-    upper=F64["n"],
-    step=F64["n"],
-    wraps=FLAG["n"],
-    size=I64,
-    table=F64["n", "*"],
-)
-
-PASSES = Bundle(
-    Passes,
-    spacings=I64["*"],
-    later=I64["n"],
-    first=I64["n", "*"],
-    counts=I64["n"],
-    clips=FLAG,
-    stop_below=F64,
-    tie=F64,
-    beam=I64,
-    children=I64,
-)
-
-
-@entry(
-    returns=FLAG,
-    chain=CHAIN,
-    goal=GOAL,
-    grid=GRID,
-    passes=PASSES,
-    budget=I64,
-    work=I64,
-    memory=F64["*"].out,
-    at=I64[len(BEGINNING)].out,
-    q=F64["n"].out,
-)
+@entry
 def descend(
     chain: ChainArrays,
     goal: GoalArrays,
@@ -162,9 +127,9 @@ def descend(
     passes: Passes,
     budget: int,
     work: int,
-    memory: Array,
-    at: Indices,
-    q: Array,
+    memory: Annotated[Array, "*", OUT],
+    at: Annotated[Indices, len(BEGINNING), OUT],
+    q: Annotated[Array, "n", OUT],
 ) -> bool:
     """Continue a descent; return True if it is done.
 

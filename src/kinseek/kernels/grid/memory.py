@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.entry import F64, I64, Bundle
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import array_view
-from kinseek.kernels.layout import DOF, Layout, floats, named, plain, whole
+from kinseek.kernels.layout import Layout, floats, named, whole
 
 MOST_LANES = 8000
 """Largest number of tabulated leaves; ten doubles each, so that the table stays in a core's second-level cache."""
@@ -18,51 +18,38 @@ MOST_LANES = 8000
 class Window(NamedTuple):
     """The grid to search: some values of each joint, in order."""
 
-    values: Array
+    values: Annotated[Array, "n", "most", OUT]
     """Joint values [rad] or [m], (n, most values of any joint)."""
-    nodes: Indices
+    nodes: Annotated[Indices, "n", "most", OUT]
     """The caller's node numbers of these values, same shape."""
-    counts: Indices
+    counts: Annotated[Indices, "n", OUT]
     """Number of values of each joint, (n,)."""
 
 
 class Beam(NamedTuple):
     """The K best leaves so far, unordered."""
 
-    errors: Array
+    errors: Annotated[Array, "cells", OUT]
     """Weighted errors, (K,); infinite for empty entries."""
-    nodes: Indices
+    nodes: Annotated[Indices, "cells", "n", OUT]
     """Their nodes, (K, n)."""
-    q: Array
+    q: Annotated[Array, "cells", "n", OUT]
     """Their joint values, (K, n)."""
 
 
 class NodeScratch(NamedTuple):
     """Scratch memory of one search."""
 
-    lanes: Array
+    lanes: Annotated[Array, 9, MOST_LANES, OUT]
     """Columns x, y, z and p of the tabulated tips without z, (9, MOST_LANES)."""
-    errors: Array
+    errors: Annotated[Array, MOST_LANES, OUT]
     """(MOST_LANES,)"""
-    poses: Array
+    poses: Annotated[Array, "n+1", 3, 4, OUT]
     """Poses along the current path, (n+1, 3, 4)."""
-    path: Indices
+    path: Annotated[Indices, "n", OUT]
     """Index of the value of each joint on the current path, (n,)."""
-    q: Array
+    q: Annotated[Array, "n", OUT]
     """(n,)"""
-
-
-TAKEN_WINDOW = Bundle(Window, values=F64["n", "most"].out, nodes=I64["n", "most"].out, counts=I64["n"].out)
-TAKEN_BEAM = Bundle(Beam, errors=F64["cells"].out, nodes=I64["cells", "n"].out, q=F64["cells", "n"].out)
-TAKEN_SCRATCH = Bundle(
-    NodeScratch,
-    lanes=F64[9, MOST_LANES].out,
-    errors=F64[MOST_LANES].out,
-    poses=F64["n+1", 3, 4].out,
-    path=I64["n"].out,
-    q=F64["n"].out,
-)
-"""The same as separate arrays, for kernels that take them as such."""
 
 
 def make_node_scratch(dof: int) -> NodeScratch:
@@ -99,22 +86,11 @@ class GridScratch(NamedTuple):
     """Leaves of one cell for the next pass, if their number is limited."""
 
 
-MADE_FOR = ("dof", "most", "cells", "children")
+MADE_FOR = ("n", "most", "cells", "children")
 """Sizes: the number of joints; the largest number of values of a joint in a window; the number of cells that a pass
 leaves to the next; and the number that one cell may leave."""
-MOST, CELLS, CHILDREN = (named(each) for each in MADE_FOR[1:])
+CHILDREN, DOF = named("children"), named("n")
 
-SCRATCH = Layout(
-    NodeScratch,
-    MADE_FOR,
-    lanes=floats(9, MOST_LANES),
-    errors=floats(MOST_LANES),
-    poses=floats(DOF + plain(1), 3, 4),
-    path=whole(DOF),
-    q=floats(DOF),
-)
-WINDOW = Layout(Window, MADE_FOR, values=floats(DOF, MOST), nodes=whole(DOF, MOST), counts=whole(DOF))
-BEAM = Layout(Beam, MADE_FOR, errors=floats(CELLS), nodes=whole(CELLS, DOF), q=floats(CELLS, DOF))
 LITTER = Layout(
     Beam,
     MADE_FOR,
@@ -123,7 +99,7 @@ LITTER = Layout(
     nodes=whole(CHILDREN, DOF),
     q=floats(CHILDREN, DOF),
 )
-LAYOUT = Layout(GridScratch, MADE_FOR, scratch=SCRATCH, window=WINDOW, first=BEAM, second=BEAM, litter=LITTER)
+LAYOUT = Layout(GridScratch, MADE_FOR, litter=LITTER)
 """Layout of the memory of a descent: one array instead of thirty, because each array argument of a kernel costs a third
 of a microsecond."""
 
@@ -135,7 +111,7 @@ lay_grid_scratch = LAYOUT.make
 
 def memory_size(dof: int, most: int, cells: int, children: int) -> int:
     """Length in numbers of the memory of a descent, see `MADE_FOR`."""
-    return LINE // 8 + LAYOUT.count.of(dof=dof, most=most, cells=cells, children=children)
+    return LINE // 8 + LAYOUT.count.of(n=dof, most=most, cells=cells, children=children)
 
 
 @array_view

@@ -8,11 +8,12 @@ exactly, and nine give the bilinear form of two joints.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Flags
-from kinseek.kernels.entry import F64, FLAG
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined_with_wrapper, kernel
 
 TURN = 2.0 * math.pi
@@ -42,7 +43,7 @@ def value_at(a: float, b: float, c: float, delta: float, revolute: bool) -> floa
     return a + (b + c * delta) * delta
 
 
-@entry(returns=F64, a=F64, b=F64, c=F64, low=F64, high=F64, revolute=FLAG)
+@entry
 def minimiser(a: float, b: float, c: float, low: float, high: float, revolute: bool) -> float:
     """Return the δ in [low, high] that minimises the fit; among equal ones the δ nearest to 0."""
     if revolute:
@@ -69,8 +70,14 @@ def basis(delta: float, revolute: bool, phi: Array) -> None:
     phi[2] = math.sin(delta) if revolute else delta * delta
 
 
-@entry(M=F64[3, 3], low=F64[2], high=F64[2], revolute=FLAG[2], delta=F64[2].out)
-def minimise_pair(M: Array, low: Array, high: Array, revolute: Flags, delta: Array) -> None:
+@entry
+def minimise_pair(
+    M: Annotated[Array, 3, 3],
+    low: Annotated[Array, 2],
+    high: Annotated[Array, 2],
+    revolute: Annotated[Flags, 2],
+    delta: Annotated[Array, 2, OUT],
+) -> None:
     """Minimise φ(δ_1)ᵀ M φ(δ_2) over a box; write the minimiser into delta, (2,).
 
     For every δ_2 the best δ_1 is exact. δ_2 is scanned over its range, and then both are refined alternately.

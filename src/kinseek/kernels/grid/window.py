@@ -21,11 +21,10 @@ from collections.abc import Callable
 import numpy as np
 
 from kinseek.kernels.arm.forward import advance, advance_segment, copy_pose, identity
-from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, GoalArrays, Indices
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
 from kinseek.kernels.jit import entry, inlined_with_wrapper, kernel
 
-from .memory import MOST_LANES, TAKEN_BEAM, TAKEN_SCRATCH, TAKEN_WINDOW, Beam, NodeScratch, Window
+from .memory import MOST_LANES, Beam, NodeScratch, Window
 
 PART = 1 << 22
 """Work of one part of a search in leaves, about ten milliseconds."""
@@ -186,19 +185,7 @@ def nodes_until(counts: Indices, leaf: int) -> int:
     return total
 
 
-@entry(
-    returns=(I64, I64, I64),
-    chain=CHAIN,
-    goal=GOAL,
-    window=TAKEN_WINDOW,
-    stop_below=F64,
-    tie=F64,
-    budget=I64,
-    begin=I64,
-    work=I64,
-    beam=TAKEN_BEAM,
-    scratch=TAKEN_SCRATCH,
-)
+@entry
 def search_part(
     chain: ChainArrays,
     goal: GoalArrays,

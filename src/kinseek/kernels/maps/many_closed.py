@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.atlas.task import TOLERANCES, Handle, task_of
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry
 from kinseek.kernels.structure.candidates import NUMBERS, WORK
 from kinseek.kernels.structure.closed import REPORT, TRIED, UNSURE, closed_starts, serves
@@ -19,17 +21,14 @@ LEFT, NO, YES = range(3)
 solution."""
 
 
-@entry(
-    returns=I64,
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    structure=F64[NUMBERS],
-    targets=F64["k", 3, 4],
-    report=I64["k"].out,
-    w=I64,
-)
+@entry
 def many_closed(
-    handle: Indices, tolerances: Array, structure: Array, targets: Array, report: Indices, w: int
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    structure: Annotated[Array, NUMBERS],
+    targets: Annotated[Array, "k", 3, 4],
+    report: Annotated[Indices, "k", OUT],
+    w: int,
 ) -> int:
     """Test whether a closed form reaches poses.
 

@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
-from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
-from kinseek.kernels.entry import F64, I64
+from typing import Annotated
+
+from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry
-from kinseek.kernels.proof.box import FORM, PROOF_GOAL, Form, ProofGoal
+from kinseek.kernels.proof.box import Form, ProofGoal
 from kinseek.kernels.proof.gate import gate
 
 
-@entry(
-    returns=I64,
-    form=FORM,
-    proof_goal=PROOF_GOAL,
-    chain=CHAIN,
-    before=F64[3, 4],
-    after=F64[3, 4],
-    targets=F64["k", 3, 4],
-    target=F64[3, 4].out,
-    closed=F64["k"].out,
-)
+@entry
 def many_gates(
     form: Form,
     proof_goal: ProofGoal,
     chain: ChainArrays,
-    before: Array,
-    after: Array,
-    targets: Array,
-    target: Array,
-    closed: Array,
+    before: Annotated[Array, 3, 4],
+    after: Annotated[Array, 3, 4],
+    targets: Annotated[Array, "k", 3, 4],
+    target: Annotated[Array, 3, 4, OUT],
+    closed: Annotated[Array, "k", OUT],
 ) -> int:
     """Apply the gate to many poses and count those that it excludes.
 

@@ -12,11 +12,12 @@ and its derivative is bounded as in `tube`. If κ = a + C ρ < ρ, there is exac
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
-from kinseek.kernels.arrays import CHAIN, Array, ChainArrays, Flags
-from kinseek.kernels.entry import F64, FLAG
+from kinseek.kernels.arrays import Array, ChainArrays, Flags
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 from kinseek.kernels.proof.taylor import rests
 
@@ -52,25 +53,16 @@ def begin_around(motion: Motion, middle: int, position: float, angle: float) -> 
         tube.start[row] = total
 
 
-@entry(
-    chain=CHAIN,
-    targets=F64["k", 3, 4],
-    q=F64["k", "n"],
-    hold=F64["k", "*", "n"],
-    position=F64["k"],
-    orientation=F64["k"],
-    numbers=F64[COUNT],
-    held=FLAG["k"].out,
-)
+@entry
 def answers_around(
     chain: ChainArrays,
-    targets: Array,
-    q: Array,
-    hold: Array,
-    position: Array,
-    orientation: Array,
-    numbers: Array,
-    held: Flags,
+    targets: Annotated[Array, "k", 3, 4],
+    q: Annotated[Array, "k", "n"],
+    hold: Annotated[Array, "k", "*", "n"],
+    position: Annotated[Array, "k"],
+    orientation: Annotated[Array, "k"],
+    numbers: Annotated[Array, COUNT],
+    held: Annotated[Flags, "k", OUT],
 ) -> None:
     """Check whether every pose of a ball has a solution within the limits, near a solution for the ball's centre.
 

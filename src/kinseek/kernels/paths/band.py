@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.entry import F64
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
 
@@ -27,8 +29,12 @@ def invert(A: Array) -> None:
                 A[i, j] -= factor * A[k, j]
 
 
-@entry(blocks=F64["k", "n", "n"].out, coupling=F64["k", "n"], x=F64["k", "n"].out)
-def solve_band(blocks: Array, coupling: Array, x: Array) -> None:
+@entry
+def solve_band(
+    blocks: Annotated[Array, "k", "n", "n", OUT],
+    coupling: Annotated[Array, "k", "n"],
+    x: Annotated[Array, "k", "n", OUT],
+) -> None:
     """Solve ``-c[i-1] x[i-1] + B[i] x[i] - c[i] x[i+1] = b[i]`` for all rows of x, block by block (Thomas 1949).
 
     Args:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import LONGEST, free_turn, reset_weights
 from kinseek.kernels.atlas.lanes import (
     LANES,
+    RESIDUAL2,
     lanes_forward,
     lanes_gram,
     lanes_hold,
@@ -17,8 +20,8 @@ from kinseek.kernels.atlas.lanes import (
     lanes_solve,
 )
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
-from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.atlas.task import TOLERANCES, Handle, task_of
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, noinline
 
 EXACT = 1e-18
@@ -48,7 +51,7 @@ def settle(
     for _ in range(steps):
         away = 0
         for l in range(LANES):
-            if scratch.state[l] == 0 and lanes.error[3 * LANES + l] > EXACT:
+            if scratch.state[l] == 0 and lanes.error[RESIDUAL2, l] > EXACT:
                 away += 1
         if away == 0:
             break
@@ -69,31 +72,21 @@ def load_lane(scratch: Scratch, lane: int, target: Array, q: Array) -> None:
     """Set the target, (3, 4), and the start, (n,), of one lane."""
     for r in range(3):
         for c in range(4):
-            scratch.lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
+            scratch.lanes.target[r, c, lane] = target[r, c]
     for i in range(len(q)):
         scratch.lanes.q[i, lane] = q[i]
 
 
-@entry(
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    targets=F64["k", 3, 4],
-    lower=F64["n"],
-    upper=F64["n"],
-    steps=I64,
-    q=F64["k", "n"].out,
-    left=F64["k"].out,
-    w=I64,
-)
+@entry
 def project_onto_poses(
-    handle: Indices,
-    tolerances: Array,
-    targets: Array,
-    lower: Array,
-    upper: Array,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "k", 3, 4],
+    lower: Annotated[Array, "n"],
+    upper: Annotated[Array, "n"],
     steps: int,
-    q: Array,
-    left: Array,
+    q: Annotated[Array, "k", "n", OUT],
+    left: Annotated[Array, "k", OUT],
     w: int,
 ) -> None:
     """Project joint values that are close to a solution onto it, each row onto its own target, eight at a time.
@@ -122,7 +115,7 @@ def project_onto_poses(
             scratch.state[l] = 0
         settle(handle, tolerances, memory, lower, upper, steps, w)
         for l in range(min(LANES, count - first)):
-            left[first + l] = scratch.lanes.error[3 * LANES + l]
+            left[first + l] = scratch.lanes.error[RESIDUAL2, l]
             for i in range(dof):
                 q[first + l, i] = scratch.lanes.q[i, l]
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
@@ -16,8 +17,8 @@ from kinseek.kernels.atlas.lanes import (
     lanes_solve,
 )
 from kinseek.kernels.atlas.memory import make_scratch, scratch_size
-from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.atlas.task import TOLERANCES, Handle, task_of
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, noinline
 
 from .projection import load_lane, settle
@@ -120,8 +121,7 @@ def along_lanes(
     task = task_of(handle, tolerances)
     dof = len(task.lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))
-    lanes, W = scratch.lanes, LANES
-    free = free_turn(task)
+    lanes, free = scratch.lanes, free_turn(task)
     for l in range(LANES):
         for i in range(dof):
             lanes.q[i, l] = q[min(first + l, last - 1), i]
@@ -139,13 +139,14 @@ def along_lanes(
             least = min(least, best[l])
         if turn == 1 and least > SHORT:
             break
-        for r in range(6 * LANES):
-            lanes.residual[r] = 0.0
+        for r in range(6):
+            for l in range(w):
+                lanes.residual[r, l] = 0.0
         for i in range(dof):
             v = 1.0 + LEANING * i * (1.0 - 2.0 * ((i + turn * (i // 2)) % 2))
             for r in range(6):
                 for l in range(w):
-                    lanes.residual[r * W + l] += lanes.jacobian[i, r * W + l] * v
+                    lanes.residual[r, l] += lanes.jacobian[i, r, l] * v
         lanes_gram(0.0, scratch.floor, lanes, w)
         lanes_solve(lanes, w)
         for l in range(last - first):
@@ -153,7 +154,7 @@ def along_lanes(
             for i in range(dof):
                 d = 1.0 + LEANING * i * (1.0 - 2.0 * ((i + turn * (i // 2)) % 2))
                 for r in range(6):
-                    d -= lanes.jacobian[i, r * W + l] * lanes.residual[r * W + l]
+                    d -= lanes.jacobian[i, r, l] * lanes.residual[r, l]
                 one[i] = d
                 size = max(size, abs(d))
             if size > best[l]:
@@ -165,13 +166,13 @@ def along_lanes(
         if whole:
             for i in range(dof):
                 for r in range(6):
-                    square[r, i] = lanes.jacobian[i, r * W + l]
+                    square[r, i] = lanes.jacobian[i, r, l]
                 square[6, i] = found[l, i]
             if dof == 6:
                 # The unconstrained rotation about the tool's axis takes the place of one more joint.
                 square[6, 6] = 0.0
                 for r in range(3):
-                    square[r, 6], square[3 + r, 6] = 0.0, lanes.pose[4 * r * W + l]
+                    square[r, 6], square[3 + r, 6] = 0.0, lanes.pose[r, 0, l]
             sense = sign_of(square)
         for i in range(dof):
             way[first + l, i] = sense * found[l, i]
@@ -184,30 +185,18 @@ BASE = 0
 before. The smallest and the largest motion of each joint from pose to pose follow."""
 
 
-@entry(
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    targets=F64["r", 3, 4],
-    moments=F64["r"],
-    longest=F64["n"],
-    weights=F64["n"],
-    q=F64["k", "n"],
-    ahead=F64["k", "n"].out,
-    report=F64["k", "*"].out,
-    along=F64["k", "n"].out,
-    w=I64,
-)
+@entry
 def propagate_layer(
-    handle: Indices,
-    tolerances: Array,
-    targets: Array,
-    moments: Array,
-    longest: Array,
-    weights: Array,
-    q: Array,
-    ahead: Array,
-    report: Array,
-    along: Array,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "r", 3, 4],
+    moments: Annotated[Array, "r"],
+    longest: Annotated[Array, "n"],
+    weights: Annotated[Array, "n"],
+    q: Annotated[Array, "k", "n"],
+    ahead: Annotated[Array, "k", "n", OUT],
+    report: Annotated[Array, "k", "*", OUT],
+    along: Annotated[Array, "k", "n", OUT],
     w: int,
 ) -> None:
     """Follow branches from solutions of the first target to the last target.
@@ -255,35 +244,20 @@ def propagate_layer(
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
 
 
-@entry(
-    returns=I64,
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    target=F64[3, 4],
-    given=F64["m", "n"],
-    first=I64,
-    lower=F64["n"],
-    upper=F64["n"],
-    turning=I64["n"],
-    apart=F64,
-    beside=F64,
-    q=F64["k", "n"].out,
-    along=F64["k", "n"].out,
-    w=I64,
-)
+@entry
 def spread_solutions(
-    handle: Indices,
-    tolerances: Array,
-    target: Array,
-    given: Array,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    target: Annotated[Array, 3, 4],
+    given: Annotated[Array, "m", "n"],
     first: int,
-    lower: Array,
-    upper: Array,
-    turning: Indices,
+    lower: Annotated[Array, "n"],
+    upper: Annotated[Array, "n"],
+    turning: Annotated[Indices, "n"],
     apart: float,
     beside: float,
-    q: Array,
-    along: Array,
+    q: Annotated[Array, "k", "n", OUT],
+    along: Annotated[Array, "k", "n", OUT],
     w: int,
 ) -> int:
     """Spread solutions of one target: given ones, others next to them along the self-motion, then the other given ones.
@@ -376,9 +350,10 @@ def settled(
         for l in range(LANES):
             k = min(l, filled - 1)
             scratch.lanes.q[d, l] = min(max(scratch.lanes.q[d, k], task.lower[d]), task.upper[d])
-    for r in range(12):
-        for l in range(filled, LANES):
-            scratch.lanes.target[r * LANES + l] = scratch.lanes.target[r * LANES]
+    for r in range(3):
+        for c in range(4):
+            for l in range(filled, LANES):
+                scratch.lanes.target[r, c, l] = scratch.lanes.target[r, c, 0]
     settle(handle, tolerances, memory, task.lower, task.upper, STEPS, w)
     for l in range(filled):
         if not within(task, scratch.lanes, l):

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import distance, errors, is_rigid
-from kinseek.kernels.arrays import Array, GoalArrays
+from kinseek.kernels.arrays import Array, GoalArrays, Limits
 from kinseek.kernels.atlas.descent import goal_of, reset_weights, within
-from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
-from kinseek.kernels.atlas.newton import settle as descend
+from kinseek.kernels.atlas.newton import Walk, minimise
 from kinseek.kernels.atlas.task import TOLERANCES, Task, handle_at, lanes_of, task_of
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, noinline
 
 from .projection import load_lane, settle
@@ -58,7 +60,9 @@ def go_nearer(task: Task, scratch: Scratch, target: Array, state: Array) -> None
     forward(task.chain, scratch.seed, scratch.spare)
     weight = task.position_weight / max(distance(scratch.spare, target), NEAR)
     squares = GoalArrays(target, weight, task.axis_weights)
-    descend(task.chain, squares, True, NEAREST_STEPS, 0.0, state[LOW], state[HIGH], scratch.seed)
+    minimise(
+        task.chain, squares, Limits(state[LOW], state[HIGH]), Walk(True, NEAREST_STEPS, 0.0), scratch.seed
+    )
 
 
 @noinline
@@ -94,7 +98,7 @@ def one_period(
         reached = within(task, scratch.lanes, l) and not within(task, scratch.lanes, best)
         if reached or (
             not within(task, scratch.lanes, best)
-            and scratch.lanes.error[3 * LANES + l] < scratch.lanes.error[3 * LANES + best]
+            and scratch.lanes.error[RESIDUAL2, l] < scratch.lanes.error[RESIDUAL2, best]
         ):
             best = l
     if within(task, scratch.lanes, best):
@@ -126,16 +130,13 @@ def one_period(
     return position, orientation, ended
 
 
-@entry(
-    returns=(F64, F64, I64),
-    address=I64,
-    tolerances=F64[TOLERANCES],
-    target=F64[4, 4],
-    memory=F64["*"],
-    state=F64[ROWS, "n"].out,
-)
+@entry
 def servo_step(
-    address: int, tolerances: Array, target: Array, memory: Array, state: Array
+    address: int,
+    tolerances: Annotated[Array, TOLERANCES],
+    target: Annotated[Array, 4, 4],
+    memory: Annotated[Array, "*"],
+    state: Annotated[Array, ROWS, "n", OUT],
 ) -> tuple[float, float, int]:
     """Move as near to a pose as one period allows; the row NOW of the state receives the new joint values.
 
@@ -155,18 +156,15 @@ def servo_step(
     return one_period(address, tolerances, target, memory, state)
 
 
-@entry(
-    returns=(I64, I64, I64),
-    address=I64,
-    tolerances=F64[TOLERANCES],
-    targets=F64["k", 4, 4],
-    place=F64,
-    turn=F64,
-    memory=F64["*"],
-    state=F64[ROWS, "n"].out,
-)
+@entry
 def look_ahead(
-    address: int, tolerances: Array, targets: Array, place: float, turn: float, memory: Array, state: Array
+    address: int,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "k", 4, 4],
+    place: float,
+    turn: float,
+    memory: Annotated[Array, "*"],
+    state: Annotated[Array, ROWS, "n", OUT],
 ) -> tuple[int, int, int]:
     """Make one step after another, until the error of the hand exceeds the given bounds.
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
-from kinseek.kernels.arrays import CHAIN, Array, ChainArrays, Flags, Indices
-from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.arrays import Array, ChainArrays, Flags, Indices
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 from kinseek.kernels.proof.box import LEAST
 from kinseek.kernels.proof.box import place as place_arm
@@ -250,37 +251,22 @@ def prove_step(
     return LEAVES if outside else UNPROVED
 
 
-@entry(
-    chain=CHAIN,
-    columns=I64,
-    targets=F64["steps", 3, 4],
-    slides=F64["steps", 3],
-    turns=F64["steps", 3],
-    begins=F64["steps", "n"],
-    ends=F64["steps", "n"],
-    hold=F64["steps", "*", "n"],
-    rims=F64["steps", 2],
-    asked=FLAG["steps"],
-    keep=FLAG,
-    numbers=F64[COUNT],
-    state=I64["steps"].out,
-    within=F64["steps", 2].out,
-)
+@entry
 def prove_steps(
     chain: ChainArrays,
     columns: int,
-    targets: Array,
-    slides: Array,
-    turns: Array,
-    begins: Array,
-    ends: Array,
-    hold: Array,
-    rims: Array,
-    asked: Flags,
+    targets: Annotated[Array, "steps", 3, 4],
+    slides: Annotated[Array, "steps", 3],
+    turns: Annotated[Array, "steps", 3],
+    begins: Annotated[Array, "steps", "n"],
+    ends: Annotated[Array, "steps", "n"],
+    hold: Annotated[Array, "steps", "*", "n"],
+    rims: Annotated[Array, "steps", 2],
+    asked: Annotated[Flags, "steps"],
     keep: bool,
-    numbers: Array,
-    state: Indices,
-    within: Array,
+    numbers: Annotated[Array, COUNT],
+    state: Annotated[Indices, "steps", OUT],
+    within: Annotated[Array, "steps", 2, OUT],
 ) -> None:
     """Prove for steps of a path that one branch leads from start to end while the hand moves straight.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
@@ -10,8 +11,8 @@ from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import reset_weights, within
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import make_scratch, scratch_size
-from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.atlas.task import TOLERANCES, Handle, task_of
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, noinline
 
 from .projection import load_lane, settle
@@ -66,7 +67,7 @@ def trace_lanes(
                 continue
             for r in range(3):
                 for c in range(4):
-                    scratch.lanes.target[(4 * r + c) * LANES + l] = targets[j, r, c]
+                    scratch.lanes.target[r, c, l] = targets[j, r, c]
             for d in range(dof):
                 value = q[i, l, d]
                 if passed > 0:
@@ -99,28 +100,17 @@ def trace_lanes(
     return active
 
 
-@entry(
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    targets=F64["k", 3, 4],
-    begin=I64,
-    end=I64,
-    many=I64,
-    longest=F64["n"],
-    q=F64["k", LANES, "n"].out,
-    ends=I64[LANES].out,
-    w=I64,
-)
+@entry
 def trace(
-    handle: Indices,
-    tolerances: Array,
-    targets: Array,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    targets: Annotated[Array, "k", 3, 4],
     begin: int,
     end: int,
     many: int,
-    longest: Array,
-    q: Array,
-    ends: Indices,
+    longest: Annotated[Array, "n"],
+    q: Annotated[Array, "k", LANES, "n", OUT],
+    ends: Annotated[Indices, LANES, OUT],
     w: int,
 ) -> None:
     """Follow branches from the solutions of target `begin` to target `end`, forward or backward.
@@ -155,15 +145,15 @@ def same(q: Array, other: Array, turns: Indices) -> bool:
     return True
 
 
-@entry(
-    rows=F64["k", "m", "n"],
-    fresh=I64,
-    way=I64,
-    turns=I64["n"],
-    spans=I64["m", 2].out,
-    became=I64["m"].out,
-)
-def part_ways(rows: Array, fresh: int, way: int, turns: Indices, spans: Indices, became: Indices) -> None:
+@entry
+def part_ways(
+    rows: Annotated[Array, "k", "m", "n"],
+    fresh: int,
+    way: int,
+    turns: Annotated[Indices, "n"],
+    spans: Annotated[Indices, "m", 2, OUT],
+    became: Annotated[Indices, "m", OUT],
+) -> None:
     """End traced branches where they meet others: a step converged to the wrong branch there.
 
     Args:

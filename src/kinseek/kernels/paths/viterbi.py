@@ -8,11 +8,12 @@ close.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Flags, Indices
-from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
 STRAIGHT, COPIED, ENDLESS = range(3)
@@ -62,42 +63,24 @@ def moved_turns(
     return place
 
 
-@entry(
-    returns=I64,
-    q=F64["k", "width", "n"],
-    ahead=F64["k", "width", "n"],
-    count=I64["k"],
-    lower=F64["n"],
-    upper=F64["n"],
-    turning=I64["n"],
-    copies=I64["n"],
-    longest=F64["*", "n"],
-    weights=F64["n"],
-    mode=I64,
-    costs=F64["*", "*"],
-    refused=FLAG["*", "*"],
-    forbidden_edges=I64["*", 3],
-    ends=I64[2],
-    path=I64["k"].out,
-    report=F64["k"].out,
-)
+@entry
 def viterbi(
-    q: Array,
-    ahead: Array,
-    count: Indices,
-    lower: Array,
-    upper: Array,
-    turning: Indices,
-    copies: Indices,
-    longest: Array,
-    weights: Array,
+    q: Annotated[Array, "k", "width", "n"],
+    ahead: Annotated[Array, "k", "width", "n"],
+    count: Annotated[Indices, "k"],
+    lower: Annotated[Array, "n"],
+    upper: Annotated[Array, "n"],
+    turning: Annotated[Indices, "n"],
+    copies: Annotated[Indices, "n"],
+    longest: Annotated[Array, "*", "n"],
+    weights: Annotated[Array, "n"],
     mode: int,
-    costs: Array,
-    refused: Flags,
-    forbidden_edges: Indices,
-    ends: Indices,
-    path: Indices,
-    report: Array,
+    costs: Annotated[Array, "*", "*"],
+    refused: Annotated[Flags, "*", "*"],
+    forbidden_edges: Annotated[Indices, "*", 3],
+    ends: Annotated[Indices, 2],
+    path: Annotated[Indices, "k", OUT],
+    report: Annotated[Array, "k", OUT],
 ) -> int:
     """Find the sequence through layers of solutions with the fewest breaks, and among these the cheapest.
 
@@ -263,49 +246,28 @@ between layers is multiplied by 1 + min(share, MOST_SHARE)^STEEPEST, so steps th
 nothing else continues."""
 
 
-@entry(
-    q_before=F64["a", "n"],
-    ahead=F64["a", "n"],
-    report=F64["a", "*"],
-    along_ahead=F64["a", "n"],
-    q=F64["b", "n"],
-    along=F64["b", "n"],
-    lower=F64["n"],
-    upper=F64["n"],
-    turning=I64["n"],
-    copies=I64["n"],
-    longest=F64["n"],
-    sideways=F64["n"],
-    weights=F64["n"],
-    poses=F64,
-    own=F64["*"],
-    fault_before=I64["*"],
-    sums_before=F64["*"],
-    fault=I64["*"].out,
-    sums=F64["*"].out,
-    came=I64["*"].out,
-)
+@entry
 def viterbi_step(
-    q_before: Array,
-    ahead: Array,
-    report: Array,
-    along_ahead: Array,
-    q: Array,
-    along: Array,
-    lower: Array,
-    upper: Array,
-    turning: Indices,
-    copies: Indices,
-    longest: Array,
-    sideways: Array,
-    weights: Array,
+    q_before: Annotated[Array, "a", "n"],
+    ahead: Annotated[Array, "a", "n"],
+    report: Annotated[Array, "a", "*"],
+    along_ahead: Annotated[Array, "a", "n"],
+    q: Annotated[Array, "b", "n"],
+    along: Annotated[Array, "b", "n"],
+    lower: Annotated[Array, "n"],
+    upper: Annotated[Array, "n"],
+    turning: Annotated[Indices, "n"],
+    copies: Annotated[Indices, "n"],
+    longest: Annotated[Array, "n"],
+    sideways: Annotated[Array, "n"],
+    weights: Annotated[Array, "n"],
     poses: float,
-    own: Array,
-    fault_before: Indices,
-    sums_before: Array,
-    fault: Indices,
-    sums: Array,
-    came: Indices,
+    own: Annotated[Array, "*"],
+    fault_before: Annotated[Indices, "*"],
+    sums_before: Annotated[Array, "*"],
+    fault: Annotated[Indices, "*", OUT],
+    sums: Annotated[Array, "*", OUT],
+    came: Annotated[Indices, "*", OUT],
 ) -> None:
     """Advance by one layer, along branches and sideways from their ends: one step of `viterbi` for redundant arms.
 

@@ -7,14 +7,13 @@ A box is a centre c and half widths h of the joint variables. `place` computes a
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from kinseek.kernels.arm.division import SLIDE, TURN
 from kinseek.kernels.arm.forward import advance, identity
 from kinseek.kernels.arrays import Array, Flags, Indices
-from kinseek.kernels.entry import F64, FLAG, I64, Bundle
 from kinseek.kernels.jit import array_view, inlined
 
 TINY = 1e-300
@@ -55,15 +54,15 @@ FOUND = 5
 class Form(NamedTuple):
     """The part of the arm that the boxes describe."""
 
-    fixed: Array
+    fixed: Annotated[Array, "part+1", 3, 4]
     """``A_1 … A_m, A_tip``, (m+1, 3, 4); A_1 is the identity if the first joint is divided out."""
-    prismatic: Flags
+    prismatic: Annotated[Flags, "part"]
     """(m,)"""
-    leader: Indices
+    leader: Annotated[Indices, "part"]
     """(m,)"""
-    multiplier: Array
+    multiplier: Annotated[Array, "part"]
     """(m,)"""
-    offset: Array
+    offset: Annotated[Array, "part"]
     """(m,)"""
     head: int
     """Type of the first joint: NONE, TURN or SLIDE; the latter two are divided out by comparing azimuths or heights."""
@@ -78,9 +77,9 @@ class Form(NamedTuple):
 class ProofGoal(NamedTuple):
     """The goal of the hand, with tolerances, weights and margins."""
 
-    target: Array
+    target: Annotated[Array, 3, 4]
     """(3, 4), in the frame of the first joint if that is divided out."""
-    last: Array
+    last: Annotated[Array, 3, 4]
     """Required pose of the last joint's frame at zero, (3, 4), if `Form.tail`."""
     position: float
     """Position tolerance [m]."""
@@ -108,39 +107,6 @@ class ProofGoal(NamedTuple):
     """Component of the hand's second column along the goal's second column, if that counts too, else 0."""
     side_z: float
     """The same along the goal's third column."""
-
-
-FORM = Bundle(
-    Form,
-    fixed=F64["part+1", 3, 4],
-    prismatic=FLAG["part"],
-    leader=I64["part"],
-    multiplier=F64["part"],
-    offset=F64["part"],
-    head=I64,
-    columns=I64,
-    tail=I64,
-    foot=F64,
-)
-
-PROOF_GOAL = Bundle(
-    ProofGoal,
-    target=F64[3, 4],
-    last=F64[3, 4],
-    position=F64,
-    chord=F64,
-    angle=F64,
-    weight_p=F64,
-    weight_a=F64,
-    margin=F64,
-    margin_a=F64,
-    trust=F64,
-    length=F64,
-    offset=F64,
-    back=F64,
-    side_y=F64,
-    side_z=F64,
-)
 
 
 class BoxScratch(NamedTuple):

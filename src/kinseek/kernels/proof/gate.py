@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import math
 
-from kinseek.kernels.arrays import CHAIN, ChainArrays
-from kinseek.kernels.entry import F64
+from kinseek.kernels.arrays import ChainArrays
 from kinseek.kernels.jit import entry, inlined
 
-from .box import FORM, PROOF_GOAL, Form, ProofGoal
+from .box import Form, ProofGoal
 
 CROSSED = 1e-4
 """sin² of the angle between two axes above which their common normal is used. Its foot is then at most a hundred lengths
@@ -42,7 +41,7 @@ def gate(form: Form, proof_goal: ProofGoal, chain: ChainArrays) -> tuple[bool, f
     return open_, error
 
 
-@entry(returns=F64, form=FORM, proof_goal=PROOF_GOAL, chain=CHAIN)
+@entry
 def least_by_gate(form: Form, proof_goal: ProofGoal, chain: ChainArrays) -> float:
     """Lower bound of the weighted error from lengths and angles."""
     return gate(form, proof_goal, chain)[1]

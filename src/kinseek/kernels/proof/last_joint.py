@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from kinseek.kernels.arm.division import TURN, nearest_copy
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.entry import F64, FLAG, Bundle
 from kinseek.kernels.jit import inlined
 
 from .bounds import OF_ANGLES, cut_arc
@@ -23,9 +22,6 @@ class LastJoint(NamedTuple):
     """Limits [rad]; at least a full turn apart if they are irrelevant."""
     weight: float
     """K_A if the joint's axis is the z axis of the tip, so that a twist costs ``K_A (1 + cos τ)(1 - cos β)``, else 0."""
-
-
-ROLL = Bundle(LastJoint, present=FLAG, lower=F64, upper=F64, weight=F64)
 
 
 @inlined

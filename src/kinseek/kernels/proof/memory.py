@@ -6,12 +6,12 @@ everything that outlives a call.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Flags, Indices
-from kinseek.kernels.entry import F64, FLAG, I64, Bundle
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import array_view
 
 from .box import BoxScratch, make_box_scratch
@@ -22,80 +22,52 @@ from .progress import COUNTS, FIGURES
 class Heap(NamedTuple):
     """Boxes ordered by their bounds, the smallest one first."""
 
-    bound: Array
+    bound: Annotated[Array, "room", OUT]
     """A lower bound of the weighted error in the box of each row, (room,)."""
-    order: Indices
+    order: Annotated[Indices, "room", OUT]
     """Rows of the remaining boxes as a heap, the first COUNT entries; then rows that are free again, (room,)."""
-
-
-HEAP = Bundle(Heap, bound=F64["room"].out, order=I64["room"].out)
 
 
 class Places(NamedTuple):
     """Solutions and their neighbourhoods."""
 
-    answers: Array
+    answers: Annotated[Array, "*", "n"]
     """Joint values that are known to meet the tolerances, (k, n); may be empty."""
-    periodic: Flags
+    periodic: Annotated[Flags, "reduced"]
     """True if a full turn of the variable makes no difference, (reduced n,)."""
-    isolated: Flags
+    isolated: Annotated[Flags, "most", OUT]
     """True if the solution has a neighbourhood. The first KNOWN entries of this and the following arrays are valid,
     (most,)."""
-    number: Indices
+    number: Annotated[Indices, "most", OUT]
     """Index of the given solution, or -1 for a new one, (most,)."""
-    q: Array
+    q: Annotated[Array, "most", "n", OUT]
     """(most, n)"""
-    centre: Array
+    centre: Annotated[Array, "most", "reduced", OUT]
     """Centre of the neighbourhood, (most, reduced n)."""
-    radius: Array
+    radius: Annotated[Array, "most", "reduced", OUT]
     """Half widths of the neighbourhood, (most, reduced n)."""
-    distance: Array
+    distance: Annotated[Array, "most", "reduced", OUT]
     """Upper bounds of the distance from the centre of anything within the tolerances in the neighbourhood, (most, reduced
     n)."""
-    exists: Flags
+    exists: Annotated[Flags, "most", OUT]
     """True if exactly one joint vector in the neighbourhood reaches the goal exactly, ignoring limits, (most,)."""
-
-
-PLACES = Bundle(
-    Places,
-    answers=F64["*", "n"],
-    periodic=FLAG["reduced"],
-    isolated=FLAG["most"].out,
-    number=I64["most"].out,
-    q=F64["most", "n"].out,
-    centre=F64["most", "reduced"].out,
-    radius=F64["most", "reduced"].out,
-    distance=F64["most", "reduced"].out,
-    exists=FLAG["most"].out,
-)
 
 
 class Memory(NamedTuple):
     """State of a search, which continues from it when it is called again."""
 
-    boxes: Array
+    boxes: Annotated[Array, "room", "*", OUT]
     """The remaining boxes, (room, 2 dof): centres and half widths."""
     heap: Heap
     """Their order and bounds, for ENCLOSE; it begins with the first COUNT rows."""
     places: Places
     """Solutions and their neighbourhoods, for ISOLATE; otherwise without room."""
-    q: Array
+    q: Annotated[Array, "n", OUT]
     """The best joint values known, (n,); better ones are written here."""
-    counts: Indices
+    counts: Annotated[Indices, COUNTS, OUT]
     """Counts, indexed by COUNT and the following constants, (COUNTS,)."""
-    figures: Array
+    figures: Annotated[Array, FIGURES, OUT]
     """Figures, indexed by UPPER and the following constants, (FIGURES,)."""
-
-
-MEMORY = Bundle(
-    Memory,
-    boxes=F64["room", "*"].out,
-    heap=HEAP,
-    places=PLACES,
-    q=F64["n"].out,
-    counts=I64[COUNTS].out,
-    figures=F64[FIGURES].out,
-)
 
 
 class SearchScratch(NamedTuple):

@@ -9,10 +9,9 @@ alone, which needs no sums of products.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.entry import F64, Bundle
 from kinseek.kernels.jit import inlined
 
 from .box import TINY
@@ -39,12 +38,12 @@ poor one."""
 class Shoulder(NamedTuple):
     """An arm on a ball joint, and its goal."""
 
-    invariants: Array
+    invariants: Annotated[Array, "kinds", "terms"]
     """``|p|²``, ``p·a``, and with the first axis ``p·e``, ``a·e``, each as a sum of products. A product has one factor
     for each joint: one, its cosine or its sine; (2 or 4, 3ⁿ), with the last joint's index fastest."""
-    goal: Array
+    goal: Annotated[Array, 2, 3]
     """g and b, (2, 3). They are in their plane, or with the first axis, which is then the third axis, rotated about it."""
-    plane: Array
+    plane: Annotated[Array, 2, 3]
     """g and b in their plane, with g along its first axis, (2, 3)."""
     weight_p: float
     """K_P, per [m]."""
@@ -60,21 +59,6 @@ class Shoulder(NamedTuple):
     """1; the tests of this package reduce it, which shrinks all bounds, and must detect that."""
     rounding: float
     """Error of a factor of a product, relative to the largest value of its sum."""
-
-
-SHOULDER = Bundle(
-    Shoulder,
-    invariants=F64["kinds", "terms"],
-    goal=F64[2, 3],
-    plane=F64[2, 3],
-    weight_p=F64,
-    weight_a=F64,
-    size=F64,
-    margin=F64,
-    margin_a=F64,
-    trust=F64,
-    rounding=F64,
-)
 
 
 @inlined

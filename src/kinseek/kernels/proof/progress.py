@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from kinseek.kernels.arrays import CHAIN, GOAL, ChainArrays, GoalArrays
-from kinseek.kernels.entry import F64, I64, Bundle
+from kinseek.kernels.arrays import ChainArrays, GoalArrays
 
-from .box import FORM, PROOF_GOAL, Form, ProofGoal
-from .last_joint import ROLL, LastJoint
+from .box import Form, ProofGoal
+from .last_joint import LastJoint
 
 EXCLUDE, ENCLOSE, ISOLATE = 0, 1, 2
 """Kinds of search: for one solution or a proof that there is none; for the smallest weighted error; for all solutions."""
@@ -69,9 +68,6 @@ class Question(NamedTuple):
     """The goal as the user gave it."""
 
 
-QUESTION = Bundle(Question, form=FORM, proof_goal=PROOF_GOAL, roll=ROLL, chain=CHAIN, goal=GOAL)
-
-
 class Tuning(NamedTuple):
     """Effort and precision of a search."""
 
@@ -91,16 +87,3 @@ class Tuning(NamedTuple):
     """Tolerance of the hand's rotation [rad]."""
     gap: float
     """Relative difference of the bounds at which they are close enough."""
-
-
-TUNING = Bundle(
-    Tuning,
-    spread=F64,
-    shrink=F64,
-    passes=I64,
-    often=I64,
-    steps=I64,
-    position=F64,
-    orientation=F64,
-    gap=F64,
-)

@@ -19,7 +19,6 @@ import numpy as np
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
-from kinseek.kernels.entry import I64
 from kinseek.kernels.jit import entry, inlined, ir_inlined
 
 from .approach import approach
@@ -45,7 +44,7 @@ from .branch_and_bound import FINE, enclose, sift_down, sift_up, start_heap
 from .gate import gate
 from .infeasibility import exclude
 from .last_joint import cut_twist
-from .memory import MEMORY, Memory, SearchScratch, make_search_scratch
+from .memory import Memory, SearchScratch, make_search_scratch
 from .progress import (
     AGAIN,
     CEILING,
@@ -63,12 +62,10 @@ from .progress import (
     KNOWN,
     LEFT,
     OPEN,
-    QUESTION,
     SEEN,
     STOPPED,
     STUCK,
     TRIAL,
-    TUNING,
     UPPER,
     USED,
     Question,
@@ -77,7 +74,7 @@ from .progress import (
 from .root_isolation import admit, inside
 
 
-@entry(returns=I64, kind=I64, question=QUESTION, tuning=TUNING, memory=MEMORY, until=I64, budget=I64)
+@entry
 def search_boxes(
     kind: int, question: Question, tuning: Tuning, memory: Memory, until: int, budget: int
 ) -> int:

@@ -28,18 +28,18 @@ All invariants are of first degree in the cosine and the sine of every joint, so
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
 from .box import rounding
 from .branch_and_bound import sift_down, sift_up
-from .memory import HEAP, Heap
+from .memory import Heap
 from .multipliers import (
-    SHOULDER,
     Shoulder,
     dual_value,
     improve_multipliers,
@@ -141,17 +141,14 @@ def settled_bound(shoulder: Shoulder, reach: float, sheet: Sheet, share: Array) 
     return settled
 
 
-@entry(
-    returns=I64,
-    shoulder=SHOULDER,
-    boxes=F64["room", "*"].out,
-    heap=HEAP,
-    counts=I64[COUNTS].out,
-    figures=F64[FIGURES].out,
-    until=I64,
-)
+@entry
 def enclose_ball(
-    shoulder: Shoulder, boxes: Array, heap: Heap, counts: Indices, figures: Array, until: int
+    shoulder: Shoulder,
+    boxes: Annotated[Array, "room", "*", OUT],
+    heap: Heap,
+    counts: Annotated[Indices, COUNTS, OUT],
+    figures: Annotated[Array, FIGURES, OUT],
+    until: int,
 ) -> int:
     """Bound the smallest weighted error of the arm on its ball; the box with the smallest bound comes first.
 

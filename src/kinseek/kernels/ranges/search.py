@@ -8,6 +8,8 @@ found, polished under the goal's weights.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from kinseek.kernels.arm.forward import forward
@@ -16,15 +18,13 @@ from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import POLISH_STEPS, judge_by_ranges
 from kinseek.kernels.atlas.ending import reweigh
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import make_scratch, scratch_size
+from kinseek.kernels.atlas.memory import scratch_of, scratch_size
 from kinseek.kernels.atlas.near import load_near
 from kinseek.kernels.atlas.one_goal import routines, search_near
-from kinseek.kernels.atlas.samples import complete_seed
-from kinseek.kernels.atlas.seeds import MARGIN, MORE, into_limits, load_seed, look_up
+from kinseek.kernels.atlas.seeds import MARGIN, MORE, complete, into_limits, load_seed, look_up
 from kinseek.kernels.atlas.task import (
     ENDING,
     EVALUATIONS,
-    HANDLE,
     ITERATE,
     JUDGE,
     ORIENTATION_ERROR,
@@ -32,39 +32,32 @@ from kinseek.kernels.atlas.task import (
     STARTS,
     TOLERANCES,
     WEIGHTED_ERROR,
+    Handle,
     Job,
-    handle_at,
+    Joints,
+    Target,
+    task_at,
     task_of,
 )
-from kinseek.kernels.entry import F64, FLAG, I64
-from kinseek.kernels.jit import entry, routine
-from kinseek.kernels.pointers import part1, part2
+from kinseek.kernels.entry import OUT
+from kinseek.kernels.jit import entry
+from kinseek.kernels.pointers import part1, part2, routine
 
-from .steps import POSES, make_range_scratch, range_scratch_size, range_step_routine
+from .steps import POSES, range_scratch_of, range_scratch_size, range_step_routine
 
 
-@routine("int64(int64, int64, int64, int64, int64, int64, int64)")
-def range_starts_routine(
-    handle_address: int,
-    tolerances_address: int,
-    memory_address: int,
-    near_address: int,
-    close: int,
-    begin: int,
-    most: int,
-) -> int:
+@routine
+def range_starts_routine(job: Job, near: Joints, close: bool, begin: int, most: int) -> int:
     """See `one_goal.fill_from_ranges`.
 
     None of the `most` nearest samples is used twice: if the ranges are narrow, the next nearest is used instead.
     """
-    task = task_of(handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES))
-    dof, joints = len(task.lower), len(task.chain.leader)
-    scratch = make_scratch(part1(memory_address, 0, scratch_size(dof, joints)), dof, joints)
-    ranges, chain = make_range_scratch(memory_address, dof, joints), task.chain
+    task = task_at(job)
+    scratch, ranges = scratch_of(job, task), range_scratch_of(job, task)
     used, first = ranges.used, 0
-    if close != 0 and begin == 0:
+    if close and begin == 0:
         first = 1
-        load_near(task, scratch, part1(near_address, 0, dof))
+        load_near(task, scratch, near)
         scratch.state[0] = 0
     for l in range(first, LANES):
         scratch.state[l] = 2
@@ -76,9 +69,7 @@ def range_starts_routine(
             i, fresh = scratch.neighbour[k], True
             for j in range(len(used)):
                 fresh = fresh and used[j] != i
-            if fresh and complete_seed(
-                task.atlas, task.division, scratch.seen, i, chain.lower, chain.upper, MARGIN, scratch.seed
-            ):
+            if fresh and complete(task, scratch, i, MARGIN):
                 taken = i
                 load_seed(scratch.lanes, l, scratch.seed)
                 scratch.state[l] = 0
@@ -88,16 +79,12 @@ def range_starts_routine(
     return begin
 
 
-@routine("int64(int64, int64, int64, int64, int64)")
-def range_judge_routine(
-    handle_address: int, tolerances_address: int, memory_address: int, q_address: int, report_address: int
-) -> int:
+@routine
+def range_judge_routine(job: Job, q: Joints, report: Annotated[Array, "*"]) -> int:
     """See `descent.judge_by_ranges`."""
-    task = task_of(handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES))
-    dof, joints = len(task.lower), len(task.chain.leader)
-    scratch = make_scratch(part1(memory_address, 0, scratch_size(dof, joints)), dof, joints)
-    ranges, report = make_range_scratch(memory_address, dof, joints), part1(report_address, 0, EVALUATIONS)
-    forward(task.chain, part1(q_address, 0, dof), scratch.spare)
+    task = task_at(job)
+    scratch, ranges = scratch_of(job, task), range_scratch_of(job, task)
+    forward(task.chain, q, scratch.spare)
     deviation(scratch.spare, ranges.question, ranges.out, ranges.work)
     place, turn = range_errors(ranges.out, ranges.question)
     report[POSITION_ERROR], report[ORIENTATION_ERROR] = place, turn
@@ -105,20 +92,14 @@ def range_judge_routine(
     return 0
 
 
-@routine("int64(int64, int64, int64, int64, int64)")
-def range_ending_routine(
-    handle_address: int, tolerances_address: int, memory_address: int, target_address: int, w: int
-) -> int:
+@routine
+def range_ending_routine(job: Job, target: Target) -> int:
     """Do the same as `ending_routine` for a goal with ranges.
 
     Only the reweighted steps are made, because Newton's method is implemented for poses only.
     """
-    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
-    task = task_of(handle, tolerances)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    memory, target = part1(memory_address, 0, scratch_size(dof, joints)), part2(target_address, 0, 3, 4)
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory)
-    return reweigh(job, task, scratch, target, task.axis_weights[0], POLISH_STEPS, w)
+    task = task_at(job)
+    return reweigh(job, task, scratch_of(job, task), target, task.axis_weights[0], POLISH_STEPS)
 
 
 def range_routines() -> Indices:
@@ -129,25 +110,15 @@ def range_routines() -> Indices:
     return addresses
 
 
-@entry(
-    handle=HANDLE,
-    tolerances=F64[TOLERANCES],
-    questions=F64["k", QUESTION],
-    poses=F64["k", POSES, 3, 4],
-    near=F64["k", "n"],
-    close=FLAG,
-    results=F64["*", "n+4"].out,
-    begin=I64,
-    w=I64,
-)
+@entry
 def solve_ranged(
-    handle: Indices,
-    tolerances: Array,
-    questions: Array,
-    poses: Array,
-    near: Array,
+    handle: Handle,
+    tolerances: Annotated[Array, TOLERANCES],
+    questions: Annotated[Array, "k", QUESTION],
+    poses: Annotated[Array, "k", POSES, 3, 4],
+    near: Annotated[Array, "k", "n"],
     close: bool,
-    results: Array,
+    results: Annotated[Array, "*", "n+4", OUT],
     begin: int,
     w: int,
 ) -> None:
@@ -168,7 +139,8 @@ def solve_ranged(
     task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(scratch_size(dof, joints) + range_scratch_size(dof, joints))
-    job, ranges = Job(handle, tolerances, memory), make_range_scratch(memory.ctypes.data, dof, joints)
+    job = Job(handle, tolerances, memory, w)
+    ranges = range_scratch_of(job, task)
     address, width = results.ctypes.data, dof + EVALUATIONS + 1
     for i in range(len(questions)):
         # The memory is cleared between goals, so that results do not depend on the rest of the batch, bit by bit.
@@ -184,10 +156,8 @@ def solve_ranged(
             ranges.used[k] = -1
         row = (begin + i) * width
         q, report = part1(address, row, dof), part1(address, row + dof, EVALUATIONS + 1)
-        # A question begins with its target.
-        report[EVALUATIONS] = search_near(
-            handle, tolerances, memory, questions[i], task.budget, near[i], close, q, w
-        )
+        target = part2(questions.ctypes.data, i * QUESTION, 3, 4)  # A question begins with its target.
+        report[EVALUATIONS] = search_near(job, target, task.budget, near[i], close, q)
         into_limits(task, q, near[i])
         judge_by_ranges(job, q, report)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

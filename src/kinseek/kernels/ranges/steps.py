@@ -10,7 +10,7 @@ and Atchuthan 2018, Sec. 4). The rows are therefore exact for rotations of any s
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from kinseek.kernels.arm.range_error import (
     FRAME,
@@ -22,10 +22,15 @@ from kinseek.kernels.arm.range_error import (
     deviation,
     range_errors,
 )
+from kinseek.kernels.arm.vectors import Vector, dot
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import LONGEST
 from kinseek.kernels.atlas.lanes import (
+    COSINE,
+    DISTANCE2,
     LANES,
+    RESIDUAL2,
+    SINE2,
     Lanes,
     lanes_forward,
     lanes_gram,
@@ -34,11 +39,11 @@ from kinseek.kernels.atlas.lanes import (
     lanes_move,
     lanes_solve,
 )
-from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
-from kinseek.kernels.atlas.task import TOLERANCES, Task, handle_at, task_of
-from kinseek.kernels.jit import array_view, inlined, routine
-from kinseek.kernels.layout import Layout, floats, whole
-from kinseek.kernels.pointers import part1
+from kinseek.kernels.atlas.memory import Scratch, scratch_of, scratch_size
+from kinseek.kernels.atlas.task import Job, Task, task_at
+from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.layout import Layout
+from kinseek.kernels.pointers import routine
 
 POSES = 32
 """Poses of the ranges at which starts are looked up."""
@@ -61,29 +66,21 @@ there. Relative to that value, the next term is a sixtieth of the squared angle.
 class RangeScratch(NamedTuple):
     """Memory of a goal with ranges, after the scratch memory of its call."""
 
-    question: Array
+    question: Annotated[Array, QUESTION]
     """The goal, see `range_error.FRAME`, (QUESTION,)."""
-    poses: Array
+    poses: Annotated[Array, 3 * POSES, 4]
     """Poses at which starts are looked up, (3, 4) each, one below the other, (3 · POSES, 4)."""
-    used: Indices
+    used: Annotated[Indices, 2 * POSES]
     """Sample used at each pose in the first and in the second look-up; -1 for none, (2 · POSES,)."""
-    rows: Array
-    """Two matrices (3, 3) for each lane: row r of lane l is element ``r · LANES + l``, (18 · LANES,)."""
-    out: Array
+    rows: Annotated[Array, 2, 9, LANES]
+    """Two matrices for each lane, (2, 9, LANES), each row by row."""
+    out: Annotated[Array, 6]
     """Deviation of the current pose, (6,)."""
-    work: Array
+    work: Annotated[Array, 27]
     """See `deviation`, (27,)."""
 
 
-LAYOUT = Layout(
-    RangeScratch,
-    question=floats(QUESTION),
-    poses=floats(3 * POSES, 4),
-    used=whole(2 * POSES),
-    rows=floats(18 * LANES),
-    out=floats(6),
-    work=floats(27),
-)
+LAYOUT = Layout(RangeScratch)
 """Layout in memory."""
 
 
@@ -91,9 +88,15 @@ range_scratch_size, lay_range_scratch = LAYOUT.size, LAYOUT.make
 
 
 @array_view
-def make_range_scratch(memory_address: int, dof: int, joints: int) -> RangeScratch:
+def range_scratch_of(job: Job, task: Task) -> RangeScratch:
+    """The scratch memory of a job for goals with ranges, behind that of other goals."""
+    return make_range_scratch(job.memory, len(task.lower), len(task.chain.leader))
+
+
+@array_view
+def make_range_scratch(memory: Array, dof: int, joints: int) -> RangeScratch:
     """Create the views after the scratch memory, in a memory of `scratch_size` and `range_scratch_size` numbers."""
-    ranges: RangeScratch = lay_range_scratch(memory_address + 8 * scratch_size(dof, joints), dof, joints)
+    ranges: RangeScratch = lay_range_scratch(memory.ctypes.data + 8 * scratch_size(dof, joints), dof, joints)
     return ranges
 
 
@@ -138,29 +141,22 @@ def past_the_half_turn(out: Array, question: Array) -> None:
 @inlined
 def rows_of(task: Task, scratch: Scratch, ranges: RangeScratch, l: int) -> None:
     """Compute residual, errors and rows of lane l at its pose."""
-    W, question, lanes, rows, out, work = (
-        LANES,
-        ranges.question,
-        scratch.lanes,
-        ranges.rows,
-        ranges.out,
-        ranges.work,
-    )
+    question, lanes, rows, out, work = ranges.question, scratch.lanes, ranges.rows, ranges.out, ranges.work
     F = question[FRAME:LOW]
     for r in range(3):
         for c in range(4):
-            scratch.spare[r, c] = lanes.pose[(4 * r + c) * W + l]
+            scratch.spare[r, c] = lanes.pose[r, c, l]
     deviation(scratch.spare, question, out, work)
     place, turn = range_errors(out, question)
-    lanes.error[l], lanes.error[W + l], lanes.error[2 * W + l] = place * place, turn * turn, 0.0
+    lanes.error[DISTANCE2, l], lanes.error[SINE2, l], lanes.error[COSINE, l] = place * place, turn * turn, 0.0
     total, hold, swings = 0.0, l % 2 == 1, question[SWINGS] != 0.0
     for i in range(3):
         way, has = way_in(out[i], question[LOW + i], question[HIGH + i], task.position_tolerance, hold)
-        e = lanes.weight[l] * way
-        lanes.residual[i * W + l] = e
+        e = lanes.weight[0, l] * way
+        lanes.residual[i, l] = e
         total += e * e
         for c in range(3):
-            rows[(3 * i + c) * W + l] = has * F[3 * c + i]
+            rows[0, 3 * i + c, l] = has * F[3 * c + i]
     if not swings:
         past_the_half_turn(out, question)
     x, y, z = out[3], out[4], out[5]
@@ -192,39 +188,39 @@ def rows_of(task: Task, scratch: Scratch, ranges: RangeScratch, l: int) -> None:
             b + (diagonal if i == 1 else 0.0),
             c + (diagonal if i == 2 else 0.0),
         )
-        e = lanes.weight[W + l] * way
-        lanes.residual[(3 + i) * W + l] = e
+        e = lanes.weight[1, l] * way
+        lanes.residual[3 + i, l] = e
         total += e * e
         for k in range(3):
-            rows[(9 + 3 * i + k) * W + l] = has * (a * F[3 * k] + b * F[3 * k + 1] + c * F[3 * k + 2])
-    lanes.error[3 * W + l] = total
+            rows[1, 3 * i + k, l] = has * (a * F[3 * k] + b * F[3 * k + 1] + c * F[3 * k + 2])
+    lanes.error[RESIDUAL2, l] = total
+
+
+@inlined
+def matrix_row(rows: Array, r: int, l: int) -> Vector:
+    """Row r of the matrix of a lane, (9, LANES)."""
+    return Vector(rows[3 * r, l], rows[3 * r + 1, l], rows[3 * r + 2, l])
 
 
 @inlined
 def turn_rows(lanes: Lanes, rows: Array, w: int) -> None:
     """Multiply the rows of every lane's Jacobian by the lane's matrices."""
-    W, J = LANES, lanes.jacobian
+    J = lanes.jacobian
     for i in range(J.shape[0]):
         for half in range(2):
-            o, m = 3 * half * W, 9 * half * W
             for l in range(w):
-                a, b, c = J[i, o + l], J[i, o + W + l], J[i, o + 2 * W + l]
-                J[i, o + l] = rows[m + l] * a + rows[m + W + l] * b + rows[m + 2 * W + l] * c
-                J[i, o + W + l] = rows[m + 3 * W + l] * a + rows[m + 4 * W + l] * b + rows[m + 5 * W + l] * c
-                J[i, o + 2 * W + l] = (
-                    rows[m + 6 * W + l] * a + rows[m + 7 * W + l] * b + rows[m + 8 * W + l] * c
-                )
+                column = Vector(J[i, 3 * half, l], J[i, 3 * half + 1, l], J[i, 3 * half + 2, l])
+                J[i, 3 * half, l] = dot(matrix_row(rows[half], 0, l), column)
+                J[i, 3 * half + 1, l] = dot(matrix_row(rows[half], 1, l), column)
+                J[i, 3 * half + 2, l] = dot(matrix_row(rows[half], 2, l), column)
 
 
-@routine("int64(int64, int64, int64, int64, int64)")
-def range_step_routine(
-    handle_address: int, tolerances_address: int, memory_address: int, move: int, w: int
-) -> int:
+@routine
+def range_step_routine(job: Job, move: bool) -> int:
     """See `descent.iterate`."""
-    task = task_of(handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES))
-    dof, joints = len(task.lower), len(task.chain.leader)
-    scratch = make_scratch(part1(memory_address, 0, scratch_size(dof, joints)), dof, joints)
-    ranges, lanes = make_range_scratch(memory_address, dof, joints), scratch.lanes
+    task, w = task_at(job), job.width
+    scratch, ranges = scratch_of(job, task), range_scratch_of(job, task)
+    lanes = scratch.lanes
     if move:
         lanes_jacobian(task.chain.leader, task.links, lanes, 0.0, w)
         turn_rows(lanes, ranges.rows, w)

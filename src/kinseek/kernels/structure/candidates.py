@@ -22,12 +22,26 @@ direction determines q₂ and q₁. An arm with a seventh, swept joint has these
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
+from kinseek.kernels.arm.vectors import (
+    Vector,
+    cross,
+    dot,
+    minus,
+    plus,
+    rotate,
+    rotated,
+    rotated_back,
+    transformed,
+    vector_at,
+)
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import CANDIDATE_ROWS
 from kinseek.kernels.jit import inlined
 
-from .subproblems import angle, cross, dot, rotate, solve_trig, unit_angle
+from .subproblems import angle, solve_trig, unit_angle
 
 NONE, WRIST, PARALLEL, MEETING = range(4)
 """Kinds: no closed form; a spherical wrist distal to two parallel axes; three parallel axes proximal to two that
@@ -102,38 +116,125 @@ SPREAD = 10.0
 """Factor from the deviation of the arm from its structure to the error of its equations."""
 
 
-INFEASIBILITY, CONDITIONING, DISCRIMINANT, DUPLICATE = range(6, 10)
-"""Rows after the six angles of a lane. The largest infeasibility of its equations, 0 where all have a solution. The
-smallest conditioning of its angles, 0 where one is undetermined. The smallest absolute discriminant of its equations,
-reduced where an equation is poorly conditioned. And 1 for a duplicate: a lane whose solution coincides with that of
-another lane."""
+GIVEN = 6
+"""Row of the value of the swept joint, after those of the other six joints."""
 
 
-MIDDLE, AXIS = 10, 13
-"""Rows of the orientation that remains after the first three joints: the directions of axis 6 and of A6, 3 each."""
+INFEASIBILITY, CONDITIONING, DISCRIMINANT, DUPLICATE = range(7, 11)
+"""Rows of the diagnostics of a lane. The largest infeasibility of its equations, 0 where all have a solution. The smallest
+conditioning of its angles, 0 where one is undetermined. The smallest absolute discriminant of its equations, reduced where
+an equation is poorly conditioned. And 1 for a duplicate: a lane whose solution coincides with that of another lane."""
 
 
-ROOTS, LEFT = MIDDLE, 3
-"""ROOTS is the first row of the discriminants of the three quadratic equations, once the candidates are complete. A
-discriminant is negative where its equation has no solution. Unlike `INFEASIBILITY` it varies smoothly with the target. Until
-the wrist is solved, rows from LEFT on hold the discriminants of the first three joints; angles of the wrist replace them
-later."""
+ROOTS = 11
+"""First of three rows: the discriminants of the quadratic equations. A discriminant is negative where its equation has no
+solution. Unlike `INFEASIBILITY` it varies smoothly with the target."""
 
 
-ROWS = 16
-"""Number of rows that the lanes work on."""
+COST = 14
+"""Row of the squared distance of a candidate from the reference, infinite if it is rejected, see `choice.place`."""
 
 
-GIVEN = AXIS
-"""Row of the value of the swept joint, once the candidates are complete."""
+SIGNS = 15
+"""First of three rows of signs: which solution of each quadratic equation the lane takes."""
 
 
-SIGNS = ROWS
-"""First of the three rows of signs."""
+WORK = (CANDIDATE_ROWS, LANES)
+"""Shape of the array that the functions below fill: these rows."""
 
 
-WORK = (SIGNS + 3) * LANES
-"""Length of the work array: all these rows."""
+if SIGNS + 3 != CANDIDATE_ROWS:
+    raise TypeError(f"candidates have {SIGNS + 3} rows, the scratch memory has {CANDIDATE_ROWS}")
+
+
+class Axes(NamedTuple):
+    """A structure as vectors, see `H1`; `MEETING` has the directions of axes 2 and 3 in `parallel` and `across`."""
+
+    axis1: Vector
+    point1: Vector
+    parallel: Vector
+    across: Vector
+    centre: Vector
+    axis4: Vector
+    axis5: Vector
+    axis6: Vector
+    across6: Vector
+    point2: Vector
+    point3: Vector
+    point4: Vector
+    size: float
+
+
+class Triangle(NamedTuple):
+    """Two links of given lengths in the plane normal to parallel axes, whose end is at a given point of the plane.
+
+    Coordinates are along `Axes.across` and `normal`.
+    """
+
+    normal: Vector
+    l0: float
+    l1: float
+    m0: float
+    m1: float
+    a: float
+    b: float
+    squares: float
+
+
+class Equation(NamedTuple):
+    """``a cos θ + b sin θ = c - rest``, where only c depends on the target."""
+
+    a: float
+    b: float
+    rest: float
+
+
+class Proximal(NamedTuple):
+    """The first three joints of one lane, what remains for the wrist, and diagnostics, see `INFEASIBILITY`."""
+
+    q1: float
+    q2: float
+    q3: float
+    axis6: Vector
+    across6: Vector
+    infeasibility: float
+    conditioning: float
+    discriminant: float
+    root1: float
+    root2: float
+    duplicate: bool
+
+
+class Bend(NamedTuple):
+    """Angles of the two joints of a triangle: cosine and sine of both, and diagnostics."""
+
+    c2: float
+    s2: float
+    c3: float
+    s3: float
+    root: float
+    length2: float
+
+
+@inlined
+def axes_of(structure: Array) -> Axes:
+    """Read the vectors of a structure."""
+    S = structure
+    return Axes(
+        vector_at(S, H1),
+        vector_at(S, P1),
+        vector_at(S, H),
+        vector_at(S, E),
+        vector_at(S, X),
+        vector_at(S, H4),
+        vector_at(S, H5),
+        vector_at(S, H6),
+        vector_at(S, A6),
+        vector_at(S, P2),
+        vector_at(S, P3),
+        vector_at(S, P4),
+        S[SIZE],
+    )
 
 
 @inlined
@@ -141,7 +242,7 @@ def set_signs(work: Array) -> None:
     """Set the three signs of each lane."""
     for l in range(LANES):
         for k in range(3):
-            work[(SIGNS + k) * LANES + l] = 1.0 - 2.0 * ((l >> k) & 1)
+            work[SIGNS + k, l] = 1.0 - 2.0 * ((l >> k) & 1)
 
 
 @inlined
@@ -192,290 +293,210 @@ def candidates(structure: Array, D: Array, far: float, work: Array, w: int) -> N
         structure: See `KIND`, (NUMBERS,).
         D: See `displacement`, (3, 4).
         far: Infeasibility beyond which the equations that depend on the infeasible one are ignored in the diagnostics.
-        work: See `INFEASIBILITY`, (WORK,).
+        work: See `GIVEN` to `SIGNS`, `WORK`.
         w: LANES.
     """
     set_signs(work)
     if structure[KIND] == WRIST:
         parallel_pair(structure, D, far, work, w)
-        wrist(structure, far, work, w)
     elif structure[KIND] == MEETING:
         meeting_pair(structure, D, far, work, w)
-        wrist(structure, far, work, w)
     else:
         parallel_three(structure, D, far, work, w)
 
 
 @inlined
+def shoulder_equation(s: Axes, u: Vector) -> tuple[Equation, float]:
+    """Equation of joint 1, ``h · E₁⁻¹ u = h · (x - p₁)`` for parallel axes 2 and 3; and its right-hand side."""
+    along, height = dot(s.axis1, s.parallel), dot(s.axis1, u)
+    a = dot(s.parallel, u) - along * height
+    b = dot(cross(s.axis1, s.parallel), u)
+    c = dot(s.parallel, minus(s.centre, s.point1)) - along * height
+    return Equation(a, b, 0.0), c
+
+
+@inlined
+def turn_equation(axis_before: Vector, axis: Vector, moved: Vector) -> Equation:
+    """Left-hand side ``axis_before · E moved`` of an equation for the rotation E about `axis`."""
+    along = dot(axis_before, axis) * dot(moved, axis)
+    return Equation(dot(axis_before, moved) - along, dot(axis_before, cross(axis, moved)), along)
+
+
+@inlined
+def triangle(s: Axes, end: Vector) -> Triangle:
+    """Triangle of the links from axis 2 to axis 3 and from there to `end`."""
+    normal = cross(s.parallel, s.across)
+    upper, fore = minus(s.point3, s.point2), minus(end, s.point3)
+    l0, l1, m0, m1 = dot(s.across, upper), dot(normal, upper), dot(s.across, fore), dot(normal, fore)
+    squares = l0 * l0 + l1 * l1 + m0 * m0 + m1 * m1
+    return Triangle(normal, l0, l1, m0, m1, l0 * m0 + l1 * m1, l1 * m0 - l0 * m1, squares)
+
+
+@inlined
+def bend(s: Axes, t: Triangle, end: Vector, sign: float) -> Bend:
+    """Solve the triangle: joint 3 from the distance of its end from axis 2, joint 2 from the direction of the end."""
+    g0, g1 = dot(s.across, end), dot(t.normal, end)
+    c3, s3, root, _ = solve_trig(t.a, t.b, 0.5 * (g0 * g0 + g1 * g1 - t.squares), sign)
+    v0, v1 = t.l0 + c3 * t.m0 - s3 * t.m1, t.l1 + c3 * t.m1 + s3 * t.m0
+    c2, s2, length2 = unit_angle(v0 * g0 + v1 * g1, v0 * g1 - v1 * g0)
+    return Bend(c2, s2, c3, s3, root, length2)
+
+
+@inlined
 def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
-    """Solve the first three joints, the last two of them parallel, from the position of the wrist."""
-    W, S, size = LANES, structure, 1.0 / structure[SIZE]
-    ax, ay, az, px, py, pz = S[H1], S[H1 + 1], S[H1 + 2], S[P1], S[P1 + 1], S[P1 + 2]
-    hx, hy, hz, ex, ey, ez = S[H], S[H + 1], S[H + 2], S[E], S[E + 1], S[E + 2]
-    fx, fy, fz = cross(hx, hy, hz, ex, ey, ez)
-    xx, xy, xz = S[X], S[X + 1], S[X + 2]
-    ux = dot(D[0, 0], D[0, 1], D[0, 2], xx, xy, xz) + D[0, 3] - px
-    uy = dot(D[1, 0], D[1, 1], D[1, 2], xx, xy, xz) + D[1, 3] - py
-    uz = dot(D[2, 0], D[2, 1], D[2, 2], xx, xy, xz) + D[2, 3] - pz
-    # h · E₁⁻¹ u, as a cos + b sin + rest.
-    along = dot(ax, ay, az, hx, hy, hz)
-    nx, ny, nz = cross(ax, ay, az, hx, hy, hz)
-    height = dot(ax, ay, az, ux, uy, uz)
-    a = dot(hx, hy, hz, ux, uy, uz) - along * height
-    b = dot(nx, ny, nz, ux, uy, uz)
-    c = dot(hx, hy, hz, xx - px, xy - py, xz - pz) - along * height
-    # Sides of the triangle, in the plane normal to h.
-    sx, sy, sz = S[P3] - S[P2], S[P3 + 1] - S[P2 + 1], S[P3 + 2] - S[P2 + 2]
-    mx, my, mz = xx - S[P3], xy - S[P3 + 1], xz - S[P3 + 2]
-    l0, l1 = dot(ex, ey, ez, sx, sy, sz), dot(fx, fy, fz, sx, sy, sz)
-    m0, m1 = dot(ex, ey, ez, mx, my, mz), dot(fx, fy, fz, mx, my, mz)
-    sides = l0 * l0 + l1 * l1 + m0 * m0 + m1 * m1
-    ta, tb = l0 * m0 + l1 * m1, l1 * m0 - l0 * m1
-    ox, oy, oz = px - S[P2], py - S[P2 + 1], pz - S[P2 + 2]
-    # Directions of the last axis and of its normal, from which the rotations of the first joints are removed for the
-    # wrist.
-    zx, zy, zz = rotated(D, S, H6)
-    vx, vy, vz = rotated(D, S, A6)
-    sense2, sense3 = S[SENSE], S[SENSE + 1]
+    """Solve an arm with a wrist whose axes 2 and 3 are parallel."""
+    s, size = axes_of(structure), 1.0 / structure[SIZE]
+    u = minus(transformed(D, s.centre), s.point1)
+    shoulder, c = shoulder_equation(s, u)
+    links, hand, offset = triangle(s, s.centre), wrist_of(s), minus(s.point1, s.point2)
+    axis6, across6 = rotated(D, s.axis6), rotated(D, s.across6)
+    sense2, sense3 = structure[SENSE], structure[SENSE + 1]
     for l in range(w):
-        one, two = work[SIGNS * W + l], work[(SIGNS + 1) * W + l]
-        c1, s1, rest1, length1 = solve_trig(a, b, c, one)
-        gx, gy, gz = rotate(ax, ay, az, c1, -s1, ux, uy, uz)
-        gx, gy, gz = gx + ox, gy + oy, gz + oz
-        g0, g1 = dot(ex, ey, ez, gx, gy, gz), dot(fx, fy, fz, gx, gy, gz)
-        c3, s3, rest3, _ = solve_trig(ta, tb, 0.5 * (g0 * g0 + g1 * g1 - sides), two)
-        v0, v1 = l0 + c3 * m0 - s3 * m1, l1 + c3 * m1 + s3 * m0
-        c2, s2, length2 = unit_angle(v0 * g0 + v1 * g1, v0 * g1 - v1 * g0)
-        cosine, sine = c2 * c3 - s2 * s3, s2 * c3 + c2 * s3
-        work[l] = angle(s1, c1)
-        work[W + l], work[2 * W + l] = sense2 * angle(s2, c2), sense3 * angle(s3, c3)
-        qx, qy, qz = rotate(ax, ay, az, c1, -s1, zx, zy, zz)
-        qx, qy, qz = rotate(hx, hy, hz, cosine, -sine, qx, qy, qz)
-        work[MIDDLE * W + l], work[(MIDDLE + 1) * W + l], work[(MIDDLE + 2) * W + l] = qx, qy, qz
-        qx, qy, qz = rotate(ax, ay, az, c1, -s1, vx, vy, vz)
-        qx, qy, qz = rotate(hx, hy, hz, cosine, -sine, qx, qy, qz)
-        work[AXIS * W + l], work[(AXIS + 1) * W + l], work[(AXIS + 2) * W + l] = qx, qy, qz
-        weak1, weak2, fold1, fold3 = length1 * size, math.sqrt(length2) * size, abs(rest1), abs(rest3)
-        fold3 = fold3 if rest1 > -far else 1.0
-        weak2 = weak2 if min(rest1, rest3) > -far else 1.0
-        work[INFEASIBILITY * W + l] = max(-rest1, -rest3, 0.0)
-        work[LEFT * W + l], work[(LEFT + 1) * W + l] = rest1 * weak1 * weak1, rest3
-        work[CONDITIONING * W + l], work[DISCRIMINANT * W + l] = (
-            min(weak1, weak2),
-            min(fold1 * min(weak1, 1.0), fold3),
+        one, two = work[SIGNS, l], work[SIGNS + 1, l]
+        c1, s1, root1, length1 = solve_trig(shoulder.a, shoulder.b, c, one)
+        arm = bend(s, links, plus(rotate(s.axis1, c1, -s1, u), offset), two)
+        cosine, sine = arm.c2 * arm.c3 - arm.s2 * arm.s3, arm.s2 * arm.c3 + arm.c2 * arm.s3
+        weak1, weak2 = length1 * size, math.sqrt(arm.length2) * size
+        seen_weak2 = weak2 if min(root1, arm.root) > -far else 1.0
+        fold3 = abs(arm.root) if root1 > -far else 1.0
+        proximal = Proximal(
+            angle(s1, c1),
+            sense2 * angle(arm.s2, arm.c2),
+            sense3 * angle(arm.s3, arm.c3),
+            rotate(s.parallel, cosine, -sine, rotate(s.axis1, c1, -s1, axis6)),
+            rotate(s.parallel, cosine, -sine, rotate(s.axis1, c1, -s1, across6)),
+            max(-root1, -arm.root, 0.0),
+            min(weak1, seen_weak2),
+            min(abs(root1) * min(weak1, 1.0), fold3),
+            root1 * weak1 * weak1,
+            arm.root,
+            (root1 <= 0.0 and one < 0.0) or (arm.root <= 0.0 and two < 0.0),
         )
-        again1 = rest1 <= 0.0 and one < 0.0
-        again3 = rest3 <= 0.0 and two < 0.0
-        work[DUPLICATE * W + l] = 1.0 if again1 or again3 else 0.0
+        wrist(s, hand, proximal, far, work, l)
 
 
 @inlined
 def meeting_pair(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
-    """Solve the first three joints, the first two of them intersecting, from the position of the wrist."""
-    W, S, size = LANES, structure, 1.0 / structure[SIZE]
-    ax, ay, az, bx, by, bz = S[H1], S[H1 + 1], S[H1 + 2], S[H2], S[H2 + 1], S[H2 + 2]
-    hx, hy, hz, px, py, pz = S[H3], S[H3 + 1], S[H3 + 2], S[P1], S[P1 + 1], S[P1 + 2]
-    xx, xy, xz = S[X], S[X + 1], S[X + 2]
-    ux = dot(D[0, 0], D[0, 1], D[0, 2], xx, xy, xz) + D[0, 3] - px
-    uy = dot(D[1, 0], D[1, 1], D[1, 2], xx, xy, xz) + D[1, 3] - py
-    uz = dot(D[2, 0], D[2, 1], D[2, 2], xx, xy, xz) + D[2, 3] - pz
-    # |m + E₃ r| = |u|, as a cos + b sin + rest. m leads from the intersection of axes 1 and 2 to axis 3, r from there to
-    # x.
-    mx, my, mz = S[P3] - px, S[P3 + 1] - py, S[P3 + 2] - pz
-    rx, ry, rz = xx - S[P3], xy - S[P3 + 1], xz - S[P3 + 2]
-    along = dot(hx, hy, hz, mx, my, mz) * dot(hx, hy, hz, rx, ry, rz)
-    a = dot(mx, my, mz, rx, ry, rz) - along
-    nx, ny, nz = cross(hx, hy, hz, rx, ry, rz)
-    b = dot(mx, my, mz, nx, ny, nz)
-    square = dot(ux, uy, uz, ux, uy, uz)
-    c = 0.5 * (square - dot(mx, my, mz, mx, my, mz) - dot(rx, ry, rz, rx, ry, rz)) - along
-    # axis 1 · E₂ v equals the component of u along axis 1.
-    between = dot(ax, ay, az, bx, by, bz)
-    kx, ky, kz = cross(ax, ay, az, bx, by, bz)
-    height = dot(ax, ay, az, ux, uy, uz)
-    zx, zy, zz = rotated(D, S, H6)
-    ex, ey, ez = rotated(D, S, A6)
+    """Solve an arm with a wrist whose axes 1 and 2 intersect.
+
+    Joint 3 follows from ``|m + E₃ r| = |u|``, where m leads from the intersection to axis 3 and r from there to x; joint 2
+    from ``axis 1 · E₂ (m + E₃ r) = axis 1 · u``.
+    """
+    s, size = axes_of(structure), 1.0 / structure[SIZE]
+    axis2, axis3 = s.parallel, s.across
+    u = minus(transformed(D, s.centre), s.point1)
+    m, r = minus(s.point3, s.point1), minus(s.centre, s.point3)
+    elbow = turn_equation(m, axis3, r)
+    c = 0.5 * (dot(u, u) - dot(m, m) - dot(r, r)) - elbow.rest
+    between, normal, height = dot(s.axis1, axis2), cross(s.axis1, axis2), dot(s.axis1, u)
+    hand, axis6, across6 = wrist_of(s), rotated(D, s.axis6), rotated(D, s.across6)
     for l in range(w):
-        one, two = work[SIGNS * W + l], work[(SIGNS + 1) * W + l]
-        c3, s3, rest3, _ = solve_trig(a, b, c, two)
-        vx, vy, vz = rotate(hx, hy, hz, c3, s3, rx, ry, rz)
-        vx, vy, vz = vx + mx, vy + my, vz + mz
-        level = dot(bx, by, bz, vx, vy, vz) * between
-        c2, s2, rest2, length2 = solve_trig(
-            dot(ax, ay, az, vx, vy, vz) - level, dot(kx, ky, kz, vx, vy, vz), height - level, one
+        one, two = work[SIGNS, l], work[SIGNS + 1, l]
+        c3, s3, root3, _ = solve_trig(elbow.a, elbow.b, c, two)
+        v = plus(rotate(axis3, c3, s3, r), m)
+        level = dot(axis2, v) * between
+        c2, s2, root2, length2 = solve_trig(dot(s.axis1, v) - level, dot(normal, v), height - level, one)
+        v = rotate(axis2, c2, s2, v)
+        flat = dot(v, u) - dot(s.axis1, v) * height
+        c1, s1, length1 = unit_angle(flat, dot(s.axis1, cross(v, u)))
+        last = rotate(axis2, c2, -s2, rotate(s.axis1, c1, -s1, axis6))
+        across = rotate(axis2, c2, -s2, rotate(s.axis1, c1, -s1, across6))
+        weak1, weak2 = math.sqrt(length1) * size, length2 * size
+        seen_weak2 = weak2 if root3 > -far else 1.0
+        seen_weak1 = weak1 if min(root2, root3) > -far else 1.0
+        fold2 = abs(root2) if root3 > -far else 1.0
+        proximal = Proximal(
+            angle(s1, c1),
+            angle(s2, c2),
+            angle(s3, c3),
+            rotate(axis3, c3, -s3, last),
+            rotate(axis3, c3, -s3, across),
+            max(-root2, -root3, 0.0),
+            min(seen_weak1, seen_weak2),
+            min(fold2 * min(seen_weak2, 1.0), abs(root3)),
+            root2 * weak2 * weak2,
+            root3,
+            (root2 <= 0.0 and one < 0.0) or (root3 <= 0.0 and two < 0.0),
         )
-        vx, vy, vz = rotate(bx, by, bz, c2, s2, vx, vy, vz)
-        nx, ny, nz = cross(vx, vy, vz, ux, uy, uz)
-        flat = dot(vx, vy, vz, ux, uy, uz) - dot(ax, ay, az, vx, vy, vz) * height
-        c1, s1, length1 = unit_angle(flat, dot(ax, ay, az, nx, ny, nz))
-        work[l], work[W + l], work[2 * W + l] = angle(s1, c1), angle(s2, c2), angle(s3, c3)
-        qx, qy, qz = rotate(ax, ay, az, c1, -s1, zx, zy, zz)
-        qx, qy, qz = rotate(bx, by, bz, c2, -s2, qx, qy, qz)
-        qx, qy, qz = rotate(hx, hy, hz, c3, -s3, qx, qy, qz)
-        work[MIDDLE * W + l], work[(MIDDLE + 1) * W + l], work[(MIDDLE + 2) * W + l] = qx, qy, qz
-        qx, qy, qz = rotate(ax, ay, az, c1, -s1, ex, ey, ez)
-        qx, qy, qz = rotate(bx, by, bz, c2, -s2, qx, qy, qz)
-        qx, qy, qz = rotate(hx, hy, hz, c3, -s3, qx, qy, qz)
-        work[AXIS * W + l], work[(AXIS + 1) * W + l], work[(AXIS + 2) * W + l] = qx, qy, qz
-        weak1, weak2, fold2, fold3 = math.sqrt(length1) * size, length2 * size, abs(rest2), abs(rest3)
-        work[LEFT * W + l], work[(LEFT + 1) * W + l] = rest2 * weak2 * weak2, rest3
-        fold2 = fold2 if rest3 > -far else 1.0
-        weak2 = weak2 if rest3 > -far else 1.0
-        weak1 = weak1 if min(rest2, rest3) > -far else 1.0
-        work[INFEASIBILITY * W + l] = max(-rest2, -rest3, 0.0)
-        work[CONDITIONING * W + l], work[DISCRIMINANT * W + l] = (
-            min(weak1, weak2),
-            min(fold2 * min(weak2, 1.0), fold3),
-        )
-        again2 = rest2 <= 0.0 and one < 0.0
-        again3 = rest3 <= 0.0 and two < 0.0
-        work[DUPLICATE * W + l] = 1.0 if again2 or again3 else 0.0
+        wrist(s, hand, proximal, far, work, l)
+
+
+class Wrist(NamedTuple):
+    """What all lanes have in common of the last three joints."""
+
+    bend: Equation
+    normal6: Vector
 
 
 @inlined
-def rotated(D: Array, S: Array, first: int) -> tuple[float, float, float]:
-    """Rotate a vector of a structure by D."""
-    x, y, z = S[first], S[first + 1], S[first + 2]
-    return (
-        D[0, 0] * x + D[0, 1] * y + D[0, 2] * z,
-        D[1, 0] * x + D[1, 1] * y + D[1, 2] * z,
-        D[2, 0] * x + D[2, 1] * y + D[2, 2] * z,
-    )
+def wrist_of(s: Axes) -> Wrist:
+    """Equation ``axis 4 · E₅ axis 6`` of joint 5, and the vector normal to axis 6 and A6."""
+    return Wrist(turn_equation(s.axis4, s.axis5, s.axis6), cross(s.axis6, s.across6))
 
 
 @inlined
-def wrist(structure: Array, far: float, work: Array, w: int) -> None:
-    """Solve the last three joints from the remaining orientation."""
-    W, S = LANES, structure
-    ax, ay, az, bx, by, bz = S[H4], S[H4 + 1], S[H4 + 2], S[H5], S[H5 + 1], S[H5 + 2]
-    zx, zy, zz, ex, ey, ez = S[H6], S[H6 + 1], S[H6 + 2], S[A6], S[A6 + 1], S[A6 + 2]
-    fx, fy, fz = cross(zx, zy, zz, ex, ey, ez)
-    # axis 4 · E₅ axis 6, as a cos + b sin + along.
-    along = dot(ax, ay, az, bx, by, bz) * dot(zx, zy, zz, bx, by, bz)
-    a = dot(ax, ay, az, zx, zy, zz) - along
-    nx, ny, nz = cross(bx, by, bz, zx, zy, zz)
-    b = dot(ax, ay, az, nx, ny, nz)
-    for l in range(w):
-        three = work[(SIGNS + 2) * W + l]
-        qx, qy, qz = work[MIDDLE * W + l], work[(MIDDLE + 1) * W + l], work[(MIDDLE + 2) * W + l]
-        vx, vy, vz = work[AXIS * W + l], work[(AXIS + 1) * W + l], work[(AXIS + 2) * W + l]
-        height = dot(ax, ay, az, qx, qy, qz)
-        c5, s5, rest5, _ = solve_trig(a, b, height - along, three)
-        rx, ry, rz = rotate(bx, by, bz, c5, s5, zx, zy, zz)
-        # E₄ takes r to q: both have the same component along axis 4.
-        nx, ny, nz = cross(rx, ry, rz, qx, qy, qz)
-        flat = dot(rx, ry, rz, qx, qy, qz) - dot(ax, ay, az, rx, ry, rz) * height
-        c4, s4, length4 = unit_angle(flat, dot(ax, ay, az, nx, ny, nz))
-        vx, vy, vz = rotate(ax, ay, az, c4, -s4, vx, vy, vz)
-        vx, vy, vz = rotate(bx, by, bz, c5, -s5, vx, vy, vz)
-        work[ROOTS * W + l], work[(ROOTS + 1) * W + l] = work[LEFT * W + l], work[(LEFT + 1) * W + l]
-        work[(ROOTS + 2) * W + l] = rest5
-        work[3 * W + l], work[4 * W + l] = angle(s4, c4), angle(s5, c5)
-        work[5 * W + l] = angle(dot(fx, fy, fz, vx, vy, vz), dot(ex, ey, ez, vx, vy, vz))
-        infeasibility, conditioning, discriminant = (
-            work[INFEASIBILITY * W + l],
-            work[CONDITIONING * W + l],
-            work[DISCRIMINANT * W + l],
-        )
-        weak4, fold5 = math.sqrt(length4), abs(rest5)
-        work[INFEASIBILITY * W + l] = max(infeasibility, -rest5)
-        work[CONDITIONING * W + l] = (
-            min(conditioning, weak4) if max(infeasibility, -rest5) < far else conditioning
-        )
-        work[DISCRIMINANT * W + l] = min(discriminant, fold5) if infeasibility < far else discriminant
-        duplicate = rest5 <= 0.0 and three < 0.0
-        work[DUPLICATE * W + l] = 1.0 if duplicate else work[DUPLICATE * W + l]
+def wrist(s: Axes, hand: Wrist, arm: Proximal, far: float, work: Array, l: int) -> None:
+    """Solve the last three joints of lane l from the remaining orientation, and write the lane."""
+    three = work[SIGNS + 2, l]
+    height = dot(s.axis4, arm.axis6)
+    c5, s5, root5, _ = solve_trig(hand.bend.a, hand.bend.b, height - hand.bend.rest, three)
+    r = rotate(s.axis5, c5, s5, s.axis6)
+    # E₄ takes r to axis 6: both have the same component along axis 4.
+    flat = dot(r, arm.axis6) - dot(s.axis4, r) * height
+    c4, s4, length4 = unit_angle(flat, dot(s.axis4, cross(r, arm.axis6)))
+    v = rotate(s.axis5, c5, -s5, rotate(s.axis4, c4, -s4, arm.across6))
+    weak4, fold5, infeasibility = math.sqrt(length4), abs(root5), max(arm.infeasibility, -root5)
+    work[0, l], work[1, l], work[2, l] = arm.q1, arm.q2, arm.q3
+    work[3, l], work[4, l] = angle(s4, c4), angle(s5, c5)
+    work[5, l] = angle(dot(hand.normal6, v), dot(s.across6, v))
+    work[ROOTS, l], work[ROOTS + 1, l], work[ROOTS + 2, l] = arm.root1, arm.root2, root5
+    work[INFEASIBILITY, l] = infeasibility
+    work[CONDITIONING, l] = min(arm.conditioning, weak4) if infeasibility < far else arm.conditioning
+    work[DISCRIMINANT, l] = min(arm.discriminant, fold5) if arm.infeasibility < far else arm.discriminant
+    work[DUPLICATE, l] = 1.0 if arm.duplicate or (root5 <= 0.0 and three < 0.0) else 0.0
 
 
 @inlined
 def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
-    """Solve all joints of an arm whose axes 2, 3 and 4 are parallel and whose axes 5 and 6 intersect."""
-    W, S, size = LANES, structure, 1.0 / structure[SIZE]
-    ax, ay, az, px, py, pz = S[H1], S[H1 + 1], S[H1 + 2], S[P1], S[P1 + 1], S[P1 + 2]
-    hx, hy, hz, ex, ey, ez = S[H], S[H + 1], S[H + 2], S[E], S[E + 1], S[E + 2]
-    bx, by, bz, zx, zy, zz = S[H5], S[H5 + 1], S[H5 + 2], S[H6], S[H6 + 1], S[H6 + 2]
-    fx, fy, fz = cross(hx, hy, hz, ex, ey, ez)
-    xx, xy, xz = S[X], S[X + 1], S[X + 2]
-    d00, d01, d02, d10, d11, d12 = D[0, 0], D[0, 1], D[0, 2], D[1, 0], D[1, 1], D[1, 2]
-    d20, d21, d22 = D[2, 0], D[2, 1], D[2, 2]
-    ux = dot(d00, d01, d02, xx, xy, xz) + D[0, 3] - px
-    uy = dot(d10, d11, d12, xx, xy, xz) + D[1, 3] - py
-    uz = dot(d20, d21, d22, xx, xy, xz) + D[2, 3] - pz
-    along = dot(ax, ay, az, hx, hy, hz)
-    nx, ny, nz = cross(ax, ay, az, hx, hy, hz)
-    height = dot(ax, ay, az, ux, uy, uz)
-    a = dot(hx, hy, hz, ux, uy, uz) - along * height
-    b = dot(nx, ny, nz, ux, uy, uz)
-    c = dot(hx, hy, hz, xx - px, xy - py, xz - pz) - along * height
-    # h · E₅ axis 6, as a cos + b sin + rest.
-    along5 = dot(hx, hy, hz, bx, by, bz) * dot(zx, zy, zz, bx, by, bz)
-    a5 = dot(hx, hy, hz, zx, zy, zz) - along5
-    kx, ky, kz = cross(bx, by, bz, zx, zy, zz)
-    b5 = dot(hx, hy, hz, kx, ky, kz)
-    wx, wy, wz = rotated(D, S, H6)
-    sx, sy, sz = S[P3] - S[P2], S[P3 + 1] - S[P2 + 1], S[P3 + 2] - S[P2 + 2]
-    mx, my, mz = S[P4] - S[P3], S[P4 + 1] - S[P3 + 1], S[P4 + 2] - S[P3 + 2]
-    l0, l1 = dot(ex, ey, ez, sx, sy, sz), dot(fx, fy, fz, sx, sy, sz)
-    m0, m1 = dot(ex, ey, ez, mx, my, mz), dot(fx, fy, fz, mx, my, mz)
-    sides = l0 * l0 + l1 * l1 + m0 * m0 + m1 * m1
-    ta, tb = l0 * m0 + l1 * m1, l1 * m0 - l0 * m1
-    ox, oy, oz = px - S[P2], py - S[P2 + 1], pz - S[P2 + 2]
-    tx, ty, tz = S[P4] - xx, S[P4 + 1] - xy, S[P4 + 2] - xz
-    sense2, sense3, sense4 = S[SENSE], S[SENSE + 1], S[SENSE + 2]
+    """Solve all joints of an arm whose axes 2, 3 and 4 are parallel and whose axes 5 and 6 intersect.
+
+    E₁ h = D E₆⁻¹ E₅⁻¹ h: joint 1 follows from the position of x, joint 5 from the component along axis 6, joint 6 from the
+    components across it, and joints 2, 3 and 4 from the triangle.
+    """
+    s, size = axes_of(structure), 1.0 / structure[SIZE]
+    u = minus(transformed(D, s.centre), s.point1)
+    shoulder, c = shoulder_equation(s, u)
+    twist, axis6 = turn_equation(s.parallel, s.axis5, s.axis6), rotated(D, s.axis6)
+    links, offset, from_x = triangle(s, s.point4), minus(s.point1, s.point2), minus(s.point4, s.centre)
+    sense2, sense3, sense4 = structure[SENSE], structure[SENSE + 1], structure[SENSE + 2]
     for l in range(w):
-        one, two, three = work[SIGNS * W + l], work[(SIGNS + 1) * W + l], work[(SIGNS + 2) * W + l]
-        c1, s1, rest1, length1 = solve_trig(a, b, c, one)
-        # r is h rotated by E₁. E₅ is solved from the component along axis 6, and E₆ from the directions across it.
-        rx, ry, rz = rotate(ax, ay, az, c1, s1, hx, hy, hz)
-        c5, s5, rest5, _ = solve_trig(a5, b5, dot(rx, ry, rz, wx, wy, wz) - along5, three)
-        gx, gy, gz = (
-            d00 * rx + d10 * ry + d20 * rz,
-            d01 * rx + d11 * ry + d21 * rz,
-            d02 * rx + d12 * ry + d22 * rz,
-        )
-        vx, vy, vz = rotate(bx, by, bz, c5, -s5, hx, hy, hz)
-        nx, ny, nz = cross(gx, gy, gz, vx, vy, vz)
-        flat = dot(gx, gy, gz, vx, vy, vz) - dot(zx, zy, zz, gx, gy, gz) * dot(zx, zy, zz, vx, vy, vz)
-        c6, s6, length6 = unit_angle(flat, dot(zx, zy, zz, nx, ny, nz))
-        # The vector e rotated by E₂ E₃ E₄.
-        vx, vy, vz = rotate(bx, by, bz, c5, -s5, ex, ey, ez)
-        gx, gy, gz = rotate(zx, zy, zz, c6, -s6, vx, vy, vz)
-        vx, vy, vz = (
-            dot(d00, d01, d02, gx, gy, gz),
-            dot(d10, d11, d12, gx, gy, gz),
-            dot(d20, d21, d22, gx, gy, gz),
-        )
-        gx, gy, gz = rotate(ax, ay, az, c1, -s1, vx, vy, vz)
-        all0, all1 = dot(ex, ey, ez, gx, gy, gz), dot(fx, fy, fz, gx, gy, gz)
+        one, two, three = work[SIGNS, l], work[SIGNS + 1, l], work[SIGNS + 2, l]
+        c1, s1, root1, length1 = solve_trig(shoulder.a, shoulder.b, c, one)
+        r = rotate(s.axis1, c1, s1, s.parallel)
+        c5, s5, root5, _ = solve_trig(twist.a, twist.b, dot(r, axis6) - twist.rest, three)
+        g, v = rotated_back(D, r), rotate(s.axis5, c5, -s5, s.parallel)
+        flat = dot(g, v) - dot(s.axis6, g) * dot(s.axis6, v)
+        c6, s6, length6 = unit_angle(flat, dot(s.axis6, cross(g, v)))
+        # The vector `across` rotated by E₂ E₃ E₄.
+        v = rotate(s.axis6, c6, -s6, rotate(s.axis5, c5, -s5, s.across))
+        v = rotate(s.axis1, c1, -s1, rotated(D, v))
+        all0, all1 = dot(s.across, v), dot(links.normal, v)
         # The point on axis 4, as E₂ E₃ move it.
-        vx, vy, vz = rotate(bx, by, bz, c5, -s5, tx, ty, tz)
-        gx, gy, gz = rotate(zx, zy, zz, c6, -s6, vx, vy, vz)
-        vx, vy, vz = (
-            dot(d00, d01, d02, gx, gy, gz),
-            dot(d10, d11, d12, gx, gy, gz),
-            dot(d20, d21, d22, gx, gy, gz),
-        )
-        gx, gy, gz = rotate(ax, ay, az, c1, -s1, vx + ux, vy + uy, vz + uz)
-        gx, gy, gz = gx + ox, gy + oy, gz + oz
-        g0, g1 = dot(ex, ey, ez, gx, gy, gz), dot(fx, fy, fz, gx, gy, gz)
-        c3, s3, rest3, _ = solve_trig(ta, tb, 0.5 * (g0 * g0 + g1 * g1 - sides), two)
-        v0, v1 = l0 + c3 * m0 - s3 * m1, l1 + c3 * m1 + s3 * m0
-        c2, s2, length2 = unit_angle(v0 * g0 + v1 * g1, v0 * g1 - v1 * g0)
-        cosine, sine = c2 * c3 - s2 * s3, s2 * c3 + c2 * s3
-        work[l], work[4 * W + l], work[5 * W + l] = angle(s1, c1), angle(s5, c5), angle(s6, c6)
-        work[W + l], work[2 * W + l] = sense2 * angle(s2, c2), sense3 * angle(s3, c3)
-        work[3 * W + l] = sense4 * angle(all1 * cosine - all0 * sine, all0 * cosine + all1 * sine)
-        weak1, weak2, weak6 = length1 * size, math.sqrt(length2) * size, math.sqrt(length6)
-        fold1, fold3, fold5 = abs(rest1), abs(rest3), abs(rest5)
-        fold5 = fold5 if rest1 > -far else 1.0
-        weak6 = weak6 if min(rest1, rest5) > -far else 1.0
-        fold3 = fold3 if min(rest1, rest5) > -far else 1.0
-        weak2 = weak2 if min(rest1, rest3, rest5) > -far else 1.0
-        work[INFEASIBILITY * W + l] = max(-rest1, -rest3, -rest5, 0.0)
-        work[ROOTS * W + l], work[(ROOTS + 1) * W + l] = rest1 * weak1 * weak1, rest3
-        work[(ROOTS + 2) * W + l] = rest5
-        work[CONDITIONING * W + l] = min(weak1, weak2, weak6)
-        work[DISCRIMINANT * W + l] = min(fold1 * min(weak1, 1.0), fold3, fold5)
-        again1, again3 = rest1 <= 0.0 and one < 0.0, rest3 <= 0.0 and two < 0.0
-        again5 = rest5 <= 0.0 and three < 0.0
-        work[DUPLICATE * W + l] = 1.0 if again1 or again3 or again5 else 0.0
+        v = rotate(s.axis6, c6, -s6, rotate(s.axis5, c5, -s5, from_x))
+        arm = bend(s, links, plus(rotate(s.axis1, c1, -s1, plus(rotated(D, v), u)), offset), two)
+        cosine, sine = arm.c2 * arm.c3 - arm.s2 * arm.s3, arm.s2 * arm.c3 + arm.c2 * arm.s3
+        work[0, l], work[4, l], work[5, l] = angle(s1, c1), angle(s5, c5), angle(s6, c6)
+        work[1, l], work[2, l] = sense2 * angle(arm.s2, arm.c2), sense3 * angle(arm.s3, arm.c3)
+        work[3, l] = sense4 * angle(all1 * cosine - all0 * sine, all0 * cosine + all1 * sine)
+        weak1, weak2, weak6 = length1 * size, math.sqrt(arm.length2) * size, math.sqrt(length6)
+        root3, fold1, fold3, fold5 = arm.root, abs(root1), abs(arm.root), abs(root5)
+        fold5 = fold5 if root1 > -far else 1.0
+        weak6 = weak6 if min(root1, root5) > -far else 1.0
+        fold3 = fold3 if min(root1, root5) > -far else 1.0
+        weak2 = weak2 if min(root1, root3, root5) > -far else 1.0
+        work[INFEASIBILITY, l] = max(-root1, -root3, -root5, 0.0)
+        work[ROOTS, l], work[ROOTS + 1, l], work[ROOTS + 2, l] = root1 * weak1 * weak1, root3, root5
+        work[CONDITIONING, l] = min(weak1, weak2, weak6)
+        work[DISCRIMINANT, l] = min(fold1 * min(weak1, 1.0), fold3, fold5)
+        again1, again3 = root1 <= 0.0 and one < 0.0, root3 <= 0.0 and two < 0.0
+        work[DUPLICATE, l] = 1.0 if again1 or again3 or (root5 <= 0.0 and three < 0.0) else 0.0

@@ -19,6 +19,7 @@ from .candidates import (
     BESIDE,
     CLEAR,
     CONDITIONING,
+    COST,
     DEVIATION,
     DISCRIMINANT,
     DUPLICATE,
@@ -27,7 +28,6 @@ from .candidates import (
     INFEASIBILITY,
     INFEASIBLE,
     LOOSE,
-    MIDDLE,
     SPREAD,
     SWEPT,
     candidates,
@@ -35,11 +35,6 @@ from .candidates import (
     row_of,
 )
 from .swept_joint import taken_off
-
-COST = MIDDLE
-"""Row of the squared distance of a candidate from the reference, infinite if it is rejected. MIDDLE is no longer needed
-then."""
-
 
 EDGE = 1e-7
 """Distance [rad] beyond a limit that counts as at the limit, so that rounding does not add a full turn."""
@@ -54,14 +49,14 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
         near: Reference joint values, (n,). With `close` they are the current ones, otherwise the middle of the ranges.
             Distances from the middle are divided by half the range of each joint.
         close: See `near`.
-        work: The candidates, see `candidates.INFEASIBILITY`, (WORK,).
+        work: The candidates, see `candidates.WORK`.
         w: LANES.
     """
-    W, dof, off = LANES, len(task.lower), SPREAD * task.structure[DEVIATION]
+    dof, off = len(task.lower), SPREAD * task.structure[DEVIATION]
     turn, rate, beside = 2.0 * math.pi, 0.5 / math.pi, BESIDE + off
     for l in range(w):
-        lost = work[DUPLICATE * W + l] > 0.0 or work[INFEASIBILITY * W + l] > INFEASIBLE + off
-        work[COST * W + l] = np.inf if lost else 0.0
+        lost = work[DUPLICATE, l] > 0.0 or work[INFEASIBILITY, l] > INFEASIBLE + off
+        work[COST, l] = np.inf if lost else 0.0
     # The swept joint is within its limits, and the same in all lanes.
     for row in range(dof - 1 if task.structure[SWEPT] > 0.0 else dof):
         i = joint_of(task.structure, row, dof)
@@ -76,7 +71,7 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
         room = np.inf if full > 0.0 else EDGE
         # No branches, and all reads from other arrays come before the loop: LLVM vectorizes it only then.
         for l in range(w):
-            value, cost = work[row * W + l], work[COST * W + l]
+            value, cost = work[row, l], work[COST, l]
             middlemost = value - turn * np.floor((value - low - half) * rate + 0.5)
             value -= turn * np.floor((value - centre) * rate + 0.5)
             value = value if max(low - value, value - high) <= room else middlemost
@@ -86,8 +81,8 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
             value -= full * np.ceil(max(value - high, 0.0) * rate)
             gap = scale * (value - centre)
             cost += gap * gap
-            work[row * W + l] = value
-            work[COST * W + l] = cost if max(low - value, value - high) <= beside else np.inf
+            work[row, l] = value
+            work[COST, l] = cost if max(low - value, value - high) <= beside else np.inf
 
 
 @inlined
@@ -106,14 +101,13 @@ def order_candidates(task: Task, scratch: Scratch, given: float, near: Array, cl
         True if the candidates include every solution. False if an angle is undetermined, if an equation has a double or
         nearly double root, or if the tolerances are loose.
     """
-    # This memory belongs to the look-up, which runs later or never.
-    S, work = task.structure, scratch.distance
+    S, work = task.structure, scratch.candidates
     taken_off(S, scratch.between, given, scratch.spare)
     candidates(S, scratch.spare, INFEASIBLE + SPREAD * S[DEVIATION], work, w)
     sure = max(task.position_tolerance, task.orientation_tolerance) <= LOOSE
     for l in range(LANES):
-        sure = sure and work[CONDITIONING * LANES + l] >= FREE and work[DISCRIMINANT * LANES + l] >= CLEAR
-        work[GIVEN * LANES + l] = given
+        sure = sure and work[CONDITIONING, l] >= FREE and work[DISCRIMINANT, l] >= CLEAR
+        work[GIVEN, l] = given
     place(task, near, close, work, w)
     return sure
 
@@ -121,14 +115,14 @@ def order_candidates(task: Task, scratch: Scratch, given: float, near: Array, cl
 @inlined
 def take_candidate(task: Task, scratch: Scratch, q: Array) -> int:
     """Write the nearest remaining candidate into q, (n,), and return its lane, or -1 if there is none."""
-    work, best, dof = scratch.distance, 0, len(q)
+    work, best, dof = scratch.candidates, 0, len(q)
     for l in range(1, LANES):
-        best = l if work[COST * LANES + l] < work[COST * LANES + best] else best
-    if work[COST * LANES + best] == np.inf:
+        best = l if work[COST, l] < work[COST, best] else best
+    if work[COST, best] == np.inf:
         return -1
-    work[COST * LANES + best] = np.inf
+    work[COST, best] = np.inf
     for i in range(dof):
-        q[i] = work[row_of(task.structure, i, dof) * LANES + best]
+        q[i] = work[row_of(task.structure, i, dof), best]
     return best
 
 
@@ -174,12 +168,12 @@ def clear_lanes(lanes: Lanes) -> None:
     for i in range(lanes.q.shape[0]):
         for l in range(LANES):
             lanes.q[i, l] = lanes.step[i, l] = 0.0
-    for r in range(4 * LANES):
-        lanes.work[r] = 0.0
+    for l in range(LANES):
+        lanes.share[l] = lanes.before[l] = lanes.stubborn[l] = 0.0
 
 
 @inlined
-def first_that_converges(job: Job, task: Task, scratch: Scratch, target: Array, q: Array, w: int) -> int:
+def first_that_converges(job: Job, task: Task, scratch: Scratch, target: Array, q: Array) -> int:
     """Refine the candidates of a nearby arm in parallel lanes; write the nearest that converges into q, (n,).
 
     `batch.run_lanes` refines the same candidates one at a time.
@@ -190,7 +184,6 @@ def first_that_converges(job: Job, task: Task, scratch: Scratch, target: Array, 
         scratch: The candidates, as `place` leaves them.
         target: (3, 4), lengths in [m].
         q: Receives the solution, or the last candidate if there is none.
-        w: LANES.
 
     Returns:
         The FK evaluations spent, negated if no candidate converges; 0 if there is no candidate.
@@ -208,7 +201,7 @@ def first_that_converges(job: Job, task: Task, scratch: Scratch, target: Array, 
                 scratch.state[l], loaded = 0, loaded + 1
         if loaded == 0:
             break
-        lane, made = descend_lanes(job, task, scratch, CORRECTIONS, False, w)
+        lane, made = descend_lanes(job, task, scratch, CORRECTIONS, False)
         spent += (made + 1) * loaded
         if lane >= 0:
             copy_joints(scratch.found, lane, q)

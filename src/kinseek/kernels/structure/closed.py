@@ -69,7 +69,7 @@ def closed_starts(
         structure: See `candidates.KIND`, (NUMBERS,).
         target: (4, 4), lengths in [m].
         D: Scratch memory, (3, 4).
-        work: Scratch memory, (WORK,).
+        work: Scratch memory, `candidates.WORK`.
         seeds: Receives joint values, (at least LANES, n).
         report: See `TRIED`, (REPORT,).
         w: LANES.
@@ -83,11 +83,11 @@ def closed_starts(
     candidates(structure, D, far, work, w)
     for l in range(LANES):
         infeasibility, conditioning, discriminant = (
-            work[INFEASIBILITY * LANES + l],
-            work[CONDITIONING * LANES + l],
-            work[DISCRIMINANT * LANES + l],
+            work[INFEASIBILITY, l],
+            work[CONDITIONING, l],
+            work[DISCRIMINANT, l],
         )
-        duplicate = work[DUPLICATE * LANES + l] > 0.0
+        duplicate = work[DUPLICATE, l] > 0.0
         if conditioning < FREE + off or (
             not exact and (discriminant < off or (not duplicate and 0.0 < infeasibility <= beside))
         ):
@@ -99,7 +99,7 @@ def closed_starts(
         wide = slack / max(conditioning * math.sqrt(discriminant), FREE)
         inside, fits = True, True
         for i in range(len(task.lower)):
-            value = work[row_of(structure, i, len(task.lower)) * LANES + l]
+            value = work[row_of(structure, i, len(task.lower)), l]
             if not turns_fully(task, i):
                 low, high = task.chain.lower[i], task.chain.upper[i]
                 value = nearest_copy(value, low, high, 0.5 * (low + high))
@@ -112,4 +112,4 @@ def closed_starts(
             if inside and infeasibility <= 0.0 and discriminant > CLEAR + off:
                 sure += 1
     report[TRIED], report[SURE], report[UNSURE], report[LOST] = many, sure, unsure, lost
-    report[FOLDED] = abs(work[ROOTS * LANES])
+    report[FOLDED] = abs(work[ROOTS, 0])

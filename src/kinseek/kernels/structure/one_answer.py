@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from kinseek.kernels.atlas.descent import FIRST_STEPS
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import make_scratch, scratch_size
+from kinseek.kernels.atlas.memory import scratch_of
 from kinseek.kernels.atlas.one_goal import CORRECTIONS, NEAREST, OFFER
 from kinseek.kernels.atlas.seeds import middle
-from kinseek.kernels.atlas.task import TOLERANCES, Job, handle_at, task_of
-from kinseek.kernels.jit import routine
-from kinseek.kernels.pointers import part1, part2
+from kinseek.kernels.atlas.task import Job, Joints, Target, task_at
+from kinseek.kernels.pointers import routine
 
 from .candidates import KIND, NONE, SWEPT, SWEPT_VALUES, displacement
 from .choice import first_that_converges, first_that_reaches, order_candidates, take_start
@@ -23,41 +22,25 @@ LED = (FIRST_STEPS + 1) * LANES // ENOUGH
 """Largest number of values of the swept joint whose candidates are refined: about the time of one round of the search."""
 
 
-@routine("int64(int64, int64, int64, int64, int64, int64, int64, int64)")
-def closed_routine(
-    handle_address: int,
-    tolerances_address: int,
-    memory_address: int,
-    target_address: int,
-    near_address: int,
-    asked: int,
-    q_address: int,
-    w: int,
-) -> int:
+@routine
+def closed_routine(job: Job, target: Target, near: Joints, asked: int, q: Joints) -> int:
     """Solve one target, (3, 4), by the first candidate that reaches it; write q, (n,).
 
     Args:
-        handle_address: As `one_goal.search_routine`.
-        tolerances_address: As there.
-        memory_address: As there; the scratch memory is as a look-up leaves it.
-        target_address: As there.
-        near_address: Current joint values, (n,), if the nearest solution is requested.
+        job: The task and the memory of the call.
+        target: The pose to reach.
+        near: Current joint values, if the nearest solution is requested.
         asked: MIDMOST: the solution nearest to the middle of the ranges comes first. NEAREST: the solution nearest to
             `near` comes first. OFFER + k, for an arm that nearly has its structure: write candidate k of those that are
             refined.
-        q_address: Receives joint values, (n,).
-        w: LANES.
+        q: Receives joint values.
 
     Returns:
         FK evaluations spent. The number is negated if no candidate reaches the target or another solution may be nearer;
         q is then the last candidate checked. 0 if there is no candidate. With OFFER, 1 if the candidate exists, else 0.
     """
-    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
-    task = task_of(handle, tolerances)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    memory = part1(memory_address, 0, scratch_size(dof, joints))
-    target, q, near = part2(target_address, 0, 3, 4), part1(q_address, 0, dof), part1(near_address, 0, dof)
-    scratch, S, close = make_scratch(memory, dof, joints), task.structure, asked == NEAREST
+    task, w = task_at(job), job.width
+    scratch, S, close = scratch_of(job, task), task.structure, asked == NEAREST
     values, spent, value, led, skip = int(S[SWEPT]), 0, 0.0, 0, asked - OFFER
     # The closed form of a nearby arm may miss a solution at a limit, possibly the nearest; and a swept joint has many
     # values.
@@ -90,7 +73,7 @@ def closed_routine(
             led += 1 if offered > 0 else 0
             continue
         if task.exact == 0:
-            more = first_that_converges(Job(handle, tolerances, memory), task, scratch, target, q, w)
+            more = first_that_converges(job, task, scratch, target, q)
             led += 1 if more != 0 else 0
         else:
             more = first_that_reaches(task, scratch, target, near, q)

@@ -1,7 +1,6 @@
 """Branch-free subproblems of closed forms, so that they run in parallel in SIMD lanes.
 
-Rotations are kept as cosine and sine, and only the final six angles are computed from them. Vectors are three scalars
-each, because lanes hold no arrays.
+Rotations are kept as cosine and sine, and only the final six angles are computed from them.
 """
 
 from __future__ import annotations

@@ -13,12 +13,13 @@ import math
 
 from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.trigonometry import sine_cosine
+from kinseek.kernels.arm.vectors import column, cross, dot, minus, plus, rotate, transformed, vector_at
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.task import Task
 from kinseek.kernels.jit import inlined
 
 from .candidates import AS, BACKWARD, HS, PS, SLIDES, SWEPT, X
-from .subproblems import angle, cross, dot
+from .subproblems import angle
 
 
 @inlined
@@ -33,15 +34,11 @@ def direction(structure: Array, D: Array) -> float:
 
     The last axes do not move x, see `candidates`.
     """
-    S = structure
-    hx, hy, hz, ax, ay, az = S[HS], S[HS + 1], S[HS + 2], S[AS], S[AS + 1], S[AS + 2]
-    ux = dot(D[0, 0], D[0, 1], D[0, 2], S[X], S[X + 1], S[X + 2]) + D[0, 3] - S[PS]
-    uy = dot(D[1, 0], D[1, 1], D[1, 2], S[X], S[X + 1], S[X + 2]) + D[1, 3] - S[PS + 1]
-    uz = dot(D[2, 0], D[2, 1], D[2, 2], S[X], S[X + 1], S[X + 2]) + D[2, 3] - S[PS + 2]
+    S, axis, across = structure, vector_at(structure, HS), vector_at(structure, AS)
+    u = minus(transformed(D, vector_at(S, X)), vector_at(S, PS))
     if S[SLIDES] > 0.0:
-        return dot(hx, hy, hz, ux, uy, uz)
-    bx, by, bz = cross(hx, hy, hz, ax, ay, az)
-    return angle(dot(bx, by, bz, ux, uy, uz), dot(ax, ay, az, ux, uy, uz))
+        return dot(axis, u)
+    return angle(dot(cross(axis, across), u), dot(across, u))
 
 
 @inlined
@@ -53,28 +50,18 @@ def taken_off(structure: Array, D: Array, value: float, rest: Array) -> None:
             for c in range(4):
                 rest[r, c] = D[r, c]
         return
-    hx, hy, hz, px, py, pz = S[HS], S[HS + 1], S[HS + 2], S[PS], S[PS + 1], S[PS + 2]
     if S[SLIDES] > 0.0:
         for r in range(3):
             for c in range(3):
                 rest[r, c] = D[r, c]
             rest[r, 3] = D[r, 3] - value * S[HS + r]
         return
+    axis, point = vector_at(S, HS), vector_at(S, PS)
     sine, cosine = sine_cosine(-value)
-    for c in range(4):
-        x, y, z = D[0, c], D[1, c], D[2, c]
-        if c == 3:
-            x, y, z = x - px, y - py, z - pz
-        along = dot(hx, hy, hz, x, y, z) * (1.0 - cosine)
-        nx, ny, nz = cross(hx, hy, hz, x, y, z)
-        x, y, z = (
-            cosine * x + sine * nx + along * hx,
-            cosine * y + sine * ny + along * hy,
-            cosine * z + sine * nz + along * hz,
-        )
-        if c == 3:
-            x, y, z = x + px, y + py, z + pz
-        rest[0, c], rest[1, c], rest[2, c] = x, y, z
+    for c in range(3):
+        rest[0, c], rest[1, c], rest[2, c] = rotate(axis, cosine, sine, column(D, c))
+    moved = plus(rotate(axis, cosine, sine, minus(column(D, 3), point)), point)
+    rest[0, 3], rest[1, 3], rest[2, 3] = moved
 
 
 @inlined

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.seeds import middle, restart
-from kinseek.kernels.atlas.task import HANDLE, plain_tolerances, task_of
-from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.atlas.task import Handle, plain_tolerances, task_of
+from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry
 
 from .candidates import displacement
@@ -17,8 +19,10 @@ from .choice import order_candidates, take_candidate
 from .swept_joint import direction, given_value
 
 
-@entry(handle=HANDLE, swept_values=F64["m"], report=I64["k", "m"].out, w=I64)
-def try_swept_values(handle: Indices, swept_values: Array, report: Indices, w: int) -> None:
+@entry
+def try_swept_values(
+    handle: Handle, swept_values: Annotated[Array, "m"], report: Annotated[Indices, "k", "m", OUT], w: int
+) -> None:
     """Find which offsets of the swept joint solve which poses, made from joint values spread over the limits.
 
     Args:

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike
 from kinseek.caching import WeakCache
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
+from kinseek.kernels.arm.links import links_of
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas.far import BEYOND, MOST, ROUNDED
-from kinseek.kernels.atlas.one_goal import add_ending, routines
+from kinseek.kernels.atlas.one_goal import routines
 from kinseek.kernels.atlas.samples import build_atlas
 from kinseek.kernels.atlas.task import (
     AXES,
@@ -24,11 +25,14 @@ from kinseek.kernels.atlas.task import (
     NUMBERS,
     ORIENTATION,
     POSITION,
+    ROWS,
     SHOULDER,
     SPAN,
     TOLERANCES,
     WEIGHT,
-    task_arrays,
+    TaskRows,
+    task_lengths,
+    task_numbers,
     with_ranges,
 )
 from kinseek.kernels.pointers import handle_of
@@ -91,28 +95,30 @@ class AtlasIndex(Lazy):
         """Structure of the arm's geometry; `NO_STRUCTURE` if the goal is less than a pose."""
         if self.structure.numbers[KIND] != NO_CLOSED_FORM:
             self._routines[CLOSED] = closed_routine.address
-        self._arrays = task_arrays(
-            arrays,
-            self.sorted,
-            division,
-            lower,
-            upper,
-            columns,
-            size / RADIAN_PART,
-            self._routines,
-            PLAIN,
-            self.structure.numbers,
-            self.structure.exact,
-            span_of(arrays, kind is POSE),
+        self._arrays = ROWS.arrays(
+            TaskRows(
+                chain=arrays,
+                atlas=self.sorted,
+                lower=lower,
+                upper=upper,
+                columns=columns,
+                numbers=task_numbers(division, self.structure.exact),
+                lengths=task_lengths(division, size / RADIAN_PART, span_of(arrays, kind is POSE)),
+                links=links_of(arrays),
+                routines=self._routines,
+                plain=PLAIN,
+                structure=self.structure.numbers,
+            )
         )
-        self._addresses = handle_of(self._arrays)
+        self.handle = handle_of(self._arrays)
+        """Addresses of the arrays, for kernels, and of the routines that they call."""
         if not known:
-            choose_swept_values(self.structure, self._addresses, size, samples)
+            choose_swept_values(self.structure, self.handle, size, samples)
         self._range_routines = np.zeros_like(self._routines)
         self._range_arrays = with_ranges(self._arrays, POSES, self._range_routines)
         self._range_addresses = handle_of(self._range_arrays)
-        self.address: int = self._addresses.ctypes.data
-        """Address of the handle, for kernels that only use the routines which every goal needs."""
+        self.address: int = self.handle.ctypes.data
+        """Address of `handle`, for kernels that are called often."""
         self.numbers: Indices = self._arrays[NUMBERS]
         """See `kernels.atlas.task.TaskRows.numbers`."""
         self.samples = len(self.sorted.middle)
@@ -121,12 +127,6 @@ class AtlasIndex(Lazy):
         """Size of all arrays [bytes]."""
         self.build_time = time.perf_counter() - began
         """Time for building [s]; for the first atlas in a process it includes loading or compiling the kernels."""
-
-    @lazy
-    def handle(self) -> Indices:
-        """Addresses of the arrays, for kernels, and of all routines they may call."""
-        add_ending(self._routines)  # This is the array that kernels read, since it is contiguous.
-        return self._addresses
 
     @lazy
     def range_handle(self) -> Indices:

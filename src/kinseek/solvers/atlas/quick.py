@@ -36,7 +36,7 @@ def solve_quickly(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array
         near: Joint values that the solution shall be near to, (n,), finite, [rad] or [m].
 
     Returns:
-        None if the full search is required: a kernel is not loaded yet, or a missed goal has to be searched again.
+        None if a missed goal has to be searched again.
     """
     tolerances = _tolerances(
         goal.position_tolerance,
@@ -49,7 +49,7 @@ def solve_quickly(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array
     # A target has the memory layout of the array it was created from.
     q, target = np.empty(chain.dof), goal.targets[0] if moved else np.ascontiguousarray(goal.target[:3])
     report = solve_goal(index.address, tolerances, target, q if near is None else near, near is not None, q)
-    if report[3] < 0 or not (report[4] or not retries_missed(goal, chain)):
+    if not report[4] and retries_missed(goal, chain):
         return None
     return quick_solution(chain, goal, near, q, report)
 

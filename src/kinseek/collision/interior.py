@@ -1,0 +1,279 @@
+"""The inside of a mesh: which of its surfaces are closed, and whether they are solid or cavities.
+
+Triangles are joined across edges that belong to exactly two of them, and oriented alike. A surface is closed if each of its
+edges is then passed as often in one direction as in the other. Every closed surface is solid by itself, whichever way it is
+oriented. So surfaces that overlap do not cancel each other, even if one is inside out. The only exception is a cavity: a
+surface wholly inside a solid one, where the file orients both without contradiction and one opposite to the other.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .shapes import library, triangles
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+_SAME = 9
+"""Vertices whose coordinates agree to this many decimals are one."""
+_FLAT = 1e-9
+"""A surface encloses nothing if its volume is at most this share of the cube of its size, rounding included."""
+
+_MOST_COMPARED = 10_000
+"""In a mesh with more closed surfaces none is a cavity: each is compared with all others."""
+
+
+class Interior:
+    """The closed surfaces of a mesh."""
+
+    def __init__(self, vertices: Array, faces: Indices) -> None:
+        """Find the closed surfaces of triangles.
+
+        Args:
+            vertices: Vertices, (k, 3) [m].
+            faces: Triangles as indices of vertices, (f, 3).
+        """
+        _, places = np.unique(vertices.round(_SAME), axis=0, return_inverse=True)
+        corners = places.ravel()[faces]
+        extended = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
+        left, both_sides = _without_opposites(corners[extended])
+        used = extended[left]
+        flipped, surface, closed, self._trusted = _surfaces(corners[used])
+        self.faces = faces.copy()
+        """Triangles as indices of vertices, (f, 3); those of closed surfaces have their inside behind them."""
+        self.faces[used[flipped]] = self.faces[used[flipped], ::-1]
+
+        order = np.argsort(surface, kind="stable")
+        order = order[closed[surface[order]]]
+        self._used = used[order]
+        self._corners = vertices[self.faces[self._used]]
+        self._starts = np.flatnonzero(np.diff(surface[order], prepend=-1))
+        self._ends = np.append(self._starts[1:], len(order))
+        self._trusted = self._trusted[closed]
+        if len(order):
+            self._least = np.minimum.reduceat(self._corners.min(axis=1), self._starts)
+            self._most = np.maximum.reduceat(self._corners.max(axis=1), self._starts)
+        else:
+            self._least = self._most = np.zeros((0, 3))
+        self._volumes = self._signed_volumes()
+        encloses = np.abs(self._volumes) > _FLAT * np.linalg.norm(self._most - self._least, axis=1) ** 3
+        self.closed = bool(closed.all() and encloses.all() and not both_sides)
+        """Is every surface closed, and does it enclose something?"""
+        self._solid = encloses
+        self._cavities: dict[int, list[int]] = {}
+        self._find_cavities()
+        self._turn_outward()
+
+    @property
+    def any_solid(self) -> bool:
+        """Is one of the surfaces solid?"""
+        return bool(self._solid.any())
+
+    def holds(self, point: Array) -> bool:
+        """Return whether a point (3,) lies in a solid surface and in no cavity of it."""
+        near = self._solid & (point >= self._least).all(axis=1) & (point <= self._most).all(axis=1)
+        return any(
+            self._is_around(solid, point)
+            and not any(self._is_around(cavity, point) for cavity in self._cavities.get(solid, ()))
+            for solid in np.flatnonzero(near).tolist()
+        )
+
+    def _is_around(self, surface: int, point: Array) -> bool:
+        """Return whether a surface winds around a point (3,), after Van Oosterom and Strackee (1983)."""
+        corners = self._corners[self._starts[surface] : self._ends[surface]] - point
+        a, b, c = (corners[:, i] for i in range(3))
+        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+        top = np.einsum("ij,ij->i", a, np.cross(b, c))
+        dot = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
+        bottom = la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb
+        return bool(abs(np.arctan2(top, bottom).sum()) > np.pi)
+
+    def _signed_volumes(self) -> Array:
+        """Volume of each closed surface, (s,) [m³], negative if it is inside out."""
+        if not len(self._starts):
+            return np.zeros(0)
+        origins = np.repeat(self._least, self._ends - self._starts, axis=0)
+        a, b, c = (self._corners[:, i] - origins for i in range(3))
+        return np.add.reduceat(np.einsum("ij,ij->i", a, np.cross(b, c)), self._starts) / 6
+
+    def _find_cavities(self) -> None:
+        """Find the surfaces that are cavities of others, from the largest to the smallest."""
+        trusted = self._solid & self._trusted
+        inward = self._volumes < 0
+        both_ways = (inward & trusted).any() and (~inward & trusted).any()
+        if not both_ways or len(trusted) > _MOST_COMPARED:
+            return
+        for surface in np.argsort(-np.abs(self._volumes), kind="stable").tolist():
+            if not trusted[surface]:
+                continue
+            outer = (self._least < self._least[surface]).all(axis=1)
+            outer &= (self._most > self._most[surface]).all(axis=1)
+            if not (outer & trusted & (inward != inward[surface])).any():
+                continue
+            around = [each for each in np.flatnonzero(outer).tolist() if self._encloses(each, surface)]
+            nearest = min(around, key=lambda each: abs(float(self._volumes[each])), default=None)
+            if nearest is None or not (self._solid[nearest] and trusted[nearest]):
+                continue
+            if inward[nearest] != inward[surface]:
+                self._solid[surface] = False
+                self._cavities.setdefault(nearest, []).append(surface)
+
+    def _encloses(self, outer: int, inner: int) -> bool:
+        """Return whether a surface lies wholly inside another, without contact."""
+        if not self._is_around(outer, self._corners[self._starts[inner], 0]):
+            return False
+        coal = library("coal")
+        models = [self._model(outer), self._model(inner)]
+        still = coal.Transform3s()
+        result = coal.CollisionResult()
+        return not coal.collide(models[0], still, models[1], still, coal.CollisionRequest(), result)
+
+    def _model(self, surface: int) -> Any:
+        corners = self._corners[self._starts[surface] : self._ends[surface]].reshape(-1, 3)
+        return triangles(corners, np.arange(len(corners)).reshape(-1, 3))
+
+    def _turn_outward(self) -> None:
+        """Orient the faces such that solid surfaces have positive volumes, and cavities negative ones."""
+        cavities = [each for found in self._cavities.values() for each in found]
+        wrong = self._solid & (self._volumes < 0)
+        wrong[cavities] = self._volumes[cavities] > 0
+        turned = self._used[np.repeat(wrong, self._ends - self._starts)]
+        self.faces[turned] = self.faces[turned, ::-1]
+
+
+def _without_opposites(corners: Indices) -> tuple[Indices, bool]:
+    """Leave out pairs of triangles with the same corners and opposite orientations, which enclose nothing.
+
+    Args:
+        corners: Triangles with three different corners, (f, 3).
+
+    Returns:
+        The triangles that are left, (g,), and whether those that are left out make a surface that is closed.
+    """
+    if not len(corners):
+        return np.zeros(0, dtype=np.int64), False
+    low, middle, high = np.sort(corners, axis=1).T
+    count = int(high.max()) + 1
+    _, pairs = np.unique(low * count + middle, return_inverse=True)
+    _, first, same = np.unique(pairs * count + high, return_index=True, return_inverse=True)
+    sign = np.where(((corners[:, [1, 2, 0]] > corners).sum(axis=1)) == 2, 1, -1)
+    net = np.bincount(same, weights=sign).astype(np.int64)
+    # Of those with the orientation that is left over, keep as many as are left over.
+    leading = np.flatnonzero(sign == np.sign(net)[same])
+    leading = leading[np.argsort(same[leading], kind="stable")]
+    starts = np.flatnonzero(np.diff(same[leading], prepend=-1))
+    rank = np.arange(len(leading)) - np.repeat(starts, np.diff(np.append(starts, len(leading))))
+    left = np.sort(leading[rank < np.abs(net)[same[leading]]])
+    return left, _has_closed_part(corners[first[net == 0]])
+
+
+def _has_closed_part(corners: Indices) -> bool:
+    """Return whether a connected part of triangles has an even number of them at each edge."""
+    if not len(corners):
+        return False
+    edges, _ = _edges(corners)
+    part = _components(len(corners), *_chained(edges))
+    odd = np.bincount(edges) % 2 == 1
+    is_open = np.zeros(part.max() + 1, dtype=bool)
+    is_open[part[np.flatnonzero(odd[edges]) // 3]] = True
+    return not is_open.all()
+
+
+def _surfaces(corners: Indices) -> tuple[Bools, Indices, Bools, Bools]:
+    """Divide triangles into surfaces, each with triangles that are oriented alike.
+
+    Args:
+        corners: Triangles, (f, 3).
+
+    Returns:
+        Which triangles are turned over, (f,); the surface of each, (f,); which surfaces are closed, (s,); and of which no
+        triangle was turned over, (s,).
+    """
+    number = len(corners)
+    if not number:
+        return np.zeros(0, bool), np.zeros(0, dtype=np.int64), np.zeros(0, bool), np.zeros(0, bool)
+    edges, forward = _edges(corners)
+    order = np.argsort(edges, kind="stable")
+    counts = np.bincount(edges)
+    starts = np.cumsum(counts) - counts
+    one, other = order[starts[counts == 2]], order[starts[counts == 2] + 1]
+    flipped, patch, sound = _oriented(number, one // 3, other // 3, forward[one] == forward[other])
+    turned_over = np.zeros(len(sound), dtype=bool)
+    turned_over[patch[flipped]] = True
+
+    # Patches are closed by themselves unless they end at an edge of one triangle, or of more than two.
+    ends = np.flatnonzero(counts[edges] != 2)
+    sign = np.where(forward[ends] != flipped[ends // 3], 1, -1)
+    places, at = np.unique(patch[ends // 3] * (int(edges.max()) + 1) + edges[ends], return_inverse=True)
+    net = np.bincount(at, weights=sign, minlength=len(places))
+    loose_patch, loose_edge = np.divmod(places[net != 0], int(edges.max()) + 1)
+    net = net[net != 0]
+
+    # Those that end at the same edges are one surface.
+    by_edge = np.argsort(loose_edge, kind="stable")
+    same = loose_edge[by_edge][1:] == loose_edge[by_edge][:-1]
+    joined = _components(len(sound), loose_patch[by_edge][1:][same], loose_patch[by_edge][:-1][same])
+    closed = np.ones(joined.max() + 1, dtype=bool)
+    trusted = closed.copy()
+    closed[joined[~sound]] = False
+    trusted[joined[turned_over]] = False
+    edge_net = np.zeros(int(edges.max()) + 1)
+    np.add.at(edge_net, loose_edge, net)
+    closed[joined[loose_patch[edge_net[loose_edge] != 0]]] = False
+    return flipped, joined[patch], closed, trusted
+
+
+def _oriented(number: int, one: Indices, other: Indices, contradict: Bools) -> tuple[Bools, Indices, Bools]:
+    """Orient triangles like their neighbours.
+
+    Args:
+        number: Number of triangles.
+        one: Pairs of neighbours, (k,).
+        other: Their partners, (k,).
+        contradict: Which pairs are oriented differently, (k,).
+
+    Returns:
+        Which triangles are turned over, (f,); the patch of connected triangles of each, (f,); and which patches can be
+        oriented, (p,): a Klein bottle cannot.
+    """
+    patch = _components(number, one, other)
+    sound = np.ones(patch.max() + 1, dtype=bool)
+    if not contradict.any():
+        return np.zeros(number, dtype=bool), patch, sound
+    # Each triangle occurs twice: as it is, and turned over.
+    sides = _components(
+        2 * number,
+        np.concatenate([one, one + number]),
+        np.concatenate([other + number * contradict, other + number * ~contradict]),
+    )
+    sound[patch[sides[:number] == sides[number:]]] = False
+    _, first = np.unique(patch, return_index=True)
+    return sides[:number] != sides[first[patch]], patch, sound
+
+
+def _edges(corners: Indices) -> tuple[Indices, Bools]:
+    """Return numbers of the edges of triangles, (3 f,), and in which direction each passes its edge, (3 f,)."""
+    ends = corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    _, edges = np.unique(low * (int(corners.max()) + 1) + high, return_inverse=True)
+    return edges.ravel(), ends[:, 0] < ends[:, 1]
+
+
+def _chained(edges: Indices) -> tuple[Indices, Indices]:
+    """Return pairs of triangles that connect all triangles of each edge."""
+    order = np.argsort(edges, kind="stable")
+    same = edges[order][1:] == edges[order][:-1]
+    return order[1:][same] // 3, order[:-1][same] // 3
+
+
+def _components(number: int, one: Indices, other: Indices) -> Indices:
+    """Return the connected component of each of `number` nodes that have edges from `one` to `other`."""
+    graphs, sparse = library("scipy.sparse.csgraph"), library("scipy.sparse")
+    graph = sparse.coo_matrix((np.ones(len(one), dtype=bool), (one, other)), shape=(number, number))
+    _, labels = graphs.connected_components(graph, directed=False)
+    return np.asarray(labels, dtype=np.int64)
