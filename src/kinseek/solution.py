@@ -436,6 +436,7 @@ def with_traces(solution: Solution, traces: Sequence[Trace | None]) -> Solution:
     shape = solution.problem.goal.shape
     if not shape:
         return replace(solution, _trace=traces[0])
+    # Filled one by one: `np.array` would take sequences apart.
     recorded = np.empty(len(traces), dtype=object)
     for i, trace in enumerate(traces):  # One by one: NumPy would take a trace apart.
         recorded[i] = trace

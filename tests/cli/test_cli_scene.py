@@ -59,7 +59,7 @@ def test_what_is_in_the_way_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["solve", "ur5e", *INSIDE, *IN_CELL]) == 1
     told = " ".join(capsys.readouterr().out.split())
     assert str(kinseek.Status.BLOCKED) in told
-    assert "answers tried; in the way of that which hits the least: - " in told
+    assert "with collisions; contacts of the one that collides least: - " in told
     assert run(["solve", "ur5e", *INSIDE, *IN_CELL, "--json"]) == 1
     facts = json.loads(capsys.readouterr().out)
     assert facts["status"] == "BLOCKED"
@@ -82,7 +82,7 @@ def test_all_answers_are_free(capsys: pytest.CaptureFixture[str]) -> None:
     assert facts["blocked"] > 0
     assert all(scene().free(each["q"]) for each in facts["branches"])
     assert run(["solve", "ur5e", *ABOVE, *IN_CELL, "--all"]) == 0
-    assert "left out, which hit something" in capsys.readouterr().out
+    assert "with collisions left out" in capsys.readouterr().out
     assert run(["solve", "ur5e", *INSIDE, *IN_CELL, "--all", "--prove"]) == 1
     assert "proved: the arm collides in every solution" in capsys.readouterr().out
 

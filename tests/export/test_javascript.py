@@ -188,7 +188,7 @@ def test_arms_are_checked_before_anything_is_compiled(
 ) -> None:
     arm = kinseek.load("scara4")
     function = kinseek.Arm.from_fk(lambda q: np.broadcast_to(np.eye(4), (len(q), 4, 4)), [-1.0], [1.0])
-    with pytest.raises(InvalidExport, match="arms need names of their own, got 'scara4' more than once"):
+    with pytest.raises(InvalidExport, match="arms must have distinct names, got 'scara4' more than once"):
         to_wasm([arm, arm], tmp_path / "a")
     with pytest.raises(InvalidExport, match="an arm with black-box kinematics cannot be exported"):
         to_wasm([function], tmp_path / "a")

@@ -119,7 +119,7 @@ class Bare(NamedTuple):
 
 
 class Number(NamedTuple):
-    count: int
+    many: int
 
 
 OUTER = Layout(Outer)
@@ -142,7 +142,7 @@ def test_a_declaration_that_does_not_fit_its_bundle() -> None:
         Layout(Inner, row=floats(3))
     with pytest.raises(TypeError, match=r"Bare.rows needs a number, a named tuple or Annotated"):
         Rows(Bare)
-    with pytest.raises(TypeError, match=r"Number.count is a number, and a layout has arrays only"):
+    with pytest.raises(TypeError, match=r"Number.many is a number, and a layout has arrays only"):
         Layout(Number)
     with pytest.raises(TypeError, match="grows no faster than the arm"):
         floats(DOF, JOINTS)

@@ -298,7 +298,7 @@ def test_without_matplotlib_the_extra_is_named(name: str, monkeypatch: pytest.Mo
         (lambda: plots.branches(UR5E.branches([DOWN, DOWN])), "got BranchesBatch"),  # type: ignore[arg-type]
         (lambda: plots.landscape(PLANAR.ik(POINT), points=1), "points must be a whole number of at least 2"),
         (lambda: plots.landscape(PLANAR.ik(POINT), (0, 2)), "from 0 to 1"),
-        (lambda: plots.landscape(PLANAR.ik(POINT), within=[(1, 0), (0, 1)]), "rising values"),
+        (lambda: plots.landscape(PLANAR.ik(POINT), within=[(1, 0), (0, 1)]), "increasing values"),
         (lambda: plots.landscape(PLANAR), "got Arm"),  # type: ignore[arg-type]
         (lambda: plots.landscape(PLANAR.ik(PLANAR.fk([[2.0, 1.1]]))), "choose one"),
         (lambda: plots.landscape(PLANAR.ik(POINT), solutions=[[1.0, np.nan]]), "solutions contains NaN"),
@@ -310,21 +310,21 @@ def test_without_matplotlib_the_extra_is_named(name: str, monkeypatch: pytest.Mo
             ),
             "3,600 nodes",
         ),
-        (lambda: plots.boxes(PLANAR.ik(POINT)), "certificate, of arm.prove, is needed; got Solution"),  # type: ignore[arg-type]
-        (lambda: plots.boxes(UR5E.prove(kinseek.pose([3, 0, 0], rpy=[0, 0, 0]))), "no box is looked at"),
+        (lambda: plots.boxes(PLANAR.ik(POINT)), "expected a certificate of arm.prove, got Solution"),  # type: ignore[arg-type]
+        (lambda: plots.boxes(UR5E.prove(kinseek.pose([3, 0, 0], rpy=[0, 0, 0]))), "there are no boxes"),
         (lambda: plots.boxes(UR5E.prove(FAR), ("elbow_joint", "wrist_3_joint")), "divided out"),
         (lambda: plots.boxes(PLANAR.prove(PLANAR.fk([2.0, 1.1]))), "joint 'joint1' alone"),
         (lambda: plots.boxes(UR5E.prove(FAR), most=0), "most must be a whole number of at least 1"),
         (lambda: plots.workspace(UR5E, DOWN, plane="xx"), "two of the axes"),
         (lambda: plots.workspace(UR5E, DOWN, width=-1), "positive length"),
         (lambda: plots.workspace(UR5E, [DOWN, DOWN]), "batch of shape"),
-        (lambda: plots.workspace(UR5E, kinseek.Goal.pose(DOWN, free="z")), "is drawn of"),
+        (lambda: plots.workspace(UR5E, kinseek.Goal.pose(DOWN, free="z")), "cannot be drawn for"),
         (lambda: plots.samples(UR5E, [DOWN, DOWN]), "one pose is looked up"),
-        (lambda: plots.samples(kinseek.load("cylindrical3"), DOWN), "'cylindrical3' is none"),
+        (lambda: plots.samples(kinseek.load("cylindrical3"), DOWN), "'cylindrical3' is not such an arm"),
         (lambda: plots.joints(np.zeros((1, 7)), PANDA), "N of at least 2"),
         (lambda: plots.joints(np.zeros((3, 7)), PANDA, breaks=[3]), "from 1 to 2"),
         (lambda: plots.joints(np.zeros((3, 7)), PANDA, breaks=[0.5]), "from 1 to 2"),  # type: ignore[list-item]
-        (lambda: plots.joints(np.zeros((3, 7)), PANDA, times=[0, 1, 1]), "3 rising numbers"),
+        (lambda: plots.joints(np.zeros((3, 7)), PANDA, times=[0, 1, 1]), "3 increasing numbers"),
     ],
 )
 def test_what_cannot_be_drawn_says_so(draw: Callable[[], Any], words: str) -> None:

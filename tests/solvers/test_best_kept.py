@@ -29,7 +29,7 @@ def _kept(handle: Any, tolerances: Array, target: Array, question: Array, rounds
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(scratch_size(dof, joints) + range_scratch_size(dof, joints))
     scratch, result = make_scratch(memory, dof, joints), np.empty((LANES, dof + 1))
-    ranges = make_range_scratch(memory.ctypes.data, dof, joints)
+    ranges = make_range_scratch(memory, dof, joints)
     for k in range(len(question)):
         ranges.question[k] = question[k]
     for l in range(LANES):
@@ -39,7 +39,7 @@ def _kept(handle: Any, tolerances: Array, target: Array, question: Array, rounds
             scratch.state[l] = 0
             for i in range(dof):
                 scratch.lanes.q[i, l] = rounds[k, l, i]
-        keep_best(Job(handle, tolerances, memory), task, scratch, target)
+        keep_best(Job(handle, tolerances, memory, LANES), task, scratch, target)
     for l in range(LANES):
         result[l, dof] = scratch.best_error[l]
         for i in range(dof):

@@ -158,9 +158,9 @@ def test_a_step_is_finite_however_far_one_joint_moves_the_tip(length: float) -> 
 def test_copies_without_number_are_refused() -> None:
     arm = kinseek.Arm.from_dh([[1.0, 0, 0, 0]] * 3, [-4000.0] * 3, [4000.0] * 3)
     target = arm.fk([0.3, 0.7, -0.4])
-    with pytest.raises(InvalidProblem, match="more than 100,000, too many for copies=True"):
+    with pytest.raises(InvalidProblem, match="more than 100,000 solutions, too many for copies=True"):
         arm.branches(target, copies=True)
-    with pytest.raises(InvalidProblem, match="narrow the limits by with_limits"):
+    with pytest.raises(InvalidProblem, match="narrow the limits with with_limits"):
         arm.ik(target, cost=lambda q: np.abs(q).sum(axis=1))
     few = kinseek.Arm.from_dh([[1.0, 0, 0, 0]] * 3, [-10.0] * 3, [10.0] * 3)
     # Two answers, each joint at three turns or more.

@@ -436,7 +436,7 @@ def test_an_arm_that_is_a_function_has_a_page(browser: Any) -> None:
     with viewer.show(arm, port=0, block=False, open_browser=False) as running:
         visit = Visit(browser, running)
         visit.tab.get_by_text("See", exact=True).click()
-        visit.until(lambda: "where its links are, nobody knows" in visit.words)
+        visit.until(lambda: "the positions of its links are unknown" in visit.words)
         target = visit.page.options.target.copy()
         target[2, 3] += 3.0
         visit.page.change(target=target)

@@ -15,7 +15,7 @@ const HOME = {
   puma560: [0.2, 0.7, 0.1, 0.3, 0.8, 0],
   scara4: [0.5, 1.3, 0.08, 0.6],
 };
-const GHOSTS = 9; // Of an arm with joints to spare, which has endlessly many answers.
+const GHOSTS = 9; // Of a redundant arm, which has infinitely many solutions.
 const GLIDE = 350; // [ms] from one answer to another that is chosen.
 const SOON = 250; // [ms] between two measurements of the time that an answer takes.
 const BOXES = 400; // That a proof looks at before it asks how late it is.
@@ -87,7 +87,7 @@ const page = {
     let best = known === null ? arm.solve(pose, this.q) : { q: known, reached: true, ...arm.errors(known, pose) };
     const { reached } = best;
     const { answers, endless } = reached ? arm.branches(pose, { near: this.q, count: GHOSTS }) : { answers: [], endless: false };
-    // Of endlessly many the nearest is hardly among those that are shown; of a few it is the first.
+    // Of infinitely many the nearest is hardly among those that are shown; of a few it is the first.
     if (reached && (endless || !answers.length)) answers.unshift(best);
     else if (reached) best = answers[0];
     // Sorted as the joints are, so that a button stays the same answer while the target is dragged.

@@ -95,8 +95,8 @@ export class Panel {
   }
 
   #found(count, endless) {
-    if (endless) return `Reached. There are endlessly many answers inside the limits; ${count} of them are shown.`;
-    return `Reached. ${count === 1 ? "One answer was" : `${count} answers were`} found inside the limits.`;
+    if (endless) return `Reached. There are infinitely many solutions inside the limits; ${count} of them are shown.`;
+    return `Reached. ${count === 1 ? "One solution was" : `${count} solutions were`} found inside the limits.`;
   }
 
   #missed({ best, proof, boxes }) {

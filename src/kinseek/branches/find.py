@@ -46,6 +46,7 @@ def branches_of(
     selection = _checked(problem, selection)
     deadline = Deadline(problem.time_limit)
     index, goal = index_of(problem), problem.goal
+    # Isolated solutions are all found, so only a continuum needs a number.
     number = (selection.count or SPREAD) if index.freedom else 0
     tolerances = tolerances_of(goal)
     targets = np.zeros((len(goal.targets), 4, 4))
@@ -57,6 +58,8 @@ def branches_of(
         views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[RATES], near.shape)], axis=1)
     found = _search(index, tolerances, targets, np.ascontiguousarray(views), number, threads, deadline)
     if goal.shape and selection.as_found and found:
+        # The objects of the single targets are made when they are read, since most callers read the arrays of the batch
+        # only.
         rows = [each for each in found if each is not None]
         if len(rows) == len(found):
             nears = None if problem.near is None else views[:, CENTRE]
@@ -164,6 +167,7 @@ def _finish(
     if prove:
         from kinseek.proof.root_isolation import prove_complete
 
+        # The proof returns solutions that the search missed; they come without errors, which are computed below.
         q, complete = prove_complete(problem, q, deadline=deadline)
         late = not complete and deadline.passed
         q = problem.placed(q)
@@ -174,10 +178,12 @@ def _finish(
         errors = judge(problem.arrays, np.ascontiguousarray(q), targets, problem.goal.arrays)
     place = np.arange(len(q))
     if cost is not None or order != "mid-range" or copies or prove:
+        # The kernels have sorted by the default order already; anything that changed the list is sorted again.
         place = np.argsort(scores(problem, q, order, cost), kind="stable")
     rejected = 0
     if valid is not None:
         passed = which_valid(valid, q[place])
+        # The check comes after sorting, so that calls of `valid` are in the order of preference.
         rejected, place = len(place) - int(passed.sum()), place[passed]
     place = place[: selection.count]
     return Branches(
@@ -206,9 +212,11 @@ def turned_copies(chain: SerialChain, q: Array) -> Array:
     for solution in q:
         choices = []
         for i, value in enumerate(solution):
+            # A range without room for a further turn has one copy.
             if not np.isfinite(open_lower[i]) or open_lower[i] == chain.lower[i]:
                 choices.append(np.array([value]))
                 continue
+            # The tolerance of 1e-12 keeps a copy that rounding puts just outside a limit; it is clipped below.
             least = np.ceil((chain.lower[i] - value) / TURN - 1e-12)
             most = np.floor((chain.upper[i] - value) / TURN + 1e-12)
             turned = value + TURN * np.arange(least, most + 1)

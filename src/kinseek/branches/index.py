@@ -64,6 +64,7 @@ class BranchIndex:
         self.structure = self.fine.structure
         """Structure of the arm's geometry; `NO_STRUCTURE` if the goal is less than a pose."""
         joint = NOTHING
+        # The search of one joint is slower than a closed form, so it is prepared for arms without one only.
         if kind is POSE and not self.freedom and self.structure.numbers[KIND] == NONE:
             joint = one_joint_of(problem.arrays, arm_length(chain))
         steps = np.zeros((0 if self.freedom else self.coarse.samples, 6, LANES))
@@ -108,6 +109,7 @@ class BranchIndex:
         turns = chain.periodic
         signs = np.array(list(itertools.product((1.0, -1.0), repeat=dof)))
         tolerances, width = tolerances_of(Goal.pose(np.eye(4))), chain.upper - chain.lower
+        # A fraction related to the golden ratio: no symmetric or otherwise special configuration.
         probe = chain.lower + 0.381966 * width
         pose = forward_many(problem.arrays, probe[None])[0]
         found: list[Array] = []
@@ -120,6 +122,7 @@ class BranchIndex:
                 continue
             for other in solutions_of(rows, dof).q:
                 shifts = other - signs * q
+                # Symmetries of revolute joints are half and full turns; the exact value removes the search's error.
                 whole = np.round(shifts / np.pi) * np.pi
                 shifts = np.where(turns & (np.abs(shifts - whole) < 1e-6), whole, shifts)
                 reached = forward_many(problem.arrays, np.ascontiguousarray(signs * probe + shifts))
@@ -170,6 +173,7 @@ def constraint_jacobian(problem: Problem, q: Array) -> Array:
         return J[:, :3]
     if columns == 1:
         tool = forward_many(problem.arrays, np.ascontiguousarray(q))[:, :3, 0]
+        # A rotation about the tool axis does not change its direction, so that component is not constrained.
         across = J[:, 3:] - tool[:, :, None] * np.einsum("kr,krn->kn", tool, J[:, 3:])[:, None, :]
         return np.concatenate([J[:, :3], across], axis=1)
     return J

@@ -92,15 +92,18 @@ def one_joint_of(arrays: ChainArrays, size: float) -> OneJoint:
         far, near = R @ x + moved[:, :3, 3], np.tile(x, (len(R), 1))
         first, second = R @ h[4], np.tile(h[4], (len(R), 1))
     off = max(apart / size, slant(h[1:3]))
+    # `not <=` also rejects NaN, which degenerate axes give.
     if not off <= NEARLY or (not coupled and _bend(h[4], h[5]) < BENT):
         return NOTHING
     axis = R @ h[-1]
     senses = np.sign(h[1:3] @ h[1])
     parallel = senses @ h[1:3] / np.linalg.norm(senses @ h[1:3])
+    # Any direction across the axes will do; the smallest component gives the one that rounds least.
     across = np.cross(parallel, np.eye(3)[np.abs(parallel).argmin()])
     across /= np.linalg.norm(across)
     basis = np.array([parallel, across, np.cross(parallel, across)])
     numbers = np.zeros(search.NUMBERS)
+    # The numbers begin like those of a closed form, which the kernel applies to the other joints.
     numbers[form.DEVIATION], numbers[form.SIZE], numbers[form.SENSE : form.SENSE + 2] = off, size, senses
     numbers[form.HOME : form.HOME + 12] = inverse(turns.home[:3]).ravel()
     vectors = {
@@ -142,6 +145,7 @@ def _meetings(turns: _Turns, moved: Array) -> tuple[Array, Array, float]:
     for M in moved:
         ways = np.array([h[0], -M[:3, :3] @ h[1]]).T
         gap = M[:3, :3] @ b + M[:3, 3] - a
+        # Damped least squares: axes that nearly coincide meet at many points, and the middle of the wrist is preferred.
         s, t = np.linalg.solve(ways.T @ ways + DRAWN**2 * np.eye(2), ways.T @ gap)
         far.append(a + s * h[0])
         near.append(b + t * h[1])

@@ -106,6 +106,7 @@ def _pick(
 ) -> Pick:
     """Choose a solution for one target."""
     candidates, spent, refused = branches.q, branches.evaluations, 0
+    # The atlas sometimes reaches a pose at which the search for branches finds nothing.
     if not len(candidates):
         last = Atlas().solve(replace(problem, time_limit=deadline.left))
         spent += last.evaluations
@@ -125,6 +126,7 @@ def _pick(
     def measure(q: Array) -> Array:
         return scores(problem, q, order, cost)
 
+    # With `valid` each further start costs the user's calls, so only the best accepted solution is improved.
     starts = [best] if valid is not None else list(candidates[:_SLIDERS])
     slides = [slide(problem, index, start, measure, valid, deadline) for start in starts]
     spent += sum(slide.evaluations for slide in slides)
@@ -169,6 +171,7 @@ def slide(
                     report[POSITION_ERROR] > tolerances[POSITION]
                     or report[ORIENTATION_ERROR] > tolerances[ORIENTATION]
                 )
+                # The refinement may jump to another branch, which is not a step along the self-motion.
                 if missed or np.abs(reached - aim).max() > 2 * step:
                     continue
                 less = float(measure(there[None])[0])
@@ -179,6 +182,7 @@ def slide(
                     continue
                 q, value, accepted = there, less, True
                 break
+            # Line search without derivatives: a success lengthens the next step, a failure shortens it.
             step = 1.5 * step if accepted else 0.5 * step
         if not accepted:
             break
@@ -198,6 +202,7 @@ def _ways_down(
     while index.freedom > at_limit.sum():
         rows = np.vstack([J, np.eye(dof)[at_limit]])
         null = np.linalg.svd(rows)[2][dof - index.freedom + int(at_limit.sum()) :]
+        # Central differences, because the cost is an arbitrary function of the user.
         probes = np.concatenate([q + _PROBE * null, q - _PROBE * null])
         values = measure(np.clip(probes, lower, upper))
         slopes = values[: len(null)] - values[len(null) :]

@@ -106,9 +106,9 @@ def kind_of_rotation(columns: Collection[str], where: str, position_only: bool) 
         )
     turn = begun[0] if begun else ""
     needed = MATRIX if turn == "matrix" else (*POSITION, *ROTATIONS.get(turn, ()))
-    if lacking := [name for name in needed if name not in columns]:
+    if missing := [name for name in needed if name not in columns]:
         raise InvalidGoal(
-            f"{where}: missing column {', '.join(lacking)}; got {', '.join(columns)}. Valid: {VALID}"
+            f"{where}: missing column {', '.join(missing)}; got {', '.join(columns)}. Valid: {VALID}"
         )
     return turn
 

@@ -122,7 +122,7 @@ def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, clearance: flo
                 left[row, n] = distance - least <= rates[number[row], n] * half
         on = left.any(axis=1) & np.isnan(found[number])
         half /= 2
-        # Both halves of an interval have the same pairs left, since no pair has to be checked again in a covered half.
+        # Both halves of an interval inherit the pairs that its middle did not cover.
         number, left = np.tile(number[on], 2), np.tile(left[on], (2, 1))
         moment = np.concatenate([moment[on] - half, moment[on] + half])
     return found

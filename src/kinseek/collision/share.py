@@ -1,7 +1,7 @@
 """Threads for short work: a call of a millisecond must not wait a tenth of that for other threads.
 
-`solvers.threads.spread` also shows progress, checks a deadline and handles Ctrl-C while others work. It takes some 60 µs
-more per call, a quarter of the time of two threads for the smallest batch that is shared.
+`solvers.threads.parallel_for` also shows progress, checks a deadline and handles Ctrl-C while others work. It takes some
+60 µs more per call, a quarter of the time of two threads for the smallest batch that is shared.
 """
 
 from __future__ import annotations

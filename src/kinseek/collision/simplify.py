@@ -29,7 +29,7 @@ def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array
         Vertices (m, 3), faces (g, 3), and the maximum distance that points have moved [m].
     """
     sliver = min(_SLIVER, tolerance / 2)
-    # The diagonal of a cell is the tolerance, so no vertex moves farther than that.
+    # Half the diagonal of a cell is the tolerance less a sliver, so no vertex moves farther than that.
     cells = np.floor((vertices - vertices.min(axis=0)) / (2 * (tolerance - sliver) / np.sqrt(3.0)))
     _, cell = np.unique(cells, axis=0, return_inverse=True)
     cell = cell.ravel()

@@ -192,7 +192,7 @@ def _pick(
         if deadline.passed:
             late = True
             break
-        # A larger sample contains the solutions of the smaller one, which would be counted twice.
+        # The counts and contacts that are reported refer to the last sample alone.
         judge.blocked, judge.refused, judge.seen, judge.spared = 0, 0, [], None
         selection = Selection(
             prefer or ORDERS[0], cost, copies=cost is not None, count=many * SPREAD if many > 1 else None
@@ -243,7 +243,7 @@ def all_blocked(problem: Problem, judge: Judge, deadline: Deadline) -> tuple[Arr
     """Search for missing solutions, and prove that every solution collides.
 
     Around each solution of the complete set, a box contains all joint values that meet the tolerances (see
-    `proof.isolation`). One pair of bodies is in contact everywhere in it.
+    `proof.root_isolation`). One pair of bodies is in contact everywhere in it.
 
     Returns:
         A free and accepted solution, (n,), or None; and whether it is proved that no free solution exists.

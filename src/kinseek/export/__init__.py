@@ -4,7 +4,7 @@ See docs/embedded.md and docs/page.md.
 
 >>> import kinseek
 >>> from kinseek.export import to_c
->>> told = to_c(kinseek.load("scara4"), "scara4_c", target="thumbv7em", ram=64 * 1024)  # doctest: +SKIP
+>>> parts = to_c(kinseek.load("scara4"), "scara4_c", target="thumbv7em", ram=64 * 1024)  # doctest: +SKIP
 """
 
 from .controller import Parts, checked_folder, prepare, to_c

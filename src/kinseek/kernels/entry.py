@@ -98,7 +98,7 @@ class Bundle:
         """Read the annotations of the fields, see `declared`.
 
         Raises:
-            TypeError: A field is no number, no bundle, and no array with a shape.
+            TypeError: A field is neither a number nor a named tuple nor an array with a shape.
         """
         self.made_of = made_of
         self.fields: dict[str, Leaf | Bundle] = {

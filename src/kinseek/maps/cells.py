@@ -164,6 +164,7 @@ class Judge:
             found: Is the centre of each reached?
         """
         known, stack = Verdict(REACHED, 0.0, []), None
+        # If the last joint turns freely, one reached orientation of a stack stands for all.
         if found.all() or (self.free and found.any()):
             return [known] * len(numbers)
         if self.last is not None:
@@ -201,21 +202,25 @@ class Judge:
     def _judged(self, chain: SerialChain, cell: Cell, left: list[Part], index: Index) -> Verdict:
         """Classify a cell of which some parts are left; the last index of a stack is that of the direction."""
         empty, open_ = 1.0 - sum(0.5**part.level for part in left), list[Part]()
+        # A small budget first: it decides most empty cells, and its boxes are the starts for the parts.
         whole = self._excluded(chain, Part(cell, 0), min(FIRST, self.budget))
         if whole.outcome == ENDED:
             return Verdict(EMPTY, 1.0, [])
         q = self._entered(chain, cell, whole.q, index)
+        # The proof's best pose is near the cell, so a few steps from it are tried before sampling.
         q = self._sampled(cell) if q is None else q
         if q is not None:
             return Verdict(REACHED, empty, left, q)
         left = [part if part.boxes is not None else part._replace(boxes=_inherited(whole)) for part in left]
         while left:
             part = left.pop()
+            # Its halves continue with the remaining boxes, so a large budget for the whole part would be wasted.
             between = 0 < part.level < self.depth
             search = self._excluded(chain, part, min(BETWEEN, self.budget) if between else self.budget)
             if search.outcome == ENDED:
                 empty += 0.5**part.level
                 continue
+            # The proof searches a ball around the part: what it finds may lie outside the cell, and is moved inside.
             if search.outcome == FOUND:
                 q = self._entered(chain, cell, search.q, index)
                 if q is not None:
@@ -266,6 +271,7 @@ class Judge:
             near = cell.nearest(T)
             miss = weights * np.append(near[:3, 3] - T[:3, 3], turn_vector(near[:3, :3] @ T[:3, :3].T))
             J = weights[:, None] * jacobian_many(chain.arrays, q[None])[0]
+            # Damped least squares, since cells at the boundary of the workspace are near singularities.
             step = J.T @ np.linalg.solve(J @ J.T + DAMPING * np.eye(6), miss)
             q = np.clip(q + step * min(1.0, LONGEST / max(np.abs(step).max(), LONGEST)), low, high)
         return None
@@ -278,6 +284,7 @@ class Judge:
 
 def _inherited(search: Search) -> Array | None:
     """Return the boxes that a proof about a part leaves for its halves; None if these are incomplete."""
+    # Boxes that rounding keeps are not listed, so the list would miss solutions.
     return search.left if search.outcome == STOPPED and search.stuck == 0.0 else None
 
 

@@ -68,6 +68,7 @@ def divided(chain: SerialChain) -> FirstJoint:
         raise InvalidMap(
             f"Rings need a first joint that makes half a turn, and {name!r} turns from {lower:g} to {upper:g} rad; {advice}"
         )
+    # The pose of the first axis is divided out too: rings are circles about that axis.
     fixed = chain.fixed.copy()
     place = square(fixed[0])
     fixed[0] = np.eye(4)[:3]
@@ -114,6 +115,7 @@ def turns(
             if not len(some):
                 continue
         low, high = _left(first, gap, *all_solutions(arm, goal(poses[some])))
+        # What is reached begins where the uncovered arc ends.
         start = np.mod(high + np.pi, FULL) - np.pi
         some, start, left = some[low < high], start[low < high], (high - low)[low < high]
         begins[some], ends[some] = start, start + FULL - left
@@ -137,6 +139,7 @@ def _left(
     for k in range(1, int(counts.max())):
         has = counts > k
         start, middle = starts[firsts[has] + k], (low[has] + high[has]) / 2
+        # Arcs are compared modulo full turns, so each is brought next to the arc that is left so far.
         near = start + FULL * np.round((middle - (start + gap / 2)) / FULL)
         low[has], high[has] = np.maximum(low[has], near), np.minimum(high[has], near + gap)
     return low, high

@@ -134,6 +134,7 @@ def _distribute(
 
     def submit() -> Any:
         """Submit half an even share of the remaining blocks: fewer and fewer, so that all threads end together."""
+        # Few large tasks have little overhead, many small ones end together: the size shrinks with what is left.
         some = [left.popleft() for _ in range(min(MOST, -(-len(left) // (2 * threads))))]
         futures.add(future := client.submit(_in_turn, work, some, pure=False))
         return future
@@ -152,6 +153,7 @@ def _distribute(
             advance(len(made))
             if error is not None:
                 raise error
+            # Blocks that a task did not get to come first again, in their order.
             left.extendleft(reversed(rest))
             while left and len(futures) < QUEUED * threads:
                 running.add(submit())

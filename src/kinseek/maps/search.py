@@ -77,10 +77,12 @@ def _reached(arm: Arm, goal: Goal, patience: int | None) -> Flags:
         index.handle, tolerances, arm.structure.numbers, np.ascontiguousarray(targets[open_]), report, LANES
     )
     found[open_[report == YES]] = True
+    # Closed forms decide most poses of arms that have one; only the rest is searched.
     open_ = open_[report == LEFT]
     open_ = open_[~beyond(arm, targets[open_], goal)]
     some, left = np.ascontiguousarray(targets[open_]), np.empty(len(open_), dtype=np.int64)
     results = np.full((len(open_), arm.dof + 4), np.inf)
+    # First with little work for each pose, then patiently for those that are left.
     count = solve_many(index.handle, tolerances, some, results, left, 0, len(open_), LANES)
     solve_some(
         index.handle, tolerances_of(goal, patience), some, results, left[:count].copy(), 0, count, LANES

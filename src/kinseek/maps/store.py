@@ -314,6 +314,7 @@ def _require_small_metadata(folder: Path) -> None:
             found = os.stat(folder / place / _METADATA)
         except OSError:  # Zarr reports what is missing.
             continue
+        # A pipe or a device would block, and a huge file would fill the memory.
         if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES:
             raise InvalidMap(
                 f"no map in {str(folder)!r}: {str(Path(place) / _METADATA)!r} is not a regular file of at most "

@@ -41,6 +41,7 @@ def whole_share(arm: Arm, cell: Cell, depth: int) -> float:
     """
     parts, share, last = [cell], 0.0, LastJoint.of(arm.chain)
     depth = min(depth, DEPTH)
+    # Most cells at the boundary of the workspace cannot be proved, and a few balls show that at a fraction of the cost.
     if not _promising(arm, cell, depth, last):
         return share
     for level in range(depth + 1):
@@ -82,8 +83,10 @@ def around(arm: Arm, T: Array, position: Array, orientation: Array) -> Flags:
     if not len(q):
         return proved
     goal = Goal.pose(T[whose])
+    # The null space: these directions are held, so that a redundant arm has one solution per pose in the proof.
     hold = np.ascontiguousarray(np.linalg.svd(arm.jacobian(q))[2][:, 6:])
     lower, upper = open_limits(arm.chain)
+    # A continuous joint has no limits in the proof; finite ones would exclude solutions beside them.
     turning = upper > lower + 1e100
     chain = arm.chain.arrays._replace(
         lower=np.where(turning, -np.inf, lower), upper=np.where(turning, np.inf, upper)

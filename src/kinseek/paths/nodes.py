@@ -103,7 +103,6 @@ class LayerGraph:
             # No node is left there: the pose counts as missed, and the path leads through rejected nodes.
             self.unreachable |= set(empty.tolist())
             self._refused[empty] = False
-            # The path must have a value at every pose, so the nodes rejected there are allowed again.
             return self.best(longest, first, last)
         breaks = np.flatnonzero(report[1:] > 0)
         q = turning.unwrapped(self._clipped(self.values(np.arange(count), np.maximum(path, 0))))

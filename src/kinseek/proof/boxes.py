@@ -263,6 +263,7 @@ def excluded(
     search = search_piece(None, boxes, min(budget, FIRST))
     if not len(search.left) or search.boxes >= budget or watch.over:
         return search
+    # Boxes from another search describe the whole arm, so the smaller question does not apply to them.
     easier = without_wrist(problem) if begin is None else None
     if easier is not None:
         most = int(SHARE * (budget - search.boxes))
@@ -316,6 +317,7 @@ def _shared(
             most = min(PIECE, (budget - found.boxes) // parts)
             if most == 0:
                 break
+            # Every part gets boxes from all over the list, so that the parts take about the same time.
             dealt = [found.left[part::parts] for part in range(parts)]
             found = prune(_together(found, in_threads(functools.partial(one, found, most), dealt, threads)))
         return found
@@ -333,6 +335,7 @@ def _untouched(search: Search, boxes: Array) -> Search:
 def _together(before: Search, pieces: Sequence[Search]) -> Search:
     """Combine a search with the results of a round."""
     boxes = before.boxes + sum(piece.boxes for piece in pieces)
+    # The order of the pieces does not depend on the threads, so ties are decided the same way in every run.
     best = min([before, *pieces], key=lambda piece: piece.upper)
     for piece in pieces:
         if piece.outcome == FOUND:
@@ -392,6 +395,7 @@ def enclosed(
         pruned = prune(search)
         return pruned._replace(left=pruned.left[np.argsort(pruned.left[:, -1], kind="stable")])
 
+    # The bound by a ball joint needs few boxes, so it comes before the boxes of all joints.
     start = Search(STOPPED, 0, 0.0, np.ascontiguousarray(q), 0.0, np.inf, np.empty((0, 0)), 0.0, np.inf)
     error = float(judge(problem.arrays, start.q[None], problem.goal.targets, problem.goal.arrays)[0, 2])
     ball = bounded_by_ball(problem, (1.0 - gap) * error, budget, trust, lambda: watch.over)

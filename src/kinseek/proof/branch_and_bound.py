@@ -72,6 +72,7 @@ def prove(
     search = excluded(problem, budget, threads=threads, watch=watch)
     if search.outcome == FOUND:
         return _certificate(problem, Verdict.REACHABLE, search.q, 0.0, search.boxes, 0.0)
+    # The proof evaluates poses as well, and may have found a better one than the search.
     q = search.q if search.upper < best.weighted_error else best.q
     verdict, boxes, lower, largest = Verdict.UNDECIDED, search.boxes, 0.0, search.largest
     if search.outcome == ENDED:
@@ -87,12 +88,14 @@ def prove(
     goal = problem.goal
     met = certificate.position_error <= goal.position_tolerance
     if met and certificate.orientation_error <= goal.orientation_tolerance:
+        # Both cannot be true: an error in kinseek is reported instead of a wrong verdict.
         if verdict is Verdict.UNREACHABLE:
             raise contradiction(
                 "all boxes are excluded, and the pose of q meets both tolerances", certificate
             )
         return replace(certificate, verdict=Verdict.REACHABLE, lower_bound=0.0, out_of_time=False)
     most = most_inside(goal)
+    # The bound holds for exact arithmetic, so it must also exceed the rounding error of the measured errors.
     if lower > most and lower > most + slack_of_error(problem):
         return replace(certificate, verdict=Verdict.UNREACHABLE)
     return certificate

@@ -61,6 +61,7 @@ def question(problem: Problem, trust: float = 1.0) -> tuple[Form, ProofGoal, Las
         fixed, target = _cut(fixed, target, foot)
         columns = 1
     if columns == 3:
+        # Two columns are compared, and each may be off by the chord.
         chord *= math.sqrt(2.0)
     proof_goal = _tolerances(problem, target, columns, trust, foot)._replace(position=slack)
     if columns:
@@ -88,6 +89,7 @@ def error_question(
         along = [each < ALONG for each in astray]
         aligned, sideways = along[2], along[0] or along[1]
         if aligned or sideways:
+            # The axis is treated as one of the tip's axes; what it deviates widens the margin instead.
             proof_goal = proof_goal._replace(margin_a=proof_goal.margin_a + 4.0 * min(astray))
         # The other column that counts is at right angles to the axis; these are its components in the plane of x and y.
         if sideways:
@@ -159,10 +161,12 @@ def start_boxes(chain: SerialChain, without_last: bool) -> Array:
     lower, upper = chain.lower.copy(), chain.upper.copy()
     for i in range(chain.dof):
         if chain.periodic[i] and upper[i] - lower[i] > 2 * np.pi:
+            # More than one turn repeats poses: one turn contains all of them and is a smaller box.
             middle = (lower[i] + upper[i]) / 2
             lower[i], upper[i] = middle - np.pi, middle + np.pi
     count = chain.dof - int(without_last)
     half = (upper - lower) / 2
+    # Rounded outward, so that joint values at a limit lie inside the box.
     half += LEAST + LEAST * np.abs(lower + upper)
     return np.concatenate([(lower + upper)[:count] / 2, half[:count]])[None]
 
@@ -181,6 +185,8 @@ def _divided(problem: Problem) -> tuple[Array, Array, int, bool]:
     division = divide(problem.chain, problem.goal.form)
     fixed, target = problem.arrays.fixed.copy(), problem.goal.targets[0].copy()
     if division.head != NONE:
+        # In the frame of the first joint its motion is a rotation about z, or a slide along it, which the kernels divide
+        # out.
         target = (square(inverse(fixed[0])) @ square(target))[:3]
         fixed[0] = np.eye(4)[:3]
     return fixed, np.ascontiguousarray(target), division.head, division.tail == TURN
@@ -194,6 +200,7 @@ def _foot(fixed: Array, chain: SerialChain) -> float:
     back = inverse(fixed[-2])
     axis, point = back[:, 2], back[:, 3]
     apart = 1.0 - axis[2] ** 2
+    # Parallel axes have no nearest point.
     return float((point[2] - axis[2] * (axis @ point)) / apart) if apart > CROSSED else tip
 
 
@@ -203,6 +210,7 @@ def _cut(fixed: Array, target: Array, along: float) -> tuple[Array, Array]:
         [[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, along], [0.0, 0.0, 0.0, 1.0]]
     )
     short = fixed[:-1].copy()
+    # The columns are permuted so that the axis of the omitted joint comes first: the kernels compare the first columns.
     short[-1] = (square(short[-1]) @ turned)[:3]
     proof_goal = square(target) @ square(inverse(fixed[-1])) @ turned
     return short, np.ascontiguousarray(proof_goal[:3])

@@ -119,6 +119,7 @@ def isolate(
     reduction = question(problem, trust)
     without_last = reduction[2].present
     boxes = start_boxes(chain, without_last)
+    # A redundant arm has continua of solutions, which no neighbourhood can isolate.
     if chain.dof > goal.form.constraints:
         nothing, never = np.full(known.shape, np.inf), np.zeros(len(known), dtype=np.bool_)
         return Isolation(False, known, nothing, np.arange(len(known)), never, 0, len(boxes), chain.periodic)

@@ -142,6 +142,7 @@ def shoulder_of(
     ball = np.array([0.0, 0.0, along if intersecting else nearest[2]])
     g, b = proof_goal.target[:, 3] - [0.0, 0.0, nearest[2]], proof_goal.target[:, 0]
     far = float(np.linalg.norm(g))
+    # Only the length of g and the angle between g and b matter for a ball joint, so both lie in one plane.
     cosine = float(b @ g) / far if far > 0.0 else 1.0
     sine = float(np.linalg.norm(np.cross(g, b))) / far if far > 0.0 else 0.0
     plane = np.array([[far, 0.0, 0.0], [cosine, sine, 0.0]])

@@ -42,6 +42,7 @@ def without_wrist(problem: Problem) -> Problem | None:
     remaining = len(chain.leader) - WRIST
     if goal.form.columns != 3 or remaining < 2 or chain.prismatic[-WRIST:].any():
         return None
+    # A wrist joint that drives other joints, or follows one, cannot be left out.
     alone = np.bincount(chain.leader, minlength=chain.dof)[-WRIST:] == 1
     own = chain.leader[-WRIST:] == np.arange(chain.dof - WRIST, chain.dof)
     if not (alone & own).all():
@@ -53,6 +54,7 @@ def without_wrist(problem: Problem) -> Problem | None:
     last = inverse(fixed[-1])  # The frame of the last joint, in the hand's frame.
     at = last[:, :3] @ centre[2] + last[:, 3]
     target = goal.targets[0]
+    # A rotation within the tolerance moves the wrist's centre by at most this chord.
     turned = 2.0 * math.sin(angle / 2) * float(np.linalg.norm(at))
     margin, margin_a = margins(problem, foot=float(np.linalg.norm(at)))
     leans, side = _lean(problem, remaining, margin_a)

@@ -88,6 +88,7 @@ class BlackBox(Variables):
 
     def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> BlackBox:
         """Return the same mechanism in which only some joints move; see `Mechanism`."""
+        # The caller may change its array later.
         chosen, fixed_q = list(joints), q.copy()
 
         def poses(rows: Array) -> Array:

@@ -207,6 +207,7 @@ def serial_chain(
     require_few(len(joints), "moving joints between base and tip", MOST_JOINTS, name)
     if twice := {joint for joint, count in Counter(joint.name for joint in joints).items() if count > 1}:
         raise InvalidRobot(f"{name}: joint names must be unique, these are not: {', '.join(sorted(twice))}")
+    # Mimic joints are physical joints without a variable of their own.
     drive = _drive(joints, {joint.name: i for i, joint in enumerate(variables)})
     leader, multiplier, offset = zip(*drive, strict=True)
     variables = _narrowed(variables, joints, drive)
@@ -225,6 +226,7 @@ def serial_chain(
     undone = [undo]
     for k, joint in enumerate(joints):
         align = np.eye(4)
+        # Kernels rotate about z and slide along z only; the fixed transforms turn every axis there and back.
         align[:3, :3] = _z_to(_unit_axis(joint))
         fixed[k] = (undo @ _rigid_pose(joint.origin, f"origin of joint {joint.name!r}") @ align)[:3]
         undo = align.T
@@ -241,6 +243,7 @@ def serial_chain(
         (tip, Frame(len(joints), tip_pose)),
         *moved,
     ]:
+        # A link may have the name of a joint: the link comes first in the list and wins.
         frames.setdefault(called, Frame(k, undone[k] @ pose))
 
     return SerialChain(
@@ -310,6 +313,7 @@ class Mimics:
                 raise InvalidRobot(f"mimic joints form a loop: {' -> '.join([*way, last])}")
             way[last] = None
             last = self._leaders[last][0]
+        # From the leader outwards, so that each mimic joint is composed once, however long the chain of leaders is.
         for name in reversed(way):
             leader, factor, shift = self._leaders[name]
             first, multiplier, offset = self._drivers.get(leader, (leader, 1.0, 0.0))
@@ -385,6 +389,7 @@ def _velocities(joints: Sequence[Joint], drive: Sequence[tuple[int, float, float
     velocity = np.full(variables, np.nan)
     for joint, (leader, multiplier, _) in zip(joints, drive, strict=True):
         if multiplier != 0:
+            # `fmin` ignores NaN, the value of an unknown speed.
             velocity[leader] = np.fmin(velocity[leader], joint.velocity / abs(multiplier))
     return velocity
 

@@ -87,6 +87,7 @@ def span_of(arrays: ChainArrays, whole: bool) -> Array:
         there = fixed[k + 1, :, 3] + (along[k + 1] * fixed[k + 1, :, 2] if k + 1 < joints else 0.0)
         return np.asarray(there - along[k] * z + ends[k][:, None] * z)
 
+    # Coordinate descent: each point depends on its neighbours, so a few rounds are needed.
     for _ in range(ROUNDS):
         for k in np.flatnonzero(~arrays.prismatic):
             feet, gaps = [], []
@@ -95,9 +96,10 @@ def span_of(arrays: ChainArrays, whole: bool) -> Array:
                 back = turn @ ((along[k - 1] - ends[k - 1].mean()) * z - fixed[k, :, 3])
                 feet, gaps = [back[2]], [float(np.hypot(back[0], back[1]))]
             if k + 1 < joints or not whole:
-                ahead = link(int(k))[0] + along[k] * z
-                feet, gaps = [*feet, ahead[2]], [*gaps, float(np.hypot(ahead[0], ahead[1]))]
+                distal = link(int(k))[0] + along[k] * z
+                feet, gaps = [*feet, distal[2]], [*gaps, float(np.hypot(distal[0], distal[1]))]
             if len(feet) == 2 and sum(gaps) > 0.0:
+                # The shortest way over a line between two points: the light ray's reflection gives these weights.
                 along[k] = (feet[0] * gaps[1] + feet[1] * gaps[0]) / sum(gaps)
             elif feet:
                 along[k] = feet[0]

@@ -37,9 +37,9 @@ def in_order(values: Any, names: Sequence[str], what: str, error: Callable[[str]
     for name in values:
         if name not in names:
             raise error(f"{what}: {suggest(str(name), names, 'joint')}")
-    if lacking := [name for name in names if name not in values]:
+    if missing := [name for name in names if name not in values]:
         given = ", ".join(values) or "none"
-        raise error(f"{what}: no value for joint {', '.join(map(repr, lacking))}; given: {given}")
+        raise error(f"{what}: no value for joint {', '.join(map(repr, missing))}; given: {given}")
     try:
         columns = np.broadcast_arrays(*[np.asarray(values[name], dtype=np.float64) for name in names])
     except (TypeError, ValueError, OverflowError) as reason:

@@ -26,6 +26,7 @@ def middle_samples(chain: SerialChain, division: Division, samples: int) -> tupl
     """Spread samples over the joints that are not divided out; return them and the index of the first such joint."""
     first, last = int(division.head != NONE), chain.dof - int(division.tail != NONE)
     requested = min(samples, A_JOINT ** max(last - first, 0))
+    # The tree of samples is halved down to its leaves, so their number is a power of two times the leaf size.
     count = LEAF_SIZE * 2 ** max(math.ceil(math.log2(max(requested, LEAF_SIZE) / LEAF_SIZE)), 0)
     turns = chain.turns[first:last]
     return spread_inside(chain.lower[first:last], chain.upper[first:last], turns, count), first

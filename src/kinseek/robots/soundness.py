@@ -266,9 +266,9 @@ def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
             found.error(here, f"no <limit>: a {kind} joint needs lower and upper")
         return
     ends = {end: _numbers(found, here, limit, end, 1) for end in _ENDS["limit"]}
-    lacking = [end for end in ends if limit.get(end) is None]
-    if lacking and not mimics:
-        found.error(here, f"<limit> has no {' and no '.join(lacking)}")
+    missing = [end for end in ends if limit.get(end) is None]
+    if missing and not mimics:
+        found.error(here, f"<limit> has no {' and no '.join(missing)}")
     if ends["lower"] is None or ends["upper"] is None:
         return
     (lower,), (upper,) = ends["lower"], ends["upper"]

@@ -90,6 +90,7 @@ def _usual_tips(
         if frame != base and parent is not None:
             depth[frame], moves[frame] = depth[parent] + 1, moves[parent] or frame in moving
     tips = [frame for frame in below if children[frame] != 1 and moves[frame]]
+    # Branching links come first: the palm is a more likely tip than a finger.
     return sorted(tips, key=lambda frame: (children[frame] == 0, depth[frame], frame))
 
 

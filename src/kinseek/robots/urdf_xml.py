@@ -444,6 +444,7 @@ def _computed_xacro(path: Path, spend: _Spend) -> Iterator[None]:
             f"{path}: xacro: $(env {name}): the environment is not read for a file that is not trusted"
         )
 
+    # xacro has no hook for this, so its functions are replaced while the lock is held.
     original = xacro.safe_eval
     before = {name: getattr(substitution_args, name) for name in ("_eval", "_eval_env", "_eval_optenv")}
     try:

@@ -52,6 +52,7 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
     ends = [Frame(0, pending)]
     """For each physical joint of the arm: the number of kept joints up to it, and the transform since the last of them."""
     for k, i in enumerate(chain.leader):
+        # Transforms of locked joints are collected until the next joint that moves.
         pending = pending @ square(chain.fixed[k])
         if i in locked:
             pending = pending @ _moved(
@@ -108,6 +109,7 @@ def with_limits(chain: Mechanism, limits: Mapping[str, tuple[float, float]]) -> 
             ) from None
         if low > high:
             raise InvalidRobot(f"joint {name!r}: lower limit {low:g} is above upper limit {high:g}")
+        # Such limits would admit several turns of a joint that is defined modulo one turn.
         if kinds[i] == CONTINUOUS and high - low > TURN:
             raise InvalidRobot(
                 f"joint {name!r} is continuous, so limits [{low:g}, {high:g}] wider than a full turn have no effect"

@@ -48,7 +48,7 @@ class BlindSearch:
     traits: ClassVar[Traits] = Traits(
         source="Cubero 2008",
         finds="a local minimum",
-        work="3ⁿ poses a step",
+        work="3ⁿ FK evaluations per step",
         near=Near.START,
         axes=True,
     )
@@ -110,9 +110,9 @@ class BlindSearch:
             watch(int(at[STEPS]))
             done = walk(*given, PART, memory, at, q)
         leaves, expanded = int(at[LEAVES]), int(at[EXPANDED])
-        if at[LEAF] > 0:  # The time ended in the middle of a step.
-            leaves += int(at[LEAF])
-            expanded += nodes_until(memory.window.counts, int(at[LEAF]) - 1)
+        if at[NEXT_LEAF] > 0:  # The time ended in the middle of a step.
+            leaves += int(at[NEXT_LEAF])
+            expanded += nodes_until(memory.window.counts, int(at[NEXT_LEAF]) - 1)
             if memory.beam.errors[0] < best[BEST]:
                 q = memory.beam.q[0].copy()
         found = Found(q, leaves, expanded, expanded, not done)
@@ -133,7 +133,7 @@ class BlindSearch:
     ) -> bool:
         """Make one step after the other and record each; return whether the walk is done. The bits are those of one call."""
         arrays, goal, wraps, tolerances, parameters = given
-        chain, most, held = recorder.problem.chain, int(parameters[3]), bytes_of(memory)
+        chain, most, memory_bytes = recorder.problem.chain, int(parameters[3]), bytes_of(memory)
         for step in range(most + 1):
             before, delta = q.copy(), float(memory.now[STEP])
             until = np.array([*parameters[:3], float(min(step + 1, most))])
@@ -141,7 +141,7 @@ class BlindSearch:
             while not ended and not deadline.passed:
                 ended = walk(arrays, goal, wraps, tolerances, until, PART, memory, at, q)
             if recorder.empty:
-                recorder.add("start", before, 1, memory=held)
+                recorder.add("start", before, 1, memory=memory_bytes)
             if not ended:
                 return False
             if at[STEPS] == step:  # No step was made: the walk is done.
@@ -151,7 +151,7 @@ class BlindSearch:
             high = np.minimum(before + delta, chain.upper + reach)
             window = Look(np.full(len(q), delta), low, high, np.full(len(q), 3))
             spent, expanded = int(at[LEAVES]), int(at[EXPANDED])
-            recorder.add(f"step {step + 1}", q, spent, expanded, expanded, memory=held, window=window)
+            recorder.add(f"step {step + 1}", q, spent, expanded, expanded, memory=memory_bytes, window=window)
         return True
 
 
@@ -167,7 +167,7 @@ class Memory(NamedTuple):
 
 
 STEP, BEST = range(2)
-LEAF, LEAVES, EXPANDED, STEPS = range(4)
+NEXT_LEAF, LEAVES, EXPANDED, STEPS = range(4)
 """Progress of a walk: index of the next leaf in its step's window; total leaves, nodes and steps that are done."""
 
 
@@ -193,7 +193,7 @@ def walk(
         parameters: First step, shrink factor, smallest step, most steps, (4,).
         work: Work of this call, in leaves; it does slightly more.
         memory: At the beginning it holds the first step and no error.
-        at: Progress of the walk, see `LEAF`: zeros at its beginning.
+        at: Progress of the walk, see `NEXT_LEAF`: zeros at its beginning.
         q: Start, and then the result, (n,).
     """
     dof, window, scratch, beam, now = len(q), memory.window, memory.scratch, memory.beam, memory.now
@@ -202,19 +202,19 @@ def walk(
     if at[LEAVES] == 0:
         now[BEST], at[LEAVES] = weighted_error(T, goal), 1
     while now[STEP] >= parameters[2] and at[STEPS] < parameters[3]:
-        if at[LEAF] == 0:
+        if at[NEXT_LEAF] == 0:
             position, orientation = errors(T, goal)
             if position <= tolerances[0] and orientation <= tolerances[1]:
                 break
             combinations(chain, wraps, q, now[STEP], window)
             beam.errors[0] = now[BEST]
         leaf, ended, work = search_part(
-            chain, goal, window, -1.0, 0.0, 1 << 62, at[LEAF], work, beam, scratch
+            chain, goal, window, -1.0, 0.0, 1 << 62, at[NEXT_LEAF], work, beam, scratch
         )
-        at[LEAF] = leaf
+        at[NEXT_LEAF] = leaf
         if ended == PAUSED:
             return False
-        at[LEAF] = 0
+        at[NEXT_LEAF] = 0
         at[LEAVES] += leaf
         at[EXPANDED] += window_nodes(window.counts)
         at[STEPS] += 1

@@ -48,7 +48,7 @@ class BruteForce:
 
     traits: ClassVar[Traits] = Traits(
         source="the paper",
-        finds="the best node of a grid of B values a joint",
+        finds="the best node of a grid with B values per joint",
         work="B + B² + … + Bⁿ nodes",
         near=Near.TURN,
     )

@@ -50,7 +50,7 @@ class CoordinateDescent:
     traits: ClassVar[Traits] = Traits(
         source="kinseek",
         finds="a local minimum, exact along each joint and pair of joints",
-        work="3 poses a joint, 9 a pair",
+        work="3 FK evaluations per joint, 9 per pair",
         near=Near.START,
         plain_joints=True,
     )

@@ -68,7 +68,7 @@ class DivideAndConquer:
     traits: ClassVar[Traits] = Traits(
         source="the paper",
         finds="a good node of a very fine grid",
-        work="grows with log B",
+        work="proportional to log B",
         near=Near.TURN,
     )
 

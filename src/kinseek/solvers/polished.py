@@ -29,7 +29,7 @@ class Polished:
 
     traits: ClassVar[Traits] = Traits(
         source="kinseek",
-        finds="what two searches find, the second from where the first ends",
+        finds="the result of a second search that starts where the first one ends",
         work="both",
         near=Near.TURN,
         made_of=True,

@@ -60,7 +60,7 @@ class SeparateChains(DivideAndConquer):
     traits: ClassVar[Traits] = Traits(
         source="the paper, Sec. 5",
         finds="the same, first for the joints that move the wrist's centre, then for the others",
-        work="grows with log B, of two small trees in place of a large one",
+        work="proportional to log B, for two small trees instead of a large one",
         near=Near.TURN,
     )
 

@@ -18,9 +18,9 @@ from .base import Solver
 class Near(Enum):
     """How a search uses `near`; the value is for display."""
 
-    NEAREST = "finds the answer nearest to it"
-    START = "needs it, to start there"
-    TURN = "chooses full turns by it"
+    NEAREST = "finds the solution nearest to it"
+    START = "needs it as the start"
+    TURN = "uses it to choose full turns"
 
 
 @dataclass(frozen=True)
@@ -97,24 +97,30 @@ def table() -> str:
 def summary(cls: type[OwnSolver]) -> str:
     """Return one line about a search for a command line's help: what it finds, and what it requires."""
     traits = cls.traits
-    lacks = [
+    conditions = [
         "needs --near" if traits.near is Near.START else "",
         "needs axes" if traits.axes else "",
         "takes --free" if traits.ranges else "",
     ]
-    return "; ".join([traits.finds, *filter(None, lacks)])
+    return "; ".join([traits.finds, *filter(None, conditions)])
 
 
 def _row(cls: type[OwnSolver]) -> tuple[str, ...]:
     traits = cls.traits
-    theirs = "as these do" if traits.made_of else ""
+    theirs = "like its two searches" if traits.made_of else ""
     return (
         f"`{cls.__name__}`",
         traits.source,
         traits.finds,
         traits.near.value,
         theirs
-        or ("yes" if traits.axes else "no, but joints that turn or slide" if traits.plain_joints else "no"),
-        theirs or ("yes, of an arm with axes" if traits.ranges else "no"),
+        or (
+            "yes"
+            if traits.axes
+            else "no, but every joint must turn or slide"
+            if traits.plain_joints
+            else "no"
+        ),
+        theirs or ("yes, for an arm with axes" if traits.ranges else "no"),
         traits.work,
     )

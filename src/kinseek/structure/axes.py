@@ -59,6 +59,7 @@ def meeting(direction: Array, point: Array) -> tuple[Array, float]:
     Parallel lines do not intersect: the distance is infinite.
     """
     across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
+    # The sum of the projections is singular exactly if all lines are parallel.
     values = np.linalg.svd(across.sum(axis=0), compute_uv=False)
     if values[-1] < 1e-6:
         return point[0], np.inf

@@ -81,6 +81,8 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
         return _none(f"closed forms exist for 6 or 7 joints, but the arm has {len(axes.direction)}")
     found = [
         one
+        # The inverse transforms of the arm may have the structure that the arm itself has not: its wrist is then at the
+        # base.
         for backward in (False, True)
         for find in (_wrist, _three, _meeting)
         if (one := _found(find, axes.backwards() if backward else axes, backward, swept, size)) is not None
@@ -90,6 +92,7 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
         key=lambda one: (not one.exact, one.exact and one.kind == form.MEETING, one.deviation),
         default=None,
     )
+    # A poor closed form gives starts that are no better than samples.
     if best is None or best.deviation > NEARLY:
         near = (
             ""

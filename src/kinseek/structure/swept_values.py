@@ -44,4 +44,5 @@ def choose_swept_values(structure: Structure, handle: Indices, size: float, samp
             break
         numbers[form.SWEPT] = k + 1
         numbers[form.SWEPT_VALUES + k] = swept_values[best]
+        # Greedy covering: poses that a chosen value serves do not count for the next one.
         report[report[:, best] == 1] = 0

@@ -160,7 +160,7 @@ class Panel:
         self._on(self.examined, self._look)
         self.progress = gui.add_progress_bar(0.0, visible=False)
         self.seen = gui.add_html("")
-        lacks = (
+        notes = (
             []
             if axes
             else [
@@ -168,8 +168,8 @@ class Panel:
                 "and nothing can be proved."
             ]
         )
-        if lacks or missing:
-            gui.add_html(note_html(*lacks, *missing))
+        if notes or missing:
+            gui.add_html(note_html(*notes, *missing))
 
     def _look(self, value: float) -> None:
         self.looks = int(value)

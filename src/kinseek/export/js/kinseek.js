@@ -199,7 +199,7 @@ class Arm {
     return { q: machine.view(this.q).slice(), reached, positionError, orientationError, weightedError, evaluations };
   }
 
-  /** Every answer, or `count` of them spread out where the arm has joints to spare; nearest to `near` first, if given. */
+  /** All solutions, or a well-spread sample of `count` of them for a redundant arm; nearest to `near` first, if given. */
   branches(pose, { near = null, count = 24 } = {}) {
     this.#aim(pose);
     const { machine, dof } = this;

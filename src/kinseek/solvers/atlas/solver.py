@@ -56,8 +56,8 @@ class Atlas:
 
     traits: ClassVar[Traits] = Traits(
         source="kinseek, the default",
-        finds="an answer, if there is one, nearly always",
-        work="a few to some tens of poses, after sorting samples of the arm once",
+        finds="a solution in nearly all cases, if one exists",
+        work="a few to some tens of FK evaluations, after one table per arm",
         near=Near.NEAREST,
         ranges=True,
     )
