@@ -62,7 +62,7 @@ def test_what_is_wanted_stands_where_tasks_look_for_it() -> None:
 def test_memory_of_ranges_begins_where_the_desk_ends(dof: int, joints: int) -> None:
     first, count = scratch_size(dof, joints), range_scratch_size(dof, joints)
     room = np.zeros(first + count)
-    ranges = make_range_scratch(room.ctypes.data, dof, joints)
+    ranges = make_range_scratch(room, dof, joints)
     for part in ranges:
         view = part.view(np.float64)
         view += 1.0

@@ -1,11 +1,11 @@
 """Search for all solutions of a goal: many starts in parallel, and from each solution the way to its siblings.
 
-The sources of starts are tried in order, until the solutions are complete as far as one can tell:
+The sources of starts are tried in order, until the solutions are complete as far as is known:
 
 1. the closed form of the arm (`structure.closed`), or the search of one joint (`one_joint`);
 2. poses around the target, nearer ones and then farther ones, if the arm nearly has three parallel axes (`around`);
 3. the nearest samples of a coarse atlas, and then more of them (`seeding`);
-4. one start that the fine atlas leads to, if there is no solution.
+4. one start that the fine atlas leads to, if none was found.
 
 A coarse atlas is better here: the nearest sixty of a thousand samples lie all over the joint space, but those of sixteen
 thousand crowd around the solutions where the map is steep. After each source the siblings of the new solutions are
