@@ -15,9 +15,8 @@ from kinseek.kernels.branches.distance import MOST_JOINTS
 from kinseek.kernels.jit import exposed
 from kinseek.robots.geometry import RADIAN_PART, arm_length
 
-radius, sort_samples, is_alike, keep_start = (
-    exposed(each) for each in (seeding.radius, seeding.sort_samples, seeding.is_alike, seeding.keep_start)
-)
+radius, sort_samples = exposed(seeding.radius), exposed(seeding.sort_samples)
+is_alike, keep_start = exposed(seeding.is_alike), exposed(seeding.keep_start)
 
 
 @pytest.mark.parametrize("name", ["jaco2_6", "ur10e_calibrated", "so101", "cylindrical3"])
