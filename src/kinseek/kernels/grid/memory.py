@@ -1,18 +1,21 @@
-"""Memory of a grid search: bundles of arrays, separate or laid out in one block."""
+"""Memory of a grid search, in one block.
+
+One array replaces thirty: each array argument of a kernel costs a third of a microsecond.
+"""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.entry import F64, I64, Bundle
 from kinseek.kernels.jit import array_view
 from kinseek.kernels.layout import DOF, Layout, floats, named, plain, whole
 
 MOST_LANES = 8000
 """Largest number of tabulated leaves; ten doubles each, so that the table stays in a core's second-level cache."""
+
+A_LANE = 10
+"""Numbers in memory for each tabulated leaf: nine of its pose, and its error."""
 
 
 class Window(NamedTuple):
@@ -21,7 +24,7 @@ class Window(NamedTuple):
     values: Array
     """Joint values [rad] or [m], (n, most values of any joint)."""
     nodes: Indices
-    """The caller's node numbers of these values, same shape."""
+    """Node numbers of these values, same shape."""
     counts: Indices
     """Number of values of each joint, (n,)."""
 
@@ -37,110 +40,81 @@ class Beam(NamedTuple):
     """Their joint values, (K, n)."""
 
 
-class NodeScratch(NamedTuple):
-    """Scratch memory of one search."""
+class WindowScratch(NamedTuple):
+    """A window, and scratch memory of its search."""
 
     lanes: Array
-    """Columns x, y, z and p of the tabulated tips without z, (9, MOST_LANES)."""
+    """Columns x, y and p of the tabulated tips, (3, 3, MOST_LANES)."""
     errors: Array
-    """(MOST_LANES,)"""
+    """Weighted errors of the tabulated leaves below a prefix, (MOST_LANES,)."""
     poses: Array
     """Poses along the current path, (n+1, 3, 4)."""
     path: Indices
     """Index of the value of each joint on the current path, (n,)."""
-    q: Array
-    """(n,)"""
+    path_q: Array
+    """Joint values on the current path, (n,)."""
+    leaf_nodes: Indices
+    """Nodes of a leaf, (n,)."""
+    leaf_q: Array
+    """Joint values of a leaf, (n,)."""
+    window: Window
 
 
-TAKEN_WINDOW = Bundle(Window, values=F64["n", "most"].out, nodes=I64["n", "most"].out, counts=I64["n"].out)
-TAKEN_BEAM = Bundle(Beam, errors=F64["cells"].out, nodes=I64["cells", "n"].out, q=F64["cells", "n"].out)
-TAKEN_SCRATCH = Bundle(
-    NodeScratch,
-    lanes=F64[9, MOST_LANES].out,
-    errors=F64[MOST_LANES].out,
-    poses=F64["n+1", 3, 4].out,
-    path=I64["n"].out,
-    q=F64["n"].out,
-)
-"""The same as separate arrays, for kernels that take them as such."""
-
-
-def make_node_scratch(dof: int) -> NodeScratch:
-    """Allocate the scratch memory of one search."""
-    return NodeScratch(
-        np.empty((9, MOST_LANES)),
-        np.empty(MOST_LANES),
-        np.empty((dof + 1, 3, 4)),
-        np.empty(dof, dtype=np.int64),
-        np.empty(dof),
-    )
-
-
-def make_beam(size: int, dof: int) -> Beam:
-    """Allocate an empty beam."""
-    return Beam(np.full(size, np.inf), np.empty((size, dof), dtype=np.int64), np.empty((size, dof)))
-
-
-def make_window(dof: int, most: int) -> Window:
-    """Allocate a window of at most `most` values of any joint."""
-    return Window(np.empty((dof, most)), np.empty((dof, most), dtype=np.int64), np.empty(dof, dtype=np.int64))
-
-
-class GridScratch(NamedTuple):
+class GridMemory(NamedTuple):
     """Memory of a descent."""
 
-    scratch: NodeScratch
-    window: Window
-    first: Beam
-    """Beam of the odd passes: the first, the third, and so on."""
-    second: Beam
-    """Beam of the even passes."""
-    litter: Beam
+    scratch: WindowScratch
+    odd: Beam
+    """Beam of the first, third and further odd passes."""
+    even: Beam
+    """Beam of the second and further even passes."""
+    children: Beam
     """Leaves of one cell for the next pass, if their number is limited."""
 
 
-MADE_FOR = ("dof", "most", "cells", "children")
-"""Sizes: the number of joints; the largest number of values of a joint in a window; the number of cells that a pass
-leaves to the next; and the number that one cell may leave."""
-MOST, CELLS, CHILDREN = (named(each) for each in MADE_FOR[1:])
+SIZES = ("dof", "most", "cells", "children")
+"""The number of joints; the largest number of values of a joint in a window; the number of cells that a pass leaves to
+the next; and the number that one cell may leave."""
+MOST, CELLS, CHILDREN = (named(each) for each in SIZES[1:])
 
+WINDOW = Layout(Window, SIZES, values=floats(DOF, MOST), nodes=whole(DOF, MOST), counts=whole(DOF))
 SCRATCH = Layout(
-    NodeScratch,
-    MADE_FOR,
-    lanes=floats(9, MOST_LANES),
+    WindowScratch,
+    SIZES,
+    lanes=floats(3, 3, MOST_LANES),
     errors=floats(MOST_LANES),
     poses=floats(DOF + plain(1), 3, 4),
     path=whole(DOF),
-    q=floats(DOF),
+    path_q=floats(DOF),
+    leaf_nodes=whole(DOF),
+    leaf_q=floats(DOF),
+    window=WINDOW,
 )
-WINDOW = Layout(Window, MADE_FOR, values=floats(DOF, MOST), nodes=whole(DOF, MOST), counts=whole(DOF))
-BEAM = Layout(Beam, MADE_FOR, errors=floats(CELLS), nodes=whole(CELLS, DOF), q=floats(CELLS, DOF))
-LITTER = Layout(
+BEAM = Layout(Beam, SIZES, errors=floats(CELLS), nodes=whole(CELLS, DOF), q=floats(CELLS, DOF))
+BEAM_OF_CHILDREN = Layout(
     Beam,
-    MADE_FOR,
-    name="litter",
+    SIZES,
+    name="children",
     errors=floats(CHILDREN),
     nodes=whole(CHILDREN, DOF),
     q=floats(CHILDREN, DOF),
 )
-LAYOUT = Layout(GridScratch, MADE_FOR, scratch=SCRATCH, window=WINDOW, first=BEAM, second=BEAM, litter=LITTER)
-"""Layout of the memory of a descent: one array instead of thirty, because each array argument of a kernel costs a third
-of a microsecond."""
+LAYOUT = Layout(GridMemory, SIZES, scratch=SCRATCH, odd=BEAM, even=BEAM, children=BEAM_OF_CHILDREN)
 
 LINE = 64
 """Size of a line of the processor's cache [bytes]: tabulated leaves are read fastest from the beginning of a line."""
 
-lay_grid_scratch = LAYOUT.make
+view_memory = LAYOUT.make
 
 
 def memory_size(dof: int, most: int, cells: int, children: int) -> int:
-    """Length in numbers of the memory of a descent, see `MADE_FOR`."""
+    """Length in numbers of the memory of a descent, see `SIZES`."""
     return LINE // 8 + LAYOUT.count.of(dof=dof, most=most, cells=cells, children=children)
 
 
 @array_view
-def make_grid_scratch(memory: Array, dof: int, most: int, cells: int, children: int) -> GridScratch:
+def grid_memory(memory: Array, dof: int, most: int, cells: int, children: int) -> GridMemory:
     """Create the views of a descent in a memory of `memory_size` numbers."""
     address = (memory.ctypes.data + LINE - 1) // LINE * LINE
-    grid_scratch: GridScratch = lay_grid_scratch(address, dof, most, cells, children)
-    return grid_scratch
+    views: GridMemory = view_memory(address, dof, most, cells, children)
+    return views
