@@ -279,6 +279,7 @@ def other_searches() -> Any:
     searches: list[Solver] = [
         kinseek.BruteForce(branching_factor=4),
         kinseek.DivideAndConquer(branching_factor=64, divisions=3, breadth=2),
+        kinseek.DivideAndConquer(branching_factor=64, beam=3, children=2),
         kinseek.BlindSearch(most_steps=10),
         kinseek.CoordinateDescent(),
     ]
@@ -287,7 +288,9 @@ def other_searches() -> Any:
 
 def any_mechanism() -> Any:
     arm = kinseek.Arm.from_fk(kinseek.load("planar2").fk, [-3, -3], [3, 3], kinds="revolute")
-    return arm.ik(kinseek.load("planar2").fk([0.4, 0.9]), solver=Atlas(samples=32)).success
+    T = kinseek.load("planar2").fk([0.4, 0.9])
+    grid = arm.ik(T, solver=kinseek.DivideAndConquer(branching_factor=64, beam=3, children=2))
+    return arm.ik(T, solver=Atlas(samples=32)).success, grid.q
 
 
 def many_poses(name: str) -> Any:

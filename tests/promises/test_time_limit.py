@@ -14,10 +14,9 @@ import kinseek
 from kinseek import ALL_SOLVERS, BruteForce, DivideAndConquer, Goal, PathStatus, Problem, Solver, Status
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, InvalidSolver
-from kinseek.kernels.grid import window as grid
 from kinseek.paths import impossible
 from kinseek.proof import root_isolation
-from kinseek.solvers import blind_search, brute_force, coordinate_descent, divide_and_conquer
+from kinseek.solvers import blind_search, coordinate_descent, grid_search
 from reference import errors, fk
 
 pytestmark = pytest.mark.slow
@@ -496,11 +495,11 @@ def test_parts_find_the_same_bits_as_one(part: int, name: str, monkeypatch: pyte
     arm = kinseek.load(name)
     T = poses(arm, 2)
     solvers: list[tuple[Any, str, Solver]] = [
-        (grid, "PART", BruteForce({"planar2": 60, "scara4": 9, "irb5400": 3}[name])),
-        (grid, "PART", BruteForce({"planar2": 60, "scara4": 9, "irb5400": 3}[name], stop_below=0.6)),
-        (divide_and_conquer, "PART", DivideAndConquer(branching_factor=500)),
-        (divide_and_conquer, "PART", DivideAndConquer(branching_factor=500, beam=5, children=2, divisions=2)),
-        (divide_and_conquer, "PART", DivideAndConquer(branching_factor=500, beam=4, divisions=2)),
+        (grid_search, "PART", BruteForce({"planar2": 60, "scara4": 9, "irb5400": 3}[name])),
+        (grid_search, "PART", BruteForce({"planar2": 60, "scara4": 9, "irb5400": 3}[name], stop_below=0.6)),
+        (grid_search, "PART", DivideAndConquer(branching_factor=500)),
+        (grid_search, "PART", DivideAndConquer(branching_factor=500, beam=5, children=2, divisions=2)),
+        (grid_search, "PART", DivideAndConquer(branching_factor=500, beam=4, divisions=2)),
         (blind_search, "PART", kinseek.BlindSearch(most_steps=8)),
         (coordinate_descent, "PART", kinseek.CoordinateDescent(most_sweeps=40, stall=0.0)),
     ]
@@ -511,22 +510,12 @@ def test_parts_find_the_same_bits_as_one(part: int, name: str, monkeypatch: pyte
             whole = solver.solve(problem)
             with monkeypatch.context() as patch:
                 patch.setattr(module, constant, part)
-                if module is grid:
-                    patch.setattr(brute_force, "search_window", in_parts(part))
                 some = solver.solve(problem)
             for field in ("q", "evaluations", "nodes_created", "nodes_expanded", "weighted_error"):
                 np.testing.assert_array_equal(
                     getattr(whole, field), getattr(some, field), err_msg=str(solver)
                 )
             assert not np.any(some.out_of_time)
-
-
-def in_parts(part: int) -> Any:
-    def search(*given: Any, **named: Any) -> tuple[int, bool]:
-        found: tuple[int, bool] = vars(grid)["search_window"](*given, part, **named)
-        return found
-
-    return search
 
 
 def test_a_batch_near_a_start_has_the_bits_of_each_alone() -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import kinseek
+from experiments.arms import equation_1
 from kinseek import BruteForce
 from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
-from kinseek.solvers.brute_force import equation_1
 from reference import exhaustive
 
 ORDERS = ["paper", "low-discrepancy", "random"]

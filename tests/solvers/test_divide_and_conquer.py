@@ -15,12 +15,10 @@ import kinseek
 from chains import serial_chains
 from kinseek import DivideAndConquer
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.grid.descent import first_window, later_window
-from kinseek.kernels.grid.memory import Window
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solvers.divide_and_conquer import tuned_breadth
-from kinseek.solvers.nodes import joint_grid, spread_nodes, window_around
+from kinseek.solvers.nodes import spread_nodes, window_around
 from reference import PaperSearch, fk, node_values, weighted_error
 
 
@@ -162,39 +160,27 @@ def test_extreme_branching_factors_answer(size: int) -> None:
     assert ((solution.q >= arm.lower) & (solution.q <= arm.upper)).all()
 
 
-def window_for(dof: int, most: int) -> Window:
-    return Window(np.empty((dof, most)), np.empty((dof, most), dtype=np.int64), np.empty(dof, dtype=np.int64))
-
-
 @given(st.integers(2, 200), st.integers(2, 6), st.integers(1, 3), st.data())
 def test_windows_slide_at_limits_and_wrap_where_the_joint_does(
     size: int, divisions: int, breadth: int, data: st.DataObject
 ) -> None:
-    arm = kinseek.load("cylindrical3")  # The first joint wraps, the other two slide.
-    grid = joint_grid(arm.chain, size)
     count = 2 * (divisions // 2 + breadth) - 1
     spacing = data.draw(st.integers(1, max(size // divisions, 1)))
-    centre = np.array([data.draw(st.integers(0, size - 1)) for _ in range(3)])
-    window = window_for(3, max(count, divisions))
     offset = data.draw(st.sampled_from([Fraction(0), Fraction(1, 2), Fraction(0.3)]))
-    first = [spread_nodes(size, min(divisions, size), offset)] * 3
-    first_window(grid, np.array(first), np.array([len(each) for each in first]), window)
-    for d in range(3):
-        nodes = window.nodes[d, : window.counts[d]]
-        assert len(set(nodes.tolist())) == window.counts[d] == min(divisions, size)
-        assert nodes.min() >= 0
-        assert nodes.max() < size
-    later_window(grid, centre, spacing, np.full(3, count), False, window)
-    wraps, counts = grid.wraps.tolist(), np.full(3, count)
-    for d, twin in enumerate(window_around(wraps, size, centre.tolist(), spacing, counts, False)):
-        np.testing.assert_array_equal(window.nodes[d, : window.counts[d]], twin)
-        nodes = window.nodes[d, : window.counts[d]]
-        assert centre[d] in nodes
+    first = spread_nodes(size, min(divisions, size), offset)
+    assert len(set(first.tolist())) == min(divisions, size)
+    assert first.min() >= 0
+    assert first.max() < size
+    centre = [data.draw(st.integers(0, size - 1)) for _ in range(3)]
+    wraps = (True, False, False)
+    windows = window_around(wraps, size, centre, spacing, np.full(3, count), False)
+    for nodes, middle, wrap in zip(windows, centre, wraps, strict=True):
+        assert middle in nodes
         assert nodes.min() >= 0
         assert nodes.max() < size
         assert len(set(nodes.tolist())) == len(nodes)
-        room = (size - 1 - centre[d] % spacing) // spacing + 1
-        if d > 0:  # As many as the paper's formula says, as long as the range has room for them.
+        room = (size - 1 - middle % spacing) // spacing + 1
+        if not wrap:  # As many as the paper's formula says, as long as the range has room for them.
             assert len(nodes) == min(count, room, (size - 1) // spacing + 1)
 
 
@@ -327,3 +313,24 @@ def test_a_breadth_is_any_kind_of_number() -> None:
         read = DivideAndConquer(breadth=breadth).breadth
         assert read == kept
         assert type(read) is type(kept)
+
+
+@pytest.mark.parametrize("name", ["planar2", "cylindrical3", "scara4"])
+@pytest.mark.parametrize(
+    "options",
+    [{"beam": 4}, {"beam": 4, "children": 2}, {"beam": 4, "children": 2, "stop_below": 0.3}, {"breadth": 2}],
+)
+@pytest.mark.parametrize("budget", [None, 300])
+def test_a_function_is_searched_in_the_order_of_the_compiled_search(
+    name: str, options: dict[str, Any], budget: int | None
+) -> None:
+    arm = kinseek.load(name)
+    function = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper, kinds=arm.chain.kinds)
+    goal, solver = kinseek.Goal.pose(random_goals(arm, 10)), DivideAndConquer(500, **options)
+    ours = solver.solve(Problem(arm.chain, goal, budget=budget))
+    # One pose of the budget of a function is for evaluating the solution.
+    theirs = solver.solve(Problem(function.mechanism, goal, budget=budget and budget + 1))
+    np.testing.assert_array_equal(ours.q, theirs.q)
+    if "stop_below" not in options:  # A call of the function may go beyond the leaf that ends the search.
+        np.testing.assert_array_equal(ours.evaluations + 1, theirs.evaluations)
+        np.testing.assert_array_equal(ours.nodes_expanded, theirs.nodes_expanded)

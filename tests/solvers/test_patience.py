@@ -16,9 +16,8 @@ import pytest
 import kinseek
 from kinseek import BlindSearch, BruteForce, CoordinateDescent, DivideAndConquer, Goal
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.grid import window
 from kinseek.problem import Problem
-from kinseek.solvers import base, blind_search, coordinate_descent, divide_and_conquer, nodes
+from kinseek.solvers import base, blind_search, coordinate_descent, grid_search, nodes
 
 BARS = [
     DivideAndConquer(500, breadth=2, progress=True),
@@ -55,9 +54,8 @@ def _told(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, list[int]]]:
 def test_a_bar_moves_in_parts_and_ends_at_its_end(
     solver: Any, function: bool, told: list[tuple[int, list[int]]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (divide_and_conquer, blind_search, coordinate_descent):
+    for module in (grid_search, blind_search, coordinate_descent):
         monkeypatch.setattr(module, "PART", 100)
-    monkeypatch.setattr(window.search_window, "__defaults__", _defaults(100))
     arm = kinseek.load("scara4")
     if function and isinstance(solver, BlindSearch | CoordinateDescent):
         pytest.skip("their walks on a function go in one piece")
@@ -73,12 +71,6 @@ def test_a_bar_moves_in_parts_and_ends_at_its_end(
     assert len(told) == 1
     for field in ("q", "evaluations", "nodes_expanded", "weighted_error"):
         np.testing.assert_array_equal(getattr(loud, field), getattr(quiet, field))
-
-
-def _defaults(part: int) -> tuple[Any, ...]:
-    function: Any = window.search_window
-    out_of_time, _, *rest = function.__defaults__
-    return (out_of_time, part, *rest)
 
 
 def test_a_bar_is_drawn(capsys: pytest.CaptureFixture[str]) -> None:

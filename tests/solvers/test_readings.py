@@ -17,7 +17,7 @@ from experiments.readings import Reading, errors_of, search
 from kinseek import BlindSearch, BruteForce, DivideAndConquer, Goal
 from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
-from kinseek.solvers import divide_and_conquer
+from kinseek.solvers import grid_search
 from kinseek.solvers.breadth_tuning import Walk
 from kinseek.solvers.nodes import joint_grid, spread_nodes, tie_of, window_around
 from reference import PaperSearch, node_values
@@ -152,7 +152,7 @@ def test_an_offset_for_another_number_of_joints_is_refused() -> None:
 def test_a_stop_ends_the_search_at_the_first_good_leaf(
     options: dict[str, Any], part: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(divide_and_conquer, "PART", part)
+    monkeypatch.setattr(grid_search, "PART", part)
     arm = kinseek.load("scara4")
     goals = arm.fk(random_joints(arm, 20))
     whole = arm.ik(goals, solver=DivideAndConquer(breadth=2, **options))

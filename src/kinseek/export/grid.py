@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidExport
-from kinseek.kernels.entry import ENTRIES, bundle_of
-from kinseek.kernels.grid.descent import BEGINNING, TRIED, VISITED
-from kinseek.kernels.grid.memory import MOST_LANES, NodeScratch, memory_size
-from kinseek.kernels.grid.window import PART, split_depth
+from kinseek.kernels.entry import ENTRIES
+from kinseek.kernels.grid.descent import BEGINNING, LEAVES, NODES
+from kinseek.kernels.grid.memory import A_LANE, MOST_LANES, memory_size
+from kinseek.kernels.grid.window import PART, PAUSED, split_depth
 from kinseek.problem import Problem
 from kinseek.solvers import DivideAndConquer
+from kinseek.solvers.grid_search import Plan
 
 from .c_text import array, guarded, number, structure
 from .design import Design, room_for
@@ -32,23 +32,18 @@ def grid_design(search: DivideAndConquer, problem: Problem, ram: int | None) -> 
     if search.ties != "rounding":
         raise InvalidExport(f"ties must be 'rounding' in an exported search, got {search.ties!r}")
     plan, dof = search._plan(problem, Deadline()), problem.mechanism.dof
-    if len(plan.ends) > 1:
-        raise InvalidExport(
-            "an exported search has the same breadth in all later passes: breadth must be a whole number or one per "
-            f"joint, got {search.breadth!r}"
-        )
-    most_lanes, a_lane = _lanes(problem, plan), _numbers_a_lane()
+    most_lanes = _lanes(problem, plan)
     room = room_for(12, dof)  # A pose without its last row, and a node of each joint.
-    least = memory_size(*plan.sizes) - a_lane * MOST_LANES
+    least = memory_size(*plan.sizes) - A_LANE * MOST_LANES
     fixed, lanes = 8 * (least + 12 + len(BEGINNING)) + room, most_lanes
-    if ram is not None and fixed + 8 * a_lane * lanes > ram:
-        lanes = (ram - fixed) // (8 * a_lane)
+    if ram is not None and fixed + 8 * A_LANE * lanes > ram:
+        lanes = (ram - fixed) // (8 * A_LANE)
         if lanes < 1:
             raise InvalidExport(
-                f"{problem.mechanism.name!r} with {dof} joints needs {fixed + 8 * a_lane:,} bytes of RAM at least for this "
+                f"{problem.mechanism.name!r} with {dof} joints needs {fixed + 8 * A_LANE:,} bytes of RAM at least for this "
                 f"search, got {ram:,}. Fewer joints (with_locked), a smaller beam or breadth, or fewer divisions need less"
             )
-    numbers = least + a_lane * lanes
+    numbers = least + A_LANE * lanes
     text, constants = _plan_in_c(plan)
     entry = ENTRIES["ks_descend"]
     return Design(
@@ -58,10 +53,12 @@ def grid_design(search: DivideAndConquer, problem: Problem, ram: int | None) -> 
         numbers={
             "GRID": "1 /* The search can be done in parts. */",
             "MEMORY": f"{numbers} /* Numbers of 8 bytes that a search works on. */",
-            "AT": len(BEGINNING),
+            "PROGRESS": len(BEGINNING),
             "BEGINNING": f"{{{', '.join(map(str, BEGINNING))}}}",
-            "TRIED": TRIED,
-            "VISITED": VISITED,
+            "LEAVES": LEAVES,
+            "NODES": NODES,
+            "PASSES": len(plan.passes.spacings),
+            "PAUSED": PAUSED,
             "PART": f"{PART} /* Leaves of a part of the search, where nobody asks for shorter ones. */",
         },
         chain=problem.arrays,
@@ -70,7 +67,7 @@ def grid_design(search: DivideAndConquer, problem: Problem, ram: int | None) -> 
         data={},
         constants=constants,
         room=room,
-        ram=fixed + 8 * a_lane * lanes,
+        ram=fixed + 8 * A_LANE * lanes,
         lanes=lanes,
         most_lanes=most_lanes,
         sizes=plan.sizes,
@@ -78,11 +75,11 @@ def grid_design(search: DivideAndConquer, problem: Problem, ram: int | None) -> 
     )
 
 
-def _plan_in_c(plan: Any) -> tuple[str, int]:
+def _plan_in_c(plan: Plan) -> tuple[str, int]:
     """Return the grid and the passes in C, and their size in bytes."""
     grid, passes = plan.grid, plan.passes
     arrays = {name: getattr(grid, name) for name in ("step", "wraps")}
-    arrays |= {name: getattr(passes, name) for name in ("spacings", "later", "first", "counts")}
+    arrays |= {name: getattr(passes, name) for name in ("spacings", "counts", "first")}
     of_grid = {
         "lower": "chain_lower",
         "upper": "chain_upper",
@@ -94,14 +91,13 @@ def _plan_in_c(plan: Any) -> tuple[str, int]:
     }
     of_passes = {
         "spacings": "spacings",
-        "spacings_length": str(len(passes.spacings)),
-        "later": "later",
+        "counts": "counts",
         "first": "first",
         "first_length": str(passes.first.shape[1]),
-        "counts": "counts",
         "clips": str(int(passes.clips)),
         "stop_below": number(passes.stop_below),
         "tie": number(passes.tie),
+        "budget": "INT64_MAX",
         "beam": str(passes.beam),
         "children": str(passes.children),
     }
@@ -112,25 +108,13 @@ def _plan_in_c(plan: Any) -> tuple[str, int]:
     )
 
 
-def _lanes(problem: Problem, plan: Any) -> int:
+def _lanes(problem: Problem, plan: Plan) -> int:
     """Return the number of leaves tabulated at once: those of the suffix that it chooses for a full window of each pass."""
-    passes, size = plan.passes, plan.grid.size
-    windows = [passes.counts]
-    windows += [
-        np.minimum(passes.later, (size - 1) // spacing + 1) for spacing in passes.spacings[1:].tolist()
-    ]
-    most = 1
-    for counts in windows:
-        s = split_depth(problem.arrays, counts.astype(np.int64))
+    passes, most = plan.passes, 1
+    for k, spacing in enumerate(passes.spacings.tolist()):
+        counts = (
+            passes.counts[k] if k == 0 else np.minimum(passes.counts[k], (plan.grid.size - 1) // spacing + 1)
+        )
+        s = split_depth(problem.arrays, counts)
         most = max(most, math.prod(counts[s:].tolist()))
     return most
-
-
-def _numbers_a_lane() -> int:
-    """Return the number of values in a search's memory for each tabulated leaf."""
-    taken = 0
-    for leaf in bundle_of(NodeScratch).fields.values():
-        lengths = [each.plus for each in getattr(leaf, "shape", ()) if not each.name]
-        if MOST_LANES in lengths:
-            taken += math.prod(lengths) // MOST_LANES
-    return taken

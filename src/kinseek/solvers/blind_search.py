@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -14,22 +14,15 @@ from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
 from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays, Indices
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.grid.memory import (
-    Beam,
-    NodeScratch,
-    Window,
-    make_beam,
-    make_node_scratch,
-    make_window,
-)
-from kinseek.kernels.grid.window import PART, PAUSED, nodes_until, search_part, window_nodes
-from kinseek.kernels.jit import entry, inlined_with_wrapper
+from kinseek.kernels.grid.memory import Window, grid_memory, memory_size
+from kinseek.kernels.grid.window import PART, PAUSED, Limits, leaf_count, nodes_expanded, search_window
+from kinseek.kernels.jit import entry, inlined
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 
 from .base import Found, require_whole, watch_each
 from .nodes import require_memory, require_patience
-from .recording import Look, Recorder, bytes_of, require_room
+from .recording import Look, Recorder, require_room
 from .threads import unwatched
 from .traits import Near, Traits, require
 
@@ -89,98 +82,83 @@ class BlindSearch:
     def _search(
         self, problem: Problem, deadline: Deadline, watch: Callable[[int], object] = unwatched
     ) -> Found:
-        leaves_a_step = 3**problem.chain.dof
+        goal, chain, dof = problem.goal, problem.chain, problem.chain.dof
         most = self.most_steps
         if problem.budget is not None:
-            most = min(most, max(problem.budget - 1, 0) // leaves_a_step)
+            most = min(most, max(problem.budget - 1, 0) // 3**dof)
         shrink, smallest = (0.0, self.step) if self.shrink is None else (self.shrink, self.smallest_step)
-        parameters = np.array([self.step, shrink, smallest, float(most)])
-        q = problem.start.copy()
-        goal = problem.goal
-        tolerances = np.array([goal.position_tolerance, goal.orientation_tolerance])
-        dof, best, at = len(q), np.array([self.step, np.inf]), np.zeros(4, dtype=np.int64)
-        memory = Memory(make_window(dof, 3), make_node_scratch(dof), make_beam(1, dof), best)
-        given = problem.arrays, goal.arrays, problem.chain.wraps, tolerances, parameters
-        recorder = Recorder(problem, self) if problem.trace else None
-        if recorder:
-            done = self._walk_and_record(recorder, given, memory, at, q, deadline)
-        else:
-            done = walk(*given, PART, memory, at, q)
-        while not done and not deadline.passed:
-            watch(int(at[STEPS]))
-            done = walk(*given, PART, memory, at, q)
-        leaves, expanded = int(at[LEAVES]), int(at[EXPANDED])
-        if at[NEXT_LEAF] > 0:  # The time ended in the middle of a step.
-            leaves += int(at[NEXT_LEAF])
-            expanded += nodes_until(memory.window.counts, int(at[NEXT_LEAF]) - 1)
-            if memory.beam.errors[0] < best[BEST]:
-                q = memory.beam.q[0].copy()
-        found = Found(q, leaves, expanded, expanded, not done)
-        if recorder:
-            recorder.add_rest("a step cut short", found)
-            recorder.note_end(found)
-            return found._replace(trace=recorder.finish())
-        return found
+        tolerances = goal.position_tolerance, goal.orientation_tolerance
+        rules = Rules(chain.wraps, *tolerances, shrink, smallest, most)
+        memory, q = np.empty(memory_size(dof, 3, 1, 1)), problem.start.copy()
+        now, progress = np.array([self.step, np.inf]), np.zeros(4, dtype=np.int64)
 
-    def _walk_and_record(
-        self,
-        recorder: Recorder,
-        given: tuple[Any, Any, Any, Any, Array],
-        memory: Memory,
-        at: Indices,
-        q: Array,
-        deadline: Deadline,
-    ) -> bool:
-        """Make one step after the other and record each; return whether the walk is done. The bits are those of one call."""
-        arrays, goal, wraps, tolerances, parameters = given
-        chain, most, memory_bytes = recorder.problem.chain, int(parameters[3]), bytes_of(memory)
+        def walk_until(step: int) -> bool:
+            until = problem.arrays, goal.arrays, rules._replace(most_steps=min(step, most))
+            done = walk(*until, PART, memory, progress, now, q)
+            while not done and not deadline.passed:
+                watch(int(progress[STEPS]))
+                done = walk(*until, PART, memory, progress, now, q)
+            return done
+
+        if not problem.trace:
+            done = walk_until(most)
+            return Found(q, *_work_of(progress), not done)
+        recorder = Recorder(problem, self)
         for step in range(most + 1):
-            before, delta = q.copy(), float(memory.now[STEP])
-            until = np.array([*parameters[:3], float(min(step + 1, most))])
-            ended = walk(arrays, goal, wraps, tolerances, until, PART, memory, at, q)
-            while not ended and not deadline.passed:
-                ended = walk(arrays, goal, wraps, tolerances, until, PART, memory, at, q)
+            before, delta = q.copy(), float(now[STEP])
+            done = walk_until(step + 1)
             if recorder.empty:
-                recorder.add("start", before, 1, memory=memory_bytes)
-            if not ended:
-                return False
-            if at[STEPS] == step:  # No step was made: the walk is done.
-                return True
+                recorder.add("start", before, 1, memory=memory.nbytes)
+            if not done or progress[STEPS] == step:  # Without a step the walk is done.
+                break
             reach = np.where(chain.wraps, delta, 0.0)
             low = np.maximum(before - delta, chain.lower - reach)
             high = np.minimum(before + delta, chain.upper + reach)
-            window = Look(np.full(len(q), delta), low, high, np.full(len(q), 3))
-            spent, expanded = int(at[LEAVES]), int(at[EXPANDED])
-            recorder.add(f"step {step + 1}", q, spent, expanded, expanded, memory=memory_bytes, window=window)
-        return True
+            window = Look(np.full(dof, delta), low, high, np.full(dof, 3))
+            recorder.add(f"step {step + 1}", q, *_work_of(progress), memory=memory.nbytes, window=window)
+        found = Found(q, *_work_of(progress), not done)
+        recorder.add_rest("a step cut short", found)
+        recorder.note_end(found)
+        return found._replace(trace=recorder.finish())
 
 
-class Memory(NamedTuple):
-    """Memory and state of a walk."""
+class Rules(NamedTuple):
+    """Rules of a walk."""
 
-    window: Window
-    scratch: NodeScratch
-    beam: Beam
-    """Beam with one leaf."""
-    now: Annotated[Array, 2, OUT]
-    """The step Δ, and the weighted error at q, (2,)."""
+    wraps: Annotated[Flags, "n"]
+    """True for a joint that may cross from one end of its range to the other, (n,)."""
+    position_tolerance: float
+    """The walk ends within both tolerances, [m]."""
+    orientation_tolerance: float
+    """[rad]"""
+    shrink: float
+    """Factor on the step Δ if no combination improves."""
+    smallest_step: float
+    """The walk ends below this Δ, [rad] or [m]."""
+    most_steps: int
 
 
-STEP, BEST = range(2)
-NEXT_LEAF, LEAVES, EXPANDED, STEPS = range(4)
-"""Progress of a walk: index of the next leaf in its step's window; total leaves, nodes and steps that are done."""
+STEP, ERROR = range(2)
+"""State of a walk: the step Δ, [rad] or [m], and the weighted error at q."""
+STEPS, LEAF, LEAVES, NODES = range(4)
+"""Progress of a walk: finished steps; evaluated leaves of the present step; and all leaves and nodes so far."""
+
+
+def _work_of(progress: Indices) -> tuple[int, int, int]:
+    """Return evaluations, and nodes created and visited."""
+    leaves, nodes = progress[LEAVES:].tolist()
+    return leaves, nodes, nodes
 
 
 @entry
 def walk(
     chain: ChainArrays,
     goal: GoalArrays,
-    wraps: Annotated[Flags, "n"],
-    tolerances: Annotated[Array, 2],
-    parameters: Annotated[Array, 4],
+    rules: Rules,
     work: int,
-    memory: Memory,
-    at: Annotated[Indices, 4, OUT],
+    memory: Annotated[Array, "*", OUT],
+    progress: Annotated[Indices, 4, OUT],
+    now: Annotated[Array, 2, OUT],
     q: Annotated[Array, "n", OUT],
 ) -> bool:
     """Walk q downhill in place; return whether the walk is done.
@@ -188,50 +166,51 @@ def walk(
     Args:
         chain: The arm.
         goal: The goal.
-        wraps: Whether each joint may cross from one end of its range to the other.
-        tolerances: Stop within these, [m] and [rad], (2,).
-        parameters: First step, shrink factor, smallest step, most steps, (4,).
+        rules: When a step is made, and when the walk ends.
         work: Work of this call, in leaves; it does slightly more.
-        memory: At the beginning it holds the first step and no error.
-        at: Progress of the walk, see `NEXT_LEAF`: zeros at its beginning.
-        q: Start, and then the result, (n,).
+        memory: Memory of a descent with three values a joint and one cell.
+        progress: Progress of the walk, see `STEPS`: zeros at its beginning.
+        now: State of the walk, see `STEP`: the first step and no error at its beginning.
+        q: Start, and then the best so far, (n,).
     """
-    dof, window, scratch, beam, now = len(q), memory.window, memory.scratch, memory.beam, memory.now
-    T = np.empty((3, 4))
+    views = grid_memory(memory, len(q), 3, 1, 1)
+    scratch, best, T = views.scratch, views.odd, np.empty((3, 4))
     forward(chain, q, T)
-    if at[LEAVES] == 0:
-        now[BEST], at[LEAVES] = weighted_error(T, goal), 1
-    while now[STEP] >= parameters[2] and at[STEPS] < parameters[3]:
-        if at[NEXT_LEAF] == 0:
+    if progress[LEAVES] == 0:
+        now[ERROR], progress[LEAVES] = weighted_error(T, goal), 1
+    while now[STEP] >= rules.smallest_step and progress[STEPS] < rules.most_steps:
+        if progress[LEAF] == 0:
             position, orientation = errors(T, goal)
-            if position <= tolerances[0] and orientation <= tolerances[1]:
+            if position <= rules.position_tolerance and orientation <= rules.orientation_tolerance:
                 break
-            combinations(chain, wraps, q, now[STEP], window)
-            beam.errors[0] = now[BEST]
-        leaf, ended, work = search_part(
-            chain, goal, window, -1.0, 0.0, 1 << 62, at[NEXT_LEAF], work, beam, scratch
-        )
-        at[NEXT_LEAF] = leaf
-        if ended == PAUSED:
+            write_combinations(chain, rules.wraps, q, now[STEP], scratch.window)
+            best.errors[0] = now[ERROR]
+        limits = Limits(-1.0, 0.0, leaf_count(scratch.window.counts, 0), work)
+        state = search_window(chain, goal, limits, progress[LEAF], best, scratch)
+        counts, before, work = scratch.window.counts, progress[LEAF], state.work
+        progress[LEAVES] += state.leaf - before
+        progress[NODES] += nodes_expanded(counts, state.leaf) - nodes_expanded(counts, before)
+        better = best.errors[0] < now[ERROR] * (1.0 - 1e-15)
+        if better:
+            for d in range(len(q)):
+                q[d] = best.q[0, d]
+        progress[LEAF] = state.leaf
+        if state.ended == PAUSED:
             return False
-        at[NEXT_LEAF] = 0
-        at[LEAVES] += leaf
-        at[EXPANDED] += window_nodes(window.counts)
-        at[STEPS] += 1
-        if beam.errors[0] < now[BEST] * (1.0 - 1e-15):
-            now[BEST] = beam.errors[0]
-            for d in range(dof):
-                q[d] = beam.q[0, d]
+        progress[LEAF] = 0
+        progress[STEPS] += 1
+        if better:
+            now[ERROR] = best.errors[0]
             forward(chain, q, T)
         else:
-            now[STEP] *= parameters[1]
+            now[STEP] *= rules.shrink
         if work <= 0:
             return False
     return True
 
 
-@inlined_with_wrapper
-def combinations(chain: ChainArrays, wraps: Flags, q: Array, step: float, window: Window) -> None:
+@inlined
+def write_combinations(chain: ChainArrays, wraps: Flags, q: Array, step: float, window: Window) -> None:
     """Write q - Δ, q and q + Δ, clipped to the limits, into the window."""
     for d in range(len(q)):
         window.counts[d] = 3

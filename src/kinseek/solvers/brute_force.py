@@ -11,24 +11,14 @@ import numpy as np
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arrays import Indices
-from kinseek.kernels.grid.descent import Grid
-from kinseek.kernels.grid.memory import Window, make_beam, make_node_scratch
-from kinseek.kernels.grid.window import nodes_until, search_window
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution
 
 from .base import Found, require_whole, watch_each
-from .nodes import (
-    MOST_NODES,
-    joint_grid,
-    require_error,
-    require_memory,
-    require_patience,
-    require_ties,
-    tie_of,
-)
-from .recording import Recorder, bytes_of, grid_window, require_room
+from .grid_search import GridSearch, Plan, passes_of
+from .nodes import MOST_NODES, joint_grid, require_error, require_memory, require_patience, require_ties
+from .recording import Recorder, grid_window, require_room
 from .threads import unwatched
 from .traits import Near, Traits, require
 
@@ -92,76 +82,36 @@ class BruteForce:
                 f"{count}^{dof} leaves cannot be counted in 64 bits; choose a smaller branching_factor"
             )
         deadline = Deadline(problem.time_limit)
-        change = "a smaller branching_factor"
-        require_patience(problem, equation_1(count, dof), self.most_nodes, change, self._search)
-        leaves = min(count**dof, problem.budget or count**dof)
-        return watch_each(problem, self._search, leaves, self.progress, deadline)
+        leaves, plan = min(count**dof, problem.budget or count**dof), self._plan(problem.mechanism)
+        memory = plan.memory
 
-    def _search(
-        self, problem: Problem, deadline: Deadline, watch: Callable[[int], object] = unwatched
-    ) -> Found:
-        dof, count = problem.mechanism.dof, self.branching_factor
-        grid = joint_grid(problem.mechanism, count)
-        order = np.stack([self._order(count, joint) for joint in range(dof)])
-        if problem.axes is None:
-            result = self._search_black_box(problem.mechanism, problem, grid, order, deadline, watch)
-            return self._report(problem, grid, result, 2 * order.nbytes) if problem.trace else result
-        window = Window(grid.values_of(order), order, np.full(dof, count, dtype=np.int64))
-        budget = count**dof if problem.budget is None else problem.budget
-        beam, scratch = make_beam(1, dof), make_node_scratch(dof)
-        leaves, early = search_window(
-            problem.arrays,
-            problem.goal.arrays,
-            window,
-            float(self.stop_below),
-            int(budget),
-            beam,
-            scratch,
-            lambda: deadline.passed,
-            tie=tie_of(problem, self.ties),
-            done=watch,
-        )
-        expanded = nodes_until(window.counts, leaves - 1) if leaves else 0
-        q = beam.q[0] if leaves else problem.start
-        cut = early and leaves < budget and not beam.errors[0] < self.stop_below
-        found = Found(q, leaves, dof * count, expanded, cut)
-        return self._report(problem, grid, found, bytes_of(window, beam, scratch)) if problem.trace else found
+        def search(one: Problem, until: Deadline, watch: Callable[[int], object] = unwatched) -> Found:
+            return self._search(one, GridSearch(one, plan, self.ties, memory, until, watch))
 
-    def _report(self, problem: Problem, grid: Grid, found: Found, memory: int) -> Found:
-        """Add the trace to the result: the one pass over the whole grid."""
-        recorder, nodes = Recorder(problem, self), np.arange(grid.size)
-        window = grid_window(grid, [nodes] * problem.mechanism.dof)
-        recorder.add("the whole grid", *found[:4], memory=memory, window=window)
+        require_patience(problem, plan.nodes, self.most_nodes, "a smaller branching_factor", search)
+        return watch_each(problem, search, leaves, self.progress, deadline)
+
+    def _plan(self, mechanism: Mechanism) -> Plan:
+        """Return the plan of a descent in a single pass, whose window is the whole grid."""
+        dof, count = mechanism.dof, self.branching_factor
+        order = [self._order(count, joint) for joint in range(dof)]
+        later = np.empty((0, dof), dtype=np.int64)
+        passes, leaves, nodes = passes_of(order, later, [1], stop_below=self.stop_below)
+        return Plan(joint_grid(mechanism, count), passes, dof * count, leaves, nodes)
+
+    def _search(self, problem: Problem, search: GridSearch) -> Found:
+        found = search.until(1)
+        if not problem.trace:
+            return found
+        recorder, grid = Recorder(problem, self), search.plan.grid
+        window = grid_window(grid, [np.arange(grid.size)] * problem.mechanism.dof)
+        recorder.add("the whole grid", *found[:4], memory=search.held, window=window)
         recorder.note_end(found)
-        if found.evaluations < grid.size**problem.mechanism.dof and not recorder.noted:
+        if found.evaluations < search.plan.leaves and not recorder.noted:
             recorder.note(f"Stopped at the first node with a weighted error below {self.stop_below:g}.")
         return found._replace(trace=recorder.finish())
 
-    def _search_black_box(
-        self,
-        box: Mechanism,
-        problem: Problem,
-        grid: Grid,
-        order: Indices,
-        deadline: Deadline,
-        watch: Callable[[int], object],
-    ) -> Found:
-        from .black_box.evaluator import Evaluator
-        from .black_box.grid import Cells, best_or_start, node_values, search_window
-
-        evaluator, cells = (
-            Evaluator(box, problem, deadline),
-            Cells.empty(1, box.dof, tie_of(problem, self.ties)),
-        )
-        values = [node_values(grid, d, each) for d, each in enumerate(order)]
-        leaves = search_window(evaluator, values, list(order), cells, float(self.stop_below) or -1.0, watch)
-        expanded = (
-            nodes_until(np.full(box.dof, self.branching_factor, dtype=np.int64), leaves - 1) if leaves else 0
-        )
-        q = best_or_start(cells.q[0] if len(cells.q) else None, box, problem.start)
-        return Found(q, evaluator.spent, box.dof * self.branching_factor, expanded, evaluator.out_of_time)
-
-    def _order(self, count: int, joint: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    def _order(self, count: int, joint: int) -> Indices:
         if self.order == "paper":
             return np.arange(count, dtype=np.int64)
         if self.order == "random":
@@ -170,8 +120,3 @@ class BruteForce:
             np.arange(count) * 0.6180339887498949
         ) % 1.0  # Weyl's sequence: every prefix is well spread.
         return np.argsort(np.argsort(golden)).astype(np.int64)
-
-
-def equation_1(branching_factor: int, dof: int) -> int:
-    """Return the nodes that brute force expands: Σ_{i=1}^{DOF} B^i (the paper, Eq. 1)."""
-    return sum(branching_factor**i for i in range(1, dof + 1))

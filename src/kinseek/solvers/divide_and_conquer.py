@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from numbers import Real
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -24,16 +24,16 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.kernels.arrays import Array, Flags, Indices
-from kinseek.kernels.grid.descent import BEGINNING, STOPPED, TRIED, VISITED, Grid, Passes, descend
-from kinseek.kernels.grid.memory import memory_size
-from kinseek.kernels.grid.window import PART
+from kinseek.kernels.arrays import Flags, Indices
+from kinseek.kernels.grid.descent import Passes
+from kinseek.kernels.grid.window import FINISHED
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
 from .base import Found, require_whole, solve_each, watch_each
 from .breadth_tuning import Walk, probe_joints, widen_by_trial, window_leaves
+from .grid_search import GridSearch, Plan, passes_of
 from .nodes import (
     MOST_NODES,
     joint_grid,
@@ -42,11 +42,10 @@ from .nodes import (
     require_patience,
     require_ties,
     spread_nodes,
-    tie_of,
     window_around,
     zero_nodes,
 )
-from .recording import Recorder, bytes_of, record_pass, require_room
+from .recording import Recorder, record_pass, require_room
 from .threads import unwatched
 from .traits import Near, Traits, require
 
@@ -161,12 +160,10 @@ class DivideAndConquer:
         except _OutOfTimeError:
             return solve_each(problem, lambda one, _: Found(one.start, 0, out_of_time=True), deadline)
         require_room(problem, len(plan.passes.spacings))
-        memory = np.empty(0) if problem.axes is None else np.empty(_memory_size(*plan.sizes))
+        memory = plan.memory
 
         def search(one: Problem, until: Deadline, watch: Callable[[int], object] = unwatched) -> Found:
-            if one.axes is None:
-                return self._search_black_box(one, plan, until, watch)
-            return self._search(one, plan, memory, until, watch)
+            return self._search(one, GridSearch(one, plan, self.ties, memory, until, watch))
 
         change = "a smaller breadth, beam or number of divisions"
         require_patience(problem, plan.nodes, self.most_nodes, change, search)
@@ -269,50 +266,36 @@ class DivideAndConquer:
         default = [Fraction(1, 2) if each else Fraction(0) for each in middles]
         return [own if each is None else Fraction(each) for own, each in zip(default, given, strict=True)]
 
-    def _plan(self, problem: Problem, deadline: Deadline) -> _Plan:
+    def _plan(self, problem: Problem, deadline: Deadline) -> Plan:
         """Return the plan that all targets of a problem share."""
         static, letter = self.tree == "static", self.limited == "letter"
-        size = self.branching_factor
-        grid = joint_grid(problem.mechanism, size, static=static, wrap=self.wrap, letter=letter)
+        size, mechanism = self.branching_factor, problem.mechanism
+        grid = joint_grid(mechanism, size, static=static, wrap=self.wrap, letter=letter)
         breadths = self.breadths(problem, deadline)
         # The first nodes depend on the arm only if they are placed around the zero configuration.
         zero = tuple(zero_nodes(grid)) if self.first == "formula" else None
-        return _Plan(grid, *self._nodes(breadths, tuple(grid.wraps.tolist()), zero))
+        passes, leaves, nodes = self._passes(breadths, tuple(grid.wraps.tolist()), zero)
+        return Plan(grid, passes, mechanism.dof * size if static else 0, leaves, nodes)
 
     @lru_cache(maxsize=64)  # noqa: B019  # A plan takes longer than a small search; this keeps searches, which are small too.
-    def _nodes(
+    def _passes(
         self, breadths: tuple[int, ...], wraps: tuple[bool, ...], zero: tuple[int, ...] | None
-    ) -> tuple[list[Indices], Passes, Indices, list[int], int, int]:
-        """Return the fields of a `_Plan` after the grid."""
-        spacings = self._spacings
+    ) -> tuple[Passes, int, int]:
+        """Return the passes, the most leaves that they try, and the most nodes that they visit."""
+        spacings, letter = self._spacings, self.limited == "letter"
         # A window that loses what is beyond a limit may have a whole range to each side.
-        widest = 2 * self.branching_factor - 1 if self.limited == "letter" else self.branching_factor
+        widest = 2 * self.branching_factor - 1 if letter else self.branching_factor
         later = np.minimum(2 * self._sides(breadths) + 1, widest)
         first = self._first(wraps, zero, spacings[0], later[0])
-        # The kernel's memory layout depends on the largest window that is passed to it, so all calls have to pass the same.
-        most = int(later.max()) if (later != later[0]).any() else 0
-        padded = np.zeros((len(first), max(most, *map(len, first))), dtype=np.int64)
-        for row, nodes in zip(padded, first, strict=True):
-            row[: len(nodes)] = nodes
-        passes = Passes(
-            np.array(spacings, dtype=np.int64),
-            later[0],
-            padded,
-            np.array([len(nodes) for nodes in first], dtype=np.int64),
-            self.limited == "letter",
-            float(self.stop_below) or -1.0,
-            0.0,
-            self.beam,
-            min(self.children or self.beam, self.beam),
+        return passes_of(
+            first,
+            later[: len(spacings) - 1],
+            spacings,
+            clips=letter,
+            stop_below=self.stop_below,
+            beam=self.beam,
+            children=self.children,
         )
-        windows = [(1, passes.counts.tolist())]
-        windows += [(self.beam, each) for each in later[: len(spacings) - 1].tolist()]
-        leaves = sum(cells * math.prod(counts) for cells, counts in windows)
-        nodes = sum(
-            cells * sum(math.prod(counts[:d]) for d in range(1, len(counts) + 1)) for cells, counts in windows
-        )
-        changes = np.flatnonzero((later[1:] != later[:-1]).any(axis=1)) + 2
-        return first, passes, later, [*changes.tolist(), len(spacings)], leaves, nodes
 
     def _first(
         self, wraps: tuple[bool, ...], zero: tuple[int, ...] | None, spacing: int, later: Indices
@@ -335,82 +318,25 @@ class DivideAndConquer:
         require_memory(len(offsets) * count, "the first pass tries D values of every joint")
         return [spread_nodes(self.branching_factor, count, each) for each in offsets]
 
-    def _search(
-        self,
-        problem: Problem,
-        plan: _Plan,
-        memory: Array,
-        deadline: Deadline,
-        watch: Callable[[int], object],
-    ) -> Found:
-        budget = int(np.iinfo(np.int64).max if problem.budget is None else problem.budget)
-        plan = self._with_ties(problem, plan)
-        arrays, goal, q = problem.arrays, problem.goal.arrays, np.empty(problem.mechanism.dof)
-        at = np.array(BEGINNING)
-        recorder, before, ends = None, q, plan.ends
-        if problem.trace:  # One more pass at a time instead of all at once: the bits are the same.
-            recorder, before = self._recorder(problem), problem.start
-            ends = list(range(1, len(plan.passes.spacings) + 1))
-        for end in ends:
-            now = plan.until(end)
-            done = descend(arrays, goal, plan.grid, now, budget, PART, memory, at, q)
-            while not done and not deadline.passed:
-                watch(int(at[TRIED]))
-                done = descend(arrays, goal, plan.grid, now, budget, PART, memory, at, q)
-            leaves, expanded = int(at[TRIED]), int(at[VISITED])
-            created = problem.mechanism.dof * self.branching_factor if self.tree == "static" else expanded
-            found = Found(q if leaves else problem.start, leaves, created, expanded, not done)
-            if recorder is not None and leaves > recorder.spent:
-                memory_bytes = bytes_of(memory, plan.grid)
-                record_pass(recorder, plan.grid, plan.first, now, end - 1, before, found, memory_bytes)
-            if at[STOPPED] or not done:
-                break
-            before = found.q.copy()
-        return found if recorder is None else self._report(recorder, found)
-
-    def _recorder(self, problem: Problem) -> Recorder:
-        """Return a recorder of the passes, with a sentence for each joint that may be locked out."""
-        recorder = Recorder(problem, self)
+    def _search(self, problem: Problem, search: GridSearch) -> Found:
+        plan = search.plan
+        passes = len(plan.passes.spacings)
+        if not problem.trace:
+            return search.until(passes)
+        recorder, before = Recorder(problem, self), problem.start
         for sentence in self.reach_notes(problem):
             recorder.note(sentence)
-        return recorder
-
-    def _report(self, recorder: Recorder, found: Found) -> Found:
-        """Add the trace to the result."""
+        for end in range(1, passes + 1):
+            found = search.until(end)
+            if found.evaluations > recorder.spent:
+                record_pass(recorder, plan, end - 1, before, found, search.held)
+            if search.ended != FINISHED:
+                break
+            before = found.q
         recorder.note_end(found)
         if recorder.judged(found.q)[2] < self.stop_below:
             recorder.note(f"Stopped at a node with a weighted error below {self.stop_below:g}.")
         return found._replace(trace=recorder.finish())
-
-    def _with_ties(self, problem: Problem, plan: _Plan) -> _Plan:
-        tie = tie_of(problem, self.ties)
-        return plan._replace(passes=plan.passes._replace(tie=tie)) if tie else plan
-
-    def _search_black_box(
-        self, problem: Problem, plan: _Plan, deadline: Deadline, watch: Callable[[int], object]
-    ) -> Found:
-        from .black_box.evaluator import Evaluator
-        from .black_box.grid import best_or_start, descend
-
-        box = problem.mechanism
-        plan = self._with_ties(problem, plan)
-        evaluator = Evaluator(box, problem, deadline)
-        recorder, memory_bytes = self._recorder(problem) if problem.trace else None, bytes_of(plan.grid)
-        stored = box.dof * self.branching_factor if self.tree == "static" else 0
-        before = problem.start
-
-        def on_pass(k: int, q: Array | None, expanded: int) -> None:
-            nonlocal before
-            best = best_or_start(q, box, problem.start)
-            now = Found(best, evaluator.spent, stored or expanded, expanded)
-            if recorder and evaluator.spent > recorder.spent:
-                record_pass(recorder, plan.grid, plan.first, plan.until(k + 1), k, before, now, memory_bytes)
-            before = best
-
-        q, expanded = descend(evaluator, plan.grid, plan.passes, plan.later, plan.first, watch, on_pass)
-        q = best_or_start(q, box, problem.start)
-        found = Found(q, evaluator.spent, stored or expanded, expanded, evaluator.out_of_time)
-        return found if recorder is None else self._report(recorder, found)
 
 
 def _offsets(given: object) -> float | tuple[float | None, ...]:
@@ -443,40 +369,6 @@ def _offset(given: Any) -> float:
     if 0.0 <= number < 1.0:
         return number
     raise InvalidSolver(f"offset must be at least 0 and below 1, in cells of the first pass; got {given!r}")
-
-
-class _Plan(NamedTuple):
-    """Steps of a search that are the same for every target."""
-
-    grid: Grid
-    first: list[Indices]
-    """Nodes of the first pass, for each joint."""
-    passes: Passes
-    """All passes; their breadth is that of the first later one, see `until`."""
-    later: Indices
-    """Number of nodes of each joint in each pass after the first, (passes, n)."""
-    ends: list[int]
-    """Numbers of passes after which the breadth changes, and of all passes: the kernel makes those in between in one
-    call."""
-    leaves: int
-    """Most leaves that the passes try."""
-    nodes: int
-    """Most nodes that the passes visit."""
-
-    @property
-    def sizes(self) -> tuple[int, int, int, int]:
-        """Number of joints, most values of any joint, cells, and children of a cell."""
-        most = max(self.passes.first.shape[1], int(self.later.max()))
-        return len(self.passes.later), most, self.passes.beam, self.passes.children
-
-    def until(self, end: int) -> Passes:
-        """Return the first `end` passes, with the breadth of the last of them; a kernel makes those not done yet."""
-        if self.ends == [end]:
-            return self.passes
-        return self.passes._replace(spacings=self.passes.spacings[:end], later=self.later[max(end - 2, 0)])
-
-
-_memory_size = lru_cache(maxsize=64)(memory_size)  # Summing up takes as long as a hundred leaves.
 
 
 class _OutOfTimeError(Exception):

@@ -16,7 +16,7 @@ import numpy as np
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arrays import Indices
-from kinseek.kernels.grid.descent import Grid
+from kinseek.kernels.grid.descent import CLIPS, SLIDES, WRAPS, Grid, nodes_around
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 
@@ -105,20 +105,12 @@ def zero_nodes(grid: Grid) -> list[int]:
 def window_around(
     wraps: Sequence[bool], size: int, centre: Sequence[int], spacing: int, counts: Indices, clips: bool
 ) -> list[Indices]:
-    """Return the nodes around a centre: the Python version of `kernels.grid.descent.later_window`."""
+    """Return the nodes around a centre, for each joint; see `kernels.grid.descent.nodes_around`."""
     result = []
-    for d, middle in enumerate(centre):
-        count, clipped = int(counts[d]), clips and not wraps[d]
-        if not clipped:
-            count = min(count, (size - 1) // spacing + 1)
-        first = int(middle) - (count // 2) * spacing
-        if not wraps[d] and not clipped:
-            while first < 0:
-                first += spacing
-            while first + (count - 1) * spacing >= size and first >= spacing:
-                first -= spacing
-        nodes = first + np.arange(count, dtype=np.int64) * spacing
-        result.append(nodes % size if wraps[d] else nodes[(nodes >= 0) & (nodes < size)])
+    for wrap, middle, count in zip(wraps, centre, counts.tolist(), strict=True):
+        nodes = np.empty(count, dtype=np.int64)
+        end = WRAPS if wrap else CLIPS if clips else SLIDES
+        result.append(nodes[: nodes_around(int(middle), spacing, count, size, end, nodes)])
     return result
 
 

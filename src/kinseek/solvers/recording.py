@@ -16,7 +16,9 @@ from kinseek.validation import arrays_equal
 from .base import Found
 
 if TYPE_CHECKING:
-    from kinseek.kernels.grid.descent import Grid, Passes
+    from kinseek.kernels.grid.descent import Grid
+
+    from .grid_search import Plan
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -206,37 +208,27 @@ def grid_window(grid: Grid, nodes: list[Indices], centre: Indices | None = None)
     return Look(grid.step * between, grid.lower + grid.step * first, grid.lower + grid.step * last, counts)
 
 
-def record_pass(
-    recorder: Recorder,
-    grid: Grid,
-    first: list[Indices],
-    passes: Passes,
-    k: int,
-    before: Array,
-    found: Found,
-    memory: int,
-) -> None:
+def record_pass(recorder: Recorder, plan: Plan, k: int, before: Array, found: Found, memory: int) -> None:
     """Record pass k of a descent through a grid.
 
     Args:
         recorder: Receives the pass.
-        grid: The nodes.
-        first: Nodes of the first pass, for each joint.
-        passes: The plan.
+        plan: The plan.
         k: Index of the pass, from 0 on.
         before: Best joint values of the pass before, (n,), around which this one searched.
         found: Result after the pass.
         memory: Memory used [bytes].
     """
+    grid, passes = plan.grid, plan.passes
     if k == 0:
-        window = grid_window(grid, first)
+        window = grid_window(grid, plan.first)
     else:
         steps = np.where(grid.step > 0, grid.step, 1.0)
         centre = np.rint((before - grid.lower) / steps).astype(np.int64)
         spacing, wraps = int(passes.spacings[k]), grid.wraps.tolist()
         from .nodes import window_around
 
-        nodes = window_around(wraps, grid.size, centre.tolist(), spacing, passes.later, passes.clips)
+        nodes = window_around(wraps, grid.size, centre.tolist(), spacing, passes.counts[k], passes.clips)
         window = grid_window(grid, nodes, centre)
     leaves = found.evaluations - recorder.spent
     cells = -(-leaves // int(np.prod(window.counts))) if k else 1

@@ -7,24 +7,24 @@
 
 static double memory[KINSEEK_MEMORY];
 static double wanted[12]; /* The first three rows of the pose. */
-static int64_t at[KINSEEK_AT];
+static int64_t progress[KINSEEK_PROGRESS];
 
-static const int64_t beginning[KINSEEK_AT] = KINSEEK_BEGINNING;
+static const int64_t beginning[KINSEEK_PROGRESS] = KINSEEK_BEGINNING;
 
 int kinseek_begin(const double pose[16]) {
     if (!kinseek_finite(pose, 12)) return KINSEEK_NOT_FINITE;
     memcpy(wanted, pose, sizeof wanted);
-    memcpy(at, beginning, sizeof at);
+    memcpy(progress, beginning, sizeof progress);
     return KINSEEK_MORE;
 }
 
 int kinseek_go_on(int64_t work, double q[KINSEEK_DOF]) {
     const KinseekGoalArrays goal = {wanted, KINSEEK_POSITION_WEIGHT, axis_weights};
-    bool done = false;
-    int32_t failed = kinseek_descend(KINSEEK_JOINTS, KINSEEK_DOF, &chain, &goal, &grid, &passes, INT64_MAX, work, memory,
-                                     KINSEEK_MEMORY, at, q, &done);
+    int64_t ended = 0;
+    int32_t failed = kinseek_descend(KINSEEK_JOINTS, KINSEEK_DOF, KINSEEK_PASSES, &chain, &goal, &grid, &passes, work, memory,
+                                     KINSEEK_MEMORY, progress, q, &ended);
     if (failed) return KINSEEK_FAILED;
-    return done ? KINSEEK_DONE : KINSEEK_MORE;
+    return ended == KINSEEK_PAUSED ? KINSEEK_MORE : KINSEEK_DONE;
 }
 
 int kinseek_solve(const double pose[16], double q[KINSEEK_DOF]) {
@@ -33,6 +33,6 @@ int kinseek_solve(const double pose[16], double q[KINSEEK_DOF]) {
     return state;
 }
 
-int64_t kinseek_evaluations(void) { return at[KINSEEK_TRIED]; }
+int64_t kinseek_evaluations(void) { return progress[KINSEEK_LEAVES]; }
 
-int64_t kinseek_nodes(void) { return at[KINSEEK_VISITED]; }
+int64_t kinseek_nodes(void) { return progress[KINSEEK_NODES]; }
