@@ -67,7 +67,9 @@ def deep(levels: int) -> Any:
         ("here", {}, "position must be numbers"),
         ([[1, [2, 3]], 0.4, 0.3], {}, "a pose must be .* got list"),
         ([deep(70), 0.4, 0.3], {}, "a pose must be .* got list"),
-        ([0, 0, 0], {"quat_wxyz": [0, 0, 0, 0]}, "zero quaternion is not a rotation"),
+        ([0, 0, 0], {"rpy": [0, 0, 0], "degrees": np.ones(3)}, "degrees must be True or False, got array"),
+        ([0, 0, 0], {"rotation": np.eye(3), "repair": np.ones(3)}, "repair must be True or False, got array"),
+        ([0, 0, 0], {"quat_wxyz": [0, 0, 0, 0]}, "zero quaternion is no rotation"),
         ([0, 0, 0], {"quat_xyzw": [0, 0, 1]}, r"quat_xyzw must have shape \(4,\)"),
         ([0, 0, 0], {"rpy": [0, np.inf, 0]}, "rpy contains NaN or infinity"),
         ([0, 0, 0], {"rpy": [0, 0, 0], "rotvec": [0, 0, 0]}, "give one rotation, got rpy and rotvec"),
@@ -197,6 +199,25 @@ def test_pointing_aligns_the_tool_axis(direction: tuple[float, ...], tool_axis: 
 def test_pointing_refuses_zero_vectors(direction: list[float], axis: list[float]) -> None:
     with pytest.raises(InvalidGoal):
         Goal.pointing([0, 0, 0], direction, axis)
+
+
+@pytest.mark.parametrize(
+    ("axis", "words"),
+    [("abc", "must be numbers"), ((0, 0), r"must have shape \(3,\)"), ((0, 0, 0), "must be one vector")],
+)
+def test_axes_of_goals_made_directly_are_checked(axis: Any, words: str) -> None:
+    ranges = Goal.pose(np.eye(4), box={"x": (-0.1, 0.1)}, free="rx").ranges
+    with pytest.raises(InvalidGoal, match=f"tool_axis {words}"):
+        Goal(np.eye(4), kind="pointing", tool_axis=axis)
+    with pytest.raises(InvalidGoal, match=f"swing {words}"):
+        Goal(np.eye(4), kind="box", ranges=ranges, swing=axis)
+
+
+@given(VECTOR)
+def test_axes_of_goals_have_length_one(axis: tuple[float, float, float]) -> None:
+    goal = Goal(np.eye(4), kind="pointing", tool_axis=axis)
+    assert goal.tool_axis == Goal.pointing([0, 0, 0], [0, 0, 1], axis).tool_axis
+    assert Goal(np.eye(4), kind="pointing", tool_axis=goal.tool_axis).tool_axis == goal.tool_axis
 
 
 def test_pointing_and_position_leave_the_rest_free() -> None:

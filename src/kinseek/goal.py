@@ -101,7 +101,7 @@ class Goal(Lazy):
 
         Raises:
             InvalidGoal: A tolerance is negative or not finite, a weight is not positive, a number is too large or too small
-                to compute with, or the target is not a pose.
+                to compute with, an axis is no vector longer than zero, or the target is not a pose.
         """
         for name in TOLERANCES:
             check_tolerance(name, getattr(self, name))
@@ -121,6 +121,9 @@ class Goal(Lazy):
         for name in ("tool", "base"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, one_pose(getattr(self, name), name))
+        object.__setattr__(self, "tool_axis", _unit_axis(self.tool_axis, "tool_axis"))
+        if self.swing is not None:
+            object.__setattr__(self, "swing", _unit_axis(self.swing, "swing"))
         object.__setattr__(self, "target", as_pose(self.target))
 
     @classmethod
@@ -414,3 +417,12 @@ class Goal(Lazy):
 
 _USUAL = {each.name: each.default for each in fields(Goal)}
 """Default fields of a goal that is given by its target and kind alone."""
+
+
+def _unit_axis(axis: Any, name: str) -> tuple[float, float, float]:
+    """Return an axis at length 1; one that has this length up to rounding stays as it is."""
+    x, y, z = _unit(axis, name)
+    given = np.asarray(axis, dtype=np.float64)
+    if abs(float(given @ given) - 1.0) <= 1e-15 * 8:
+        x, y, z = given
+    return float(x), float(y), float(z)

@@ -256,7 +256,7 @@ class ForwardArm(Lazy):
         flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
         if link is not None:
             chain = self._require_axes("fk(link=...) asks for a link")
-            if link not in chain.frames:
+            if not isinstance(link, str) or link not in chain.frames:
                 raise InvalidProblem(suggest(str(link), chain.frames, "link or joint"))
             arrays = chain.arrays_to(chain.frames[link])
             return forward_many(arrays, flat).reshape(*joints.shape[:-1], 4, 4)

@@ -102,6 +102,7 @@ def pose(
         "rotation": rotation,
     }
     named = {name: value for name, value in given.items() if value is not None}
+    degrees, repair = _flag("degrees", degrees), _flag("repair", repair)
     if len(named) > 1:
         raise InvalidGoal(f"give one rotation, got {' and '.join(named)}")
     if degrees and not named.keys() <= {"rpy", "rotvec"}:
@@ -340,6 +341,13 @@ def _whole(position: Any) -> Array | None:
         return None
     matrix = _matrix_of(position)
     return matrix if carries or matrix.shape[-2:] == (4, 4) else None
+
+
+def _flag(name: str, value: Any) -> bool:
+    try:
+        return bool(value)
+    except ValueError:  # An array has no truth value.
+        raise InvalidGoal(f"{name} must be True or False, got {value!r:.200}") from None
 
 
 def _is_nested(value: Any) -> bool:

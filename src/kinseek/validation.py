@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from numbers import Real
 from operator import index
 from typing import Any
@@ -59,9 +60,19 @@ def as_number(name: str, value: Any, least: float, most: float, error: type[Kins
         KinseekError: Not a number, or out of its range; of the type `error`.
     """
     given: Any = value if isinstance(value, Real) and not isinstance(value, bool) else None
+    if isinstance(given, np.floating):  # NumPy would round the bounds to its type.
+        given = float(given)
     if given is not None and least <= given <= most:
         return float(given)
     raise error(f"{name} must be a number from {least:g} to {most:g}, got {value!r:.200}")
+
+
+def is_finite_number(value: Any) -> bool:
+    """Is a value a real number that a float can hold? Bools are none."""
+    try:
+        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # A whole number of any length.
+        return False
 
 
 def as_integer(

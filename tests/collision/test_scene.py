@@ -6,8 +6,10 @@ import copy
 import pickle
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -402,8 +404,9 @@ def test_bad_input_is_told(arm: kinseek.Arm, file: Path, scene: Scene, tmp_path:
         InvalidScene, match=r"padding must be a length of at least 0 m, and at most 1e\+06 m, got -1"
     ):
         Scene.of(arm, folders, padding=-1)
-    with pytest.raises(InvalidScene, match="meshes must be folders"):
-        Scene.of(arm, 5)  # type: ignore[arg-type]
+    for meshes in (5, np.array(5)):
+        with pytest.raises(InvalidScene, match="meshes must be folders"):
+            Scene.of(arm, meshes)  # type: ignore[arg-type]
     with pytest.raises(InvalidScene, match="joints must be a mapping"):
         Scene.of(arm, folders, joints=5)  # type: ignore[arg-type]
     with pytest.raises(InvalidScene, match="clearance"):
@@ -416,6 +419,30 @@ def test_bad_input_is_told(arm: kinseek.Arm, file: Path, scene: Scene, tmp_path:
         scene.free(np.zeros(5))
     with pytest.raises(kinseek.InvalidProblem):
         Scene.of(kinseek.Arm.from_fk(lambda q: np.eye(4), [-1], [1], vectorized=False), capsules=0.1)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda scene: scene.add_mesh("mesh", None), "expected the path of a file, got None"),
+        (lambda scene: scene.add_file(None), "expected the path of a file, got None"),
+        (lambda scene: Mesh.read(None), "expected the path of a file, got None"),  # type: ignore[arg-type]
+        (
+            lambda scene: scene.attach("load", Sphere(0.1), "hand", touches=None),
+            "touches must be names of bodies",
+        ),
+        (lambda scene: scene.attach("load", Sphere(0.1), []), r"unknown link '\[\]'"),
+        (lambda scene: scene.move([], np.zeros(6)), r"unknown arm of the scene '\[\]'"),
+        (lambda scene: scene.allow([], "hand"), r"unknown body '\[\]'"),
+        (lambda scene: scene.allow("hand", {}), r"unknown body '\{\}'"),
+        (lambda scene: scene.remove([]), r"unknown body '\[\]'"),
+        (lambda scene: scene.hits_around(np.zeros(6), "far"), "reach must be 6 numbers, got 'far'"),
+        (lambda scene: scene.hits_around(np.zeros(6), [[0.1, 0.2]]), "reach must be 6 numbers"),
+    ],
+)
+def test_other_types_are_told(scene: Scene, call: Callable[[Any], Any], words: str) -> None:
+    with pytest.raises(kinseek.KinseekError, match=words):
+        call(scene)
 
 
 @pytest.mark.slow

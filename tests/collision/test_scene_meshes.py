@@ -159,6 +159,14 @@ def test_boxes_that_share_an_edge_or_a_side_are_both_solid() -> None:
         assert not mesh.holds(np.array([0.01, 3.02, 0.03]))
 
 
+def test_a_thin_surface_has_an_inside() -> None:
+    vertices, faces = cube(1)
+    for size in ([10, 1e-5, 1e-5], [1, 1, 1e-8]):
+        mesh = Mesh(vertices * size, faces, False)
+        assert mesh.closed
+        assert mesh.holds(np.array([0.3, 1e-6, 1e-9]))
+
+
 def test_a_surface_without_an_inside_is_open() -> None:
     mesh = Mesh(*klein(), False)
     assert not mesh.closed

@@ -489,6 +489,27 @@ def test_a_block_that_cannot_be_decoded_is_said_to_be_so(written: Path, tmp_path
             question(dataset)
 
 
+def test_a_mark_that_cannot_be_decoded_is_said_to_be_so(written: Path, tmp_path: Path) -> None:
+    shutil.copytree(written / "grid", tmp_path / "map")
+    mark = next(path for path in (tmp_path / "map" / "blocks" / "done" / "c").rglob("*") if path.is_file())
+    mark.write_bytes(b"no mark")
+    with pytest.raises(
+        kinseek.InvalidMap, match=r"marks of finished blocks in .*blocks/done' cannot be read"
+    ):
+        maps.reach(ARM, TINY, store=tmp_path / "map", prove=True, depth=1, budget=50)
+
+
+def test_a_map_is_expanded_to_a_grid_alone(written: Path) -> None:
+    with pytest.raises(kinseek.InvalidMap, match=r"grid must be a maps\.Grid, got NoneType"):
+        maps.expand(maps.open(written / "rings"), None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seconds", [None, -1.0, np.inf, "1"])
+def test_a_sample_of_a_map_takes_seconds(seconds: Any) -> None:
+    with pytest.raises(kinseek.InvalidMap, match="seconds must be a number from 0 to 1e"):
+        maps.estimate(ARM, TINY, seconds=seconds)
+
+
 NEIGHBOURS = ["{broken", "[]", '{"zarr_format": 3, "node_type": "\\u001b[31m"}']
 
 

@@ -161,7 +161,7 @@ def test_misuse_is_refused() -> None:
             ask()
     tracker.step(T)
     tracker.step(T)
-    wrong: list[Any] = [0.0, np.inf, np.nan, True, "1", None, [], np.array([1.0]), 10**400]
+    wrong: list[Any] = [0.0, np.inf, np.nan, True, "1", None, [], np.array([1.0]), 10**400, np.float16(1e-8)]
     for seconds in wrong:
         with pytest.raises(InvalidProblem, match="seconds must be a number from 1e-09 to 1e"):
             tracker.foresee(seconds)

@@ -122,7 +122,7 @@ def test_misuse() -> None:
         arm.follow_stream(T, look_ahead=-1)
     with pytest.raises(InvalidGoal, match="at least one pose"):
         next(arm.follow_stream(iter(())))
-    wrong: list[Any] = [3, Goal.pose(T[0])]
+    wrong: list[Any] = [3, np.array(3), Goal.pose(T[0])]
     for each in wrong:
         with pytest.raises(InvalidGoal, match="a stream is"):
             next(arm.follow_stream(each))

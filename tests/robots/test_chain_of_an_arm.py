@@ -183,6 +183,8 @@ def test_an_unknown_link_is_told_what_there_is() -> None:
         InvalidProblem, match=r"unknown link or joint 'panda_lnk7'; did you mean 'panda_link7'"
     ):
         arm.fk(np.zeros(7), link="panda_lnk7")
+    with pytest.raises(InvalidProblem, match=r"unknown link or joint '\[\]'"):
+        arm.fk(np.zeros(7), link=[])  # type: ignore[arg-type]
 
 
 # --- names, samples, text -------------------------------------------------------------------------------------------

@@ -294,6 +294,129 @@ def test_what_would_grow_is_refused(name: str, tmp_path: Path) -> None:
     assert name in str(caught.value)
 
 
+SHOWN = dae(
+    scene=INSTANCE + '<node id="m"><translate>2 0 0</translate><instance_geometry url="#g"/></node>'
+).decode()
+"""COLLADA with two bodies."""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        (
+            '<instance_geometry url="#g"/></node><node',
+            '<instance_controller url="#c"/></node><node',
+            "'n' has an <instance_con",
+        ),
+        (
+            'url="#g"/></node></v',
+            'url="#h"/></node></v',
+            "<instance_geometry> of '#h', of which it has 0; expected 1",
+        ),
+        (
+            'url="#g"/></node></v',
+            'url="b.dae#g"/></node></v',
+            "<instance_geometry> of 'b.dae#g', of which it has 0",
+        ),
+        (
+            "</node></v",
+            '<instance_node url="b.dae#x"/></node></v',
+            "<instance_node> of 'b.dae#x', of which it has 0",
+        ),
+        (
+            '<instance_geometry url="#g"/></node></v',
+            '<instance_node url="#n"/></node><node id="n"/></v',
+            "it has 2",
+        ),
+        ("<translate>2 0 0</translate>", "<skew>80 0 1 0 1 0 0</skew>", "the node 'm' has a <skew>"),
+        (
+            "<translate>2 0 0<",
+            "<translate>2 0<",
+            "the node 'm' has a <translate> of '2 0', expected 3 finite",
+        ),
+        (
+            "<translate>2 0 0<",
+            "<translate>2 0 x<",
+            "the node 'm' has a <translate> of '2 0 x', expected 3 finite",
+        ),
+        (
+            "translate>2 0 0</translate",
+            f"matrix>{'1 ' * 16}</matrix",
+            r"last row is \[1.0, 1.0, 1.0, 1.0\], expected 0, 0",
+        ),
+        ("mesh>", "convex_mesh>", "the geometry 'g' has <convex_mesh>, expected a <mesh>"),
+        ("triangles", "linestrips", "the geometry 'g' has a <linestrips>"),
+        ("triangles", "polylist", "expected it to have one <vcount> and one <p>"),
+        (
+            "<p>0 1 2</p></triangles>",
+            "<vcount>3 3</vcount><p>0 1 2</p></polylist>",
+            "6 corners together, but <p> has 3",
+        ),
+        ("<p>0 1 2</p></triangles>", "<ph><p>0 1 2</p></ph></polygons>", "a <ph> in <polygons>"),
+        ("<p>0 1 2</p>", "", "a <triangles> without <p>"),
+        ("<p>0 1 2</p>", "<p>0 1</p>", "2 numbers in a <p> of <triangles>: some are missing"),
+        ("<p>0 1 2</p>", "<p>0 1 3</p>", "the index 3 in a <triangles>, but its source 's' has 3 rows"),
+        ("<p>0 1 2</p>", "<p>0 1 -1</p>", "words are not all whole numbers from 0 on"),
+        (
+            'offset="0"/><p>',
+            'offset="0"/><input semantic="NORMAL" source="#gone" offset="0"/><p>',
+            "of NORMAL from '#gone'",
+        ),
+        ('semantic="VERTEX"', 'semantic="NORMAL"', "without an <input> of VERTEX"),
+        ('offset="0"', 'offset="x"', "the offset 'x', expected a whole number"),
+        ('source="#s"', 'source="#t"', "an <input> of POSITION from '#t', which is not in its mesh"),
+        ('stride="3"', 'stride="4"', "3 params, stride 4 and offset 0; expected 3, 3 and 0"),
+        ("0 0 0 1 0 0 0 1 0", "0 0 0 nan 0 0 0 1 0", "positions that are not all finite numbers"),
+        (
+            '<geometry id="g">',
+            '<geometry id="g"><asset><unit meter="10"/></asset>',
+            "a unit of '10' m, expected 1 m",
+        ),
+        ("<up_axis>", '<unit meter="-1"/><up_axis>', "its unit is '-1', expected a number of metres above 0"),
+        (
+            'visual_scene url="#scene"',
+            'visual_scene url="#other"',
+            "the scene '#other', expected one of its own",
+        ),
+        (
+            '<instance_geometry url="#g"/></node></v',
+            '<instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="a" target="#gone"/>'
+            "</technique_common></bind_material></instance_geometry></node></v",
+            "2 bodies, of which 1 can be read: look for materials that are missing",
+        ),
+    ],
+)
+def test_what_the_reader_of_collada_would_pass_over_is_refused(
+    old: str, new: str, why: str, tmp_path: Path
+) -> None:
+    """Bodies were left out, so that an arm was free inside of them."""
+    pytest.importorskip("collada")
+    assert old in SHOWN
+    text = SHOWN.replace(old, new)
+    for name in ("polylist", "polygons"):
+        if f"</{name}>" in new:
+            text = text.replace("<triangles", f"<{name}")
+    (tmp_path / "a.dae").write_text(text)
+    with pytest.raises(InvalidRobot, match=why):
+        mesh_parts(tmp_path / "a.dae")
+
+
+def test_collada_is_read_with_all_that_has_no_shape(tmp_path: Path) -> None:
+    pytest.importorskip("collada")
+    text = SHOWN.replace("<instance_geometry", '<instance_light url="#gone"/><extra/><instance_geometry', 1)
+    text = text.replace("<up_axis>Z_UP", '<unit meter="0.5"/><up_axis>Y_UP')
+    text = text.replace(
+        "</mesh>",
+        '<triangles count="0"><input semantic="VERTEX" source="#v" offset="0"/><p/></triangles></mesh>',
+    )
+    (tmp_path / "a.dae").write_text(text)
+    parts = mesh_parts(tmp_path / "a.dae")
+    assert [part.bounds.tolist() for part in parts] == [
+        [[0, 0, 0], [0.5, 0.5, 0]],
+        [[1, 0, 0], [1.5, 0.5, 0]],
+    ]
+
+
 def changed_glb(where: str, change: dict[str, Any]) -> bytes:
     """A file of one triangle, with a change to its first accessor, primitive, mesh or node, or to the whole."""
     part: dict[str, Any] = {"attributes": {"POSITION": 0}}

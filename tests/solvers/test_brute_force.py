@@ -101,6 +101,7 @@ def test_more_leaves_than_64_bits_can_count() -> None:
         ({"stop_below": -1.0}, "stop_below must be a number >= 0"),
         ({"stop_below": float("nan")}, "stop_below"),
         ({"stop_below": "0.1"}, "stop_below must be a number >= 0, got '0.1'"),
+        ({"stop_below": 10**400}, "stop_below must be a number >= 0, got 1000"),
         ({"order": "backwards"}, "order must be one of paper, low-discrepancy, random; got 'backwards'"),
     ],
 )

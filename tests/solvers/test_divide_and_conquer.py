@@ -307,6 +307,20 @@ def test_breadth_of_the_wrong_length_names_the_joints() -> None:
         arm.ik(np.eye(4), solver=DivideAndConquer(breadth=(1, 2, 3)))
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"wrap": None}, "wrap must be True or False, got None"),
+        ({"wrap": 0}, "wrap must be True or False, got 0"),
+        ({"offset": 10**400}, "offset must be at least 0 and below 1, .* got 1000"),
+        ({"stop_below": 10**400}, "stop_below must be a number >= 0, got 1000"),
+    ],
+)
+def test_parameters_of_another_kind_are_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InvalidSolver, match=words):
+        DivideAndConquer(**options)
+
+
 def test_a_breadth_is_any_kind_of_number() -> None:
     breadth: Any
     for breadth, kept in ((np.int64(2), 2), (np.float32(2.5), 2.5), (2.0, 2), ([np.int32(2), 3.0], (2, 3))):

@@ -287,7 +287,10 @@ def package_folders(meshes: Iterable[str | Path] | Mapping[str, str | Path]) -> 
     Raises:
         InvalidScene: Not folders.
     """
-    if not isinstance(meshes, Iterable):
+    is_one = (
+        isinstance(meshes, np.ndarray) and not meshes.ndim
+    )  # An array without dimensions cannot be iterated.
+    if is_one or not isinstance(meshes, Iterable):
         raise InvalidScene(
             f"meshes must be folders, or a mapping from packages to folders, got {meshes!r:.80}"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -22,7 +22,7 @@ from .bodies import ArmBodies, Body, Part, package_folders, require_number
 from .obstacles import obstacles
 from .others import OtherArm
 from .pairs import ATTACHED, Pair, key, pairs_of
-from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length_or_zero
+from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, file_path, length_or_zero
 
 Array = NDArray[np.float64]
 
@@ -161,7 +161,7 @@ class Contents:
         meshes, skip = read_missing(meshes, missing)
         folders = {name: Path(folder) for name, folder in self._chain.packages.items()}
         folders |= package_folders(meshes)
-        found, notes = obstacles(Path(path).expanduser(), folders, skip, trusted)
+        found, notes = obstacles(file_path(path), folders, skip, trusted)
         base = np.eye(4) if pose is None else one_pose(pose, "pose")
         self._require_room(found)
         try:
@@ -200,14 +200,16 @@ class Contents:
             InvalidScene: The name is taken, the link or a body is unknown, or the shape cannot be attached.
             InvalidGoal: `pose` is invalid.
         """
-        if to not in self._links:
-            raise InvalidScene(suggest(str(to), self._links, "link"))
+        self._require(to, self._links, "link")
         if isinstance(shape, Points) or (isinstance(shape, Mesh) and not shape.hull):
             raise InvalidScene(
                 "an attached body must be convex: a cloud cannot be attached, a mesh only as its hull, hull=True"
             )
+        if not isinstance(touches, Iterable):
+            raise InvalidScene(f"touches must be names of bodies, got {touches!r:.80}")
+        touches = list(touches)
         for other in touches:
-            self._require(other)
+            self._require(other, self._bodies)
         part = _part(shape, pose)
         frame = self._links[to]
         self._enter(
@@ -265,8 +267,7 @@ class Contents:
             InvalidScene: No such arm.
             InvalidProblem: `q` does not fit it.
         """
-        if name not in self._others:
-            raise InvalidScene(suggest(str(name), self._others, "arm of the scene"))
+        self._require(name, self._others, "arm of the scene")
         arm = self._others[name]
         moved = arm.at(one_q(arm.chain, q))
         self._bodies |= {body.name: body for body in moved}
@@ -279,8 +280,8 @@ class Contents:
         Raises:
             InvalidScene: An unknown body.
         """
-        self._require(a)
-        self._require(b)
+        self._require(a, self._bodies)
+        self._require(b, self._bodies)
         self._never[key(a, b)] = str(reason) or "allowed: they may touch"
         self._assembly = None
 
@@ -290,11 +291,11 @@ class Contents:
         Raises:
             InvalidScene: It does not exist, or it is a link of an arm.
         """
-        if (other := self._others.pop(name, None)) is not None:
+        if isinstance(name, str) and (other := self._others.pop(name, None)) is not None:
             for body in other.names:
                 self.remove(body)
             return
-        self._require(name)
+        self._require(name, self._bodies)
         if owner := next((arm.name for arm in self._others.values() if name in arm.names), None):
             raise InvalidScene(
                 f"{name!r} belongs to the arm {owner!r}; remove({owner!r}) removes the whole arm"
@@ -370,9 +371,9 @@ class Contents:
                     )
         require_number(sum(len(body.parts) for body in (*self._bodies.values(), *bodies)))
 
-    def _require(self, name: str) -> None:
-        if name not in self._bodies:
-            raise InvalidScene(suggest(str(name), self._bodies, "body"))
+    def _require(self, name: str, among: Collection[str], noun: str = "body") -> None:
+        if not isinstance(name, str) or name not in among:
+            raise InvalidScene(suggest(str(name), among, noun))
 
     def _enter(self, body: Body) -> None:
         self._require_room([body])

@@ -22,7 +22,8 @@ Bools = NDArray[np.bool_]
 _SAME = 9
 """Vertices whose coordinates agree to this many decimals are one."""
 _FLAT = 1e-9
-"""A surface encloses nothing if its volume is at most this share of the cube of its size, rounding included."""
+"""A surface encloses nothing if the volumes below its triangles cancel up to this share of their sum, which is more than
+rounding."""
 
 _MOST_COMPARED = 10_000
 """In a mesh with more closed surfaces none is a cavity: each is compared with all others."""
@@ -60,8 +61,8 @@ class Interior:
             self._most = np.maximum.reduceat(self._corners.max(axis=1), self._starts)
         else:
             self._least = self._most = np.zeros((0, 3))
-        self._volumes = self._signed_volumes()
-        encloses = np.abs(self._volumes) > _FLAT * np.linalg.norm(self._most - self._least, axis=1) ** 3
+        self._volumes, sums = self._signed_volumes()
+        encloses = np.abs(self._volumes) > _FLAT * sums
         self.closed = bool(closed.all() and encloses.all() and not both_sides)
         """Is every surface closed, and does it enclose something?"""
         self._solid = encloses
@@ -93,13 +94,14 @@ class Interior:
         bottom = la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb
         return bool(abs(np.arctan2(top, bottom).sum()) > np.pi)
 
-    def _signed_volumes(self) -> Array:
-        """Volume of each closed surface, (s,) [m³], negative if it is inside out."""
+    def _signed_volumes(self) -> tuple[Array, Array]:
+        """Volume of each closed surface, (s,) [m³], negative if it is inside out; and the sum of its parts without signs."""
         if not len(self._starts):
-            return np.zeros(0)
+            return np.zeros(0), np.zeros(0)
         origins = np.repeat(self._least, self._ends - self._starts, axis=0)
         a, b, c = (self._corners[:, i] - origins for i in range(3))
-        return np.add.reduceat(np.einsum("ij,ij->i", a, np.cross(b, c)), self._starts) / 6
+        parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
+        return np.add.reduceat(parts, self._starts), np.add.reduceat(np.abs(parts), self._starts)
 
     def _find_cavities(self) -> None:
         """Find the surfaces that are cavities of others, from the largest to the smallest."""

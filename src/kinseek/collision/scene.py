@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import as_joints
 from kinseek.robots.mechanism import Mechanism
-from kinseek.validation import arrays_equal, as_integer
+from kinseek.validation import arrays_equal, as_float_array, as_integer
 
 from .assembly import digest
 from .bodies import arm_bodies, chain_of, package_folders
@@ -249,12 +249,16 @@ class Scene(Contents):
             True if one pair touches or is too close in the whole range. False has no meaning.
 
         Raises:
-            InvalidProblem: `q` does not fit the arm.
+            InvalidProblem: `q` or `reach` does not fit the arm.
             InvalidScene: `clearance` is not a length.
         """
         joints, least = self._one(q), length_or_zero("clearance", clearance)
+        try:
+            around = np.broadcast_to(as_float_array(reach), joints.shape)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise InvalidProblem(f"reach must be {len(joints)} numbers, got {reach!r:.80}: {error}") from None
         with self._engine:
-            return surely_hits(self._made.speeds, joints, np.asarray(reach, dtype=np.float64), least)
+            return surely_hits(self._made.speeds, joints, around, least)
 
     def fits(self, mechanism: Mechanism) -> bool:
         """Return whether this is the scene of an arm. The arm's limits and tool may differ."""

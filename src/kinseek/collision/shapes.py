@@ -6,6 +6,7 @@ and the reach of its points, are computed from these two alone.
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -298,7 +299,7 @@ class Mesh(Shape):
         from kinseek.robots.meshes import mesh_parts
 
         try:
-            parts = mesh_parts(Path(path).expanduser(), MOST_BYTES, budget=budget)
+            parts = mesh_parts(file_path(path), MOST_BYTES, budget=budget)
         except InvalidRobot as error:
             raise InvalidScene(str(error)) from error
         factors = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
@@ -476,6 +477,17 @@ class Points(Shape):
         grain = GRAIN * np.array([[1.0, 0.0, 0.0], [-0.5, 0.75, 0.25], [-0.5, -0.75, -0.25]])
         vertices = (self.places[:, None] + grain).reshape(-1, 3)
         return triangles(vertices, np.arange(len(vertices)).reshape(-1, 3))
+
+
+def file_path(path: Any) -> Path:
+    """Read the path of a file, with ``~`` for the home folder.
+
+    Raises:
+        InvalidScene: It is no path.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise InvalidScene(f"expected the path of a file, got {path!r:.80}")
+    return Path(path).expanduser()
 
 
 def box_corners(points: Array) -> Array:

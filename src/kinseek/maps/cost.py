@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.errors import InvalidMap
-from kinseek.validation import as_integer
+from kinseek.validation import as_integer, as_number
 
 from .block import BlockScratch, answered
 from .cells import SHARES
@@ -94,11 +94,12 @@ def estimate(
             ``clearance`` and tolerances.
 
     Raises:
-        InvalidMap: As `reach`.
+        InvalidMap: As `reach`, or `seconds` is no duration.
         MissingExtra: Processes would be started, and a required package is not installed.
     """
     if cores is not None:
         cores = as_integer("cores", cores, 1, error=InvalidMap)
+    seconds = as_number("seconds", seconds, 0.0, 1e9, InvalidMap)
     work = work_of(arm, grid, what, **options_of(options), store=None)
     scratch, rng, cost = BlockScratch(work), np.random.default_rng(0), list[float]()
     number = min(_ROW, grid.shape[-1]) if work.prove else _MANY

@@ -186,11 +186,13 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
         A Dataset along the dimensions of the grid; outside the rings ``reached`` is -1, unknown.
 
     Raises:
-        InvalidMap: It is not a map.
+        InvalidMap: It is not a map, or `grid` is no grid.
     """
     import xarray
 
     description = described(dataset)
+    if not isinstance(grid, Grid):
+        raise InvalidMap(f"grid must be a maps.Grid, got {type(grid).__name__}")
     if dataset.nbytes <= MOST_LOADED:
         with _reading():
             dataset = dataset.load()

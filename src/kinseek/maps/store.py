@@ -156,8 +156,20 @@ class Store:
         return tuple(self._done.shape)
 
     def missing(self) -> list[Index]:
-        """Blocks that are not written yet, in order."""
-        return [tuple(int(i) for i in index) for index in np.argwhere(np.asarray(self._done[...]) == 0)]
+        """Blocks that are not written yet, in order.
+
+        Raises:
+            InvalidMap: A mark cannot be read.
+        """
+        try:
+            done = np.asarray(self._done[...])
+        except Exception as error:  # Codecs raise many kinds of errors.
+            raise_of_handler(error)
+            raise InvalidMap(
+                f"the marks of finished blocks in '{self.place}/{_DONE}' cannot be read: {error!s:.500}; remove a damaged "
+                "one, and its block is computed again"
+            ) from error
+        return [tuple(int(i) for i in index) for index in np.argwhere(done == 0)]
 
     def is_done(self, index: Index) -> bool:
         """Is a block written?"""

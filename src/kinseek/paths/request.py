@@ -143,7 +143,10 @@ def row_of_goals(poses: Any) -> Iterator[Any]:
     """
     if isinstance(poses, Goal) and len(poses.shape) == 1:
         return (poses.at(target) for target in poses.target)
-    if isinstance(poses, Goal) or not isinstance(poses, Iterable):
+    is_one = (
+        isinstance(poses, np.ndarray) and not poses.ndim
+    )  # An array without dimensions cannot be iterated.
+    if isinstance(poses, Goal) or is_one or not isinstance(poses, Iterable):
         raise InvalidGoal(f"a stream is an iterator of poses (4, 4) or of goals, got {poses!r:.80}")
     return iter(poses)
 

@@ -26,6 +26,7 @@ from kinseek.errors import InvalidRobot
 from kinseek.forks import importing
 from kinseek.interrupts import raise_of_handler
 
+from .collada import count_words, name_of, require_geometry, require_node, require_units
 from .files import file_bytes
 
 MOST_BODIES = 10_000
@@ -199,6 +200,8 @@ class Size(NamedTuple):
     corners: int
     """Corners of triangles; lines and values of text formats count as corners. Zero for binary STL and PLY, whose bytes
     count."""
+    drawn: int | None = None
+    """Number of bodies with triangles that the reader has to return; None if the check does not count them."""
 
 
 @dataclass
@@ -569,29 +572,35 @@ def _dae(text: bytes) -> Size:
     for each in root.iter("{*}vcount"):
         if re.fullmatch(r"[0-9 \t\r\n]*", each.text or "") is None:
             raise InvalidRobot("the numbers of corners of polygons are not whole numbers")
-        if _words(each.text):
+        if count_words(each.text):
             corners = float(np.fromstring(each.text, sep=" ").sum())
             _at_most(int(min(corners, 2.0**62)), MOST_CORNERS, "corners of polygons")
     columns = max((len(each.findall("{*}param")) for each in root.iter("{*}accessor")), default=0)
     _at_most(columns, MOST_COLUMNS, "columns in a source")
     named = [f"{{*}}{each}" for each in ("node", "geometry", "material", "effect", "image")]
     _at_most(sum(1 for _ in root.iter(*named)), MOST_BODIES, "nodes, geometries, materials and images")
-    bodies, corners = _unfolded(root)
+    require_units(root)
+    bodies, corners, drawn = _unfolded(root)
     _at_most(bodies, MOST_BODIES, "nodes and bodies")
-    return Size(bodies, _drawn(corners, text))
+    return Size(bodies, _drawn(corners, text), drawn)
 
 
-def _unfolded(root: Any) -> tuple[int, int]:
-    """Return the number of nodes with bodies and of triangle corners of all scenes, with every instance counted."""
+def _unfolded(root: Any) -> tuple[int, int, int]:
+    """Check and count what the scenes of COLLADA show, with every instance counted.
+
+    Returns:
+        Number of nodes with bodies, and of triangle corners, of all scenes; and of bodies with triangles in the scene that
+        is shown.
+    """
     geometries: dict[str | None, list[Any]] = {}
     nodes: dict[str | None, list[Any]] = {}
     for each in root.iter("{*}geometry"):
         geometries.setdefault(each.get("id"), []).append(each)
     for each in root.iter("{*}node"):
         nodes.setdefault(each.get("id"), []).append(each)
-    known: dict[Any, tuple[int, int] | None] = {}
+    known: dict[Any, tuple[int, int, int] | None] = {}
 
-    def size(element: Any) -> tuple[int, int]:
+    def size(element: Any) -> tuple[int, int, int]:
         if element not in known:
             known[element] = None
             known[element] = measured(element)
@@ -600,28 +609,45 @@ def _unfolded(root: Any) -> tuple[int, int]:
             raise InvalidRobot("a node is an instance of itself")
         return found
 
-    def measured(element: Any) -> tuple[int, int]:
-        if not element.tag.endswith("}node"):
-            return len(element.findall("{*}mesh/*")), sum(_words(each.text) for each in element.iter("{*}p"))
-        bodies, corners = 1, 0
+    def measured(element: Any) -> tuple[int, int, int]:
+        if name_of(element) == "geometry":
+            corners = sum(count_words(each.text) for each in element.iter("{*}p"))
+            return len(element.findall("{*}mesh/*")), corners, require_geometry(element)
+        require_node(element)
+        sizes = [(1, 0, 0)]
         for each in element:
-            name, url = each.tag.rpartition("}")[2], (each.get("url") or "")[1:]
-            among = {
-                "node": [each],
-                "instance_node": nodes.get(url),
-                "instance_geometry": geometries.get(url),
-            }
-            # If several have the same name, the largest counts.
-            sizes = [size(one) for one in among.get(name) or ()]
-            bodies += max((one[0] for one in sizes), default=0)
-            corners += max((one[1] for one in sizes), default=0)
-        return bodies, corners
+            if name_of(each) == "node":
+                sizes.append(size(each))
+            elif name_of(each) in ("instance_node", "instance_geometry"):
+                among = nodes if name_of(each) == "instance_node" else geometries
+                sizes.append(size(_instance_of(each, among)))
+        return added(sizes)
 
+    def added(sizes: list[tuple[int, int, int]]) -> tuple[int, int, int]:
+        return sum(each[0] for each in sizes), sum(each[1] for each in sizes), sum(each[2] for each in sizes)
+
+    found = root.find("{*}scene/{*}instance_visual_scene")
+    url = None if found is None else found.get("url")
+    scenes = root.findall(".//{*}visual_scene")
+    shown = [scene for scene in scenes if f"#{scene.get('id')}" == url]
+    if len(shown) != 1:
+        raise InvalidRobot(f"it shows the scene {url!r:.100}, expected one of its own")
     try:
-        sizes = [size(node) for node in root.iterfind(".//{*}visual_scene/{*}node")]
+        bodies, corners, _ = added([size(node) for scene in scenes for node in scene.iterfind("{*}node")])
+        return bodies, corners, added([size(node) for node in shown[0].iterfind("{*}node")])[2]
     except RecursionError:
         raise InvalidRobot("its nodes are nested too deep") from None
-    return sum(each[0] for each in sizes), sum(each[1] for each in sizes)
+
+
+def _instance_of(element: Any, among: dict[str | None, list[Any]]) -> Any:
+    """Return what an element of COLLADA is an instance of."""
+    url = element.get("url") or ""
+    found = among.get(url[1:], []) if url.startswith("#") else []
+    if len(found) != 1:
+        raise InvalidRobot(
+            f"it has an <{name_of(element)}> of {url!r:.100}, of which it has {len(found)}; expected 1, in the file itself"
+        )
+    return found[0]
 
 
 class _Begun(Exception):
@@ -645,12 +671,6 @@ def _require_no_doctype(text: bytes) -> None:
         parser.Parse(text, True)
     except _Begun:
         return
-
-
-def _words(text: str | None) -> int:
-    """Return the number of words, without creating them."""
-    blank = np.frombuffer(f" {text or ''}".encode(), dtype=np.uint8) <= ord(" ")
-    return int((blank[:-1] & ~blank[1:]).sum())
 
 
 CHECKS: Mapping[str, Callable[[bytes], Size]] = {

@@ -68,6 +68,11 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
         raise_of_handler(error)
         raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
     parts = [part for part in bodies if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    if size.drawn is not None and len(parts) != size.drawn:
+        raise InvalidRobot(
+            f"{str(path)!r} has {size.drawn} bodies, of which {len(parts)} can be read: look for materials that are "
+            "missing, sources with another number of columns, and instances of nodes in other nodes"
+        )
     if not parts:
         raise InvalidRobot(f"{str(path)!r} holds no triangles")
     # COLLADA declares its unit in metres, and the reader does not apply it. In GLB, metadata is free text of the author.

@@ -30,6 +30,7 @@ from kinseek.kernels.grid.window import FINISHED
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
+from kinseek.validation import is_finite_number
 
 from .base import Found, require_whole, solve_each, watch_each
 from .breadth_tuning import Walk, probe_joints, widen_by_trial, window_leaves
@@ -128,6 +129,8 @@ class DivideAndConquer:
         if self.limited not in ("middles", "letter"):
             raise InvalidSolver(f"limited must be 'middles' or 'letter', got {self.limited!r}")
         require_error(self.stop_below)
+        if not isinstance(self.wrap, bool | np.bool_):
+            raise InvalidSolver(f"wrap must be True or False, got {self.wrap!r:.200}")
         require_ties(self.ties)
         if self.ties == "first" and self.beam > 1:
             raise InvalidSolver(
@@ -365,10 +368,11 @@ def _breadth(name: str, given: Any) -> float:
 
 
 def _offset(given: Any) -> float:
-    number = float(given) if isinstance(given, Real) and not isinstance(given, bool) else math.nan
-    if 0.0 <= number < 1.0:
-        return number
-    raise InvalidSolver(f"offset must be at least 0 and below 1, in cells of the first pass; got {given!r}")
+    if is_finite_number(given) and 0.0 <= float(given) < 1.0:
+        return float(given)
+    raise InvalidSolver(
+        f"offset must be at least 0 and below 1, in cells of the first pass; got {given!r:.200}"
+    )
 
 
 class _OutOfTimeError(Exception):

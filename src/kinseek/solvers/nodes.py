@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from kinseek.kernels.arrays import Indices
 from kinseek.kernels.grid.descent import CLIPS, SLIDES, WRAPS, Grid, nodes_around
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
+from kinseek.validation import is_finite_number
 
 from .base import Found
 
@@ -137,14 +138,17 @@ def require_ties(ties: str) -> None:
         raise InvalidSolver(f"ties must be one of {', '.join(map(repr, TIES))}; got {ties!r}")
 
 
-def require_error(stop_below: object) -> None:
+def require_error(stop_below: Any) -> None:
     """Check the weighted error below which a search stops.
 
     Raises:
         InvalidSolver: The value is not a weighted error.
     """
-    if not (isinstance(stop_below, Real) and float(stop_below) >= 0):
-        raise InvalidSolver(f"stop_below must be a number >= 0, got {stop_below!r}")
+    if (
+        not (is_finite_number(stop_below) or (isinstance(stop_below, float) and stop_below == math.inf))
+        or stop_below < 0
+    ):
+        raise InvalidSolver(f"stop_below must be a number >= 0, got {stop_below!r:.200}")
 
 
 def require_patience(

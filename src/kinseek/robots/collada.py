@@ -1,0 +1,210 @@
+"""What kinseek reads of COLLADA files; anything else that may change a shape is rejected.
+
+The reader behind trimesh skips bodies, and motions of nodes, that it does not understand or that are broken, and raises no
+error.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidRobot
+
+_NUMBERS = {"translate": 3, "rotate": 4, "scale": 3, "matrix": 16, "lookat": 9}
+"""Elements that move a node, and how many numbers each has."""
+_IN_NODES = {
+    *_NUMBERS,
+    *("node", "instance_node", "instance_geometry", "instance_camera", "instance_light", "asset", "extra"),
+}
+"""Elements of nodes that are read, or that have no shape."""
+_TRIANGLES = ("triangles", "tristrips", "trifans", "polylist", "polygons")
+"""Elements of meshes that become bodies."""
+_IN_MESHES = {*_TRIANGLES, "lines", "source", "vertices", "extra"}
+"""Elements of meshes that are read, or that have no shape."""
+
+
+def name_of(element: Any) -> str:
+    """Return the name of an element, without its namespace."""
+    return str(element.tag).rpartition("}")[2]
+
+
+def count_words(text: str | None) -> int:
+    """Return the number of words, without creating them."""
+    blank = np.frombuffer(f" {text or ''}".encode(), dtype=np.uint8) <= ord(" ")
+    return int((blank[:-1] & ~blank[1:]).sum())
+
+
+def require_units(root: Any) -> None:
+    """Check that the file has one unit, a length.
+
+    Raises:
+        InvalidRobot: It is no number above 0, or a part of the file has another one.
+    """
+    units = [each.get("meter", "1") for each in root.iterfind("{*}asset/{*}unit")]
+    whole = _number(units[0]) if units else 1.0
+    if not 0 < whole < np.inf:
+        raise InvalidRobot(f"its unit is {units[0]!r:.100}, expected a number of metres above 0")
+    for each in root.iter("{*}unit"):
+        if _number(each.get("meter", "1")) != whole:
+            raise InvalidRobot(
+                f"a part of it has a unit of {each.get('meter')!r:.100} m, expected {whole:g} m as in the whole file; "
+                "write it with one unit"
+            )
+
+
+def require_node(node: Any) -> None:
+    """Check that all elements of a node are read.
+
+    Raises:
+        InvalidRobot: One of them is not, or does not have as many numbers as it needs.
+    """
+    who = f"the node {node.get('id') or node.get('name')!r:.100}"
+    for each in node:
+        name = name_of(each)
+        if name == "instance_controller":
+            raise InvalidRobot(
+                f"{who} has an <instance_controller>, a body that is skinned or morphed; expected its final shape: "
+                "apply it, and write an <instance_geometry>"
+            )
+        if name not in _IN_NODES:
+            raise InvalidRobot(f"{who} has a <{name}>, expected only {_listed(_IN_NODES)}")
+        if name not in _NUMBERS:
+            continue
+        numbers = np.array([_number(word) for word in (each.text or "").split()])
+        if len(numbers) != _NUMBERS[name] or not np.isfinite(numbers).all():
+            raise InvalidRobot(
+                f"{who} has a <{name}> of {each.text!r:.100}, expected {_NUMBERS[name]} finite numbers"
+            )
+        if name == "matrix" and not np.array_equal(numbers[12:], [0, 0, 0, 1]):
+            raise InvalidRobot(
+                f"{who} has a <matrix> whose last row is {numbers[12:].tolist()}, expected 0, 0, 0, 1"
+            )
+
+
+def require_geometry(geometry: Any) -> int:
+    """Check that all triangles of a geometry are read.
+
+    Returns:
+        Number of bodies that the reader makes of it.
+
+    Raises:
+        InvalidRobot: It has elements that are not read, or refers to what is not there.
+    """
+    who = f"the geometry {geometry.get('id')!r:.100}"
+    mesh = geometry.find("{*}mesh")
+    if mesh is None:
+        kinds = ", ".join(f"<{name_of(each)}>" for each in geometry) or "nothing"
+        raise InvalidRobot(f"{who} has {kinds}, expected a <mesh>")
+    for each in mesh:
+        if name_of(each) not in _IN_MESHES:
+            raise InvalidRobot(f"{who} has a <{name_of(each)}>, expected only {_listed(_IN_MESHES)}")
+    sources = {f"#{each.get('id')}": each for each in mesh.iterfind("{*}source")}
+    for vertices in mesh.iterfind("{*}vertices"):
+        for each in vertices.iterfind("{*}input"):
+            source = _source_of(each, sources, who)
+            if each.get("semantic") == "POSITION":
+                _require_positions(source, who)
+                sources[f"#{vertices.get('id')}"] = source
+    return sum(_has_triangles(part, sources, who) for part in mesh if name_of(part) in _TRIANGLES)
+
+
+def _has_triangles(part: Any, sources: dict[str, Any], who: str) -> bool:
+    """Check a primitive, and return whether it has a triangle."""
+    name = name_of(part)
+    for each in part:
+        if name_of(each) not in ("input", "p", "vcount", "extra"):  # Such as <ph>, a polygon with holes.
+            raise InvalidRobot(
+                f"{who} has a <{name_of(each)}> in <{name}>, expected only polygons without holes, <p>"
+            )
+    inputs = part.findall("{*}input")
+    found = [(_offset(each, who), _source_of(each, sources, who)) for each in inputs]
+    if not any(each.get("semantic") == "VERTEX" for each in inputs):
+        raise InvalidRobot(f"{who} has a <{name}> without an <input> of VERTEX")
+    parts = part.findall("{*}p")
+    if not parts and name != "polygons":
+        raise InvalidRobot(f"{who} has a <{name}> without <p>")
+    if name == "polylist" and (len(parts), len(part.findall("{*}vcount"))) != (1, 1):
+        raise InvalidRobot(f"{who} has a <polylist>, expected it to have one <vcount> and one <p>")
+    width = max(offset for offset, _ in found) + 1
+    most = 0
+    for each in parts:
+        indices = _indices(each, who)
+        if len(indices) % (3 * width if name == "triangles" else width):
+            raise InvalidRobot(f"{who} has {len(indices)} numbers in a <p> of <{name}>: some are missing")
+        corners = len(indices) // width
+        if name == "polylist":
+            counts = _indices(part.find("{*}vcount"), who)
+            if counts.sum() != corners:
+                raise InvalidRobot(
+                    f"{who} has polygons of {counts.sum():.0f} corners together, but <p> has {corners}"
+                )
+            corners = int(counts.max(initial=0))
+        most = max(most, corners)
+        for offset, source in found:
+            rows, largest = _rows(source), indices[offset::width].max(initial=-1)
+            if rows is not None and largest >= rows:
+                raise InvalidRobot(
+                    f"{who} has the index {largest:.0f} in a <{name}>, but its source {source.get('id')!r:.100} has {rows} "
+                    "rows"
+                )
+    return most >= 3
+
+
+def _source_of(element: Any, sources: dict[str, Any], who: str) -> Any:
+    url = element.get("source")
+    if url not in sources:
+        raise InvalidRobot(
+            f"{who} has an <input> of {element.get('semantic')} from {url!r:.100}, which is not in its mesh"
+        )
+    return sources[url]
+
+
+def _offset(element: Any, who: str) -> int:
+    text = element.get("offset", "")
+    if re.fullmatch("[0-9]{1,3}", text) is None:
+        raise InvalidRobot(f"{who} has an <input> with the offset {text!r:.100}, expected a whole number")
+    return int(text)
+
+
+def _indices(element: Any, who: str) -> NDArray[np.float64]:
+    if re.fullmatch(r"[0-9 \t\r\n]*", element.text or "") is None:
+        raise InvalidRobot(
+            f"{who} has a <{name_of(element)}> whose words are not all whole numbers from 0 on"
+        )
+    return np.fromstring(element.text, sep=" ") if count_words(element.text) else np.zeros(0)
+
+
+def _rows(source: Any) -> int | None:
+    """Return the number of rows of a source; None if it has no floats."""
+    floats = source.find("{*}float_array")
+    columns = len(source.findall("{*}technique_common/{*}accessor/{*}param"))
+    return None if floats is None or not columns else count_words(floats.text) // columns
+
+
+def _require_positions(source: Any, who: str) -> None:
+    """Check that positions are rows of three numbers, without any between them: the reader ignores stride and offset."""
+    floats, accessor = source.find("{*}float_array"), source.find("{*}technique_common/{*}accessor")
+    if floats is None or accessor is None:
+        raise InvalidRobot(f"{who} has positions without a <float_array> and an <accessor>")
+    if re.fullmatch(r"[0-9eE+\-. \t\r\n]*", floats.text or "") is None:
+        raise InvalidRobot(f"{who} has positions that are not all finite numbers")
+    got = len(accessor.findall("{*}param")), accessor.get("stride", "1"), accessor.get("offset", "0")
+    if got != (3, "3", "0"):
+        raise InvalidRobot(
+            "{} has positions with {} params, stride {} and offset {}; expected 3, 3 and 0".format(who, *got)
+        )
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def _listed(names: set[str]) -> str:
+    return ", ".join(f"<{each}>" for each in sorted(names))
