@@ -69,7 +69,7 @@ def deep(levels: int) -> Any:
         ([deep(70), 0.4, 0.3], {}, "a pose must be .* got list"),
         ([0, 0, 0], {"rpy": [0, 0, 0], "degrees": np.ones(3)}, "degrees must be True or False, got array"),
         ([0, 0, 0], {"rotation": np.eye(3), "repair": np.ones(3)}, "repair must be True or False, got array"),
-        ([0, 0, 0], {"quat_wxyz": [0, 0, 0, 0]}, "zero quaternion is no rotation"),
+        ([0, 0, 0], {"quat_wxyz": [0, 0, 0, 0]}, "zero quaternion is not a rotation"),
         ([0, 0, 0], {"quat_xyzw": [0, 0, 1]}, r"quat_xyzw must have shape \(4,\)"),
         ([0, 0, 0], {"rpy": [0, np.inf, 0]}, "rpy contains NaN or infinity"),
         ([0, 0, 0], {"rpy": [0, 0, 0], "rotvec": [0, 0, 0]}, "give one rotation, got rpy and rotvec"),

@@ -184,7 +184,7 @@ def test_an_unknown_link_is_told_what_there_is() -> None:
     ):
         arm.fk(np.zeros(7), link="panda_lnk7")
     with pytest.raises(InvalidProblem, match=r"unknown link or joint '\[\]'"):
-        arm.fk(np.zeros(7), link=[])  # type: ignore[arg-type]
+        arm.fk(np.zeros(7), link=[])  # type: ignore[call-overload]
 
 
 # --- names, samples, text -------------------------------------------------------------------------------------------

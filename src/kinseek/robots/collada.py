@@ -42,7 +42,7 @@ def require_units(root: Any) -> None:
     """Check that the file has one unit, a length.
 
     Raises:
-        InvalidRobot: It is no number above 0, or a part of the file has another one.
+        InvalidRobot: It is not a number above 0, or a part of the file has another one.
     """
     units = [each.get("meter", "1") for each in root.iterfind("{*}asset/{*}unit")]
     whole = _number(units[0]) if units else 1.0
