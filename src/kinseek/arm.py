@@ -586,13 +586,17 @@ class Arm(ForwardArm):
         from .proof.branch_and_bound import prove, refuse_ranges
 
         refuse_ranges(solution.problem.goal)
-        missed = [
-            not (one.success or one.blocked or deadline.passed)
-            and prove(one.problem, answer=one, deadline=deadline).verdict is Verdict.UNREACHABLE
-            for one in solution.each()
-        ]
         shape = solution.problem.goal.shape
-        proved = np.reshape(missed, shape) if shape else bool(missed[0])
+        missed = np.atleast_1d(~(np.asarray(solution.success) | (np.asarray(solution.blocked) > 0)))
+        unreachable = np.zeros(missed.shape, dtype=np.bool_)
+        for i in np.ndindex(missed.shape):
+            if deadline.passed:
+                break
+            if missed[i]:
+                one = solution[i] if shape else solution
+                verdict = prove(one.problem, answer=one, deadline=deadline).verdict
+                unreachable[i] = verdict is Verdict.UNREACHABLE
+        proved = unreachable if shape else bool(unreachable[0])
         late = solution.out_of_time
         if deadline.passed:
             late = late | ~(np.asarray(solution.success) | proved | np.asarray(solution.proved_blocked))
