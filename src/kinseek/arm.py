@@ -335,12 +335,13 @@ class Arm(ForwardArm):
             clearance: Minimum distance between bodies of the scene [m].
             copies: Add copies of every solution shifted by full turns, as far as the limits allow. Without it no two
                 solutions are equal modulo 2π.
-            count: Maximum number of solutions, 1 to 100,000. The default is 50 if the arm is redundant, otherwise all.
+            count: Maximum number of solutions, 1 to 100,000. If the arm is redundant, at most 2,000, by default 50;
+                otherwise the default is all.
             threads: Number of threads for a batch; by default every core.
             prove: Prove by branch and bound that there is no other solution, and find the missing ones. `complete` then
                 reports whether the proof succeeded. See docs/proof.md.
             time_limit: [s], after which no further part of the work is begun; `out_of_time` then reports that solutions, or
-                the proof, may be missing.
+                the proof, may be missing. Goals of a batch that the time did not suffice for have no solutions.
 
         Returns:
             The solutions of one goal, each inside the limits and within the tolerances by plain FK; for a batch a sequence
