@@ -68,7 +68,7 @@ def test_what_is_done_in_chunks_is_what_is_done_at_once(monkeypatch: pytest.Monk
 
     def work(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         sizes.append(len(a))
-        return a[:, None] + b
+        return np.asarray(a[:, None] + b)
 
     a, b = np.arange(11), np.arange(22.0).reshape(11, 2)
     np.testing.assert_array_equal(in_chunks(work, a, b), a[:, None] + b)

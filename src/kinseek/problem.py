@@ -192,7 +192,7 @@ def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
     # One dot product shows for most arrays that all values are finite and none is too large. For long ones BLAS would use
     # other threads, which costs microseconds, and tens of milliseconds while other work is running.
     if joints.size <= FEW:
-        fine = np.vdot(joints, joints) <= LARGEST**2
+        fine = bool(np.vdot(joints, joints) <= LARGEST**2)
     else:
         flat = joints.ravel()
         parts = (flat[some] for some in chunks(joints.size, SQUARED))

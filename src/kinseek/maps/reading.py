@@ -141,11 +141,12 @@ def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
     flat = T.reshape(-1, 4, 4)
     cells = in_chunks(lambda some: np.stack(grid.cells_of(some if first is None else first @ some), -1), flat)
     there = {name: _values(dataset[name].transpose(*grid.dims), cells) for name in description["variables"]}
-    parts = []
+    parts: list[dict[str, NDArray[Any]]] = []
     for some in chunks(len(flat)):
         turns = None if first is None else azimuths(first @ flat[some])
         values = {name: each[some] for name, each in there.items()}
-        parts.append(_inside(values, (cells[some] >= 0).all(axis=-1), turns))
+        inside = np.asarray(np.all(cells[some] >= 0, axis=-1))
+        parts.append({**_inside(values, inside, turns), "inside": inside})
     names = parts[0].keys()
     return {name: np.concatenate([part[name] for part in parts]).reshape(T.shape[:-2]) for name in names}
 
@@ -169,7 +170,7 @@ def _inside(there: dict[str, Array], inside: NDArray[np.bool_], turns: Array | N
         for name in (name for name in MEASURES if name in values and name != REACHED):
             nothing = 0 if name == BRANCHES else MEASURES[name].fill
             values[name] = np.where(values[REACHED] == 0, nothing, values[name]).astype(MEASURES[name].dtype)
-    return {**values, "inside": inside}
+    return values
 
 
 def _values(variable: xarray.DataArray, cells: Indices) -> Array:
