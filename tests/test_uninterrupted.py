@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import kinseek
-from kinseek.interrupts import raise_of_handler, uninterrupted
+from kinseek import maps
+from kinseek.interrupts import chunks, in_chunks, raise_of_handler, uninterrupted
 from kinseek.validation import arrays_equal
 
 
@@ -54,6 +55,90 @@ def test_an_interrupt_stops_the_work_and_waits_for_its_end() -> None:
     finally:
         signal.signal(signal.SIGALRM, handler)
     assert ended.is_set()
+
+
+@pytest.mark.parametrize(("count", "expected"), [(0, [(0, 0)]), (3, [(0, 3)]), (7, [(0, 3), (3, 6), (6, 7)])])
+def test_chunks_hold_every_row_once(count: int, expected: list[tuple[int, int]]) -> None:
+    assert [(part.start, part.stop) for part in chunks(count, 3)] == expected
+
+
+def test_what_is_done_in_chunks_is_what_is_done_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("kinseek.interrupts.CHUNK", 4)
+    sizes = list[int]()
+
+    def work(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        sizes.append(len(a))
+        return np.asarray(a[:, None] + b)
+
+    a, b = np.arange(11), np.arange(22.0).reshape(11, 2)
+    np.testing.assert_array_equal(in_chunks(work, a, b), a[:, None] + b)
+    assert sizes == [4, 4, 3]
+    assert in_chunks(work, a[:0], b[:0]).shape == (0, 2)
+
+
+def of_many_rows(arm: kinseek.Arm, map_of_rings: Any) -> Iterator[np.ndarray]:
+    """What calls give that work in chunks."""
+    q = arm.sample(50, seed=3)
+    yield q
+    T = arm.fk(q)
+    yield from (T, arm.fk(q, link=arm.tip), arm.jacobian(q), arm.manipulability(q))
+    yield arm.manipulability(q.reshape(5, 10, arm.dof))
+    rng = np.random.default_rng(1)
+    place, wxyz, angles = (
+        rng.uniform(-1.0, 1.0, (50, 3)),
+        rng.normal(size=(50, 4)),
+        rng.uniform(-3.0, 3.0, (50, 3)),
+    )
+    yield kinseek.pose(place, quat_wxyz=wxyz)
+    yield kinseek.pose(place, quat_xyzw=wxyz)
+    yield kinseek.pose(place, rotvec=angles)
+    yield kinseek.pose(place[:5].reshape(5, 1, 3), rpy=angles[:7].reshape(1, 7, 3))
+    off = T.copy()
+    off[::3, :3, :3] += 1e-8 * rng.normal(size=(17, 3, 3))
+    yield kinseek.Goal.pose(off).target
+    solution = arm.ik(T)
+    yield from (solution.q, solution.position_error, solution.weighted_error)
+    yield from maps.at(map_of_rings, T.reshape(5, 10, 4, 4)).values()
+
+
+@pytest.mark.slow
+def test_chunks_change_no_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("xarray")
+    arm = kinseek.load("ur5e")
+    rings = maps.Rings((0.0, 1.0, 0.25), (-1.0, 1.0, 0.25), maps.orientations(72))
+    found = maps.reach(arm, rings)
+    whole = list(of_many_rows(arm, found))
+    for module in ("interrupts", "poses"):
+        monkeypatch.setattr(f"kinseek.{module}.CHUNK", 7)
+    monkeypatch.setattr("kinseek.validation._NUMBERS", 7)
+    parts = list(of_many_rows(arm, found))
+    assert len(whole) == len(parts) > 15
+    for one, other in zip(whole, parts, strict=True):
+        assert one.shape == other.shape
+        assert one.dtype == other.dtype
+        assert one.tobytes() == other.tobytes()
+
+
+def test_poses_that_are_none_are_named_in_long_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("interrupts", "poses"):
+        monkeypatch.setattr(f"kinseek.{module}.CHUNK", 7)
+    T = np.tile(np.eye(4), (20, 1, 1))
+    T[17, 0, 0] = 2.0
+    with pytest.raises(kinseek.InvalidGoal, match="at index 17 of the batch"):
+        kinseek.Goal.pose(T)
+    T[17, 0, 0] = np.nan
+    with pytest.raises(kinseek.InvalidGoal, match=r"NaN or infinity at index 17 of the batch \(1 such"):
+        kinseek.Goal.pose(T)
+    place = np.zeros((20, 3))
+    place[19] = np.inf
+    with pytest.raises(kinseek.InvalidGoal, match="position contains NaN or infinity"):
+        kinseek.pose(place)
+    q = np.zeros((20, 2))
+    q[13, 1] = np.nan
+    monkeypatch.setattr("kinseek.problem.FEW", 4)
+    monkeypatch.setattr("kinseek.problem.SQUARED", 7)
+    with pytest.raises(kinseek.InvalidProblem, match=r"index \(13, 1\)"):
+        kinseek.load("planar2").fk(q)
 
 
 class Late(Exception):

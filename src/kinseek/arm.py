@@ -332,12 +332,13 @@ class Arm(ForwardArm):
             clearance: Minimum distance between bodies of the scene [m].
             copies: Add copies of every solution shifted by full turns, as far as the limits allow. Without it no two
                 solutions are equal modulo 2π.
-            count: Maximum number of solutions, 1 to 100,000. The default is 50 if the arm is redundant, otherwise all.
+            count: Maximum number of solutions, 1 to 100,000. If the arm is redundant, at most 2,000, by default 50;
+                otherwise the default is all.
             threads: Number of threads for a batch; by default every core.
             prove: Prove by branch and bound that there is no other solution, and find the missing ones. `complete` then
                 reports whether the proof succeeded. See docs/proof.md.
             time_limit: [s], after which no further part of the work is begun; `out_of_time` then reports that solutions, or
-                the proof, may be missing.
+                the proof, may be missing. Goals of a batch that the time did not suffice for have no solutions.
 
         Returns:
             The solutions of one goal, each inside the limits and within the tolerances by plain FK; for a batch a sequence
@@ -583,13 +584,17 @@ class Arm(ForwardArm):
         from .proof.branch_and_bound import prove, refuse_ranges
 
         refuse_ranges(solution.problem.goal)
-        missed = [
-            not (one.success or one.blocked or deadline.passed)
-            and prove(one.problem, solution=one, deadline=deadline).verdict is Verdict.UNREACHABLE
-            for one in solution.each()
-        ]
         shape = solution.problem.goal.shape
-        proved = np.reshape(missed, shape) if shape else bool(missed[0])
+        missed = np.atleast_1d(~(np.asarray(solution.success) | (np.asarray(solution.blocked) > 0)))
+        unreachable = np.zeros(missed.shape, dtype=np.bool_)
+        for i in np.ndindex(missed.shape):
+            if deadline.passed:
+                break
+            if missed[i]:
+                one = solution[i] if shape else solution
+                verdict = prove(one.problem, solution=one, deadline=deadline).verdict
+                unreachable[i] = verdict is Verdict.UNREACHABLE
+        proved = unreachable if shape else bool(unreachable[0])
         late = solution.out_of_time
         if deadline.passed:
             late = late | ~(np.asarray(solution.success) | proved | np.asarray(solution.proved_blocked))

@@ -69,6 +69,10 @@ class Deadline:
             return self
         return Deadline(max(self.left / 2, self.left - part * (time.monotonic() - self.begin)))
 
+    def extended(self, seconds: float) -> Deadline:
+        """Return a deadline that ends some seconds after this one, or from now if the time is up: for a short last step."""
+        return self if self.left is None else Deadline(self.left + seconds)
+
     def at_least(self, seconds: float) -> Deadline:
         """Return this deadline, or one that ends after some seconds if that is later: for a step that must do something."""
         return self if self.end >= time.monotonic() + seconds else Deadline(seconds)

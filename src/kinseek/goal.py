@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, InvalidProblem
+from .interrupts import in_chunks
 from .kernels.arm.pose_error import judge
 from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_ranges
 from .kernels.arrays import ChainArrays, GoalArrays
@@ -321,8 +322,10 @@ class Goal(Lazy):
         """
         if self.form.ranges:
             weights = float(self.position_weight), float(self.orientation_weight)
-            return judge_ranges(arrays, q, self.questions, *weights)
-        return judge(arrays, q, self.targets, self.arrays)
+            return in_chunks(
+                lambda some, questions: judge_ranges(arrays, some, questions, *weights), q, self.questions
+            )
+        return in_chunks(lambda some, targets: judge(arrays, some, targets, self.arrays), q, self.targets)
 
     def met(self, measured: Array) -> NDArray[np.bool_]:
         """Return whether both tolerances are met, (k,), given the errors from `measure`, (k, 2 or more)."""

@@ -3,6 +3,9 @@
 Handlers run in the main thread, between any two of its bytecode steps. Python's own conditions, futures and pools run such
 steps while they wait: Ctrl-C in the middle of one releases a lock twice, and raises a RuntimeError instead of the
 KeyboardInterrupt. So the main thread starts a thread and waits for it by calls into C only, which a handler ends cleanly.
+
+A single call of NumPy or of a kernel is not interrupted. So long arrays are processed in chunks, and a handler runs between
+two of them.
 """
 
 from __future__ import annotations
@@ -10,15 +13,48 @@ from __future__ import annotations
 import _thread
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 R = TypeVar("R")
+Kind = TypeVar("Kind", bound=np.generic)
+
+CHUNK = 2**14
+"""Rows that one call of NumPy or of a kernel processes: some tens of milliseconds if a row takes microseconds."""
 
 OFTEN = 0.1
 """Polling interval of a waiting thread [s]: a signal that arrives just before the thread sleeps does not wake it."""
+
+
+def chunks(count: int, size: int | None = None) -> Iterator[slice]:
+    """Yield slices that divide rows into chunks of at most `size`, by default `CHUNK`; of no rows, one empty slice."""
+    step = size or CHUNK
+    for first in range(0, max(count, 1), step):
+        yield slice(first, min(first + step, count))
+
+
+def in_chunks(work: Callable[..., NDArray[Kind]], *rows: NDArray[Any]) -> NDArray[Kind]:
+    """Apply a function that takes every row by itself, such that Ctrl-C is heard soon however many rows there are.
+
+    Args:
+        work: Takes as many arrays of k rows, and returns an array of k rows, (k, ...).
+        rows: Arrays of the same number of rows, (k, ...) each.
+    """
+    count = len(rows[0])
+    if count <= CHUNK:
+        return work(*rows)
+    some = work(*(each[:CHUNK] for each in rows))
+    result = np.empty((count, *some.shape[1:]), dtype=some.dtype)
+    result[:CHUNK] = some
+    for part in chunks(count - CHUNK):
+        there = slice(part.start + CHUNK, part.stop + CHUNK)
+        result[there] = work(*(each[there] for each in rows))
+    return result
 
 
 def next_item(queue: SimpleQueue[R]) -> R:

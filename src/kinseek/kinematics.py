@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidProblem, suggest
 from .goal import Goal
+from .interrupts import chunks, in_chunks
 from .kernels.arm.forward import forward_many
 from .kernels.arm.jacobian import jacobian_many
 from .lazy import Lazy
@@ -215,12 +216,12 @@ class ForwardArm(Lazy):
                 f"n must be at most {MOST_NUMBERS // self.dof:,} for {self.dof} joints, got {rows:,}: the joint values "
                 f"would take {8 * rows * self.dof / 2**30:,.0f} GiB. Draw fewer at a time, each time with another seed"
             )
-        drawn = np.random.default_rng(seed).uniform(
-            self._mechanism.lower, self._mechanism.upper, (rows, self.dof)
-        )
-        within: Rows = np.clip(
-            drawn, self._mechanism.lower, self._mechanism.upper
-        )  # Rounding may exceed a limit.
+        lower, upper, random = self._mechanism.lower, self._mechanism.upper, np.random.default_rng(seed)
+        within: Rows = np.empty((rows, self.dof))
+        for part in chunks(rows):
+            some = within[part]
+            some[:] = random.uniform(lower, upper, some.shape)
+            np.clip(some, lower, upper, out=some)  # Rounding may exceed a limit.
         return within
 
     @overload
@@ -259,7 +260,8 @@ class ForwardArm(Lazy):
             if not isinstance(link, str) or link not in chain.frames:
                 raise InvalidProblem(suggest(str(link), chain.frames, "link or joint"))
             arrays = chain.arrays_to(chain.frames[link])
-            return forward_many(arrays, flat).reshape(*joints.shape[:-1], 4, 4)
+            poses = in_chunks(lambda some: forward_many(arrays, some), flat)
+            return poses.reshape(*joints.shape[:-1], 4, 4)
         return self._mechanism.forward(flat).reshape(*joints.shape[:-1], 4, 4)
 
     def jacobian(self, q: Joints) -> Array:
@@ -282,7 +284,8 @@ class ForwardArm(Lazy):
         chain = self._require_axes("a Jacobian is worked out from axes")
         joints = as_joints(self._mechanism, q)
         flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
-        return jacobian_many(chain.arrays, flat).reshape(*joints.shape[:-1], 6, self.dof)
+        J = in_chunks(lambda some: jacobian_many(chain.arrays, some), flat)
+        return J.reshape(*joints.shape[:-1], 6, self.dof)
 
     def manipulability(self, q: Joints) -> Any:
         """Return the manipulability: the product of the Jacobian's singular values (Yoshikawa 1985, eq. 4).
@@ -304,8 +307,9 @@ class ForwardArm(Lazy):
         from .branches.index import freedom
 
         rank = self.dof - freedom(Problem(self._mechanism, Goal.pose(np.eye(4))))
-        values = np.linalg.svd(J, compute_uv=False)[..., :rank].prod(axis=-1)
-        return values if J.ndim > 2 else float(values)
+        flat = J.reshape(-1, 6, self.dof)
+        values = in_chunks(lambda some: np.linalg.svd(some, compute_uv=False)[:, :rank].prod(axis=-1), flat)
+        return values.reshape(J.shape[:-2]) if J.ndim > 2 else float(values[0])
 
     def with_locked(self, values: Mapping[str, float]) -> Self:
         """Return the arm with some joints locked; its `q` holds only the remaining joints.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from typing import Any, TypedDict, Unpack, overload
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, RepairWarning
+from .interrupts import CHUNK, chunks, in_chunks
 from .kernels.arm.pose_error import LARGEST, all_rigid, rigid_each
 from .shapes import Pose
 from .transforms import from_quaternion, from_rpy, rotation_onto, rotations
@@ -124,7 +125,7 @@ def pose(
         elif name in ("rpy", "rotvec"):
             angles = _finite(value, name, 3)
             if not degrees:
-                lengths = angles if name == "rpy" else np.linalg.norm(angles, axis=-1)
+                lengths = angles if name == "rpy" else _lengths(angles)
                 warn_of_angles(lengths, name, "say degrees=True", 2)
             turn = _rotation_matrix(name, np.deg2rad(angles) if degrees else angles)
         else:
@@ -189,9 +190,10 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
     A warning reports repairs beyond those of `as_pose`; `level` is the number of calls between here and the line to blame.
     """
     _require_shape(matrix)
-    if all_rigid(np.ascontiguousarray(matrix.reshape(-1, 4, 4))):
+    each = matrix.reshape(-1, 4, 4)
+    if all(all_rigid(np.ascontiguousarray(each[some])) for some in chunks(len(each))):
         return matrix
-    if not np.isfinite(matrix).all():
+    if not _all_finite(matrix):
         bad = np.argwhere(~np.isfinite(matrix).all(axis=(-2, -1)))
         where = f" at index {_index(bad[0])} of the batch ({len(bad)} such poses)" if matrix.ndim > 2 else ""
         raise InvalidGoal(f"a pose contains NaN or infinity{where}")
@@ -220,12 +222,16 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
             RepairWarning,
             stacklevel=level,
         )
-    loose = ~rigid_each(np.ascontiguousarray(matrix.reshape(-1, 4, 4))).reshape(matrix.shape[:-2])
+    loose = ~in_chunks(rigid_each, each).reshape(matrix.shape[:-2])
     if loose.any():  # Only these: the others in the batch must stay unchanged.
-        left, _, right = np.linalg.svd(turn[loose])
-        matrix[loose, :3, :3] = left @ right
+        matrix[loose, :3, :3] = in_chunks(_nearest_rotations, turn[loose])
         matrix[loose, 3, :] = [0, 0, 0, 1]
     return matrix
+
+
+def _nearest_rotations(turn: Array) -> Array:
+    left, _, right = np.linalg.svd(turn)
+    return np.asarray(left @ right)
 
 
 def _require_shape(matrix: Array) -> None:
@@ -235,11 +241,17 @@ def _require_shape(matrix: Array) -> None:
 
 def _measured(matrix: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Return the rotations of finite matrices, (..., 4, 4), the errors of rotations and last rows, and which reflect."""
+    shape, each = matrix.shape[:-2], matrix.reshape(-1, 4, 4)
     # Larger values are not rotations either, and their squares overflow.
-    turn = np.clip(matrix[..., :3, :3], -1e6, 1e6)
-    off = np.abs(np.swapaxes(turn, -1, -2) @ turn - np.eye(3)).max(axis=(-2, -1))
-    row = np.abs(matrix[..., 3, :] - [0, 0, 0, 1]).max(axis=-1)
-    return turn, off, row, np.linalg.det(turn) < 0
+    turn = in_chunks(lambda some: np.clip(some[:, :3, :3], -1e6, 1e6), each)
+    off = in_chunks(_off, turn).reshape(shape)
+    row = in_chunks(lambda some: np.abs(some[:, 3, :] - [0, 0, 0, 1]).max(axis=-1), each).reshape(shape)
+    mirrored = in_chunks(lambda some: np.linalg.det(some) < 0, turn).reshape(shape)
+    return turn.reshape(*shape, 3, 3), off, row, mirrored
+
+
+def _off(turn: Array) -> Array:
+    return np.asarray(np.abs(np.swapaxes(turn, -1, -2) @ turn - np.eye(3)).max(axis=(-2, -1)))
 
 
 def good_and_bad(target: Any) -> tuple[Array, NDArray[np.bool_]]:
@@ -376,13 +388,34 @@ def _rotation_matrix(name: str, value: ArrayLike) -> Array:
         angles = _finite(value, name, 3)
         if (most := float(np.abs(angles).max(initial=0.0))) > LARGEST:
             raise InvalidGoal(f"{name} must have angles of at most {LARGEST:g} rad, got {most:g}")
-        return from_rpy(angles) if name == "rpy" else rotations(angles)
+        return _matrices(from_rpy if name == "rpy" else rotations, angles)
     numbers = _finite(value, name, 4)
     with np.errstate(over="ignore"):
-        length = np.linalg.norm(numbers, axis=-1)
+        length = _lengths(numbers)
     if (length < 1e-9).any():
         raise InvalidGoal(f"{name} has length {length.min():.3g}: a zero quaternion is not a rotation")
-    return from_quaternion(numbers if name == "quat_wxyz" else np.roll(numbers, 1, axis=-1))
+    if name == "quat_wxyz":
+        return _matrices(from_quaternion, numbers)
+    return _matrices(lambda some: from_quaternion(np.roll(some, 1, axis=-1)), numbers)
+
+
+def _matrices(convert: Callable[[Array], Array], numbers: Array) -> Array:
+    """Convert rotations that are written otherwise, (..., k) -> (..., 3, 3)."""
+    flat = numbers.reshape(-1, numbers.shape[-1])
+    return in_chunks(convert, flat).reshape(*numbers.shape[:-1], 3, 3)
+
+
+def _lengths(vectors: Array) -> Array:
+    """Lengths of vectors, (..., k) -> (...)."""
+    flat = vectors.reshape(-1, vectors.shape[-1])
+    return in_chunks(lambda some: np.linalg.norm(some, axis=-1), flat).reshape(vectors.shape[:-1])
+
+
+def _all_finite(numbers: Array) -> bool:
+    if numbers.size <= CHUNK:
+        return bool(np.isfinite(numbers).all())
+    flat = numbers.reshape(-1, numbers.shape[-1])
+    return all(bool(np.isfinite(flat[some]).all()) for some in chunks(len(flat)))
 
 
 def _at(position: ArrayLike, turn: Array) -> Array:
@@ -394,9 +427,11 @@ def _at(position: ArrayLike, turn: Array) -> Array:
             f"position of shape {point.shape} and rotation of batch shape {turn.shape[:-2]} do not broadcast"
         ) from error
     result = np.zeros((*batch, 4, 4))
-    result[..., :3, :3] = turn
-    result[..., :3, 3] = point
-    result[..., 3, 3] = 1.0
+    turns, points = np.broadcast_to(turn, (*batch, 3, 3)), np.broadcast_to(point, (*batch, 3))
+    size = max(CHUNK * batch[0] // max(math.prod(batch), 1), 1) if batch else 1
+    for some in chunks(batch[0], size) if batch else ((),):  # Chunks of the first axis.
+        part = result[some]
+        part[..., :3, :3], part[..., :3, 3], part[..., 3, 3] = turns[some], points[some], 1.0
     return result
 
 
@@ -407,7 +442,7 @@ def _finite(value: ArrayLike, name: str, size: int) -> Array:
         raise InvalidGoal(f"{name} must be numbers of shape (..., {size}): {error}") from error
     if numbers.ndim == 0 or numbers.shape[-1] != size:
         raise InvalidGoal(f"{name} must have shape ({size},) or (..., {size}), got {numbers.shape}")
-    if not np.isfinite(numbers).all():
+    if not _all_finite(numbers):
         raise InvalidGoal(f"{name} contains NaN or infinity: {numbers}")
     return numbers
 

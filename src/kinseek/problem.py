@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .deadline import Deadline
 from .errors import InvalidProblem
 from .goal import Goal
+from .interrupts import chunks
 from .kernels.arm.pose_error import LARGEST
 from .kernels.arrays import ChainArrays
 from .lazy import Lazy, Made, lazy
@@ -167,6 +168,10 @@ FEW = 8192
 """Size of an array that BLAS multiplies on one thread: OpenBLAS uses several threads for more than 10,000 numbers."""
 
 
+SQUARED = 2**20
+"""Joint values that are checked at a time: a millisecond."""
+
+
 def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
     """Read joint values, (..., n), [rad] or [m], or by name, as `robots.named.in_order` takes them.
 
@@ -188,9 +193,13 @@ def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
         )
     # One dot product shows for most arrays that all values are finite and none is too large. For long ones BLAS would use
     # other threads, which costs microseconds, and tens of milliseconds while other work is running.
-    few = joints.size <= FEW
-    squares = np.vdot(joints, joints) if few else np.einsum("i,i->", joints.ravel(), joints.ravel())
-    if squares <= LARGEST**2:
+    if joints.size <= FEW:
+        fine = bool(np.vdot(joints, joints) <= LARGEST**2)
+    else:
+        flat = joints.ravel()
+        parts = (flat[some] for some in chunks(joints.size, SQUARED))
+        fine = all(np.einsum("i,i->", some, some) <= LARGEST**2 for some in parts)
+    if fine:
         return joints
     if not np.isfinite(joints).all():
         bad = np.argwhere(~np.isfinite(joints))[0]

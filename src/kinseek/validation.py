@@ -11,6 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InvalidSolver, KinseekError
+from .interrupts import chunks
+
+_NUMBERS = 2**20
+"""Numbers that are copied at a time."""
 
 NO_BOUND = 2**62
 """Default bound of integers, because kernels take 64-bit numbers. A message names it only if a value exceeds it."""
@@ -34,7 +38,12 @@ def as_float_array(values: Any) -> NDArray[np.float64]:
             )
         if values.dtype.kind == "c":
             values = values.real
-    return np.array(values, dtype=np.float64)
+    if not isinstance(values, np.ndarray) or values.size <= _NUMBERS or values.ndim == 0:
+        return np.array(values, dtype=np.float64)
+    copied = np.empty_like(values, dtype=np.float64, subok=False)
+    for part in chunks(len(values), max(_NUMBERS * len(values) // values.size, 1)):
+        copied[part] = values[part]
+    return copied
 
 
 def arrays_equal(one: Any, other: Any) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import subprocess
 import sys
@@ -15,8 +16,8 @@ import pytest
 import kinseek
 from cells import write_arm, write_stl
 from kinseek import InvalidScene, Scene
-from kinseek.collision import Mesh, bodies
-from kinseek.collision.hulls import MOST_CORNERS, farthest_beyond, outermost
+from kinseek.collision import Mesh, Points, bodies
+from kinseek.collision.hulls import MOST_CORNERS, corners_of_sides, farthest_beyond, outermost
 from kinseek.collision.simplify import simplified
 from kinseek.robots.meshes import mesh_parts
 
@@ -370,7 +371,33 @@ for seed in range(3):
 def test_sides_that_are_flat_but_for_rounding_do_not_end_the_process() -> None:
     done = subprocess.run([sys.executable, "-c", ROUGH], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert all(line == "9000" or "cannot make its convex hull" in line for line in done.stdout.splitlines())
+    refused = ("cannot make its convex hull", "a flat side of its convex hull has ")
+    assert all(any(words in line for words in refused) for line in done.stdout.splitlines())
+
+
+def circles(corners: int) -> np.ndarray:
+    """Two circles of so many corners each, rotated."""
+    angles = np.linspace(0.0, 2.0 * np.pi, corners, endpoint=False)
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(corners)], axis=1)
+    return np.concatenate([ring, ring + np.eye(3)[2]]) @ kinseek.pose([0, 0, 0], rpy=[0.3, 0.2, 0.1])[:3, :3]
+
+
+def test_a_hull_with_a_side_of_too_many_corners_is_refused() -> None:
+    """Nothing interrupts coal, whose time grows with the square of their number."""
+    spatial = pytest.importorskip("scipy.spatial")
+    assert corners_of_sides(spatial.ConvexHull(circles(100)).equations) == 100
+    cube = np.array(list(itertools.product([0.0, 1.0], repeat=3)))
+    assert corners_of_sides(spatial.ConvexHull(cube).equations) == 4
+    mesh_of(circles(500), hull=True).geometry()
+    with pytest.raises(
+        InvalidScene, match=r"a flat side of its convex hull has 1,600 corners, .* at most 1,500"
+    ):
+        mesh_of(circles(1600), hull=True).geometry()
+
+
+def test_a_cloud_of_too_many_points_is_refused() -> None:
+    with pytest.raises(InvalidScene, match=r"at most 1,000,000 points, got 1,000,001"):
+        Points(np.zeros((1_000_001, 3)), 0.01)
 
 
 def test_points_inside_do_not_count_as_corners() -> None:

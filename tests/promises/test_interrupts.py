@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
 from importlib import import_module
 from pkgutil import walk_packages
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
@@ -17,6 +20,8 @@ from numba.core.types import BaseTuple
 
 import kinseek
 from fuzz.interrupts import CALLS, outside
+from kinseek import maps
+from kinseek.collision import Mesh
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.entry import ENTRIES
 
@@ -101,6 +106,61 @@ def _reports() -> dict[str, dict[str, Any]]:
 def test_ctrl_c_is_heard_and_the_arm_works_on(reports: dict[str, dict[str, Any]], name: str) -> None:
     assert reports[name]["wrong"] == []
     assert reports[name]["heard"] == MOMENTS
+
+
+def many(arm: kinseek.Arm, count: int) -> np.ndarray:
+    """The same pose many times, in no more memory than one."""
+    return np.broadcast_to(arm.fk(arm.sample(1))[0], (count, 4, 4))
+
+
+def two_circles(corners: int) -> Mesh:
+    """A hull for which Qhull takes a time that grows with the square of its corners."""
+    t = np.linspace(0.0, 2.0 * np.pi, corners // 2, endpoint=False)
+    circle = np.stack([np.cos(t), np.sin(t), np.zeros_like(t)], axis=1)
+    faces = np.arange(corners // 3 * 3).reshape(-1, 3)
+    return Mesh(np.concatenate([circle, circle + np.eye(3)[2]]), faces, hull=True)
+
+
+def on_a_map(arm: kinseek.Arm) -> Callable[[], Any]:
+    cells = (-1.0, 1.0, 0.5)
+    found = maps.reach(arm, maps.Grid(cells, cells, cells, maps.orientations(72)))
+    T = many(arm, 3_000_000)
+    return lambda: maps.at(found, T)
+
+
+LARGE: dict[str, Callable[[kinseek.Arm], Callable[[], Any]]] = {
+    "fk": lambda arm: partial(arm.fk, np.broadcast_to(np.ones(6), (10_000_000, 6))),
+    "manipulability": lambda arm: partial(arm.manipulability, np.broadcast_to(np.zeros(6), (1_000_000, 6))),
+    "sample": lambda arm: partial(arm.sample, 20_000_000),
+    "pose": lambda arm: partial(
+        kinseek.pose, np.zeros(3), rpy=np.broadcast_to([0.1, 0.2, 0.3], (12_000_000, 3))
+    ),
+    "maps.at": on_a_map,
+    "hull": lambda arm: two_circles(8_000).geometry,
+}
+"""Calls that would take seconds of processor time."""
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers that interrupt")
+@pytest.mark.parametrize("name", LARGE)
+def test_calls_on_very_long_arrays_are_interrupted(name: str) -> None:
+    """After some processor time, and measured in it: other programs on a busy machine take none of it."""
+    if name == "hull":
+        pytest.importorskip("coal")
+    if name == "maps.at":
+        pytest.importorskip("xarray")
+    call = LARGE[name](kinseek.load("ur5e"))
+    handler = signal.signal(signal.SIGPROF, signal.default_int_handler)
+    try:
+        for moment in (0.1, 0.5):
+            began = time.process_time()
+            signal.setitimer(signal.ITIMER_PROF, moment)
+            with pytest.raises(KeyboardInterrupt):
+                call()
+            assert time.process_time() - began < moment + 0.5
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, handler)
 
 
 LOADING = """

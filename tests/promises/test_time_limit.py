@@ -283,8 +283,7 @@ def test_a_slow_judgement_and_a_slow_cost_keep_the_time() -> None:
 @pytest.mark.parametrize("name", ["cost", "valid"])
 def test_what_the_user_says_of_a_long_path_keeps_the_time(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The search leaves time for it, and poses that come too late cost nothing."""
-    # Deadlines of processor time: other programs on a busy machine take none of it.
-    monkeypatch.setattr("kinseek.deadline.time", SimpleNamespace(monotonic=time.process_time))
+    processor_clock(monkeypatch)
     arm = kinseek.load("ur5e")
     T = way(arm, 100_000)
     quick: dict[str, Any] = {"cost": lambda q: (q**2).sum(axis=1), "valid": lambda q: True}
@@ -299,6 +298,11 @@ def test_what_the_user_says_of_a_long_path_keeps_the_time(name: str, monkeypatch
     assert path.out_of_time
     followed(arm, path)
     assert path.planned.sum() > 200
+
+
+def processor_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make deadlines of processor time: other programs on a busy machine take none of it."""
+    monkeypatch.setattr("kinseek.deadline.time", SimpleNamespace(monotonic=time.process_time))
 
 
 def stopped_clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
@@ -377,6 +381,107 @@ def test_proofs_of_a_path_keep_the_time() -> None:
         assert (path.q == plain.q).all()
         assert path.status is plain.status
     assert not (path.proof.out_of_reach & path.reached).any()
+
+
+def boxed(arm: kinseek.Arm) -> kinseek.Scene:
+    """A scene in which many answers collide."""
+    scene = kinseek.Scene.of(arm, capsules=0.05)
+    scene.add_box("block", (1.0, 1.0, 1.0), kinseek.pose([0.6, 0.0, 0.4]))
+    return scene
+
+
+MANY: dict[str, tuple[str, int, dict[str, Any]]] = {
+    "ik, prefer": ("panda", 8000, {"prefer": "limits"}),
+    "ik, cost": ("panda", 8000, {"cost": lambda q: (q**2).sum(axis=1)}),
+    "ik, valid": ("ur5e", 20_000, {"valid": lambda q: q[0] > 2.8}),
+    "ik, scene": ("ur5e", 40_000, {"scene": boxed}),
+    "ik, scene, proved": ("ur5e", 40_000, {"scene": boxed, "prove": True}),
+    "ik, proved": ("ur5e", 60_000, {"prove": True}),
+    "branches, proved": ("ur5e", 2000, {"prove": True}),
+    "branches, cost": ("ur5e", 20_000, {"cost": lambda q: (q**2).sum(axis=1)}),
+    "branches, scene, proved": ("ur5e", 2000, {"scene": boxed, "prove": True}),
+}
+
+
+@pytest.mark.parametrize("name", MANY)
+def test_work_on_each_of_many_targets_keeps_the_time(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The work on targets that are left when the time is up takes no time; what is done has the bits of a whole call."""
+    arm_name, count, options = MANY[name]
+    if "scene" in options:
+        pytest.importorskip("coal")
+    arm = kinseek.load(arm_name)
+    options = options | ({"scene": boxed(arm)} if "scene" in options else {})
+    T = poses(arm, count)
+    if name == "ik, proved":
+        T[:, :3, 3] *= 3.0
+    call: Any = arm.ik if name.startswith("ik") else arm.branches
+    few = call(T[:2], **options)  # What is needed once is made in any case.
+    processor_clock(monkeypatch)
+    began = time.process_time()
+    found = call(T, threads=1, time_limit=0.2, **options)
+    assert time.process_time() - began < 0.8
+    if name.startswith("ik"):
+        assert found.out_of_time.any()
+        assert name == "ik, proved" or not found.out_of_time[0]
+        np.testing.assert_array_equal(found.q[0], few.q[0])
+        judged(arm, found[-2:])
+        return
+    assert len(found) == count
+    assert found[-1].out_of_time
+    assert len(found[-1]) == 0
+    assert found[-1].problem.goal.target.tobytes() == T[-1].tobytes()
+    np.testing.assert_array_equal(found[0].q, few[0].q)
+    assert not found[0].out_of_time
+    assert found.counts[0] == len(few[0])
+    assert found.q.shape == (found.counts.sum(), arm.dof)
+
+
+def test_branches_that_are_not_proved_in_time_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Proofs take longer than what is left to do without them, for which there is a little time after the limit."""
+    arm = kinseek.load("ur5e")
+    T = poses(arm, 100)
+    everything, clock = arm.branches(T), stopped_clock(monkeypatch)
+
+    def ends_the_time(*given: Any, **named: Any) -> Any:
+        clock.now = 1.01
+        return root_isolation.isolate(*given, **named)
+
+    monkeypatch.setattr(
+        root_isolation, "prove_complete", lambda problem, q, deadline: (q, ends_the_time(problem, q).complete)
+    )
+    found: Any = arm.branches(T, prove=True, time_limit=1.0)
+    assert [one.out_of_time for one in found] == [False] + 99 * [True]
+    assert not any(one.complete for one in found[1:])
+    for one, full in zip(found, everything, strict=True):
+        assert len(one) == len(full) > 0
+
+
+@pytest.mark.parametrize(("joints", "limit"), [(60, 0.3), (100, 1.0)])
+def test_proofs_of_a_path_of_a_long_arm_keep_the_time(
+    joints: int, limit: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [[0.1, (-1) ** i * np.pi / 2, 0.05, 0.0] for i in range(joints)]
+    arm = kinseek.Arm.from_dh(rows, [-2.0] * joints, [2.0] * joints)
+    q = arm.sample(1, seed=3)[0]
+    T = arm.fk(np.linspace(q, 0.9 * q, 50))
+    arm.follow(T[:3], prove=True)
+    processor_clock(monkeypatch)
+    began = time.process_time()
+    path = arm.follow(T, prove=True, threads=1, time_limit=limit)
+    assert time.process_time() - began < limit + 0.5
+    assert path.proof is not None
+    assert path.proof.out_of_time
+
+
+def test_a_sample_that_would_take_too_long_is_refused() -> None:
+    arm = kinseek.load("panda")
+    T = poses(arm, 1)[0]
+    with pytest.raises(InvalidProblem, match=r"at most 2,000 for 'panda', which is redundant .* got 2,001"):
+        arm.branches(T, count=2001)
+    began = time.process_time()
+    assert len(arm.branches(T, count=2000)) > 1000
+    assert time.process_time() - began < 1.0
+    assert len(kinseek.load("ur5e").branches(poses(kinseek.load("ur5e"), 1)[0], count=100_000)) <= 16
 
 
 @pytest.mark.parametrize("last", [1, 2, 5, 20])

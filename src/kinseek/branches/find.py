@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.branches.refine_all import ANSWER, CENTRE, RATES
+from kinseek.kernels.branches.refine_all import ANSWER, RATES
 from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
@@ -24,53 +25,100 @@ from kinseek.validation import as_integer
 
 from .index import SPREAD, BranchIndex, index_of
 from .order import ORDERS, Cost, Selection, scores, which_valid
-from .result import AsFound, Branches, BranchesBatch, solutions_of
+from .result import Branches, BranchesBatch, OfEachGoal, late_branches, solutions_of
 
 MOST = 100_000
-"""Largest number of solutions in a sample or with all full turns: two joints of ±4,000 rad have more than a million copies
-of each."""
+"""Largest number of solutions that may be requested, or that full turns may make: two joints of ±4,000 rad have more than a
+million copies of each."""
+
+
+MOST_SAMPLED = 2_000
+"""Largest number of solutions in a sample of a redundant arm. The farthest are chosen from all that were found, so the time
+grows with the square of their number: this many take some tenths of a second, in one call of a kernel."""
+
+
+SEARCHING = 0.5
+"""Fraction of the time limit that the search for solutions of a batch may take, if work on every goal follows."""
+
+
+LAST = 0.1
+"""Time [s] beyond the time limit for sorting and filtering solutions that were found, without a proof."""
 
 
 _CHUNK = 64
 """Targets that a thread takes at a time."""
 
 
-_PIECE = 4
-"""Targets that are solved in one piece: some ten milliseconds if they are hard."""
+_PIECE, _SAMPLED = 4, 200
+"""Targets that are solved in one piece, and the number of solutions in a sample above which there are fewer in a piece: some
+ten milliseconds if they are hard."""
 
 
 def branches_of(
-    problem: Problem, selection: Selection, threads: int | None = None
+    problem: Problem, selection: Selection, threads: int | None = None, deadline: Deadline | None = None
 ) -> Branches | BranchesBatch:
-    """Find every branch of every target of a problem; see `Arm.branches`."""
+    """Find every branch of every target of a problem; see `Arm.branches`.
+
+    Args:
+        problem: The problem.
+        selection: Which solutions are requested, and in which order.
+        threads: Number of threads for a batch; None uses every core.
+        deadline: Where this is a step of longer work: when it ends, in place of the time limit of the problem.
+    """
     selection = _checked(problem, selection)
-    deadline = Deadline(problem.time_limit)
+    whole = Deadline(problem.time_limit)
+    deadline, last = (whole, whole.extended(LAST)) if deadline is None else (deadline, deadline)
     index, goal = index_of(problem), problem.goal
+    if index.freedom and selection.count is not None and selection.count > MOST_SAMPLED:
+        raise InvalidProblem(
+            f"count must be at most {MOST_SAMPLED:,} for {problem.chain.name!r}, which is redundant for this goal, got "
+            f"{selection.count:,}: for more, narrow a joint's limits by with_limits, and take a sample of each part"
+        )
     # Isolated solutions are all found, so only a continuum needs a number.
     number = (selection.count or SPREAD) if index.freedom else 0
     tolerances = tolerances_of(goal)
     targets = np.zeros((len(goal.targets), 4, 4))
     targets[:, :3], targets[:, 3, 3] = goal.targets, 1.0
-    views = index.view[None]
+    views, nears = index.view[None], None
+    if problem.near is not None:
+        nears = np.broadcast_to(problem.near, (*goal.shape, problem.chain.dof)).reshape(-1, problem.chain.dof)
     # A proof takes solutions inside [-π, π], so they are turned and sorted afterwards.
-    if problem.near is not None and not selection.prove:
-        near = np.broadcast_to(problem.near, (*goal.shape, problem.chain.dof)).reshape(-1, problem.chain.dof)
-        views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[RATES], near.shape)], axis=1)
-    found = _search(index, tolerances, targets, np.ascontiguousarray(views), number, threads, deadline)
-    if goal.shape and selection.as_found and found:
-        # The objects of the single targets are made when they are read, since most callers read the arrays of the batch
-        # only.
-        rows = [each for each in found if each is not None]
-        if len(rows) == len(found):
-            nears = None if problem.near is None else views[:, CENTRE]
-            return BranchesBatch(
-                AsFound(problem, rows, nears, index.freedom > 0, selection.count), goal.shape
-            )
-    each = tuple(
-        _none(one, index) if rows is None else _finish(one, rows, index, selection, deadline)
-        for one, rows in zip(problem.each(), found, strict=True)
-    )
-    return BranchesBatch(each, goal.shape) if goal.shape else each[0]
+    if nears is not None and not selection.prove:
+        views = np.stack(
+            [nears, np.ones_like(nears), np.broadcast_to(index.view[RATES], nears.shape)], axis=1
+        )
+    searching = deadline if selection.as_found or not goal.shape else deadline.share(SEARCHING)
+    found = _search(index, tolerances, targets, np.ascontiguousarray(views), number, threads, searching)
+    if not goal.shape:
+        rows, sampled = found[0], index.freedom > 0
+        if rows is None:
+            return late_branches((problem, goal.target, problem.near), problem.chain.dof, sampled)
+        return _finish(problem, rows, index, selection, deadline)
+    if not found:
+        return BranchesBatch((), goal.shape)
+    ready = found if selection.as_found else _finished(problem, found, index, selection, deadline, last)
+    return BranchesBatch(OfEachGoal(problem, ready, nears, index.freedom > 0, selection.count), goal.shape)
+
+
+def _finished(
+    problem: Problem,
+    found: Sequence[Array | None],
+    index: BranchIndex,
+    selection: Selection,
+    deadline: Deadline,
+    last: Deadline,
+) -> list[Branches | None]:
+    """Return the solutions of each target; None for targets that the time did not suffice for.
+
+    Nothing is proved after `deadline`, and nothing is done after `last`.
+    """
+    ready: list[Branches | None] = [None] * len(found)
+    for i, one in enumerate(problem.each()):
+        if last.passed:
+            break
+        rows = found[i]
+        ready[i] = None if rows is None else _finish(one, rows, index, selection, deadline)
+    return ready
 
 
 def _checked(problem: Problem, selection: Selection) -> Selection:
@@ -111,13 +159,14 @@ def _search(
             found[0] = index.search(tolerances, targets[0], views[0], number)
         return found
     most, width = number or ROWS, views.shape[-1] + ANSWER
+    piece = min(max(_SAMPLED // most, 1), _PIECE)
 
     def work(begin: int, end: int, go_on: GoOn) -> None:
-        results, counts = np.empty((_PIECE, most + 1, width)), np.empty(_PIECE, dtype=np.int64)
-        for first in range(begin, end, _PIECE):
+        results, counts = np.empty((piece, most + 1, width)), np.empty(piece, dtype=np.int64)
+        for first in range(begin, end, piece):
             if not go_on():
                 return
-            last = min(first + _PIECE, end)
+            last = min(first + piece, end)
             some = slice(first, last)
             many_branches(
                 index.tables,
@@ -133,22 +182,6 @@ def _search(
 
     parallel_for(work, len(targets), _CHUNK, threads, deadline)
     return found
-
-
-def _none(problem: Problem, index: BranchIndex) -> Branches:
-    """Return the result for a target that the time did not suffice for."""
-    nothing = np.empty(0)
-    return Branches(
-        q=np.empty((0, problem.chain.dof)),
-        position_error=nothing,
-        orientation_error=nothing,
-        complete=False,
-        sampled=bool(index.freedom),
-        evaluations=0,
-        rejected=0,
-        problem=problem,
-        out_of_time=True,
-    )
 
 
 def _finish(
@@ -168,7 +201,8 @@ def _finish(
         from kinseek.proof.root_isolation import prove_complete
 
         # The proof returns solutions that the search missed; they come without errors, which are computed below.
-        q, complete = prove_complete(problem, q, deadline=deadline)
+        if not deadline.passed:
+            q, complete = prove_complete(problem, q, deadline=deadline)
         late = not complete and deadline.passed
         q = problem.placed(q)
     if copies:

@@ -19,7 +19,7 @@ from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.atlas.solver import Atlas
 
-from .find import branches_of
+from .find import LAST, SEARCHING, branches_of
 from .index import BranchIndex, constraint_jacobian, index_of
 from .order import ORDERS, Cost, Selection, Valid, is_valid, scores
 from .result import Branches, BranchesBatch
@@ -53,22 +53,27 @@ def preferred(
         )
     deadline = Deadline(problem.time_limit)
     order, index = prefer or ORDERS[0], index_of(problem)
-    found = branches_of(problem, Selection(order=order, cost=cost, copies=cost is not None), threads)
+    shape, count, dof = problem.goal.shape, len(problem.goal.targets), problem.chain.dof
+    searching = deadline.share(SEARCHING) if shape else deadline
+    selection = Selection(order=order, cost=cost, copies=cost is not None)
+    found = branches_of(problem, selection, threads, searching)
+    # What a target keeps that the time does not suffice for; `valid` has not accepted it.
+    q = np.broadcast_to(problem.start, (*shape, dof)).reshape(-1, dof).copy()
+    work, refused = np.zeros((count, 3), dtype=np.int64), np.zeros(count, dtype=np.int64)
+    passed, late = np.full(count, valid is None), np.ones(count, dtype=np.bool_)
+    last = deadline.extended(LAST)
     each = found if isinstance(found, BranchesBatch) else [found]
-    picks = [
-        _pick(one, branches, order, cost, valid, index, deadline)
-        for one, branches in zip(problem.each(), each, strict=True)
-    ]
-    q = np.array([pick.q for pick in picks]).reshape(-1, problem.chain.dof)
-    work = np.array([[pick.evaluations, 0, 0] for pick in picks], dtype=np.int64).reshape(-1, 3)
-    solution = conclude(problem, q, work, np.array([pick.out_of_time for pick in picks], dtype=bool))
-    shape = problem.goal.shape
-    passed = np.reshape([pick.passed for pick in picks], shape)
-    refused = np.reshape([pick.refused for pick in picks], shape)
+    for i, (one, branches) in enumerate(zip(problem.each(), each, strict=True)):
+        if shape and last.passed:
+            break
+        pick = _pick(one, branches, order, cost, valid, index, deadline)
+        q[i], work[i, 0], passed[i], refused[i] = pick.q, pick.evaluations, pick.passed, pick.refused
+        late[i] = pick.out_of_time
+    solution = conclude(problem, q, work, late)
     if not shape:
-        return replace(solution, success=solution.success and bool(passed), rejected=int(refused))
+        return replace(solution, success=solution.success and bool(passed[0]), rejected=int(refused[0]))
     return replace(
-        solution, success=solution.success & passed.astype(bool), rejected=refused.astype(np.int64)
+        solution, success=solution.success & passed.reshape(shape), rejected=refused.reshape(shape)
     )
 
 

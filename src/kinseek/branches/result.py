@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +110,7 @@ class BranchesBatch(Sequence[Branches]):
     are goals; `counts` gives the numbers of solutions.
 
     Attributes:
-        each: The solutions, one `Branches` per goal. If they are requested in the order found, each is created on access.
+        each: The solutions, one `Branches` per goal; those that are requested in the order found are created on access.
         shape: Shape of the batch.
     """
 
@@ -131,7 +132,7 @@ class BranchesBatch(Sequence[Branches]):
     @property
     def counts(self) -> NDArray[np.int64]:
         """Number of solutions of each goal, in the shape of the batch."""
-        counts = self.each.counts if isinstance(self.each, AsFound) else [len(one) for one in self.each]
+        counts = self.each.counts if isinstance(self.each, OfEachGoal) else [len(one) for one in self.each]
         return np.array(counts, dtype=np.int64).reshape(self.shape)
 
     @property
@@ -144,7 +145,8 @@ class BranchesBatch(Sequence[Branches]):
         """Solutions of all goals, one after the other, (K, n), [rad] or [m]."""
         if not self.each:
             return np.zeros((0, 0))
-        return np.concatenate(self.each.q if isinstance(self.each, AsFound) else [one.q for one in self.each])
+        each = self.each.q if isinstance(self.each, OfEachGoal) else [one.q for one in self.each]
+        return np.concatenate(each)
 
     def to_frame(self) -> Any:
         """Return a ``pandas.DataFrame`` with a row for each solution of each goal, indexed by goal and solution.
@@ -223,23 +225,50 @@ def quick_branches(
     return branches
 
 
-class AsFound(Lazy, Sequence[Branches]):
-    """The solutions of each goal of a batch in the order found; a `Branches` is created on access.
+def late_branches(question: tuple[Problem, Array, Array | None], dof: int, sampled: bool) -> Branches:
+    """Create the result for one pose that the time did not suffice for; see `quick_branches`."""
+    nothing, branches = np.empty(0), object.__new__(Branches)
+    branches.__dict__.update(
+        q=np.empty((0, dof)),
+        position_error=nothing,
+        orientation_error=nothing,
+        complete=False,
+        sampled=sampled,
+        evaluations=0,
+        rejected=0,
+        out_of_time=True,
+        _question=question,
+    )
+    return branches
+
+
+Found = Array | Branches | None
+"""Solutions of one goal: as the kernels return them, see `kernels.branches.search.find_branches`; or ready; or None if the
+time did not suffice."""
+
+
+class OfEachGoal(Lazy, Sequence[Branches]):
+    """The solutions of each goal of a batch; a `Branches` is created on access unless it is ready.
 
     If the arm has a closed form, creating a `Branches` takes as long as finding its solutions.
     """
 
     def __init__(
-        self, problem: Problem, found: list[Array], nears: Array | None, sampled: bool, most: int | None
+        self,
+        problem: Problem,
+        found: Sequence[Found],
+        nears: Array | None,
+        sampled: bool,
+        most: int | None,
     ) -> None:
         """Store the results.
 
         Args:
             problem: The problem of a batch that is not empty.
-            found: For each goal the return value of `kernels.branches.search.find_branches`.
+            found: The solutions of each goal.
             nears: For each goal the joint values that its solutions are near to, (k, n), or None.
             sampled: Whether the arm is redundant.
-            most: Largest number of solutions; None for all.
+            most: Largest number of solutions that kernels return; None for all.
         """
         self._one, self._targets = next(problem.each()), problem.goal.target.reshape(-1, 4, 4)
         self._found, self._nears, self._sampled, self._most = found, nears, sampled, most
@@ -263,19 +292,40 @@ class AsFound(Lazy, Sequence[Branches]):
         if isinstance(index, slice):
             return tuple(self[i] for i in range(*index.indices(len(self))))
         i = range(len(self))[index]
+        found = self._found[i]
+        if isinstance(found, Branches):
+            return found
         if i not in self._made:
             question = self._one, self._targets[i], None if self._nears is None else self._nears[i]
-            one = quick_branches(question, self._dof, self._found[i], self._sampled, self._most)
+            if found is None:
+                one = late_branches(question, self._dof, self._sampled)
+            else:
+                one = quick_branches(question, self._dof, found, self._sampled, self._most)
             self._made.setdefault(i, one)
         return self._made[i]
+
+    def with_each(self, change: Callable[[Branches], Branches]) -> Self:
+        """Return a copy in which a function has changed the `Branches` that are ready."""
+        other = copy(self)
+        other._found = [change(found) if isinstance(found, Branches) else found for found in self._found]
+        return other
 
     @property
     def counts(self) -> list[int]:
         """Number of solutions of each goal."""
-        most = np.inf if self._most is None else self._most
-        return [int(min(rows[-1, ANSWERS], most)) for rows in self._found]
+        return [self._count(found) for found in self._found]
 
     @property
     def q(self) -> list[Array]:
         """Solutions of each goal, (k, n), [rad] or [m]."""
-        return [rows[:count, : self._dof] for rows, count in zip(self._found, self.counts, strict=True)]
+        return [found.q if isinstance(found, Branches) else self._rows(found) for found in self._found]
+
+    def _count(self, found: Found) -> int:
+        if isinstance(found, Branches):
+            return len(found)
+        return (
+            0 if found is None else int(min(found[-1, ANSWERS], np.inf if self._most is None else self._most))
+        )
+
+    def _rows(self, found: Array | None) -> Array:
+        return np.empty((0, self._dof)) if found is None else found[: self._count(found), : self._dof]

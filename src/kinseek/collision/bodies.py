@@ -38,7 +38,7 @@ MOST_SHAPES = 2_000
 in which pinocchio takes shapes grows with the cube of their number."""
 
 MOST_HULL_CORNERS = 50_000
-"""Of the meshes of one file together, without the last one. A hull of 17,000 corners on two circles takes 13 s."""
+"""Of the meshes of one file together, without the last one."""
 
 _SAME = 1e-6
 """Tolerance for comparing the links of a file with those of the arm [m]."""

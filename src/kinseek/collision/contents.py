@@ -113,7 +113,8 @@ class Contents:
         """Add a point cloud, (k, 3) [m], as from a depth camera; each point is a sphere with a radius [m]; see `add_box`.
 
         Raises:
-            InvalidScene: As `add_box`, or NaN in the cloud; the message gives the number of such points.
+            InvalidScene: As `add_box`, more than a million points, or NaN in the cloud; the message gives the number of such
+                points.
         """
         self.add(name, Points(cloud, radius), pose)
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidRobot, InvalidScene, MissingExtra
 from kinseek.forks import importing
+from kinseek.interrupts import uninterrupted
 from kinseek.lazy import Lazy, lazy
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ GRAIN = 1e-5
 """A point of a cloud is a triangle of this size for coal, which has no points; the cloud is larger by as much [m]."""
 
 MOST_TRIANGLES = 1_000_000
-"""Maximum number of triangles of one mesh."""
+"""Maximum number of triangles of one mesh, and of points of one cloud. coal takes about 5 s for its tree of a million, and
+nothing interrupts it meanwhile."""
 
 MOST_BYTES = 2**30
 """Maximum size of the file of one mesh: it may have more triangles than allowed, and be simplified."""
@@ -315,8 +317,8 @@ class Mesh(Shape):
 
         whole, tolerance = cls(vertices, faces, True, repr(str(path))), length("simplify", simplify)
         # Simplifying keeps a surface closed if its triangles are oriented alike.
-        vertices, faces, moved = simplified(
-            whole.vertices, whole.faces if hull else whole.interior.faces, tolerance
+        vertices, faces, moved = uninterrupted(
+            lambda: simplified(whole.vertices, whole.faces if hull else whole.interior.faces, tolerance)
         )
         return cls(vertices, faces, hull, repr(str(path)), moved)
 
@@ -389,7 +391,7 @@ class Mesh(Shape):
         coal = library("coal")
         if not self._is_solid:
             raise InvalidScene(f"{self.name} is flat: it has no convex hull; use its triangles, hull=False")
-        from .hulls import MOST_CORNERS, outermost
+        from .hulls import MOST_CORNERS, MOST_ON_SIDE, corners_of_sides, outermost
 
         outer = outermost(np.unique(self.vertices, axis=0))
         if len(outer) > MOST_CORNERS:
@@ -398,12 +400,17 @@ class Mesh(Shape):
                 f"{MOST_CORNERS:,}: simplify the mesh, so that it has fewer vertices where it is curved"
             )
         spatial = library("scipy.spatial")
-        try:  # Where Qhull fails, coal, which uses it too, may end the process.
-            spatial.ConvexHull(outer)
+        try:  # Where Qhull fails, coal, which uses it too, may end the process. And coal is not interrupted.
+            hull = uninterrupted(lambda: spatial.ConvexHull(outer))
         except spatial.QhullError as error:
             raise InvalidScene(
                 f"{self.name}: Qhull cannot make its convex hull: {str(error).strip().partition(chr(10))[0]}"
             ) from None
+        if (most := corners_of_sides(hull.equations)) > MOST_ON_SIDE:
+            raise InvalidScene(
+                f"{self.name}: a flat side of its convex hull has {most:,} corners, expected at most {MOST_ON_SIDE:,}: "
+                f"simplify the mesh, so that it has fewer vertices where it is round"
+            )
         points = coal.StdVec_Vec3s()
         for vertex in outer:
             points.append(vertex)
@@ -419,7 +426,8 @@ class Points(Shape):
     """A point cloud; each point is a small sphere.
 
     Raises:
-        InvalidScene: No points, NaN, infinity or a point farther than 1e6 m off, not a radius from 1e-9 m to 1e6 m.
+        InvalidScene: No points, more than a million, NaN, infinity or a point farther than 1e6 m off, or not a radius from
+            1e-9 m to 1e6 m.
     """
 
     cloud: ArrayLike
@@ -437,6 +445,11 @@ class Points(Shape):
             raise InvalidScene(f"a cloud must be numbers, (k, 3): {error}") from None
         if cloud.ndim != 2 or cloud.shape[1] != 3 or not len(cloud):
             raise InvalidScene(f"a cloud must have shape (k, 3) with k at least 1, got {cloud.shape}")
+        if len(cloud) > MOST_TRIANGLES:
+            raise InvalidScene(
+                f"a cloud has at most {MOST_TRIANGLES:,} points, got {len(cloud):,}: keep one point of each small cube, and "
+                f"make the radius larger by the cube's diagonal"
+            )
         bad = ~np.isfinite(cloud).all(axis=1)
         if bad.any():
             raise InvalidScene(

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.find import branches_of
+from kinseek.branches.find import SEARCHING, branches_of
 from kinseek.branches.index import SPREAD, BranchIndex, index_of
 from kinseek.branches.order import ORDERS, Cost, ManyAtOnce, Selection, Valid, is_valid
 from kinseek.branches.prefer import preferred, slide
-from kinseek.branches.result import Branches, BranchesBatch
+from kinseek.branches.result import Branches, BranchesBatch, OfEachGoal
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import Problem
@@ -139,34 +139,41 @@ def free_solution(
     if prefer is not None and prefer not in ORDERS:
         raise InvalidProblem(suggest(str(prefer), ORDERS, "preference"))
     deadline = Deadline(problem.time_limit)
-    picks = []
-    for one in problem.each():
+    shape, count, dof = problem.goal.shape, len(problem.goal.targets), problem.chain.dof
+    # What a target keeps that the time does not suffice for; it has not been checked for collisions.
+    q = np.broadcast_to(problem.start, (*shape, dof)).reshape(-1, dof).copy()
+    work, contacts = np.zeros((count, 3), dtype=np.int64), np.empty(count, dtype=object)
+    for i in range(count):  # One by one: a tuple is a sequence, which NumPy would take apart.
+        contacts[i] = ()
+    refused, blocked = np.zeros((2, count), dtype=np.int64)
+    success, proved = np.zeros((2, count), dtype=np.bool_)
+    late = np.ones(count, dtype=np.bool_)
+    for i, one in enumerate(problem.each()):
+        if shape and deadline.passed:
+            break
         judge = judge_of(scene, problem.mechanism, clearance, valid)
         pick = _pick(replace(one, time_limit=deadline.left), judge, prefer, cost, threads, deadline)
-        picks.append(_proved(one, pick, deadline) if prove and pick.contacts else pick)
-    q = np.array([pick.q for pick in picks]).reshape(-1, problem.chain.dof)
-    work = np.array([[pick.evaluations, 0, 0] for pick in picks], dtype=np.int64).reshape(-1, 3)
-    solution = conclude(problem, q, work, np.array([pick.out_of_time for pick in picks], dtype=bool))
-    if not problem.goal.shape:
-        (pick,) = picks
+        if prove and pick.contacts:
+            pick = _proved(one, pick, deadline)
+        q[i], work[i, 0], late[i], contacts[i] = pick.q, pick.evaluations, pick.out_of_time, pick.contacts
+        success[i], proved[i] = pick.success, pick.proved
+        refused[i], blocked[i] = pick.judge.refused, pick.judge.blocked
+    solution = conclude(problem, q, work, late)
+    if not shape:
         return replace(
             solution,
-            success=solution.success and pick.success,
-            rejected=pick.judge.refused,
-            blocked=pick.judge.blocked,
-            proved_blocked=pick.proved,
-            _contacts=pick.contacts,
+            success=solution.success and bool(success[0]),
+            rejected=int(refused[0]),
+            blocked=int(blocked[0]),
+            proved_blocked=bool(proved[0]),
+            _contacts=contacts[0],
         )
-    shape = problem.goal.shape
-    contacts = np.empty(len(picks), dtype=object)
-    for i, pick in enumerate(picks):  # One by one: a tuple is a sequence, which NumPy would take apart.
-        contacts[i] = pick.contacts
     return replace(
         solution,
-        success=solution.success & np.reshape(np.array([pick.success for pick in picks], dtype=bool), shape),
-        rejected=np.reshape(np.array([pick.judge.refused for pick in picks], dtype=np.int64), shape),
-        blocked=np.reshape(np.array([pick.judge.blocked for pick in picks], dtype=np.int64), shape),
-        proved_blocked=np.reshape(np.array([pick.proved for pick in picks], dtype=bool), shape),
+        success=solution.success & success.reshape(shape),
+        rejected=refused.reshape(shape),
+        blocked=blocked.reshape(shape),
+        proved_blocked=proved.reshape(shape),
         _contacts=contacts.reshape(shape),
     )
 
@@ -224,19 +231,22 @@ def free_branches(
         judge_of(scene, problem.mechanism, clearance, selection.valid),
         Deadline(problem.time_limit),
     )
-    found = branches_of(problem, replace(selection, valid=judge), threads)
+    searching = deadline.share(SEARCHING) if selection.prove and problem.goal.shape else None
+    found = branches_of(problem, replace(selection, valid=judge), threads, searching)
     if not selection.prove or not judge.blocked:
         return found
 
     def marked(one: Branches) -> Branches:
         if len(one) or not (one.complete and one.rejected):
             return one
+        if deadline.passed:
+            return replace(one, out_of_time=True)
         _, blocked = all_blocked(one.problem, judge, deadline)
-        return replace(one, proved_blocked=blocked)
+        return replace(one, proved_blocked=blocked, out_of_time=not blocked and deadline.passed)
 
     if isinstance(found, Branches):
         return marked(found)
-    return replace(found, each=tuple(marked(one) for one in found.each))
+    return replace(found, each=found.each.with_each(marked)) if isinstance(found.each, OfEachGoal) else found
 
 
 def all_blocked(problem: Problem, judge: Judge, deadline: Deadline) -> tuple[Array | None, bool]:
@@ -250,7 +260,7 @@ def all_blocked(problem: Problem, judge: Judge, deadline: Deadline) -> tuple[Arr
     """
     # The proof is about all solutions modulo whole turns, so the turns near some joint values do not matter.
     problem = replace(problem, near=None)
-    found = branches_of(problem, Selection())
+    found = branches_of(problem, Selection(), deadline=deadline)
     assert isinstance(found, Branches)
     isolation = isolate(problem, found.q, deadline=deadline)
     for q in problem.placed(isolation.q[isolation.given < 0]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidGoal, InvalidMap
-from kinseek.interrupts import raise_of_handler
+from kinseek.interrupts import chunks, in_chunks, raise_of_handler
 from kinseek.poses import as_pose
 from kinseek.transforms import inverse, square
 from kinseek.validation import as_number
@@ -42,6 +43,10 @@ TYPES: dict[str, tuple[str, float]] = {
 
 MOST_LOADED = 2**30
 """Maximum size of a map that is loaded as a whole when its parts are read one after the other [bytes]."""
+
+
+_EXPANDED = 2**17
+"""Poses that `expand` makes at a time."""
 
 
 def opened(store: Store) -> xarray.Dataset:
@@ -132,31 +137,49 @@ def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
     """
     description, T = described(dataset), as_pose(poses)
     grid = grid_of(description["grid"])
-    if isinstance(grid, Rings):
-        T = square(inverse(np.array(description["first_frame"]))) @ T
-    cells = grid.cells_of(T)
-    inside = np.all([cell >= 0 for cell in cells], axis=0)
+    first = square(inverse(np.array(description["first_frame"]))) if isinstance(grid, Rings) else None
+    flat = T.reshape(-1, 4, 4)
+    cells = in_chunks(lambda some: np.stack(grid.cells_of(some if first is None else first @ some), -1), flat)
+    there = {name: _values(dataset[name].transpose(*grid.dims), cells) for name in description["variables"]}
+    parts: list[dict[str, NDArray[Any]]] = []
+    for some in chunks(len(flat)):
+        turns = None if first is None else azimuths(first @ flat[some])
+        values = {name: each[some] for name, each in there.items()}
+        inside = np.asarray(np.all(cells[some] >= 0, axis=-1))
+        parts.append({**_inside(values, inside, turns), "inside": inside})
+    names = parts[0].keys()
+    return {name: np.concatenate([part[name] for part in parts]).reshape(T.shape[:-2]) for name in names}
+
+
+def _inside(there: dict[str, Array], inside: NDArray[np.bool_], turns: Array | None) -> dict[str, Array]:
+    """Return the values at poses, given those of cells, for poses inside the map and the first joint's range.
+
+    Args:
+        there: Values of each variable, (k,).
+        inside: Whether the map contains the pose, (k,).
+        turns: For a map of `Rings`, the azimuths of the poses [rad], (k,).
+    """
     values = {}
-    for name in description["variables"]:
-        there = _values(dataset[name].transpose(*grid.dims), cells)
-        nothing = -1 if np.issubdtype(there.dtype, np.integer) else np.nan
-        values[name] = np.where(inside, there, nothing).astype(there.dtype)
-    if isinstance(grid, Rings):
-        turn = np.mod(azimuths(T) - values["turn_from"], FULL)
+    for name, each in there.items():
+        nothing = -1 if np.issubdtype(each.dtype, np.integer) else np.nan
+        values[name] = np.where(inside, each, nothing).astype(each.dtype)
+    if turns is not None:
+        turn = np.mod(turns - values["turn_from"], FULL)
         within = turn <= values["turn_to"] - values["turn_from"]  # False where either is NaN.
         values[REACHED] = np.where(values[REACHED] == 1, within, values[REACHED]).astype("int8")
         for name in (name for name in MEASURES if name in values and name != REACHED):
             nothing = 0 if name == BRANCHES else MEASURES[name].fill
             values[name] = np.where(values[REACHED] == 0, nothing, values[name]).astype(MEASURES[name].dtype)
-    return {**values, "inside": inside}
+    return values
 
 
-def _values(variable: xarray.DataArray, cells: tuple[Indices, ...]) -> Array:
-    """Read the values of some cells; from a store only their blocks."""
-    flat, data = tuple(each.ravel() for each in cells), variable.data
+def _values(variable: xarray.DataArray, cells: Indices) -> Array:
+    """Read the values of some cells, (k, dimensions); from a store only their blocks, once each."""
+    data = variable.data
     with _reading():
-        there = data[flat] if isinstance(data, np.ndarray) else data.vindex[flat].compute()
-    return np.asarray(there).reshape(cells[0].shape)
+        if isinstance(data, np.ndarray):
+            return in_chunks(lambda some: data[tuple(some.T)], cells)
+        return np.asarray(data.vindex[tuple(cells.T)].compute())
 
 
 @contextmanager
@@ -200,8 +223,10 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
         name for name in description["variables"] if name not in ("turn_from", "turn_to", "cell", *SHARES)
     ]
     made = {name: np.empty(grid.shape, dataset[name].dtype) for name in names}
-    for i in range(grid.shape[0]):
-        part = (slice(i, i + 1), *[slice(None)] * 3)
+    planes, rows = grid.shape[0], grid.shape[1]
+    some = max(_EXPANDED * rows * planes // grid.size, 1)
+    for i, columns in itertools.product(range(planes), chunks(rows, some)):
+        part = (slice(i, i + 1), columns, slice(None), slice(None))
         values = at(dataset, grid.poses(part))
         for name in names:
             made[name][part] = values[name]

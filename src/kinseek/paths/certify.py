@@ -34,8 +34,9 @@ NEAR, MOVES = 0.02, 0.1
 comes nearer to a limit than `NEAR` [rad] or [m], and a unit step of self-motion moves it by more than `MOVES`. Not examined
 further."""
 
-CHUNK = 64
-"""Steps that a thread takes at a time: some milliseconds of work."""
+CHUNK, JOINTS = 64, 7
+"""Steps that a thread takes at a time, and the number of joints up to which they are proved in one piece: some milliseconds
+of work. The work of a step grows about with the square of the number of joints, so the pieces shrink accordingly."""
 
 
 @dataclass(frozen=True)
@@ -88,29 +89,25 @@ def prove_rows(
     # A rotation by half a turn or more has no unique axis: the straight motion between the poses is not defined.
     small_turn = np.linalg.norm(turns, axis=1) <= HALF_TURN
     begins, ends = np.ascontiguousarray(q[which]), np.ascontiguousarray(q[which + 1])
-    given = (
-        np.ascontiguousarray(begin),
-        np.ascontiguousarray((end - begin)[:, :, 3]),
-        turns,
-        begins,
-        ends,
-        _holds(problem, begins, ends, redundancy),
-        np.ascontiguousarray(
-            (rims_of(problem, q) if rims is None else rims)[np.stack([which, which + 1], axis=1)]
-        ),
-        small_turn,
+    moving = (np.ascontiguousarray(begin), np.ascontiguousarray((end - begin)[:, :, 3]), turns, begins, ends)
+    rim = np.ascontiguousarray(
+        (rims_of(problem, q) if rims is None else rims)[np.stack([which, which + 1], axis=1)]
     )
     turning = Turning(problem.chain)
     lower, upper = (turning.open_lower, turning.open_upper) if limits is None else limits
     chain = problem.arrays._replace(lower=lower, upper=upper)
     numbers = numbers_of(problem, q)
 
-    def some(first: int, last: int, go_on: GoOn) -> None:
-        if not go_on():
-            return
-        steps: Any = [each[first:last] for each in given]
-        report = state[first:last], within[first:last]
-        prove_steps(*[chain, columns, *steps, keep, numbers, *report])
+    piece = max(int(CHUNK * min(JOINTS / dof, 1.0) ** 2), 1)
+
+    def some(begin: int, end: int, go_on: GoOn) -> None:
+        for first in range(begin, end, piece):
+            if not go_on():
+                return
+            part = slice(first, min(first + piece, end))
+            hold = _holds(problem, begins[part], ends[part], redundancy)
+            steps: Any = [*(each[part] for each in moving), hold, rim[part], small_turn[part]]
+            prove_steps(*[chain, columns, *steps, keep, numbers, state[part], within[part]])
 
     parallel_for(some, count, CHUNK, threads, Deadline() if deadline is None else deadline)
     return Proved(state, within)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
+from kinseek.interrupts import in_chunks
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.arrays import ChainArrays, chain_arrays
@@ -160,7 +161,7 @@ class SerialChain(Variables):
 
     def forward(self, q: Array) -> Array:
         """Return poses of the tip, (k, n) -> (k, 4, 4), lengths in [m]."""
-        return forward_many(self.arrays, q)
+        return in_chunks(lambda some: forward_many(self.arrays, some), q)
 
     def arrays_to(self, frame: Frame) -> ChainArrays:
         """Return the chain in the form that kernels take, ending at a frame that some joint moves."""
