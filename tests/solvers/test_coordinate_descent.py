@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 import kinseek
 from kinseek import CoordinateDescent
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.grid.sinusoid import coefficients, minimise_pair, minimiser, value_at
+from kinseek.kernels.arm.vectors import Vector
+from kinseek.kernels.grid.sinusoid import Motion, fit_of, minimise_pair, minimiser, value_at
 from kinseek.problem import Problem
 from reference import Array, chordal_error, fk
 
@@ -61,18 +62,20 @@ def test_one_joint_is_minimised_exactly(name: str, joint: int, seed: int) -> Non
 def test_minimiser_agrees_with_a_dense_scan(
     a: float, b: float, c: float, low: float, high: float, revolute: bool
 ) -> None:
-    delta = minimiser(a, b, c, low, high, revolute)
+    fit = Vector(a, b, c)
+    delta = minimiser(fit, Motion(low, high, revolute))
     assert low <= delta <= high
-    dense = min(value_at(a, b, c, float(x), revolute) for x in np.linspace(low, high, 500))
-    assert value_at(a, b, c, delta, revolute) <= dense + 1e-9
+    dense = min(value_at(fit, float(x), revolute) for x in np.linspace(low, high, 500))
+    assert value_at(fit, delta, revolute) <= dense + 1e-9
 
 
 @given(COEFFICIENT, COEFFICIENT, COEFFICIENT, st.floats(0, 2))
 def test_three_samples_give_the_coefficients(a: float, b: float, c: float, slide: float) -> None:
     slide = 0.0 if slide < 0.01 else slide
     step = slide or 2 * np.pi / 3
-    f0, f1, f2 = (value_at(a, b, c, delta, slide == 0.0) for delta in (0.0, step, -step))
-    assert coefficients(f0, f1, f2, slide) == pytest.approx((a, b, c), abs=1e-9)
+    fit = Vector(a, b, c)
+    f0, f1, f2 = (value_at(fit, delta, slide == 0.0) for delta in (0.0, step, -step))
+    assert fit_of(f0, f1, f2, slide) == pytest.approx((a, b, c), abs=1e-9)
 
 
 # Least at one end, nearly so at the other.
@@ -80,13 +83,10 @@ def test_three_samples_give_the_coefficients(a: float, b: float, c: float, slide
 @given(st.lists(COEFFICIENT, min_size=9, max_size=9), st.tuples(st.booleans(), st.booleans()))
 @settings(max_examples=50)
 def test_a_pair_is_minimised_over_its_box(numbers: list[float], revolute: tuple[bool, bool]) -> None:
-    M, low, high, delta = (
-        np.reshape(numbers, (3, 3)),
-        np.array([-2.0, -1.0]),
-        np.array([1.5, 3.0]),
-        np.zeros(2),
+    M, low, high = np.reshape(numbers, (3, 3)), np.array([-2.0, -1.0]), np.array([1.5, 3.0])
+    delta = np.array(
+        minimise_pair(M, *(Motion(*each) for each in zip(low.tolist(), high.tolist(), revolute, strict=True)))
     )
-    minimise_pair(M, low, high, np.array(revolute), delta)
     assert (delta >= low).all()
     assert (delta <= high).all()
 

@@ -76,11 +76,16 @@ class BlindSearch:
         require_memory(leaves_a_step // 1000, "one step of blind search tries 3^n combinations")
         deadline = Deadline(problem.time_limit)
         nodes = self.most_steps * sum(3**d for d in range(1, problem.chain.dof + 1))
-        require_patience(problem, nodes, None, "", self._search, at_most=True)
-        return watch_each(problem, self._search, self.most_steps, self.progress, deadline)
+        memory = np.empty(memory_size(problem.chain.dof, 3, 1, 1))
+
+        def search(one: Problem, until: Deadline, watch: Callable[[int], object] = unwatched) -> Found:
+            return self._search(one, memory, until, watch)
+
+        require_patience(problem, nodes, None, "", search, at_most=True)
+        return watch_each(problem, search, self.most_steps, self.progress, deadline)
 
     def _search(
-        self, problem: Problem, deadline: Deadline, watch: Callable[[int], object] = unwatched
+        self, problem: Problem, memory: Array, deadline: Deadline, watch: Callable[[int], object]
     ) -> Found:
         goal, chain, dof = problem.goal, problem.chain, problem.chain.dof
         most = self.most_steps
@@ -89,7 +94,7 @@ class BlindSearch:
         shrink, smallest = (0.0, self.step) if self.shrink is None else (self.shrink, self.smallest_step)
         tolerances = goal.position_tolerance, goal.orientation_tolerance
         rules = Rules(chain.wraps, *tolerances, shrink, smallest, most)
-        memory, q = np.empty(memory_size(dof, 3, 1, 1)), problem.start.copy()
+        q = problem.start.copy()
         now, progress = np.array([self.step, np.inf]), np.zeros(4, dtype=np.int64)
 
         def walk_until(step: int) -> bool:

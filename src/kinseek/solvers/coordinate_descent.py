@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -18,9 +18,10 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import chordal_error, errors
+from kinseek.kernels.arm.vectors import Vector
 from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.grid.sinusoid import TURN, coefficients, minimise_pair, minimiser
+from kinseek.kernels.grid.sinusoid import TURN, Motion, fit_of, minimise_pair, minimiser
 from kinseek.kernels.jit import entry, inlined_with_wrapper, kernel
 from kinseek.problem import Problem
 from kinseek.solution import Solution
@@ -92,26 +93,25 @@ class CoordinateDescent:
         turn_weight = goal.orientation_weight**2 / 2
         columns = (np.arange(3) < goal.columns).astype(float)
         squared = GoalArrays(goal.targets[0], goal.position_weight**2, turn_weight * columns)
-        limits = np.array(
-            [goal.position_tolerance, goal.orientation_tolerance, float(self.most_sweeps), self.stall]
-        )
         q = problem.start.copy()
         budget = np.iinfo(np.int64).max if problem.budget is None else problem.budget
-        at = np.zeros(2, dtype=np.int64)
-        given = problem.arrays, squared, goal.arrays, limits, self.pairs, int(budget)
+        tolerances = goal.position_tolerance, goal.orientation_tolerance
+        rules = Rules(*tolerances, self.most_sweeps, self.stall, self.pairs, int(budget))
+        progress = np.zeros(2, dtype=np.int64)
+        given = problem.arrays, squared, goal.arrays, rules
         recorder = Recorder(problem, self) if problem.trace else None
         if recorder:
             recorder.add("start", q, 1, memory=bytes_of(q))
         # A trace needs every sweep, so each call ends with the sweep that exhausts its part of the budget.
         part = 1 if recorder else PART
-        done, swept = sweep_down(*given, part, at, q), 0
+        done, swept = sweep_down(*given, part, progress, q), 0
         while not done and not deadline.passed:
-            watch(int(at[SWEEPS]))
+            watch(int(progress[SWEEPS]))
             if recorder:
                 swept += 1
-                recorder.add(f"sweep {swept}", q, int(at[SPENT]), memory=bytes_of(q))
-            done = sweep_down(*given, part, at, q)
-        found = Found(q, int(at[SPENT]), out_of_time=not done)
+                recorder.add(f"sweep {swept}", q, int(progress[SPENT]), memory=bytes_of(q))
+            done = sweep_down(*given, part, progress, q)
+        found = Found(q, int(progress[SPENT]), out_of_time=not done)
         return found if recorder is None else self._report(recorder, found, f"sweep {swept + 1}")
 
     @staticmethod
@@ -125,32 +125,38 @@ class CoordinateDescent:
 SPENT, SWEEPS = range(2)
 """Progress of a descent: FK evaluations spent, and sweeps made."""
 
-
-@kernel
-def error_at(chain: ChainArrays, squared: GoalArrays, q: Array, T: Array) -> float:
-    """Return the chordal error at q; T, (3, 4), receives the pose."""
-    forward(chain, q, T)
-    return chordal_error(T, squared)
+REVOLUTE, PRISMATIC, NEITHER = range(3)
+"""Kinds of joints: along one that drives several the error is no sinusoid and no parabola."""
 
 
-@inlined_with_wrapper
-def samples(chain: ChainArrays, i: int, kinds: Array) -> tuple[float, float]:
-    """Return the step of a joint for its samples, and its `slide`: 0 or that step."""
-    if kinds[i] == 1:
-        step = max(0.5 * (chain.upper[i] - chain.lower[i]), 1e-3)
-        return step, step
-    return TURN / 3.0, 0.0
+class Rules(NamedTuple):
+    """When a descent ends."""
+
+    position_tolerance: float
+    """It ends within both tolerances, [m]."""
+    orientation_tolerance: float
+    """[rad]"""
+    most_sweeps: int
+    stall: float
+    """It ends if a sweep lowers the squared error by less than this fraction of it."""
+    pairs: bool
+    """Whether to minimise over pairs of joints too."""
+    budget: int
+    """Largest number of FK evaluations."""
 
 
-@kernel
-def joint_kinds(chain: ChainArrays) -> Array:
-    """Return the kind of each variable: 0 revolute, 1 prismatic, 2 neither, since it drives more than one joint, (n,)."""
-    kinds = -np.ones(len(chain.lower))
-    for k in range(len(chain.leader)):
-        i = chain.leader[k]
-        single = kinds[i] == -1.0 and abs(chain.multiplier[k]) == 1.0
-        kinds[i] = (1.0 if chain.prismatic[k] else 0.0) if single else 2.0
-    return kinds
+class State(NamedTuple):
+    """The arm at its present joint values."""
+
+    chain: ChainArrays
+    squared: GoalArrays
+    """The goal with the weights of the chordal error."""
+    kinds: Indices
+    """Kind of each joint, (n,)."""
+    q: Array
+    """Joint values, (n,), [rad] or [m]."""
+    T: Array
+    """Pose of the tip at the values evaluated last, (3, 4)."""
 
 
 @entry
@@ -158,11 +164,9 @@ def sweep_down(
     chain: ChainArrays,
     squared: GoalArrays,
     goal: GoalArrays,
-    limits: Annotated[Array, 4],
-    pairs: bool,
-    budget: int,
+    rules: Rules,
     part: int,
-    at: Annotated[Indices, 2, OUT],
+    progress: Annotated[Indices, 2, OUT],
     q: Annotated[Array, "n", OUT],
 ) -> bool:
     """Descend in place; return whether the descent is done.
@@ -171,145 +175,157 @@ def sweep_down(
         chain: The arm.
         squared: The goal with the weights of the chordal error.
         goal: The original goal.
-        limits: Position tolerance [m], orientation tolerance [rad], most sweeps, stall, (4,).
-        pairs: Whether to minimise over pairs of joints too.
-        budget: Largest number of FK evaluations.
+        rules: When to end.
         part: FK evaluations after which this call ends, at the end of a sweep.
-        at: Progress of the descent, see `SPENT`: zeros at its beginning.
+        progress: Progress of the descent, see `SPENT`: zeros at its beginning.
         q: Start inside the limits, and then the result, (n,).
     """
-    dof, T, kinds = len(q), np.empty((3, 4)), joint_kinds(chain)
-    error = error_at(chain, squared, q, T)
-    at[SPENT] = max(at[SPENT], 1)
-    end = at[SPENT] + part
-    while at[SWEEPS] < limits[2]:
-        position, orientation = errors(T, goal)
-        if position <= limits[0] and orientation <= limits[1]:
+    dof = len(q)
+    state = State(chain, squared, joint_kinds(chain), q, np.empty((3, 4)))
+    error = error_at(state)
+    progress[SPENT] = max(progress[SPENT], 1)
+    end = progress[SPENT] + part
+    while progress[SWEEPS] < rules.most_sweeps:
+        position, orientation = errors(state.T, goal)
+        if position <= rules.position_tolerance and orientation <= rules.orientation_tolerance:
             break
         before = error
         for i in range(dof):
-            if at[SPENT] + (3 if kinds[i] < 2 else SCANS + 2 * SECTIONS + 1) > budget:
+            cost = 3 if state.kinds[i] != NEITHER else SCANS + 2 * SECTIONS + 1
+            if progress[SPENT] + cost > rules.budget:
                 return True
-            cost, error = descend_one(chain, squared, kinds, i, error, q, T)
-            at[SPENT] += cost
-        if pairs:
+            error = descend_one(state, i, error) if state.kinds[i] != NEITHER else scan_one(state, i, error)
+            progress[SPENT] += cost
+        if rules.pairs:
             for i in range(dof - 1):
                 for j in range(i + 1, dof):
-                    if at[SPENT] + 9 > budget:
+                    if progress[SPENT] + 9 > rules.budget:
                         return True
-                    if kinds[i] < 2 and kinds[j] < 2:
-                        error = descend_two(chain, squared, kinds, i, j, error, q, T)
-                        at[SPENT] += 9
-        if at[SPENT] >= budget:
+                    if state.kinds[i] != NEITHER and state.kinds[j] != NEITHER:
+                        error = descend_two(state, i, j, error)
+                        progress[SPENT] += 9
+        if progress[SPENT] >= rules.budget:
             return True
-        error = error_at(chain, squared, q, T)
-        at[SPENT] += 1
-        at[SWEEPS] += 1
-        if before - error <= limits[3] * before:
+        error = error_at(state)
+        progress[SPENT] += 1
+        progress[SWEEPS] += 1
+        if before - error <= rules.stall * before:
             break
-        if at[SPENT] >= end:
+        if progress[SPENT] >= end:
             return False
     return True
 
 
 @kernel
-def descend_one(
-    chain: ChainArrays, squared: GoalArrays, kinds: Array, i: int, error: float, q: Array, T: Array
-) -> tuple[int, float]:
-    """Minimise along joint i in place; return the FK evaluations spent and the resulting error."""
-    if kinds[i] == 2:
-        return scan_one(chain, squared, i, error, q, T)
-    here = q[i]
-    step, slide = samples(chain, i, kinds)
-    q[i] = here + step
-    f1 = error_at(chain, squared, q, T)
-    q[i] = here - step
-    f2 = error_at(chain, squared, q, T)
-    a, b, c = coefficients(error, f1, f2, slide)
-    delta = minimiser(a, b, c, chain.lower[i] - here, chain.upper[i] - here, kinds[i] == 0)
-    return 3, accept(chain, squared, i, here, here + delta, error, q, T)
+def joint_kinds(chain: ChainArrays) -> Indices:
+    """Return the kind of each joint, (n,)."""
+    kinds = np.full(len(chain.lower), -1)
+    for k in range(len(chain.leader)):
+        i = chain.leader[k]
+        single = kinds[i] == -1 and abs(chain.multiplier[k]) == 1.0
+        kinds[i] = (PRISMATIC if chain.prismatic[k] else REVOLUTE) if single else NEITHER
+    return kinds
 
 
 @kernel
-def accept(
-    chain: ChainArrays,
-    squared: GoalArrays,
-    i: int,
-    old: float,
-    new: float,
-    error: float,
-    q: Array,
-    T: Array,
-) -> float:
-    """Set joint i to a new value, clipped to the limits, if FK confirms an improvement; otherwise restore the old one."""
-    q[i] = min(max(new, chain.lower[i]), chain.upper[i])
-    value = error_at(chain, squared, q, T)
+def error_at(state: State) -> float:
+    """Return the chordal error at the present joint values."""
+    forward(state.chain, state.q, state.T)
+    return chordal_error(state.T, state.squared)
+
+
+@kernel
+def error_with(state: State, i: int, value: float) -> float:
+    """Move joint i to a value; return the chordal error there."""
+    state.q[i] = value
+    return error_at(state)
+
+
+@inlined_with_wrapper
+def sample_step(state: State, i: int) -> tuple[float, float]:
+    """Return the step of a joint for its samples, and its `slide`: 0 or that step."""
+    if state.kinds[i] == PRISMATIC:
+        step = max(0.5 * (state.chain.upper[i] - state.chain.lower[i]), 1e-3)
+        return step, step
+    return TURN / 3.0, 0.0
+
+
+@kernel
+def fit_along(state: State, i: int, f0: float) -> Vector:
+    """Fit the error along joint i, whose value is restored; f0 is the error there."""
+    value = state.q[i]
+    step, slide = sample_step(state, i)
+    f1, f2 = error_with(state, i, value + step), error_with(state, i, value - step)
+    state.q[i] = value
+    return fit_of(f0, f1, f2, slide)
+
+
+@inlined_with_wrapper
+def motion_of(state: State, i: int) -> Motion:
+    """Return the motion that joint i can make."""
+    value, chain = state.q[i], state.chain
+    return Motion(chain.lower[i] - value, chain.upper[i] - value, state.kinds[i] == REVOLUTE)
+
+
+@kernel
+def accept(state: State, i: int, new: float, error: float) -> float:
+    """Set joint i to a new value, clipped to the limits, if FK confirms an improvement; return the resulting error."""
+    old = state.q[i]
+    value = error_with(state, i, min(max(new, state.chain.lower[i]), state.chain.upper[i]))
     if value < error:
         return value
-    q[i] = old
+    state.q[i] = old
     return error
 
 
 @kernel
-def scan_one(
-    chain: ChainArrays, squared: GoalArrays, i: int, error: float, q: Array, T: Array
-) -> tuple[int, float]:
-    """Minimise along a joint whose error is not a single sinusoid: scan its range, then use golden sections."""
-    old, low, span = q[i], chain.lower[i], chain.upper[i] - chain.lower[i]
-    best, best_value = old, error
-    for k in range(SCANS):
-        q[i] = low + span * (k + 0.5) / SCANS
-        value = error_at(chain, squared, q, T)
-        if value < best_value:
-            best, best_value = q[i], value
-    left, right = max(best - span / SCANS, low), min(best + span / SCANS, chain.upper[i])
-    ratio = (math.sqrt(5.0) - 1.0) / 2.0
-    for _ in range(SECTIONS):
-        first, second = right - ratio * (right - left), left + ratio * (right - left)
-        q[i] = first
-        f1 = error_at(chain, squared, q, T)
-        q[i] = second
-        f2 = error_at(chain, squared, q, T)
-        if f1 < f2:
-            right = second
-        else:
-            left = first
-    q[i] = old
-    middle = 0.5 * (left + right)
-    value = accept(chain, squared, i, old, middle, error, q, T)
-    if best_value < value:
-        q[i] = best
-        value = best_value
-    return SCANS + 2 * SECTIONS + 1, value
+def descend_one(state: State, i: int, error: float) -> float:
+    """Minimise along joint i in place; return the resulting error."""
+    delta = minimiser(fit_along(state, i, error), motion_of(state, i))
+    return accept(state, i, state.q[i] + delta, error)
 
 
 @kernel
-def descend_two(
-    chain: ChainArrays, squared: GoalArrays, kinds: Array, i: int, j: int, error: float, q: Array, T: Array
-) -> float:
+def scan_one(state: State, i: int, error: float) -> float:
+    """Minimise along a joint whose error is not a single sinusoid: scan its range, then use golden sections."""
+    old, low, high = state.q[i], state.chain.lower[i], state.chain.upper[i]
+    span, best, least = high - low, old, error
+    for k in range(SCANS):
+        value = error_with(state, i, low + span * (k + 0.5) / SCANS)
+        if value < least:
+            best, least = state.q[i], value
+    left, right = max(best - span / SCANS, low), min(best + span / SCANS, high)
+    ratio = (math.sqrt(5.0) - 1.0) / 2.0
+    for _ in range(SECTIONS):
+        first, second = right - ratio * (right - left), left + ratio * (right - left)
+        if error_with(state, i, first) < error_with(state, i, second):
+            right = second
+        else:
+            left = first
+    state.q[i] = old
+    value = accept(state, i, 0.5 * (left + right), error)
+    if least < value:
+        state.q[i] = best
+        value = least
+    return value
+
+
+@kernel
+def descend_two(state: State, i: int, j: int, error: float) -> float:
     """Minimise over joints i and j at once, in place; return the resulting error."""
-    here_i, here_j = q[i], q[j]
-    step_i, slide_i = samples(chain, i, kinds)
-    step_j, slide_j = samples(chain, j, kinds)
-    rows, M = np.empty((3, 3)), np.empty((3, 3))
-    for v in range(3):
-        q[j] = here_j + (0.0, step_j, -step_j)[v]
-        q[i] = here_i
-        f0 = error if v == 0 else error_at(chain, squared, q, T)
-        q[i] = here_i + step_i
-        f1 = error_at(chain, squared, q, T)
-        q[i] = here_i - step_i
-        f2 = error_at(chain, squared, q, T)
-        rows[0, v], rows[1, v], rows[2, v] = coefficients(f0, f1, f2, slide_i)
+    q, value_j = state.q, state.q[j]
+    step, slide = sample_step(state, j)
+    middle = fit_along(state, i, error)
+    above = fit_along(state, i, error_with(state, j, value_j + step))
+    below = fit_along(state, i, error_with(state, j, value_j - step))
+    q[j] = value_j
+    M = np.empty((3, 3))
     for u in range(3):
-        M[u, 0], M[u, 1], M[u, 2] = coefficients(rows[u, 0], rows[u, 1], rows[u, 2], slide_j)
-    low, high, delta, revolute = np.empty(2), np.empty(2), np.zeros(2), np.empty(2, dtype=np.bool_)
-    low[0], low[1] = chain.lower[i] - here_i, chain.lower[j] - here_j
-    high[0], high[1] = chain.upper[i] - here_i, chain.upper[j] - here_j
-    revolute[0], revolute[1] = kinds[i] == 0, kinds[j] == 0
-    minimise_pair(M, low, high, revolute, delta)
-    q[j] = min(max(here_j + delta[1], chain.lower[j]), chain.upper[j])
-    value = accept(chain, squared, i, here_i, here_i + delta[0], error, q, T)
+        row = fit_of(middle[u], above[u], below[u], slide)
+        M[u, 0], M[u, 1], M[u, 2] = row.x, row.y, row.z
+    first, second = minimise_pair(M, motion_of(state, i), motion_of(state, j))
+    q[j] = min(max(value_j + second, state.chain.lower[j]), state.chain.upper[j])
+    value = accept(state, i, q[i] + first, error)
     if value >= error:
-        q[j] = here_j
+        q[j] = value_j
     return value

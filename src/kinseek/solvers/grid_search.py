@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -61,15 +60,12 @@ class Plan(NamedTuple):
     @property
     def memory(self) -> Array:
         """New memory for the searches of all targets, one after the other."""
-        return np.empty(_memory_size(*self.sizes))
+        return np.empty(memory_size(*self.sizes))
 
     @property
     def first(self) -> list[Indices]:
         """Nodes of the first pass, for each joint."""
         return [nodes[:count] for nodes, count in zip(self.passes.first, self.passes.counts[0], strict=True)]
-
-
-_memory_size = lru_cache(maxsize=64)(memory_size)  # Summing up takes as long as a hundred leaves.
 
 
 def passes_of(

@@ -5,6 +5,7 @@ One array replaces thirty: each array argument of a kernel costs a third of a mi
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Annotated, NamedTuple
 
 from kinseek.kernels.arrays import Array, Indices
@@ -88,6 +89,7 @@ LINE = 64
 view_memory = LAYOUT.make
 
 
+@lru_cache(maxsize=64)  # Summing up takes as long as a hundred leaves.
 def memory_size(dof: int, most: int, cells: int, children: int) -> int:
     """Length in numbers of the memory of a descent, see `SIZES`."""
     return LINE // 8 + LAYOUT.count.of(dof=dof, most=most, cells=cells, children=children)

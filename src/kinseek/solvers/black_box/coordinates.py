@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from kinseek.caching import WeakCache
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.grid.sinusoid import minimise_pair, minimiser
+from kinseek.kernels.arm.vectors import Vector
+from kinseek.kernels.grid.sinusoid import Motion, minimise_pair, minimiser
 from kinseek.problem import Problem
 from kinseek.robots.blackbox import NUMBER, PRISMATIC
 from kinseek.robots.mechanism import Mechanism
@@ -104,10 +105,9 @@ def line(box: Mechanism, form: Flags, i: int, q: Array, errors_at: Errors) -> Ar
     values = places(box, form, i)
     rows = np.repeat(q[None], 3, axis=0)
     rows[:, i] = values
-    a, b, c = np.linalg.solve(basis(values - q[i], form[i]), errors_at(rows))
-    low, high = box.lower[i] - q[i], box.upper[i] - q[i]
+    fit = Vector(*np.linalg.solve(basis(values - q[i], form[i]), errors_at(rows)).tolist())
     moved = q.copy()
-    moved[i] += minimiser(float(a), float(b), float(c), float(low), float(high), bool(form[i]))
+    moved[i] += minimiser(fit, motion_of(box, form, i, q))
     return np.clip(moved, box.lower, box.upper)
 
 
@@ -120,17 +120,15 @@ def plane(box: Mechanism, form: Flags, joints: tuple[int, ...], q: Array, errors
     F = errors_at(rows).reshape(3, 3)
     M = np.linalg.solve(basis(first - q[i], form[i]), F)
     M = np.linalg.solve(basis(second - q[j], form[j]), M.T).T
-    pair, delta = np.array([i, j]), np.zeros(2)
-    minimise_pair(
-        np.ascontiguousarray(M),
-        (box.lower - q)[pair],
-        (box.upper - q)[pair],
-        np.ascontiguousarray(form[pair]),
-        delta,
-    )
+    joints_free = motion_of(box, form, i, q), motion_of(box, form, j, q)
     moved = q.copy()
-    moved[pair] += delta
+    moved[[i, j]] += minimise_pair(np.ascontiguousarray(M), *joints_free)
     return np.clip(moved, box.lower, box.upper)
+
+
+def motion_of(box: Mechanism, form: Flags, i: int, q: Array) -> Motion:
+    """Return the motion that joint i can make."""
+    return Motion(float(box.lower[i] - q[i]), float(box.upper[i] - q[i]), bool(form[i]))
 
 
 def places(box: Mechanism, form: Flags, i: int, count: int = 3) -> Array:
