@@ -30,10 +30,13 @@ from .one_joint_residual import (
     BEGIN,
     OTHER,
     PLACES,
+    ROOT,
     SAMPLES,
     SEARCHED,
+    SIGN1,
+    SIGN3,
     WAYS,
-    Lanes,
+    ColumnLanes,
     Residuals,
     complete,
     cubic,
@@ -62,10 +65,6 @@ Not examined further."""
 FLAT, FREE = 1e-4, 2e-4
 """Residual between samples, and distance of the point from axis 1 relative to the arm's size, below which a joint is
 undetermined. The solutions are then continua, within the tolerances."""
-
-
-ROOT, SIGN1, SIGN3 = range(3)
-"""Rows of a root: the value of the joint, and the signs of the solutions of joints 1 and 3."""
 
 
 class SearchedStarts(NamedTuple):
@@ -111,8 +110,9 @@ def write_searched_starts(search: Search, S: Array, table: Array) -> SearchedSta
         table: See `one_joint_residual.HEIGHT`, (PLACES, SAMPLES).
     """
     task, D, w = task_of(search.job.handle, search.job.tolerances), np.empty((3, 4)), search.job.width
-    lanes = Lanes(
+    lanes = ColumnLanes(
         np.empty((PLACES, LANES)),
+        np.empty((3, LANES)),
         np.empty((WAYS, LANES)),
         np.empty((3, LANES)),
         np.empty(LANES),
@@ -149,8 +149,10 @@ def write_searched_starts(search: Search, S: Array, table: Array) -> SearchedSta
     many = 0
     for begin in range(0, count, LANES):
         for l in range(LANES):
-            interpolate(S, table, close.roots[ROOT, min(begin + l, count - 1)], PLACES, lanes.table, l)
-        complete(S, D, close.roots, begin, lanes, w)
+            for r in range(3):
+                lanes.root[r, l] = close.roots[r, min(begin + l, count - 1)]
+            interpolate(S, table, lanes.root[ROOT, l], PLACES, lanes.table, l)
+        complete(S, D, lanes, w)
         for l in range(min(LANES, count - begin)):
             many += 1 if place_start(task, S, lanes.joints, l, search.starts[many]) else 0
     return SearchedStarts(many, dips > 0, unsure)

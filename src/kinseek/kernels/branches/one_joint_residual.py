@@ -60,6 +60,10 @@ PLACES = SECOND + 3
 """Number of rows of the table."""
 
 
+ROOT, SIGN1, SIGN3 = range(3)
+"""Rows of a root: the value of the joint, and the signs of the solutions of joints 1 and 3."""
+
+
 WAYS = 4
 """Number of ways: first those with one solution of joint 1, each with two solutions of joint 3, then the others."""
 
@@ -147,11 +151,13 @@ class Residuals(NamedTuple):
     """Squared distance of the point from axis 1, relative to the arm's size, (many,)."""
 
 
-class Lanes(NamedTuple):
+class ColumnLanes(NamedTuple):
     """Memory for eight columns."""
 
     table: Array
     """See `HEIGHT`, (PLACES, LANES)."""
+    root: Array
+    """See `ROOT`, (3, LANES)."""
     value: Array
     """(WAYS, LANES)"""
     room: Array
@@ -245,7 +251,9 @@ def triangle(
 
 
 @inlined
-def write_residuals(S: Array, D: Array, table: Array, residuals: Residuals, lanes: Lanes, w: int) -> None:
+def write_residuals(
+    S: Array, D: Array, table: Array, residuals: Residuals, lanes: ColumnLanes, w: int
+) -> None:
     """Write the residual, and the room of its equations, for every column of a table.
 
     Args:
@@ -344,15 +352,13 @@ def angle_about(axis: Vector, begin: Vector, end: Vector) -> float:
 
 
 @inlined
-def complete(S: Array, D: Array, roots: Array, begin: int, lanes: Lanes, w: int) -> None:
-    """Write six joint values of every lane, whose table is given, into `lanes.joints`.
+def complete(S: Array, D: Array, lanes: ColumnLanes, w: int) -> None:
+    """Write six joint values of every lane into `lanes.joints`.
 
     Args:
         S: Numbers of the arm, see `BEGIN`.
         D: See `candidates.displacement`, (3, 4).
-        roots: See `one_joint.ROOT`, (3, at least begin + LANES).
-        begin: The first of the roots.
-        lanes: The table at the roots; receives joint values.
+        lanes: Roots, and the table there; receives joint values.
         w: LANES.
     """
     basis, point, axis, table = basis_of(S), vector_at(S, P1), vector_at(S, H6), lanes.table
@@ -365,12 +371,12 @@ def complete(S: Array, D: Array, roots: Array, begin: int, lanes: Lanes, w: int)
         u = plus(rotated(D, column_vector(table, NEAR, l)), t)
         height = dot(basis.axis1, u)
         p, q = dot(basis.h, u) - along * height, dot(across, u)
-        c1, s1, _, _ = solve_trig(p, q, table[HEIGHT, l] - along * height, roots[1, begin + l])
+        c1, s1, _, _ = solve_trig(p, q, table[HEIGHT, l] - along * height, lanes.root[SIGN1, l])
         g = flat(basis, plus(rotate(basis.axis1, c1, -s1, u), offset))
         m = Flat(table[SIDE, l], table[SIDE + 1, l])
         a, b = side.e * m.e + side.f * m.f, side.f * m.e - side.e * m.f
         sides = square + m.e * m.e + m.f * m.f
-        c3, s3, _, _ = solve_trig(a, b, 0.5 * (g.e * g.e + g.f * g.f - sides), roots[2, begin + l])
+        c3, s3, _, _ = solve_trig(a, b, 0.5 * (g.e * g.e + g.f * g.f - sides), lanes.root[SIGN3, l])
         v = Flat(side.e + c3 * m.e - s3 * m.f, side.f + c3 * m.f + s3 * m.e)
         c2, s2, _ = unit_angle(v.e * g.e + v.f * g.f, v.e * g.f - v.f * g.e)
         cosine, sine = c2 * c3 - s2 * s3, s2 * c3 + c2 * s3
@@ -383,7 +389,7 @@ def complete(S: Array, D: Array, roots: Array, begin: int, lanes: Lanes, w: int)
         other = rotate(basis.axis1, c1, s1, rotate(basis.h, cosine, sine, other))
         last_angle = angle_about(axis, rotated_back(D, other), column_vector(table, SECOND, l))
         lanes.joints[0, l], lanes.joints[1, l] = angle(s1, c1), sense2 * angle(s2, c2)
-        lanes.joints[2, l], lanes.joints[3, l] = sense3 * angle(s3, c3), roots[0, begin + l]
+        lanes.joints[2, l], lanes.joints[3, l] = sense3 * angle(s3, c3), lanes.root[ROOT, l]
         lanes.joints[4, l], lanes.joints[5, l] = other_angle, last_angle
 
 
