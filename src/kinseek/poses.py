@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, RepairWarning
-from .kernels.arm.pose_error import LARGEST, all_rigid, rigid_each
+from .kernels.arm.pose_error import LARGEST, all_rigid
 from .shapes import Pose
 from .transforms import from_quaternion, from_rpy, rotation_onto, rotations
 from .units import warn_of_angles
@@ -189,7 +189,8 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
     A warning reports repairs beyond those of `as_pose`; `level` is the number of calls between here and the line to blame.
     """
     _require_shape(matrix)
-    if all_rigid(np.ascontiguousarray(matrix.reshape(-1, 4, 4))):
+    rigid = np.empty(matrix.shape[:-2], dtype=np.bool_)
+    if all_rigid(np.ascontiguousarray(matrix.reshape(-1, 4, 4)), rigid.reshape(-1)):
         return matrix
     if not np.isfinite(matrix).all():
         bad = np.argwhere(~np.isfinite(matrix).all(axis=(-2, -1)))
@@ -220,7 +221,7 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
             RepairWarning,
             stacklevel=level,
         )
-    loose = ~rigid_each(np.ascontiguousarray(matrix.reshape(-1, 4, 4))).reshape(matrix.shape[:-2])
+    loose = ~rigid
     if loose.any():  # Only these: the others in the batch must stay unchanged.
         left, _, right = np.linalg.svd(turn[loose])
         matrix[loose, :3, :3] = left @ right
