@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, RepairWarning
 from .interrupts import CHUNK, chunks, in_chunks
-from .kernels.arm.pose_error import LARGEST, all_rigid, rigid_each
+from .kernels.arm.pose_error import LARGEST, all_rigid
 from .shapes import Pose
 from .transforms import from_quaternion, from_rpy, rotation_onto, rotations
 from .units import warn_of_angles
@@ -191,7 +191,9 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
     """
     _require_shape(matrix)
     each = matrix.reshape(-1, 4, 4)
-    if all(all_rigid(np.ascontiguousarray(each[some])) for some in chunks(len(each))):
+    rigid = np.empty(len(each), dtype=np.bool_)
+    # A list, because every chunk has to be checked.
+    if all([all_rigid(np.ascontiguousarray(each[some]), rigid[some]) for some in chunks(len(each))]):
         return matrix
     if not _all_finite(matrix):
         bad = np.argwhere(~np.isfinite(matrix).all(axis=(-2, -1)))
@@ -222,7 +224,7 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
             RepairWarning,
             stacklevel=level,
         )
-    loose = ~in_chunks(rigid_each, each).reshape(matrix.shape[:-2])
+    loose = ~rigid.reshape(matrix.shape[:-2])
     if loose.any():  # Only these: the others in the batch must stay unchanged.
         matrix[loose, :3, :3] = in_chunks(_nearest_rotations, turn[loose])
         matrix[loose, 3, :] = [0, 0, 0, 1]

@@ -142,7 +142,7 @@ class Broad:
         With `steps` planes are tried between pairs that may be the nearest.
         """
         out = self._table_of(q, np.float64)
-        bound_pairs(self._handle, np.ascontiguousarray(q), steps, LANES, out)
+        bound_pairs(self._handle, np.ascontiguousarray(q), steps, LANES, out, np.empty(0))
         out[np.abs(q).max(axis=1) > FAR] = -np.inf
         return np.minimum.reduceat(out, self._firsts, axis=1) if out.shape[1] > self.count else out
 

@@ -125,7 +125,7 @@ def make_collision_model(
         rough=np.array([part.rough for part in parts]).reshape(-1, 4, LANES),
         outer=np.array([part.outer for part in parts]).reshape(-1, 4, COUNT),
         inner=np.array([part.inner for part in parts]).reshape(-1, 4, COUNT),
-        core=np.array([part.core for part in parts]).reshape(-1, 12),
+        into_core=np.array([_inverse(part.core) for part in parts]).reshape(-1, 3, 4),
         half=np.array([part.half for part in parts]).reshape(-1, 3),
         thick=np.array([part.thick for part in parts], dtype=np.float64),
         exact=np.array([part.exact for part in parts], dtype=np.bool_),
@@ -133,7 +133,7 @@ def make_collision_model(
         corner_at=corner_at,
         corners=corners,
         ball=balls,
-        pair=pairs.reshape(-1, 3),
+        pair=np.array([_distal_first(parts, *pair) for pair in pairs.tolist()]).reshape(-1, 3),
         pad=pads,
         group=np.array(used, dtype=np.int64),
         meeting=np.array(spans, dtype=np.int64).reshape(-1, 4),
@@ -158,4 +158,15 @@ def _flat(columns: Sequence[Array]) -> tuple[NDArray[np.int64], Array]:
         )
     full = [one[:, np.arange(-(-one.shape[1] // BLOCK) * BLOCK) % max(one.shape[1], 1)] for one in columns]
     at = np.cumsum([0, *(one.shape[1] for one in full)], dtype=np.int64)
-    return at, np.concatenate([np.zeros(0), *(one.ravel() for one in full)])
+    return at, np.concatenate([np.zeros((3, 0)), *full], axis=1)
+
+
+def _inverse(pose: Array) -> Array:
+    """Return the inverse of a pose, (3, 4)."""
+    turn = pose[:, :3].T
+    return np.column_stack([turn, -turn @ pose[:, 3]])
+
+
+def _distal_first(parts: Sequence[Member], one: int, other: int, number: int) -> tuple[int, int, int]:
+    """Return a pair with the part of the distal joint first."""
+    return (one, other, number) if parts[one].joint >= parts[other].joint else (other, one, number)

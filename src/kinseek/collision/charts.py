@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.kernels.arrays import chain_arrays
-from kinseek.kernels.collision.first_pass import bound_depths, bound_pairs
+from kinseek.kernels.collision.first_pass import bound_pairs
 from kinseek.kernels.collision.model import LANES, ROWS
 from kinseek.kernels.pointers import handle_of
 
@@ -126,8 +126,7 @@ def chart_of(
         angles = ((where + 0.5) * (2 * np.pi / np.array(counts)))[:, 2 - turning :]
         q = np.ascontiguousarray(angles)
         bounds, depths = np.empty((len(q), len(pairs))), np.empty(len(q))
-        bound_pairs(handle, q, _STEPS, LANES, bounds)
-        bound_depths(handle, q, bounds, LANES, depths)
+        bound_pairs(handle, q, _STEPS, LANES, bounds, depths)
         # Half a cell's width of each joint, plus rounding, times the largest lever of that joint.
         moved = sum(move * (np.pi / count + _MARGIN) for move, count in zip(moves, counts, strict=True))
         free, deep = bounds.min(axis=1) - moved, depths - moved

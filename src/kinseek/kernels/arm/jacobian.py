@@ -1,4 +1,8 @@
-"""The geometric Jacobian of many configurations."""
+"""The geometric Jacobian of many configurations.
+
+A revolute joint with axis z and origin o moves the tip at p by ``(z x (p - o), z)``, a prismatic one by ``(z, 0)``
+(Siciliano et al. 2009, equation 3.30).
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,8 @@ from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry
 
-from .forward import advance, identity
+from .forward import advance, advance_segment, identity
+from .vectors import Vector, column, cross, minus, row
 
 
 @entry
@@ -19,30 +24,26 @@ def add_jacobians(
 ) -> None:
     """Add the result of `jacobian_many` for q, (k, n), to `result`, (k, 6, n)."""
     joints = len(chain.leader)
-    axes, T = np.empty((joints, 6)), np.empty((3, 4))
+    axes, origins, T = np.empty((joints, 3)), np.empty((joints, 3)), np.empty((3, 4))
     for k in range(len(q)):
         identity(T)
         for m in range(joints):
-            value = chain.multiplier[m] * q[k, chain.leader[m]] + chain.offset[m]
-            advance(chain.fixed[m], chain.prismatic[m], value, T)
+            advance_segment(chain, m, m + 1, q[k], T)
             for r in range(3):
-                axes[m, r], axes[m, 3 + r] = T[r, 2], T[r, 3]
+                axes[m, r], origins[m, r] = T[r, 2], T[r, 3]
         advance(chain.fixed[joints], True, 0.0, T)
         for m in range(joints):
-            i, scale = chain.leader[m], chain.multiplier[m]
-            zx, zy, zz = axes[m, 0], axes[m, 1], axes[m, 2]
-            px, py, pz = T[0, 3] - axes[m, 3], T[1, 3] - axes[m, 4], T[2, 3] - axes[m, 5]
+            J, i, scale, axis = result[k], chain.leader[m], chain.multiplier[m], row(axes, m)
             if chain.prismatic[m]:
-                result[k, 0, i] += scale * zx
-                result[k, 1, i] += scale * zy
-                result[k, 2, i] += scale * zz
+                linear, angular = axis, Vector(0.0, 0.0, 0.0)
             else:
-                result[k, 0, i] += scale * (zy * pz - zz * py)
-                result[k, 1, i] += scale * (zz * px - zx * pz)
-                result[k, 2, i] += scale * (zx * py - zy * px)
-                result[k, 3, i] += scale * zx
-                result[k, 4, i] += scale * zy
-                result[k, 5, i] += scale * zz
+                linear, angular = cross(axis, minus(column(T, 3), row(origins, m))), axis
+            J[0, i] += scale * linear.x
+            J[1, i] += scale * linear.y
+            J[2, i] += scale * linear.z
+            J[3, i] += scale * angular.x
+            J[4, i] += scale * angular.y
+            J[5, i] += scale * angular.z
 
 
 def jacobian_many(chain: ChainArrays, q: Array) -> Array:

@@ -12,6 +12,23 @@ from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, noinline
 
 from .forward import forward
+from .vectors import (
+    Matrix,
+    Vector,
+    column,
+    columns,
+    cross,
+    dot,
+    matrix_product,
+    minus,
+    norm,
+    scaled,
+    times,
+    transform_at,
+    transposed_product,
+    transposed_times,
+    vector_at,
+)
 
 FRAME, LOW, HIGH, SWING, SWINGS = 12, 21, 27, 33, 36
 """Indices into a question, an array that is passed by its address. After the target, (3, 4): the frame, (3, 3), lower and
@@ -30,64 +47,56 @@ a component below 0.58."""
 
 
 @inlined
-def rotation_vector(D: Array, out: Array) -> None:
-    """Write the rotation vector of D, nine numbers row by row, into out[3:6], accurate at 0 and at π alike."""
-    trace = D[0] + D[4] + D[8]
+def rotation_vector(D: Matrix) -> Vector:
+    """The rotation vector of D, accurate at 0 and at π alike.
+
+    Of the quaternion that D determines up to a factor, the largest component is computed by a sum without cancellation
+    (Shepperd 1978).
+    """
+    trace = D.x.x + D.y.y + D.z.z
     if trace > 0.0:
-        w, x, y, z = 1.0 + trace, D[7] - D[5], D[2] - D[6], D[3] - D[1]
-    elif D[0] >= D[4] and D[0] >= D[8]:
-        w, x, y, z = D[7] - D[5], 1.0 + D[0] - D[4] - D[8], D[1] + D[3], D[2] + D[6]
-    elif D[4] >= D[8]:
-        w, x, y, z = D[2] - D[6], D[1] + D[3], 1.0 + D[4] - D[0] - D[8], D[5] + D[7]
+        w, v = 1.0 + trace, Vector(D.y.z - D.z.y, D.z.x - D.x.z, D.x.y - D.y.x)
+    elif D.x.x >= D.y.y and D.x.x >= D.z.z:
+        w, v = D.y.z - D.z.y, Vector(1.0 + D.x.x - D.y.y - D.z.z, D.y.x + D.x.y, D.z.x + D.x.z)
+    elif D.y.y >= D.z.z:
+        w, v = D.z.x - D.x.z, Vector(D.y.x + D.x.y, 1.0 + D.y.y - D.x.x - D.z.z, D.z.y + D.y.z)
     else:
-        w, x, y, z = D[3] - D[1], D[2] + D[6], D[5] + D[7], 1.0 + D[8] - D[0] - D[4]
-    sine = math.sqrt(x * x + y * y + z * z)
+        w, v = D.x.y - D.y.x, Vector(D.z.x + D.x.z, D.z.y + D.y.z, 1.0 + D.z.z - D.x.x - D.y.y)
+    sine = norm(v)
     scale = 2.0 * math.atan2(sine, abs(w)) / sine if sine > 0.0 else 0.0
-    if w < 0.0:
-        scale = -scale
-    out[3], out[4], out[5] = scale * x, scale * y, scale * z
+    return scaled(-scale if w < 0.0 else scale, v)
+
+
+@inlined
+def swing_vector(a: Vector, u: Vector) -> Vector:
+    """The rotation vector of the shortest rotation from one unit axis to another."""
+    normal = cross(a, u)
+    sine, cosine = norm(normal), dot(a, u)
+    if sine < OPPOSITE and cosine < 0.0:  # Any axis normal to it will do.
+        normal = Vector(0.0, a.z, -a.y) if abs(a.x) < ALONG else Vector(-a.z, 0.0, a.x)
+        return scaled(math.pi / norm(normal), normal)
+    return scaled(math.atan2(sine, cosine) / sine if sine > 0.0 else 1.0, normal)
 
 
 @noinline
-def deviation(T: Array, question: Array, out: Array, work: Array) -> None:
-    """Write the six components of the deviation of T, (3, 4), into out, (6,), and data for `rows_of` into work, (27,)."""
-    F, target = question[FRAME:LOW], question[:FRAME]
-    for c in range(3):
-        out[c] = 0.0
-        for r in range(3):
-            out[c] += F[3 * r + c] * (T[r, 3] - target[4 * r + 3])
-    # D = (Fᵀ R) (R_gᵀ F), or D a alone.
-    for r in range(3):
-        for c in range(3):
-            left, right = 0.0, 0.0
-            for k in range(3):
-                left += F[3 * k + r] * T[k, c]
-                right += target[4 * k + r] * F[3 * k + c]
-            work[9 + 3 * r + c], work[18 + 3 * r + c] = left, right
-    for r in range(3):
-        for c in range(3):
-            work[3 * r + c] = (
-                work[9 + 3 * r] * work[18 + c]
-                + work[10 + 3 * r] * work[21 + c]
-                + work[11 + 3 * r] * work[24 + c]
-            )
-    if question[SWINGS] == 0.0:
-        rotation_vector(work, out)
-        return
-    ax, ay, az = question[SWING], question[SWING + 1], question[SWING + 2]
-    ux = work[0] * ax + work[1] * ay + work[2] * az
-    uy = work[3] * ax + work[4] * ay + work[5] * az
-    uz = work[6] * ax + work[7] * ay + work[8] * az
-    x, y, z = ay * uz - az * uy, az * ux - ax * uz, ax * uy - ay * ux
-    sine, cosine = math.sqrt(x * x + y * y + z * z), ax * ux + ay * uy + az * uz
-    if sine < OPPOSITE and cosine < 0.0:  # Any axis normal to it will do.
-        x, y, z = (0.0, az, -ay) if abs(ax) < ALONG else (-az, 0.0, ax)
-        sine = math.sqrt(x * x + y * y + z * z)
-        scale = math.pi / sine
-    else:
-        scale = math.atan2(sine, cosine) / sine if sine > 0.0 else 1.0
-    out[3], out[4], out[5] = scale * x, scale * y, scale * z
-    work[9], work[10], work[11] = ux, uy, uz
+def deviation(T: Array, question: Array, out: Array) -> Vector:
+    """Write the six components of the deviation of T, (3, 4), into out, (6,).
+
+    With the frame F, the pose (R, p) and its target (R_g, p_g), they are ``Fᵀ (p - p_g)`` and the rotation vector of
+    ``D = (Fᵀ R) (R_gᵀ F)``, or of the swing by D of the axis a alone.
+
+    Returns:
+        D a; without a swing axis it has no meaning.
+    """
+    frame = question[FRAME:LOW].reshape(3, 3)
+    F, goal, axis = columns(frame), transform_at(question[:FRAME].reshape(3, 4)), vector_at(question, SWING)
+    D = matrix_product(transposed_product(F, columns(T)), transposed_product(goal.R, F))
+    swung = times(D, axis)
+    linear = transposed_times(F, minus(column(T, 3), goal.p))
+    angular = rotation_vector(D) if question[SWINGS] == 0.0 else swing_vector(axis, swung)
+    out[0], out[1], out[2] = linear.x, linear.y, linear.z
+    out[3], out[4], out[5] = angular.x, angular.y, angular.z
+    return swung
 
 
 @inlined
@@ -127,10 +136,10 @@ def write_range_errors(
     result: Annotated[Array, "k", 3, OUT],
 ) -> None:
     """Write the result of `judge_ranges` into `result`, (k, 3)."""
-    T, out, work = np.empty((3, 4)), np.empty(6), np.empty(27)
+    T, out = np.empty((3, 4)), np.empty(6)
     for k in range(len(q)):
         forward(chain, q[k], T)
-        deviation(T, questions[k], out, work)
+        deviation(T, questions[k], out)
         result[k, 0], result[k, 1] = range_errors(out, questions[k])
         result[k, 2] = range_weighted(weight_p, weight_o, result[k, 0], result[k, 1])
 

@@ -106,32 +106,105 @@ def rotate(axis: Vector, cosine: float, sine: float, v: Vector) -> Vector:
 
 
 @inlined
-def rotated(T: Array, v: Vector) -> Vector:
-    """``R v`` for the rotation R of a transform, (3, 4)."""
+def norm(v: Vector) -> float:
+    """``|v|``."""
+    return math.sqrt(dot(v, v))
+
+
+class Matrix(NamedTuple):
+    """A matrix (3, 3) by its columns, such as a rotation by its axes."""
+
+    x: Vector
+    y: Vector
+    z: Vector
+
+
+@inlined
+def columns(T: Array) -> Matrix:
+    """The first three columns of three rows, such as the rotation of a transform."""
+    return Matrix(column(T, 0), column(T, 1), column(T, 2))
+
+
+@inlined
+def times(M: Matrix, v: Vector) -> Vector:
+    """``M v``."""
     return Vector(
-        T[0, 0] * v.x + T[0, 1] * v.y + T[0, 2] * v.z,
-        T[1, 0] * v.x + T[1, 1] * v.y + T[1, 2] * v.z,
-        T[2, 0] * v.x + T[2, 1] * v.y + T[2, 2] * v.z,
+        M.x.x * v.x + M.y.x * v.y + M.z.x * v.z,
+        M.x.y * v.x + M.y.y * v.y + M.z.y * v.z,
+        M.x.z * v.x + M.y.z * v.y + M.z.z * v.z,
     )
 
 
 @inlined
+def transposed_times(M: Matrix, v: Vector) -> Vector:
+    """``Mᵀ v``."""
+    return Vector(dot(M.x, v), dot(M.y, v), dot(M.z, v))
+
+
+@inlined
+def matrix_product(A: Matrix, B: Matrix) -> Matrix:
+    """``A B``."""
+    return Matrix(times(A, B.x), times(A, B.y), times(A, B.z))
+
+
+@inlined
+def transposed_product(A: Matrix, B: Matrix) -> Matrix:
+    """``Aᵀ B``."""
+    return Matrix(transposed_times(A, B.x), transposed_times(A, B.y), transposed_times(A, B.z))
+
+
+class Transform(NamedTuple):
+    """A rigid transform."""
+
+    R: Matrix
+    p: Vector
+
+
+@inlined
+def transform_at(T: Array) -> Transform:
+    """Read a transform, (3, 4) or (4, 4)."""
+    return Transform(columns(T), column(T, 3))
+
+
+@inlined
+def apply(T: Transform, v: Vector) -> Vector:
+    """``R v + p``."""
+    return plus(times(T.R, v), T.p)
+
+
+@inlined
+def compose(A: Transform, B: Transform) -> Transform:
+    """``A B``."""
+    return Transform(matrix_product(A.R, B.R), apply(A, B.p))
+
+
+@inlined
+def relative(A: Transform, B: Transform) -> Transform:
+    """``A⁻¹ B``."""
+    return Transform(transposed_product(A.R, B.R), transposed_times(A.R, minus(B.p, A.p)))
+
+
+@inlined
+def inverse(T: Transform) -> Transform:
+    """``T⁻¹``."""
+    R = T.R
+    rows = Matrix(Vector(R.x.x, R.y.x, R.z.x), Vector(R.x.y, R.y.y, R.z.y), Vector(R.x.z, R.y.z, R.z.z))
+    return Transform(rows, scaled(-1.0, transposed_times(R, T.p)))
+
+
+@inlined
+def rotated(T: Array, v: Vector) -> Vector:
+    """``R v`` for a transform, (3, 4)."""
+    return times(columns(T), v)
+
+
+@inlined
 def rotated_back(T: Array, v: Vector) -> Vector:
-    """``Rᵀ v`` for the rotation R of a transform, (3, 4)."""
-    return Vector(
-        T[0, 0] * v.x + T[1, 0] * v.y + T[2, 0] * v.z,
-        T[0, 1] * v.x + T[1, 1] * v.y + T[2, 1] * v.z,
-        T[0, 2] * v.x + T[1, 2] * v.y + T[2, 2] * v.z,
-    )
+    """``Rᵀ v`` for a transform, (3, 4)."""
+    return transposed_times(columns(T), v)
 
 
 @inlined
 def transformed(T: Array, v: Vector) -> Vector:
     """``R v + p`` for a transform, (3, 4)."""
-    return plus(rotated(T, v), column(T, 3))
-
-
-@inlined
-def norm(v: Vector) -> float:
-    """``|v|``."""
-    return math.sqrt(v.x * v.x + v.y * v.y + v.z * v.z)
+    return apply(transform_at(T), v)

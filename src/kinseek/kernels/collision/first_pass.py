@@ -8,7 +8,8 @@ from typing import Annotated
 import numpy as np
 
 from kinseek.kernels.arm.forward import FAR
-from kinseek.kernels.arrays import Array, Flags, Indices
+from kinseek.kernels.arm.vectors import Vector, apply, column, dot, minus, norm, row, transform_at
+from kinseek.kernels.arrays import Array, ChainArrays, Flags, Indices
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
@@ -16,27 +17,34 @@ from .gaps import (
     DOUBT,
     FREE,
     TOUCH,
+    Query,
+    Separation,
     ball_gap,
     depth_below,
+    from_box,
+    full_check,
     gap_below,
     near_core,
+    padded,
     quick_check,
     separating_plane,
-    settle,
-    way_into,
 )
 from .model import (
     LANES,
     CollisionModel,
     LaneState,
+    Pair,
     collision_model_of,
-    enter,
+    groups_of,
     lanes_frames,
     load_lanes,
     make_lane_state,
+    meeting_at,
     memory_for,
-    place,
+    pair_at,
 )
+
+PART_OF_TURN = 0.5 / math.pi
 
 
 @inlined
@@ -45,22 +53,18 @@ def keep(memory: Array) -> None:
     memory[0] = 0.0
 
 
-PART_OF_TURN = 0.5 / math.pi
-
-
 @inlined
 def lanes_balls(model: CollisionModel, state: LaneState, moving: bool, w: int) -> None:
     """Compute the centres of the balls of all moving groups, or of all fixed ones, at the eight q."""
-    W = LANES
     for g in range(len(model.group)):
-        p, B = model.group[g], state.balls[g]
+        p = model.group[g]
         if (model.joint[p] > 0) != moving:
             continue
-        T, x, y, z = state.frames[model.joint[p]], model.ball[p, 0], model.ball[p, 1], model.ball[p, 2]
+        T, balls, centre = state.frames[model.joint[p]], state.balls[g], row(model.ball, p)
         for r in range(3):
-            o = 4 * r * W
             for l in range(w):
-                B[r * W + l] = T[o + l] * x + T[o + W + l] * y + T[o + 2 * W + l] * z + T[o + 3 * W + l]
+                along = Vector(T[4 * r, l], T[4 * r + 1, l], T[4 * r + 2, l])
+                balls[r, l] = dot(along, centre) + T[4 * r + 3, l]
 
 
 @inlined
@@ -68,7 +72,7 @@ def lanes_inside(model: CollisionModel, state: LaneState, w: int) -> bool:
     """Return True if all of the eight q are within the limits."""
     outside = 0
     for i in range(len(model.chain.lower)):
-        q, low, high = state.lanes[i], model.chain.lower[i], model.chain.upper[i]
+        q, low, high = state.q[i], model.chain.lower[i], model.chain.upper[i]
         for l in range(w):
             outside += 1 if q[l] < low or q[l] > high else 0
     return outside == 0
@@ -78,117 +82,82 @@ def lanes_inside(model: CollisionModel, state: LaneState, w: int) -> bool:
 def lanes_near(model: CollisionModel, state: LaneState, least: float, w: int) -> None:
     """Store the meetings to examine for each of the eight q: those whose groups the balls do not prove to be free."""
     inside = lanes_inside(model, state, w)
-    W, gaps, counts = LANES, state.gaps, state.counts
-    for l in range(W):
-        counts[l], state.hits[l] = 0, 0
+    gaps, counts = state.gaps, state.counts
+    for l in range(LANES):
+        counts[l] = 0
     for m in range(len(model.meeting)):
         if inside and model.apart_inside[m] > least:
             break
         if model.apart[m] > least:
             continue
-        G, H = state.balls[model.meeting[m, 0]], state.balls[model.meeting[m, 1]]
-        g, h = model.group[model.meeting[m, 0]], model.group[model.meeting[m, 1]]
+        meeting = meeting_at(model, m)
+        G, H = state.balls[meeting.one], state.balls[meeting.other]
+        g, h = model.group[meeting.one], model.group[meeting.other]
         reach = model.ball[g, 3] + model.ball[h, 3] + model.widest[m] + least
-        square = reach * reach
         some = 0
         for l in range(w):
-            dx, dy, dz = G[l] - H[l], G[W + l] - H[W + l], G[2 * W + l] - H[2 * W + l]
-            some += 1 if dx * dx + dy * dy + dz * dz <= square else 0
+            offset = minus(column(G, l), column(H, l))
+            gaps[l] = dot(offset, offset) - reach * reach
+            some += 1 if gaps[l] <= 0.0 else 0
         if some == 0:
             continue
-        for l in range(w):
-            dx, dy, dz = G[l] - H[l], G[W + l] - H[W + l], G[2 * W + l] - H[2 * W + l]
-            gaps[l] = dx * dx + dy * dy + dz * dz - square
         if model.joint[g] == 0:  # A fixed group: its core is the same for all of them.
-            place(model, state, g)
-            M, ex, ey, ez = state.into[g], model.half[g, 0], model.half[g, 1], model.half[g, 2]
+            into, half = transform_at(model.into_core[g]), row(model.half, g)
             reach = model.ball[h, 3] + model.thick[g] + model.widest[m] + least
-            square = reach * reach
-            m0, m1, m2, m3, m4, m5 = M[0], M[1], M[2], M[3], M[4], M[5]
-            m6, m7, m8, m9, m10, m11 = M[6], M[7], M[8], M[9], M[10], M[11]
             for l in range(w):
-                x, y, z = H[l], H[W + l], H[2 * W + l]
-                dx = max(abs(m0 * x + m1 * y + m2 * z + m3) - ex, 0.0)
-                dy = max(abs(m4 * x + m5 * y + m6 * z + m7) - ey, 0.0)
-                dz = max(abs(m8 * x + m9 * y + m10 * z + m11) - ez, 0.0)
-                gaps[l] = max(gaps[l], dx * dx + dy * dy + dz * dz - square)
-        if model.chart_of[m] >= 0:
-            look_up(model, state, m, least, w)
-        for l in range(W):
+                offset = from_box(apply(into, column(H, l)), half)
+                gaps[l] = max(gaps[l], dot(offset, offset) - reach * reach)
+        for l in range(LANES):
             state.near[l, counts[l]] = m
             counts[l] += 1 if gaps[l] <= 0.0 else 0
 
 
 @inlined
-def look_up(model: CollisionModel, state: LaneState, m: int, least: float, w: int) -> None:
-    """Mark in `LaneState.gaps` where the chart of a meeting decides, and in `LaneState.hits` where its groups touch."""
-    axes, chart, gaps, hits = model.chart_axes[model.chart_of[m]], model.chart, state.gaps, state.hits
-    j, k, rows, columns, first = axes[0], axes[1], axes[2], axes[3], axes[4]
-    one, other = state.lanes[model.chain.leader[j]], state.lanes[model.chain.leader[k]]
-    for l in range(w):
-        u = (model.chain.multiplier[j] * one[l] + model.chain.offset[j]) * PART_OF_TURN
-        v = (model.chain.multiplier[k] * other[l] + model.chain.offset[k]) * PART_OF_TURN
-        # At least 0: NaN converted to an integer is undefined, and such a q is in doubt later.
-        row = max(min(int((u - np.floor(u)) * rows), rows - 1), 0)
-        column = max(min(int((v - np.floor(v)) * columns), columns - 1), 0)
-        bound = chart[first + row * columns + column]
-        gaps[l] = 1.0 if bound > least or bound < 0.0 else gaps[l]
-        hits[l] = 1 if bound < 0.0 else hits[l]
+def part_of_turn(chain: ChainArrays, k: int, q: Array, l: int) -> float:
+    """Angle of a revolute joint in a lane as a part of a full turn, in [0, 1)."""
+    turn = (chain.multiplier[k] * q[chain.leader[k], l] + chain.offset[k]) * PART_OF_TURN
+    part: float = turn - np.floor(turn)
+    return part
 
 
 @inlined
-def look_closer(model: CollisionModel, state: LaneState, m: int) -> float:
-    """Return the bound in the chart of a meeting at the current q, from the smallest part of its cell."""
-    axes, chart, below, l = model.chart_axes[model.chart_of[m]], model.chart, model.below, state.now[0]
+def chart_bound(model: CollisionModel, state: LaneState, m: int, l: int) -> float:
+    """Return the bound in the chart of a meeting in a lane, from the smallest part of its cell."""
+    axes, chain, below = model.chart_axes[model.chart_of[m]], model.chain, model.below
     j, k, rows, columns, first = axes[0], axes[1], axes[2], axes[3], axes[4]
-    one, other = state.lanes[model.chain.leader[j], l], state.lanes[model.chain.leader[k], l]
-    u = (model.chain.multiplier[j] * one + model.chain.offset[j]) * PART_OF_TURN
-    v = (model.chain.multiplier[k] * other + model.chain.offset[k]) * PART_OF_TURN
-    u, v = (u - np.floor(u)) * rows, (v - np.floor(v)) * columns
-    row, column = min(int(u), rows - 1), min(int(v), columns - 1)
-    at = first + row * columns + column
+    u, v = part_of_turn(chain, j, state.q, l) * rows, part_of_turn(chain, k, state.q, l) * columns
+    r, c = min(int(u), rows - 1), min(int(v), columns - 1)
+    at = first + r * columns + c
+    # A cell of one joint is divided into four, a cell of two joints into two by two.
+    rows, columns = (1, 4) if j == k else (2, 2)
     while below[at] > 0:
-        # Position in the cell, as fractions. A cell of one joint is divided into four, a cell of two joints into two by
-        # two.
-        u, v = u - row, v - column
-        if j == k:
-            u, v = 0.0, 4.0 * v
-            row, column = 0, min(int(v), 3)
-            at = first + below[at] + column
-        else:
-            u, v = 2.0 * u, 2.0 * v
-            row, column = min(int(u), 1), min(int(v), 1)
-            at = first + below[at] + 2 * row + column
-    bound: float = chart[at]
+        u, v = (u - r) * rows, (v - c) * columns
+        r, c = min(int(u), rows - 1), min(int(v), columns - 1)
+        at = first + below[at] + r * columns + c
+    bound: float = model.chart[at]
     return bound
 
 
 @inlined
 def quick_check_meeting(
-    model: CollisionModel, state: LaneState, m: int, clearance: float, least: float, left: int
+    model: CollisionModel, state: LaneState, m: int, l: int, query: Query, left: int
 ) -> int:
     """Append undecided pairs of two groups to `left` others and return the total; -1 if some pair touches."""
     if model.chart_of[m] >= 0:
-        bound = look_closer(model, state, m)
-        if bound > least:
+        bound = chart_bound(model, state, m, l)
+        if bound > query.free:
             return left
         if bound < 0.0:
             return -1
-    g, h = model.group[model.meeting[m, 0]], model.group[model.meeting[m, 1]]
-    first, last = model.meeting[m, 2], model.meeting[m, 3]
-    if last - first > 1:
-        # If the group's outer shape is free, each of its parts is free.
-        way_into(model, state, h, g)
-        if (
-            near_core(model.rough[h], state.spot, model.half[g], least + model.widest[m] + model.thick[g])
-            == 0
-        ):
-            return left
-    for n in range(first, last):
-        a, b, pad = model.pair[n, 0], model.pair[n, 1], model.pad[n]
-        if last - first > 1 and ball_gap(model, state, a, b) > least + pad:
+    meeting = meeting_at(model, m)
+    groups, several = groups_of(model, state, l, meeting), meeting.last - meeting.first > 1
+    if several and near_core(model, model.rough[groups.a], groups, query.free + model.widest[m]) == 0:
+        return left  # Each part of the groups is free, too.
+    for n in range(meeting.first, meeting.last):
+        pair, asked = Pair(model.pair[n, 0], model.pair[n, 1], groups.way), padded(query, model.pad[n])
+        if several and ball_gap(model, pair) > asked.free:
             continue
-        found = quick_check(model, state, a, b, least + pad, clearance + pad + model.rounding[0])
+        found = quick_check(model, pair, asked)
         if found == TOUCH:
             return -1
         if found == DOUBT:
@@ -198,21 +167,19 @@ def quick_check_meeting(
 
 
 @inlined
-def settle_left(
-    model: CollisionModel,
-    state: LaneState,
-    left: int,
-    clearance: float,
-    least: float,
-    steps: int,
-    doubts: Flags,
-) -> int:
-    """Return the verdict on the undecided pairs if all others are free; pairs in doubt are stored if requested."""
-    verdict = FREE
+def check_lane(model: CollisionModel, state: LaneState, l: int, query: Query, doubts: Flags) -> int:
+    """Return the verdict on the q of a lane; pairs in doubt are stored if requested.
+
+    Cheap tests come first: if spheres prove that two parts touch, the other pairs need not be decided.
+    """
+    left, verdict = 0, FREE
+    for each in range(state.counts[l]):
+        left = quick_check_meeting(model, state, state.near[l, each], l, query, left)
+        if left < 0:
+            return TOUCH
     for each in range(left):
         n = state.left[each]
-        a, b, pad = model.pair[n, 0], model.pair[n, 1], model.pad[n]
-        found = settle(model, state, a, b, least + pad, clearance + pad + model.rounding[0], steps)
+        found = full_check(model, state, pair_at(model, state, l, n), padded(query, model.pad[n]))
         if found == TOUCH:
             return TOUCH
         if found == DOUBT:
@@ -229,15 +196,6 @@ def is_far(q: Array) -> bool:
     for i in range(len(q)):
         far = far or not abs(q[i]) <= FAR
     return far
-
-
-@inlined
-def is_number(q: Array) -> bool:
-    """Return True if every joint value is finite."""
-    finite = True
-    for i in range(len(q)):
-        finite = finite and abs(q[i]) < np.inf
-    return finite
 
 
 @entry
@@ -268,37 +226,40 @@ def sort_out(
     """
     model = collision_model_of(handle, 0)
     memory = np.empty(memory_for(model))
-    state = make_lane_state(model, memory)
+    state, query = make_lane_state(model, memory), Query(clearance + model.rounding[0], least, steps)
     nowhere = np.empty(0, dtype=np.bool_)
     in_doubt = 0
     lanes_balls(model, state, False, w)
     for first in range(0, len(q), LANES):
-        load_lanes(q, first, state.lanes)
+        load_lanes(q, first, state.q)
         lanes_frames(model.chain, state, w)
         lanes_balls(model, state, True, w)
         lanes_near(model, state, least, w)
         for l in range(min(LANES, len(q) - first)):
-            k, verdict = first + l, FREE
+            k = first + l
             doubt = doubts[k] if len(doubts) > 0 else nowhere
-            enter(state, l)
             if is_far(q[k]):
-                verdict = DOUBT
+                verdicts[k] = DOUBT
                 doubt[:] = True
-            elif state.hits[l] == 1:
-                verdict = TOUCH
             else:
-                # Cheap tests come first: if spheres prove that two parts touch, the other pairs need not be decided.
-                left = 0
-                for each in range(state.counts[l]):
-                    if left >= 0:
-                        left = quick_check_meeting(model, state, state.near[l, each], clearance, least, left)
-                verdict = (
-                    TOUCH if left < 0 else settle_left(model, state, left, clearance, least, steps, doubt)
-                )
-            verdicts[k] = verdict
-            in_doubt += 1 if verdict == DOUBT else 0
+                verdicts[k] = check_lane(model, state, l, query, doubt)
+            in_doubt += 1 if verdicts[k] == DOUBT else 0
     keep(memory)
     return in_doubt
+
+
+@inlined
+def bound_pair(
+    model: CollisionModel, state: LaneState, pair: Pair, query: Query, nearest: float
+) -> Separation:
+    """Return bounds of the distance of two parts, by planes if they may be nearer than `nearest`."""
+    lower, upper = gap_below(model, pair), 1e300
+    if query.steps > 0 and lower < nearest:
+        found = separating_plane(model, state, pair, query)
+        lower = max(lower, found.lower)
+        if model.within[pair.a] == pair.a and model.within[pair.b] == pair.b:
+            upper = found.upper
+    return Separation(DOUBT, lower, upper)
 
 
 @entry
@@ -308,73 +269,49 @@ def bound_pairs(
     steps: int,
     w: int,
     bounds: Annotated[Array, "k", "*", OUT],
+    depths: Annotated[Array, "*", OUT],
 ) -> None:
-    """Write lower bounds of the distance of every pair, (k, pair) [m]; a negative bound has no meaning.
+    """Write lower bounds of the distance of every pair, (k, pair) [m], and of the deepest penetration at every q.
+
+    A negative bound has no meaning.
 
     Args:
         handle: The scene, see `model.ROWS`.
-        q: (k, n) [rad] or [m]
+        q: (k, n) [rad] or [m]; beyond `FAR` all bounds are -1, and depths are left as they are.
         steps: Largest number of steps to improve the bound if a pair may be the nearest of all; 0 uses spheres only.
         w: `LANES`.
         bounds: Receives the bounds.
+        depths: Receives lower bounds of the motion that separates the parts of the deepest pair, (k,) [m]; or (0,) to
+            skip them.
     """
     model = collision_model_of(handle, 0)
     memory = np.empty(memory_for(model))
-    state = make_lane_state(model, memory)
+    state, query = make_lane_state(model, memory), Query(-1e300, 1e300, steps)
+    lanes_balls(model, state, False, w)
     for first in range(0, len(q), LANES):
-        load_lanes(q, first, state.lanes)
+        load_lanes(q, first, state.q)
         lanes_frames(model.chain, state, w)
+        lanes_balls(model, state, True, w)
         for l in range(min(LANES, len(q) - first)):
-            enter(state, l)
-            k, nearest = first + l, 1e300
-            if not is_number(q[k]):
+            k, nearest, depth = first + l, 1e300, -1e300
+            if is_far(q[k]):
                 bounds[k, :] = -1.0
                 continue
             for m in range(len(model.meeting)):
-                g, h = model.group[model.meeting[m, 0]], model.group[model.meeting[m, 1]]
-                apart = ball_gap(model, state, g, h)
-                for n in range(model.meeting[m, 2], model.meeting[m, 3]):
-                    a, b, pad = model.pair[n, 0], model.pair[n, 1], model.pad[n]
-                    bound = apart
+                meeting = meeting_at(model, m)
+                offset = minus(column(state.balls[meeting.one], l), column(state.balls[meeting.other], l))
+                g, h = model.group[meeting.one], model.group[meeting.other]
+                apart = norm(offset) - model.ball[g, 3] - model.ball[h, 3]
+                for n in range(meeting.first, meeting.last):
+                    pad, bound = model.pad[n], apart
                     if steps == 0 or apart - pad < nearest:
-                        bound = max(bound, gap_below(model, state, a, b))
-                        if steps > 0 and bound - pad < nearest:
-                            separating_plane(model, state, a, b, 1e300, -1e300, steps)
-                            bound = max(bound, state.spot[9])
-                            if model.within[a] == a and model.within[b] == b:
-                                nearest = min(nearest, state.spot[10] - pad)
-                    bounds[k, model.pair[n, 2]] = bound - pad - model.rounding[0]
-    keep(memory)
-
-
-@entry
-def bound_depths(
-    handle: Annotated[Indices, "*"],
-    q: Annotated[Array, "k", "n"],
-    bounds: Annotated[Array, "k", "*"],
-    w: int,
-    depths: Annotated[Array, "k", OUT],
-) -> None:
-    """Write lower bounds of the motion that separates the parts of the deepest pair at every q, (k,) [m].
-
-    Args:
-        handle: The scene, see `model.ROWS`.
-        q: (k, n) [rad] or [m]
-        bounds: From `bound_pairs`; pairs that they prove to be apart are skipped.
-        w: `LANES`.
-        depths: Receives the bounds; a negative bound has no meaning.
-    """
-    model = collision_model_of(handle, 0)
-    memory = np.empty(memory_for(model))
-    state = make_lane_state(model, memory)
-    for first in range(0, len(q), LANES):
-        load_lanes(q, first, state.lanes)
-        lanes_frames(model.chain, state, w)
-        for l in range(min(LANES, len(q) - first)):
-            enter(state, l)
-            depth = -1e300
-            for n in range(len(model.pair)):
-                if bounds[first + l, model.pair[n, 2]] <= 0.0:
-                    depth = max(depth, depth_below(model, state, model.pair[n, 0], model.pair[n, 1]))
-            depths[first + l] = depth - model.rounding[0]
+                        found = bound_pair(model, state, pair_at(model, state, l, n), query, nearest + pad)
+                        bound, nearest = max(bound, found.lower), min(nearest, found.upper - pad)
+                    bound = bound - pad - model.rounding[0]
+                    bounds[k, model.pair[n, 2]] = bound
+                    if len(depths) > 0 and bound <= 0.0:
+                        inside = depth_below(model, pair_at(model, state, l, n))
+                        depth = max(depth, inside - model.rounding[0])
+            if len(depths) > 0:
+                depths[k] = depth
     keep(memory)

@@ -76,8 +76,6 @@ class RangeScratch(NamedTuple):
     """Two matrices for each lane, (2, 9, LANES), each row by row."""
     out: Annotated[Array, 6]
     """Deviation of the current pose, (6,)."""
-    work: Annotated[Array, 27]
-    """See `deviation`, (27,)."""
 
 
 LAYOUT = Layout(RangeScratch)
@@ -141,12 +139,12 @@ def past_the_half_turn(out: Array, question: Array) -> None:
 @inlined
 def rows_of(task: Task, scratch: Scratch, ranges: RangeScratch, l: int) -> None:
     """Compute residual, errors and rows of lane l at its pose."""
-    question, lanes, rows, out, work = ranges.question, scratch.lanes, ranges.rows, ranges.out, ranges.work
+    question, lanes, rows, out = ranges.question, scratch.lanes, ranges.rows, ranges.out
     F = question[FRAME:LOW]
     for r in range(3):
-        for c in range(4):
-            scratch.spare[r, c] = lanes.pose[r, c, l]
-    deviation(scratch.spare, question, out, work)
+        for k in range(4):
+            scratch.spare[r, k] = lanes.pose[r, k, l]
+    u = deviation(scratch.spare, question, out)
     place, turn = range_errors(out, question)
     lanes.error[DISTANCE2, l], lanes.error[SINE2, l], lanes.error[COSINE, l] = place * place, turn * turn, 0.0
     total, hold, swings = 0.0, l % 2 == 1, question[SWINGS] != 0.0
@@ -155,8 +153,8 @@ def rows_of(task: Task, scratch: Scratch, ranges: RangeScratch, l: int) -> None:
         e = lanes.weight[0, l] * way
         lanes.residual[i, l] = e
         total += e * e
-        for c in range(3):
-            rows[0, 3 * i + c, l] = has * F[3 * c + i]
+        for k in range(3):
+            rows[0, 3 * i + k, l] = has * F[3 * k + i]
     if not swings:
         past_the_half_turn(out, question)
     x, y, z = out[3], out[4], out[5]
@@ -168,7 +166,9 @@ def rows_of(task: Task, scratch: Scratch, ranges: RangeScratch, l: int) -> None:
     for i in range(3):
         way, has = -out[3 + i], 1.0
         if swings:
-            a, b, c = -work[9 + i] * work[9], -work[9 + i] * work[10], -work[9 + i] * work[11]
+            # Row i of I - u uᵀ: the swing leaves a rotation about the axis itself free.
+            own = u.x if i == 0 else (u.y if i == 1 else u.z)
+            a, b, c = -own * u.x, -own * u.y, -own * u.z
             diagonal = 1.0
         else:
             low, high = question[LOW + 3 + i], question[HIGH + 3 + i]
