@@ -192,8 +192,8 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
     _require_shape(matrix)
     each = matrix.reshape(-1, 4, 4)
     rigid = np.empty(len(each), dtype=np.bool_)
-    # A list, because every chunk has to be checked.
-    if all([all_rigid(np.ascontiguousarray(each[some]), rigid[some]) for some in chunks(len(each))]):
+    checked = [all_rigid(np.ascontiguousarray(each[some]), rigid[some]) for some in chunks(len(each))]
+    if all(checked):
         return matrix
     if not _all_finite(matrix):
         bad = np.argwhere(~np.isfinite(matrix).all(axis=(-2, -1)))

@@ -47,7 +47,7 @@ SAME = 1e-18
 
 
 class Query(NamedTuple):
-    """What is asked of two parts."""
+    """What is requested of two parts."""
 
     touch: float
     """Distance of two points below which the parts touch [m]."""
