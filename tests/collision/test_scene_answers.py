@@ -213,9 +213,9 @@ def test_spare_joints_are_used_to_get_free() -> None:
 def test_scenes_are_of_one_arm(ur5e: kinseek.Arm, cell: Scene, tmp_path: Path) -> None:
     target = kinseek.pose([0.4, 0.1, 0.4])
     for other in (kinseek.load("ur10e"), kinseek.load("panda"), ur5e.with_locked({ur5e.joint_names[0]: 0.0})):
-        with pytest.raises(InvalidScene, match="this scene is for 'ur5e'"):
+        with pytest.raises(InvalidScene, match="this scene is of 'ur5e'"):
             other.ik(target, scene=cell)
-        with pytest.raises(InvalidScene, match="this scene is for 'ur5e'"):
+        with pytest.raises(InvalidScene, match="this scene is of 'ur5e'"):
             other.branches(target, scene=cell)
     tool = ur5e.with_tool(kinseek.pose([0, 0, 0.1])).with_limits({ur5e.joint_names[0]: (-1.0, 1.0)})
     assert tool.ik(target, scene=cell).status in (Status.SOLVED, Status.BLOCKED)

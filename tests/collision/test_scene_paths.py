@@ -156,7 +156,7 @@ def test_closed_paths_come_back_free(ur5e: kinseek.Arm, table: Scene) -> None:
 
 def test_scenes_are_checked(ur5e: kinseek.Arm, table: Scene) -> None:
     T = line()[20:23]
-    with pytest.raises(InvalidScene, match="this scene is for 'ur5e'"):
+    with pytest.raises(InvalidScene, match="this scene is of 'ur5e'"):
         kinseek.load("panda").follow(T, scene=table)
     with pytest.raises(InvalidScene, match=r"must be a kinseek\.Scene, got int"):
         ur5e.follow(T, scene=3)  # type: ignore[arg-type]

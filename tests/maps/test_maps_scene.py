@@ -141,7 +141,7 @@ def test_what_makes_no_map(scene: Scene) -> None:
         maps.reach(ARM, rings, scene=scene)
     with pytest.raises(InvalidMap, match="give scene="):
         maps.reach(ARM, GRID, clearance=0.01)
-    with pytest.raises(InvalidScene, match="this scene is for 'ur5e'"):
+    with pytest.raises(InvalidScene, match="this scene is of 'ur5e'"):
         maps.reach(kinseek.load("panda"), GRID, scene=scene)
     with pytest.raises(InvalidScene, match="clearance must be a length"):
         maps.reach(ARM, GRID, scene=scene, clearance=-1.0)

@@ -79,7 +79,7 @@ def require_node(node: Any) -> None:
             raise InvalidRobot(
                 f"{who} has a <{name}> of {each.text!r:.100}, expected {_NUMBERS[name]} finite numbers"
             )
-        if name == "matrix" and not np.array_equal(numbers[12:], [0, 0, 0, 1]):
+        if name == "matrix" and numbers[12:].tolist() != [0, 0, 0, 1]:
             raise InvalidRobot(
                 f"{who} has a <matrix> whose last row is {numbers[12:].tolist()}, expected 0, 0, 0, 1"
             )
