@@ -15,20 +15,9 @@ from kinseek.kernels.entry import F64, FLAG, I64, Bundle
 from kinseek.kernels.jit import array_view
 
 from .box import BoxScratch, make_box_scratch
+from .heap import HEAP, Heap
 from .neighbourhood import Expansion, make_expansion
 from .progress import COUNTS, FIGURES
-
-
-class Heap(NamedTuple):
-    """Boxes ordered by their bounds, the smallest one first."""
-
-    bound: Array
-    """A lower bound of the weighted error in the box of each row, (room,)."""
-    order: Indices
-    """Rows of the remaining boxes as a heap, the first COUNT entries; then rows that are free again, (room,)."""
-
-
-HEAP = Bundle(Heap, bound=F64["room"].out, order=I64["room"].out)
 
 
 class Places(NamedTuple):
