@@ -6,9 +6,7 @@ import math
 
 from kinseek.kernels.jit import ir_inlined
 
-from .bounds import wide
 from .box import BoxScratch
-from .cone import separate_cone
 from .form import separate
 from .last_joint import roll_fits
 from .progress import Question
@@ -23,7 +21,7 @@ STEPS = 8
 
 
 @ir_inlined
-def exclude(question: Question, scratch: BoxScratch, passes: int) -> tuple[bool, bool]:
+def exclude(question: Question, scratch: BoxScratch) -> tuple[bool, bool]:
     """Cut off the parts of the current box that miss a tolerance, to second order.
 
     Returns:
@@ -31,11 +29,9 @@ def exclude(question: Question, scratch: BoxScratch, passes: int) -> tuple[bool,
         last joint counts.
     """
     form, proof_goal = question.form, question.proof_goal
-    kept = separate(form, proof_goal, scratch, passes)
+    kept = separate(form, proof_goal, scratch)
     point, turned = miss(scratch, form.columns)
     near = math.sqrt(point) <= proof_goal.position and math.sqrt(turned) <= proof_goal.chord
-    if kept and wide(form, proof_goal):
-        kept = separate_cone(form, proof_goal, scratch, passes)
     if kept and question.roll.present:
         kept = roll_fits(form, proof_goal, question.roll, scratch)
     return kept, near
