@@ -41,15 +41,15 @@ further."""
 class Form(NamedTuple):
     """The part of the arm that the boxes describe."""
 
-    fixed: Annotated[Annotated[Array, "part+1", 3, 4], "part+1", 3, 4]
+    fixed: Annotated[Array, "part+1", 3, 4]
     """``A_1 … A_m, A_tip``, (m+1, 3, 4); A_1 is the identity if the first joint is divided out."""
-    prismatic: Annotated[Annotated[Flags, "part"], "part"]
+    prismatic: Annotated[Flags, "part"]
     """(m,)"""
-    leader: Annotated[Annotated[Indices, "part"], "part"]
+    leader: Annotated[Indices, "part"]
     """(m,)"""
-    multiplier: Annotated[Annotated[Array, "part"], "part"]
+    multiplier: Annotated[Array, "part"]
     """(m,)"""
-    offset: Annotated[Annotated[Array, "part"], "part"]
+    offset: Annotated[Array, "part"]
     """(m,)"""
     head: int
     """Type of the first joint: NONE, TURN or SLIDE; the latter two are divided out by comparing azimuths or heights."""
@@ -64,9 +64,9 @@ class Form(NamedTuple):
 class ProofGoal(NamedTuple):
     """The goal of the hand, with tolerances, weights and margins."""
 
-    target: Annotated[Annotated[Array, 3, 4], 3, 4]
+    target: Annotated[Array, 3, 4]
     """(3, 4), in the frame of the first joint if that is divided out."""
-    last: Annotated[Annotated[Array, 3, 4], 3, 4]
+    last: Annotated[Array, 3, 4]
     """Required pose of the last joint's frame at zero, (3, 4), if `Form.tail`."""
     position: float
     """Position tolerance [m]."""

@@ -48,12 +48,12 @@ KINDS = 4
 class Shoulder(NamedTuple):
     """An arm on a ball joint, and its goal."""
 
-    invariants: Annotated[Annotated[Array, "kinds", "terms"], "kinds", "terms"]
+    invariants: Annotated[Array, "kinds", "terms"]
     """``|p|²``, ``p·a``, and with the first axis ``p·e``, ``a·e``, each as a sum of products. A product has one factor
     for each joint: one, its cosine or its sine; (2 or 4, 3ⁿ), with the last joint's index fastest."""
-    goal: Annotated[Annotated[Array, 2, 3], 2, 3]
+    goal: Annotated[Array, 2, 3]
     """g and b, (2, 3). They are in their plane, or with the first axis, which is then the third axis, rotated about it."""
-    plane: Annotated[Annotated[Array, 2, 3], 2, 3]
+    plane: Annotated[Array, 2, 3]
     """g and b in their plane, with g along its first axis, (2, 3)."""
     weight_p: float
     """K_P, per [m]."""

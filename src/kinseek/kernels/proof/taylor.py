@@ -6,8 +6,8 @@ Let f be the hand's point and columns minus the goal's. A joint with the axis z 
 
 The norm of the error is the same in any frame. In a frame in the middle the distal joints move the hand, and the proximal
 ones move the goal backwards. Every Taylor polynomial then has its remainder in two halves, each about eight times smaller
-than the whole. The middle joint serves as well as the one with the smallest remainders: on five arms the boxes changed by -4 to
-11 % in the mean, and the time by as little, since the best one takes time to find.
+than the whole. The middle joint serves as well as the one with the smallest remainders: on five arms the boxes changed by -4
+to 11 % in the mean, and the time by as little, since the best one takes time to find.
 """
 
 from __future__ import annotations
