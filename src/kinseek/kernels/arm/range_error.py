@@ -19,12 +19,12 @@ from .vectors import (
     columns,
     cross,
     dot,
+    matrix_of,
     matrix_product,
     minus,
     norm,
     scaled,
     times,
-    transform_at,
     transposed_product,
     transposed_times,
     vector_at,
@@ -88,11 +88,11 @@ def deviation(T: Array, question: Array, out: Array) -> Vector:
     Returns:
         D a; without a swing axis it has no meaning.
     """
-    frame = question[FRAME:LOW].reshape(3, 3)
-    F, goal, axis = columns(frame), transform_at(question[:FRAME].reshape(3, 4)), vector_at(question, SWING)
-    D = matrix_product(transposed_product(F, columns(T)), transposed_product(goal.R, F))
+    F, goal, axis = matrix_of(question, FRAME, 3), matrix_of(question, 0, 4), vector_at(question, SWING)
+    place = Vector(question[3], question[7], question[11])
+    D = matrix_product(transposed_product(F, columns(T)), transposed_product(goal, F))
     swung = times(D, axis)
-    linear = transposed_times(F, minus(column(T, 3), goal.p))
+    linear = transposed_times(F, minus(column(T, 3), place))
     angular = rotation_vector(D) if question[SWINGS] == 0.0 else swing_vector(axis, swung)
     out[0], out[1], out[2] = linear.x, linear.y, linear.z
     out[3], out[4], out[5] = angular.x, angular.y, angular.z

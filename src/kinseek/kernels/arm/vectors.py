@@ -126,6 +126,17 @@ def columns(T: Array) -> Matrix:
 
 
 @inlined
+def matrix_of(numbers: Array, first: int, width: int) -> Matrix:
+    """The matrix whose rows begin at entries first, first + width and first + 2 · width of a flat array."""
+    second, third = first + width, first + 2 * width
+    return Matrix(
+        Vector(numbers[first], numbers[second], numbers[third]),
+        Vector(numbers[first + 1], numbers[second + 1], numbers[third + 1]),
+        Vector(numbers[first + 2], numbers[second + 2], numbers[third + 2]),
+    )
+
+
+@inlined
 def times(M: Matrix, v: Vector) -> Vector:
     """``M v``."""
     return Vector(
