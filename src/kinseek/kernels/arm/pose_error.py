@@ -62,6 +62,16 @@ def column_change(T: Array, goal: GoalArrays, c: int) -> float:
     return dot(change, change)
 
 
+@exact
+def unfused(a: float, b: float) -> float:
+    """``a b``, rounded before it enters a sum.
+
+    Of a sum of two products LLVM fuses either, depending on the kernel around it. The weighted error must have the same
+    bits in every kernel.
+    """
+    return a * b
+
+
 @inlined
 def weighted_error(T: Array, goal: GoalArrays) -> float:
     """``K_P |p - p_g| + Σ K_c (1 - c·c_g)`` over the columns c that matter (the paper, Sec. 2.2).
@@ -69,7 +79,7 @@ def weighted_error(T: Array, goal: GoalArrays) -> float:
     Computed as ``½ |c - c_g|²``, which is the same for unit vectors: ``1 - c·c_g`` cancels near the goal and could be
     negative.
     """
-    error = goal.position_weight * distance(T, goal.target)
+    error = unfused(goal.position_weight, distance(T, goal.target))
     for c in range(3):
         error += 0.5 * goal.axis_weights[c] * column_change(T, goal, c)
     return error
