@@ -116,7 +116,7 @@ def test_where_the_cache_is(
     home, temporary, chosen = (tmp_path / name for name in ("home", "temporary", "chosen"))
     temporary.mkdir(mode=0o700)
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))
-    monkeypatch.setattr(kept_code, "_told", set())
+    monkeypatch.setattr(kept_code, "_report", set())
     for name in ("XDG_CACHE_HOME", "LOCALAPPDATA", "NUMBA_CACHE_DIR"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(home))
