@@ -70,7 +70,7 @@ def two_link_boxes(problem: Problem, largest: int) -> list[tuple[Array, bool]]:
     seen: list[tuple[Array, bool]] = []
     while queue and len(seen) < largest:
         box = queue.pop(0)
-        kept = not np.isnan(look(problem, asked, box[None], second=False).left).any()
+        kept = not np.isnan(look(problem, asked, box[None], passes=0).left).any()
         seen.append((box, kept))
         if kept and box[2:].max() > SMALLEST:
             i = int(np.argmax(box[2:]))

@@ -18,9 +18,8 @@ from kinseek.kernels.maps.many_gates import many_gates
 from kinseek.kernels.paths.motion import COUNT as NUMBERS
 from kinseek.kernels.paths.steps import UNPROVED, prove_steps
 from kinseek.kernels.proof.gate import least_by_gate
-from kinseek.kernels.proof.heap import Heap
 from kinseek.kernels.proof.infeasibility import OFTEN, STEPS
-from kinseek.kernels.proof.memory import Places
+from kinseek.kernels.proof.memory import Heap, Places
 from kinseek.kernels.proof.progress import (
     CEILING,
     COUNT,
@@ -35,7 +34,7 @@ from kinseek.kernels.proof.root_isolation import MOST
 from kinseek.kernels.proof.shoulder import enclose_ball
 from kinseek.proof.boxes import Run, Watch, tuning_of
 from kinseek.proof.reduce import error_question, question, question_without_last, start_boxes
-from kinseek.proof.shoulder import first_boxes, shoulder_of
+from kinseek.proof.shoulder import shoulder_of
 
 Array = NDArray[np.float64]
 
@@ -152,12 +151,15 @@ def ball() -> Iterator[str]:
     found = shoulder_of(problem, *question_without_last(problem))
     assert found is not None
     shoulder, first = found
+    count = round(np.log(shoulder.invariants.shape[1]) / np.log(3))
+    start = start_boxes(arm.chain, False)[0].reshape(2, -1)
     for what, other in (
         ("invariants", shoulder._replace(invariants=spoilt(shoulder.invariants, (0, 5)))),
         ("goal", shoulder._replace(goal=spoilt(shoulder.goal, (0, 0)), plane=spoilt(shoulder.plane, (0, 0)))),
         ("margin", shoulder._replace(margin=np.nan)),
     ):
-        boxes = first_boxes(problem, shoulder, first, 256)
+        boxes = np.zeros((256, 2 * count + 6))
+        boxes[0, : 2 * count] = start[:, first : first + count].ravel()
         heap = Heap(np.zeros(256), np.zeros(256, dtype=np.int64))
         counts, figures = np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
         counts[COUNT] = counts[USED] = 1

@@ -246,7 +246,7 @@ def wrong_boxes(case: Case, rng: np.random.Generator) -> list[str]:
     quarter = np.round(centre / (np.pi / 2)) * np.pi / 2
     centre = np.where((rng.random(centre.shape) < 0.3) & (np.abs(quarter - seen) <= h), quarter, centre)
     h = h + 1e-15 * (1 + np.abs(centre) + h)
-    looks = look(problem, asked, np.hstack([centre, h]), ceiling, bool(rng.integers(0, 2)))
+    looks = look(problem, asked, np.hstack([centre, h]), ceiling, int(rng.integers(0, 3)))
     given_up = int(np.isnan(looks.left).all(axis=(1, 2)).sum())
     mode = f"by {'the error' if by_error else 'the tolerances'}, form {form.head, form.columns, form.tail, roll.present}"
     if given_up:

@@ -93,7 +93,7 @@ def test_joints_to_spare_are_followed_in_windows_too(monkeypatch: pytest.MonkeyP
     q = made(arm, 300, 5)
     T = arm.fk(q)
     monkeypatch.setattr(runs, "SAMPLED", 120)
-    monkeypatch.setattr(runs, "AHEAD", 40)
+    monkeypatch.setattr(runs, "LOOK_AHEAD", 40)
     for asked in ({}, {"start": q[0]}, {"end": q[-1]}, {"start": q[0], "end": q[-1]}):
         path = arm.follow(T, **asked)
         assert np.abs(arm.fk(path.q) - T).max() < 2e-6
@@ -109,7 +109,7 @@ def test_windows_keep_the_turns_of_endless_joints(monkeypatch: pytest.MonkeyPatc
     q = made(arm, 300, 5, 1, 0.3)
     q[:, 0] += np.linspace(0.0, 15.0, 300)
     monkeypatch.setattr(runs, "SAMPLED", 120)
-    monkeypatch.setattr(runs, "AHEAD", 40)
+    monkeypatch.setattr(runs, "LOOK_AHEAD", 40)
     path = arm.follow(arm.fk(q), start=q[0]).require()
     # Another branch may stand elsewhere, but no turn is taken back where one window ends and the next begins.
     assert np.abs(np.diff(path.q[:, 0])).max() <= 0.3

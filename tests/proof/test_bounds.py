@@ -105,8 +105,8 @@ def nearest_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.
     problem = Problem(chain, goal)
     asked = error_question(problem, q, rng.choice([0.01, 0.99]), trust)
     boxes, inside = boxes_around(chain, q, start_boxes(chain, asked[2].present)[0], rng)
-    ceiling, second = error * (1 + 1e-12) + 1e-12, bool(rng.integers(0, 2))
-    looks = look(problem, asked, boxes, ceiling, second)
+    ceiling, passes = error * (1 + 1e-12) + 1e-12, int(rng.integers(0, 3))
+    looks = look(problem, asked, boxes, ceiling, passes)
     gone = ~holds(asked[0], looks.left, inside, 1e-13)
     return int((gone | (looks.lower > error + 1e-11)).sum())
 

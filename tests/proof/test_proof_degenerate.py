@@ -107,7 +107,7 @@ def test_a_goal_half_a_turn_from_the_middle_of_the_box(at: float, tip: tuple[flo
     angle=st.sampled_from([0.0, 1e-8, 0.01, np.pi / 2, np.pi]),
     tip=st.sampled_from([(0.0, 0.0, 0.0), (0.0, 0.0, 0.3), (0.3, 0.0, 0.0)]),
     spare=st.sampled_from([1.0, 1.5, 100.0]),
-    second=st.booleans(),
+    passes=st.integers(0, 2),
 )
 def test_boxes_at_quarter_turns_keep_goals_at_quarter_turns(
     axes: list[str],
@@ -120,7 +120,7 @@ def test_boxes_at_quarter_turns_keep_goals_at_quarter_turns(
     angle: float,
     tip: tuple[float, ...],
     spare: float,
-    second: bool,
+    passes: int,
 ) -> None:
     """A box between its middle and a known pose, every angle a multiple of π/2; the ceiling is that pose's error."""
     aside = Rotation.random(random_state=seed).as_matrix() if seed else np.eye(3)
@@ -138,7 +138,7 @@ def test_boxes_at_quarter_turns_keep_goals_at_quarter_turns(
         count = start_boxes(chain, asked[2].present).shape[1] // 2
         centre = np.array(middle[:count])
         h = np.abs(known[:count] - centre) + half[:count] + 2e-15
-        looks = look(problem, asked, np.concatenate([centre, h])[None], ceiling, second)
+        looks = look(problem, asked, np.concatenate([centre, h])[None], ceiling, passes)
         assert not np.isnan(looks.left).any(), "given up"
         assert looks.lower[0] <= error + 1e-12
         assert holds(asked[0], looks.left, known[:count], 1e-13).all(), "cut"

@@ -13,10 +13,10 @@ import kinseek
 from chains import awkward_joints
 from kinseek import Goal, Problem
 from kinseek.kernels.arm.pose_error import judge
-from kinseek.kernels.proof.heap import Heap
+from kinseek.kernels.proof.memory import Heap
 from kinseek.kernels.proof.multipliers import Shoulder
 from kinseek.kernels.proof.progress import CEILING, COUNT, COUNTS, FIGURES, SEEN, UPPER, USED
-from kinseek.kernels.proof.shoulder import BallBoxes, enclose_ball
+from kinseek.kernels.proof.shoulder import enclose_ball
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Verdict
 from kinseek.proof.reduce import question_without_last
@@ -87,8 +87,8 @@ def ball_bound(shoulder: Shoulder, ceiling: float, c: Array, h: Array, above: Ar
     """Bound of the box c ± h, (n,), as the search has it: as one half of a box that it cuts along its widest joint."""
     n, cut, wide, middle = len(c), int(np.argmax(h)), h.copy(), c.copy()
     wide[cut], middle[cut] = 2 * h[cut], c[cut] + h[cut]
-    boxes = BallBoxes(np.zeros((4, n)), np.zeros((4, n)), np.full(4, cut), np.zeros((4, 5)))
-    boxes.centre[0], boxes.half[0], boxes.by[0] = middle, wide, above
+    boxes = np.zeros((4, 2 * n + 6))
+    boxes[0] = [*middle, *wide, cut, *above]
     heap = Heap(np.full(4, -np.inf), np.zeros(4, dtype=np.int64))  # A bound that is NaN leaves -inf.
     counts, figures = np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
     counts[COUNT] = counts[USED] = 1
@@ -96,7 +96,7 @@ def ball_bound(shoulder: Shoulder, ceiling: float, c: Array, h: Array, above: Ar
     enclose_ball(shoulder, boxes, heap, counts, figures, 1)
     assert counts[SEEN] == 2
     assert figures[UPPER] == 0.0, "an error below zero"
-    rows = [row for row in heap.order[: counts[COUNT]] if boxes.centre[row, cut] < middle[cut]]
+    rows = [row for row in heap.order[: counts[COUNT]] if boxes[row, cut] < middle[cut]]
     bounds = heap.bound[rows]
     assert np.isfinite(bounds).all()
     return float(bounds[0]) if rows else np.inf
@@ -153,7 +153,7 @@ def test_the_gap_closes_where_a_limit_of_the_second_joint_holds_the_arm_back() -
     problem = Problem(arm.chain, Goal.pose(arm.fk(q)))
     best = Atlas().solve(problem)
     assert best.weighted_error > 0.01
-    bounded = bounded_by_ball(problem, 0.99 * best.weighted_error, 16_000)
+    bounded = bounded_by_ball(problem, 0.99 * best.weighted_error, 12_000)
     assert bounded.lower == 0.99 * best.weighted_error
 
 

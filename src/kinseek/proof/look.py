@@ -29,7 +29,7 @@ from kinseek.kernels.proof.progress import (
 from kinseek.kernels.proof.search import search_boxes
 from kinseek.problem import Problem
 
-from .boxes import heap_for, no_places, tuning_of
+from .boxes import PASSES, heap_for, no_places, tuning_of
 
 
 class Looks(NamedTuple):
@@ -47,7 +47,7 @@ def look(
     reduction: tuple[Form, ProofGoal, LastJoint],
     boxes: Array,
     ceiling: float | None = None,
-    second: bool = True,
+    passes: int = PASSES,
 ) -> Looks:
     """Test boxes one by one, as the search for all solutions or for the least weighted error does.
 
@@ -56,24 +56,24 @@ def look(
         reduction: Its question in the form of the kernels, see `question` and `error_question`.
         boxes: Centres and half widths, (k, 2 dof).
         ceiling: Weighted error to stay below; None: the tolerances decide.
-        second: Whether to test to second order too.
+        passes: Forms tried to second order; 0 tests to first order only.
     """
     dof, n = boxes.shape[1] // 2, problem.chain.dof
     room, counts, figures = np.zeros((3, 2 * dof)), np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
     heap, question = heap_for(3), Question(*reduction, problem.arrays, problem.goal.arrays)
     memory = Memory(room, heap, no_places(n, dof), np.zeros(n), counts, figures)
-    tuning = tuning_of(problem, 1, 0)._replace(spread=np.inf if second else 0.0)
+    tuning = tuning_of(problem, 1, 0)._replace(spread=np.inf if passes else 0.0, shrink=0.0, passes=passes)
     left, lower = np.full((len(boxes), 2, 2 * dof), np.nan), np.zeros(len(boxes))
     for k, box in enumerate(boxes):
         room[0] = box
         counts[:], heap.bound[:], heap.order[:] = 0, 0.0, 0
         counts[COUNT] = counts[USED] = 1  # The heap begins without the whole arm.
         if ceiling is None:
-            search_boxes(ISOLATE, question, tuning, memory, 1)
+            search_boxes(ISOLATE, question, tuning, memory, 1, 1)
         else:
             # No pose lowers the ceiling.
             figures[UPPER], figures[CEILING], figures[FLOOR] = 0.0, ceiling, np.inf
-            search_boxes(ENCLOSE, question, tuning, memory, 1)
+            search_boxes(ENCLOSE, question, tuning, memory, 1, 1)
             lower[k] = figures[FLOOR] if counts[LEFT] else heap.bound[0]
         if counts[LEFT]:
             left[k] = box

@@ -130,10 +130,12 @@ def question_without_last(problem: Problem, trust: float = 1.0) -> tuple[Form, P
 
 def _without_last(problem: Problem, fixed: Array, target: Array, trust: float) -> tuple[Array, ProofGoal]:
     """Omit a last joint with the tip on its axis; return the transforms and the goal for the axis."""
-    tip = fixed[-1]
+    tip, chain = fixed[-1], problem.chain
     cut, axis = _cut(fixed, target, float(tip[2, 3]))
     proof_goal = _tolerances(problem, axis, 1, trust)
-    return cut, proof_goal._replace(margin=proof_goal.margin + 2.0 * float(np.hypot(*tip[:2, 3])))
+    proof_goal = proof_goal._replace(margin=proof_goal.margin + 2.0 * float(np.hypot(*tip[:2, 3])))
+    back = float(tip[2, 3]) - _foot(fixed, chain)
+    return cut, proof_goal._replace(back=back) if abs(back) < arm_length(chain) else proof_goal
 
 
 def _last_at_limit(chain: SerialChain, q: Array) -> bool:
@@ -254,6 +256,7 @@ def _tolerances(problem: Problem, target: Array, columns: int, trust: float, foo
         trust=float(trust),
         length=_AXIS_COUNTS * arm_length(chain),
         offset=0.0,
+        back=0.0,
         side_y=0.0,
         side_z=0.0,
     )

@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinseek.kernels.arm.division import TURN
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.proof.box import Form, ProofGoal
 from kinseek.kernels.proof.gate import CROSSED
-from kinseek.kernels.proof.heap import Heap
-from kinseek.kernels.proof.multipliers import Multipliers, Shoulder
+from kinseek.kernels.proof.memory import Heap
+from kinseek.kernels.proof.multipliers import Shoulder
 from kinseek.kernels.proof.progress import (
     CEILING,
     COUNT,
@@ -29,15 +28,13 @@ from kinseek.kernels.proof.progress import (
     UPPER,
     USED,
 )
-from kinseek.kernels.proof.shoulder import BallBoxes, enclose_ball
+from kinseek.kernels.proof.shoulder import enclose_ball
 from kinseek.problem import Problem
 from kinseek.transforms import rotation
 from kinseek.validation import arrays_equal
 
 from .reduce import ON_AXIS, question_without_last, start_boxes
 from .rounding import Sizes, defect_of, gamma, of_points
-
-AnyArray = NDArray[Any]
 
 FEWEST = 7
 """Fewest joints of an arm: with fewer it is not redundant, and the ball joint allows what the arm cannot do."""
@@ -80,9 +77,9 @@ def bounded_by_ball(
     """
     if problem.chain.dof < FEWEST:
         return Bounded(0.0, 0)
-    reduction, best = question_without_last(problem, trust), Bounded(0.0, 0)
-    # A ball joint that replaces two joints takes fewer boxes, but ignores their limits. On a Panda 3 of 13 gaps of 1 % are
-    # closed by the one that replaces the first joint alone.
+    reduction = question_without_last(problem, trust)
+    best = Bounded(0.0, 0)
+    # A ball joint that replaces two joints takes fewer boxes, but ignores their limits.
     for alone in (False, True):
         found = shoulder_of(problem, *reduction, alone)
         if found is None:
@@ -98,37 +95,23 @@ def _bounded(
     problem: Problem, shoulder: Shoulder, first: int, ceiling: float, budget: int, over: Callable[[], bool]
 ) -> Bounded:
     """Bound the least error of one arm on a ball joint; joint `first` is the first one distal to the ball."""
-    boxes = first_boxes(problem, shoulder, first)
-    heap = Heap(np.zeros(len(boxes.cut)), np.zeros(len(boxes.cut), dtype=np.int64))
+    terms = shoulder.invariants.shape[1]
+    start = start_boxes(problem.chain, False)[0].reshape(2, -1)
+    count = round(math.log(terms, 3))
+    boxes = np.zeros((1024, 2 * count + 6))
+    boxes[0, : 2 * count] = start[:, first : first + count].ravel()
+    heap = Heap(np.zeros(len(boxes)), np.zeros(len(boxes), dtype=np.int64))
     counts, figures = np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
     counts[COUNT] = counts[USED] = 1
     figures[UPPER], figures[CEILING] = np.inf, ceiling
-    terms = shoulder.invariants.shape[1]
     outcome, most = STOPPED, min(budget, WORK // terms) // 2 * 2  # Both halves of a box are tested.
     while outcome != ENDED and counts[SEEN] < most and not over():
         until = min(int(counts[SEEN]) + PIECE // terms, most)
         outcome = enclose_ball(shoulder, boxes, heap, counts, figures, until)
         if outcome == FULL:
-            boxes, heap = BallBoxes(*map(_doubled, boxes)), Heap(*map(_doubled, heap))
+            boxes = np.concatenate([boxes, np.zeros_like(boxes)])
+            heap = Heap(*(np.concatenate([each, np.zeros_like(each)]) for each in heap))
     return Bounded(min(float(figures[FLOOR]), ceiling), int(counts[SEEN]))
-
-
-def first_boxes(problem: Problem, shoulder: Shoulder, first: int, room: int = 1024) -> BallBoxes:
-    """Allocate memory for boxes, the first of them the whole range; joint `first` is the first one distal to the ball."""
-    n = round(math.log(shoulder.invariants.shape[1], 3))
-    centre, half = start_boxes(problem.chain, False)[0].reshape(2, -1)[:, first : first + n]
-    boxes = BallBoxes(
-        np.zeros((room, n)),
-        np.zeros((room, n)),
-        np.zeros(room, dtype=np.int64),
-        np.zeros((room, len(Multipliers._fields))),
-    )
-    boxes.centre[0], boxes.half[0] = centre, half
-    return boxes
-
-
-def _doubled(array: AnyArray) -> AnyArray:
-    return np.concatenate([array, np.zeros_like(array)])
 
 
 def shoulder_of(

@@ -294,7 +294,7 @@ class Proof {
     const { outcomes, count, seen, stuck } = machine.description.proof;
     const held = arm.proof;
     this.seen += boxes;
-    const [outcome] = machine.call("ks_search_boxes", { ...held.given, ...held.memory, until: this.seen });
+    const [outcome] = machine.call("ks_search_boxes", { ...held.given, ...held.memory, until: this.seen, budget: 2 ** 31 });
     const counts = this.#memory("counts");
     this.boxes = Number(counts[seen]);
     if (outcome === outcomes.found) {

@@ -38,9 +38,9 @@ def begin_around(motion: Motion, middle: int, position: float, angle: float) -> 
     tube.wide[n] = 0.0
     for k in range(len(form.leader)):
         scratch.half[k] = abs(form.multiplier[k]) * tube.wide[form.leader[k]]
-    rest = rests(form, scratch, middle)
-    three_p = rest.three_p + motion.numbers[MARGIN]
-    three_c = rest.three_c + (motion.numbers[MARGIN_A] + math.sqrt(0.5) * angle * angle)
+    _, _, three_p, three_c = rests(form, scratch, scratch.r, middle)
+    three_p += motion.numbers[MARGIN]
+    three_c += motion.numbers[MARGIN_A] + math.sqrt(0.5) * angle * angle
     for row in range(n):
         total = abs(tube.value[row]) + tube.point[row] * three_p + tube.column[row] * three_c
         for i in range(n):

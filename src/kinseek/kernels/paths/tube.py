@@ -177,8 +177,9 @@ def begin_tube(motion: Motion, middle: int, h: float) -> None:
         tube.wide[i] = h * abs(tube.t[i]) + 0.5 * h * h * abs(tube.u[i])
     for k in range(len(form.leader)):
         scratch.half[k] = abs(form.multiplier[k]) * tube.wide[form.leader[k]]
-    rest = rests(form, scratch, middle)
-    three_p, three_c = rest.three_p + motion.numbers[MARGIN], rest.three_c + motion.numbers[MARGIN_A]
+    _, _, three_p, three_c = rests(form, scratch, scratch.r, middle)
+    three_p += motion.numbers[MARGIN]
+    three_c += motion.numbers[MARGIN_A]
     for row in range(n):
         first = second = 0.0
         for i in range(n + 1):

@@ -21,7 +21,7 @@ import math
 from typing import NamedTuple
 
 from kinseek.kernels.arm.division import NONE, SLIDE, TURN
-from kinseek.kernels.arm.vectors import Vector, column, plus, row, scaled
+from kinseek.kernels.arm.vectors import Vector, column, minus, plus, row, scaled
 from kinseek.kernels.jit import inlined
 
 from .box import BoxScratch, Form, ProofGoal, motion, rounding, short_way, turning
@@ -38,8 +38,8 @@ the value, every joint of more than 180° would count as unlimited."""
 
 
 WIDE = 0.3
-"""Half angle [rad] above which a cone of directions is compared by angles. Below it a ball is hardly larger than the cone.
-It decides what is tried, not what is proved."""
+"""Half angle [rad] above which a cone of directions is tested at its edge, and compared by angles. Below it a ball is
+hardly larger than the cone. It decides what is tried, not what is proved."""
 
 
 @inlined
@@ -135,6 +135,12 @@ def compared_of_goal(form: Form, proof_goal: ProofGoal) -> Compared:
 
 
 @inlined
+def behind(compared: Compared, back: float) -> Vector:
+    """The point that lies `back` [m] back along the axis."""
+    return minus(compared.point, scaled(back, compared.axis))
+
+
+@inlined
 def from_first_axis(v: Vector) -> float:
     """Distance of a point from the first axis; sine of a direction's angle to it."""
     return math.sqrt(v.x * v.x + v.y * v.y)
@@ -183,9 +189,14 @@ def first_order(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling:
         False if nothing of the box is left, and a lower bound of the error in it.
     """
     begin, end = 1 if form.head != 0 else 0, len(form.leader) - form.tail
-    trust, bound = proof_goal.trust, 0.0
+    trust, margin, back, bound = proof_goal.trust, proof_goal.margin, proof_goal.back, 0.0
     hand, goal = compared_of_hand(form, scratch), compared_of_goal(form, proof_goal)
-    rho = trust * motion(form, scratch, begin, end, hand.point) + proof_goal.margin
+    from_behind = 0.0  # Smallest distance of the point that lies back along the first column.
+    if back != 0.0 and ceiling >= 0.0:
+        point = behind(hand, back)
+        from_behind = apart(form.head, point, behind(goal, back))
+        from_behind -= trust * motion(form, scratch, begin, end, point) + margin
+    rho = trust * motion(form, scratch, begin, end, hand.point) + margin
     far, tilt, sigma = apart(form.head, hand.point, goal.point), 0.0, 0.0
     if form.columns > 0:
         tilt = apart(TURN if form.head == TURN else NONE, hand.axis, goal.axis)
@@ -204,6 +215,8 @@ def first_order(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling:
             return False, 0.0
     else:
         bound = max(0.0, least_error(proof_goal, far - rho, tilt - sigma, proof_goal.offset))
+        if back != 0.0:
+            bound = max(bound, least_error(proof_goal, from_behind, tilt - sigma, abs(back)))
         if bound > ceiling:
             return False, bound
         largest = 2.0

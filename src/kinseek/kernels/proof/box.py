@@ -88,6 +88,8 @@ class ProofGoal(NamedTuple):
     """Length of one radian when splitting boxes and stepping, if angles count [m]."""
     offset: float
     """Distance of the tip from the point on the last axis [m]."""
+    back: float
+    """Distance of another point from the tip, back along its first column, that moves less [m]; 0 if there is none."""
     side_y: float
     """Component of the hand's second column along the goal's second column, if that counts too, else 0."""
     side_z: float
@@ -113,18 +115,26 @@ class BoxScratch(NamedTuple):
     """Points on them, (m, 3)."""
     lever: Array
     """Speed of the point that first-order tests compare, by each joint, (m,)."""
+    radii: Array
+    """Radii of the hand and of the goal about the axes, in which `taylor.halfway` counts rotations too, (2, m)."""
     J: Array
     """Derivative of the hand's pose by each joint, or of the goal's for proximal joints, (m, 3, 4)."""
     r: Array
     """Its norm for the point, (m,)."""
     s: Array
     """Its norm for the columns, (m,)."""
+    back: Array
+    """The same as r for the point that lies back along the first column, (m,)."""
     y: Array
     """The linear form, laid out as a pose, (3, 4)."""
     g: Array
     """Its first derivatives, (n,)."""
     H: Array
     """Its second derivatives, (n, n)."""
+    S: Array
+    """The second-order terms without the squares that are completed, for `form.curvature`, (n, n)."""
+    completed: Flags
+    """True if the square of a variable is completed, (n,)."""
     N: Array
     """Normal matrix, (n, n)."""
     D: Array
@@ -149,12 +159,16 @@ def make_box_scratch(joints: int, dof: int) -> BoxScratch:
         z=np.zeros((joints, 3)),
         p=np.zeros((joints, 3)),
         lever=np.zeros(joints),
+        radii=np.zeros((2, joints)),
         J=np.zeros((joints, 3, 4)),
         r=np.zeros(joints),
         s=np.zeros(joints),
+        back=np.zeros(joints),
         y=np.zeros((3, 4)),
         g=np.zeros(dof),
         H=np.zeros((dof, dof)),
+        S=np.zeros((dof, dof)),
+        completed=np.zeros(dof, dtype=np.bool_),
         N=np.zeros((dof, dof)),
         D=np.zeros(dof),
         delta=np.zeros(dof),
@@ -247,6 +261,12 @@ def turn_goal(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> None:
 
 
 @inlined
+def radius(scratch: BoxScratch, k: int, point: Vector) -> float:
+    """Distance of a point from the axis of joint k at the centre of the box [m]."""
+    return norm(cross(row(scratch.z, k), minus(point, row(scratch.p, k))))
+
+
+@inlined
 def motion(form: Form, scratch: BoxScratch, begin: int, end: int, point: Vector) -> float:
     """Largest motion of a point by joints begin … end-1 within the box [m]; writes their levers."""
     total = 0.0
@@ -255,7 +275,7 @@ def motion(form: Form, scratch: BoxScratch, begin: int, end: int, point: Vector)
             scratch.lever[k] = 1.0
             total += scratch.half[k]
         else:
-            scratch.lever[k] = norm(cross(row(scratch.z, k), minus(point, row(scratch.p, k))))
+            scratch.lever[k] = radius(scratch, k, point)
             total += scratch.lever[k] * chord_of(scratch.half[k])
     return total
 
@@ -330,3 +350,12 @@ def halve(scratch: BoxScratch, i: int, boxes: Array, first: int, second: int) ->
     scratch.c[i] = centre + half
     store_box(boxes, second, scratch)
     scratch.c[i] = centre
+
+
+@inlined
+def volume(scratch: BoxScratch) -> float:
+    """Volume of the box."""
+    product = 1.0
+    for i in range(len(scratch.h)):
+        product *= scratch.h[i]
+    return product

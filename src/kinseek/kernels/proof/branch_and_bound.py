@@ -6,13 +6,12 @@ import math
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
-from kinseek.kernels.arrays import Array
+from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import inlined, ir_inlined
 
 from .approach import complete
 from .box import turn_goal, widths
 from .form import underestimate
-from .heap import sift_up
 from .last_joint import twist_cost
 from .memory import Memory, SearchScratch
 from .progress import CEILING, COUNT, UPPER, USED, Question, Tuning
@@ -21,6 +20,33 @@ from .taylor import miss
 FINE = 1.2
 """Boxes that rotate the hand by less than this [rad] are cut along a first joint as along any other, because azimuths
 hardly cut them. With twice the value there were 2.5 % more boxes. Not examined further."""
+
+
+@inlined
+def sift_up(heap: Array, order: Indices, at: int) -> None:
+    """Move the entry at `at` up to its place; `heap` holds the bound of each row, `order` the rows."""
+    while at > 0:
+        parent = (at - 1) // 2
+        if heap[order[parent]] <= heap[order[at]]:
+            return
+        order[parent], order[at] = order[at], order[parent]
+        at = parent
+
+
+@inlined
+def sift_down(heap: Array, order: Indices, size: int) -> None:
+    """Move the entry at the top down to its place."""
+    at = 0
+    while True:
+        child = 2 * at + 1
+        if child >= size:
+            return
+        if child + 1 < size and heap[order[child + 1]] < heap[order[child]]:
+            child += 1
+        if heap[order[at]] <= heap[order[child]]:
+            return
+        order[child], order[at] = order[at], order[child]
+        at = child
 
 
 @inlined

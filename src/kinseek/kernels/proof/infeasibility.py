@@ -6,7 +6,9 @@ import math
 
 from kinseek.kernels.jit import ir_inlined
 
+from .bounds import wide
 from .box import BoxScratch
+from .cone import separate_cone
 from .form import separate
 from .last_joint import roll_fits
 from .progress import Question
@@ -21,7 +23,7 @@ STEPS = 8
 
 
 @ir_inlined
-def exclude(question: Question, scratch: BoxScratch) -> tuple[bool, bool]:
+def exclude(question: Question, scratch: BoxScratch, passes: int) -> tuple[bool, bool]:
     """Cut off the parts of the current box that miss a tolerance, to second order.
 
     Returns:
@@ -29,9 +31,11 @@ def exclude(question: Question, scratch: BoxScratch) -> tuple[bool, bool]:
         last joint counts.
     """
     form, proof_goal = question.form, question.proof_goal
-    kept = separate(form, proof_goal, scratch)
+    kept = separate(form, proof_goal, scratch, passes)
     point, turned = miss(scratch, form.columns)
     near = math.sqrt(point) <= proof_goal.position and math.sqrt(turned) <= proof_goal.chord
+    if kept and wide(form, proof_goal):
+        kept = separate_cone(form, proof_goal, scratch, passes)
     if kept and question.roll.present:
         kept = roll_fits(form, proof_goal, question.roll, scratch)
     return kept, near

@@ -15,9 +15,17 @@ from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import array_view
 
 from .box import BoxScratch, make_box_scratch
-from .heap import Heap
 from .neighbourhood import Expansion, make_expansion
 from .progress import COUNTS, FIGURES
+
+
+class Heap(NamedTuple):
+    """Boxes ordered by their bounds, the smallest one first."""
+
+    bound: Annotated[Array, "room", OUT]
+    """A lower bound of the weighted error in the box of each row, (room,)."""
+    order: Annotated[Indices, "room", OUT]
+    """Rows of the remaining boxes as a heap, the first COUNT entries; then rows that are free again, (room,)."""
 
 
 class Places(NamedTuple):

@@ -1,10 +1,9 @@
 """Multipliers of the invariants of a ball joint: any multipliers bound the error, and good ones are found here.
 
-See `shoulder` for the bound. The multipliers that describe how the error grows with the invariants at the middle of a box
-give the error there: they satisfy ``K_P y = 2 λ z + μ α + η e``, where y is the direction of the position error of the tip
-z, and make ``K_A b + μ z + θ e`` parallel to the column α. For the whole box others may be better: if the position error is
-nearly zero, its gradient has different directions in different parts of the box. The multipliers are therefore changed to
-maximise the bound that they would give if each joint moved alone, which needs no sums of products.
+The multipliers that describe how the error grows with the invariants at the middle of a box give the error there. For the
+whole box others may be better: if the position error is nearly zero, its gradient has different directions in different
+parts of the box. The multipliers are therefore changed to maximise the bound that they would give if each joint moved
+alone, which needs no sums of products.
 """
 
 from __future__ import annotations
@@ -12,26 +11,20 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-import numpy as np
-
-from kinseek.kernels.arm.vectors import Vector, dot, minus, norm, plus, row, scaled
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.jit import inlined
 
 from .box import TINY
-from .products import Products, ends_of, rise
+from .products import Sheet, rise
 
 HALVINGS = 20
 """Number of halvings of the arc that contains the best rotation of the ball; any rotation gives a bound."""
 
 ROUNDS = 16
-"""Rounds in which better multipliers are sought, with a step up or down for each. Without any, 1.5 to 3.4 times as many
-boxes are needed, and 2 of 27 goals of gen3 and of iiwa14 stay open after a second, none with them
-(`python -m benchmarks.proof gen3 iiwa14 --goals 60 --gap 0.01 --seconds 1 --seed 7`)."""
+"""Rounds in which better multipliers are sought, with a step up or down for each."""
 
 FURTHER = 4
-"""Number of times that the change of a round is repeated while it improves the bound. Without it up to 1.5 times as many
-boxes are needed."""
+"""Number of times that the change of a round is repeated while it improves the bound."""
 
 FIRST_STEP = 0.2
 """The first step, for multipliers of about one. It doubles after a success, and is reversed and halved after a failure."""
@@ -40,9 +33,6 @@ FLAT = 1e-6
 """Lower bound of denominators of multipliers, relative to the length of arm and goal. A denominator vanishes if p and a
 are parallel, or if the tip is at the ball or at its goal. Any multipliers give a bound, but larger ones would give a
 poor one."""
-
-KINDS = 4
-"""Largest number of invariants; `Multipliers` has one more entry."""
 
 
 class Shoulder(NamedTuple):
@@ -71,90 +61,28 @@ class Shoulder(NamedTuple):
     """Error of a factor of a product, relative to the largest value of its sum."""
 
 
-class Multipliers(NamedTuple):
-    """Multipliers of the invariants, and m > 0; those of the first axis are 0 without it."""
-
-    square: float
-    """λ, of ``|p|²``."""
-    along: float
-    """μ, of ``p·a``."""
-    height: float
-    """η, of ``p·e``."""
-    lean: float
-    """θ, of ``a·e``."""
-    m: float
-
-
-class BallGoal(NamedTuple):
-    """The goal of an arm on a ball."""
-
-    tip: Vector
-    """g"""
-    column: Vector
-    """b"""
-
-
-class Nearest(NamedTuple):
-    """Tip and column after the best rotation of the ball, and their error."""
-
-    tip: Vector
-    column: Vector
-    error: float
-
-
-class Ascent(NamedTuple):
-    """Memory of the search for multipliers; each has `KINDS` entries and m."""
-
-    best: Array
-    trial: Array
-    before: Array
-    """Multipliers before the current round."""
-    steps: Array
-
-
-@array_view
-def make_ascent() -> Ascent:
-    """Allocate the memory of one search."""
-    return Ascent(np.zeros(KINDS + 1), np.zeros(KINDS + 1), np.zeros(KINDS + 1), np.zeros(KINDS + 1))
-
-
 @inlined
-def goal_at(goal: Array) -> BallGoal:
-    """Read a goal, (2, 3)."""
-    return BallGoal(row(goal, 0), row(goal, 1))
-
-
-@inlined
-def multipliers_at(values: Array) -> Multipliers:
-    """Read multipliers, (KINDS + 1,)."""
-    return Multipliers(values[0], values[1], values[2], values[3], values[4])
-
-
-@inlined
-def write_multipliers(by: Multipliers, values: Array) -> None:
-    """Write multipliers, (KINDS + 1,)."""
-    values[0], values[1], values[2], values[3], values[4] = by.square, by.along, by.height, by.lean, by.m
-
-
-@inlined
-def nearest(shoulder: Shoulder, goal: BallGoal, s: float, u: float, height: float, lean: float) -> Nearest:
-    """Rotate tip and column about the third axis as near to the goal as possible.
+def stand(
+    shoulder: Shoulder, goal: Array, s: float, u: float, height: float, lean: float, place: Array
+) -> float:
+    """Rotate tip and column about the third axis as near to the goal as possible; write them, and return the error.
 
     Args:
         shoulder: The arm on its ball, and its goal.
-        goal: The goal, in its plane or with the first axis.
+        goal: g and b, (2, 3).
         s: ``|p|²`` [m²].
         u: ``p·a`` [m].
         height: Component of the tip along the axis [m]; 0 if both are rotated in the plane of the goal.
         lean: Component of the column along the axis.
+        place: Receives tip and column, (2, 3).
     """
-    K_P, K_A, g, b = shoulder.weight_p, shoulder.weight_a, goal.tip, goal.column
+    K_P, K_A = shoulder.weight_p, shoulder.weight_a
     radius, wide = math.sqrt(max(s - height * height, 0.0)), math.sqrt(max(1.0 - lean * lean, 0.0))
     inner, most = u - height * lean, radius * wide
     angle = math.atan2(math.sqrt(max(most * most - inner * inner, 0.0)), inner)
-    off = math.atan2(b.y, b.x) - angle
-    apart = (radius - g.x) * (radius - g.x) + (height - g.z) * (height - g.z)
-    product, weight = radius * g.x, K_A * wide * math.sqrt(b.x * b.x + b.y * b.y)
+    off, r, z = math.atan2(goal[1, 1], goal[1, 0]) - angle, goal[0, 0], goal[0, 2]
+    apart, product = (radius - r) * (radius - r) + (height - z) * (height - z), radius * r
+    weight = K_A * wide * math.sqrt(goal[1, 0] * goal[1, 0] + goal[1, 1] * goal[1, 1])
     low, high = 0.0, abs(off)
     for _ in range(HALVINGS):
         turn = 0.5 * (low + high)
@@ -165,125 +93,119 @@ def nearest(shoulder: Shoulder, goal: BallGoal, s: float, u: float, height: floa
         else:
             low = turn
     turn = 0.5 * (low + high) if off > 0.0 else -0.5 * (low + high)
-    tip = Vector(radius * math.cos(turn), radius * math.sin(turn), height)
-    column = Vector(wide * math.cos(turn + angle), wide * math.sin(turn + angle), lean)
-    far, tilted = minus(tip, g), minus(column, b)
-    error: float = K_P * norm(far) + 0.5 * K_A * dot(tilted, tilted)
-    return Nearest(tip, column, error)
+    place[0, 0], place[0, 1], place[0, 2] = radius * math.cos(turn), radius * math.sin(turn), height
+    place[1, 0], place[1, 1], place[1, 2] = wide * math.cos(turn + angle), wide * math.sin(turn + angle), lean
+    far = tilt = 0.0
+    for i in range(3):
+        far += (place[0, i] - goal[0, i]) * (place[0, i] - goal[0, i])
+        tilt += (place[1, i] - goal[1, i]) * (place[1, i] - goal[1, i])
+    error: float = K_P * math.sqrt(far) + 0.5 * K_A * tilt
+    return error
 
 
 @inlined
-def multipliers_of(shoulder: Shoulder, goal: BallGoal, near: Nearest, upright: bool) -> Multipliers:
-    """Multipliers that describe how the error grows with the invariants at the given tip and column, as nearly as possible.
+def multiply(shoulder: Shoulder, goal: Array, place: Array, upright: bool, by: Array) -> None:
+    """Write the multipliers that describe how the error grows with the invariants at the given tip and column.
 
-    Without the first axis (`upright` False) η and θ are 0.
+    They satisfy ``K_P y = 2 λ z + μ α + η e``, where y is the direction of the position error, and make
+    ``K_A b + μ z + θ e`` parallel to α, both as nearly as possible. Without the first axis (`upright` False) η and θ are
+    0.
     """
     K_P, K_A, small = shoulder.weight_p, shoulder.weight_a, FLAT * shoulder.size
-    z, a, b = near.tip, near.column, scaled(K_A, goal.column)
-    za, ba = dot(z, a), dot(b, a)
-    s = dot(z, z) + small * small
-    zz, ze, ee = s - za * za, z.z - za * a.z, 1.0 - a.z * a.z + FLAT
-    zb, eb = dot(z, b) - za * ba, b.z - ba * a.z
+    z0, z1, z2 = place[0, 0], place[0, 1], place[0, 2]
+    a0, a1, a2 = place[1, 0], place[1, 1], place[1, 2]
+    b0, b1, b2 = K_A * goal[1, 0], K_A * goal[1, 1], K_A * goal[1, 2]
+    za, ba = z0 * a0 + z1 * a1 + z2 * a2, b0 * a0 + b1 * a1 + b2 * a2
+    s = z0 * z0 + z1 * z1 + z2 * z2 + small * small
+    zz, ze, ee = s - za * za, z2 - za * a2, 1.0 - a2 * a2 + FLAT
+    zb, eb = z0 * b0 + z1 * b1 + z2 * b2 - za * ba, b2 - ba * a2
     mu, theta = -zb / max(zz, small * small), 0.0
     if upright:
         det = max(zz * ee - ze * ze, FLAT * small * small)
         mu, theta = (ze * eb - ee * zb) / det, (ze * zb - zz * eb) / det
-    y = minus(z, goal.tip)
-    v = minus(scaled(K_P / max(norm(y), small), y), scaled(mu, a))
-    zv = dot(z, v)
+    y0, y1, y2 = z0 - goal[0, 0], z1 - goal[0, 1], z2 - goal[0, 2]
+    pull = K_P / max(math.sqrt(y0 * y0 + y1 * y1 + y2 * y2), small)
+    v0, v1, v2 = pull * y0 - mu * a0, pull * y1 - mu * a1, pull * y2 - mu * a2
+    zv = z0 * v0 + z1 * v1 + z2 * v2
     twice, eta = zv / s, 0.0
     if upright:
-        det = max(s - z.z * z.z, small * small)
-        twice, eta = (zv - z.z * v.z) / det, (s * v.z - z.z * zv) / det
-    alpha = plus(plus(b, scaled(mu, z)), Vector(0.0, 0.0, theta))
-    m = max(norm(alpha), FLAT * (K_A + K_P * shoulder.size))
-    return Multipliers(0.5 * twice, mu, eta, theta, m)
+        det = max(s - z2 * z2, small * small)
+        twice, eta = (zv - z2 * v2) / det, (s * v2 - z2 * zv) / det
+    m0, m1, m2 = b0 + mu * z0, b1 + mu * z1, b2 + mu * z2 + theta
+    m = max(math.sqrt(m0 * m0 + m1 * m1 + m2 * m2), FLAT * (K_A + K_P * shoulder.size))
+    by[0], by[1], by[2], by[3], by[4] = 0.5 * twice, mu, eta, theta, m
 
 
 @inlined
-def combined(by: Multipliers, terms: Array, t: int) -> float:
-    """Term t of the sum of the invariants with negated multipliers."""
-    value: float = -by.square * terms[0, t] - by.along * terms[1, t]
-    if len(terms) > 2:
-        value = value - by.height * terms[2, t] - by.lean * terms[3, t]
-    return value
-
-
-@inlined
-def combine(products: Products, by: Multipliers) -> None:
-    """Write the sum of the invariants with negated multipliers."""
-    for t in range(len(products.total)):
-        products.total[t] = combined(by, products.terms, t)
-
-
-@inlined
-def dual_value(shoulder: Shoulder, reach: float, terms: Array, by: Multipliers) -> float:
+def dual_value(shoulder: Shoulder, reach: float, terms: Array, by: Array) -> float:
     """A lower bound of the error if the invariants equal their first terms and the tip is within `reach` [m].
 
-    Any multipliers give a bound, and so does any m > 0.
+    Any multipliers give a bound, and so does any m > 0, their last entry.
     """
-    K_P, K_A, goal = shoulder.weight_p, shoulder.weight_a, goal_at(shoulder.goal)
-    g, axis, mu, m = goal.tip, Vector(0.0, 0.0, 1.0), by.along, by.m
-    c = plus(plus(scaled(K_A, goal.column), scaled(mu, g)), scaled(by.lean, axis))
-    bent = by.square + 0.5 * mu * mu / m
-    n = plus(plus(scaled(mu / m, c), scaled(2.0 * by.square, g)), scaled(by.height, axis))
-    climb = K_P - norm(n)
+    K_P, K_A, goal = shoulder.weight_p, shoulder.weight_a, shoulder.goal
+    mu, m = by[1], by[4]
+    g0, g1, g2 = goal[0, 0], goal[0, 1], goal[0, 2]
+    c0, c1, c2 = K_A * goal[1, 0] + mu * g0, K_A * goal[1, 1] + mu * g1, K_A * goal[1, 2] + by[3] + mu * g2
+    bent = by[0] + 0.5 * mu * mu / m
+    n0, n1, n2 = (
+        mu / m * c0 + 2.0 * by[0] * g0,
+        mu / m * c1 + 2.0 * by[0] * g1,
+        mu / m * c2 + 2.0 * by[0] * g2,
+    )
+    n2 += by[2]
+    climb = K_P - math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
     least = min((climb - bent * reach) * reach, 0.0)
     if bent < 0.0 and climb < 0.0 and climb > 2.0 * bent * reach:
         least = 0.25 * climb * climb / bent
-    value: float = K_A - (dot(c, c) + m * m) / (2.0 * m) + least
-    value -= by.square * dot(g, g) + by.height * g.z
-    return value - combined(by, terms, 0)
-
-
-@inlined
-def promised(shoulder: Shoulder, reach: float, products: Products, by: Multipliers) -> float:
-    """The bound in the box that multipliers would give if each joint moved alone."""
-    terms = products.terms
-    value, stride = dual_value(shoulder, reach, terms, by), terms.shape[1]
-    for i in range(len(products.half)):
-        stride //= 3
-        odd = combined(by, terms, 2 * stride)
-        value -= rise(combined(by, terms, stride), abs(odd), ends_of(products, i))
+    value: float = K_A - (c0 * c0 + c1 * c1 + c2 * c2 + m * m) / (2.0 * m) + least
+    value -= by[0] * (g0 * g0 + g1 * g1 + g2 * g2) + by[2] * g2
+    for k in range(len(terms) - 1):
+        value += by[k] * terms[k, 0]
     return value
 
 
 @inlined
-def better(
-    shoulder: Shoulder, reach: float, products: Products, a: Multipliers, b: Multipliers
-) -> Multipliers:
-    """Those of two multipliers that promise the larger bound."""
-    if promised(shoulder, reach, products, b) > promised(shoulder, reach, products, a):
-        return b
-    return a
+def promised(shoulder: Shoulder, reach: float, sheet: Sheet, by: Array) -> float:
+    """The bound in the box that multipliers would give if each joint moved alone."""
+    terms, ends = sheet.terms, sheet.ends
+    kinds, stride = len(terms) - 1, terms.shape[1]
+    value = dual_value(shoulder, reach, terms, by)
+    for i in range(len(ends)):
+        stride //= 3
+        even = odd = 0.0
+        for k in range(kinds):
+            even -= by[k] * terms[k, stride]
+            odd -= by[k] * terms[k, 2 * stride]
+        value -= rise(even, abs(odd), ends[i, 0], ends[i, 1], ends[i, 2])
+    return value
 
 
 @inlined
-def improved(
-    shoulder: Shoulder, reach: float, products: Products, ascent: Ascent, enough: float
-) -> Multipliers:
-    """Look for multipliers with a larger such bound from ``ascent.best``, one after the other, until it is `enough`."""
-    by, trial, before, steps = ascent.best, ascent.trial, ascent.before, ascent.steps
-    kinds, K_P, K_A = len(products.terms), shoulder.weight_p, shoulder.weight_a
-    best = promised(shoulder, reach, products, multipliers_at(by))
-    steps[0], steps[1], steps[2], steps[3], steps[4] = K_P / shoulder.size, K_P, K_P, K_A, 1.0
-    for k in range(KINDS + 1):
+def improve_multipliers(shoulder: Shoulder, reach: float, enough: float, sheet: Sheet) -> None:
+    """Look for multipliers with a larger such bound, one after the other, up and down."""
+    by, trial, before, steps = sheet.by, sheet.trial, sheet.before, sheet.steps
+    kinds, size, K_P, K_A = len(sheet.terms) - 1, shoulder.size, shoulder.weight_p, shoulder.weight_a
+    best = promised(shoulder, reach, sheet, by)
+    for k in range(5):
         trial[k] = by[k]
+    steps[0], steps[1], steps[2], steps[3] = K_P / size, K_P, K_P, K_A
+    for k in range(4):
         steps[k] *= FIRST_STEP
+    steps[4] = FIRST_STEP
     for _ in range(ROUNDS):
         if best >= enough:
             break
-        for k in range(KINDS + 1):
+        for k in range(5):
             before[k] = by[k]
-        for k in range(KINDS + 1):
-            if kinds <= k < KINDS:
+        for k in range(5):
+            if kinds <= k < 4:
                 continue
             for _side in range(2):
-                if k < KINDS:
+                if k < 4:
                     trial[k] = by[k] + steps[k]
                 else:  # Up and down by a factor; exp would require a newer glibc.
                     trial[k] = by[k] * (1.0 + steps[k]) if steps[k] > 0.0 else by[k] / (1.0 - steps[k])
-                value = promised(shoulder, reach, products, multipliers_at(trial))
+                value = promised(shoulder, reach, sheet, trial)
                 if value > best:
                     best, by[k] = value, trial[k]
                     steps[k] *= 2.0
@@ -294,16 +216,26 @@ def improved(
                 steps[k] *= 0.5
         along = 1.0
         for _further in range(FURTHER):
-            for k in range(KINDS + 1):
+            for k in range(5):
                 trial[k] = by[k] + along * (by[k] - before[k])
-            trial[KINDS] = max(trial[KINDS], 0.5 * by[KINDS])
-            value = promised(shoulder, reach, products, multipliers_at(trial))
+            trial[4] = max(trial[4], 0.5 * by[4])
+            value = promised(shoulder, reach, sheet, trial)
             if value <= best:
                 break
             best = value
-            for k in range(KINDS + 1):
+            for k in range(5):
                 before[k], by[k] = by[k], trial[k]
             along = 2.0
-        for k in range(KINDS + 1):
+        for k in range(5):
             trial[k] = by[k]
-    return multipliers_at(by)
+
+
+@inlined
+def take_better(shoulder: Shoulder, reach: float, sheet: Sheet, given: Array, best: float) -> float:
+    """Use other multipliers if their bound exceeds the best so far."""
+    value: float = promised(shoulder, reach, sheet, given)
+    if value <= best:
+        return best
+    for k in range(5):
+        sheet.by[k] = given[k]
+    return value

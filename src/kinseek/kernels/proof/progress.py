@@ -19,6 +19,9 @@ more."""
 TRIAL = 4
 """Inside the loop: joint values are ready to be judged."""
 
+GONE, AGAIN, OPEN = 0, 1, 2
+"""Verdicts on a box: nothing in it counts; it shrank so much that another look is worthwhile; it has to be cut."""
+
 # Indices into the counts of a search.
 COUNT = 0
 """Boxes that are left."""
@@ -70,6 +73,10 @@ class Tuning(NamedTuple):
 
     spread: float
     """Boxes that rotate the hand by less than this [rad] are tested to second order."""
+    shrink: float
+    """A box is examined again if less than this fraction of its volume is left."""
+    passes: int
+    """Number of forms tried on each of them, if the tolerances are tested."""
     often: int
     """After this number of cut boxes, steps from the middle of one look for a solution."""
     steps: int
@@ -80,3 +87,14 @@ class Tuning(NamedTuple):
     """Tolerance of the hand's rotation [rad]."""
     gap: float
     """Relative difference of the bounds at which they are close enough."""
+
+
+class Call(NamedTuple):
+    """Extent of one call of the search."""
+
+    kind: int
+    """EXCLUDE, ENCLOSE or ISOLATE."""
+    until: int
+    """Number of boxes after which it ends."""
+    budget: int
+    """Largest number of boxes in total."""

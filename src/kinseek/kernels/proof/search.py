@@ -31,17 +31,19 @@ from .box import (
     halve,
     load_box,
     place,
+    store_box,
     turned,
+    volume,
     widest,
     widths,
 )
-from .branch_and_bound import FINE, enclose, start_heap
+from .branch_and_bound import FINE, enclose, sift_down, sift_up, start_heap
 from .gate import gate
-from .heap import free_row, pop, push, sift_down
 from .infeasibility import exclude
 from .last_joint import cut_twist
 from .memory import Memory, SearchScratch, make_search_scratch
 from .progress import (
+    AGAIN,
     CEILING,
     COUNT,
     ENCLOSE,
@@ -51,16 +53,19 @@ from .progress import (
     FOUND,
     FULL,
     GIVEN,
+    GONE,
     ISOLATE,
     KEPT,
     KNOWN,
     LEFT,
+    OPEN,
     SEEN,
     STOPPED,
     STUCK,
     TRIAL,
     UPPER,
     USED,
+    Call,
     Question,
     Tuning,
 )
@@ -68,7 +73,9 @@ from .root_isolation import admit, inside
 
 
 @entry
-def search_boxes(kind: int, question: Question, tuning: Tuning, memory: Memory, until: int) -> int:
+def search_boxes(
+    kind: int, question: Question, tuning: Tuning, memory: Memory, until: int, budget: int
+) -> int:
     """Process boxes of joint values until none is left, or until another condition ends the call.
 
     It may be called again to continue where it stopped, with the same result as without the stop.
@@ -78,19 +85,18 @@ def search_boxes(kind: int, question: Question, tuning: Tuning, memory: Memory, 
         question: The goal and the arm.
         tuning: Effort and precision.
         memory: State of the search, which is updated.
-        until: Number of boxes after which this call ends.
+        until: Number of boxes after which this call ends, not counting second looks at the last one.
+        budget: Largest number of boxes in total.
 
     Returns:
         ENDED, FOUND, STOPPED or FULL; ENDED also if there is no room for more solutions.
     """
     work = make_search_scratch(len(question.form.leader), memory)
-    return search(kind, question, tuning, memory, work, until)
+    return search(Call(kind, until, budget), question, tuning, memory, work)
 
 
 @inlined
-def search(
-    kind: int, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch, until: int
-) -> int:
+def search(call: Call, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch) -> int:
     """Do the work of `search_boxes` without allocating memory.
 
     Allocation counts references to arrays; without it this compiles faster.
@@ -99,9 +105,9 @@ def search(
     places, q, counts, figures = memory.places, memory.q, memory.counts, memory.figures
     trial, T = work.trial, work.T
     open_, least = gate(question.form, question.proof_goal, chain)
-    if kind == EXCLUDE and not open_:
+    if call.kind == EXCLUDE and not open_:
         counts[COUNT] = 0
-    if kind == ENCLOSE and counts[USED] == 0:
+    if call.kind == ENCLOSE and counts[USED] == 0:
         start_heap(question, tuning, memory, T, least)
     while True:
         if counts[GIVEN] < len(places.answers):
@@ -109,13 +115,13 @@ def search(
                 trial[i] = places.answers[counts[GIVEN], i]
             counts[GIVEN] += 1
         else:
-            outcome = next_trial(kind, question, tuning, memory, work, until)
+            outcome = next_trial(call, question, tuning, memory, work)
             if outcome != TRIAL:
                 return outcome
         forward(chain, trial, T)
         position, orientation = errors(T, goal)
         met = position <= tuning.position and orientation <= tuning.orientation
-        if kind == ISOLATE:
+        if call.kind == ISOLATE:
             if met:
                 admit(question, memory, work)
                 if counts[KNOWN] == len(places.q):
@@ -131,18 +137,16 @@ def search(
 
 
 @ir_inlined
-def next_trial(
-    kind: int, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch, until: int
-) -> int:
+def next_trial(call: Call, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch) -> int:
     """Process boxes until steps from the middle of one lead to joint values worth judging, and write these to `work`.
 
     Returns:
         TRIAL; or ENDED, STOPPED or FULL.
     """
     scratch, boxes, heap, places = work.scratch, memory.boxes, memory.heap, memory.places
-    counts, figures, best_first = memory.counts, memory.figures, kind == ENCLOSE
+    counts, figures, best_first = memory.counts, memory.figures, call.kind == ENCLOSE
     while counts[COUNT] > 0:
-        if counts[SEEN] >= until:
+        if counts[SEEN] >= call.until:
             return STOPPED
         if counts[COUNT] == len(boxes):
             return FULL
@@ -153,43 +157,48 @@ def next_trial(
             if below >= figures[CEILING]:
                 return ENDED
         load_box(boxes, row, scratch)
-        counts[SEEN] += 1
-        held = inside(scratch, places, 0, counts[KNOWN], 1.0) if kind == ISOLATE else -1
-        seen = Look(False, 0.0, below, False)
-        if held < 0:
-            seen = look(kind, question, tuning, memory, work, below)
-        elif not places.isolated[held]:
-            counts[LEFT] += 1
-        kept, spread, below = seen.kept, seen.spread, seen.below
-        if best_first and below >= figures[CEILING]:
-            kept = False
+        seen = Look(AGAIN, 0.0, below, False)
+        while seen.verdict == AGAIN and counts[SEEN] < call.budget:
+            counts[SEEN] += 1
+            held = inside(scratch, places, 0, counts[KNOWN], 1.0) if call.kind == ISOLATE else -1
+            if held >= 0:
+                counts[LEFT] += 0 if places.isolated[held] else 1
+                seen = Look(GONE, 0.0, below, False)
+            else:
+                seen = look(call.kind, question, tuning, memory, work, seen.below)
+        gone, spread, below = seen.verdict == GONE, seen.spread, seen.below
+        if best_first:
+            gone = gone or below >= figures[CEILING]
+        elif seen.verdict == AGAIN:  # The budget is used up.
+            store_box(boxes, row, scratch)
+            continue
         variable = 0
-        if kept:
+        if not gone:
             head = HEAD if not best_first or spread > FINE else 1.0
             variable = widest(question.form, question.proof_goal, scratch, head)
             if scratch.h[variable] < NARROW * (1.0 + abs(scratch.c[variable])):
                 counts[LEFT] += 1
                 figures[STUCK] = max(figures[STUCK], scratch.h[variable])
                 figures[FLOOR] = min(figures[FLOOR], below)
-                kept = False
-        if not kept:
-            drop(best_first, memory)
+                gone = True
+        if gone:
+            drop(best_first, memory, row)
             continue
         split(best_first, memory, scratch, row, variable, below)
         if not best_first:
             # Wide tolerances may allow a solution in the middle, even if no descent ends there.
             steps = tuning.steps if spread < NEAR and counts[KEPT] % tuning.often == 0 else 0
-            if steps > 0 or (kind == EXCLUDE and seen.near):
+            if steps > 0 or (call.kind == EXCLUDE and seen.near):
                 approach(question, scratch, steps, work.trial)
                 return TRIAL
     return ENDED
 
 
 class Look(NamedTuple):
-    """Result of a look at a box."""
+    """Result of one look at a box."""
 
-    kept: bool
-    """False if nothing in it counts."""
+    verdict: int
+    """GONE, AGAIN or OPEN."""
     spread: float
     """Rotation of the hand within the box [rad]."""
     below: float
@@ -202,8 +211,8 @@ class Look(NamedTuple):
 def look(
     kind: int, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch, below: float
 ) -> Look:
-    """Examine the current box, and cut off the parts that do not count; the error in it is at least `below`."""
-    form, proof_goal, scratch, near = question.form, question.proof_goal, work.scratch, False
+    """Examine the current box once, and cut off the parts that do not count; the error in it is at least `below`."""
+    form, proof_goal, scratch = question.form, question.proof_goal, work.scratch
     ceiling = memory.figures[CEILING] if kind == ENCLOSE else -1.0  # Negative: the tolerances are tested.
     place(form, scratch)
     widths(form, scratch)
@@ -212,22 +221,30 @@ def look(
     if kept and kind == ENCLOSE and form.tail == 1:
         kept = cut_twist(form, proof_goal, scratch, ceiling)
     spread = turned(form, scratch, len(form.leader))
-    if kept and spread < tuning.spread:
-        if kind == ENCLOSE:
-            kept, bound = enclose(question, tuning, memory, work, first)
-            below = max(below, bound)
-        else:
-            kept, near = exclude(question, scratch)
-    return Look(kept, spread, below, near)
+    if not kept:
+        return Look(GONE, spread, below, False)
+    if not spread < tuning.spread:
+        return Look(OPEN, spread, below, False)
+    before, near = volume(scratch), False
+    if kind == ENCLOSE:
+        kept, bound = enclose(question, tuning, memory, work, first)
+        below = max(below, bound)
+    else:
+        kept, near = exclude(question, scratch, tuning.passes)
+    if not kept:
+        return Look(GONE, spread, below, near)
+    return Look(AGAIN if volume(scratch) < tuning.shrink * before else OPEN, spread, below, near)
 
 
 @inlined
-def drop(best_first: bool, memory: Memory) -> None:
+def drop(best_first: bool, memory: Memory, row: int) -> None:
     """Remove the current box."""
+    heap, counts = memory.heap, memory.counts
+    counts[COUNT] -= 1
     if best_first:
-        pop(memory.heap, memory.counts)
-    else:
-        memory.counts[COUNT] -= 1
+        count, order = counts[COUNT], heap.order
+        order[0], order[count] = order[count], row
+        sift_down(heap.bound, order, count)
 
 
 @inlined
@@ -236,13 +253,17 @@ def split(
 ) -> None:
     """Store the halves of the current box in its row and in another row."""
     heap, counts = memory.heap, memory.counts
+    count = counts[COUNT]
+    other = count
     if best_first:
-        other = free_row(heap, counts)
-        heap.bound[row] = heap.bound[other] = below
-        sift_down(heap.bound, heap.order, counts[COUNT])
-        push(heap, counts)
-    else:
-        other = counts[COUNT]
-        counts[COUNT] += 1
+        if count == counts[USED]:
+            heap.order[count] = count
+            counts[USED] += 1
+        other = heap.order[count]
     halve(scratch, variable, memory.boxes, row, other)
+    if best_first:
+        heap.bound[row] = heap.bound[other] = below
+        sift_down(heap.bound, heap.order, count)
+        sift_up(heap.bound, heap.order, count)
+    counts[COUNT] += 1
     counts[KEPT] += 1

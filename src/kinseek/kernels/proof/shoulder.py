@@ -23,47 +23,33 @@ arm itself, except for the limits of its first joint and for its mirror image. I
 
 All invariants are of first degree in the cosine and the sine of every joint, so their ranges in a box are known
 (`kernels.proof.products`). `kernels.proof.multipliers` finds good multipliers.
-
-Without this bound few gaps of arms of seven joints close. A gap of 1 % for goals out of reach, at most two seconds each,
-`python -m benchmarks.proof panda gen3 xarm7 iiwa14 rizon4 --goals 60 --gap 0.01 --seconds 2 --seed 7`::
-
-                 panda     gen3    xarm7   iiwa14   rizon4
-    with it      100 %    100 %    100 %    100 %     56 %  closed
-                  6 ms     8 ms     6 ms    17 ms   169 ms  median
-    without       14 %     93 %     95 %      7 %      0 %  closed
-               1975 ms   857 ms   581 ms  1616 ms  1188 ms  median
 """
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+import math
+from typing import Annotated
 
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import array_view, entry, inlined
+from kinseek.kernels.jit import entry, inlined
 
 from .box import rounding
-from .heap import Heap, free_row, pop, push
+from .branch_and_bound import sift_down, sift_up
+from .memory import Heap
 from .multipliers import (
-    KINDS,
-    Ascent,
-    Multipliers,
     Shoulder,
-    better,
-    combine,
     dual_value,
-    goal_at,
-    improved,
-    make_ascent,
-    multipliers_at,
-    multipliers_of,
-    nearest,
-    write_multipliers,
+    improve_multipliers,
+    multiply,
+    promised,
+    stand,
+    take_better,
 )
-from .products import Products, expand, make_products, most_above, widest_product
-from .progress import CEILING, COUNT, COUNTS, ENDED, FIGURES, FLOOR, FULL, SEEN, STOPPED, UPPER
+from .products import Sheet, make_sheet, most_above, recentre, spread_of
+from .progress import CEILING, COUNT, COUNTS, ENDED, FIGURES, FLOOR, FULL, SEEN, STOPPED, UPPER, USED
 
 AMPLE = 1.1
 """Multipliers are good enough if their single-joint bound is this multiple of the ceiling; products of two joints reduce
@@ -80,113 +66,85 @@ COARSE = 0.9
 found. That costs some hundred boxes and is still a lower bound."""
 
 
-class BallBoxes(NamedTuple):
-    """Boxes of the joints that are distal to the ball, one a row."""
-
-    centre: Annotated[Array, "room", "n", OUT]
-    """(room, n) [rad]"""
-    half: Annotated[Array, "room", "n", OUT]
-    """Half widths, (room, n) [rad]."""
-    cut: Annotated[Indices, "room", OUT]
-    """The joint to be cut, (room,)."""
-    by: Annotated[Array, "room", KINDS + 1, OUT]
-    """Good multipliers, see `Multipliers`, or m = 0 for none, (room, 5)."""
-
-
-class BallScratch(NamedTuple):
-    """Scratch memory of one call."""
-
-    c: Array
-    """Centre of the current box, (n,) [rad]."""
-    h: Array
-    """Its half widths, (n,) [rad]."""
-    products: Products
-    ascent: Ascent
-    share: Array
-    """Share of each joint in the loss of the bound in the box, (n,)."""
-    other: Array
-    """The same with other multipliers, (n,)."""
-
-
-@array_view
-def make_ball_scratch(kinds: int, n: int) -> BallScratch:
-    """Allocate the memory of one call."""
-    return BallScratch(
-        np.zeros(n), np.zeros(n), make_products(kinds, n), make_ascent(), np.zeros(n), np.zeros(n)
-    )
-
-
-class Bound(NamedTuple):
-    """Result for a box."""
-
-    least: float
-    """A lower bound of the weighted error in it, over all rotations of the ball."""
-    error: float
-    """The error at its middle."""
-    by: Multipliers
-    """Multipliers that may be good ones for its halves."""
-
-
 @inlined
-def bound_ball(shoulder: Shoulder, ceiling: float, above: Multipliers, scratch: BallScratch) -> Bound:
-    """Bound the error in the current box, and write the share of every joint in the loss of the bound.
+def bound_ball(
+    shoulder: Shoulder, ceiling: float, c: Array, h: Array, above: Array, sheet: Sheet
+) -> tuple[float, float]:
+    """A lower bound of the weighted error in a box, and the error at its middle, over all rotations of the ball.
 
     Args:
         shoulder: The arm on its ball, and its goal.
         ceiling: Errors above this are equivalent.
-        above: Multipliers that may be good ones; m = 0 for none.
-        scratch: Scratch memory, with the box.
+        c: Centre of the box, (n,) [rad].
+        h: Its half widths, (n,) [rad].
+        above: Multipliers that may be good ones, (5,); m = 0 for none.
+        sheet: Scratch memory. It keeps the multipliers, and the share of every joint in the loss of the bound in the box.
     """
-    products, share, other = scratch.products, scratch.share, scratch.other
-    expand(shoulder.invariants, scratch.c, scratch.h, products)
-    terms, axis = products.terms, len(shoulder.invariants) > 2
+    terms, by, ends, kinds = sheet.terms, sheet.by, sheet.ends, len(shoulder.invariants)
+    for k in range(kinds):
+        recentre(shoulder.invariants[k], c, terms[k])
+    spread_of(h, sheet.ranges)
+    for i in range(len(h)):
+        wide = min(h[i], math.pi)
+        ends[i, 0], ends[i, 1], ends[i, 2] = wide, math.cos(wide), math.sin(wide)
     s, u, reach = max(terms[0, 0], 0.0), terms[1, 0], ceiling / shoulder.weight_p + shoulder.margin
-    plane, goal = goal_at(shoulder.plane), goal_at(shoulder.goal)
-    ball = upright = nearest(shoulder, plane, s, u, 0.0, 0.0)
-    by = first = multipliers_of(shoulder, plane, ball, False)
-    if axis:
-        upright = nearest(shoulder, goal, s, u, terms[2, 0], terms[3, 0])
-        first = multipliers_of(shoulder, goal, upright, True)
-        by = better(shoulder, reach, products, by, first)
-    bound = settled(shoulder, reach, products, by, share)
+    error = ball = stand(shoulder, shoulder.plane, s, u, 0.0, 0.0, sheet.place)
+    multiply(shoulder, shoulder.plane, sheet.place, False, by)
+    best = promised(shoulder, reach, sheet, by)
+    if kinds > 2:
+        error = stand(shoulder, shoulder.goal, s, u, terms[2, 0], terms[3, 0], sheet.place)
+        multiply(shoulder, shoulder.goal, sheet.place, True, sheet.upright)
+        best = take_better(shoulder, reach, sheet, sheet.upright, best)
+    bound = settled_bound(shoulder, reach, sheet, sheet.share)
     if bound < ceiling:
-        if above.m > 0.0:
-            by = better(shoulder, reach, products, by, above)
-        write_multipliers(by, scratch.ascent.best)
-        by = improved(shoulder, reach, products, scratch.ascent, AMPLE * ceiling)
-        bound = max(bound, settled(shoulder, reach, products, by, other))
-        if axis and ball.error < ceiling:
+        if above[4] > 0.0:
+            take_better(shoulder, reach, sheet, above, best)
+        improve_multipliers(shoulder, reach, AMPLE * ceiling, sheet)
+        bound = max(bound, settled_bound(shoulder, reach, sheet, sheet.other))
+        if ball < ceiling and kinds > 2:
             # The ball alone would reach the ceiling at the middle, so the joints that matter for the first axis must
             # become narrower.
-            settled(shoulder, reach, products, first, share)
+            for k in range(5):
+                sheet.trial[k], by[k] = by[k], sheet.upright[k]
+            settled_bound(shoulder, reach, sheet, sheet.share)
+            for k in range(5):
+                by[k] = sheet.trial[k]
         else:
-            for i in range(len(share)):
-                share[i] += other[i]
-    return Bound(bound, upright.error, by)
+            for i in range(len(h)):
+                sheet.share[i] += sheet.other[i]
+    return bound, error
 
 
 @inlined
-def settled(shoulder: Shoulder, reach: float, products: Products, by: Multipliers, share: Array) -> float:
+def settled_bound(shoulder: Shoulder, reach: float, sheet: Sheet, share: Array) -> float:
     """The bound that the multipliers give in the box; `share`, (n,), receives the share of each joint in its loss."""
-    bound = dual_value(shoulder, reach, products.terms, by)
-    combine(products, by)
-    bound -= shoulder.trust * most_above(products, share)
-    K_P, K_A, size = shoulder.weight_p, shoulder.weight_a, shoulder.size
-    square, along, height, lean = abs(by.square), abs(by.along), abs(by.height), abs(by.lean)
+    terms, by, kinds = sheet.terms, sheet.by, len(shoulder.invariants)
+    bound = dual_value(shoulder, reach, terms, by)
+    for t in range(terms.shape[1]):
+        value = 0.0
+        for k in range(kinds):
+            value -= by[k] * terms[k, t]
+        terms[kinds, t] = value
+    bound -= shoulder.trust * most_above(terms[kinds], sheet, share)
+    K_P, K_A, size, m = shoulder.weight_p, shoulder.weight_a, shoulder.size, by[4]
     bound -= K_P * shoulder.margin + 2.0 * K_A * shoulder.margin_a
-    parts = K_A + along * size + lean
-    lengths = (square * size + 2.0 * along + 2.0 * height + K_P) * size
-    bound -= OF_PARTS * (lengths + 2.0 * lean + parts * parts / by.m + by.m)
-    # Every factor of a product may have an error; the products are no larger than the widest one.
-    sums = square * size * size + (along + height) * size + lean
-    left: float = bound - shoulder.rounding * widest_product(products) * sums
-    return left
+    parts = K_A + abs(by[1]) * size + abs(by[3])
+    lengths = (abs(by[0]) * size + 2.0 * abs(by[1]) + 2.0 * abs(by[2]) + K_P) * size
+    # Every factor of a product may have an error; the products are no larger than this product.
+    widest = 1.0
+    for i in range(len(share)):
+        wide, cosine, sine = sheet.ends[i, 0], sheet.ends[i, 1], sheet.ends[i, 2]
+        widest *= 2.0 - cosine + (sine if wide < 0.5 * math.pi else 1.0)
+    sums = abs(by[0]) * size * size + (abs(by[1]) + abs(by[2])) * size + abs(by[3])
+    bound -= OF_PARTS * (lengths + 2.0 * abs(by[3]) + parts * parts / m + m)
+    settled: float = bound - shoulder.rounding * widest * sums
+    return settled
 
 
 @entry
 def enclose_ball(
     shoulder: Shoulder,
-    boxes: BallBoxes,
+    boxes: Annotated[Array, "room", "*", OUT],
     heap: Heap,
     counts: Annotated[Indices, COUNTS, OUT],
     figures: Annotated[Array, FIGURES, OUT],
@@ -198,7 +156,7 @@ def enclose_ball(
 
     Args:
         shoulder: The arm on its ball, and its goal.
-        boxes: The first COUNT rows are given.
+        boxes: Centres, half widths, the joint to be cut and multipliers, (room, 2 n + 6); the first COUNT rows are given.
         heap: Their bounds and order.
         counts: COUNT and the following constants, (COUNTS,).
         figures: CEILING is the upper limit for the bound of relevant boxes, and decreases if the ball does better. FLOOR
@@ -208,46 +166,56 @@ def enclose_ball(
     Returns:
         ENDED, STOPPED or FULL.
     """
-    n = boxes.centre.shape[1]
-    scratch = make_ball_scratch(len(shoulder.invariants), n)
-    c, h, share = scratch.c, scratch.h, scratch.share
+    n = (boxes.shape[1] - 6) // 2
+    c, h, above, sheet = np.empty(n), np.empty(n), np.empty(5), make_sheet(len(shoulder.invariants), n)
+    order = heap.order
     while counts[COUNT] > 0:
-        row = heap.order[0]
+        row = order[0]
         if heap.bound[row] >= figures[CEILING]:
             break
         if counts[SEEN] >= until:
             return STOPPED
-        if counts[COUNT] + 1 >= len(boxes.cut):
+        if counts[COUNT] + 1 >= len(boxes):
             return FULL
         figures[FLOOR] = max(figures[FLOOR], heap.bound[row])
-        cut = boxes.cut[row]
-        if boxes.half[row, cut] < NARROW:
+        cut = int(boxes[row, 2 * n])
+        if boxes[row, n + cut] < NARROW:
             return ENDED
-        pop(heap, counts)
-        below, above = heap.bound[row], multipliers_at(boxes.by[row])
+        counts[COUNT] -= 1
+        last = counts[COUNT]
+        order[0], order[last] = order[last], row
+        sift_down(heap.bound, order, last)
+        below, middle, half = heap.bound[row], boxes[row, cut], 0.5 * boxes[row, n + cut]
         for i in range(n):
-            c[i], h[i] = boxes.centre[row, i], boxes.half[row, i]
-        middle, half = c[cut], 0.5 * h[cut]
+            c[i], h[i] = boxes[row, i], boxes[row, n + i]
+        for k in range(5):
+            above[k] = boxes[row, 2 * n + 1 + k]
         h[cut] = half + rounding(middle, half)
         for side in range(2):
             c[cut] = middle - half if side == 0 else middle + half
-            found = bound_ball(shoulder, figures[CEILING], above, scratch)
+            bound, error = bound_ball(shoulder, figures[CEILING], c, h, above, sheet)
             counts[SEEN] += 1
-            if found.error < figures[UPPER]:
-                figures[UPPER] = found.error
-                if found.error < figures[CEILING]:
-                    figures[CEILING] = COARSE * found.error
-            bound = max(below, found.least)  # In this order NaN has no effect.
+            if error < figures[UPPER]:
+                figures[UPPER] = error
+                if error < figures[CEILING]:
+                    figures[CEILING] = COARSE * error
+            bound = max(below, bound)  # In this order NaN has no effect.
             if bound >= figures[CEILING]:
                 continue
-            free = free_row(heap, counts)
+            count = counts[COUNT]
+            if count == counts[USED]:
+                order[count] = count
+                counts[USED] += 1
+            free = order[count]
             cutting = 0
             for i in range(n):
-                boxes.centre[free, i], boxes.half[free, i] = c[i], h[i]
-                if share[i] > share[cutting]:
+                boxes[free, i], boxes[free, n + i] = c[i], h[i]
+                if sheet.share[i] > sheet.share[cutting]:
                     cutting = i
-            boxes.cut[free], heap.bound[free] = cutting, bound
-            write_multipliers(found.by, boxes.by[free])
-            push(heap, counts)
+            for k in range(5):
+                boxes[free, 2 * n + 1 + k] = sheet.by[k]
+            boxes[free, 2 * n], heap.bound[free] = cutting, bound
+            sift_up(heap.bound, order, count)
+            counts[COUNT] += 1
     figures[FLOOR] = max(figures[FLOOR], figures[CEILING])
     return ENDED
