@@ -59,7 +59,11 @@ def test_windows_give_the_same(name: str, asked: dict[str, Any], short_windows: 
     assert len(path.why) == len(whole.why)
     assert path.length == pytest.approx(whole.length, rel=1e-3)
     if (path.breaks == whole.breaks).all():
-        assert path.length == pytest.approx(whole.length, abs=1e-7)
+        # Next to a singularity two solutions that are a thousandth apart take the same time, and either may be chosen.
+        near = np.linalg.svd(arm.jacobian(whole.q), compute_uv=False).min(axis=1) < 1e-3
+        other = np.abs(path.q - whole.q).max(axis=1) * near
+        assert (other < 0.01).all()
+        assert path.length == pytest.approx(whole.length, abs=1e-7 + 2 * arm.dof * float(other.sum()))
 
 
 @pytest.mark.parametrize("name", ["irb120", "ur5e", "gen3"])
