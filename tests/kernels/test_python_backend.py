@@ -161,7 +161,8 @@ def box(name: str) -> Any:
     T = targets(arm, 1)[0]
     within = arm.ik(Goal.pose(T, free="rx", box={"x": (-0.05, 0.1)}), solver=SMALL)
     beyond = arm.ik(Goal.pose(away(arm), box={"x": (-0.05, 0.1), "rx": (-0.2, 0.3)}), solver=SMALL)
-    return within.success, within.position_error < 1e-6, beyond.success, beyond.weighted_error
+    # The steps towards the nearest pose beyond ranges converge slowly: where their number ends, last bits have become 3e-6.
+    return within.success, within.position_error < 1e-6, beyond.success, round(beyond.weighted_error, 4)
 
 
 def plain_calls() -> Any:
@@ -550,7 +551,7 @@ def test_a_routine_is_called_by_its_number() -> None:
     from kinseek.kernels.atlas.one_goal import routines
 
     numbers = routines()
-    with pytest.raises(TypeError, match="positional arguments"):
+    with pytest.raises(TypeError, match="iterate_routine: job must be a Job, got 1"):
         call_at(numbers[0], (1, 2))
 
 

@@ -160,6 +160,10 @@ def checked(function: Callable[..., int]) -> Callable[..., int]:
         known: dict[str, int] = {}
         takes = parameters(function)
         for (name, one), value in zip(takes.items(), given, strict=True):
+            if isinstance(one, Bundle) and not isinstance(value, one.made_of):
+                raise TypeError(
+                    f"{function.__name__}: {name} must be a {one.made_of.__name__}, got {value!r}"
+                )
             if isinstance(one, Leaf) and one.shape and not one.fits(value, known):
                 raise TypeError(f"{function.__name__}: {name} must be {one.words({})}, got {value!r}")
         return function(*given)
