@@ -18,8 +18,8 @@ import numpy as np
 
 from kinseek.kernels.arm.vectors import Vector, column, dot, rotate, vector_at
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.atlas.memory import make_scratch
-from kinseek.kernels.atlas.task import task_of
+from kinseek.kernels.atlas.memory import scratch_of
+from kinseek.kernels.atlas.task import task_at
 from kinseek.kernels.jit import inlined, kernel
 from kinseek.kernels.structure.candidates import DEVIATION, H5, H6, SIZE, H, joint_of
 from kinseek.kernels.structure.closed import closed_starts
@@ -96,9 +96,9 @@ def write_starts_around(search: Search, structure: Array, far: bool, count: int)
         The number of starts.
     """
     job, starts, rates, many = search.job, search.starts, search.metric[RATES], 0
-    task = task_of(job.handle, job.tolerances)
+    task = task_at(job)
     dof = len(task.lower)
-    scratch = make_scratch(job.memory, dof, len(task.chain.leader))
+    scratch = scratch_of(job, task)
     pose = np.empty((4, 4))
     for pose_number in range(DIRECTIONS if far else 0, 4 * DIRECTIONS if far else DIRECTIONS):
         distance = distance_of(pose_number // DIRECTIONS) * structure[DEVIATION]

@@ -24,9 +24,9 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import make_scratch
+from kinseek.kernels.atlas.memory import scratch_of
 from kinseek.kernels.atlas.seeds import turns_fully
-from kinseek.kernels.atlas.task import Task, task_of
+from kinseek.kernels.atlas.task import Task, task_at
 from kinseek.kernels.jit import inlined, kernel
 from kinseek.kernels.structure.candidates import (
     ROOTS,
@@ -146,8 +146,8 @@ def write_curve_starts(search: Search, number: int) -> tuple[int, int]:
         number: Number of requested solutions.
     """
     job, w, most = search.job, search.job.width, GRID + SPARE + number
-    task = task_of(job.handle, job.tolerances)
-    scratch = make_scratch(job.memory, len(task.lower), len(task.chain.leader))
+    task = task_at(job)
+    scratch = scratch_of(job, task)
     sweep = Sweep(
         np.empty(most),
         np.empty(most, dtype=np.int64),

@@ -17,9 +17,9 @@ from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.atlas.batch import stand_still
 from kinseek.kernels.atlas.descent import iterate, within
 from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2, Lanes
-from kinseek.kernels.atlas.memory import Scratch, make_scratch
+from kinseek.kernels.atlas.memory import Scratch, scratch_of
 from kinseek.kernels.atlas.seeds import copy_joints, into_limits, keep_joints
-from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Job, Task, task_of
+from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Job, Task, task_at
 from kinseek.kernels.jit import inlined, kernel
 
 from .distance import joint_gap, plus_scaled, six_gaps, six_in_column, six_of, squared_gap, squares
@@ -143,9 +143,9 @@ def refine_all(search: Search, batch: Batch, count: int) -> int:
         count: Number of known solutions.
     """
     job, tally = search.job, search.tally
-    task = task_of(job.handle, job.tolerances)
+    task = task_at(job)
     dof = len(task.lower)
-    scratch = make_scratch(job.memory, dof, len(task.chain.leader))
+    scratch = scratch_of(job, task)
     lanes = scratch.lanes
     progress = Progress(
         np.full(LANES, IDLE, dtype=np.int64),
@@ -299,9 +299,9 @@ def report_solutions(search: Search, rows: Array, count: int, endless: bool, res
         The number of rows of the result.
     """
     job, centre, scale = search.job, search.metric[CENTRE], search.metric[SCALE]
-    task = task_of(job.handle, job.tolerances)
+    task = task_at(job)
     dof, kept = len(task.lower), 0
-    scratch = make_scratch(job.memory, dof, len(task.chain.leader))
+    scratch = scratch_of(job, task)
     q = scratch.seed
     for j in range(count):
         copy_joints(rows, j, q)

@@ -41,6 +41,7 @@ from kinseek.kernels.atlas.task import (
     Job,
     Task,
     lanes_of,
+    task_at,
     task_of,
 )
 from kinseek.kernels.entry import OUT
@@ -280,7 +281,7 @@ def try_fine_atlas(arm: ArmTables, search: Search) -> int:
     """Refine the solution that the fine atlas leads to; return the number of solutions, 0 or 1."""
     job, starts = search.job, search.starts
     task, found, dof = (
-        task_of(job.handle, job.tolerances),
+        task_at(job),
         solve_pose(arm.fine, job.tolerances, search.target, job.width),
         starts.shape[1],
     )

@@ -29,10 +29,10 @@ from kinseek.kernels.atlas.lanes import (
     set_twist,
     twist_at,
 )
-from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
+from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_of, scratch_size
 from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import MARGIN, see
-from kinseek.kernels.atlas.task import Handle, Task, plain_tolerances, task_of
+from kinseek.kernels.atlas.task import Handle, Task, plain_tolerances, task_at, task_of
 from kinseek.kernels.atlas.tree import LEAF_SIZE
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, kernel
@@ -197,8 +197,8 @@ def write_sampled_starts(search: Search, steps: Array, known: Array, samples: Ro
         samples: Which samples.
     """
     job, starts, rates, count = search.job, search.starts, search.metric[RATES], len(steps)
-    task = task_of(job.handle, job.tolerances)
-    scratch = make_scratch(job.memory, len(task.lower), len(task.chain.leader))
+    task = task_at(job)
+    scratch = scratch_of(job, task)
     eight, chosen, move = np.empty((EIGHT_ROWS, LANES)), np.empty(LANES, dtype=np.int64), np.empty(LANES)
     sorting = Sorting(
         np.empty(count),

@@ -18,8 +18,8 @@ from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.descent import FLOOR, free_turn, iterate
 from kinseek.kernels.atlas.lanes import LANES, Lanes, lanes_gram, lanes_jacobian, lanes_solve
-from kinseek.kernels.atlas.memory import Scratch, make_scratch
-from kinseek.kernels.atlas.task import Task, task_of
+from kinseek.kernels.atlas.memory import Scratch, scratch_of
+from kinseek.kernels.atlas.task import Task, task_at, task_of
 from kinseek.kernels.jit import inlined, kernel
 
 from .distance import squared_gap
@@ -99,9 +99,9 @@ def write_twins(search: Search, first: int, last: int) -> int:
     direction to second order. WEAKEST becomes the smallest singular value of their scaled Jacobians if it is smaller.
     """
     job, tally, w, many = search.job, search.tally, search.job.width, 0
-    task = task_of(job.handle, job.tolerances)
+    task = task_at(job)
     dof = len(task.lower)
-    scratch = make_scratch(job.memory, dof, len(task.chain.leader))
+    scratch = scratch_of(job, task)
     lanes = scratch.lanes
     weakest, bends, across = np.zeros(LANES), np.zeros(LANES), np.zeros((6, LANES))
     for l in range(LANES):
