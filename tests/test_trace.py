@@ -205,6 +205,7 @@ def test_a_search_of_ones_own_keeps_none() -> None:
         _ = arm.ik(target, solver=kinseek.Polished(Middle()), trace=True).trace
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "search", [kinseek.Atlas(), kinseek.DivideAndConquer(), kinseek.BlindSearch(), kinseek.Polished()]
 )

@@ -171,6 +171,7 @@ MISSED = {
 """Targets of `benchmarks.branches` at which kinseek or a witness once lacked an answer, most beside two singularities."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MISSED)
 def test_what_was_missed_once_is_found(name: str) -> None:
     arm = kinseek.load(name)
@@ -462,6 +463,7 @@ def test_a_sample_of_the_self_motion_is_spread(name: str) -> None:
         assert gaps[0].min() > gaps[1].min()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "q"),
     [
@@ -589,6 +591,7 @@ def just_beside_the_edge(arm: kinseek.Arm, count: int) -> Array:
     return np.array(targets)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["puma560", "ur5e", "irb120", "kr6r900", "jaco2_6"])
 def test_there_is_a_branch_wherever_ik_finds_an_answer_just_out_of_reach(name: str) -> None:
     """To half of the poses no answer is exact."""

@@ -303,6 +303,7 @@ FOOTERS: dict[str, tuple[bytes, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", FOOTERS)
 def test_a_footer_that_pyarrow_would_end_for_is_refused(case: str, tmp_path: Path) -> None:
     """75 bytes ended Python without an error; 9.5 MB took 86 s and 3.3 GB."""

@@ -41,6 +41,7 @@ def test_every_command_has_an_example_of_itself(name: str) -> None:
     assert all(example.startswith(f"kinseek {name}") for example in command(name).examples)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", examples())
 def test_examples_run(
     example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

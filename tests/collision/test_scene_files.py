@@ -298,6 +298,7 @@ def test_a_file_that_is_not_there_and_a_name_that_is_taken(tmp_path: Path, scene
         scene.add_file(path, np.zeros(3), prefix="x")
 
 
+@pytest.mark.slow
 def test_a_scene_with_too_many_bodies_is_refused(tmp_path: Path, scene: Scene) -> None:
     """Each two are a pair: 1 MB of text with 30,000 boxes filled the memory."""
     room = MOST_SHAPES - len(scene.bodies)
@@ -342,6 +343,7 @@ def test_a_scene_is_refused_before_all_of_it_is_read(
     assert scene.bodies == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".scene", ".urdf"])
 def test_a_body_of_too_many_shapes_is_refused(tmp_path: Path, scene: Scene, suffix: str) -> None:
     """The first question about 10,000 shapes took minutes, whether one body has them or many."""

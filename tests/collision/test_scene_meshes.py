@@ -400,6 +400,7 @@ def test_a_cloud_of_too_many_points_is_refused() -> None:
         Points(np.zeros((1_000_001, 3)), 0.01)
 
 
+@pytest.mark.slow
 def test_points_inside_do_not_count_as_corners() -> None:
     rng = np.random.default_rng(1)
     outer = scattered(2000) * [1, 1e-3, 50]

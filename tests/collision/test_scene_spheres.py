@@ -56,6 +56,7 @@ def inside(shape: Shape) -> np.ndarray:
     return np.asarray(shares @ corners + shape.thickness * ways / np.linalg.norm(ways, axis=1)[:, None])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)
 def test_outer_spheres_and_core_hold_the_shape(shape: Shape) -> None:
     cover, points = shape.cover, inside(shape)
@@ -99,6 +100,7 @@ def test_inner_spheres_lie_in_the_shape(shape: Shape) -> None:
         assert real[3].max() > 0.1 * np.ptp(shape.corners, axis=0).min()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [SHAPES[0], SHAPES[1], SHAPES[4], SHAPES[6], SHAPES[7]], ids=name_of)
 def test_the_pieces_of_a_hull_make_up_the_hull(shape: Shape) -> None:
     hull = spatial.ConvexHull(shape.corners)

@@ -143,6 +143,7 @@ TURNS: list[tuple[int, dict[str, Change], str]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "changes", "expected"), TURNS)
 def test_changed_rows_turn_the_verdict(number: int, changes: dict[str, Change], expected: str) -> None:
     judge = next(claim.judge for claim in claims.CLAIMS if claim.number == number)

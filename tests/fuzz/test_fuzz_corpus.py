@@ -26,6 +26,7 @@ def test_every_file_stands_in_the_list_and_has_a_reader() -> None:
     assert all(seeds().values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(ENDS))
 def test_a_file_ends_as_the_list_says(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]

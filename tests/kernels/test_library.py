@@ -149,6 +149,7 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
 TOLD = "import kinseek; from kinseek.kernels.backend import describe_backend; print(describe_backend())"
 
 
+@pytest.mark.slow
 @library
 def test_a_level_can_be_chosen_and_an_unknown_one_is_refused() -> None:
     assert LIBRARY is not None

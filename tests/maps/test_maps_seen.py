@@ -129,6 +129,7 @@ def test_other_pictures_of_maps(drawn: dict[str, Any]) -> None:
     assert len(plots.bases(drawn["bases"]).axes[0].collections[0].get_offsets()) == 3
 
 
+@pytest.mark.slow
 def test_places_that_differ_in_yaw_alone_are_seen_apart() -> None:
     from matplotlib.quiver import Quiver
 

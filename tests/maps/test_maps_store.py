@@ -177,6 +177,7 @@ def test_a_store_of_another_user_is_read_and_not_written(
     assert make.store_of(ARM, GRID, work).missing() == [(0, 0, 0, 0)]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no user ids here")
 @pytest.mark.parametrize("bits", [0o775, 0o757, 0o1777], ids=oct)
 @pytest.mark.parametrize("inner", [".", "reached", "reached/c/0", "blocks/done/c"])
@@ -199,6 +200,7 @@ def test_a_store_that_others_may_write_to_is_read_and_not_written(
     assert maps.reach(ARM, GRID, store=place, **SMALL).attrs == maps.open(place).attrs
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no user ids here")
 @pytest.mark.parametrize("inner", [".", "reached", "blocks/done"])
 def test_metadata_that_others_may_write_to_is_read_and_not_believed(tmp_path: Path, inner: str) -> None:
@@ -226,6 +228,7 @@ def test_a_folder_of_another_user_in_a_store_is_refused(tmp_path: Path) -> None:
         maps.reach(ARM, GRID, store=place, **SMALL)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no permissions here")
 @pytest.mark.parametrize("umask", [0o000, 0o002, 0o022, 0o077], ids=oct)
 def test_others_may_not_write_to_a_new_store_whatever_the_umask(tmp_path: Path, umask: int) -> None:
@@ -513,6 +516,7 @@ def test_a_sample_of_a_map_takes_seconds(seconds: Any) -> None:
 NEIGHBOURS = ["{broken", "[]", '{"zarr_format": 3, "node_type": "\\u001b[31m"}']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", NEIGHBOURS)
 def test_what_lies_beside_the_arrays_is_not_read(text: str, written: Path, tmp_path: Path) -> None:
     """Zarr opened all of it at once, and printed a traceback for each file when Python ended."""

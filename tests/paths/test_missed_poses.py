@@ -182,6 +182,7 @@ def test_a_closed_path_with_missed_poses_comes_back(name: str) -> None:
     assert np.abs(path.q[-1] - path.q[0]).max() < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("approximately", [False, True])
 @pytest.mark.parametrize("free", [False, True])
 @pytest.mark.parametrize("name", ["ur5e", "panda", "gen3"])

@@ -126,16 +126,8 @@ def name_of(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
-SLOW = {"docs/plots.md", "docs/recipes.md"}
-
-
-@pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(page, id=name_of(page), marks=[pytest.mark.slow] * (name_of(page) in SLOW))
-        for page in sorted({block.page for block in PYTHON})
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("page", sorted({block.page for block in PYTHON}), ids=name_of)
 def test_python_runs(page: Path, beside: Callable[[Path], None]) -> None:
     beside(page)
     names: dict[str, object] = {"__name__": "__main__"}
@@ -158,6 +150,7 @@ def test_python_that_needs_more_runs(block: Block, beside: Callable[[Path], None
     block.run(names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("block", "command"), COMMANDS, ids=[f"{block}: {line}" for block, line in COMMANDS])
 def test_command_runs(block: Block, command: str, beside: Callable[[Path], None]) -> None:
     from kinseek.cli import main

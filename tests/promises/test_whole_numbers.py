@@ -162,6 +162,7 @@ def test_the_bounds_belong_to_the_range() -> None:
             as_integer("n", value, 2, 4)
 
 
+@pytest.mark.slow
 def test_there_is_one_reader() -> None:
     """Whether something is an integer is asked in one place: `isinstance(x, int)` is true of bools and false of NumPy's."""
     package = Path(kinseek.__file__).parent

@@ -46,6 +46,7 @@ def missed(chain: SerialChain, q: Array, rng: np.random.Generator) -> bool:
     return away > easier.goal.position_tolerance or lean > easier.goal.orientation_tolerance + 1e-14
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRISTS)
 def test_what_reaches_the_goal_meets_the_question_without_the_wrist(name: str) -> None:
     chain, rng = kinseek.load(name).chain, np.random.default_rng(3)

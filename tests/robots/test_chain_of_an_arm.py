@@ -279,6 +279,7 @@ class Slotted(Arm):
         self.side = side
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "make", [lambda: Named(kinseek.load("ur5e").chain, "left", colour="red"), lambda: Slotted("left")]
 )

@@ -114,6 +114,7 @@ def tree(count: int, kind: str, row: bool) -> str:
     return f'<robot name="r">{links}{joints}</robot>'
 
 
+@pytest.mark.slow
 def test_twenty_thousand_joints_are_refused(tmp_path: Path) -> None:
     with soon(), pytest.raises(InvalidRobot, match=f"20,001 links, expected at most {MOST_LINKS:,}"):
         read(write(tmp_path, "r.urdf", tree(20_000, "continuous", row=True)))
@@ -134,6 +135,7 @@ def test_a_file_just_below_the_limit_is_read_soon(row: bool, tmp_path: Path) -> 
         read(path)
 
 
+@pytest.mark.slow
 def test_a_comb_is_read_soon(tmp_path: Path) -> None:
     half = MOST_LINKS // 2 - 1
     text = tree(half, "continuous", row=True).removesuffix("</robot>")

@@ -470,6 +470,7 @@ def test_threads_share_an_arm() -> None:
     np.testing.assert_array_equal(results[0], results[1])
 
 
+@pytest.mark.slow
 def test_calls_leave_nothing_behind() -> None:
     arm = kinseek.load("panda")
     targets, near = targets_of(arm, 100), np.zeros(7)

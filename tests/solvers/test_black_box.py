@@ -410,6 +410,7 @@ def test_a_failing_function_is_named_with_the_q_that_did_it(kind: str) -> None:
     np.testing.assert_array_equal(again.q, caught.value.q)
 
 
+@pytest.mark.slow
 def test_a_function_of_one_row_that_fails_is_named_too() -> None:
     def half(q: Array) -> Any:
         if q[0] > 0.9:

@@ -47,6 +47,7 @@ def goals(T: np.ndarray, options: dict[str, Any]) -> list[Goal]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
 @pytest.mark.parametrize("name", ["ur5e", "panda", "scara4"])
 def test_the_short_way_gives_the_bits_of_the_long_one(name: str, options: dict[str, Any]) -> None:

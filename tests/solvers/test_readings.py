@@ -147,6 +147,7 @@ def test_an_offset_for_another_number_of_joints_is_refused() -> None:
         arm.ik(np.eye(4), solver=DivideAndConquer(offset=(0.1, 0.2, 0.3)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"beam": 6}, {"beam": 6, "children": 2, "divisions": 2}])
 @pytest.mark.parametrize("part", [1, 50, 1 << 22])
 def test_a_stop_ends_the_search_at_the_first_good_leaf(

@@ -103,6 +103,7 @@ def test_a_point_as_far_as_a_hardly_tilted_axis_puts_it() -> None:
     assert find_split(arm.chain, Goal.pointing([0, 0, 0], [0, 0, 1])).first == (0,)
 
 
+@pytest.mark.slow
 @given(serial_chains(most=4), st.integers(0, 2**32 - 1), st.sampled_from(["pose", "position", "pointing"]))
 def test_what_is_said_to_rest_rests(chain: SerialChain, seed: int, kind: str) -> None:
     arm = kinseek.Arm(chain)

@@ -178,6 +178,7 @@ def test_there_a_closed_form_of_others_has_no_more(name: str, numbers: list[int]
         assert (apart(other, found.q).min(axis=1) < 1e-3).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5e", "kr6r900"])
 @pytest.mark.parametrize("size", [1e-3, 1e-4, 1e-5, 1e-7, 1e-9, 0.0])
 def test_beside_a_straight_wrist_no_answer_is_lost(name: str, size: float) -> None:
