@@ -344,7 +344,7 @@ def spare_layers(name: str) -> Any:
     layers: list[Array] = []
     for row in (0, 3):
         given = np.concatenate([q[row : row + 1], np.full((1, n), 99.0)])
-        found, along = np.zeros((2, 10, n))
+        found, along = np.zeros((2, 3 if n == 7 else 10, n))
         count = spread_solutions(
             index.handle,
             PLAIN_TOLERANCES,
