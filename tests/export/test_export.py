@@ -195,7 +195,10 @@ def test_a_cpp_program_calls_the_functions_of_c(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="runs what is written for x86-64")
 @pytest.mark.skipif(not {"avx2", "fma"} <= levels(), reason="the processor is below x86-64-v3")
-@pytest.mark.parametrize("name", ["panda", "elbow6", "cylindrical3"])
+@pytest.mark.parametrize(
+    "name",
+    ["elbow6", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("panda", "cylindrical3"))],
+)
 def test_plain_c_gives_the_same_bits(tmp_path: Path, name: str) -> None:
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc")

@@ -133,6 +133,7 @@ for name in sys.argv[2:]:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_an_object_has_the_same_bytes_whatever_was_compiled_before(tmp_path: Path) -> None:
     """Numba lets a function take options from whichever kernel calls it first, and counts what it compiles in names."""
     pytest.importorskip("numba")

@@ -53,6 +53,7 @@ def wait_for(mark: str, enough: int, most: int) -> list[int]:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 @pytest.mark.parametrize(
     ("ended_by", "after"),

@@ -41,6 +41,7 @@ def found(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return seen
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_pictures_of_the_experiments(name: str, found: list[str], tmp_path: Path) -> None:
     module = experiment(name)

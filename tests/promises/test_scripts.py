@@ -55,6 +55,7 @@ def kept() -> dict[str, tuple[int, int]]:
     }
 
 
+@pytest.mark.thorough
 @scripts
 def test_help_prints_and_writes_nothing(script: Path) -> None:
     before = kept()
