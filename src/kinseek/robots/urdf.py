@@ -191,7 +191,7 @@ def _parse(kinematics: Any, where: str) -> Any:
         return URDF.from_xml_string(etree.tostring(kinematics))
     except Exception as error:  # The parser raises whatever its conversions raise.
         raise_of_handler(error)
-        raise InvalidRobot(f"{where}: {error}") from error
+        raise InvalidRobot(f"{where}: {error}") from None
 
 
 def _link_tree(robot: Any, where: str) -> dict[str, str | None]:
