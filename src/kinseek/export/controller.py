@@ -281,7 +281,7 @@ def _texts(
     goal = [
         "#include <stdint.h>",
         array("goal_pose", problem.goal.target),
-        "/* What kinseek answers. */",
+        "/* The result of kinseek on the exporting machine. */",
         array("expected_q", np.asarray(expected.q)),
         array("expected_pose", arm.fk(expected.q)),
         f"#define EXPECTED_EVALUATIONS {int(expected.evaluations)}",
