@@ -162,6 +162,7 @@ def to_c(
         InvalidSolver: Parameters of the search that do not fit the arm.
         MissingExtra: Numba, which compiles the kernels, is not installed.
     """
+    # Before the kernels are compiled, which takes some twenty seconds.
     checked_folder(folder)
     parts = prepare(arm, target, cpu=cpu, search=search, goal=goal, ram=ram, flash=flash, form=form)
     parts.write(folder)

@@ -189,6 +189,7 @@ def work_of(
         as_integer(name, value, least, error=InvalidMap)
     for name in TOLERANCES:
         check_tolerance(name, given[name])
+    # Raises if the first joint cannot be divided out.
     if isinstance(grid, Rings):
         divided(arm.axes)
     scene, clearance = given["scene"], given["clearance"]
