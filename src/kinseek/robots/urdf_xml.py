@@ -146,6 +146,7 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
     with importing:
         from xacrodoc import XacroDoc, packages
 
+    # xacro and xacrodoc keep their state in modules, so only one file is expanded at a time.
     with _XACRO_LOCK, _restricted_xacro(path) as spend, contextlib.ExitStack() as stack:
         if not trusted:
             stack.enter_context(_computed_xacro(path, spend))
