@@ -192,6 +192,31 @@ def test_surfaces_with_an_inside_are_told_from_open_ones(tmp_path: Path) -> None
         scene.remove("part")
 
 
+PYRAMID = (
+    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]),
+    np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
+)
+
+
+def test_a_link_wholly_inside_a_mesh_touches_it(tmp_path: Path) -> None:
+    """The middle of the link's bounding box lies outside of the link, and outside of the mesh around it."""
+    vertices, faces = PYRAMID
+    write_stl(tmp_path / "link.stl", 0.09 * vertices, faces)
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        """<robot name="r"><link name="base"/><link name="hand"><collision><geometry><mesh filename="link.stl"/></geometry>
+        </collision></link><joint name="j" type="prismatic"><parent link="base"/><child link="hand"/><axis xyz="1 0 0"/>
+        <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
+    )
+    scene = Scene.of(kinseek.load(file))
+    scene.add_mesh("rock", write_stl(tmp_path / "rock.stl", 0.12 * vertices - 0.005, faces))
+    q = np.array([[0.0], [0.001], [0.5]])
+    assert scene.free(q).tolist() == [False, False, True]
+    assert [len(scene.hits(one)) for one in q] == [1, 1, 0]
+    assert scene.distance(q[0]) < 0
+    assert not scene.free_motion([0.0], [0.001])
+
+
 def test_a_mesh_is_oriented_before_it_is_simplified(tmp_path: Path) -> None:
     vertices, faces = ball(0.1)
     faces[::3] = faces[::3, ::-1]
