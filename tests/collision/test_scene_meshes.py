@@ -6,9 +6,10 @@ import itertools
 import re
 import subprocess
 import sys
+import time
 import tracemalloc
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from cells import write_arm, write_stl
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Mesh, Points, bodies
 from kinseek.collision.hulls import MOST_CORNERS, corners_of_sides, farthest_beyond, outermost
+from kinseek.collision.interior import Interior
 from kinseek.collision.simplify import simplified
 from kinseek.robots.meshes import mesh_parts
 
@@ -172,6 +174,33 @@ def test_a_surface_without_an_inside_is_open() -> None:
     mesh = Mesh(*klein(), False)
     assert not mesh.closed
     assert not mesh.interior.any_solid
+
+
+def nested(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes in each other, the largest first, every second one inside out."""
+    return together(*(cube(count - k, inverted=k % 2 == 1) for k in range(count)))
+
+
+def test_surfaces_in_each_other_are_compared_with_the_next_one_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file of 80 kB took 30 s, and one of twice as many surfaces four times as long."""
+    calls = list[int]()
+
+    def counted(self: Interior, outer: int, inner: int, *more: Any, real: Any = Interior._encloses) -> bool:
+        calls.append(inner)
+        return bool(real(self, outer, inner, *more))
+
+    monkeypatch.setattr(Interior, "_encloses", counted)
+    mesh = Mesh(*nested(40), False)
+    for k in range(40):  # A box is solid, the next one in it hollow.
+        assert mesh.holds(np.array([(40 - k - 0.5) / 2, 0.01, 0.02])) == (k % 2 == 0)
+    assert len(calls) == 39
+
+
+def test_without_cavities_where_too_much_had_to_be_compared() -> None:
+    began = time.process_time()
+    mesh = Mesh(*nested(3000), False)
+    assert mesh.holds(np.array([1499.25, 0.01, 0.02]))
+    assert time.process_time() - began < 20
 
 
 def test_surfaces_with_an_inside_are_told_from_open_ones(tmp_path: Path) -> None:
