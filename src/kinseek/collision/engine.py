@@ -266,8 +266,8 @@ class Engine:
     def _inside(self, n: int) -> bool:
         """Return whether one part is wholly inside a closed mesh, of which coal knows only the surface.
 
-        The other part is connected. So if the surfaces do not intersect, testing any one of its points is enough. The mean of
-        the corners of a hull lies in the hull; the middle of their bounding box may lie outside.
+        The other part is connected. So if the surfaces do not intersect, testing any one of its points is enough. The mean
+        of the corners of a hull lies in the hull; the middle of their bounding box may lie outside.
         """
         for shell, other in (self.pairs[n], self.pairs[n][::-1]):
             if not _is_shell(self.solids[shell]):
