@@ -29,8 +29,8 @@ _MOST_SURFACES = 10_000
 """In a mesh with more closed surfaces none is a cavity: the bounds of each are compared with those of all others."""
 
 _MOST_COMPARED = 2**25
-"""Largest number of triangles that surfaces are compared with, added up, to find what surrounds each: some seconds. In a mesh
-that needs more none is a cavity."""
+"""Largest number of triangles that surfaces are compared with, added up, to find what surrounds each: some seconds. If a
+mesh needs more, none is a cavity."""
 _COMPARISON = 500
 """Triangles that a comparison with a surface counts in addition to its own, for the calls of NumPy."""
 

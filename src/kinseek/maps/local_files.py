@@ -100,8 +100,8 @@ def _open(path: str, flags: int) -> int:
 
 def _metadata(path: Path) -> bytes | None:
     """Read a file of metadata; None if it is something else, or too large."""
-    # A pipe would block, and a huge file or a device would fill the memory. Another file may have the name after this, so the
-    # open file is checked, too.
+    # A pipe would block, and a huge file or a device would fill the memory. Another file may have the name after this, so
+    # the open file is checked, too.
     if not stat.S_ISREG(path.stat().st_mode):
         return None
     flags = [getattr(os, name, 0) for name in ("O_NONBLOCK", "O_CLOEXEC", "O_BINARY")]
