@@ -472,8 +472,8 @@ class _Element(NamedTuple):
 def _triangles_of_lines(lines: list[str], elements: Mapping[str, _Element]) -> int:
     """Count the triangles of text PLY, and check that each face has as many numbers as it says.
 
-    trimesh takes the number of corners from the first face if all lines have as many words, and ignores that lines are missing
-    at the end.
+    trimesh takes the number of corners from the first face if all lines have as many words, and ignores that lines are
+    missing at the end.
     """
     begin, triangles = 0, 0
     for name, element in elements.items():
