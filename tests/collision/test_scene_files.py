@@ -181,6 +181,23 @@ def test_meshes_of_a_scene_are_solid(tmp_path: Path, arm: kinseek.Arm, scene: Sc
     np.testing.assert_array_equal(scene.free(q), solid.free(q))
 
 
+SHAPE = "0 0 0\n0 0 0 1\n1\nbox\n{0} {0} {0}\n0 0 0\n0 0 0 1\n0 0 0 0\n0\n.\n"
+
+
+def test_a_line_of_a_scene_ends_where_that_of_moveit_does(tmp_path: Path, scene: Scene) -> None:
+    """A name could have another object in it, and the end of the file, which hid its own shape."""
+    hidden = SHAPE.format(0.01).replace("\n", " ")
+    for end in ("\v", "\f", "\x1c", "\x85", "\u2028", "\r"):
+        (tmp_path / "a.scene").write_bytes(f"a\n* b{end}{hidden}\n{SHAPE.format(0.5)}".encode())
+        (name,) = scene.add_file(tmp_path / "a.scene")
+        assert name == f"b{end}{hidden}".strip()
+        np.testing.assert_array_equal(scene._bodies[name].parts[0].shape.corners.max(axis=0), 0.25)
+        scene.remove(name)
+    (tmp_path / "a.scene").write_text(f"a\n* b\n{SHAPE.format('1_0')}")
+    with pytest.raises(InvalidScene, match="expected a number of the size of 'b', got '1_0'"):
+        scene.add_file(tmp_path / "a.scene")
+
+
 def test_a_mesh_that_is_missing_is_named_or_left_out(tmp_path: Path, scene: Scene) -> None:
     text = CELL.replace('<sphere radius="0.05"/>', '<mesh filename="package://nowhere/ball.stl"/>')
     path = written(tmp_path, "cell.urdf", text)

@@ -6,9 +6,10 @@ import itertools
 import re
 import subprocess
 import sys
+import time
 import tracemalloc
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from cells import write_arm, write_stl
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Mesh, Points, bodies
 from kinseek.collision.hulls import MOST_CORNERS, corners_of_sides, farthest_beyond, outermost
+from kinseek.collision.interior import Interior
 from kinseek.collision.simplify import simplified
 from kinseek.robots.meshes import mesh_parts
 
@@ -174,6 +176,33 @@ def test_a_surface_without_an_inside_is_open() -> None:
     assert not mesh.interior.any_solid
 
 
+def nested(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes in each other, the largest first, every second one inside out."""
+    return together(*(cube(count - k, inverted=k % 2 == 1) for k in range(count)))
+
+
+def test_surfaces_in_each_other_are_compared_with_the_next_one_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file of 80 kB took 30 s, and one of twice as many surfaces four times as long."""
+    calls = list[int]()
+
+    def counted(self: Interior, outer: int, inner: int, *more: Any, real: Any = Interior._encloses) -> bool:
+        calls.append(inner)
+        return bool(real(self, outer, inner, *more))
+
+    monkeypatch.setattr(Interior, "_encloses", counted)
+    mesh = Mesh(*nested(40), False)
+    for k in range(40):  # A box is solid, the next one in it hollow.
+        assert mesh.holds(np.array([(40 - k - 0.5) / 2, 0.01, 0.02])) == (k % 2 == 0)
+    assert len(calls) == 39
+
+
+def test_without_cavities_where_too_much_had_to_be_compared() -> None:
+    began = time.process_time()
+    mesh = Mesh(*nested(3000), False)
+    assert mesh.holds(np.array([1499.25, 0.01, 0.02]))
+    assert time.process_time() - began < 20
+
+
 def test_surfaces_with_an_inside_are_told_from_open_ones(tmp_path: Path) -> None:
     arm = kinseek.load("planar2")
     q = [0.0, 0.1]
@@ -190,6 +219,31 @@ def test_surfaces_with_an_inside_are_told_from_open_ones(tmp_path: Path) -> None
         assert len(scene.notes) == before + (words is not None)
         assert words is None or re.search(words, scene.notes[-1])
         scene.remove("part")
+
+
+PYRAMID = (
+    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]),
+    np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
+)
+
+
+def test_a_link_wholly_inside_a_mesh_touches_it(tmp_path: Path) -> None:
+    """The middle of the link's bounding box lies outside of the link, and outside of the mesh around it."""
+    vertices, faces = PYRAMID
+    write_stl(tmp_path / "link.stl", 0.09 * vertices, faces)
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        """<robot name="r"><link name="base"/><link name="hand"><collision><geometry><mesh filename="link.stl"/></geometry>
+        </collision></link><joint name="j" type="prismatic"><parent link="base"/><child link="hand"/><axis xyz="1 0 0"/>
+        <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
+    )
+    scene = Scene.of(kinseek.load(file))
+    scene.add_mesh("rock", write_stl(tmp_path / "rock.stl", 0.12 * vertices - 0.005, faces))
+    q = np.array([[0.0], [0.001], [0.5]])
+    assert scene.free(q).tolist() == [False, False, True]
+    assert [len(scene.hits(one)) for one in q] == [1, 1, 0]
+    assert scene.distance(q[0]) < 0
+    assert not scene.free_motion([0.0], [0.001])
 
 
 def test_a_mesh_is_oriented_before_it_is_simplified(tmp_path: Path) -> None:

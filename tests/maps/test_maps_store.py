@@ -238,7 +238,7 @@ def test_others_may_not_write_to_a_new_store_whatever_the_umask(tmp_path: Path, 
     finally:
         os.umask(before)
     place = tmp_path / "parent" / "map.zarr"
-    folders = [place, *(path for path in place.rglob("*") if path.is_dir())]
+    folders = [place.parent, place, *(path for path in place.rglob("*") if path.is_dir())]
     assert {path.stat().st_mode & 0o777 for path in folders} == {0o755 & ~umask}
     assert place / "reached" / "c" / "0" / "0" / "0" in folders
     held = [path for path in place.rglob("*") if path.is_file()]
@@ -425,6 +425,7 @@ ROOT = "zarr.json"
         (ROOT, ["attributes", "kinseek"], {}),
         (ROOT, ["attributes", "kinseek", "variables"], 7),
         (ROOT, ["attributes", "kinseek", "variables"], [["reached"]]),
+        (ROOT, ["attributes", "kinseek", "variables"], ["reached"] * 50_000),
         (ROOT, ["attributes", "kinseek", "variables"], ["turn_from", "turn_to"]),
         (ROOT, ["attributes", "kinseek", "grid"], None),
         (ROOT, ["attributes", "kinseek", "grid", "kind"], []),
@@ -531,6 +532,48 @@ def test_what_lies_beside_the_arrays_is_not_read(text: str, written: Path, tmp_p
     )
     assert (ended.returncode, ended.stderr) == (0, "")
     assert ended.stdout == f"{sorted(map(str, maps.open(written / 'rings').variables))}\n"
+
+
+def test_a_description_names_nothing_but_variables(written: Path, tmp_path: Path) -> None:
+    """A file as large as the disk, below an array, was read as the metadata of a variable."""
+    place = tmp_path / "map"
+    shutil.copytree(written / "grid", place)
+    (place / "blocks" / "other").mkdir()
+    with (place / "blocks" / "other" / "zarr.json").open("wb") as file:
+        file.truncate(2**40)
+    about = json.loads((place / ROOT).read_text())
+    about["attributes"]["kinseek"]["variables"].append("blocks/other")
+    (place / ROOT).write_text(json.dumps(about))
+    with pytest.raises(kinseek.InvalidMap, match="its variables are"):
+        maps.open(place)
+    with pytest.raises(kinseek.InvalidMap, match="variables is"):
+        maps.reach(ARM, GRID, store=place, **SMALL)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+@pytest.mark.parametrize("replaced", ["pipe", "device", "large file"])
+def test_metadata_that_are_replaced_while_they_are_read(
+    replaced: str, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another user may own the folder, and change it after a look at it."""
+    shutil.copytree(written / "grid", tmp_path / "map")
+    name = tmp_path / "map" / "reached" / "zarr.json"
+
+    def exchanged(path: Path, *more: Any, real: Any = Path.stat, **how: Any) -> os.stat_result:
+        found: os.stat_result = real(path, *more, **how)
+        if path == name:
+            name.unlink()
+            if replaced == "pipe":
+                os.mkfifo(name)
+            elif replaced == "device":
+                name.symlink_to("/dev/zero")
+            else:
+                name.write_bytes(b" " * 2**21)
+        return found
+
+    monkeypatch.setattr(Path, "stat", exchanged)
+    with pytest.raises(kinseek.InvalidMap, match="is not a regular file of at most 1,048,576 bytes"):
+        maps.open(tmp_path / "map")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")

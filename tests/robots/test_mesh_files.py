@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import re
 import struct
 import subprocess
 import sys
@@ -382,7 +383,7 @@ SHOWN = dae(
             '<instance_geometry url="#g"/></node></v',
             '<instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="a" target="#gone"/>'
             "</technique_common></bind_material></instance_geometry></node></v",
-            "2 bodies, of which 1 can be read: look for materials that are missing",
+            "2 triangles, of which 1 can be read. In COLLADA, look for materials that are missing",
         ),
     ],
 )
@@ -560,6 +561,132 @@ def test_faces_of_ply_beside_the_first_are_refused(element: str, why: str, tmp_p
     (tmp_path / "a.ply").write_text(text.replace("end_header", f"{element}\nend_header"))
     with pytest.raises(InvalidRobot, match=why):
         mesh_parts(tmp_path / "a.ply")
+
+
+FACET = "facet normal 0 0 1\nouter loop\nvertex {0} 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+POINTS = ["element vertex 4", *(f"property float {axis}" for axis in "xyz"), "element face 2"]
+FACES = [*POINTS, "property list uchar int vertex_indices"]
+PLACES = b"0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
+BYTES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "<f4").tobytes()
+BYTE_FACES = [*POINTS, "property list uchar uchar vertex_indices"]
+LOST: dict[str, tuple[str, bytes, str]] = {
+    "a name that ends a solid": (
+        "stl",
+        f"solid endsolid\n{FACET.format(0)}solid b\n{FACET.format(5)}endsolid\n".encode(),
+        "has 2 triangles, of which 1 can be read",
+    ),
+    "a solid without an end": (
+        "stl",
+        f"solid a\n{FACET.format(0)}endsolid\nsolid b\n{FACET.format(5)}".encode(),
+        "has 2 triangles, of which 1 can be read",
+    ),
+    "a facet of four": (
+        "stl",
+        f"solid a\n{(FACET.format(0) + 'vertex 0 0 0' + chr(10)) * 3}endsolid\n".encode(),
+        "12 vertices in 3 facets, expected three in each",
+    ),
+    "text with NaN": ("stl", f"solid a\n{FACET.format(0)}{FACET.format('nan')}endsolid\n".encode(), "finite"),
+    "bytes with NaN": (
+        "stl",
+        bytes(80)
+        + struct.pack("<I", 2)
+        + b"".join(bytes(12) + struct.pack("<9f", x, 0, 0, 1, 0, 0, 0, 1, 0) + bytes(2) for x in (0, np.nan)),
+        "is not of three finite numbers",
+    ),
+    "NaN of OBJ": ("obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv nan 0 1\nf 1 2 3\nf 1 2 4\n", "finite numbers"),
+    "two coordinates": ("obj", b"v 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "is not of three finite numbers"),
+    "triangles with textures, and polygons": (
+        "obj",
+        b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nf 1/1 2/1 3/1\nf 1 2 3 4 2 1\n",
+        "has 5 triangles, of which 2 can be read",
+    ),
+    "a face in two lines": ("obj", f"{TRIANGLE}f 1 2 3\nf 1 \\ \n2 3\n".encode(), "fewer than three corners"),
+    "a curved surface": ("obj", f"{TRIANGLE}f 1 2 3\nsurf 0 1 0 1 1 2 3\n".encode(), "a line 'surf'"),
+    "a longer face of PLY": (
+        "ply",
+        ply_header(*FACES, encoding="ascii") + PLACES + b"3 0 1 2 0\n4 0 1 3 2\n",
+        "a face has 5 numbers, expected 4",
+    ),
+    "too few faces of PLY": (
+        "ply",
+        ply_header(*FACES, encoding="ascii") + PLACES + b"3 0 1 2\n",
+        "it has 1 lines of the element 'face', expected 2",
+    ),
+    "two lists of corners": (
+        "ply",
+        ply_header(*FACES, "property list uchar int vertex_index", encoding="ascii")
+        + PLACES
+        + b"3 0 1 2 3 0 0 0\n" * 2,
+        "must have one list of corners",
+    ),
+    "bytes of a longer face": (
+        "ply",
+        ply_header(*[*BYTE_FACES[:4], "element face 3", BYTE_FACES[-1]])
+        + BYTES
+        + bytes([4, 0, 1, 2, 3, 3, 0, 1, 2, 5, 0, 1, 2, 3, 1]),
+        "its element 'face' have different lengths",
+    ),
+    "a comment between corners": (
+        "dae",
+        dae(ONE.replace("0 1 2", "0 1 2<!-- --> 2 1 0")),
+        "has a <p> with a comment or an element in it",
+    ),
+    "triangles in two parts": (
+        "dae",
+        dae(ONE.replace("</p>", "</p><p>2 1 0</p>")),
+        "with 2 <p>, expected one",
+    ),
+    "a longer axis": (
+        "dae",
+        dae(scene=INSTANCE.replace("<inst", "<rotate>0 0 2 90</rotate><inst")),
+        "expected an axis of length 1",
+    ),
+    "a node with two parents": (
+        "glb",
+        one_glb().replace(b'"scenes": [{"nodes": [0]}]', b'"scenes":[{"nodes":[0,0]}]'),
+        "expected each once",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LOST)
+def test_no_triangle_is_lost(name: str, tmp_path: Path) -> None:
+    """trimesh read the rest of each of these files, or something else; a scene was free where the file has a wall."""
+    kind, content, why = LOST[name]
+    (tmp_path / f"a.{kind}").write_bytes(content)
+    with pytest.raises(InvalidRobot, match=re.escape(why)):
+        mesh_parts(tmp_path / f"a.{kind}", MOST)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
+@pytest.mark.parametrize("corners", [3, 4])
+def test_faces_of_ply_with_as_many_corners_are_read(corners: int, encoding: str, tmp_path: Path) -> None:
+    header = ply_header(*FACES, "property uchar red", encoding=encoding)
+    rows = [[corners, *range(corners), 7]] * 2
+    order = ">" if "big" in encoding else "<"
+    if encoding == "ascii":
+        body = PLACES + "".join(f"{' '.join(map(str, row))}\n" for row in rows).encode()
+    else:
+        body = np.frombuffer(BYTES, "<f4").astype(f"{order}f4").tobytes()
+        body += b"".join(struct.pack(f"{order}B{corners}iB", *row) for row in rows)
+    (tmp_path / "a.ply").write_bytes(header + body)
+    (part,) = mesh_parts(tmp_path / "a.ply", MOST)
+    assert len(part.faces) == 2 * (corners - 2)
+
+
+@pytest.mark.parametrize(("size", "scale"), [(1e-9, 1e9), (1e12, 1e-12)])
+def test_vertices_are_not_moved_together_before_they_are_scaled(
+    size: float, scale: float, tmp_path: Path
+) -> None:
+    """trimesh made one of all vertices within 1e-8, and of all beyond 9e10."""
+    corners = size * np.array([[1, 1, 1], [2, 1, 1], [1, 2, 1]])
+    text = "".join(f"vertex {x!r} {y!r} {z!r}\n" for x, y, z in corners.tolist())
+    (tmp_path / "a.stl").write_text(f"solid a\n{text}endsolid\nsolid b\n{text}endsolid\n")
+    places = " ".join(map(str, corners.ravel()))
+    (tmp_path / "a.dae").write_bytes(dae().replace(b"0 0 0 1 0 0 0 1 0", places.encode()))
+    for name in ("a.stl", "a.dae"):
+        for part in mesh_parts(tmp_path / name, MOST):
+            np.testing.assert_allclose(scale * part.vertices[part.faces[0]], scale * corners, rtol=1e-6)
 
 
 @pytest.mark.parametrize("units", ["0.001 * meters", "nan * meters"])

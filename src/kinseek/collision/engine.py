@@ -268,13 +268,13 @@ class Engine:
     def _inside(self, n: int) -> bool:
         """Return whether one part is wholly inside a closed mesh, of which coal knows only the surface.
 
-        The other part is connected. So if the surfaces do not intersect, testing any one of its points is enough.
+        The other part is connected. So if the surfaces do not intersect, testing any one of its points is enough. The mean
+        of the corners of a hull lies in the hull; the middle of their bounding box may lie outside.
         """
         for shell, other in (self.pairs[n], self.pairs[n][::-1]):
             if not _is_shell(self.solids[shell]):
                 continue
-            corners = self.solids[other].shape.corners
-            point = self._placed.oMg[other].act((corners.min(axis=0) + corners.max(axis=0)) / 2)
+            point = self._placed.oMg[other].act(self.solids[other].shape.corners.mean(axis=0))
             mesh = self.solids[shell].shape
             if isinstance(mesh, Mesh) and mesh.holds(np.asarray(self._placed.oMg[shell].actInv(point))):
                 return True

@@ -25,8 +25,14 @@ _FLAT = 1e-9
 """A surface encloses nothing if the volumes below its triangles cancel up to this share of their sum, which is more than
 rounding."""
 
-_MOST_COMPARED = 10_000
-"""In a mesh with more closed surfaces none is a cavity: each is compared with all others."""
+_MOST_SURFACES = 10_000
+"""In a mesh with more closed surfaces none is a cavity: the bounds of each are compared with those of all others."""
+
+_MOST_COMPARED = 2**25
+"""Largest number of triangles that surfaces are compared with, added up, to find what surrounds each: some seconds. If a
+mesh needs more, none is a cavity."""
+_COMPARISON = 500
+"""Triangles that a comparison with a surface counts in addition to its own, for the calls of NumPy."""
 
 
 class Interior:
@@ -106,38 +112,44 @@ class Interior:
     def _find_cavities(self) -> None:
         """Find the surfaces that are cavities of others, from the largest to the smallest."""
         trusted = self._solid & self._trusted
-        inward = self._volumes < 0
+        inward, volumes, sizes = self._volumes < 0, np.abs(self._volumes), self._ends - self._starts
         both_ways = (inward & trusted).any() and (~inward & trusted).any()
-        if not both_ways or len(trusted) > _MOST_COMPARED:
+        if not both_ways or len(trusted) > _MOST_SURFACES:
             return
-        for surface in np.argsort(-np.abs(self._volumes), kind="stable").tolist():
+        larger, compared = dict[int, Indices](), 0
+        for surface in np.argsort(-volumes, kind="stable").tolist():
             if not trusted[surface]:
                 continue
             outer = (self._least < self._least[surface]).all(axis=1)
             outer &= (self._most > self._most[surface]).all(axis=1)
             if not (outer & trusted & (inward != inward[surface])).any():
                 continue
-            around = [each for each in np.flatnonzero(outer).tolist() if self._encloses(each, surface)]
-            nearest = min(around, key=lambda each: abs(float(self._volumes[each])), default=None)
+            around = np.flatnonzero(outer)
+            larger[surface] = around[np.argsort(volumes[around], kind="stable")]
+            compared += int((sizes[around] + _COMPARISON).sum())
+            if compared > _MOST_COMPARED:
+                return
+        models = dict[int, Any]()
+        for surface, around in larger.items():
+            # The smallest first: what surrounds it, too, does not matter then.
+            nearest = next((each for each in around.tolist() if self._encloses(each, surface, models)), None)
             if nearest is None or not (self._solid[nearest] and trusted[nearest]):
                 continue
             if inward[nearest] != inward[surface]:
                 self._solid[surface] = False
                 self._cavities.setdefault(nearest, []).append(surface)
 
-    def _encloses(self, outer: int, inner: int) -> bool:
-        """Return whether a surface lies wholly inside another, without contact."""
+    def _encloses(self, outer: int, inner: int, models: dict[int, Any]) -> bool:
+        """Return whether a surface lies wholly inside another, without contact; `models` keeps what coal needs of each."""
         if not self._is_around(outer, self._corners[self._starts[inner], 0]):
             return False
         coal = library("coal")
-        models = [self._model(outer), self._model(inner)]
-        still = coal.Transform3s()
-        result = coal.CollisionResult()
-        return not coal.collide(models[0], still, models[1], still, coal.CollisionRequest(), result)
-
-    def _model(self, surface: int) -> Any:
-        corners = self._corners[self._starts[surface] : self._ends[surface]].reshape(-1, 3)
-        return triangles(corners, np.arange(len(corners)).reshape(-1, 3))
+        for each in (outer, inner):
+            if each not in models:
+                corners = self._corners[self._starts[each] : self._ends[each]].reshape(-1, 3)
+                models[each] = triangles(corners, np.arange(len(corners)).reshape(-1, 3))
+        still, result = coal.Transform3s(), coal.CollisionResult()
+        return not coal.collide(models[outer], still, models[inner], still, coal.CollisionRequest(), result)
 
     def _turn_outward(self) -> None:
         """Orient the faces such that solid surfaces have positive volumes, and cavities negative ones."""

@@ -92,7 +92,7 @@ class _Words:
 
     def __init__(self, text: str, where: str) -> None:
         self._where = where
-        lines = text.splitlines()
+        lines = text.split("\n")  # As MoveIt: other line ends are part of a name.
         starts = [n for n, line in enumerate(lines) if line.startswith("*")]
         # A file with poses of objects, besides those of shapes, has a pose in the line below the first name; otherwise that
         # line has a number of shapes (moveit_core, PlanningScene::loadGeometryFromStream).
@@ -126,7 +126,7 @@ class _Words:
         for _ in range(count):
             word = self.take(what)
             try:
-                found.append(float(word.text))
+                found.append(float(word.text.replace("_", "x")))  # Python takes 1_0 for 10, and MoveIt for 1.
             except ValueError:
                 raise self.wrong(word, f"a number of {what}") from None
             if not np.isfinite(found[-1]):

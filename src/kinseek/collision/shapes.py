@@ -311,6 +311,7 @@ class Mesh(Shape):
         with np.errstate(over="ignore"):  # Infinity is refused below.
             vertices = np.concatenate([part.vertices for part in parts]) * factors
         faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+        vertices, faces = _merged(vertices, faces)
         if simplify is None:
             return cls(vertices, faces, hull, repr(str(path)))
         from .simplify import simplified
@@ -517,6 +518,18 @@ def triangles(vertices: Array, faces: NDArray[np.int64]) -> Any:
     model.addTriangles(np.ascontiguousarray(faces))
     model.endModel()
     return model
+
+
+def _merged(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """Make one of vertices with equal coordinates, in the order in which they come first."""
+    rows = (
+        np.ascontiguousarray(vertices + 0.0).view("V24").ravel()
+    )  # Without minus zeros, whose bits are others.
+    _, first, same = np.unique(rows, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return vertices[first[order]], rank[same.ravel()][faces]
 
 
 def length(name: str, value: Any, least: float = LEAST_LENGTH) -> float:

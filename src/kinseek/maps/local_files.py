@@ -1,4 +1,4 @@
-"""The files of a map on disk: only this user may write to them, whatever the umask is.
+"""The files of a map on disk: only this user may write to them, whatever the umask is, and metadata are small regular files.
 
 Imported where a map is opened, for it imports Zarr.
 """
@@ -7,18 +7,25 @@ from __future__ import annotations
 
 import asyncio
 import os
+import stat
 import uuid
 from collections.abc import AsyncIterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from zarr.core.buffer.core import default_buffer_prototype
 from zarr.storage import LocalStore
 
 from kinseek.private import OTHERS_WRITE
 
 if TYPE_CHECKING:
-    from zarr.core.buffer import Buffer
+    from zarr.abc.store import ByteRequest
+    from zarr.core.buffer import Buffer, BufferPrototype
+
+METADATA = "zarr.json"
+MOST_BYTES = 2**20
+"""Maximum size of a file of metadata [bytes]."""
 
 
 class LocalFiles(LocalStore):
@@ -40,6 +47,27 @@ class LocalFiles(LocalStore):
         async for name in super().list_dir(prefix):
             if self.shown is None or prefix.strip("/") or name in self.shown:
                 yield name
+
+    async def get(
+        self,
+        key: str,
+        prototype: BufferPrototype | None = None,
+        byte_range: ByteRequest | None = None,
+    ) -> Buffer | None:
+        """Read a file; None if there is none. Metadata are checked when they are open, whatever their name leads to.
+
+        Raises:
+            ValueError: A file of metadata is not a regular file, or too large.
+        """
+        if key.rpartition("/")[2] != METADATA:
+            return await super().get(key, prototype, byte_range)
+        try:
+            text = await asyncio.to_thread(_metadata, self.root / key)
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        if text is None:
+            raise ValueError(f"{key!r} is not a regular file of at most {MOST_BYTES:,} bytes")
+        return (prototype or default_buffer_prototype()).buffer.from_bytes(text)
 
     async def set(self, key: str, value: Buffer) -> None:
         """Write a file, as a whole or not at all."""
@@ -68,3 +96,21 @@ class LocalFiles(LocalStore):
 
 def _open(path: str, flags: int) -> int:
     return os.open(path, flags, 0o666 & ~OTHERS_WRITE)
+
+
+def _metadata(path: Path) -> bytes | None:
+    """Read a file of metadata; None if it is something else, or too large."""
+    # A pipe would block, and a huge file or a device would fill the memory. Another file may have the name after this, so
+    # the open file is checked, too.
+    if not stat.S_ISREG(path.stat().st_mode):
+        return None
+    flags = [getattr(os, name, 0) for name in ("O_NONBLOCK", "O_CLOEXEC", "O_BINARY")]
+    file = os.open(path, os.O_RDONLY | sum(flags))
+    try:
+        if not stat.S_ISREG(os.fstat(file).st_mode):
+            return None
+        with open(file, "rb", closefd=False) as opened:
+            text = opened.read(MOST_BYTES + 1)
+    finally:
+        os.close(file)
+    return text if len(text) <= MOST_BYTES else None

@@ -16,7 +16,7 @@ import uuid
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -40,10 +40,6 @@ _DONE = "blocks/done"
 
 _ROTATION = "rotation"
 _METADATA = "zarr.json"
-MOST_BYTES = 2**20
-"""Maximum size of a file of metadata [bytes]."""
-MOST_ARRAYS = 1_000
-"""Maximum number of entries of a store's folder; a map has some ten."""
 MOST_PLACES = 2**22
 """Maximum number of cells along one dimension of positions when a map is opened."""
 MOST_BLOCKS = 2**18
@@ -67,7 +63,6 @@ class Store:
             raise ValueError(f"its attribute {DESCRIPTION!r} is not what maps.reach writes")
         self._folder: Path | None = getattr(group.store, "root", None)
         self._done = group[_DONE]
-        self._arrays = {name: group[name] for name in self.description["variables"]}
 
     @classmethod
     def create(
@@ -99,7 +94,7 @@ class Store:
         making = None if path is None else path.with_name(f".{path.name}.{uuid.uuid4().hex}")
         try:
             if making is not None:
-                making.parent.mkdir(parents=True, exist_ok=True)
+                _make_folders(Path(making.anchor), making.parent.relative_to(making.anchor))
                 making.mkdir(mode=0o700)  # Nobody else can look inside until all folders have their modes.
             memory: Any = MemoryStore() if making is None else LocalFiles(making)
             group = zarr.create_group(
@@ -141,13 +136,31 @@ class Store:
             InvalidMap: There is none.
         """
         try:
-            _require_small_metadata(Path(path))
             stamp = os.stat(Path(path) / _METADATA)  # Another map may have replaced it.
             return _opened(path, stamp.st_ino, stamp.st_mtime_ns)
         except Exception as error:  # Zarr raises many kinds of errors for foreign metadata.
             raise_of_handler(error)
             raise InvalidMap(
                 f"no map in {path!r} ({who()}): {error!s:.500}. On a cluster the folder must be one that all workers see"
+            ) from error
+
+    @cached_property
+    def _arrays(self) -> dict[str, Any]:
+        """The variables. They are opened when the description has been checked, which may name anything."""
+        return {name: self._array(name) for name in self.description["variables"]}
+
+    def _array(self, name: str) -> Any:
+        """Open an array.
+
+        Raises:
+            InvalidMap: It is missing, or its metadata cannot be read.
+        """
+        try:
+            return self._group[name]
+        except Exception as error:  # Zarr raises many kinds of errors for foreign metadata.
+            raise_of_handler(error)
+            raise InvalidMap(
+                f"no map in {self.place!r}: its array {name!r} cannot be read: {error!s:.500}"
             ) from error
 
     @property
@@ -271,7 +284,7 @@ class Store:
         dims: tuple[str, ...] | None = None,
     ) -> None:
         """Check that an array is as `create` makes it; with `chunks` None, any chunks no larger than the array are valid."""
-        array = self._group[name]
+        array = self._array(name)
         codecs = {codec.to_dict()["name"] for codec in array.metadata.codecs}
         there = array.shape, array.dtype, array.metadata.dimension_names
         as_made = there == (shape, np.dtype(dtype), dims)
@@ -309,30 +322,6 @@ def _quiet() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
-
-
-def _require_small_metadata(folder: Path) -> None:
-    """Check that metadata files are regular files and not larger than those of a map.
-
-    Raises:
-        InvalidMap: Such a file, or too many entries in the folder.
-    """
-    with os.scandir(folder) as entries:
-        # Reading ends after one entry too many: a folder of somebody else may have millions.
-        names = [entry.name for entry, _ in zip(entries, range(MOST_ARRAYS + 1), strict=False)]
-    if len(names) > MOST_ARRAYS:
-        raise InvalidMap(f"no map in {str(folder)!r}: it holds more than {MOST_ARRAYS:,} files and folders")
-    for place in ("", _DONE, *names):
-        try:
-            found = os.stat(folder / place / _METADATA)
-        except OSError:  # Zarr reports what is missing.
-            continue
-        # A pipe or a device would block, and a huge file would fill the memory.
-        if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES:
-            raise InvalidMap(
-                f"no map in {str(folder)!r}: {str(Path(place) / _METADATA)!r} is not a regular file of at most "
-                f"{MOST_BYTES:,} bytes"
-            )
 
 
 def compare(place: str, there: dict[str, Any], requested: dict[str, Any]) -> None:
@@ -392,5 +381,6 @@ def _make_folders(base: Path, below: Path) -> None:
     """Make folders below a base that only this user may write to; Zarr would follow the umask alone."""
     for part in below.parts:
         base /= part
-        with suppress(FileExistsError):
-            base.mkdir(mode=0o777 & ~OTHERS_WRITE)
+        if not base.is_dir():
+            with suppress(FileExistsError):
+                base.mkdir(mode=0o777 & ~OTHERS_WRITE)

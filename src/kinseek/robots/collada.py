@@ -21,6 +21,8 @@ _IN_NODES = {
     *("node", "instance_node", "instance_geometry", "instance_camera", "instance_light", "asset", "extra"),
 }
 """Elements of nodes that are read, or that have no shape."""
+_UNIT = 1e-4
+"""How much the length of an axis may differ from 1, for rounding."""
 _TRIANGLES = ("triangles", "tristrips", "trifans", "polylist", "polygons")
 """Elements of meshes that become bodies."""
 _IN_MESHES = {*_TRIANGLES, "lines", "source", "vertices", "extra"}
@@ -56,6 +58,19 @@ def require_units(root: Any) -> None:
             )
 
 
+def require_numbers_alone(root: Any) -> None:
+    """Check that elements of numbers have nothing else in them.
+
+    Raises:
+        InvalidRobot: They have; the reader ignores what follows a comment.
+    """
+    for each in root.iter(*(f"{{*}}{name}" for name in ("p", "vcount", "float_array", *_NUMBERS))):
+        if len(each):
+            raise InvalidRobot(
+                f"it has a <{name_of(each)}> with a comment or an element in it, expected numbers alone"
+            )
+
+
 def require_node(node: Any) -> None:
     """Check that all elements of a node are read.
 
@@ -79,6 +94,11 @@ def require_node(node: Any) -> None:
             raise InvalidRobot(
                 f"{who} has a <{name}> of {each.text!r:.100}, expected {_NUMBERS[name]} finite numbers"
             )
+        # The reader takes the axis as it is, and turns and stretches for one that is longer.
+        if name == "rotate" and numbers[3] and abs(np.linalg.norm(numbers[:3]) - 1) > _UNIT:
+            raise InvalidRobot(
+                f"{who} has a <rotate> about {numbers[:3].tolist()}, expected an axis of length 1"
+            )
         if name == "matrix" and numbers[12:].tolist() != [0, 0, 0, 1]:
             raise InvalidRobot(
                 f"{who} has a <matrix> whose last row is {numbers[12:].tolist()}, expected 0, 0, 0, 1"
@@ -89,7 +109,7 @@ def require_geometry(geometry: Any) -> int:
     """Check that all triangles of a geometry are read.
 
     Returns:
-        Number of bodies that the reader makes of it.
+        Number of triangles that the reader makes of it.
 
     Raises:
         InvalidRobot: It has elements that are not read, or refers to what is not there.
@@ -109,11 +129,11 @@ def require_geometry(geometry: Any) -> int:
             if each.get("semantic") == "POSITION":
                 _require_positions(source, who)
                 sources[f"#{vertices.get('id')}"] = source
-    return sum(_has_triangles(part, sources, who) for part in mesh if name_of(part) in _TRIANGLES)
+    return sum(_triangles(part, sources, who) for part in mesh if name_of(part) in _TRIANGLES)
 
 
-def _has_triangles(part: Any, sources: dict[str, Any], who: str) -> bool:
-    """Check a primitive, and return whether it has a triangle."""
+def _triangles(part: Any, sources: dict[str, Any], who: str) -> int:
+    """Check a primitive, and return the number of its triangles."""
     name = name_of(part)
     for each in part:
         if name_of(each) not in ("input", "p", "vcount", "extra"):  # Such as <ph>, a polygon with holes.
@@ -127,10 +147,12 @@ def _has_triangles(part: Any, sources: dict[str, Any], who: str) -> bool:
     parts = part.findall("{*}p")
     if not parts and name != "polygons":
         raise InvalidRobot(f"{who} has a <{name}> without <p>")
+    if name == "triangles" and len(parts) > 1:
+        raise InvalidRobot(f"{who} has <triangles> with {len(parts)} <p>, expected one")
     if name == "polylist" and (len(parts), len(part.findall("{*}vcount"))) != (1, 1):
         raise InvalidRobot(f"{who} has a <polylist>, expected it to have one <vcount> and one <p>")
     width = max(offset for offset, _ in found) + 1
-    most = 0
+    triangles = 0
     for each in parts:
         indices = _indices(each, who)
         if len(indices) % (3 * width if name == "triangles" else width):
@@ -142,8 +164,9 @@ def _has_triangles(part: Any, sources: dict[str, Any], who: str) -> bool:
                 raise InvalidRobot(
                     f"{who} has polygons of {counts.sum():.0f} corners together, but <p> has {corners}"
                 )
-            corners = int(counts.max(initial=0))
-        most = max(most, corners)
+            triangles += int(np.maximum(counts - 2, 0).sum())
+        else:
+            triangles += corners // 3 if name == "triangles" else max(corners - 2, 0)
         for offset, source in found:
             rows, largest = _rows(source), indices[offset::width].max(initial=-1)
             if rows is not None and largest >= rows:
@@ -151,7 +174,7 @@ def _has_triangles(part: Any, sources: dict[str, Any], who: str) -> bool:
                     f"{who} has the index {largest:.0f} in a <{name}>, but its source {source.get('id')!r:.100} has {rows} "
                     "rows"
                 )
-    return most >= 3
+    return triangles
 
 
 def _source_of(element: Any, sources: dict[str, Any], who: str) -> Any:

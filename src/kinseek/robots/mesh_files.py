@@ -26,7 +26,14 @@ from kinseek.errors import InvalidRobot
 from kinseek.forks import importing
 from kinseek.interrupts import raise_of_handler
 
-from .collada import count_words, name_of, require_geometry, require_node, require_units
+from .collada import (
+    count_words,
+    name_of,
+    require_geometry,
+    require_node,
+    require_numbers_alone,
+    require_units,
+)
 from .files import file_bytes
 
 MOST_BODIES = 10_000
@@ -80,6 +87,14 @@ _LINE_ENDS = (
 """Line ends of `str.splitlines`, in UTF-8."""
 _LINE_START = re.compile(rb"^[ \t]*(vt|vn|v|f|usemtl)[ \t]+", re.MULTILINE)
 """Beginning of a line of OBJ that is read, with its keyword."""
+_FACE = re.compile(rb"^f [^\n]*", re.MULTILINE)
+"""A face of OBJ."""
+_NO_FACE = re.compile(rb"^f(?:[ \t]+[^ \t\n]+){0,2}[ \t]*$", re.MULTILINE)
+"""A face of OBJ with fewer than three corners."""
+_NO_TRIANGLES = re.compile(rb"^[ \t]*(surf|call)[ \t]", re.MULTILINE)
+"""A line of OBJ that is a curved surface, or that includes another file."""
+_FACET = re.compile(rb"^[ \t]*facet\b", re.MULTILINE)
+"""Beginning of a triangle of text STL, in lower case."""
 _NO_INDEX = re.compile(rb"^f[^\n]*?[ \t/](-[0-9]*|0+)(?=[ \t\r\n/]|\Z)", re.MULTILINE)
 """A face of OBJ with an index that does not count from 1 on, up to that index."""
 _COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
@@ -88,6 +103,18 @@ _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, 
 """Numbers in one item of it, by its name."""
 _FLOAT = 5126
 """The code of numbers with a point, of which positions are."""
+_PLY_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+    **{"int64": "i8", "uint64": "u8", "float16": "f2"},
+}
+"""Types of numbers in PLY."""
 _MODES = {0: "points", 1: "lines", 4: "triangles", 5: "a strip of triangles"}
 """Of GLB bodies: trimesh passes over others, and over the place of a node that has no other body."""
 _STRIP = 5
@@ -200,8 +227,8 @@ class Size(NamedTuple):
     corners: int
     """Corners of triangles; lines and values of text formats count as corners. Zero for binary STL and PLY, whose bytes
     count."""
-    drawn: int | None = None
-    """Number of bodies with triangles that the reader has to return; None if the check does not count them."""
+    triangles: int = 0
+    """Number of triangles that the reader has to return, each instance counted: those that are shown, polygons divided."""
 
 
 @dataclass
@@ -339,12 +366,16 @@ def _at_most(count: int, most: int, noun: str) -> None:
 
 def _stl(text: bytes) -> Size:
     if _is_binary_stl(text):
-        return Size(1, 0)
+        return Size(1, 0, (len(text) - 84) // 50)
     lower = text.lower()
-    solids, lines = lower.count(b"endsolid"), lower.count(b"vertex") + lower.count(b"normal")
+    solids, vertices = lower.count(b"endsolid"), lower.count(b"vertex")
+    lines = vertices + lower.count(b"normal")
     _at_most(solids, MOST_GROUPS, "solids")
     _at_most(lines, MOST_LINES, "vertices and normals")
-    return Size(solids, lines)
+    facets = sum(1 for _ in _FACET.finditer(lower))
+    if vertices % 3 or facets not in (0, vertices // 3):
+        raise InvalidRobot(f"it has {vertices:,} vertices in {facets:,} facets, expected three in each")
+    return Size(solids, lines, vertices // 3)
 
 
 def _is_binary_stl(text: bytes) -> bool:
@@ -366,44 +397,146 @@ def _obj(text: bytes) -> Size:
             f"a face has the index {found[1].decode()}, expected one from 1 on, or a negative one that counts back from the "
             f"last vertex before the face: {found[0].decode(errors='replace')!r:.100}"
         )
-    return Size(materials, lines)
+    if found := _NO_FACE.search(joined):
+        raise InvalidRobot(f"a face has fewer than three corners: {found[0].decode(errors='replace')!r:.100}")
+    if found := _NO_TRIANGLES.search(joined):
+        raise InvalidRobot(
+            f"it has a line {found[1].decode()!r}, which is not read; write surfaces as faces, in one file"
+        )
+    faces = _FACE.findall(joined)
+    words = count_words(b"\n".join(faces).decode("latin-1"))
+    return Size(
+        materials, lines, words - 3 * len(faces)
+    )  # Each line has a keyword, and two triangles fewer than corners.
 
 
 def _ply(text: bytes) -> Size:
     """Check the header word by word, as trimesh reads it, and reject declarations that trimesh would trust."""
-    _, form, *header = _ply_header(text)
+    (_, form, *header), begin = _ply_header(text)
     is_text = "ascii" in " ".join(form).lower()
     if is_text:
         _at_most(_lines(text), MOST_LINES, "lines")
-    name, rows, properties, values = "", 0, 0, 0
-    names = set[str]()
+    elements = dict[str, _Element]()
+    name, properties, values = "", 0, 0
     for words in header:
         if "element" in words[0]:
             if len(words) != 3 or re.fullmatch("[0-9]{1,18}", words[2]) is None:
                 raise InvalidRobot(
                     f"its header has {' '.join(words)!r}, expected an element with a name and a count"
                 )
-            name, rows = words[1], int(words[2])
+            name = words[1]
             if name == "edge":
                 raise InvalidRobot("it has edges that belong to no triangle; remove them")
             if name in ("tristrips", "trifans"):
                 raise InvalidRobot(f"it has {name}, expected the element face; write each triangle as a face")
-            if name in names:
+            if name in elements:
                 raise InvalidRobot(f"it has two elements {name!r:.100}, expected one; write them as one")
-            names.add(name)
+            elements[name] = _Element(int(words[2]), [])
         elif "property" in words[0]:
-            properties, values = properties + 1, values + rows
+            if not elements:
+                raise InvalidRobot("its header has a property before the first element")
+            properties, values = properties + 1, values + elements[name].rows
             if name == "vertex" and "list" in words[1]:  # trimesh copies it for each corner of a triangle.
                 raise InvalidRobot("its vertices have lists; remove them")
+            elements[name].properties.append(words[1:])
     _at_most(properties, MOST_PROPERTIES, "properties in its header")
     if not is_text:
-        return Size(1, 0)
+        return Size(1, 0, _triangles_of_bytes(text, begin, elements, "big" in " ".join(form).lower()))
     _at_most(values, MOST_VALUES, "values")
-    return Size(1, max(values, _lines(text)))
+    triangles = _triangles_of_lines(text[begin:].decode().splitlines(), elements)
+    return Size(1, max(values, _lines(text)), triangles)
 
 
-def _ply_header(text: bytes) -> list[list[str]]:
-    """Return the words of each line of the header, without its end."""
+class _Element(NamedTuple):
+    """An element of PLY."""
+
+    rows: int
+    properties: list[list[str]]
+    """Words of each: the type and the name; or ``list``, the types of the count and of the numbers, and the name."""
+
+    def corners(self) -> int:
+        """Return which property is the corners of faces.
+
+        Raises:
+            InvalidRobot: None is, or several are.
+        """
+        named = [
+            n for n, words in enumerate(self.properties) if words[-1] in ("vertex_index", "vertex_indices")
+        ]
+        named = named or ([0] if len(self.properties) == 1 else [])
+        if len(named) != 1 or self.properties[named[0]][0] != "list":
+            raise InvalidRobot("its faces must have one list of corners, vertex_index or vertex_indices")
+        return named[0]
+
+
+def _triangles_of_lines(lines: list[str], elements: Mapping[str, _Element]) -> int:
+    """Count the triangles of text PLY, and check that each face has as many numbers as it says.
+
+    trimesh takes the number of corners from the first face if all lines have as many words, and ignores that lines are
+    missing at the end.
+    """
+    begin, triangles = 0, 0
+    for name, element in elements.items():
+        rows = lines[begin : begin + element.rows]
+        if len(rows) < element.rows:
+            raise InvalidRobot(
+                f"it has {len(rows):,} lines of the element {name!r:.100}, expected {element.rows:,}"
+            )
+        begin += element.rows
+        if name != "face" or not rows:
+            continue
+        which, lists = element.corners(), [words[0] == "list" for words in element.properties]
+        for row in rows:
+            words, at = row.split(), 0
+            for number, is_list in enumerate(lists):
+                size = int(words[at]) if is_list else 0
+                if number == which:
+                    triangles += _triangles_of_face(size)
+                at += 1 + size
+            if at != len(words):
+                raise InvalidRobot(f"a face has {len(words)} numbers, expected {at}: {row!r:.100}")
+    return triangles
+
+
+def _triangles_of_bytes(text: bytes, begin: int, elements: Mapping[str, _Element], is_big: bool) -> int:
+    """Count the triangles of binary PLY, and check that the lists of an element are as long as in its first row.
+
+    trimesh takes the lengths from the first row.
+    """
+    triangles, order = 0, ">" if is_big else "<"
+    for name, element in elements.items():
+        if not element.rows:
+            continue
+        fields = list[tuple[str, Any]]()
+        sizes = dict[int, int]()
+        for number, (*types, _) in enumerate(element.properties):
+            if types[0] == "list":
+                place = begin + np.dtype(fields).itemsize
+                fields.append((f"count {number}", order + _PLY_TYPES[types[1]]))
+                sizes[number] = int(np.frombuffer(text, fields[-1][1], 1, place)[0])
+                fields.append((str(number), f"V{sizes[number] * np.dtype(_PLY_TYPES[types[2]]).itemsize}"))
+            else:
+                fields.append((str(number), order + _PLY_TYPES[types[0]]))
+        kind = np.dtype(fields)
+        rows = np.frombuffer(text, kind, element.rows, begin)
+        begin += element.rows * kind.itemsize
+        if any((rows[f"count {number}"] != size).any() for number, size in sizes.items()):
+            raise InvalidRobot(
+                f"the lists of its element {name!r:.100} have different lengths; write each face as triangles"
+            )
+        if name == "face":
+            triangles += element.rows * _triangles_of_face(sizes[element.corners()])
+    return triangles
+
+
+def _triangles_of_face(corners: int) -> int:
+    if corners < 3:
+        raise InvalidRobot(f"a face has {corners} corners, expected at least 3")
+    return corners - 2
+
+
+def _ply_header(text: bytes) -> tuple[list[list[str]], int]:
+    """Return the words of each line of the header, without its end, and where that ends."""
     file, header = io.BytesIO(text), list[list[str]]()
     while len(header) < MOST_HEADER:
         line = file.readline(MOST_LINE + 1)
@@ -412,7 +545,7 @@ def _ply_header(text: bytes) -> list[list[str]]:
         if not words:
             break
         if "end_header" in words and len(header) > 1:
-            return header
+            return header, file.tell()
         header.append(words)
     raise InvalidRobot(
         f"its header must end with end_header, within {MOST_HEADER:,} lines and without an empty one"
@@ -440,7 +573,7 @@ def _glb(text: bytes) -> Size:
     ]
     _at_most(sum(bytes_of), 2 * len(text), "bytes in its accessors")
     _at_most(sum(_count(each["byteLength"]) for each in views), 2 * len(text), "bytes in its views")
-    bodies, weights, corners = [], [], []
+    bodies, weights, corners, triangles = [], [], [], []
     for mesh in document.get("meshes", []):
         parts = mesh["primitives"]
         if any("KHR_draco_mesh_compression" in part.get("extensions", {}) for part in parts):
@@ -455,6 +588,16 @@ def _glb(text: bytes) -> Size:
             for part in parts
         ]
         corners.append(sum(each_of))
+        triangles.append(
+            sum(
+                accessors[part.get("indices", part["attributes"].get("POSITION"))]["count"] // 3
+                if part.get("mode", 4) == 4
+                else max(count // 3 - 2, 0)
+                if part["mode"] == _STRIP
+                else 0
+                for part, count in zip(parts, each_of, strict=True)
+            )
+        )
     _require_its_shape(document)
     glossy = "KHR_materials_pbrSpecularGlossiness"
     if images and any(glossy in each.get("extensions", {}) for each in document.get("materials", [])):
@@ -478,7 +621,25 @@ def _glb(text: bytes) -> Size:
         start = view.get("byteOffset", 0)
         pixels += _pixels(_buffer(text, 20 + size)[start : start + view["byteLength"]])
     _at_most(pixels, MOST_PIXELS, "pixels in its images")
-    return Size(max(len(nodes), sum(bodies), shown), max(sum(corners), drawn))
+    in_scene = _shown(document, nodes)
+    return Size(
+        max(len(nodes), sum(bodies), shown),
+        max(sum(corners), drawn),
+        sum(triangles[nodes[each]["mesh"]] for each in in_scene if "mesh" in nodes[each]),
+    )
+
+
+def _shown(document: dict[str, Any], nodes: list[Any]) -> list[int]:
+    """Return the nodes of the scene of a GLB file that is shown; a node with two parents is rejected."""
+    scenes = document.get("scenes", [])
+    found = list(scenes[document.get("scene", 0)].get("nodes", [])) if scenes else []
+    for each in found:  # It grows meanwhile.
+        found += nodes[each].get("children", [])
+        if len(found) > len(nodes):
+            break
+    if len(set(found)) < len(found):
+        raise InvalidRobot("a node is in two nodes, or twice in the scene, expected each once; copy the node")
+    return found
 
 
 def _require_its_shape(document: dict[str, Any]) -> None:
@@ -567,8 +728,9 @@ def _dae(text: bytes) -> Size:
     _at_most(text.count(b"<"), MOST_TAGS, "tags")
     from lxml import etree
 
-    parser = etree.XMLParser(remove_comments=True, remove_pis=True, huge_tree=True, no_network=True)
-    root = etree.fromstring(text, parser)
+    root = etree.fromstring(text, etree.XMLParser(huge_tree=True, no_network=True))
+    require_numbers_alone(root)
+    etree.strip_tags(root, etree.Comment, etree.ProcessingInstruction)
     for each in root.iter("{*}vcount"):
         if re.fullmatch(r"[0-9 \t\r\n]*", each.text or "") is None:
             raise InvalidRobot("the numbers of corners of polygons are not whole numbers")
@@ -580,17 +742,16 @@ def _dae(text: bytes) -> Size:
     named = [f"{{*}}{each}" for each in ("node", "geometry", "material", "effect", "image")]
     _at_most(sum(1 for _ in root.iter(*named)), MOST_BODIES, "nodes, geometries, materials and images")
     require_units(root)
-    bodies, corners, drawn = _unfolded(root)
+    bodies, corners, triangles = _unfolded(root)
     _at_most(bodies, MOST_BODIES, "nodes and bodies")
-    return Size(bodies, _drawn(corners, text), drawn)
+    return Size(bodies, _drawn(corners, text), triangles)
 
 
 def _unfolded(root: Any) -> tuple[int, int, int]:
     """Check and count what the scenes of COLLADA show, with every instance counted.
 
     Returns:
-        Number of nodes with bodies, and of triangle corners, of all scenes; and of bodies with triangles in the scene that
-        is shown.
+        Number of nodes with bodies, and of triangle corners, of all scenes; and of triangles in the scene that is shown.
     """
     geometries: dict[str | None, list[Any]] = {}
     nodes: dict[str | None, list[Any]] = {}

@@ -62,19 +62,32 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
     size = require_mesh(path, text)
     budget.take(size._replace(bodies=max(size.bodies, LEAST_BODIES)))
     try:
-        scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=Beside(path, most, budget))
-        bodies = budget.copy(scene)
+        load = trimesh.exchange.load.mesh_loaders[kind]
+        found = load(file_obj=io.BytesIO(text), file_type=kind, resolver=Beside(path, most, budget))
+        # Otherwise trimesh leaves out triangles with NaN, and makes one of vertices within 1e-8 before they are scaled.
+        for each in found["geometry"].values() if "geometry" in found else [found]:
+            each["process"] = False
+        bodies = budget.copy(trimesh.load_scene(found))
     except Exception as error:  # Mesh readers raise whatever their parsers raise.
         raise_of_handler(error)
         raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from None
     parts = [part for part in bodies if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-    if size.drawn is not None and len(parts) != size.drawn:
+    read = sum(len(part.faces) for part in parts)
+    if read != size.triangles:
         raise InvalidRobot(
-            f"{str(path)!r} has {size.drawn} bodies, of which {len(parts)} can be read: look for materials that are "
-            "missing, sources with another number of columns, and instances of nodes in other nodes"
+            f"{str(path)!r} has {size.triangles:,} triangles, of which {read:,} can be read. In COLLADA, look for materials "
+            "that are missing, sources with another number of columns, and instances of nodes in other nodes"
+            if kind == "dae"
+            else f"{str(path)!r} has {size.triangles:,} triangles, of which {read:,} can be read; write it anew"
         )
     if not parts:
         raise InvalidRobot(f"{str(path)!r} holds no triangles")
+    for part in parts:
+        if part.faces.min() < 0 or part.faces.max() >= len(part.vertices):
+            raise InvalidRobot(f"{str(path)!r}: a face refers to a vertex that does not exist")
+        part.remove_unreferenced_vertices()
+        if part.vertices.shape[1] != 3 or not np.isfinite(part.vertices).all():
+            raise InvalidRobot(f"{str(path)!r}: a vertex is not of three finite numbers")
     # COLLADA declares its unit in metres, and the reader does not apply it. In GLB, metadata is free text of the author.
     for part in parts if kind == "dae" else []:
         word = str(part.metadata.get("units", "")).partition(" * meters")

@@ -134,6 +134,7 @@ def _shapes(
     if shape.tag == "mesh":
         parts = mesh_parts(mesh_path(shape.get("filename") or "", path, packages), budget=budget)
         for part in parts:
+            part.merge_vertices()  # They are shaded smoothly.
             part.apply_scale(numbers_of(shape.get("scale"), 3, 1.0))
     elif shape.tag == "box":
         parts = [trimesh.creation.box(numbers_of(shape.get("size"), 3))]
