@@ -7,7 +7,7 @@ are the same if no joint differs by 1e-3 rad modulo 2π. Times are wall times of
 of batches. All who are timed get a part of the targets after each other, with nothing between the calls, and then the next
 part: so a machine that changes its speed is fair to all. Ratios are those of the parts.
 
-ssik is timed in an environment of its own, see `benchmarks.peers`, which is made at the first run.
+ssik is timed in an environment of its own, see `benchmarks.field`, which is made at the first run.
 
     python -m benchmarks.branches                 # writes branches.md beside this file; EAIK where installed
     python -m benchmarks.branches ur5e jaco2_6 --targets 1000
@@ -17,8 +17,6 @@ ssik is timed in an environment of its own, see `benchmarks.peers`, which is mad
 
 from __future__ import annotations
 
-import importlib
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -36,9 +34,12 @@ from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 from .command import arm_name, at_least_one, command, writes
+from .field.adapters import adapter, path_of
+from .field.judge import Judge, bundled
+from .field.run import Solver, solver_of
 from .page import Page, percent
-from .peers.environments import PEERS, ask, environment, write_arm
 from .targets import plain_fk, random_joints, singular_joints, strict
+from .workers.process import Gone, Raised
 
 Array = NDArray[np.float64]
 
@@ -48,6 +49,9 @@ CLOSED = ("ur5e", "ur10e", "puma560", "irb120", "kr6r900")
 OPEN = ("jaco2_6", "irb5400", "mpx3500", "ur10e_calibrated")
 ONE_JOINT = ("jaco2_6", "irb5400", "mpx3500")
 REDUNDANT = ("panda", "iiwa14", "gen3")
+
+SSIK: dict[str, Any] = {"built": True, "max_solutions": None, "enumerate_windings": False}
+"""The module that ssik builds for an arm, without copies by full turns."""
 
 SAME = 1e-3
 """[rad]"""
@@ -134,44 +138,22 @@ def eaik(arm: kinseek.Arm) -> Callable[[Array], Array]:
     Raises:
         ImportError: EAIK is not installed.
     """
-    module: Any = importlib.import_module("eaik.IK_HP")
-    chain, frame, last = arm.chain, np.eye(4), np.zeros(3)
-    axes, offsets = [], []
-    for k in range(arm.dof + 1):
-        frame = frame @ np.vstack([chain.fixed[k], [0, 0, 0, 1]])
-        offsets.append(frame[:3, 3] - last)
-        last = frame[:3, 3].copy()
-        if k < arm.dof:
-            axes.append(frame[:3, 2] * chain.multiplier[k])
-    robot, turn = module.HPRobot(np.array(axes), np.array(offsets)), frame[:3, :3].T
-    lower, upper = arm.lower, arm.upper
-    middle = (lower + upper) / 2
-
-    def solve(target: Array) -> Array:
-        turned = target.copy()
-        turned[:3, :3] = target[:3, :3] @ turn
-        found = robot.IK(turned)
-        q = np.asarray(found.Q).reshape(-1, len(lower))
-        q = middle + (q - middle + np.pi) % (2 * np.pi) - np.pi
-        inside = ((q >= lower - 1e-9) & (q <= upper + 1e-9)).all(axis=1)
-        return np.asarray(q[inside & ~np.asarray(found.is_LS, dtype=bool)].clip(lower, upper))
-
-    return solve
+    solve: Any = adapter(path_of("eaik")).load(bundled(arm.name).arm, {})
+    return lambda target: np.array(solve.branches(target)).reshape(-1, arm.dof).clip(arm.lower, arm.upper)
 
 
-def ssik(name: str, arm: kinseek.Arm, targets: Array) -> tuple[Array, Array] | None:
-    """How many answers ssik has to each target, and its times [µs]; None where it cannot be had."""
-    python = environment(PEERS["ssik"][0])
-    if python is None:
-        return None
-    with tempfile.TemporaryDirectory() as folder:
-        source = Path(folder) / "arm.npz"
-        write_arm(name, arm, targets, source)
-        found = ask("branches_worker.py", "ssik", python, source, 900)
-    if isinstance(found, str):
-        print(f"  {name}, ssik: {found}")
-        return None
-    return found["said"], found["times"]
+def ssik(solver: Solver, judge: Judge, targets: Array) -> tuple[Any, Array]:
+    """How many answers ssik has to each target, and its times [µs].
+
+    Raises:
+        Raised, Gone: It has none.
+    """
+    slice = {"poses": np.concatenate([targets, targets[:50]]), "starts": [], "count": len(targets)}
+    found = solver.ask(judge, "built", SSIK, "branches", 300.0, **slice, limit=300.0)
+    number = np.array(found["target"])
+    there = ~np.isnan(np.array(found["q"], dtype=float)).any(axis=1)
+    times = np.array(found["times"], dtype=float)
+    return np.bincount(number[there], minlength=len(targets)), times[~np.isnan(times)]
 
 
 def restarts(arm: kinseek.Arm, seed: int, count: int = 1000) -> Callable[[Array], Array]:
@@ -239,6 +221,8 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
             label = "EAIK is not installed"
     elif name in OPEN:
         witness, label = restarts(arm, seed + 1), "1,000 restarts"
+    other_solver = solver_of("ssik") if name in CLOSED else None
+    judge = bundled(name)
     calls, theirs, beside = np.empty((CALLS, count)), np.full(count, np.nan), np.full(count, np.nan)
     numbers, said = np.empty(count, dtype=int), np.zeros(count, dtype=int)
     found: list[Array] = []
@@ -271,8 +255,13 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
             if len(found[i]) and (not len(other) or gap.min(axis=0).max() > SAME):
                 values = np.linalg.svd(arm.jacobian(found[i]), compute_uv=False)
                 extra.append(f"{i} ({values.min():.1g})")
-        if name in CLOSED and (answered := ssik(name, arm, targets[part])):
-            said[part], beside[part] = answered
+        if isinstance(other_solver, Solver):
+            try:
+                said[part], beside[part] = ssik(other_solver, judge, targets[part])
+            except (Raised, Gone) as why:
+                print(f"  {name}, ssik: {why}")
+    if isinstance(other_solver, Solver):
+        other_solver.close()
     batch = batch_time(arm, targets)
     if label != "EAIK":
         theirs[:] = np.nan  # A thousand restarts are a witness, and no peer.

@@ -33,29 +33,19 @@ from numpy.typing import NDArray
 import kinseek
 
 from .command import at_least_one, command, writes
+from .field.adapters import path_of
+from .field.judge import bundled
 from .page import Page
 from .paths import LARGEST, TASK_ARMS, asked, placement
-from .peers.environments import VENVS, ask, environment, releases, write_arm
 from .targets import plain_fk, pose_errors
+from .workers.motion import FOLLOWERS
+from .workers.process import called, releases
 
 Array = NDArray[np.float64]
 
 HERE = Path(__file__).resolve().parent
 
 KINDS = ("line", "circle", "raster")
-
-PEERS = {
-    "Robotics Toolbox": "shared",
-    "OptIK": "optik",
-    "TRAC-IK": "shared",
-    "pinocchio loop": "shared",
-    "pink": "differential",
-    "mink": "differential",
-    "Descartes": "tesseract",
-    "EAIK, ladder": "shared",
-    "ssik solve_path": "shared",
-}
-"""Environment of each."""
 
 PLACE, TURN = 1e-4, 1e-3
 """Within which a pose counts [m], [rad]."""
@@ -171,23 +161,15 @@ def measure_kinseek(arm: kinseek.Arm, kind: str, paths: Array) -> tuple[Cell, di
     return cell, reasons
 
 
-def measure_peer(
-    arm: kinseek.Arm, kind: str, peer: str, paths: Array, starts: Array, seconds: int
-) -> tuple[Cell, Array]:
-    """Let a peer follow every path, from one start after another; the cell, and the joint values (P, N, n)."""
-    nothing = np.full((*paths.shape[:2], arm.dof), np.nan)
-    python = environment(PEERS[peer])
-    found: dict[str, Array] | str = "could not be installed"
-    if python is not None:
-        with tempfile.TemporaryDirectory() as folder:
-            source = Path(folder) / "arm.npz"
-            more = {"paths": paths, "starts": starts, "free": kind == "raster", "seconds": seconds}
-            write_arm(arm.name, arm, paths[0], source, more)
-            found = ask("path_worker.py", peer, python, source, seconds + 300)
+def measure_peer(arm: kinseek.Arm, kind: str, peer: str, paths: Array, starts: Array, seconds: int) -> Cell:
+    """Let a peer follow every path, from one start after another."""
+    place = path_of(FOLLOWERS[peer][0]), "benchmarks.workers.motion", "follow", seconds + 300
+    asked = {"peer": peer, "arm": asdict(bundled(arm.name).arm), "paths": paths, "starts": starts}
+    found = called(*place, **asked, free=kind == "raster", seconds=seconds)
     if isinstance(found, str):
-        return Cell(arm.name, kind, peer, len(paths), 0, 0, "", np.nan, found, ""), nothing
-    rows = list(zip(found["q"], paths, map(float, found["times"]), strict=True))
-    return summary(arm, kind, peer, rows, len(paths), str(found["version"])), found["q"]
+        return Cell(arm.name, kind, peer, len(paths), 0, 0, "", np.nan, found, "")
+    rows = list(zip(np.array(found["q"]), paths, map(float, found["times"]), strict=True))
+    return summary(arm, kind, peer, rows, len(paths), found["version"])
 
 
 def eight_starts(arm: kinseek.Arm, T: Array, q0: Array) -> Array:
@@ -205,7 +187,7 @@ def eight_starts(arm: kinseek.Arm, T: Array, q0: Array) -> Array:
 def tried_again(arm: kinseek.Arm, kind: str, T: Array, q0: Array, peers: list[str]) -> list[str]:
     """Which peers follow a path from one of eight starts."""
     starts = eight_starts(arm, T, q0)[None]
-    return [peer for peer in peers if measure_peer(arm, kind, peer, T[None], starts, SECONDS)[0].followed]
+    return [peer for peer in peers if measure_peer(arm, kind, peer, T[None], starts, SECONDS).followed]
 
 
 def how_far(arm: kinseek.Arm, kind: str, T: Array) -> str:
@@ -319,7 +301,7 @@ def page(cells: list[Cell], misses: list[str], demonstration: str, placements: i
         f"by plain NumPy FK, inside the limits, no joint {LARGEST} rad or farther between two poses. kinseek, Descartes,",
         "the ladder and ssik get no start; the others get the joint values that made the task. Joint travel is the median",
         "of those that a method followed; beside it stands the median, over those that both followed, of kinseek's travel",
-        "over the peer's. Times are of the processor, one thread. Settings: `benchmarks/peers/path_worker.py`; on rasters",
+        "over the peer's. Times are of the processor, one thread. Settings: `benchmarks/workers/motion.py`; on rasters",
         "RTB, OptIK, TRAC-IK, the ladder and ssik hold the turn that is free.",
     )
     page.table(
@@ -352,7 +334,7 @@ def main() -> None:
     parser = command(__file__, __doc__)
     parser.add_argument("--arms", nargs="+", choices=TASK_ARMS, default=TASK_ARMS, help="names")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="of tasks")
-    parser.add_argument("--peers", nargs="*", choices=list(PEERS), default=list(PEERS), help="names")
+    parser.add_argument("--peers", nargs="*", choices=list(FOLLOWERS), default=list(FOLLOWERS), help="names")
     parser.add_argument("--placements", type=at_least_one, default=50, help="of each task")
     parser.add_argument(
         "--again", nargs="*", default=(), help="peers, or kinseek, whose cells are measured anew"
@@ -367,7 +349,6 @@ def main() -> None:
     kept = options.output.with_suffix(".csv")
     cells = {} if options.quick else read(kept)
     cells = {key: cell for key, cell in cells.items() if cell.who not in options.again}
-    VENVS.mkdir(exist_ok=True)
     shown, misses = [], []
     for name in options.arms:
         arm = kinseek.load(name)
@@ -380,7 +361,7 @@ def main() -> None:
             for peer in options.peers:
                 key = name, kind, peer, placements
                 if key not in cells:
-                    cells[key] = measure_peer(arm, kind, peer, paths, made[:, None], SECONDS)[0]
+                    cells[key] = measure_peer(arm, kind, peer, paths, made[:, None], SECONDS)
                     if not options.quick:
                         keep(kept, cells)
                 shown.append(cells[key])

@@ -7,7 +7,6 @@ from an error of the peer; who uses it gets the verdict all the same. A part of 
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +16,14 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek.collision import Capsule
 
+from .field.adapters import path_of
 from .page import Page
-from .peers.environments import ask, environment, releases
+from .workers.process import called, releases
+from .workers.scenes import CHECKERS
+
+HERE = Path(__file__).resolve().parent / "workers"
 
 Array = NDArray[np.float64]
-
-PEERS = {"VAMP": "vamp", "PyRoki": "pyroki"}
-"""And the name of the environment."""
 
 FINGERS = 0.04
 """How far the fingers are open [m]."""
@@ -41,26 +41,27 @@ def capsules(count: int = 20) -> list[tuple[Capsule, Array]]:
     return found
 
 
-def told(scene: kinseek.Scene, arm: kinseek.Arm, options: Any, obstacles: Any, q: Array, path: Path) -> None:
-    """Write down what a peer may need to know."""
+def described(
+    scene: kinseek.Scene, arm: kinseek.Arm, options: Any, obstacles: Any, q: Array
+) -> dict[str, Any]:
+    """What a peer may need to know of a scene."""
     half = np.array([[0.0, 0.0, shape.length / 2] for shape, _ in obstacles])
     turned = np.array([pose[:3, :3] @ side for (_, pose), side in zip(obstacles, half, strict=True)])
     middles = np.array([pose[:3, 3] for _, pose in obstacles])
     links = {body for body in scene.bodies if not body.startswith("capsule")}
     ignored = [(pair.a, pair.b) for pair in scene.pairs if not pair.counts and {pair.a, pair.b} <= links]
-    np.savez(
-        path,
-        urdf=str(options.urdf.resolve()),
-        folder=str(options.meshes[0].resolve()) if options.meshes else "",
-        base=arm.base,
-        joints=np.array(arm.joint_names),
-        fingers=FINGERS,
-        begins=middles - turned,
-        ends=middles + turned,
-        radii=np.array([shape.radius for shape, _ in obstacles]),
-        ignored=np.array(ignored, dtype=str).reshape(-1, 2),
-        q=q,
-    )
+    return {
+        "urdf": str(options.urdf.resolve()),
+        "folder": str(options.meshes[0].resolve()) if options.meshes else "",
+        "base": arm.base,
+        "joints": list(arm.joint_names),
+        "fingers": FINGERS,
+        "begins": middles - turned,
+        "ends": middles + turned,
+        "radii": np.array([shape.radius for shape, _ in obstacles]),
+        "ignored": ignored,
+        "q": q,
+    }
 
 
 def beside(page: Page, options: Any, by_hand: Any, best: Any) -> None:
@@ -106,19 +107,16 @@ def beside(page: Page, options: Any, by_hand: Any, best: Any) -> None:
         ),
     ]
     versions = {}
-    with tempfile.TemporaryDirectory() as folder:
-        told(scene, arm, options, obstacles, q, Path(folder) / "scene.npz")
-        for peer, place in PEERS.items():
-            python = environment(place)
-            found = "cannot be installed here" if python is None else ask(
-                "scene_worker.py", peer, python, Path(folder) / "scene.npz", SECONDS
-            )  # fmt: skip
-            if isinstance(found, str):
-                rows.append((peer, "–", "–", "–", "–", found))
-                continue
-            versions[peer] = str(found["version"])
-            times = float(found["single"]), float(found["batch"])
-            rows.append(_row(peer, times[0], None if peer == "VAMP" else times[1], found["free"], truth))
+    known = described(scene, arm, options, obstacles, q)
+    for peer, (place, _, _) in CHECKERS.items():
+        requirements = HERE / place if place == "vamp" else path_of(place)
+        found = called(requirements, "benchmarks.workers.scenes", "check", SECONDS, peer=peer, scene=known)
+        if isinstance(found, str):
+            rows.append((peer, "–", "–", "–", "–", found))
+            continue
+        versions[peer] = found["version"]
+        batch = None if peer == "VAMP" else found["batch"]
+        rows.append(_row(peer, found["single"], batch, np.array(found["free"]), truth))
     page.head(f"Beside VAMP and PyRoki: {arm.name} with itself and twenty capsules")
     page.say(
         f"{len(q):,} random joint values, {truth.mean():.0%} of them free to coal, one thread. {releases(versions)}"

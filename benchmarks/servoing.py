@@ -16,10 +16,9 @@ names is tried: a tracker that stands there goes along the true poses, half a se
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +28,13 @@ import kinseek
 from kinseek import TrackStatus
 
 from .command import at_least_one, command, writes
+from .field.adapters import path_of
+from .field.judge import bundled
 from .page import Page
 from .paths import TASK_ARMS, placement
-from .peers.environments import VENVS, ask, environment, releases, write_arm
 from .targets import plain_fk, pose_errors
+from .workers.motion import TRACKERS
+from .workers.process import called, releases
 
 Array = NDArray[np.float64]
 
@@ -43,15 +45,6 @@ PERIOD, VELOCITY = 0.01, 1.5
 
 PLACE, TURN = 1e-3, 1e-2
 """Farther off than this a pose is lost [m], [rad]."""
-
-PEERS = {
-    "placo": "placo",
-    "pink": "differential",
-    "mink": "differential",
-    "Drake": "drake",
-    "pinocchio step": "shared",
-}
-"""Environment of each."""
 
 ASKED, AHEAD, RIGHT, EARLY = 10, 0.5, 0.25, 0.6
 """Periods between two questions; how long before is in time, how exact is right, what is lost too early to count [s]."""
@@ -141,17 +134,15 @@ def measure_kinseek(arm: kinseek.Arm, paths: Array, starts: Array) -> Steps:
 
 def measure_peer(arm: kinseek.Arm, peer: str, paths: Array, starts: Array) -> Steps:
     """Let a peer track every task in its environment."""
-    python = environment(PEERS[peer])
-    found: dict[str, Array] | str = "could not be installed"
-    if python is not None:
-        with tempfile.TemporaryDirectory() as folder:
-            source = Path(folder) / "arm.npz"
-            more = {"paths": paths, "starts": starts, "period": PERIOD, "velocity": VELOCITY}
-            write_arm(arm.name, arm, paths[0], source, more)
-            found = ask("servo_worker.py", peer, python, source, 900)
+    name = TRACKERS[peer][0]
+    place = HERE / "workers" / name if name == "placo" else path_of(name)
+    task = {"paths": paths, "starts": starts, "period": PERIOD, "velocity": VELOCITY}
+    arguments = {"peer": peer, "arm": asdict(bundled(arm.name).arm)} | task
+    found = called(place, "benchmarks.workers.motion", "track", 900, **arguments)
     if isinstance(found, str):
         return Steps(arm.name, peer, len(paths), np.nan, np.nan, 0, 0, 0, found)
-    return summary(arm, peer, found["q"], found["times"], paths, starts, str(found["version"]))
+    q, times = np.array(found["q"]), np.array(found["times"])
+    return summary(arm, peer, q, times, paths, starts, found["version"])
 
 
 def foresight(arm: kinseek.Arm, T: Array, start: Array) -> tuple[Told, list[float], list[float]]:
@@ -333,12 +324,11 @@ def main() -> None:
     """Measure, print as it goes, write the page."""
     parser = command(__file__, __doc__)
     parser.add_argument("--arms", nargs="+", choices=TASK_ARMS, default=TASK_ARMS, help="names")
-    parser.add_argument("--peers", nargs="*", choices=list(PEERS), default=list(PEERS), help="names")
+    parser.add_argument("--peers", nargs="*", choices=list(TRACKERS), default=list(TRACKERS), help="names")
     parser.add_argument("--tasks", type=at_least_one, default=200, help="lines and circles an arm")
     parser.add_argument("--quick", action="store_true", help="ten tasks an arm; nothing is written")
     writes(parser, "--output", HERE / "servoing.md", "page to write")
     options = parser.parse_args()
-    VENVS.mkdir(exist_ok=True)
     steps, foreseen = [], []
     for name in options.arms:
         arm, rng = kinseek.load(name), np.random.default_rng(11)

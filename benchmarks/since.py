@@ -10,7 +10,6 @@ each has solved, within 1e-6 m and 1e-6 rad and inside the limits.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import tempfile
@@ -29,6 +28,7 @@ from kinseek.robots.catalog import catalog_path
 from .command import ROOT, arm_name, at_least_one, command, writes
 from .page import Page, percent
 from .targets import fleet_names, plain_fk, random_joints, strict
+from .workers.process import Gone, Raised, Worker
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,11 @@ ONE, MANY = 200, 2000
 """Poses of a turn, asked one by one and as a batch; the former are the first of the latter."""
 
 QUESTIONS = {"one": ONE, "batch": MANY, "branches": 40, "proof": 10, "path": 200}
-"""Kinds of questions, and how many poses of a turn each gets; see `since_worker`."""
+"""Kinds of questions, and how many poses of a turn each gets; see `workers.since`."""
+
+
+PATIENCE = 600.0
+"""How long a question may take [s], and what an arm needs before the first."""
 
 
 @dataclass(frozen=True)
@@ -73,58 +77,46 @@ def earlier(commit: str) -> Path:
     return folder / "src"
 
 
-class Side:
-    """A process with one kinseek and one arm."""
+def side(source: Path, arm: str, targets: Array, log: Path) -> Worker:
+    """A process with the kinseek of a folder and one arm, warm.
 
-    def __init__(self, source: Path, words: list[str], answers: Path) -> None:
-        """Start it, and wait until it is warm."""
-        worker = [sys.executable, str(HERE / "since_worker.py"), *words, str(answers)]
-        paths = os.environ | {"PYTHONPATH": str(source)}
-        self._process = subprocess.Popen(
-            worker, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=paths
-        )
-        found = Path(self._line())
-        if not found.is_relative_to(source):
-            self.end()
-            raise SystemExit(f"asked for the kinseek of {source}, got {found}")
-
-    def _line(self) -> str:
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if not line:
-            self.end()
-            raise SystemExit(f"a process has ended with {self._process.returncode}, see above")
-        return line.rstrip("\n")
-
-    def ask(self, question: str, first: int, last: int) -> float:
-        """Time of a pose [µs]."""
-        assert self._process.stdin is not None
-        print(question, first, last, file=self._process.stdin, flush=True)
-        return float(self._line())
-
-    def end(self) -> None:
-        """Let it write down its answers."""
-        self._process.communicate()
+    Raises:
+        SystemExit: It has another kinseek, or none that runs.
+    """
+    worker, entry = (
+        Worker(Path(sys.executable), "benchmarks.workers.since", log, source=source),
+        catalog_entry(arm),
+    )
+    place = {"file": str(catalog_path(arm)), "base": entry.base, "tip": entry.tip}
+    try:
+        found = worker.ask("begin", PATIENCE, **place, targets=targets)
+    except (Gone, Raised) as why:
+        worker.close()
+        raise SystemExit(f"the kinseek of {source}: {why}") from None
+    if not Path(found).is_relative_to(source):
+        worker.close()
+        raise SystemExit(f"asked for the kinseek of {source}, got {found}")
+    return worker
 
 
 def measure(name: str, sources: tuple[Path, Path], turns: int, seed: int) -> Row:
     """Ask both about one arm, by turns."""
-    arm, entry = kinseek.load(name), catalog_entry(name)
+    arm = kinseek.load(name)
     targets = plain_fk(arm.chain, random_joints(arm.chain, turns * MANY, seed))
-    times = np.empty((len(QUESTIONS), turns, 2))
+    times, q = np.empty((len(QUESTIONS), turns, 2)), np.empty((2, len(targets), arm.dof))
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
-        np.save(place / "targets.npy", targets)
-        words = [str(catalog_path(name)), entry.base, entry.tip, str(place / "targets.npy")]
-        answers = place / "before.npy", place / "now.npy"
-        sides = [Side(source, words, file) for source, file in zip(sources, answers, strict=True)]
+        sides = [side(source, name, targets, Path(folder) / f"{j}.txt") for j, source in enumerate(sources)]
         for k in range(turns):
             for i, (question, count) in enumerate(QUESTIONS.items()):
+                first, last = k * MANY, k * MANY + count
                 for j in (0, 1) if k % 2 else (1, 0):
-                    times[i, k, j] = sides[j].ask(question, k * MANY, k * MANY + count)
-        for side in sides:
-            side.end()
-        before, now = (int(strict(arm.chain, np.load(file), targets).sum()) for file in answers)
+                    found = sides[j].ask("ask", PATIENCE, question=question, first=first, last=last)
+                    times[i, k, j] = found["cost"]
+                    if question == "batch":
+                        q[j, first:last] = found["q"]
+        for each in sides:
+            each.close()
+    before, now = (int(strict(arm.chain, each, targets).sum()) for each in q)
     medians, ratios = np.median(times, axis=1), np.median(times[..., 1] / times[..., 0], axis=1)
     found = {
         question: (float(m[0]), float(m[1]), float(ratio))

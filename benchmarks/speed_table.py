@@ -1,67 +1,67 @@
-"""The speed table of the README, made from field.md where that is kept, else from peers.md.
+"""The table of speed in the README, made from speed.md.
 
-python -m benchmarks.speed_table           # after python -m benchmarks.field --half --keep, or python -m benchmarks.peers
+python -m benchmarks.speed_table           # after python -m benchmarks.field --table --keep
 """
 
 from __future__ import annotations
 
 from .command import ROOT, command, writes
+from .field.summary import SPEED
 
 README = ROOT / "README.md"
-PAGES = ROOT / "benchmarks" / "field.md", ROOT / "benchmarks" / "peers.md"
-SOURCE = next((page for page in PAGES if page.is_file()), PAGES[-1])
 BEGIN, END = "<!-- speed table: python -m benchmarks.speed_table -->\n", "<!-- end -->\n"
 
 
 def table(page: str) -> str:
-    """Medians [µs] of every arm and library with their ratio to the first, and the share of near-singular targets solved."""
-    medians: dict[str, dict[str, str]] = {}
+    """Medians [µs] of every arm and solver with their ratio to kinseek, and the share of near-singular targets solved."""
+    cells: dict[str, dict[str, str]] = {}
     shares: dict[str, list[float]] = {}
+    reasons: dict[str, str] = {}
+    arms: list[str] = []
     for row in page.splitlines():
-        cells = [cell.strip(" *") for cell in row.strip("|").split("|")]
-        if len(cells) != 8 or cells[0] in ("arm", "---"):
+        columns = [column.strip() for column in row.split("|")[1:-1]]
+        if len(columns) != 10 or columns[0] in ("arm", "---"):
             continue
-        medians.setdefault(cells[0], {})[cells[1]] = cells[2]
-        if cells[6] != "–":
-            shares.setdefault(cells[1], []).append(float(cells[6]))
-    arms, who = list(medians), list(shares)
-    lines = [
-        "| solver | " + " | ".join(arms) + " | near singular |",
-        "|---|" + "--:|" * (len(arms) + 1),
-    ]
-    for name in who:
-        found = [_with_ratio(medians[arm][name], medians[arm][who[0]]) for arm in arms]
-        lines.append(
-            f"| {name} | " + " | ".join(found) + f" | {min(shares[name]):.1f} – {max(shares[name]):.1f} % |"
-        )
+        arm, solver, median, ratio = columns[:4]
+        arms += [arm] * (arm not in arms)
+        cells.setdefault(solver, {})[arm] = _cell(median, ratio.split(" ")[0])
+        shares.setdefault(solver, []).extend(float(share) for share in columns[7:8] if share != "–")
+        reasons[solver] = columns[9]
+    lines = ["| solver | " + " | ".join(arms) + " | near singular |", "|---|" + "--:|" * (len(arms) + 1)]
+    for solver, by in cells.items():
+        found = shares[solver]
+        near = f"{min(found):.1f} – {max(found):.1f} %" if found else reasons[solver] or "–"
+        lines.append(f"| {solver} | " + " | ".join(by.get(arm, "–") for arm in arms) + f" | {near} |")
     return "\n".join(lines) + "\n"
 
 
-def _with_ratio(median: str, first: str) -> str:
-    """A median and how many times the first one it is."""
-    if median in ("–", first):
-        return _short(median)
-    ratio = float(median) / float(first)
-    return f"{_short(median)} ({ratio:,.1f})" if ratio < 10.0 else f"{_short(median)} ({ratio:,.0f})"
+def _cell(median: str, ratio: str) -> str:
+    """A median and how many times that of kinseek it is, without decimal places that nobody reads."""
+    short = _short(median, 100.0)
+    return (
+        short if median == "–" or float(ratio.replace(",", "")) == 1.0 else f"{short} ({_short(ratio, 10.0)})"
+    )
 
 
-def _short(number: str) -> str:
-    """A number without a decimal place that nobody reads."""
-    return f"{float(number):,.0f}" if number != "–" and float(number) >= 100.0 else number
+def _short(number: str, whole: float) -> str:
+    if number == "–":
+        return number
+    value = float(number.replace(",", ""))
+    return f"{value:,.0f}" if value >= whole else f"{value:.1f}"
 
 
 def updated(readme: str, page: str) -> str:
-    """The README with its table made anew."""
+    """The README with a new table."""
     before, rest = readme.split(BEGIN)
     return before + BEGIN + table(page) + END + rest.split(END, 1)[1]
 
 
 def main() -> None:
-    """Write the README with its table made anew."""
+    """Write the README with a new table."""
     parser = command(__file__, __doc__)
     writes(parser, "--output", README, "where the README with its new table goes")
     output = parser.parse_args().output
-    text = updated(README.read_text(encoding="utf-8"), SOURCE.read_text(encoding="utf-8"))
+    text = updated(README.read_text(encoding="utf-8"), SPEED.read_text(encoding="utf-8"))
     output.write_text(text, encoding="utf-8")
     print(f"wrote {output}")
 

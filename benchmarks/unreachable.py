@@ -2,7 +2,8 @@
 
 The goals are those of `benchmarks.proof`: reachable poses with another orientation, pushed out or shifted. They count if it
 is proved that no pose of the arm comes within 1 cm and 1°. kinseek says so (`ik(prove=True)`), and encloses the nearest pose
-(`prove(gap=0.05)`). Each peer is asked for the same goals from its own environment.
+(`prove(gap=0.05)`). Solvers of `benchmarks.field` get the same goals, each in its own environment, with the settings named
+in `SETTINGS`.
 
     python -m benchmarks.unreachable                     # writes benchmarks/unreachable.md
     python -m benchmarks.unreachable --arms ur5e --goals 60
@@ -10,29 +11,22 @@ is proved that no pose of the arm comes within 1 cm and 1°. kinseek says so (`i
 
 from __future__ import annotations
 
-import tempfile
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
-from benchmarks.command import arm_name, at_least_one, command, writes
+from benchmarks.command import ROOT, arm_name, at_least_one, command, writes
+from benchmarks.field.adapters import SOLVERS
+from benchmarks.field.judge import Judge, bundled
+from benchmarks.field.run import Solver, solver_of
+from benchmarks.field.tasks import settings_of
 from benchmarks.page import Page, row_of
-from benchmarks.peers.environments import (
-    ENVIRONMENTS,
-    HERE,
-    PEERS,
-    VENVS,
-    ask,
-    environment,
-    releases,
-    write_arm,
-)
 from benchmarks.proof import unreachable
+from benchmarks.workers.process import Gone, Raised, releases
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.problem import Problem
 from kinseek.proof.branch_and_bound import prove
@@ -41,6 +35,19 @@ from kinseek.solution import Status
 Array = NDArray[np.float64]
 
 CENTIMETRE, DEGREE = 0.01, np.radians(1.0)
+SETTINGS = {
+    "eaik": "recommended",
+    "ssik": "sweep 2",
+    "optik": "sweep 3",
+    "trac_ik": "sweep 3",
+    "robotics_toolbox": "sweep 2",
+    "pinocchio": "recommended",
+}
+"""Of each solver, which settings of its adapter: restarts, tolerances below 1e-6; pinocchio's loop as its manual has it."""
+
+SECONDS = 200.0
+"""For all goals of an arm."""
+
 NEAREST = 0.05
 """Relative gap to which the nearest pose is enclosed."""
 
@@ -68,6 +75,17 @@ def ours(arm: kinseek.Arm, problems: list[Problem]) -> tuple[Array, Array, Array
         q.append(solution.q)
         said.append(solution.status is Status.PROVED_UNREACHABLE)
     return np.array(q), np.array(times), np.array(said)
+
+
+def answers(solver: Solver, judge: Judge, poses: Array) -> tuple[Array, Array, Array]:
+    """What a solver returns, (k, n), whether it calls that a success (2 or 1), and times [ms]."""
+    slice = {"poses": np.concatenate([poses, poses[:5]]), "starts": [], "count": len(poses), "limit": SECONDS}
+    label = SETTINGS.get(solver.adapter.stem, "recommended")
+    found = solver.ask(judge, label, settings_of(solver.module)[label], "solve", SECONDS, **slice)
+    q = np.array(found["q"])
+    times, said = np.full(len(poses), np.nan), np.ones(len(poses))
+    times[: len(q)], said[: len(q)] = np.array(found["times"]) / 1e3, np.where(found["claimed"], 2, 1)
+    return np.concatenate([q, np.full((len(poses) - len(q), q.shape[1]), np.nan)]), said, times
 
 
 def weighted(problem: Problem, q: Array) -> float:
@@ -98,7 +116,7 @@ def row(
         if there
     ]
     share = 100 / len(problems)
-    solved, approximate = share * (said == 2).sum(), share * (said == 1).sum()
+    solved, approximate = share * (some & (said == 2)).sum(), share * (some & (said == 1)).sum()
     ratio = (f"{np.median(ratios):.2f}", f"{np.quantile(ratios, 0.9):.2f}") if ratios else ("–", "–")
     shares = (f"{each:.0f}" for each in (share * (~some).sum(), solved, approximate, share * inside.sum()))
     return (name, who, *shares, *ratio, f"{np.median(times):.2f}", f"{np.quantile(times, 0.99):.1f}", note)
@@ -110,50 +128,57 @@ def main() -> None:
     parser.add_argument(
         "--arms", nargs="+", type=arm_name, default=("puma560", "ur5e", "kr6r900"), help="names"
     )
+    parser.add_argument("--solvers", nargs="+", choices=SOLVERS, default=list(SETTINGS), help="of the field")
     parser.add_argument("--goals", type=at_least_one, default=200, help="goals an arm to choose from")
     parser.add_argument("--seed", type=int, default=7, help="seed of the goals")
-    writes(parser, "--output", HERE.parent / "unreachable.md", "page to write")
+    writes(parser, "--output", ROOT / "benchmarks" / "unreachable.md", "page to write")
     options = parser.parse_args()
-    VENVS.mkdir(exist_ok=True)
-    pythons = {name: environment(name) for name in ENVIRONMENTS}
     began, rows, versions, counts = (
         time.perf_counter(),
         list[tuple[str, ...]](),
         dict[str, str](),
         list[str](),
     )
+    solvers = {name: solver_of(name) for name in options.solvers}
     for name in options.arms:
-        arm = kinseek.load(name)
+        arm, judge = kinseek.load(name), bundled(name)
         problems, nearest = far_goals(arm, options.goals, options.seed)
         counts.append(f"{len(problems)} for {name}")
         q, times, proved = ours(arm, problems)
         note = f"proved for {100 * proved.mean():.0f} %"
         rows.append(row(name, "**kinseek**", problems, nearest, q, np.ones(len(proved)), times, note))
-        with tempfile.TemporaryDirectory() as folder:
-            source = Path(folder) / "arm.npz"
-            write_arm(name, arm, np.array([problem.goal.target for problem in problems]), source)
-            for peer, (place, _) in PEERS.items():
-                python = pythons[place]
-                if python is None:
-                    found: dict[str, Any] | str = "could not be installed"
-                else:
-                    found = ask("unreachable_worker.py", peer, python, source, 600)
-                if isinstance(found, str):
-                    rows.append((name, peer, *"–" * 8, found))
-                    continue
-                versions[peer] = str(found["version"])
-                times = found["times"] / 1e3
-                rows.append(row(name, peer, problems, nearest, found["q"], found["said"], times))
+        poses = np.array([problem.goal.target for problem in problems])
+        for who, solver in solvers.items():
+            if isinstance(solver, str):
+                rows.append((name, who, *"–" * 8, solver[:60]))
+                continue
+            title = solver.module.NAME
+            try:
+                found = answers(solver, judge, poses)
+            except (Raised, Gone) as why:
+                rows.append((name, title, *"–" * 8, str(why)[:60]))
+                continue
+            versions[title] = solver.version
+            rows.append(row(name, title, problems, nearest, *found))
         print("\n".join(map(row_of, rows)), flush=True)
+    for solver in solvers.values():
+        if isinstance(solver, Solver):
+            solver.close()
     minutes = (time.perf_counter() - began) / 60
-    page = Page("Goals out of reach", "benchmarks.unreachable", minutes, releases(versions))
+    page = Page(
+        "Goals out of reach",
+        "benchmarks.unreachable",
+        minutes,
+        releases(versions),
+    )
     page.say(
         f"Goals of which it is proved that no pose comes within 1 cm and 1°: {', '.join(counts)}.",
         "What each hands back: nothing; joint values that it says are an answer; joint values that it says are none; how",
         "many of these lie inside the limits (whole turns taken off), and the weighted error of those over that of the",
         f"nearest pose, which is enclosed to {100 * NEAREST:.0f} % where the budget allows, as median and 90th percentile.",
         "Time of a call, median and 99th percentile; kinseek's is that of `ik(prove=True)`, proof included. Settings:",
-        "`benchmarks/peers/unreachable_worker.py`. EAIK and the loop of pinocchio's manual know no limits.",
+        "restarts, tolerances below 1e-6 (`SETTINGS` of `benchmarks/unreachable.py`); pinocchio's loop is the one of its",
+        "manual, which knows no limits.",
     )
     page.table(
         "arm | who | >nothing % | >“solved” % | >“not solved” % | >inside limits % | >error over nearest | >90 % | >ms | "

@@ -2,14 +2,16 @@
 
     pip install -e '.[field]'
     python -m benchmarks.field --quick                        # three minutes, once the environments are there
+    python -m benchmarks.field --table --keep                 # less than eight minutes: all that the README's table needs
     python -m benchmarks.field --half                         # half an hour: all arms, half of the targets
     python -m benchmarks.field                                # an hour
     python -m benchmarks.field --solvers kinseek ikpy --arms panda ur5e --questions random limits
     python -m benchmarks.field --solvers kinseek ./mine.py    # an adapter of your own, mine.txt beside it
     python -m benchmarks.field --page                         # the page and the tables anew, of what is measured
 
-Makes an environment for each solver, asks, judges, and writes answers.parquet, pieces.parquet and index.html. What is
-measured is kept: a run that was stopped goes on from there. docs/field.md says what is asked, and how to add a solver.
+Makes an environment for each solver, asks all of them by turns, judges, and writes answers.parquet, pieces.parquet and
+index.html. What is measured is kept: a run that was stopped goes on from there. docs/field.md says what is asked, and how
+to add a solver.
 """
 
 from __future__ import annotations
@@ -21,14 +23,14 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.command import ROOT, arm_name, command, writes
+from benchmarks.workers.environments import environment, megabytes
 
 from .adapters import SOLVERS, adapter, path_of
-from .environments import environment, megabytes
 from .judge import ARMS, bundled
 from .questions import QUESTIONS, SIZES
-from .run import measure
-from .summary import PAGE
-from .tasks import Field, planned
+from .run import Solver, measure, rounds
+from .summary import PAGE, SPEED
+from .tasks import Field, settings_of
 
 
 def solver_name(text: str) -> str:
@@ -54,7 +56,11 @@ def main() -> None:
     parser = command(__file__, __doc__)
     sizes = parser.add_mutually_exclusive_group()
     sizes.set_defaults(size="full")
-    for name, what in (("quick", "two arms and a fifth of the targets"), ("half", "half of the targets")):
+    for name, what in (
+        ("quick", "two arms and a fifth of the targets"),
+        ("table", "what the README's table shows: six arms, two questions"),
+        ("half", "half of the targets"),
+    ):
         sizes.add_argument(
             f"--{name}",
             dest="size",
@@ -66,7 +72,10 @@ def main() -> None:
         "--solvers", nargs="+", type=solver_name, default=SOLVERS, help="names, or adapters' files"
     )
     parser.add_argument(
-        "--arms", nargs="+", type=arm_name, help="names; thirty if it is left out, two with --quick"
+        "--arms",
+        nargs="+",
+        type=arm_name,
+        help="names; by default thirty, two with --quick, six with --table",
     )
     parser.add_argument(
         "--questions", nargs="+", choices=names, metavar="NAME", help=f"of {', '.join(names)}"
@@ -88,7 +97,7 @@ def main() -> None:
     parser.add_argument(
         "--keep",
         action="store_true",
-        help=f"write {PAGE.relative_to(ROOT)} too, of which the README's table is made",
+        help=f"write {PAGE.relative_to(ROOT)} and {SPEED.relative_to(ROOT)} too; with --table only the latter",
     )
     writes(parser, "--folder", ROOT / "build" / "field", "where environments, pieces, tables and the page go")
     options = parser.parse_args()
@@ -99,15 +108,16 @@ def main() -> None:
     folder = base / f"{options.size}-{options.seed}"
     folder.mkdir(parents=True, exist_ok=True)
     judges = [bundled(name) for name in options.arms or ARMS[: size.arms]]
-    asked = [each for each in QUESTIONS if options.questions is None or each.name in options.questions]
+    chosen = options.questions or size.questions or names
+    asked = [each for each in QUESTIONS if each.name in chosen]
     field = Field(folder, judges, asked, options.seed, size)
     if not options.page:
         run(field, options.solvers, base / "environments", dict(options.python))
-    write(field, PAGE if options.keep else None)
+    write(field, options.keep)
 
 
-def run(field: Field, solvers: list[str], environments: Path, own: dict[str, Path]) -> None:
-    """Environments first, then one solver after the other."""
+def run(field: Field, names: list[str], environments: Path, own: dict[str, Path]) -> None:
+    """Make the environments, then measure."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -118,63 +128,41 @@ def run(field: Field, solvers: list[str], environments: Path, own: dict[str, Pat
         TimeRemainingColumn,
     )
 
-    console, began = Console(), time.monotonic()
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as progress:
-        making = progress.add_task("environments", total=len(solvers))
-        found = []
-        for name in solvers:
+    console, began, solvers = Console(), time.monotonic(), []
+    facts: dict[str, dict[str, Any]] = {}
+    columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+    with Progress(TextColumn("{task.description}"), *columns, console=console) as progress:
+        bar = progress.add_task("", total=len(names))
+        for name in names:
             path = path_of(name)
-            progress.update(making, description=f"environment of {path.stem}")
+            progress.update(bar, description=f"environment of {path.stem}")
             python = own.get(path.stem) or environment(path, environments)
-            solver: dict[str, Any] = {
-                "solver": path.stem,
-                "name": adapter(path).NAME,
-                "about": adapter(path).__doc__,
-            }
+            module = adapter(path)
+            known: dict[str, Any] = {"solver": path.stem, "name": module.NAME, "about": module.__doc__}
+            facts[path.stem] = known | {"state": python if isinstance(python, str) else "done"}
             if isinstance(python, str):
-                told(field, solver | {"state": python})
                 console.print(f"{path.stem}: {python}", highlight=False)
             else:
                 size = None if path.stem in own else megabytes(python)
-                found.append(
-                    (path, python, solver | {"state": "done", "megabytes": size, "own": path.stem in own})
-                )
-            progress.advance(making)
-        all_of = progress.add_task("", total=sum(planned(field, adapter(path)) for path, _, _ in found))
+                facts[path.stem] |= {"megabytes": size, "own": path.stem in own}
+                solvers.append(Solver(path, module, python, field.folder / f"log-{path.stem}.txt"))
+            progress.advance(bar)
+        progress.reset(bar, total=rounds(field))
 
         def advance(what: str, count: int) -> None:
-            progress.update(all_of, description=what, advance=count)
+            progress.update(bar, description=what, completed=count)
 
-        for path, python, solver in found:
-            end = progress.tasks[all_of].completed + planned(field, adapter(path))
-            best = measure(field, path, adapter(path), python, advance)
-            progress.update(
-                all_of, completed=end
-            )  # what was planned for other settings, and recommended ones did best
-            told(field, solver | {"best": best, "settings": settings(path, best)})
+        best = measure(field, solvers, advance)
+        progress.update(bar, completed=rounds(field))
+    for solver in solvers:
+        name, every = solver.adapter.stem, settings_of(solver.module)
+        settings = {"recommended": every["recommended"], "best": every[best[name]]}
+        facts[name] |= {"best": best[name], "settings": settings}
+    for name, fact in facts.items():
+        place = field.folder / "solvers" / f"{name}.json"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(json.dumps(fact, indent=2), encoding="utf-8")
     console.print(f"measured in {(time.monotonic() - began) / 60:.1f} minutes", highlight=False)
-
-
-def settings(path: Path, best: str) -> dict[str, Any]:
-    """What is recommended, and what did best."""
-    from .tasks import settings_of
-
-    every = settings_of(adapter(path))
-    return {"recommended": every["recommended"], "best": every[best]}
-
-
-def told(field: Field, solver: dict[str, Any]) -> None:
-    """Keep what is known of a solver."""
-    place = field.folder / "solvers" / f"{solver['solver']}.json"
-    place.parent.mkdir(parents=True, exist_ok=True)
-    place.write_text(json.dumps(solver, indent=2), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,12 +1,11 @@
-"""Do runs agree? Shares and medians of several, whose 95 % intervals have to meet.
+"""Do runs agree? Shares of several, and ratios of times to kinseek, whose 95 % intervals have to meet.
 
     python -m benchmarks.field --seed 0
     python -m benchmarks.field --seed 1
     python -m benchmarks.field --seed 2
     python -m benchmarks.field.agree build/field/full-0 build/field/full-1 build/field/full-2
 
-Intervals hold what other targets would change. What else the machine does is in none of them, so that times of runs on a
-busy machine do not agree. Ends with 1 if more than one in twenty of the shares do not.
+Intervals cover what other targets would change. Ends with 1 if more than one in twenty of the shares do not agree.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from benchmarks.command import command
 from .tables import ANSWERS, marked, summed
 
 BY = ["solver", "settings", "question"]
-MEASURES = ("exact", "median")
+MEASURES = ("exact", "ratio")
 
 
 def apart(runs: list[pd.DataFrame]) -> tuple[dict[str, int], list[str]]:

@@ -12,13 +12,13 @@ import pandas as pd
 
 from benchmarks.command import ROOT
 from benchmarks.page import Page
+from benchmarks.workers.process import HANG
 
 from . import plots
 from .judge import LOOSE, LOOSE_TURN, STRICT
 from .pieces import DONE
-from .questions import QUESTIONS, WRONG
-from .run import HANG
-from .summary import summary
+from .questions import QUESTIONS, SLICES, WRONG
+from .summary import PAGE, SPEED, speed, summary
 from .tables import TITLES, collect, distinct, marked, solvers, summed
 from .tables import write as write_tables
 from .tasks import Field
@@ -33,8 +33,8 @@ TIGHT = f"{STRICT:g}".replace("e-0", "e-")
 EACH = ("random", "singular", "limits", "position", "start")
 
 
-def write(field: Field, kept: Path | None = None) -> None:
-    """The tables and the page, of the pieces that are there; and in short where it is kept, if that is given."""
+def write(field: Field, keep: bool = False) -> None:
+    """Write the tables and the page of the pieces that are there, and the pages that the repository keeps if `keep`."""
     answers, known = collect(field)
     if known.empty:
         raise SystemExit(f"nothing measured yet in {field.folder}")
@@ -44,10 +44,22 @@ def write(field: Field, kept: Path | None = None) -> None:
     place = field.folder / "index.html"
     place.write_text(as_html(text), encoding="utf-8")
     print(f"wrote {place}")
-    if kept is not None:
+    if keep:
         shown, names, facts = told(field, answers, known)
-        won = wins(shown, facts, names, found_of(shown, field))
-        summary(_made_by(field), shown, names, won).write(kept)
+        if not field.size.questions:
+            won = wins(shown, facts, names, found_of(shown, field))
+            summary(_made_by(field), shown, names, won).write(PAGE)
+        speed(_made_by(field), shown, names, reasons(known, solvers(field.folder))).write(SPEED)
+
+
+def reasons(known: pd.DataFrame, about: dict[str, Any]) -> dict[tuple[str, str], str]:
+    """Why there is no time: by solver and arm, and by solver and "" if it was not installed."""
+    found = {(solver, ""): str(each["state"]) for solver, each in about.items() if each["state"] != DONE}
+    random = known[known["question"] == "random"]
+    return found | {
+        (str(row.solver), str(row.arm)): _why(str(row.state))
+        for row in random[random["state"] != DONE].itertuples()
+    }
 
 
 def _made_by(field: Field) -> str:
@@ -62,7 +74,8 @@ def told(
     names = {solver: str(each["name"]) for solver, each in about.items()}
     names |= {solver: solver for solver in known["solver"].unique() if solver not in names}
     best = {solver: str(each.get("best", "recommended")) for solver, each in about.items()}
-    answers = answers[answers["settings"].isin(("recommended", *best.values()))].copy()
+    shown = answers["settings"].eq("recommended") | answers["settings"].eq(answers["solver"].map(best))
+    answers = answers[shown].copy()
     answers["settings"] = [
         "recommended and best"
         if best.get(solver, settings) == "recommended" == settings
@@ -133,7 +146,8 @@ def _overview(made: Page, answers: pd.DataFrame, names: dict[str, str], facts: p
         by = group.set_index("question")
         shares = [f"{by.loc[q, 'exact']:.1f}" if q in by.index else NONE for q in EACH]
         times = [
-            number(by.loc["random", column]) if "random" in by.index else NONE for column in ("median", "p99")
+            number(by.loc["random", column]) if "random" in by.index else NONE
+            for column in ("ratio", "median", "p99")
         ]
         false = int(by["false"].sum())
         light = [
@@ -146,7 +160,7 @@ def _overview(made: Page, answers: pd.DataFrame, names: dict[str, str], facts: p
         rows.append((rank, (names[solver], settings, tried, *shares, near, *times, false, *light)))
     titles = " | ".join(f">{TITLES[question].lower()}, exact %" for question in EACH)
     made.table(
-        f"solver | settings | >arms | {titles} | >random poses, 1 mm % | >median µs | >p99 µs | >false"
+        f"solver | settings | >arms | {titles} | >random poses, 1 mm % | >× kinseek | >median µs | >p99 µs | >false"
         " | >first answer s | >on disk MB",
         [row for _, row in sorted(rows, key=lambda each: each[0])],
     )
@@ -174,12 +188,15 @@ def _read(made: Page) -> None:
             "**Recommended**: what its maintainers' manual says, named in its adapter. **Best**: what did best in a "
             "small sweep on other targets of the first arms: most exact answers, and of those within half a percent of "
             "that the quickest.",
-            "How long a slow solver is asked is in proportion to how much its share varied in the sweep: what solves all or "
-            "nothing is asked less. The intervals tell what is left of chance.",
-            "Times are wall time of one call as made from Python, one thread, in a process that does nothing else. The "
-            "median's interval stands in brackets. Who wants a start and is given none begins in the middle of the ranges.",
+            "A slow solver gets time in proportion to how much its share varied in the sweep: one that solves all or "
+            "nothing gets less. The intervals show what is left of chance.",
+            "**µs**: wall time of one call from Python, on one thread. All solvers are measured by turns, each on an "
+            f"{SLICES}th of the targets and then each on the next, so that a machine that changes its speed does so for "
+            "all. A solver that needs a start and gets none begins in the middle of the ranges.",
+            "**× kinseek**: each time divided by kinseek's median time for the same slice; of these ratios the median, with "
+            "its interval. It depends on the machine far less than microseconds do.",
             "Arms that a solver refuses do not count against it in shares; **arms** says how many it took.",
-            "A difference that is smaller than the intervals is none. Time also depends on what else the machine does.",
+            "A difference that is smaller than the intervals is none.",
         ]
     )
 
@@ -203,7 +220,7 @@ def _answers(made: Page, answers: pd.DataFrame, names: dict[str, str], question:
 
 
 WHO = "solver | settings | >arms | >asked"
-FIGURES = ">exact % | >1 mm % | >false | >median µs | >p99 µs | >worst µs"
+FIGURES = ">exact % | >1 mm % | >false | >× kinseek | >median µs | >p99 µs | >worst µs"
 
 
 def _who(row: Any, names: dict[str, str]) -> tuple[Any, ...]:
@@ -212,7 +229,15 @@ def _who(row: Any, names: dict[str, str]) -> tuple[Any, ...]:
 
 def _figures(row: Any) -> tuple[Any, ...]:
     median = f"{number(row['median'])} ({number(row['median_low'])}–{number(row['median_high'])})"
-    return share(row), f"{row['near']:.1f}", row["false"], median, number(row["p99"]), number(row["worst"])
+    times = ratio(row), median, number(row["p99"]), number(row["worst"])
+    return share(row), f"{row['near']:.1f}", row["false"], *times
+
+
+def ratio(row: Any) -> str:
+    """A time as a multiple of kinseek's, with its interval."""
+    if np.isinf(row["ratio_high"]):
+        return f"{number(row['ratio'])} ({NONE})"
+    return f"{number(row['ratio'])} ({number(row['ratio_low'])}–{number(row['ratio_high'])})"
 
 
 def _unreachable(made: Page, answers: pd.DataFrame, names: dict[str, str]) -> None:
@@ -230,11 +255,11 @@ def _unreachable(made: Page, answers: pd.DataFrame, names: dict[str, str]) -> No
         own = rows[(rows["solver"] == row["solver"]) & (rows["settings"] == row["settings"])]
         shares = 100 * (~own["believed"]).mean(), 100 * own["position_error"].notna().mean()
         nearest = own["excess"].median(), np.degrees(own["orientation_error"].median())
-        figures = *shares, *nearest, row["median"], row["p99"], row["worst"]
-        cells.append((*_who(row, names), *map(number, figures)))
+        times = row["median"], row["p99"], row["worst"]
+        cells.append((*_who(row, names), *map(number, (*shares, *nearest)), ratio(row), *map(number, times)))
     made.table(
-        f"{WHO} | >says so % | >hands something back % | >nearest, excess % | >its turn is off by ° | >median µs | "
-        ">p99 µs | >worst µs",
+        f"{WHO} | >says so % | >hands something back % | >nearest, excess % | >its turn is off by ° | >× kinseek | "
+        ">median µs | >p99 µs | >worst µs",
         cells,
     )
 
@@ -264,13 +289,16 @@ def _branches(made: Page, answers: pd.DataFrame, names: dict[str, str], counted:
             100 * each["found"].sum() / each["known"].sum(),
             100 * (each["found"] == each["known"]).mean(),
         )
-        times = (number(figures.loc[solver, column]) for column in ("median", "p99"))
+        times = (
+            ratio(figures.loc[solver]),
+            *(number(figures.loc[solver, column]) for column in ("median", "p99")),
+        )
         counts = f"{each['found'].mean():.2f}", int(own["false"].sum())
         who = names[str(solver)], each["arm"].nunique(), len(each)
         cells.append((*who, *(number(share, 4) for share in shares), *counts, *times))
     made.table(
-        "solver | >arms | >poses | >found of known % | >poses with all known % | >answers a pose | >false | >median µs"
-        " | >p99 µs",
+        "solver | >arms | >poses | >found of known % | >poses with all known % | >answers a pose | >false | >× kinseek"
+        " | >median µs | >p99 µs",
         cells,
     )
 
@@ -284,10 +312,10 @@ def _batches(made: Page, answers: pd.DataFrame, names: dict[str, str]) -> None:
         "Poses in one call, one thread; time is that of the call by the number of poses. Who takes no batches is left out."
     )
     cells = [
-        (*_who(row, names), share(row), number(row["mean"]))
+        (*_who(row, names), share(row), ratio(row), number(row["mean"]))
         for row in summed(rows, ["solver", "settings"]).to_dict("records")
     ]
-    made.table(f"{WHO} | >exact % | >µs a pose", cells)
+    made.table(f"{WHO} | >exact % | >× kinseek | >µs a pose", cells)
 
 
 def _again(made: Page, known: pd.DataFrame, names: dict[str, str]) -> None:

@@ -34,6 +34,8 @@ class Piece:
     """1: the solver calls it a success; 0: it does not; -1: it says nothing. (k,)"""
     times: Array = field(default_factory=lambda: np.zeros(0))
     """[µs], (k,); NaN but for the first answer to a target."""
+    part: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, int))
+    """Which slice of the targets each belongs to, (k,)."""
     facts: dict[str, Any] = field(default_factory=dict)
     """What is no answer: seconds, megabytes, words."""
     digest: str = ""
@@ -52,6 +54,7 @@ def save(path: Path, piece: Piece) -> None:
             target=piece.target,
             claimed=piece.claimed,
             times=piece.times,
+            part=piece.part,
             told=np.array(told),
         )
     os.replace(unfinished, path)
@@ -63,5 +66,5 @@ def load(path: Path) -> Piece | None:
         return None
     with np.load(path, allow_pickle=False) as found:
         told = json.loads(str(found["told"]))
-        arrays = {name: found[name] for name in ("q", "target", "claimed", "times")}
+        arrays = {name: found[name] for name in ("q", "target", "claimed", "times", "part")}
     return Piece(**told, **arrays)

@@ -21,11 +21,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.workers.serve import Refused as Refused
+
 Array = NDArray[np.float64]
-
-
-class Refused(Exception):
-    """What an adapter raises in `load` where its solver makes nothing of an arm; the message stands on the page."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,12 @@ class Arm:
     def middle(self) -> Array:
         """The middle of the ranges, (n,): where a solver begins that needs a start and was given none."""
         return (self.lower + self.upper) / 2
+
+
+def arm_of(values: dict[str, Any]) -> Arm:
+    """An arm from what JSON keeps of it."""
+    arrays = {name: np.array(values[name]) for name in ("lower", "upper", "axes", "points", "home")}
+    return Arm(**(values | arrays | {name: tuple(values[name]) for name in ("joints", "kinds")}))
 
 
 class Answer(NamedTuple):

@@ -41,16 +41,24 @@ class Size:
     """Arms that questions for a few are asked on."""
     swept: int = 3
     """Arms on which settings are chosen."""
+    questions: tuple[str, ...] = ()
+    """Names; all if there are none."""
+    recommended: bool = True
+    """Whether solvers are measured with their recommended settings, too, where others did best in the sweep."""
 
 
 SIZES = {
     each.name: each
     for each in (
         Size("quick", 2, targets=0.2, few=2, swept=1),
+        Size("table", 6, swept=2, questions=("random", "singular"), recommended=False),
         Size("half", 30, targets=0.5, time=0.3, swept=2),
         Size("full", 30),
     )
 }
+
+SLICES = 8
+"""Slices of the targets of an arm: each solver gets a slice, then each the next one. A median of eight has an interval."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +80,16 @@ class Question:
     """Whether it is asked with the best settings of the sweep, too."""
     few: bool = False
     """Whether only a few arms are asked."""
+
+    @property
+    def timed(self) -> bool:
+        """Whether each target is a call, until time is up."""
+        return self.way in ("solve", "start", "position", "branches")
+
+    def slices(self, count: int) -> list[tuple[int, int]]:
+        """The first of each slice of so many targets, and the one after its last; a question that is asked once has one."""
+        number = min(SLICES, count) if self.timed or self.way == "batch" else 1
+        return [(count * i // number, count * (i + 1) // number) for i in range(number)]
 
     def of(self, judge: Judge, seed: int, size: Size) -> Asked:
         """The targets for an arm; the same for the same seed."""
@@ -225,7 +243,7 @@ QUESTIONS = (
         "branches",
         tuned=False,
     ),
-    _once("batch", "Batches", "a thousand poses in one call, one thread", 1000, 2.0),
+    _once("batch", "Batches", "up to 250 poses in one call, one thread", 2000, 2.0),
     _once("twice", "The same again", "a second solver, the same poses: are the bits the same?", 25, 2.0),
     _once("threads", "In four threads", "a solver a thread, the same poses: are the bits the same?", 25, 4.0),
     _once(

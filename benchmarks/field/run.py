@@ -1,252 +1,299 @@
-"""One solver is asked, in processes of its own that are watched: one that dies or never ends is an answer like any other."""
+"""All solvers are measured by turns: each gets a slice of the targets, then each the next slice.
+
+A machine that changes its speed does so for all of them, and what is compared is the time of a slice over that of kinseek
+for the same slice. Every solver has a process of its own, which waits while the others have their turns. One that dies or
+hangs is a result like any other; the solver gets a new process.
+"""
 
 from __future__ import annotations
 
-import json
+import itertools
 import os
-import signal
-import subprocess
-import time
-from collections.abc import Callable, Iterator, Sequence
+import random
+import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.command import ROOT
+from benchmarks.workers.environments import environment
+from benchmarks.workers.process import HANG, Gone, Raised, Worker
 
 from . import pieces
+from .adapters import adapter, path_of
 from .judge import Judge
 from .pieces import Piece
-from .protocol import Adapter, Arm
-from .questions import SWEEP, fits
+from .protocol import Adapter
+from .questions import SWEEP, Question, fits
 from .sweep import chosen, noise, swept
-from .tasks import Field, Task, finished, missing, settings_of, task, tuned_on
+from .tasks import Field, Task, settings_of, task
+from .wins import HOST
 
 PATIENCE, LOADING = 10.0, 240.0
 """After how long [s] beyond its time a question hangs; and what importing a solver and reading an arm may take more."""
 
-HANG = "hangs"
-"""What the state of a piece begins with of which no answer came in time."""
-
 HANGS = 10
-"""Arms on which a solver may hang with the same settings before it is asked no more with them: each hang takes its time many
-times over. On an arm on which it hangs it is asked nothing more."""
+"""Arms on which a solver may hang with the same settings before it gets no more questions with them. On an arm on which it
+hangs it gets no more questions at once."""
 
-TOGETHER = 5
-"""Arms of which one process is asked: some libraries take seconds to import."""
-
-ONE_THREAD = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS", "XLA_NUM_THREADS"),
-    "1",
-)
+RENEWED = 5
+"""Arms after which every process is replaced: some libraries keep what they compiled for an arm."""
 
 
-def work(
-    python: Path,
-    adapter: Path,
-    judges: Sequence[Judge],
-    tasks: Sequence[Task],
-    folder: Path,
-    hangs: set[tuple[str, str]] | None = None,
-) -> Iterator[Task]:
-    """Have tasks done that are missing, on arms of these judges; gives back each that is done, in whatever way it ended.
+class Solver:
+    """A solver that takes part, and its process."""
 
-    Args:
-        python: Of the solver's environment.
-        adapter: File.
-        judges: Of the arms.
-        tasks: What is to be done.
-        folder: Where it is written down what is being done.
-        hangs: Arms and labels of settings with which a question hung before, wrong input aside; more are added.
-    """
-    hangs = set() if hangs is None else hangs
-    left = list(tasks)
-    current, job, log = (folder / name for name in ("current.json", "job.json", "log.txt"))
-    arms = {judge.arm.name: _told(judge.arm) for judge in judges}
-    while left:
-        for each in list(left):
-            if (why := _weary(each, hangs)) is not None:
-                _given_up(each, why, left)
-                yield each
-        if not left:
-            return
-        current.unlink(missing_ok=True)
-        described = {
-            "adapter": str(adapter),
-            "current": str(current),
-            "arms": arms,
-            "tasks": [asdict(t) for t in left],
-        }
-        job.write_text(json.dumps(described), encoding="utf-8")
-        began = time.time()
-        reason = _watched(python, job, current, log)
-        before = len(left)
-        for each in finished(left):
-            _told_when(each, began)
-            left.remove(each)
-            yield each
-        if left and reason is None and len(left) == before:
-            reason = "ended without an answer"
-        if left and reason is not None:
-            stuck = _stuck(current, left)
-            if reason.startswith(HANG) and stuck[0].way != "wrong":
-                hangs.add((stuck[0].arm, stuck[0].label))
-            for each in stuck:
-                _given_up(each, reason, left)
-                yield each
+    def __init__(self, adapter: Path, module: Adapter, python: Path, log: Path) -> None:
+        """Nothing is started yet.
 
+        Args:
+            adapter: File.
+            module: The same, imported.
+            python: Of its environment.
+            log: File for what its process prints.
+        """
+        self.adapter, self.module, self.version = adapter, module, ""
+        self._python, self._log = python, log
+        self._worker: Worker | None = None
+        self._loaded: dict[str, str | None] = {}
+        self._arm = ""
+        self.hangs: set[tuple[str, str]] = set()
+        """Arms and labels of settings with which a question hung, wrong input aside."""
 
-def _weary(each: Task, hangs: set[tuple[str, str]]) -> str | None:
-    """Why something is not asked any more."""
-    if (each.arm, each.label) in hangs:
-        return "not asked: another question hangs on this arm"
-    hung = sum(label == each.label for _, label in hangs)
-    return None if hung < HANGS else f"not asked: it hangs on {hung} arms"
+    def ask(
+        self, judge: Judge, label: str, settings: dict[str, Any], way: str, seconds: float, **slice: Any
+    ) -> dict[str, Any]:
+        """Load the arm with these settings if it is not, and ask.
 
+        Args:
+            judge: Of the arm.
+            label: Names the settings.
+            settings: As the adapter takes them.
+            way: How the slice is asked, see `benchmarks.field.worker`.
+            seconds: That the question may take; after three times as much it hangs.
+            slice: The other arguments of `benchmarks.field.worker.ask`.
 
-def _given_up(each: Task, reason: str, left: list[Task]) -> None:
-    pieces.save(Path(each.piece), Piece(reason, digest=each.digest))
-    left.remove(each)
+        Returns:
+            Columns of answers, and facts.
 
-
-def _stuck(current: Path, left: Sequence[Task]) -> list[Task]:
-    """The task at which a worker ended; where the arm was not even read, all that are asked of it with the same settings."""
-    told = json.loads(current.read_text(encoding="utf-8")) if current.is_file() else {}
-    one = next((each for each in left if each.piece == told.get("piece")), left[0])
-    if told.get("loaded", True):
-        return [one]
-    return [each for each in left if (each.arm, each.label) == (one.arm, one.label)]
-
-
-def _told(arm: Arm) -> dict[str, Any]:
-    """An arm, as JSON takes it."""
-    return {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in asdict(arm).items()
-    }
-
-
-def _told_when(each: Task, began: float) -> None:
-    """The first answer's time counts from the start of the process."""
-    piece = pieces.load(Path(each.piece))
-    if each.way == "first" and piece is not None and "ended" in piece.facts:
-        piece.facts["seconds"] = piece.facts.pop("ended") - began
-        pieces.save(Path(each.piece), piece)
-
-
-def _watched(python: Path, job: Path, current: Path, log: Path) -> str | None:
-    """Run a worker; why it did not end by itself, or None."""
-    with log.open("wb") as file:
-        process = subprocess.Popen(
-            [str(python), "-m", "benchmarks.field.worker", str(job)],
-            stdout=file,
-            stderr=file,
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,
-            env=_surroundings(),
-            cwd=ROOT,
-        )
-        seen, since = "", time.monotonic()
+        Raises:
+            Raised: The solver does not take the arm, or not this kind of question.
+            Gone: Its process has ended, or hangs.
+        """
+        name = judge.arm.name
+        if (why := self.weary(name, label)) is not None:
+            raise Raised(why)
+        if name != self._arm:
+            self._arm, self._loaded = name, {}
+        if way == "first":
+            self.close()
         try:
-            while True:
-                try:
-                    code = process.wait(0.1)
-                    break
-                except subprocess.TimeoutExpired:
-                    now = time.monotonic()
-                told = current.read_text(encoding="utf-8") if current.is_file() else ""
-                if told != seen:
-                    seen, since = told, now
-                if now - since > (allowed := _allowed(seen)):
-                    return f"{HANG}: nothing for {allowed:.0f} s"
-        finally:
-            if process.poll() is None:
-                _kill(process)
-    if code == 0:
+            if label not in self._loaded:
+                self._loaded[label] = self._load(judge, label, settings)
+            if (refused := self._loaded[label]) is not None:
+                raise Raised(refused)
+            worker = self._started()
+            found: dict[str, Any] = worker.ask("ask", PATIENCE + 3 * seconds, label=label, way=way, **slice)
+        except Gone as gone:
+            if str(gone).startswith(HANG) and way != "wrong":
+                self.hangs.add((name, label))
+            self.close()
+            raise
+        if way == "first":
+            found["facts"]["seconds"] = worker.age
+        return found
+
+    def _started(self) -> Worker:
+        if self._worker is None:
+            self._worker = Worker(self._python, "benchmarks.field.worker", self._log)
+            self.version = self._worker.ask("begin", PATIENCE + LOADING, file=str(self.adapter))
+        return self._worker
+
+    def _load(self, judge: Judge, label: str, settings: dict[str, Any]) -> str | None:
+        """Load; why not, if it does not take the arm or ends at it: then it is not loaded for this arm again."""
+        try:
+            arm = asdict(judge.arm)
+            self._started().ask("load", PATIENCE + LOADING, arm=arm, label=label, settings=settings)
+        except Raised as raised:
+            return str(raised)
+        except Gone as gone:
+            self.close()
+            return str(gone)
         return None
-    if code < 0:
-        return f"crashes: {signal.Signals(-code).name}"
-    lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
-    return f"ends with {code}: {lines[-1][:100] if lines else ''}"
+
+    def weary(self, arm: str, label: str) -> str | None:
+        """Why these settings get no more questions on an arm; None if they do."""
+        if (arm, label) in self.hangs:
+            return "not asked: another question hangs on this arm"
+        hung = sum(other == label for _, other in self.hangs)
+        return None if hung < HANGS else f"not asked: it hangs on {hung} arms"
+
+    def close(self) -> None:
+        """End the process; what refused the arm is remembered."""
+        if self._worker is not None:
+            self._worker.close()
+        self._worker = None
+        self._loaded = {label: why for label, why in self._loaded.items() if why is not None}
 
 
-def _surroundings() -> dict[str, str]:
-    """One thread, and compiled modules kept, as for any user."""
-    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH", ""))))
-    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    return kept | ONE_THREAD | {"PYTHONPATH": path}
+def solver_of(name: str) -> Solver | str:
+    """A solver of the field by its name, in its environment; or why there is none."""
+    path = path_of(name)
+    python = environment(path)
+    log = Path(tempfile.gettempdir()) / f"kinseek-{os.getpid()}-{name}.txt"
+    return python if isinstance(python, str) else Solver(path, adapter(path), python, log)
 
 
-def _allowed(told: str) -> float:
-    """How long what a worker does may take [s]."""
-    try:
-        task = json.loads(told)
-    except ValueError:  # not begun, or just being written
-        return PATIENCE + LOADING
-    return PATIENCE + (3 * float(task["seconds"]) if task["loaded"] else LOADING)
+class Turn:
+    """A task in progress, slice by slice."""
+
+    def __init__(self, solver: Solver, task: Task, slices: list[tuple[int, int]]) -> None:
+        """Nothing is known yet."""
+        self.solver, self.task, self._slices = solver, task, slices
+        self._columns: dict[str, list[Any]] = {
+            name: [] for name in ("q", "target", "claimed", "times", "part")
+        }
+        self._facts: dict[str, Any] = {}
+        self._asked, self._spent, self._ended = 0, 0.0, ""
+
+    def take(self, judge: Judge, question: Question, asked: dict[str, Any], number: int) -> None:
+        """Ask the slice of this number, for as long as the part of the time allows that belongs to the slices so far."""
+        allowed = self.task.seconds * (number + 1) / len(self._slices) - self._spent
+        if self._ended or allowed <= 0.0:
+            return
+        first, last = self._slices[number]
+        # The slice, and behind it as many poses that follow it, to warm up with.
+        rows = np.arange(first, 2 * last - first) % len(asked["poses"])
+        targets = {
+            "poses": asked["poses"][rows],
+            "starts": asked["starts"][rows] if len(asked["starts"]) else [],
+        }
+        try:
+            settings = self.task.label, self.task.settings
+            slice = targets | {"count": last - first, "limit": allowed}
+            found = self.solver.ask(judge, *settings, question.way, self.task.seconds, **slice)
+        except (Raised, Gone) as ended:
+            self._ended = str(ended)
+            return
+        facts = found.pop("facts")
+        self._facts |= facts | {"raised": self._facts.get("raised", 0) + facts.get("raised", 0)}
+        self._asked += len(set(found["target"]))
+        self._spent += np.nansum(np.array(found["times"], dtype=float)) / 1e6
+        found["target"] = [first + target for target in found["target"]]
+        found["part"] = [number] * len(found["target"])
+        for name, column in self._columns.items():
+            column.extend(found[name])
+
+    def medians(self) -> list[float]:
+        """Median time of each slice [µs]; NaN where there is none."""
+        times, part = np.array(self._columns["times"], dtype=float), np.array(self._columns["part"])
+        each = (times[(part == number) & ~np.isnan(times)] for number in range(len(self._slices)))
+        return [float(np.median(some)) if len(some) else np.nan for some in each]
+
+    def piece(self, question: Question, count: int, host: list[float]) -> Piece:
+        """What came of it, and the times of kinseek for the same slices; if it ended early, the reason alone."""
+        columns = {name: [] if self._ended else column for name, column in self._columns.items()}
+        q = np.array(columns["q"] or np.zeros((0, 0)), dtype=float)
+        short = question.timed and self._asked < count
+        late = f"{self._asked} of {count} in {self.task.seconds:g} s"
+        return Piece(
+            self._ended or (late if short else pieces.DONE),
+            *(q, np.array(columns["target"], dtype=int), np.array(columns["claimed"], dtype=int)),
+            *(np.array(columns["times"], dtype=float), np.array(columns["part"], dtype=int)),
+            self._facts | {"version": self.solver.version, "host": host},
+            self.task.digest,
+        )
 
 
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    if hasattr(os, "killpg"):
-        os.killpg(process.pid, signal.SIGKILL)
-    else:
-        process.kill()
-    process.wait()
+def take_turns(field: Field, judge: Judge, question: Question, tasks: Sequence[tuple[Solver, Task]]) -> None:
+    """Ask a question on one arm, all solvers by turns, and write the pieces that are missing.
+
+    Where some are missing and others not, kinseek takes part again, so that there is something to compare with.
+    """
+    missing = [(solver, task) for solver, task in tasks if not task.done]
+    if not missing:
+        return
+    with np.load(field.asked(judge, question)) as file:
+        asked = dict(file)
+    count = len(asked["poses"])
+    slices = question.slices(count)
+    again = [each for each in tasks if each[0].adapter.stem == HOST and each not in missing]
+    turns = [Turn(solver, task, slices) for solver, task in [*again, *missing]]
+    # In another order each time, so that nobody always follows the same neighbour.
+    order = random.Random(f"{judge.arm.name} {question.name}")
+    for number in range(len(slices)):
+        for turn in order.sample(turns, len(turns)):
+            turn.take(judge, question, asked, number)
+    hosts = [turn for turn in turns if turn.solver.adapter.stem == HOST]
+    host = hosts[0].medians() if hosts else [np.nan] * len(slices)
+    for turn in turns[len(again) :]:
+        pieces.save(turn.task.piece, turn.piece(question, count, host))
 
 
 def measure(
-    field: Field, adapter: Path, module: Adapter, python: Path, told: Callable[[str, int], None]
-) -> str:
-    """Ask one solver everything; returns the label of the settings that did best in the sweep.
+    field: Field, solvers: Sequence[Solver], advance: Callable[[str, int], None] = lambda what, count: None
+) -> dict[str, str]:
+    """Ask all solvers everything that is not known yet.
 
     Args:
         field: The measurement.
-        adapter: File.
-        module: The same, imported.
-        python: Of its environment.
-        told: Called with what is being done and how many tasks of all are done since the last call.
+        solvers: Those that take part.
+        advance: Is called before each of `rounds` with what it is, and how many are done.
+
+    Returns:
+        By the name of a solver, the label of the settings that did best in the sweep.
     """
-    settings, name, tuned = settings_of(module), module.NAME, tuned_on(field)
-    hangs: set[tuple[str, str]] = set()
-    if len(settings) > 1:
-        for judge in tuned:
-            tasks = [task(field, adapter, judge, SWEEP, label, each) for label, each in settings.items()]
-            _do(field, python, adapter, [judge], tasks, told, f"{name}, sweep on {judge.arm.name}", hangs)
-    found = swept(field, adapter, tuned, settings)
-    best = chosen(found)
-    labels = dict.fromkeys(("recommended", best))
-    every = [
-        task(field, adapter, judge, question, label, settings[label], noise(found.get(label)))
-        for place, judge in enumerate(field.judges)
-        for label in labels
-        for question in field.questions
-        if fits(question, judge, place, field.size) and (question.tuned or label == "recommended")
-    ]
-    for judge in field.judges:
-        for each in every:
-            if each.way == "first" and each.arm == judge.arm.name:
-                _do(field, python, adapter, [judge], [each], told, f"{name} on {judge.arm.name}", hangs)
-    for begin in range(0, len(field.judges), TOGETHER):
-        judges = field.judges[begin : begin + TOGETHER]
-        arms = [judge.arm.name for judge in judges]
-        tasks = [each for each in every if each.way != "first" and each.arm in arms]
-        _do(field, python, adapter, judges, tasks, told, f"{name} on {', '.join(arms)}", hangs)
+    number = itertools.count()
+    try:
+        for judge in field.judges[: field.size.swept]:
+            advance(f"sweep on {judge.arm.name}", next(number))
+            varied = [
+                (solver, task(field, solver.adapter, judge, SWEEP, label, each))
+                for solver in solvers
+                if solver.module.SWEEP
+                for label, each in settings_of(solver.module).items()
+            ]
+            take_turns(field, judge, SWEEP, varied)
+        best, parts = {}, {}
+        for solver in solvers:
+            found = swept(field, solver.adapter, settings_of(solver.module))
+            best[solver.adapter.stem] = chosen(found)
+            parts[solver.adapter.stem] = {label: noise(each) for label, each in found.items()}
+        for place, judge in enumerate(field.judges):
+            if place % RENEWED == 0:
+                for solver in solvers:
+                    solver.close()
+            for question in field.questions:
+                if not fits(question, judge, place, field.size):
+                    continue
+                advance(f"{question.title.lower()} on {judge.arm.name}", next(number))
+                tasks = []
+                for solver in solvers:
+                    name, settings = solver.adapter.stem, settings_of(solver.module)
+                    for label in labels(field, question, best[name]):
+                        part = parts[name].get(label, 1.0)
+                        of = (judge, question, label, settings[label], part)
+                        tasks.append((solver, task(field, solver.adapter, *of)))
+                take_turns(field, judge, question, tasks)
+    finally:
+        for solver in solvers:
+            solver.close()
     return best
 
 
-def _do(
-    field: Field,
-    python: Path,
-    adapter: Path,
-    judges: Sequence[Judge],
-    tasks: list[Task],
-    told: Callable[[str, int], None],
-    what: str,
-    hangs: set[tuple[str, str]],
-) -> None:
-    absent = missing(tasks)
-    told(what, len(tasks) - len(absent))
-    for _ in work(python, adapter, judges, absent, field.folder, hangs):
-        told(what, 1)
+def labels(field: Field, question: Question, best: str) -> list[str]:
+    """Settings that a question is asked with."""
+    if not field.size.recommended:
+        return [best]
+    return list(dict.fromkeys(("recommended", best))) if question.tuned else ["recommended"]
+
+
+def rounds(field: Field) -> int:
+    """How often `measure` reports."""
+    return len(field.judges[: field.size.swept]) + sum(
+        fits(question, judge, place, field.size)
+        for place, judge in enumerate(field.judges)
+        for question in field.questions
+    )

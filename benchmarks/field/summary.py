@@ -1,4 +1,4 @@
-"""What the repository keeps of a run: a page in Markdown, of which the README's table is made."""
+"""What the repository keeps of a run: a page in short, and the page from which the README's table is made."""
 
 from __future__ import annotations
 
@@ -9,12 +9,28 @@ import pandas as pd
 
 from benchmarks.page import Page
 
+from .judge import ARMS
+from .questions import SLICES
 from .tables import summed
 from .wins import BEYOND
 
-PAGE = Path(__file__).resolve().parents[1] / "field.md"
-SHOWN = ("ur5e", "panda", "iiwa14", "irb120", "kr6r900", "puma560")
-"""Arms whose rows are kept, first one that all take; the others are in the Parquet files that the command writes."""
+PAGE, SPEED = (Path(__file__).resolve().parents[1] / name for name in ("field.md", "speed.md"))
+SHOWN = ARMS[:6]
+"""Arms of the table of speed; the others are in the Parquet files that the command writes."""
+
+COLUMNS = (
+    "**median µs**: the time of one call from Python for one random reachable pose, in microseconds. Half of the calls are "
+    "faster. One thread, no starting guess. It depends on the machine.",
+    "**× kinseek**: how many times as long the solver takes as kinseek. All solvers are measured by turns on the same "
+    f"slices of up to {200 // SLICES} poses, each in its own process, so that a machine that changes its speed does so for "
+    "all. Each time is divided by kinseek's median time for the same slice; the number is the median of these ratios. In "
+    "brackets the 95 % interval, or a dash if fewer than five slices were reached.",
+    "**mean µs**, **p99 µs**: the mean of all calls, and the time that one call in a hundred exceeds.",
+    "**exact % random**: the share of the random poses that the solver reaches within 1e-6 m and 1e-6 rad, inside the "
+    "limits, by the forward kinematics of pinocchio.",
+    "**exact % near singular**: the same share for poses at or near a singularity of the arm.",
+    "**poses**: how many random poses the solver got. Slow solvers get fewer.",
+)
 
 
 def summary(made_by: str, answers: pd.DataFrame, names: dict[str, str], won: list[str]) -> Page:
@@ -28,10 +44,11 @@ def summary(made_by: str, answers: pd.DataFrame, names: dict[str, str], won: lis
     """
     made = Page("Every solver, in short", made_by)
     made.say(
-        "Single calls from Python, one thread, no start from the answer, each solver with the settings that did best in a",
-        "small sweep. Exact: within 1e-6 m and 1e-6 rad by pinocchio's forward kinematics, and inside the limits; in",
-        "brackets the 95 % interval. [How it is measured](../docs/field.md); the command writes all questions and all arms,",
-        "as a page and as Parquet.",
+        "Single calls from Python, one thread, no starting guess, each solver with the settings that did best in a small",
+        "sweep. Exact: within 1e-6 m and 1e-6 rad by pinocchio's forward kinematics, and inside the limits. × kinseek: time",
+        "over that of kinseek for the same targets, measured by turns. Brackets hold 95 % intervals.",
+        "[How it is measured](../docs/field.md); the command writes all questions and all arms, as a page and as Parquet.",
+        "[Six arms one by one](speed.md).",
     )
     made.head("Where others do better than kinseek")
     made.items(won, "Nowhere in what was measured here.")
@@ -43,18 +60,52 @@ def summary(made_by: str, answers: pd.DataFrame, names: dict[str, str], won: lis
     for solver in (each for each in order if each in whole.index):
         cells = [_share(whole, solver, question) for question in ("random", "singular", "limits")]
         by = whole.loc[(solver, "random")] if (solver, "random") in whole.index else None
-        arms, median = (0, "–") if by is None else (int(by["arms"]), f"{by['median']:.1f}")
-        rows.append((names[solver], arms, *cells, median, int(whole.loc[solver]["false"].sum())))
+        arms, times = (
+            (0, ("–", "–")) if by is None else (int(by["arms"]), (f"{by['median']:.1f}", _ratio(by)))
+        )
+        rows.append((names[solver], arms, *cells, *times, int(whole.loc[solver]["false"].sum())))
     made.table(
-        "solver | >arms | >random poses, exact % | >near singularities | >at limits | >median µs | >false successes",
+        "solver | >arms | >random poses, exact % | >near singularities | >at limits | >median µs | >× kinseek | "
+        ">false successes",
         rows,
     )
-    made.head("Six arms")
+    return made
+
+
+def speed(
+    made_by: str, answers: pd.DataFrame, names: dict[str, str], reasons: dict[tuple[str, str], str]
+) -> Page:
+    """The page of six arms.
+
+    Args:
+        made_by: What made it, as ``python -m`` takes it.
+        answers: Marked, with the settings named as on the page.
+        names: Of solvers.
+        reasons: Why there is no time, by solver and arm, or by solver and "".
+    """
+    made = Page("How fast, beside other solvers", made_by)
+    made.say(
+        "Each solver runs with the settings that did best in a small sweep on other poses. The README shows the medians and",
+        "ratios of this table (`python -m benchmarks.speed_table`). [How it is measured](../docs/field.md).",
+    )
+    made.items(COLUMNS)
+    best = answers[answers["settings"] != "recommended"]
+    order = _by_time(summed(best, ["solver", "question"]).set_index(["solver", "question"]), names)
     made.table(
-        "arm | who | >median µs | >mean µs | >p99 µs | >exact % random | >exact % near singular | >asked",
-        [row for arm in SHOWN for row in _of(arm, best[best["arm"] == arm], names, order)],
+        "arm | solver | >median µs | >× kinseek | >mean µs | >p99 µs | >exact % random | >exact % near singular | >poses | ",
+        [row for arm in SHOWN for row in _of(arm, best[best["arm"] == arm], names, order, reasons)],
     )
     return made
+
+
+def _ratio(row: Any) -> str:
+    digits = _digits(row["ratio"])
+    low, high = (f"{row[each]:,.{digits}f}" for each in ("ratio_low", "ratio_high"))
+    return f"{row['ratio']:,.{digits}f} ({'–' if row['ratio_high'] == float('inf') else f'{low}–{high}'})"
+
+
+def _digits(ratio: float) -> int:
+    return 2 if ratio < 10.0 else 1 if ratio < 100.0 else 0
 
 
 def _share(whole: pd.DataFrame, solver: str, question: str) -> str:
@@ -74,28 +125,30 @@ def _by_time(whole: pd.DataFrame, names: dict[str, str]) -> list[str]:
     return sorted(names, key=lambda solver: (times.get(solver, float("inf")), solver))
 
 
-def _of(arm: str, answers: pd.DataFrame, names: dict[str, str], order: list[str]) -> list[tuple[Any, ...]]:
-    """Rows of an arm; who takes other arms and not this one has none of these numbers."""
+def _of(
+    arm: str,
+    answers: pd.DataFrame,
+    names: dict[str, str],
+    order: list[str],
+    reasons: dict[tuple[str, str], str],
+) -> list[tuple[Any, ...]]:
+    """Rows of an arm; a solver without a time has the reason instead."""
     if answers.empty:
         return []
     by = summed(answers, ["solver", "question"]).set_index(["solver", "question"])
     rows: list[tuple[Any, ...]] = []
     for solver in order:
         if (solver, "random") not in by.index:
-            rows.append((arm, names[solver], *["–"] * 6))
+            why = reasons.get((solver, "")) or reasons.get((solver, arm), "not measured")
+            rows.append((arm, names[solver], *["–"] * 7, why.split(":")[0]))
             continue
         random = by.loc[(solver, "random")]
-        near = by.loc[(solver, "singular"), "exact"] if (solver, "singular") in by.index else None
-        times = (f"{random[column]:.1f}" for column in ("median", "mean", "p99"))
-        asked = int(random["count"])
+        near = f"{by.loc[(solver, 'singular'), 'exact']:.1f}" if (solver, "singular") in by.index else "–"
+        times = (f"{random[column]:.1f}" for column in ("mean", "p99"))
         rows.append(
             (
-                arm,
-                names[solver],
-                *times,
-                f"{random['exact']:.1f}",
-                "–" if near is None else f"{near:.1f}",
-                asked,
+                *(arm, names[solver], f"{random['median']:.1f}", _ratio(random), *times),
+                *(f"{random['exact']:.1f}", near, int(random["count"]), ""),
             )
         )
     return rows

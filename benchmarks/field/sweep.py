@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from . import pieces
-from .judge import STRICT, Judge, good
+from .judge import STRICT, good
 from .questions import SWEEP
 from .tasks import Field, task
 
@@ -26,19 +25,17 @@ class Swept(NamedTuple):
     """Of a call [µs]."""
 
 
-def swept(
-    field: Field, adapter: Path, judges: Sequence[Judge], settings: dict[str, dict[str, Any]]
-) -> dict[str, Swept]:
+def swept(field: Field, adapter: Path, settings: dict[str, dict[str, Any]]) -> dict[str, Swept]:
     """What came of each set of settings that answered at all; of a single one nothing, for there is nothing to choose."""
     found: dict[str, Swept] = {}
     for label, each in settings.items() if len(settings) > 1 else ():
         solved, asked, times = 0, 0, []
-        for judge in judges:
+        for judge in field.judges[: field.size.swept]:
             one = task(field, adapter, judge, SWEEP, label, each)
-            piece = pieces.load(Path(one.piece))
+            piece = pieces.load(one.piece)
             if piece is None or not len(piece.target):
                 continue
-            with np.load(one.asked) as targets:
+            with np.load(field.asked(judge, SWEEP)) as targets:
                 verdict = judge.judge(piece.q, targets["poses"][piece.target])
             solved += int(good(verdict, STRICT, STRICT).sum())
             times.append(piece.times)

@@ -30,12 +30,15 @@ def collect(field: Field) -> tuple[pd.DataFrame, pd.DataFrame]:
         place = {"solver": solver, "settings": settings, "arm": arm, "question": question}
         with np.load(field.asked(judges[arm], wanted[question])) as asked:
             poses, origins, starts = asked["poses"], asked["origins"], asked["starts"]
-        known.append(place | {"state": piece.state, "asked": len(poses)} | piece.facts)
+        facts = {name: fact for name, fact in piece.facts.items() if name != "host"}
+        known.append(place | {"state": piece.state, "asked": len(poses)} | facts)
         if len(piece.target) and wanted[question].way != "wrong":
             verdict = judges[arm].judge(piece.q, poses[piece.target])
             rows = pd.DataFrame(verdict._asdict())
             rows.insert(0, "target", piece.target)
             rows["microseconds"] = piece.times
+            rows["part"] = piece.part
+            rows["relative"] = piece.times / np.array(piece.facts["host"])[piece.part]
             rows["claimed"] = pd.Series(piece.claimed).map({1: True, 0: False, -1: None}).astype("boolean")
             rows["q"] = list(piece.q)
             if len(starts):
@@ -48,7 +51,9 @@ def collect(field: Field) -> tuple[pd.DataFrame, pd.DataFrame]:
         "arm",
         "question",
         "target",
+        "part",
         "microseconds",
+        "relative",
         "claimed",
         *Verdict._fields,
         "q",
@@ -103,11 +108,17 @@ def quantile_interval(values: Any, share: float) -> tuple[float, float]:
 
 
 def summed(answers: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-    """Shares, times and what is false, of groups."""
+    """Shares, times and what is false, of groups.
+
+    `median` is that of all calls [µs]. `ratio` compares with kinseek: each time is divided by kinseek's median for the same
+    slice; of these the median. Medians of the slices first, and then their median, would count a slice in which one long
+    call took all the time as much as one with many short calls.
+    """
     rows = []
     for key, group in answers.groupby(by, sort=False):
         times = group["microseconds"].dropna()
         quick, slow = quantile_interval(times, 0.5)
+        ratio_low, ratio_high = ratio_interval(group)
         row = dict(zip(by, key, strict=True)) | {"count": len(group), "arms": group["arm"].nunique()}
         for name in ("exact", "near"):
             low, high = interval(float(group[name].sum()), len(group))
@@ -116,9 +127,28 @@ def summed(answers: pd.DataFrame, by: list[str]) -> pd.DataFrame:
             row
             | {"false": int(group["false"].sum())}
             | {"median": times.median(), "median_low": quick, "median_high": slow, "mean": times.mean()}
+            | {"ratio": group["relative"].median(), "ratio_low": ratio_low, "ratio_high": ratio_high}
             | {"p99": times.quantile(0.99), "worst": times.max()}
         )
     return pd.DataFrame(rows)
+
+
+def ratio_interval(rows: pd.DataFrame, draws: int = 200) -> tuple[float, float]:
+    """95 % of the median of `relative`, by drawing slices anew (cluster bootstrap, Davison and Hinkley 1997, 3.8).
+
+    Calls of a slice share the state of the machine, so that they are not independent. Fewer than five slices say nothing:
+    (0, inf).
+    """
+    rows = rows.dropna(subset=["relative"]).sort_values("relative")
+    slices = rows.groupby(["arm", "part"], sort=False).ngroup().to_numpy()
+    number = slices.max(initial=-1) + 1
+    if number < 5:
+        return 0.0, float("inf")
+    drawn = np.random.default_rng(0).multinomial(number, np.full(number, 1.0 / number), draws)
+    weights = np.cumsum(drawn[:, slices], axis=1)
+    medians = rows["relative"].to_numpy()[(2 * weights >= weights[:, -1:]).argmax(axis=1)]
+    low, high = np.quantile(medians, [0.025, 0.975])
+    return float(low), float(high)
 
 
 def excess(answers: pd.DataFrame) -> pd.Series:

@@ -1,4 +1,4 @@
-"""What a solver is asked: a task is one question, with one set of settings, on one arm."""
+"""Tasks: a solver with one set of settings gets one question on one arm. Each has a file for what comes of it."""
 
 from __future__ import annotations
 
@@ -11,37 +11,39 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.workers.environments import digest, required
+
 from . import pieces
-from .environments import digest, required
 from .judge import Judge
 from .protocol import Adapter
-from .questions import SIZES, Question, Size, fits
+from .questions import SIZES, SLICES, Question, Size
 
-FORMAT = "1"
-"""Another number, and other targets are drawn and everything is measured anew."""
+FORMAT = "2"
+"""Another number, and other targets are drawn and everything is measured again."""
 
 
 @dataclass(frozen=True)
 class Task:
     """One question to one solver, with one set of settings, on one arm."""
 
-    piece: str
+    piece: Path
     """File that is written."""
-    arm: str
-    """Name."""
-    asked: str
-    """File of targets."""
     label: str
     """Of the settings."""
     settings: dict[str, Any]
-    way: str
     seconds: float
     digest: str
+
+    @property
+    def done(self) -> bool:
+        """Whether there is a piece, measured with the same adapter, requirements, settings and targets."""
+        found = pieces.load(self.piece)
+        return found is not None and found.digest == self.digest
 
 
 @dataclass(frozen=True)
 class Field:
-    """A measurement: where it is kept, and what every solver is asked the same."""
+    """A measurement: where it is kept, and what every solver gets."""
 
     folder: Path
     judges: Sequence[Judge]
@@ -81,38 +83,8 @@ def task(
     asked = field.asked(judge, question)
     seconds = question.seconds * (field.size.time * part if question.tuned else 1.0)
     known = digest(
-        *(FORMAT, adapter.read_bytes(), required(adapter)),
-        *(asked.read_bytes(), json.dumps(settings, sort_keys=True), question.way, f"{seconds:g}"),
+        *(FORMAT, adapter.read_bytes(), required(adapter), asked.read_bytes()),
+        *(json.dumps(settings, sort_keys=True), f"{question.way} {SLICES} {seconds:g}"),
     )
     path = field.folder / "pieces" / adapter.stem / label / judge.arm.name / f"{question.name}.npz"
-    return Task(str(path), judge.arm.name, str(asked), label, settings, question.way, seconds, known)
-
-
-def missing(tasks: Sequence[Task]) -> list[Task]:
-    """Those of which there is no piece, or one that was measured with something else."""
-    return [
-        each for each in tasks if not (found := pieces.load(Path(each.piece))) or found.digest != each.digest
-    ]
-
-
-def finished(tasks: Sequence[Task]) -> list[Task]:
-    """Those that are done."""
-    absent = {each.piece for each in missing(tasks)}
-    return [each for each in tasks if each.piece not in absent]
-
-
-def tuned_on(field: Field) -> Sequence[Judge]:
-    """Arms of the sweep."""
-    return field.judges[: field.size.swept]
-
-
-def planned(field: Field, module: Adapter) -> int:
-    """How many tasks there are for a solver, if another than the recommended settings do best."""
-    settings = len(settings_of(module))
-    sweep = len(tuned_on(field)) * settings if settings > 1 else 0
-    return sweep + sum(
-        1 + (question.tuned and settings > 1)
-        for place, judge in enumerate(field.judges)
-        for question in field.questions
-        if fits(question, judge, place, field.size)
-    )
+    return Task(path, label, settings, seconds, known)

@@ -20,8 +20,8 @@ COMPARED = tuple(
 )
 
 BEYOND = (
-    "Beyond the 95 % intervals of both, on arms that both take. Times are means of the arms' medians, and of kinseek on the "
-    "same arms."
+    "Beyond the 95 % intervals, on arms that both take. Times are multiples of kinseek's time for the same targets, "
+    "measured by turns; medians of the arms."
 )
 """What the sentences have in common."""
 
@@ -92,17 +92,15 @@ def _compared(
     if len(level) == len(arms):
         they, we = (_tail(each[each["arm"].isin(arms)]) for each in (theirs, ours))
         if they["high"] < we["low"]:
-            yield (
-                "a shorter tail and no fewer solved exactly",
-                f"{they['p99']:.3g} µs against {we['p99']:.3g} (p99)",
-            )
+            how = "a shorter tail and no fewer solved exactly"
+            yield how, f"{they['p99']:.2f} × kinseek's median against {we['p99']:.2f} × (p99)"
 
 
 def _quicker(how: str, pairs: dict[str, Any], level: list[str]) -> Iterator[tuple[str, str]]:
-    here = [arm for arm in level if pairs[arm][0]["median_high"] < pairs[arm][1]["median_low"]]
+    here = [arm for arm in level if pairs[arm][0]["ratio_high"] < 1.0]
     if here:
-        they, we = (sum(pairs[arm][side]["median"] for arm in here) / len(here) for side in (0, 1))
-        yield how, f"{they:.3g} µs against {we:.3g} {_on(here, list(pairs))}"
+        ratio = np.median([pairs[arm][0]["ratio"] for arm in here])
+        yield how, f"{ratio:.2f} × kinseek's time {_on(here, list(pairs))}"
 
 
 def _nearer(theirs: pd.DataFrame, ours: pd.DataFrame) -> Iterator[tuple[str, str]]:
@@ -115,7 +113,7 @@ def _nearer(theirs: pd.DataFrame, ours: pd.DataFrame) -> Iterator[tuple[str, str
 
 
 def _tail(rows: pd.DataFrame) -> dict[str, float]:
-    times = rows["microseconds"].dropna()
+    times = rows["relative"].dropna()
     low, high = quantile_interval(times, 0.99)
     return {"p99": times.quantile(0.99), "low": low, "high": high}
 

@@ -1,21 +1,21 @@
-"""The writer that every page of the benchmarks comes from, and the loop that every peer is asked in."""
+"""The writer of every page of the benchmarks, and the processes that every peer runs in."""
 
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
+import kinseek
 from benchmarks.command import ROOT
+from benchmarks.field.judge import bundled
 from benchmarks.page import Page
-from benchmarks.peers import worker
-from benchmarks.peers.environments import ask
-from benchmarks.since import MANY, Side, measure
-from benchmarks.speed_table import table
-from kinseek.robots.catalog import catalog_path
+from benchmarks.since import MANY, measure, side
+from benchmarks.workers import process
+from benchmarks.workers.process import Gone, Raised, Worker
 
 
 def test_a_page_reads_as_it_was_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -43,50 +43,61 @@ def test_a_page_reads_as_it_was_said(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert str(tmp_path / "page.md") in capsys.readouterr().out
 
 
-def test_the_table_of_peers_is_what_the_speed_table_reads() -> None:
-    page = Page("Against peers", "benchmarks.peers")
-    columns = "arm | who | >median µs | >mean µs | >p99 µs | >strict % random | >strict % near singular | >faster by"
-    ours = ("panda", "**kinseek**", "6.5", "7.3", "14.3", "100.0", "99.0", "")
-    page.table(columns, [ours, ("panda", "EAIK", *"–" * 5, "six joints only")])
-    assert "| kinseek | 6.5 | 99.0 – 99.0 % |" in table(page.text)
+def test_a_worker_answers_raises_and_says_how_it_ended(tmp_path: Path) -> None:
+    module = tmp_path / "some_worker.py"
+    module.write_text(WORKER, encoding="utf-8")
+    worker = Worker(Path(sys.executable), "some_worker", tmp_path / "log.txt", source=tmp_path)
+    q = np.array([[0.1, np.nan], [np.pi, -1e-300]])
+    np.testing.assert_array_equal(worker.ask("same", 60, q=q), q)
+    with pytest.raises(Raised, match=r"^no such arm$"):
+        worker.ask("refuse", 60)
+    with pytest.raises(Raised, match=r"^ZeroDivisionError: "):
+        worker.ask("fail", 60)
+    assert worker.ask("same", 60, q=[1.0]) == [1.0], "it goes on, and what it prints is no reply"
+    with pytest.raises(Gone, match=r"^ends with 3: the reason$"):
+        worker.ask("end", 60)
+    worker.close()
+    worker = Worker(Path(sys.executable), "some_worker", tmp_path / "log.txt", source=tmp_path)
+    worker.ask("same", 60, q=[])
+    with pytest.raises(Gone, match=r"^hangs: nothing for 1 s$"):
+        worker.ask("hang", 1)
+    worker.close()
 
 
-def test_answers_are_written_in_order_and_only_the_peer_is_timed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    targets = np.tile(np.eye(4), (5, 1, 1))
-    targets[:, 0, 3] = np.arange(5)
-    np.savez(tmp_path / "arm.npz", targets=targets, lower=np.zeros(2), upper=np.ones(2))
-    asked = []
+WORKER = """
+import os, sys, time
+from benchmarks.workers.serve import Refused
 
-    def make(arm: Any) -> Any:
-        def solve(T: Any) -> Any:
-            asked.append(T[0, 3])
-            return None if T[0, 3] == 3 else np.array([T[0, 3], -1.0])
+def same(q):
+    print("something about nothing")
+    return q
 
-        return solve
+def refuse():
+    raise Refused("no such arm")
 
-    monkeypatch.setattr(worker, "limit_memory", lambda gigabytes: None)
-    monkeypatch.setattr(worker, "version", lambda name: "1.0")
-    monkeypatch.setattr(
-        sys, "argv", ["worker.py", "EAIK", str(tmp_path / "arm.npz"), str(tmp_path / "answers.npz")]
-    )
-    worker.work("help", {"EAIK": make}, 2, lambda q: (q, 0 if q is None else 2))
-    assert asked == [0, 1, 0, 1, 2, 3, 4]
-    with np.load(tmp_path / "answers.npz") as found:
-        np.testing.assert_array_equal(found["q"][:, 0], [0, 1, 2, np.nan, 4])
-        np.testing.assert_array_equal(found["said"], [2, 2, 2, 0, 2])
-        assert (found["times"] > 0).all()
-        assert str(found["version"]) == "1.0"
+def fail():
+    return 1 / 0
+
+def end():
+    print("the reason", file=sys.stderr, flush=True)
+    os._exit(3)
+
+def hang():
+    time.sleep(600)
+"""
 
 
-def test_a_peer_that_fails_says_why(tmp_path: Path) -> None:
+def test_a_peer_that_fails_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("eaik")
-    np.savez(tmp_path / "arm.npz", lower=np.zeros(7))
-    assert ask("worker.py", "EAIK", Path(sys.executable), tmp_path / "arm.npz", 60) == "six joints only"
-    assert str(ask("worker.py", "OptIK", Path(sys.executable), tmp_path / "arm.npz", 60)).startswith(
-        "ModuleNotFound"
-    )
+    monkeypatch.setattr(process, "environment", lambda requirements: Path(sys.executable))
+    arm, nothing = asdict(bundled("panda").arm), np.zeros((1, 50, 4, 4))
+    asked = {"arm": arm, "paths": nothing, "starts": np.zeros((1, 1, 7)), "free": False, "seconds": 1.0}
+    motion = Path("eaik"), "benchmarks.workers.motion", "follow", 60
+    seven = "seven joints only with one of them locked"
+    assert process.called(*motion, **asked, peer="EAIK, ladder") == seven
+    assert process.called(*motion, **asked, peer="Descartes").startswith("ModuleNotFound")
+    monkeypatch.setattr(process, "environment", lambda requirements: "could not be installed")
+    assert process.called(*motion, **asked, peer="Descartes") == "could not be installed"
 
 
 @pytest.mark.slow
@@ -98,9 +109,9 @@ def test_both_sides_of_a_comparison_answer_all() -> None:
 
 @pytest.mark.slow
 def test_a_side_that_is_not_what_was_asked_for_is_refused(tmp_path: Path) -> None:
-    np.save(tmp_path / "targets.npy", np.eye(4)[None])
-    words = [str(catalog_path("planar2")), "base", "tip", str(tmp_path / "targets.npy")]
+    targets = kinseek.load("planar2").fk(np.zeros((1, 2)))
     with pytest.raises(SystemExit, match="asked for the kinseek of"):
-        Side(tmp_path, words, tmp_path / "q.npy")
-    with pytest.raises(SystemExit, match="a process has ended"):
-        Side(ROOT / "src", ["nowhere.urdf", "a", "b", "none.npy"], tmp_path / "q.npy")
+        side(tmp_path, "planar2", targets, tmp_path / "log.txt")
+    (tmp_path / "kinseek.py").write_text("raise ImportError('too old')", encoding="utf-8")
+    with pytest.raises(SystemExit, match=r"the kinseek of .*: ends with 1: ImportError: too old"):
+        side(tmp_path, "planar2", targets, tmp_path / "log.txt")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import sys
@@ -19,10 +20,21 @@ from benchmarks.field.adapters import SOLVERS, adapter, path_of
 from benchmarks.field.agree import apart
 from benchmarks.field.judge import ARMS, bundled, good
 from benchmarks.field.page import as_html, page
-from benchmarks.field.questions import QUESTIONS, SIZES, SWEEP, WRONG, fits
-from benchmarks.field.run import measure
-from benchmarks.field.tables import collect, distinct, interval, marked, quantile_interval, write
+from benchmarks.field.questions import QUESTIONS, SIZES, SLICES, SWEEP, WRONG, fits
+from benchmarks.field.run import Solver, measure
+from benchmarks.field.summary import speed, summary
+from benchmarks.field.tables import (
+    collect,
+    distinct,
+    interval,
+    marked,
+    quantile_interval,
+    ratio_interval,
+    summed,
+    write,
+)
 from benchmarks.field.tasks import Field
+from benchmarks.speed_table import table
 from places import ROOT
 
 SOLVER = '''
@@ -44,7 +56,7 @@ class Solver:
     def solve(self, T, start):
         {solve}
         with LOG.open("a") as file:
-            file.write("solve\\n")
+            file.write("{name}\\n")
         a, b = 0.5, 0.25
         x, y = T[:2, 3]
         c = np.clip((x * x + y * y - a * a - b * b) / (2 * a * b), -1, 1)
@@ -58,6 +70,7 @@ class Solver:
 
 
 def load(arm, settings):
+    {load}
     return Solver(arm, settings)
 '''
 
@@ -66,9 +79,10 @@ QUICK = SIZES["quick"]
 PINNED = r"[A-Za-z0-9_.\[\]-]+(==[0-9a-z.+]+| @ git\+https://\S+@[0-9a-f]{40})"
 
 
-def a_solver(folder: Path, solve: str = "pass") -> Path:
-    path = folder / "plane.py"
-    path.write_text(SOLVER.format(log=str(folder / "log.txt"), solve=solve), encoding="utf-8")
+def a_solver(folder: Path, solve: str = "pass", name: str = "plane", load: str = "pass") -> Path:
+    path = folder / f"{name}.py"
+    text = SOLVER.format(log=str(folder / "log.txt"), solve=solve, name=name, load=load)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -77,9 +91,13 @@ def a_field(folder: Path, *names: str) -> Field:
     return Field(folder / "out", [bundled("planar2")], asked, size=QUICK)
 
 
-def measured(field: Field, path: Path) -> str:
+def taking_part(field: Field, path: Path) -> Solver:
     field.folder.mkdir(exist_ok=True)
-    return measure(field, path, adapter(path), Path(sys.executable), lambda what, count: None)
+    return Solver(path, adapter(path), Path(sys.executable), field.folder / f"{path.stem}.txt")
+
+
+def measured(field: Field, *paths: Path) -> str:
+    return measure(field, [taking_part(field, path) for path in paths])[paths[0].stem]
 
 
 def states(field: Field) -> dict[str, str]:
@@ -184,7 +202,7 @@ def test_a_solver_is_swept_measured_judged_and_not_asked_again(tmp_path: Path) -
     (field.folder / "pieces/plane/sweep 1/planar2/random.npz").unlink()
     measured(field, path)
     again = (tmp_path / "log.txt").read_text(encoding="utf-8")
-    assert 0 < len(again) - len(asked) <= len("solve\n") * 50, "more than the piece that was missing"
+    assert 0 < len(again) - len(asked) <= len("plane\n") * 2 * 40, "more than the piece that was missing"
     write(field, answers, known)
     assert pd.read_parquet(field.folder / "answers.parquet")["q"].map(len).eq(2).all()
     text = page(field, marked(answers), known).text
@@ -226,42 +244,68 @@ def test_an_arm_on_which_a_solver_hangs_is_left_alone(
 
 
 def test_who_hangs_on_many_arms_is_asked_no_more(tmp_path: Path) -> None:
-    path, field = a_solver(tmp_path), a_field(tmp_path, "random")
-    one = tasks.task(field, path, field.judges[0], field.questions[0], "best", {"off": 0.5})
-    others = {(f"arm {number}", "best") for number in range(run.HANGS)}
-    assert run._weary(one, set()) is None
-    assert run._weary(one, {(one.arm, "recommended")}) is None, "other settings may do"
-    assert run._weary(one, {(one.arm, "best")}) == "not asked: another question hangs on this arm"
-    assert run._weary(one, others) == f"not asked: it hangs on {run.HANGS} arms"
-    assert run._weary(one, set(list(others)[1:])) is None
+    solver = taking_part(a_field(tmp_path), a_solver(tmp_path))
+    assert solver.weary("one", "best") is None
+    solver.hangs = {("one", "recommended")}
+    assert solver.weary("one", "best") is None, "other settings may do"
+    solver.hangs = {("one", "best")}
+    assert solver.weary("one", "best") == "not asked: another question hangs on this arm"
+    solver.hangs = {(f"arm {number}", "best") for number in range(run.HANGS)}
+    assert solver.weary("one", "best") == f"not asked: it hangs on {run.HANGS} arms"
+    solver.hangs.pop()
+    assert solver.weary("one", "best") is None
 
 
+@pytest.mark.slow
 def test_an_arm_at_which_reading_ends_is_not_read_again(tmp_path: Path) -> None:
-    path, field = a_solver(tmp_path), a_field(tmp_path, "random", "singular")
-    one, two, other = (
-        tasks.task(field, path, field.judges[0], field.questions[place], label, {"off": 0.5})
-        for place, label in ((0, "recommended"), (1, "recommended"), (0, "best"))
+    log = tmp_path / "loads.txt"
+    dies = f"Path({str(log)!r}).open('a').write('load\\n'); settings['off'] and os.kill(os.getpid(), signal.SIGSEGV)"
+    path, field = a_solver(tmp_path, load=dies), a_field(tmp_path, "random", "singular")
+    assert measured(field, path) == "sweep 1"
+    found = states(field)
+    assert found["recommended random"] == found["recommended singular"] == "crashes: SIGSEGV"
+    assert found["sweep 1 random"] == found["sweep 1 singular"] == pieces.DONE
+    loads = log.read_text(encoding="utf-8").count("load")
+    assert loads <= 2 * 3, "once a process for either settings, and again for those that a crash took away"
+
+
+@pytest.mark.slow
+def test_solvers_are_measured_by_turns_and_compared_slice_by_slice(tmp_path: Path) -> None:
+    calm = "LOG.parent.joinpath('slow').exists() and time.sleep(2e-3)"
+    host, slow = (
+        a_solver(tmp_path, calm, "kinseek"),
+        a_solver(tmp_path, f"time.sleep(1e-3); {calm}", "slow_one"),
     )
-    current, left = tmp_path / "current.json", [one, two, other]
-    assert run._stuck(current, left) == [one], "nothing is known of where it ended"
-    for loaded, stuck in ((True, [two]), (False, [one, two])):
-        current.write_text(json.dumps({"piece": two.piece, "loaded": loaded}), encoding="utf-8")
-        assert run._stuck(current, left) == stuck
+    other = a_solver(tmp_path, f"time.sleep(2e-3); {calm}", "other")
+    field = a_field(tmp_path, "random")
+    field = replace(field, size=replace(QUICK, swept=0), questions=[replace(field.questions[0], seconds=9.0)])
+    assert measured(field, host, slow) == "recommended"
+    order = (tmp_path / "log.txt").read_text(encoding="utf-8").split()
+    changes = sum(one != other for one, other in itertools.pairwise(order))
+    assert changes >= SLICES - 1, "each took all of its targets at once"
+    (tmp_path / "slow").touch()
+    measured(field, host, slow, other)
+    answers, _ = collect(field)
+    rows = summed(marked(answers), ["solver"]).set_index("solver")
+    assert rows.loc["kinseek", ["ratio", "ratio_low", "ratio_high"]].tolist() == [1.0, 1.0, 1.0]
+    assert rows.loc["slow_one", "ratio"] > 5.0
+    assert 1.5 < rows.loc["other", "ratio"] < 2.5, "compared with kinseek on the machine as it was before"
+    assert set(answers["part"]) == set(range(SLICES))
 
 
 def test_what_changed_is_measured_anew(tmp_path: Path) -> None:
     path, field = a_solver(tmp_path), a_field(tmp_path, "random")
     question, judge = field.questions[0], field.judges[0]
     one = tasks.task(field, path, judge, question, "recommended", {"off": 0.5})
-    pieces.save(Path(one.piece), pieces.Piece(pieces.DONE, digest=one.digest))
-    assert tasks.missing([one]) == []
+    pieces.save(one.piece, pieces.Piece(pieces.DONE, digest=one.digest))
+    assert one.done
     answers, known = collect(field)
     assert "not measured" in page(field, marked(answers), known).text, "a page without any answer"
     other = tasks.task(field, path, judge, question, "recommended", {"off": 0.0})
-    assert tasks.missing([other]) == [other]
+    assert not other.done
     a_solver(tmp_path, "T = T")
     changed = tasks.task(field, path, judge, question, "recommended", {"off": 0.5})
-    assert tasks.missing([changed]) == [changed]
+    assert not changed.done
 
 
 def test_answers_are_counted_once_whoever_found_them() -> None:
@@ -308,6 +352,27 @@ def test_intervals_hold_what_they_are_of() -> None:
     assert 2950 < low < 2970 < high < 2990
 
 
+def test_the_interval_of_a_ratio_knows_that_a_slice_shares_its_luck() -> None:
+    rng, hits, narrow = np.random.default_rng(0), [], []
+    for _ in range(200):
+        luck = np.repeat(rng.normal(scale=0.1, size=20), 25)
+        relative = 2.0 + luck + rng.normal(scale=0.02, size=500)
+        rows = pd.DataFrame({"arm": "a", "part": np.repeat(np.arange(20), 25), "relative": relative})
+        hits.append(ratio_interval(rows)[0] <= 2.0 <= ratio_interval(rows)[1])
+        narrow.append(quantile_interval(relative, 0.5)[0] <= 2.0 <= quantile_interval(relative, 0.5)[1])
+    assert 0.88 < np.mean(hits) < 0.99
+    assert np.mean(narrow) < 0.6, "as if all calls were independent"
+    few = pd.DataFrame({"arm": "a", "part": [0, 1, 2, 3], "relative": 0.5})
+    assert ratio_interval(few) == (0.0, np.inf), "four slices say nothing"
+
+
+def test_a_long_call_that_ends_a_slice_counts_once() -> None:
+    part = [0, 1, 2, 3, 4, 5, *[6] * 20, *[7] * 20]
+    rows = pd.DataFrame({"arm": "a", "part": part, "relative": [90.0] * 6 + [2.0] * 40})
+    counted = rows.assign(solver="one", microseconds=1.0, exact=True, near=True, false=False)
+    assert summed(counted, ["solver"])["ratio"].tolist() == [2.0]
+
+
 @pytest.mark.slow
 def test_the_adapter_of_the_documentation_is_short_and_solves(tmp_path: Path) -> None:
     pytest.importorskip("scipy")
@@ -321,10 +386,8 @@ def test_the_adapter_of_the_documentation_is_short_and_solves(tmp_path: Path) ->
     random = next(each for each in QUESTIONS if each.name == "random")
     field = Field(tmp_path / "out", [bundled("ur5e")], [replace(random, count=25, seconds=5.0)], size=QUICK)
     field.folder.mkdir()
-    asked = [
-        tasks.task(field, path, field.judges[0], field.questions[0], "recommended", adapter(path).RECOMMENDED)
-    ]
-    assert len(list(run.work(Path(sys.executable), path, field.judges, asked, field.folder))) == 1
+    field = replace(field, size=replace(QUICK, swept=0))
+    measured(field, path)
     answers, _ = collect(field)
     assert len(answers) == 5
     assert marked(answers)["near"].any()
@@ -332,17 +395,17 @@ def test_the_adapter_of_the_documentation_is_short_and_solves(tmp_path: Path) ->
 
 def test_runs_agree_where_their_intervals_meet() -> None:
     def run_of(share: float, median: float) -> pd.DataFrame:
-        rows = {"solver": "a", "settings": "best", "question": "random", "exact": share, "median": median}
+        rows = {"solver": "a", "settings": "best", "question": "random", "exact": share, "ratio": median}
         ends = {
             "exact_low": share - 1,
             "exact_high": share + 1,
-            "median_low": median - 1,
-            "median_high": median + 1,
+            "ratio_low": median - 1,
+            "ratio_high": median + 1,
         }
         return pd.DataFrame([rows | ends])
 
     assert apart([run_of(98.0, 10.0), run_of(99.0, 11.0), run_of(98.5, 10.5)]) == (
-        {"exact": 1, "median": 1},
+        {"exact": 1, "ratio": 1},
         [],
     )
     _, told = apart([run_of(90.0, 10.0), run_of(99.0, 10.0)])
@@ -363,7 +426,7 @@ def test_time_is_spent_where_shares_vary_and_never_less_than_a_part() -> None:
 
 
 def test_what_is_installed_from_the_repository_is_made_anew_when_its_sources_change(tmp_path: Path) -> None:
-    from benchmarks.field.environments import required
+    from benchmarks.workers.environments import required
 
     (tmp_path / "a.txt").write_text("numpy==2.4.6\n", encoding="utf-8")
     (tmp_path / "b.txt").write_text(".\nnumpy==2.4.6\n", encoding="utf-8")
@@ -371,32 +434,29 @@ def test_what_is_installed_from_the_repository_is_made_anew_when_its_sources_cha
     assert len({required(tmp_path / name) for name in ("a.py", "b.py")}) == 2
 
 
-def test_the_page_in_short_is_what_the_speed_table_reads() -> None:
-    from benchmarks.field.summary import summary
-    from benchmarks.speed_table import table
-
+def test_the_page_of_speed_is_what_the_table_of_the_readme_shows() -> None:
     def rows(solver: str, question: str, microseconds: float) -> list[dict[str, object]]:
+        counted = {"exact": True, "near": True, "false": False}
         return [
-            {
-                "solver": solver,
-                "settings": "best",
-                "arm": "panda",
-                "question": question,
-                "microseconds": microseconds + i,
-                "exact": True,
-                "near": True,
-                "false": False,
-            }
-            for i in range(-5, 6)
+            {"solver": solver, "settings": "best", "arm": "panda", "question": question, "part": i % SLICES}
+            | {"microseconds": microseconds + i - 8, "relative": (microseconds + i - 8) / 8.0}
+            | counted
+            for i in range(17)
         ]
 
     answers = pd.DataFrame(
         [*rows("one", "random", 8.0), *rows("one", "singular", 9.0), *rows("two", "random", 20.0)]
     )
-    text = summary(
-        "some", answers, {"one": "One", "two": "Two", "three": "Three"}, ["**Two** is smaller."]
-    ).text
+    names = {"one": "One", "two": "Two", "three": "Three", "four": "Four"}
+    text = summary("some", answers, names, ["**Two** is smaller."]).text
     assert "- **Two** is smaller." in text
-    assert "| One | 1 | 100.0 (74.1–100.0) | 100.0 (74.1–100.0) | – | 8.0 | 0 |" in text
-    assert "| panda | Three | – | – | – | – | – | – |" in text
-    assert table(text).splitlines()[2] == "| One | 8.0 | 100.0 – 100.0 % |"
+    assert "| One | 1 | 100.0 (81.6–100.0) | 100.0 (81.6–100.0) | – | 8.0 | 1.00 (0.75–1.00) | 0 |" in text
+    reasons = {("three", ""): "could not be installed: no such wheel", ("four", "panda"): "hangs"}
+    text = speed("some", answers, names, reasons).text
+    assert "| panda | Three | – | – | – | – | – | – | – | could not be installed |" in text
+    assert table(text).splitlines()[2:] == [
+        "| One | 8.0 | 100.0 – 100.0 % |",
+        "| Two | 20.0 (2.5) | – |",
+        "| Four | – | hangs |",
+        "| Three | – | could not be installed |",
+    ]

@@ -38,7 +38,9 @@ def answered(
             "arm": arm,
             "question": question,
             "target": np.arange(count),
+            "part": np.arange(count) // 10,
             "microseconds": microseconds * (1.0 + np.arange(count) / 1000.0),
+            "relative": microseconds / 10.0 * (1.0 + np.arange(count) / 1000.0),
             "claimed": pd.array([claimed] * count, dtype="boolean"),
             "position_error": np.where(np.arange(count) < exact, 1e-9, error),
             "orientation_error": 0.0,
@@ -58,8 +60,8 @@ def test_who_solves_more_or_is_quicker_or_has_a_shorter_tail_is_named() -> None:
     ]
     quicker = won(answered("kinseek"), answered("one", microseconds=5.0), answered("two", microseconds=6.0))
     assert quicker == [
-        "**Random poses**, quicker and no fewer solved exactly: One (best) 5.25 µs against 10.5 on 1 of 1 arm (panda); "
-        "Two (best) 6.3 µs against 10.5 on 1 of 1 arm (panda)."
+        "**Random poses**, quicker and no fewer solved exactly: One (best) 0.52 × kinseek's time on 1 of 1 arm "
+        "(panda); Two (best) 0.63 × kinseek's time on 1 of 1 arm (panda)."
     ]
     many = [
         answered(solver, count=3000, exact=3000, microseconds=t)
@@ -85,7 +87,7 @@ def test_out_of_reach_counts_who_says_so_and_who_is_nearer() -> None:
         "whatever the turn."
     )
     (said,) = won(ours, answered("one", "unreachable", exact=0, error=2.0, microseconds=5.0, claimed=False))
-    assert said.startswith("**Out of reach**, quicker: One (best) 5.25 µs against 10.5")
+    assert said.startswith("**Out of reach**, quicker: One (best) 0.52 × kinseek's time")
 
 
 def test_every_answer_is_of_those_found_and_no_share() -> None:

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
-from benchmarks.branches import SWEPT, restarts
+from benchmarks.branches import SWEPT, eaik, restarts
 from benchmarks.self_motion import STEP, along
 from benchmarks.targets import plain_fk, random_joints, singular_joints, strict
 from chains import wide_panda
@@ -101,42 +101,16 @@ def test_a_proof_of_none_and_of_endlessly_many() -> None:
 # Witnesses
 
 
-def eaik_branches(arm: kinseek.Arm) -> Any:
-    """A function that gives EAIK's exact answers inside the limits, as worker.py in benchmarks/peers calls it."""
-    module = pytest.importorskip("eaik.IK_HP")
-    chain, frame = arm.chain, np.eye(4)
-    axes, offsets, last = [], [], np.zeros(3)
-    for k in range(7):
-        frame = frame @ np.vstack([chain.fixed[k], [0, 0, 0, 1]])
-        offsets.append(frame[:3, 3] - last)
-        last = frame[:3, 3].copy()
-        if k < 6:
-            axes.append(frame[:3, 2] * chain.multiplier[k])
-    robot, turn = module.HPRobot(np.array(axes), np.array(offsets)), frame[:3, :3].T
-    assert robot.hasKnownDecomposition()
-    middle = (arm.lower + arm.upper) / 2
-
-    def solve(target: Array) -> Array:
-        turned = target.copy()
-        turned[:3, :3] = target[:3, :3] @ turn
-        found = robot.IK(turned)
-        q = np.asarray(found.Q).reshape(-1, 6)
-        q = middle + (q - middle + np.pi) % (2 * np.pi) - np.pi
-        inside = ((q >= arm.lower - 1e-9) & (q <= arm.upper + 1e-9)).all(axis=1)
-        q = np.clip(q[inside & ~np.asarray(found.is_LS, dtype=bool)], arm.lower, arm.upper)
-        return q[strict(arm.chain, q, np.broadcast_to(target, (len(q), 4, 4)))]
-
-    return solve
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5e", "puma560", "irb120", "kr6r900"])
 def test_the_same_answers_as_a_closed_form(name: str) -> None:
     arm = kinseek.load(name)
-    solve = eaik_branches(arm)
+    pytest.importorskip("eaik.IK_HP")
+    solve = eaik(arm)
     lacking, most = 0, 0
     for target in plain_fk(arm.chain, random_joints(arm.chain, 300, 21)):
         mine, theirs = one(arm.branches(target)), solve(target)
+        theirs = theirs[strict(arm.chain, theirs, np.broadcast_to(target, (len(theirs), 4, 4)))]
         assert_true(arm, mine, target)
         near = apart(theirs, mine.q) if len(mine) else np.full((len(theirs), 1), np.inf)
         lacking += int((near.min(axis=1) > 1e-3).any())

@@ -16,7 +16,7 @@ from places import ROOT
 pytestmark = pytest.mark.slow
 
 KEPT = ("benchmarks", "experiments", "docs")
-PARTS = {"__init__", "command", "environments", "outside", "page", "scene_peers", "targets"}
+PARTS = {"__init__", "command", "outside", "page", "scene_peers", "targets"}
 """Files of benchmarks/ that others import and nobody runs; those that begin with test_ are for pytest."""
 
 SCRIPTS = [
@@ -25,16 +25,11 @@ SCRIPTS = [
         for path in sorted((ROOT / "benchmarks").glob("*.py"))
         if path.stem not in PARTS and not path.stem.startswith("test_")
     ),
-    *(path for path in sorted((ROOT / "benchmarks" / "peers").glob("[!_]*.py")) if path.stem not in PARTS),
-    ROOT / "benchmarks" / "peers" / "__main__.py",
     ROOT / "benchmarks" / "field" / "__main__.py",
     ROOT / "benchmarks" / "maps" / "__main__.py",
     ROOT / "benchmarks" / "field" / "agree.py",
     ROOT / "experiments" / "__main__.py",
 ]
-AS_FILES = ("worker", "branches_worker", "unreachable_worker", "path_worker", "scene_worker", "servo_worker")
-"""Run from the environment of a peer."""
-
 scripts = pytest.mark.parametrize(
     "script", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT).with_suffix(""))
 )
@@ -47,7 +42,7 @@ def module(script: Path) -> str:
 def kept() -> dict[str, tuple[int, int]]:
     """Time of change [ns] and size of everything that a script may write."""
     files = [path for folder in KEPT for path in (ROOT / folder).rglob("*")] + list(ROOT.glob("*"))
-    ignored = {"__pycache__", ".venvs", ".since"}
+    ignored = {"__pycache__", ".since"}
     return {
         str(path): (path.stat().st_mtime_ns, path.stat().st_size)
         for path in files
@@ -59,9 +54,13 @@ def kept() -> dict[str, tuple[int, int]]:
 @scripts
 def test_help_prints_and_writes_nothing(script: Path) -> None:
     before = kept()
-    how = [str(script)] if script.stem in AS_FILES else ["-m", module(script)]
     done = subprocess.run(
-        [sys.executable, *how, "--help"], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-m", module(script), "--help"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert "usage:" in done.stdout
@@ -73,7 +72,7 @@ def run(script: Path) -> None:
     """Run a script as Python would, in this process, which has loaded most of what it needs."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Python warns of a module that is run after it was imported.
-        if script.stem in AS_FILES or script.stem.startswith("test_"):
+        if script.stem.startswith("test_"):
             runpy.run_path(str(script), run_name="__main__")
         else:
             runpy.run_module(module(script), run_name="__main__", alter_sys=True)

@@ -41,7 +41,7 @@ class _Solver:
         return Answer(found[0].q, True) if len(found) else Answer(None, False)
 
     def branches(self, T: Array) -> Sequence[Array]:
-        return [each.q for each in self._solve(T)]
+        return [each.q for each in self._solve(T, enumerate_windings=self._set["enumerate_windings"])]
 
 
 def _built(arm: Arm) -> Any:

@@ -23,7 +23,7 @@ def digest(*parts: bytes | str) -> str:
 
 @cache
 def required(adapter: Path) -> str:
-    """Digest of what a solver is installed from: its requirements, and where this repository is one, what is built of it."""
+    """Digest of what a solver is installed from: its requirements, and the sources of this repository if it is one."""
     requirements = adapter.with_suffix(".txt")
     if not requirements.is_file():
         return ""
@@ -32,12 +32,14 @@ def required(adapter: Path) -> str:
     return digest(text, *(path.read_bytes() for path in own))
 
 
+ENVIRONMENTS = ROOT / "build" / "field" / "environments"
+
 HERE = b"."
 """This repository, in a file of requirements."""
 
 
-def environment(adapter: Path, folder: Path) -> Path | str:
-    """Python of a solver's environment, made anew where its requirements have changed; or why there is none.
+def environment(adapter: Path, folder: Path = ENVIRONMENTS) -> Path | str:
+    """Python of a solver's environment, made again if its requirements have changed; or why there is none.
 
     Args:
         adapter: Its file; the requirements have the same name and end in .txt.
@@ -86,9 +88,9 @@ def environment(adapter: Path, folder: Path) -> Path | str:
 
 
 def megabytes(python: Path) -> float:
-    """What an environment's packages take on disk, those that the solver stands on among them [MB]."""
-    told = [str(python), "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"]
-    folder = Path(subprocess.run(told, capture_output=True, text=True, check=True).stdout.strip())
+    """What an environment's packages take on disk, dependencies included [MB]."""
+    command = [str(python), "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"]
+    folder = Path(subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip())
     return (
         sum(path.stat().st_size for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
         / 1e6

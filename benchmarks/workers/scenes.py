@@ -1,9 +1,8 @@
 """One peer that checks a Panda against itself and capsules around it, in its own environment.
 
-Imports NumPy and the peer, nothing of kinseek. Each has its own model of the arm: VAMP spheres that are compiled in,
-the fingers a little farther open than the file's can be; PyRoki a capsule around the meshes of each link.
-
-    python scene_worker.py PEER INPUT.npz OUTPUT.npz
+Served by `benchmarks.workers.serve`. Imports NumPy and the peer, nothing of kinseek. Each has its own model of the arm: VAMP
+spheres that are compiled in, the fingers a little farther open than the file's can be; PyRoki a capsule around the meshes of
+each link.
 """
 
 from __future__ import annotations
@@ -16,12 +15,11 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from worker import arguments
+
+from .serve import Refused
 
 Check = tuple[Callable[[Any], Any], Callable[[Any], Any]]
 """Joint values, (7,), to free or not; and of many, (k, 7)."""
-
-DISTRIBUTIONS = {"VAMP": "vamp-planner", "PyRoki": "pyroki"}
 
 REPEATS = 3
 
@@ -30,7 +28,7 @@ def vamp(scene: Any) -> Check:
     """Its spheres, eight joint values side by side; from Python it takes one at a time."""
     module = importlib.import_module("vamp")
     if list(module.panda.joint_names()) != [str(name) for name in scene["joints"]]:
-        raise RuntimeError("its spheres are those of the Panda")
+        raise Refused("its spheres are those of the Panda")
     environment = module.Environment()
     for begin, end, radius in zip(scene["begins"], scene["ends"], scene["radii"], strict=True):
         # By middle and Euler angles: its other way to make one, by two ends, ends the process in release 0.6.4.
@@ -40,7 +38,7 @@ def vamp(scene: Any) -> Check:
         capsule = module.Cylinder(((begin + end) / 2).tolist(), turn, float(radius), float(length))
         ends = np.array([[capsule.x1, capsule.y1, capsule.z1], [capsule.x2, capsule.y2, capsule.z2]])
         if min(np.abs(ends - [begin, end]).max(), np.abs(ends - [end, begin]).max()) > 1e-5:
-            raise RuntimeError("a capsule of it lies elsewhere")
+            raise Refused("a capsule of it lies elsewhere")
         environment.add_capsule(capsule)
     validate = module.panda.validate
 
@@ -100,7 +98,11 @@ def pyroki(scene: Any) -> Check:
     return one, lambda many: np.asarray(batch(full(many))) > 0
 
 
-PEERS = {"VAMP": vamp, "PyRoki": pyroki}
+CHECKERS: dict[str, tuple[str, str, Callable[[Any], Check]]] = {
+    "VAMP": ("vamp", "vamp-planner", vamp),
+    "PyRoki": ("pyroki", "pyroki", pyroki),
+}
+"""Of each the name of its requirements, its distribution, and what makes it."""
 
 
 def seconds(work: Callable[[], Any]) -> float:
@@ -113,23 +115,14 @@ def seconds(work: Callable[[], Any]) -> float:
     return min(times)
 
 
-def main() -> None:
-    """Check every q; write what is free, and what one and one of a batch take [µs]."""
-    name, source, destination = arguments(__doc__, PEERS)
-    scene = dict(np.load(source, allow_pickle=False))
-    one, many = PEERS[name](scene)
+def check(peer: str, scene: dict[str, Any]) -> dict[str, Any]:
+    """Check every q of a scene; what is free, and what one and one of a batch take [µs]."""
+    _, distribution, make = CHECKERS[peer]
+    scene = {name: np.array(value) for name, value in scene.items()}
+    one, many = make(scene)
     q = scene["q"].astype(np.float32)  # As both of them compute.
     few = q[: max(len(q) // 10, 1)]
     free = np.asarray(many(q))
     single, batch = seconds(lambda: [one(each) for each in few]), seconds(lambda: many(q))
-    np.savez(
-        destination,
-        free=free,
-        version=version(DISTRIBUTIONS[name]),
-        single=single / len(few) * 1e6,
-        batch=batch / len(q) * 1e6,
-    )
-
-
-if __name__ == "__main__":
-    main()
+    times = {"single": single / len(few) * 1e6, "batch": batch / len(q) * 1e6}
+    return times | {"free": free, "version": version(distribution)}

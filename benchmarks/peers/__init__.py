@@ -1,1 +1,0 @@
-"""Other inverse kinematics on the same targets, each from its wheel."""

@@ -1,0 +1,521 @@
+"""Peers that move: along paths of one arm, or one step a period behind a pose that moves.
+
+Served by `benchmarks.workers.serve` in the peer's environment. Imports NumPy and the peer, nothing of kinseek. On paths,
+peers that go from pose to pose get a start, and solve each pose from the answer before it, without restarts: one that fails
+ends there. Peers that choose among branches get no start. As trackers all make one step a period, keep the limits of the
+joints and their speeds by their own means, and go on from their last answer.
+"""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.field.adapters import adapter, path_of
+from benchmarks.field.protocol import Arm, Refused, arm_of
+
+Follow = Callable[[Any, Any], Any]
+"""Poses (N, 4, 4) and a start (n,) to joint values (N, n), NaN from where nothing was found."""
+
+LARGEST = 0.2
+"""A joint that goes farther between two poses has jumped [rad]."""
+
+ROUNDS = 40
+"""Steps of a differential method at one pose, at most."""
+
+CLOSE = 1e-6
+"""Where a differential method is done with a pose [m], [rad]."""
+
+RESTARTING: dict[str, dict[str, Any]] = {
+    "robotics_toolbox": {"method": "chan", "k": 0.1, "tol": 1e-13, "middle": True}
+    | {"ilimit": 30, "slimit": 1, "joint_limits": True},
+    "optik": {"solution_mode": "speed", "max_time": 0.1, "max_restarts": 1, "tol_f": 2.5e-13},
+    "trac_ik": {"timeout": 0.05, "epsilon": 5e-7, "solver_type": "Speed"},
+}
+"""Adapters of the field and their settings here, without restarts where that can be chosen. None of these can leave an axis
+free, so on a raster the rotation is held. TRAC-IK restarts by itself: then there is a jump."""
+
+
+class Pink:
+    """A frame task and limits as a quadratic programme of pinocchio."""
+
+    def __init__(self, arm: Arm, free: bool, period: float, velocity: float | None) -> None:
+        """Of an arm; `free` leaves the turn about the tool open; without `velocity` [rad/s] a step may be of any length."""
+        import pinocchio as pin
+
+        self._pin, self._module = pin, importlib.import_module("pink")
+        tasks, limits = importlib.import_module("pink.tasks"), importlib.import_module("pink.limits")
+        self._model = model = pin.buildModelFromUrdf(arm.urdf)
+        self._state = self._module.Configuration(model, model.createData(), pin.neutral(model))
+        self._root = self._state.get_transform_frame_to_world(arm.base).copy()
+        damping = 1e-9 if velocity is None else 1e-6
+        self._task = tasks.FrameTask(arm.tip, 1.0, [1.0, 1.0, 0.0] if free else 1.0, lm_damping=damping)
+        self._kept = [limits.ConfigurationLimit(model, config_limit_gain=1.0)]
+        if velocity is not None:
+            model.velocityLimit = np.full(model.nv, velocity)
+            self._kept.append(limits.VelocityLimit(model))
+        self._arm, self._period = arm, period
+
+    def stand(self, q: Any) -> None:
+        """Begin there."""
+        self._state.update(q)
+
+    def aim(self, T: Any) -> Any:
+        """Take a pose for the target; how far it is, (6,)."""
+        self._task.set_target(self._root * self._pin.SE3(T))
+        return self._task.compute_error(self._state)
+
+    def step(self) -> None:
+        """One period on."""
+        v = self._module.solve_ik(
+            self._state, [self._task], self._period, solver="daqp", limits=self._kept, safety_break=False
+        )
+        self._state.update(np.clip(self._state.q + self._period * v, self._arm.lower, self._arm.upper))
+
+    @property
+    def q(self) -> Any:
+        """Where it stands."""
+        return self._state.q
+
+
+class Mink:
+    """The same in MuJoCo."""
+
+    def __init__(self, arm: Arm, free: bool, period: float, velocity: float | None) -> None:
+        """As of `Pink`; the file knows no masses, so they are given."""
+        mujoco, self._module = importlib.import_module("mujoco"), importlib.import_module("mink")
+        text = Path(arm.urdf).read_text(encoding="utf-8")
+        compiler = 'boundmass="0.1" boundinertia="0.01" fusestatic="false" discardvisual="true"'
+        end = text.rindex("</robot>")
+        self._model = model = mujoco.MjModel.from_xml_string(
+            f"{text[:end]}<mujoco><compiler {compiler}/></mujoco>{text[end:]}"
+        )
+        self._joints = np.array([model.joint(name).qposadr[0] for name in arm.joints])
+        self._state = self._module.Configuration(model)
+        damping = 1e-9 if velocity is None else 1e-6
+        self._task = self._module.FrameTask(
+            arm.tip, "body", 1.0, [1.0, 1.0, 0.0] if free else 1.0, lm_damping=damping
+        )
+        self._kept = [self._module.ConfigurationLimit(model, gain=1.0)]
+        if velocity is not None:
+            self._kept.append(self._module.VelocityLimit(model, dict.fromkeys(arm.joints, velocity)))
+        self._root = self._state.get_transform_frame_to_world(arm.base, "body")
+        self._arm, self._period = arm, period
+
+    def stand(self, q: Any) -> None:
+        """Begin there."""
+        whole = self._state.q.copy()
+        whole[self._joints] = q
+        self._state.update(whole)
+
+    def aim(self, T: Any) -> Any:
+        """Take a pose for the target; how far it is, (6,)."""
+        self._task.set_target(self._root.multiply(self._module.SE3.from_matrix(T)))
+        return self._task.compute_error(self._state)
+
+    def step(self) -> None:
+        """One period on."""
+        v = self._module.solve_ik(self._state, [self._task], self._period, "daqp", limits=self._kept)
+        whole = self._state.q + self._period * v
+        whole[self._joints] = np.clip(whole[self._joints], self._arm.lower, self._arm.upper)
+        self._state.update(whole)
+
+    @property
+    def q(self) -> Any:
+        """Where it stands."""
+        return self._state.q[self._joints].copy()
+
+
+class Loop:
+    """The loop of pinocchio's manual, damped, with clamping; a free turn is a row left out; a fast step is scaled down."""
+
+    def __init__(self, arm: Arm, free: bool, period: float, velocity: float | None) -> None:
+        """As of `Pink`."""
+        import pinocchio as pin
+
+        self._pin, self._model = pin, pin.buildModelFromUrdf(arm.urdf)
+        self._data = self._model.createData()
+        self._frame = self._model.getFrameId(arm.tip)
+        pin.framesForwardKinematics(self._model, self._data, pin.neutral(self._model))
+        self._root = self._data.oMf[self._model.getFrameId(arm.base)].copy()
+        self._rows = np.arange(5 if free else 6)
+        self._arm, self._reach = arm, np.inf if velocity is None else velocity * period
+        self.q = arm.middle
+
+    def stand(self, q: Any) -> None:
+        """Begin there."""
+        self.q = np.asarray(q)
+
+    def aim(self, T: Any) -> Any:
+        """Take a pose for the target; how far it is, (6,)."""
+        self._pin.framesForwardKinematics(self._model, self._data, self.q)
+        self._error = self._data.oMf[self._frame].actInv(self._root * self._pin.SE3(T))
+        self._twist = self._pin.log6(self._error).vector
+        return self._twist
+
+    def step(self) -> None:
+        """One period on."""
+        pin, rows = self._pin, self._rows
+        J = pin.computeFrameJacobian(self._model, self._data, self.q, self._frame)
+        J = (pin.Jlog6(self._error.inverse()) @ J)[rows]
+        move = J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(len(rows)), self._twist[rows])
+        move *= min(1.0, self._reach / max(float(np.abs(move).max()), 1e-12))
+        self.q = np.clip(self.q + move, self._arm.lower, self._arm.upper)
+
+
+class Placo:
+    """A quadratic programme of a frame task with limits of joints and speeds, solved and integrated in C++."""
+
+    def __init__(self, arm: Arm, free: bool, period: float, velocity: float) -> None:
+        """As of `Pink`, as a tracker alone."""
+        module = importlib.import_module("placo")
+        self._robot = robot = module.RobotWrapper(arm.urdf, module.Flags.ignore_collisions)
+        self._names = arm.joints
+        robot.set_velocity_limits(velocity)
+        self._solver = solver = module.KinematicsSolver(robot)
+        solver.mask_fbase(True)
+        solver.enable_joint_limits(True)
+        solver.enable_velocity_limits(True)
+        solver.dt = period
+        solver.add_regularization_task(1e-6)
+        robot.update_kinematics()
+        self._root = robot.get_T_world_frame(arm.base).copy()
+        self._task = solver.add_frame_task(arm.tip, self._root)
+        self._task.configure("hand", "soft", 1.0, 1.0)
+
+    def stand(self, q: Any) -> None:
+        """Begin there."""
+        for name, value in zip(self._names, q, strict=True):
+            self._robot.set_joint(name, float(value))
+        self._robot.update_kinematics()
+
+    def aim(self, T: Any) -> None:
+        """Take a pose for the target."""
+        self._task.T_world_frame = self._root @ T
+
+    def step(self) -> None:
+        """One period on."""
+        self._solver.solve(True)
+        self._robot.update_kinematics()
+
+    @property
+    def q(self) -> Any:
+        """Where it stands."""
+        return np.array([self._robot.get_joint(name) for name in self._names])
+
+
+class Drake:
+    """Differential inverse kinematics that keeps the direction of the hand and slows it down."""
+
+    def __init__(self, arm: Arm, free: bool, period: float, velocity: float) -> None:
+        """As of `Pink`, as a tracker alone."""
+        self._module = importlib.import_module("pydrake.multibody.inverse_kinematics")
+        parsing = importlib.import_module("pydrake.multibody.parsing")
+        self._rotation = importlib.import_module("pydrake.math").RotationMatrix
+        tree = importlib.import_module("pydrake.multibody.tree")
+        self._plant = plant = importlib.import_module("pydrake.multibody.plant").MultibodyPlant(0.0)
+        parsing.Parser(plant).AddModels(arm.urdf)
+        self._base, self._tip = plant.GetFrameByName(arm.base), plant.GetFrameByName(arm.tip)
+        plant.WeldFrames(plant.world_frame(), self._base)
+        plant.Finalize()
+        self._context, self._kind = plant.CreateDefaultContext(), tree.JacobianWrtVariable.kV
+        self._columns = [plant.GetJointByName(name).position_start() for name in arm.joints]
+        self._order, self._period = np.argsort(self._columns), period
+        speeds = np.full(plant.num_velocities(), velocity)
+        self._set = self._module.DifferentialInverseKinematicsParameters(
+            plant.num_positions(), plant.num_velocities()
+        )
+        self._set.set_time_step(period)
+        self._set.set_joint_position_limits((arm.lower[self._order], arm.upper[self._order]))
+        self._set.set_joint_velocity_limits((-speeds, speeds))
+
+    def stand(self, q: Any) -> None:
+        """Begin there."""
+        self._q, self._v = np.asarray(q)[self._order], np.zeros(len(q))
+
+    def aim(self, T: Any) -> None:
+        """Take a pose for the target."""
+        self._target = T
+
+    def step(self) -> None:
+        """One period on."""
+        plant, context = self._plant, self._context
+        plant.SetPositions(context, self._q)
+        here = plant.CalcRelativeTransform(context, self._base, self._tip)
+        turn = self._rotation(self._target[:3, :3] @ here.rotation().matrix().T).ToAngleAxis()
+        V = np.concatenate([turn.axis() * turn.angle(), self._target[:3, 3] - here.translation()])
+        J = plant.CalcJacobianSpatialVelocity(
+            context, self._kind, self._tip, np.zeros(3), self._base, self._base
+        )
+        found = self._module.DoDifferentialInverseKinematics(self._q, self._v, V / self._period, J, self._set)
+        if found.joint_velocities is not None:
+            self._v = found.joint_velocities
+            self._q = self._q + self._v * self._period
+
+    @property
+    def q(self) -> Any:
+        """Where it stands."""
+        return self._q[self._columns]
+
+
+def chained(step: Callable[[Any, Any], Any]) -> Follow:
+    """From pose to pose: each is solved from the answer before it."""
+
+    def follow(targets: Any, start: Any) -> Any:
+        rows, q = np.full((len(targets), len(start)), np.nan), start
+        for i, T in enumerate(targets):
+            found = step(T, q)
+            if found is None or np.abs(np.asarray(found) - q).max() > (LARGEST if i else np.inf):
+                break
+            rows[i] = q = np.asarray(found, dtype=float)
+        return rows
+
+    return follow
+
+
+def solving(name: str) -> Callable[[Arm, bool], Follow]:
+    """A solver of the field, with the settings of `RESTARTING`."""
+
+    def make(arm: Arm, free: bool) -> Follow:
+        solver = adapter(path_of(name)).load(arm, RESTARTING[name])
+
+        def step(T: Any, q: Any) -> Any:
+            answer = solver.solve(T, q)
+            return answer.q if answer.claimed else None
+
+        return chained(step)
+
+    return make
+
+
+def differential(kind: Callable[[Arm, bool, float, None], Any]) -> Callable[[Arm, bool], Follow]:
+    """Steps of a differential method, again and again at each pose."""
+
+    def make(arm: Arm, free: bool) -> Follow:
+        method = kind(arm, free, 1.0, None)
+
+        def step(T: Any, q: Any) -> Any:
+            method.stand(q)
+            for _ in range(ROUNDS):
+                error = np.asarray(method.aim(T))
+                turn = error[3 : 5 if free else 6]
+                if np.linalg.norm(error[:3]) < CLOSE and np.linalg.norm(turn) < CLOSE:
+                    return method.q
+                method.step()
+            return None
+
+        return chained(step)
+
+    return make
+
+
+def descartes(arm: Arm, free: bool) -> Follow:
+    """The planner of Tesseract: a ladder of all answers that its inverse kinematics gives, and of turns about the tool.
+
+    The closed form for the UR5e; for arms of which it knows none, one numerical answer a pose.
+    """
+    common = importlib.import_module("tesseract_robotics.tesseract_common")
+    language = importlib.import_module("tesseract_robotics.tesseract_command_language")
+    planners = importlib.import_module("tesseract_robotics.tesseract_motion_planners")
+    module = importlib.import_module("tesseract_robotics.tesseract_motion_planners_descartes")
+    environment = importlib.import_module("tesseract_robotics.tesseract_environment").Environment()
+    closed = arm.name == "ur5e"
+    solver, extra = ("URInvKin", "            model: UR5e\n") if closed else ("KDLInvKinChainLMA", "")
+    folder = Path(tempfile.mkdtemp())
+    (folder / "kinematics.yaml").write_text(
+        "kinematic_plugins:\n  inv_kin_plugins:\n    manipulator:\n"
+        f"      default: {solver}\n      plugins:\n        {solver}:\n          class: {solver}Factory\n"
+        f"          config:\n            base_link: {arm.base}\n            tip_link: {arm.tip}\n{extra}",
+        encoding="utf-8",
+    )
+    semantics = (
+        f'<robot name="{arm.name}" version="1.0.0"><group name="manipulator"><chain base_link="{arm.base}" '
+        f'tip_link="{arm.tip}"/></group>'
+        f'<kinematics_plugin_config filename="file://{folder}/kinematics.yaml"/></robot>'
+    )
+    text = Path(arm.urdf).read_text(encoding="utf-8")
+    if not environment.init(text, semantics, common.GeneralResourceLocator()):
+        raise Refused("Tesseract does not take the arm")
+    info = common.ManipulatorInfo()
+    info.manipulator, info.manipulator_ik_solver = "manipulator", solver
+    info.working_frame, info.tcp_frame = arm.base, arm.tip
+    planner, profile = "DescartesMotionPlannerTask", module.DescartesDefaultPlanProfileD()
+    profile.allow_collision, profile.enable_collision, profile.enable_edge_collision = True, False, False
+    # With both, turns and copies by whole turns, a rung has some two thousand answers and the ladder does not fit.
+    profile.use_redundant_joint_solutions = not free
+    if free:
+        profile.target_pose_fixed = False
+        profile.target_pose_sample_axis = np.array([0.0, 0.0, 1.0])
+        profile.target_pose_sample_resolution = np.pi / 6
+        profile.target_pose_sample_min, profile.target_pose_sample_max = -np.pi, np.pi - np.pi / 6
+    # Releases of Tesseract have moved this class.
+    profiles = (getattr(language, "ProfileDictionary", None) or common.ProfileDictionary)()
+    profiles.addProfile(planner, "P", module.cast_DescartesPlanProfileD(profile))
+
+    def follow(targets: Any, start: Any) -> Any:
+        program = language.CompositeInstruction()
+        program.setManipulatorInfo(info)
+        for T in targets:
+            waypoint = language.CartesianWaypoint(common.Isometry3d(np.ascontiguousarray(T)))
+            move = language.MoveInstruction(
+                language.CartesianWaypointPoly_wrap_CartesianWaypoint(waypoint),
+                language.MoveInstructionType_LINEAR,
+                "P",
+                info,
+            )
+            program.appendMoveInstruction(language.MoveInstructionPoly_wrap_MoveInstruction(move))
+        request = planners.PlannerRequest()
+        request.instructions, request.env, request.profiles = program, environment, profiles
+        answer = module.DescartesMotionPlannerD(planner).solve(request)
+        if not answer.successful:
+            return np.full((len(targets), len(start)), np.nan)
+        moves = map(language.InstructionPoly_as_MoveInstructionPoly, answer.results.flatten())
+        states = (language.WaypointPoly_as_StateWaypointPoly(move.getWaypoint()) for move in moves)
+        return np.array([np.asarray(state.getPosition()) for state in states]).reshape(len(targets), -1)
+
+    return follow
+
+
+def ladder(arm: Arm, free: bool) -> Follow:
+    """Every branch of every pose by EAIK, and the least way through them; on a raster the rotation is held.
+
+    Steps are short, so that a path is one of branches up to whole turns; those are chosen at the end, for all of it.
+    """
+    solver: Any = adapter(path_of("eaik")).load(arm, {})
+
+    def follow(targets: Any, start: Any) -> Any:
+        layers = [np.array(solver.branches(T)) for T in targets]
+        if not all(len(layer) for layer in layers):
+            return np.full((len(targets), len(start)), np.nan)
+        cost, back = np.zeros(len(layers[0])), []
+        for before, here in itertools.pairwise(layers):
+            gap = wrapped(here[None] - before[:, None])
+            way = np.where(np.abs(gap).max(axis=2) < LARGEST, np.linalg.norm(gap, axis=2), np.inf)
+            total = cost[:, None] + way
+            back.append(total.argmin(axis=0))
+            cost = total.min(axis=0)
+        for last in np.argsort(cost):
+            if not np.isfinite(cost[last]):
+                break
+            picks = [int(last)]
+            for row in reversed(back):
+                picks.append(int(row[picks[-1]]))
+            rows = np.array([layer[k] for layer, k in zip(layers, reversed(picks), strict=True)])
+            if (found := inside(rows, arm)) is not None:
+                return found
+        return np.full((len(targets), len(start)), np.nan)
+
+    return follow
+
+
+def wrapped(angles: Any) -> Any:
+    """Angles in [-π, π)."""
+    return (angles + np.pi) % (2 * np.pi) - np.pi
+
+
+def inside(rows: Any, arm: Arm) -> Any:
+    """A path made continuous by whole turns and moved into the limits, or None."""
+    steps = np.cumsum(wrapped(np.diff(rows, axis=0)), axis=0)
+    whole = rows[0] + np.concatenate([np.zeros((1, rows.shape[1])), steps])
+    low, high = arm.lower - whole.min(axis=0), arm.upper - whole.max(axis=0)
+    turns = np.ceil((low - 1e-9) / (2 * np.pi)) * 2 * np.pi
+    return whole + turns if (turns <= high + 1e-9).all() else None
+
+
+def ssik(arm: Arm, free: bool) -> Follow:
+    """Every branch of the first pose carried along the path; the shortest that stays inside the limits; rotation held."""
+    module = importlib.import_module("ssik")
+    robot = module.Manipulator.from_urdf(arm.urdf, base=arm.base, ee=arm.tip)
+    robot.prepare()
+
+    def follow(targets: Any, start: Any) -> Any:
+        found = robot.solve_path(targets, max_step=LARGEST)
+        good = []
+        for steps in found.tracks.values():
+            rows = np.array([step.q for step in steps])
+            if len(rows) == len(targets) and np.isfinite(rows).all():
+                rows = inside(rows, arm)
+                if rows is not None and np.abs(np.diff(rows, axis=0)).max() < LARGEST:
+                    good.append(rows)
+        if not good:
+            return np.full((len(targets), len(start)), np.nan)
+        return min(good, key=lambda rows: np.linalg.norm(np.diff(rows, axis=0), axis=1).sum())
+
+    return follow
+
+
+FOLLOWERS: dict[str, tuple[str, str, Callable[[Arm, bool], Follow]]] = {
+    "Robotics Toolbox": ("robotics_toolbox", "roboticstoolbox-python", solving("robotics_toolbox")),
+    "OptIK": ("optik", "optik-py", solving("optik")),
+    "TRAC-IK": ("trac_ik", "pytracik", solving("trac_ik")),
+    "pinocchio loop": ("pinocchio", "pin", differential(Loop)),
+    "pink": ("pink", "pin-pink", differential(Pink)),
+    "mink": ("mink", "mink", differential(Mink)),
+    "Descartes": ("kdl", "tesseract-robotics", descartes),
+    "EAIK, ladder": ("eaik", "EAIK", ladder),
+    "ssik solve_path": ("ssik", "ssik", ssik),
+}
+"""Of each the adapter of the field whose environment it has, its distribution, and what makes it."""
+
+TRACKERS: dict[str, tuple[str, str, Callable[[Arm, bool, float, float], Any]]] = {
+    "placo": ("placo", "placo", Placo),
+    "pink": ("pink", "pin-pink", Pink),
+    "mink": ("mink", "mink", Mink),
+    "Drake": ("drake", "drake", Drake),
+    "pinocchio step": ("pinocchio", "pin", Loop),
+}
+
+
+def attempts(follow: Follow, targets: Any, starts: Any) -> Iterator[tuple[Any, float]]:
+    """Joint values and the processor's time of a waypoint [µs] for one start after another, until one leads to the end."""
+    for start in starts:
+        began = time.process_time_ns()
+        q = follow(targets, start)
+        # What goes from pose to pose ends where it fails; what chooses among branches has looked at all.
+        done = int(np.isfinite(q).all(axis=1).sum()) or len(q)
+        yield q, (time.process_time_ns() - began) / 1e3 / done
+        if np.isfinite(q).all() and np.abs(np.diff(q, axis=0)).max() < LARGEST:
+            return
+
+
+def follow(
+    peer: str, arm: dict[str, Any], paths: Any, starts: Any, free: bool, seconds: float
+) -> dict[str, Any]:
+    """Follow every path, (P, N, 4, 4), from starts, (P, k, n), one after another; what is not done in time stays NaN."""
+    paths, starts = np.array(paths), np.array(starts)
+    one = FOLLOWERS[peer][2](arm_of(arm), free)
+    end = time.monotonic() + seconds
+    q, times = np.full((*paths.shape[:2], starts.shape[2]), np.nan), np.full(len(paths), np.nan)
+    one(paths[0][:40], starts[0][0])
+    for i, targets in enumerate(paths):
+        if time.monotonic() > end:
+            break
+        for found, cost in attempts(one, targets, starts[i]):
+            q[i], times[i] = found, cost
+    return {"q": q, "times": times, "version": version(FOLLOWERS[peer][1])}
+
+
+def track(
+    peer: str, arm: dict[str, Any], paths: Any, starts: Any, period: float, velocity: float
+) -> dict[str, Any]:
+    """Track every path, (P, N, 4, 4), from its start, (P, n): joint values, and the time of every step [µs]."""
+    paths, starts = np.array(paths), np.array(starts)
+    method = TRACKERS[peer][2](arm_of(arm), False, period, velocity)
+    q, times = np.empty((*paths.shape[:2], starts.shape[1])), np.empty(paths.shape[:2])
+    for row, (targets, start) in enumerate(zip(paths, starts, strict=True)):
+        method.stand(start)
+        for k, T in enumerate(targets):
+            began = time.perf_counter_ns()
+            method.aim(T)
+            method.step()
+            q[row, k] = method.q
+            times[row, k] = (time.perf_counter_ns() - began) / 1e3
+    return {"q": q, "times": times, "version": version(TRACKERS[peer][1])}
