@@ -1,4 +1,4 @@
-"""Where the time of one `arm.ik(T)` goes: Python, the door of the compiled code, the look-up, the steps, the judgement.
+"""Where the time of one `arm.ik(T)` goes: Python, the entry into compiled code, the look-up, the steps, the judgement.
 
     python -m benchmarks.one_pose
     python -m benchmarks.one_pose panda --targets 5000
@@ -44,7 +44,7 @@ def times(ask: Callable[[Array], object], targets: list[Array]) -> Array:
 
 
 def parts(arm: kinseek.Arm, targets: list[Array], closed: bool) -> list[float]:
-    """Whole call, Python's share, door, look-up, one step, evaluations, and the rest; medians [µs]."""
+    """Whole call, Python's share, entry, look-up, one step, evaluations, and the rest; medians [µs]."""
     index, q = arm.atlas, np.empty(arm.dof)
     assert isinstance(index, AtlasIndex)
     clock = float(np.median(times(lambda target: None, targets)))
@@ -72,7 +72,7 @@ def main() -> None:
     given = parser.parse_args()
     print(f"{machine()}; load {load()}")
     print(
-        f"{'arm':<28}{'whole':>8}{'Python':>8}{'door':>8}{'look-up':>8}{'a step':>8}{'steps':>8}{'rest':>8}"
+        f"{'arm':<28}{'whole':>8}{'Python':>8}{'entry':>8}{'look-up':>8}{'a step':>8}{'steps':>8}{'rest':>8}"
     )
     for name in given.arms or ARMS:
         arm = kinseek.load(name)

@@ -68,7 +68,7 @@ def main(names: list[str]) -> int:
 
 def sources() -> list[Path]:
     """Every page and module whose English is checked."""
-    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
     return [*pages, *sorted((ROOT / "src").rglob("*.py"))]
 
 

@@ -47,6 +47,7 @@ OUTSIDE: dict[str, Any] = runpy.run_path(str(HERE / "outside.py"))
 SOURCES: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "kernels" / "sources.py"))
 ALL: str = SOURCES["ALL"]
 PRIVATE: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "private.py"))
+PRINTABLE: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "printable.py"))
 
 FIRST = ("arm", "structure", "atlas")
 """Rooms (folders of kernels) that `Arm.fk` and `Arm.ik` need. An editable install has these, and compiles others when they
@@ -152,7 +153,8 @@ def _alone(work: Path) -> Iterator[None]:
     if fcntl is None:
         yield
         return
-    with (work / "lock").open("w") as lock:
+    # With some umasks others may write to a new file, and then `_objects` would reject the folder.
+    with open(os.open(work / "lock", os.O_WRONLY | os.O_CREAT, 0o600), "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 
@@ -185,7 +187,8 @@ def _objects(keep: str | Path | None, place: str) -> Path:
                 raise PRIVATE["NotPrivate"](f"{path} is a link")
             PRIVATE["require_private"](path, path.lstat())
     except OSError as error:  # NotPrivate is one; a full disk and a home without room for it are others.
-        print(f"native/build.py: compiling every kernel and keeping none, for {error}", file=sys.stderr)
+        why = PRINTABLE["printable"](str(error))
+        print(f"native/build.py: compiling every kernel and keeping none, for {why}", file=sys.stderr)
         return Path(place)
     return work
 

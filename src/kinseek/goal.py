@@ -66,10 +66,10 @@ class Goal(Lazy):
 
     The position error is the length of the vector by which x, y, z exceed their ranges; the orientation error is the same
     for rx, ry, rz. A free axis has the range of all values. If one rotation axis is free and the other two have no range,
-    the orientation error is the angle between the directions of that axis as reached and as wanted. This is exactly the
-    error of a pointing goal; in the tool frame, with nothing else free, the goal becomes a pointing goal. If all three
-    rotation axes are free and nothing else is, it becomes a position goal. The weighted error of a goal with ranges is K_P
-    times the position error plus K_A (1 - cos of the orientation error).
+    the orientation error is the angle between the directions of that axis in the reached and in the target pose. This is
+    exactly the error of a pointing goal; in the tool frame, with nothing else free, the goal becomes a pointing goal. If all
+    three rotation axes are free and nothing else is, it becomes a position goal. The weighted error of a goal with ranges is
+    K_P times the position error plus K_A (1 - cos of the orientation error).
     """
 
     target: Array

@@ -83,6 +83,7 @@ class SignalSafeThread(Generic[R]):
 
     def begin(self) -> None:
         """Start the thread."""
+        # Not Thread.start, which waits in Python until the thread runs: a handler could interrupt it there.
         _thread.start_new_thread(self._run_joined if self._joined else self._run, ())
         self._begun = True
 
@@ -109,6 +110,7 @@ class SignalSafeThread(Generic[R]):
 
     def wait(self) -> None:
         """Wait for the end. If Ctrl-C interrupts the wait, call it again."""
+        # An interrupted wait may already have taken the item from the queue, so the flag decides.
         if self._begun and not self._done:
             next_item(self._ended)
 
@@ -147,6 +149,7 @@ def raise_of_handler(error: BaseException) -> None:
     Code that reports the errors of other code, such as a user's function or a parser, calls this first. A handler may raise
     in the middle of that code, for example a TimeoutError, and its exception is meant for the caller of kinseek.
     """
+    # The traceback of an exception that a handler raised contains the frame of the handler.
     handlers = [signal.getsignal(number) for number in signal.valid_signals()]
     functions: list[Any] = [getattr(handler, "func", handler) for handler in handlers if callable(handler)]
     codes = {

@@ -256,7 +256,7 @@ class ForwardArm(Lazy):
         joints = as_joints(self._mechanism, q)
         flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
         if link is not None:
-            chain = self._require_axes("fk(link=...) asks for a link")
+            chain = self._require_axes("fk(link=...) needs the links of an arm")
             if not isinstance(link, str) or link not in chain.frames:
                 raise InvalidProblem(suggest(str(link), chain.frames, "link or joint"))
             arrays = chain.arrays_to(chain.frames[link])
@@ -343,7 +343,7 @@ class ForwardArm(Lazy):
         Raises:
             InvalidGoal: Not one pose.
         """
-        chain = self._require_axes("a tool is put behind the last axis")
+        chain = self._require_axes("a tool is fixed to the last link of an arm")
         return self._with(with_tool(chain, one_pose(tool, "tool")))
 
     def _require_axes(self, why: str) -> SerialChain:

@@ -190,6 +190,7 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
     A warning reports repairs beyond those of `as_pose`; `level` is the number of calls between here and the line to blame.
     """
     _require_shape(matrix)
+    # One compiled pass accepts what is valid. The slower checks below only find out what is wrong.
     each = matrix.reshape(-1, 4, 4)
     rigid = np.empty(len(each), dtype=np.bool_)
     checked = [all_rigid(np.ascontiguousarray(each[some]), rigid[some]) for some in chunks(len(each))]
@@ -232,6 +233,7 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
 
 
 def _nearest_rotations(turn: Array) -> Array:
+    # U Vᵀ is the nearest orthogonal matrix in the Frobenius norm. Reflections were rejected before, so it is a rotation.
     left, _, right = np.linalg.svd(turn)
     return np.asarray(left @ right)
 
@@ -271,6 +273,7 @@ def good_and_bad(target: Any) -> tuple[Array, NDArray[np.bool_]]:
     matrix = _matrix_of(target)
     _require_shape(matrix)
     finite = np.asarray(np.isfinite(matrix).all(axis=(-2, -1)))
+    # Products with NaN or infinity would warn, so these matrices are replaced before they are measured.
     tame = np.where(finite[..., None, None], matrix, np.eye(4))
     near = np.abs(tame[..., :3, 3]).max(axis=-1) <= LARGEST
     _, off, row, mirrored = _measured(tame)

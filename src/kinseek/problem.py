@@ -117,6 +117,7 @@ class Problem(Lazy):
             return q
         centre = np.zeros(self.mechanism.dof) if self.near is None else self.near
         near = np.broadcast_to(centre, np.shape(q))
+        # The result may lie beyond π by a rounding, so it is clipped.
         turned = q + nearest_turns(near - q)
         return np.where(free, np.clip(turned, near - np.pi, near + np.pi), q)
 
@@ -222,6 +223,8 @@ def within_limits(arm: Mechanism, q: Array) -> Array:
     below, above = q < arm.lower, q > arm.upper
     up = np.where(below, np.ceil((arm.lower - q) / turns), 0.0)
     down = np.where(above, np.ceil((q - arm.upper) / turns), 0.0)
+    # For a joint that does not turn, `turns` is infinite and the numbers of turns are 0. Their product is NaN, which
+    # becomes 0.
     with np.errstate(invalid="ignore"):
         turned = q + np.nan_to_num((up - down) * turns, nan=0.0, posinf=0.0, neginf=0.0)
     fits = (turned >= arm.lower) & (turned <= arm.upper)

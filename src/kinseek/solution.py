@@ -267,6 +267,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         ):
             return self._one(int(index) % shape[0])
         try:
+            # NumPy decides what the index means: one target, or a smaller batch.
             chosen = np.arange(int(np.prod(shape))).reshape(shape)[index]
         except IndexError as error:
             if "only integers, slices" in str(error):
@@ -340,6 +341,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         goal = self.problem.goal
         missed = np.atleast_1d(~np.asarray(solution.success))
         errors = [
+            # Errors of targets that are no poses are NaN, which would hide the largest error.
             np.where(solution.invalid, 0.0, each)
             for each in (solution.position_error, solution.orientation_error)
         ]

@@ -260,6 +260,16 @@ def test_a_folder_that_others_could_have_filled_is_not_used(
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
+def test_the_name_of_a_folder_is_printed_with_escapes(warm: Path, tmp_path: Path) -> None:
+    (shared := tmp_path / "\x1b]0;owned\x07").mkdir()
+    shared.chmod(0o777)
+    said = run(warm, shared)
+    assert UNWRITTEN in said
+    assert "\\x1b]0;owned\\x07" in said
+    assert said.replace("\n", "").isprintable()
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
 @pytest.mark.parametrize("umask", ["0o002", "0o000"])
 def test_the_cache_is_private_and_serves_whatever_the_umask(warm: Path, tmp_path: Path, umask: str) -> None:
     home = tmp_path / "home"

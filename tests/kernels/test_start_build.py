@@ -188,6 +188,33 @@ def test_objects_that_others_could_have_put_there_are_not_linked(
     assert said.count("\n") == 1
 
 
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
+def test_objects_are_kept_whatever_the_umask(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("numba")
+    before = os.umask(0o002)
+    try:
+        kept = objects(tmp_path / "kept", "elsewhere")
+        with BUILD["_alone"](kept):
+            pass
+        assert objects(tmp_path / "kept", "elsewhere") == kept
+    finally:
+        os.umask(before)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
+def test_the_name_of_a_folder_is_printed_with_escapes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("numba")
+    (shared := tmp_path / "\x1b]0;owned\x07").mkdir()
+    shared.chmod(0o777)
+    assert objects(shared / "kept", "elsewhere") == Path("elsewhere")
+    said = capsys.readouterr().err
+    assert "\\x1b]0;owned\\x07" in said
+    assert said.rstrip("\n").isprintable()
+
+
 @pytest.mark.skipif(LIBRARY is None, reason=describe_backend())
 @pytest.mark.skipif(not Path("/proc/cpuinfo").exists(), reason="the system tells it elsewhere")
 def test_what_is_built_for_this_machine_is_the_best_that_its_door_takes() -> None:

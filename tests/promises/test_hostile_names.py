@@ -7,6 +7,7 @@ import html
 import io
 import json
 import pickle
+import traceback
 import unicodedata
 import warnings
 from collections.abc import Callable
@@ -164,6 +165,41 @@ def test_errors_and_warnings_are_one_line(folder: Path) -> None:
         warnings.simplefilter("always")
         kinseek.load(wide)
     assert [hidden(str(each.message)) for each in caught_warnings] == [set()]
+
+
+_XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
+BROKEN = {
+    "spaces.urdf": f'<robot xmlns="a{IN_XML}"/>',
+    "include.xacro": _XACRO.format(f'<xacro:include filename="{IN_XML}.xacro"/>'),
+    "expression.xacro": _XACRO.format(f'<link name="${{a{IN_XML}}}"/>'),
+    "condition.xacro": _XACRO.format(f'<xacro:if value="{IN_XML}"/>'),
+    "package.xacro": _XACRO.format(f'<link name="$(find {IN_XML})"/>'),
+    "keyword.xml": f'<mujoco><worldbody><body><joint type="{IN_XML}"/></body></worldbody></mujoco>',
+    "repeated.xml": "<mujoco><worldbody>" + f'<body name="{IN_XML}"/>' * 2 + "</worldbody></mujoco>",
+}
+"""Files that another library rejects; its message contains the name as it is in the file."""
+
+
+@pytest.mark.parametrize("trusted", [True, False], ids=["trusted", "untrusted"])
+@pytest.mark.parametrize("name", BROKEN)
+def test_tracebacks_show_escapes(name: str, trusted: bool, tmp_path: Path) -> None:
+    """Python prints the errors that led to an error that nothing catches, too."""
+    if name.endswith(".xml"):
+        pytest.importorskip("mujoco")
+    (tmp_path / name).write_text(BROKEN[name], encoding="utf-8")
+    with pytest.raises(KinseekError) as caught:
+        kinseek.load(tmp_path / name, trusted=trusted)
+    assert hidden("".join(traceback.format_exception(caught.value))) == set()
+
+
+def test_tracebacks_of_meshes_show_escapes(folder: Path) -> None:
+    pytest.importorskip("trimesh")
+    pytest.importorskip("coal")
+    Path("body.dae").write_text(f'<COLLADA xmlns="a{IN_XML}"/>', encoding="utf-8")
+    scene = Scene.of(kinseek.load("arm.urdf"))
+    with pytest.raises(KinseekError) as caught:
+        scene.add_mesh("body", "body.dae")
+    assert hidden("".join(traceback.format_exception(caught.value))) == set()
 
 
 def test_notebooks_show_escapes(folder: Path) -> None:

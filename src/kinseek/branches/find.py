@@ -178,6 +178,7 @@ def _search(
                 counts[: last - first],
             )
             for i in range(first, last):
+                # A copy, since the next piece overwrites the results.
                 found[i] = results[i - first, : counts[i - first]].copy()
 
     parallel_for(work, len(targets), _CHUNK, threads, deadline)
@@ -224,6 +225,7 @@ def _finish(
         q=q[place],
         position_error=errors[place, 0].copy(),
         orientation_error=errors[place, 1].copy(),
+        # Complete only if `count` has cut off none of the solutions.
         complete=complete and len(place) + rejected == len(q),
         sampled=bool(index.freedom) or (found.singular and not complete),
         evaluations=found.evaluations,

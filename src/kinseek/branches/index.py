@@ -93,7 +93,7 @@ class BranchIndex:
 
     def search(self, tolerances: Array, target: Array, view: Array, count: int) -> Array:
         """Return rows of solutions for one target, (4, 4), as `kernels.branches.search.many_branches` writes them."""
-        assert count or not self.freedom, "all answers are looked for from starts that are not there"
+        assert count or not self.freedom, "a sample of the solutions of a redundant arm needs its size"
         most, number = (count, count) if self.freedom else (ROWS, 0)
         rows, found = np.empty((1, most + 1, view.shape[-1] + ANSWER)), np.empty(1, dtype=np.int64)
         many_branches(self.tables, tolerances, target[None], view[None], number, rows, found)

@@ -162,6 +162,7 @@ def slide(
         if deadline.passed:
             break
         accepted = False
+        # From here q is the same until a step is accepted, so the directions are computed once.
         ways = _ways_down(problem, index, q, measure)
         while ways and not accepted and step > _LAST:
             for way in ways:

@@ -92,6 +92,7 @@ def writable(path: Path, source: Path, option: str = "--out", read: str = "--bat
         raise InvalidProblem(f"{option} {str(path)!r}: folder {str(place.parent)!r} does not exist")
     if place.exists() and not place.is_file():
         raise InvalidProblem(f"{option} {str(path)!r} is not a regular file")
+    # The same file may have two names, by links or by letter case.
     if source.exists() and place.exists() and place.samefile(source):
         raise InvalidProblem(f"{option} {str(path)!r} is the file that {read} reads")
     return place
@@ -126,6 +127,7 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[Any]], joints: Seque
 @contextlib.contextmanager
 def _whole(path: Path) -> Iterator[BinaryIO]:
     """Open a file that replaces `path` when it is complete; until then, and after a failure, nothing is changed."""
+    # In the same folder, since only a file of the same file system can be replaced in one step.
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     file = part.open("xb")
     try:

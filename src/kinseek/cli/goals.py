@@ -49,7 +49,7 @@ def take_turns(words: dict[str, Any]) -> dict[str, str]:
 def target_of(
     at: str | None, turns: Mapping[str, str], position_only: bool, deg: bool
 ) -> NDArray[np.float64]:
-    """Read the wanted pose, (4, 4).
+    """Read the target pose, (4, 4).
 
     Raises:
         InvalidGoal: No position, no rotation, or more than one.

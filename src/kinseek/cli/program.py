@@ -91,7 +91,7 @@ def _version(ctx: click.Context, option: Any, requested: bool) -> None:
 
 PROGRAM = Program(
     "kinseek",
-    help="Inverse kinematics of serial robot arms by search. Exit codes: 0 done or reached, 1 not reached or check "
+    help="Solve the inverse kinematics of serial robot arms. Exit codes: 0 done or reached, 1 not reached or check "
     "failed, 2 misuse or output that cannot be written, 130 stopped with Ctrl-C.",
     params=[
         Option(

@@ -20,7 +20,7 @@ from .help import option, together
 SELF, SKIP = "self", "skip"
 """Words in place of a file: the arm alone; and in place of a folder: leave out meshes that are not found."""
 
-GROUP = "What it may hit"
+GROUP = "Collisions"
 
 _OPTIONS = {
     "capsules=": "--capsules 0.05",

@@ -58,7 +58,7 @@ def searches() -> dict[str, type[OwnSolver]]:
 def searches_in_words() -> str:
     """Return the searches with a description of each, for help."""
     words = [f"{name}: {summary(cls)}" for name, cls in searches().items()]
-    return f"{'. '.join(words)}. Kinseek's default unless given."
+    return f"{'. '.join(words)}. Default: atlas."
 
 
 @cache

@@ -112,6 +112,7 @@ class Engine:
         fitted = self._fitted
         if fitted is None:
             with self:
+                # Another thread may have fitted it while this one waited.
                 fitted = self._fitted or Broad(self._chain, self.solids, self.pairs, self._padded)
                 self._fitted = fitted
         return fitted
@@ -130,6 +131,7 @@ class Engine:
         """Wait until the engine is free, because it keeps placements between calls."""
         lock = self._lock.now
         lock.acquire()
+        # A fork replaces `now`, so the lock that was acquired is kept for the release.
         self._taken.append(lock)
         if self._moving:  # Ctrl-C or a fork interrupted `stand`.
             self.stand(self._moving)

@@ -162,6 +162,7 @@ def to_c(
         InvalidSolver: Parameters of the search that do not fit the arm.
         MissingExtra: Numba, which compiles the kernels, is not installed.
     """
+    # Before the kernels are compiled, which takes some twenty seconds.
     checked_folder(folder)
     parts = prepare(arm, target, cpu=cpu, search=search, goal=goal, ram=ram, flash=flash, form=form)
     parts.write(folder)
@@ -281,7 +282,7 @@ def _texts(
     goal = [
         "#include <stdint.h>",
         array("goal_pose", problem.goal.target),
-        "/* What kinseek answers. */",
+        "/* The result of kinseek on the exporting machine. */",
         array("expected_q", np.asarray(expected.q)),
         array("expected_pose", arm.fk(expected.q)),
         f"#define EXPECTED_EVALUATIONS {int(expected.evaluations)}",

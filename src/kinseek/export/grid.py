@@ -59,7 +59,7 @@ def grid_design(search: DivideAndConquer, problem: Problem, ram: int | None) -> 
             "NODES": NODES,
             "PASSES": len(plan.passes.spacings),
             "PAUSED": PAUSED,
-            "PART": f"{PART} /* Leaves of a part of the search, where nobody asks for shorter ones. */",
+            "PART": f"{PART} /* Leaves of a part of the search, by default. */",
         },
         chain=problem.arrays,
         axis_weights=problem.goal.arrays.axis_weights,

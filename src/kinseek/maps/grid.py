@@ -120,6 +120,7 @@ class Cells(Lazy):
     def _index(self, name: str, values: Array) -> Indices:
         low, high, step = getattr(self, name)
         cell = np.floor((values - low) / step).astype(np.int64)
+        # A value at an end of the range may lie outside by a rounding; it belongs to the cell there.
         inside = (values >= low - _FITS * step) & (values <= high + _FITS * step)
         return np.where(inside, np.clip(cell, 0, _count(low, high, step) - 1), -1)
 
@@ -215,6 +216,7 @@ class Rings(Cells):
         radius, height = (each[some] for each, some in zip(self.places, part, strict=False))
         turns = self.orientations.matrices[part[-1]]
         T = np.zeros((len(radius), len(height), len(turns), 4, 4))
+        # In the plane of x and z of the first joint: turns about its axis give all other positions of a ring.
         T[..., 3, 3] = 1.0
         T[..., :3, :3] = turns
         T[..., 0, 3] = radius[:, None, None]
@@ -264,6 +266,7 @@ def _grid_of(text: str) -> Grid | Rings:
     except (KeyError, TypeError) as error:
         raise InvalidMap(f"the description of the map's grid is invalid: {error!r:.200}") from None
     grid: Grid | Rings = kind(*ranges, turns)
+    # The description contains a digest of the orientations.
     if json.dumps(grid.description()) != text:
         raise InvalidMap(
             "the map's orientations are not those that this version of kinseek makes of their number"

@@ -189,6 +189,7 @@ def work_of(
         as_integer(name, value, least, error=InvalidMap)
     for name in TOLERANCES:
         check_tolerance(name, given[name])
+    # Raises if the first joint cannot be divided out.
     if isinstance(grid, Rings):
         divided(arm.axes)
     scene, clearance = given["scene"], given["clearance"]
@@ -247,7 +248,7 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
         if LIMITS in variables:
             variables[LIMITS][2]["comment"] = "of the joints after the first, each measured in half its range"
     if work.cell is not None:
-        free = f"of answers that are free in the scene, bodies {work.clearance:g} m apart"
+        free = f"of solutions that are free in the scene, bodies {work.clearance:g} m apart"
         for _, _, report in variables.values():
             report["comment"] = "; ".join(filter(None, (report.get("comment"), free)))
     if work.prove:

@@ -46,7 +46,7 @@ MEASURES = {
     BRANCHES: Measure(
         "int16",
         -1,
-        {"long_name": "number of distinct answers found, modulo whole turns", "units": "1"},
+        {"long_name": "number of distinct solutions found, modulo whole turns", "units": "1"},
     ),
     DEXTERITY: Measure(
         "float32",

@@ -91,6 +91,7 @@ class Worker:
         """
         when = "while it imported kinseek, see what it printed"
         self._send(sys.path, when)
+        # The start of Python may print other lines first, even without a line break before this one.
         if not any(line.endswith(READY) for line in self._stdout):
             raise WorkerDied(_ended(when))
         self._send(work, when)
@@ -156,6 +157,7 @@ def compute_all(work: Work, todo: Sequence[Index], done: Callable[[Index, Any], 
                         while index is not None and not stopped.is_set():
                             results.put((index, worker.compute(index)))
                             index, deaths = next_block(), 0
+                # The block is computed again by a new process: the old one may have ended for a reason outside of it.
                 except WorkerDied:
                     deaths += 1
                     if deaths == ATTEMPTS:
@@ -174,6 +176,7 @@ def compute_all(work: Work, todo: Sequence[Index], done: Callable[[Index, Any], 
             done(*result)
     finally:
         stopped.set()
+        # The threads wait for results; they end when the pipes of the processes do.
         for worker in list(started):
             worker.kill()
         for each in crew:
@@ -195,6 +198,7 @@ def serve() -> None:
             while True:
                 blocks.put(pickle.load(sys.stdin.buffer))
         finally:
+            # sys.exit would end this thread alone.
             os._exit(1)
 
     with suppress(EOFError, OSError):  # As in `read`.

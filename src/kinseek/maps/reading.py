@@ -63,7 +63,7 @@ def opened(store: Store) -> xarray.Dataset:
         raise
     except Exception as error:  # Zarr and xarray raise many kinds of errors.
         raise_of_handler(error)
-        raise InvalidMap(f"the map in {store.place!r} cannot be read: {error!s:.500}") from error
+        raise InvalidMap(f"the map in {store.place!r} cannot be read: {error!s:.500}") from None
     return dataset
 
 
@@ -195,7 +195,7 @@ def _reading() -> Iterator[None]:
         raise
     except Exception as error:  # Codecs raise many kinds of errors.
         raise_of_handler(error)
-        raise InvalidMap(f"the values of the map cannot be read: {error!s:.500}") from error
+        raise InvalidMap(f"the values of the map cannot be read: {error!s:.500}") from None
 
 
 def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:

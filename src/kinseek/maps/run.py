@@ -144,6 +144,7 @@ def _distribute(
         while left and len(futures) < QUEUED * threads:
             running.add(submit())
         for future in running:
+            # An error is returned and not raised by the task, see `_in_turn`.
             made, rest, error = future.result()
             futures.remove(future)
             for index, values in made:

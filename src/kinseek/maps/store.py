@@ -318,6 +318,7 @@ def _require_small_metadata(folder: Path) -> None:
         InvalidMap: Such a file, or too many entries in the folder.
     """
     with os.scandir(folder) as entries:
+        # Reading ends after one entry too many: a folder of somebody else may have millions.
         names = [entry.name for entry, _ in zip(entries, range(MOST_ARRAYS + 1), strict=False)]
     if len(names) > MOST_ARRAYS:
         raise InvalidMap(f"no map in {str(folder)!r}: it holds more than {MOST_ARRAYS:,} files and folders")

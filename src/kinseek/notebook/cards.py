@@ -79,7 +79,7 @@ def branches_card(branches: Any) -> str:
         for i, (q, place) in enumerate(zip(branches.q[:HEAD], branches.position_error, strict=False))
     ]
     table = _table(["", *names[:MOST_JOINTS], "position error [m]"], rows) + _more(
-        len(branches) - HEAD, "answers"
+        len(branches) - HEAD, "solutions"
     )
     picture = _picture(branches.problem.mechanism, branches.q[:HEAD], branches.problem.goal)
     return _card(repr(branches), table, picture)
@@ -96,7 +96,7 @@ def branches_batch_card(batch: Any) -> str:
         ]
         for i, one in enumerate(batch.each[:HEAD])
     ]
-    table = _table(["", "answers", "complete", "a sample"], rows) + _more(len(batch) - HEAD, "goals")
+    table = _table(["", "solutions", "complete", "a sample"], rows) + _more(len(batch) - HEAD, "goals")
     return _card(repr(batch), table, "")
 
 

@@ -127,7 +127,7 @@ def turns_between(begin: Array, end: Array, columns: int) -> Array:
 
 
 def _holds(problem: Problem, begins: Array, ends: Array, redundancy: int) -> Array:
-    """Return the directions in which redundant joints are held on their straight line, (k, spare, n).
+    """Return the directions in which redundant joints are held on their straight line, (k, redundant, n).
 
     They follow the self-motion in the middle of a step. A joint that comes near a limit is held itself, so that it stays
     inside.

@@ -104,7 +104,8 @@ def goals_of(Ts: Any) -> tuple[Goal, Exception | None]:
     else:
         if not isinstance(Ts, Iterable):
             raise InvalidGoal(
-                f"a path is an array of poses (N, 4, 4), a Goal with N targets, or a row of them; got {Ts!r:.80}"
+                "a path is an array of poses (N, 4, 4), a Goal with N targets, or a sequence of poses or goals; got "
+                f"{Ts!r:.80}"
             )
         rows: list[Any] = []
         source = iter(Ts)
@@ -129,8 +130,8 @@ def goals_of(Ts: Any) -> tuple[Goal, Exception | None]:
 def _require_row(goal: Goal) -> Goal:
     if len(goal.shape) != 1:
         raise InvalidGoal(
-            f"a path has N poses in a row, (N, 4, 4), got targets of shape {goal.target.shape}"
-            + ("; for one pose there is Arm.ik" if goal.shape == () else "")
+            f"a path needs targets of shape (N, 4, 4), got shape {goal.target.shape}"
+            + ("; for one pose use Arm.ik" if goal.shape == () else "")
         )
     return goal
 
@@ -170,7 +171,7 @@ def together(rows: list[Any]) -> Goal:
     for i, row in enumerate(rows):
         if not isinstance(row, Goal) or row.shape != ():
             raise InvalidGoal(
-                f"a row of goals must hold one goal each with one target, got {_report(row)} at index {i}; write a "
+                f"each item of a sequence must be a goal with one target, got {_report(row)} at index {i}; write a "
                 "pose among goals as Goal.pose(T)"
             )
         for name in (each.name for each in fields(Goal)):

@@ -224,6 +224,7 @@ class Tracker:
             return self.step(T)
         self._store(T)
         step = there[NOW] - state[NOW]
+        # A little longer than needed, so that rounding makes no joint faster than its limit.
         periods = np.abs(step / state[REACH]).max() * (1 + 1e-9)
         if periods <= 1.0:
             self._state = there
@@ -308,6 +309,7 @@ class Tracker:
         found = solutions_of(rows, self._arm.dof).q
         steps = self._ways(found)
         steps = steps[np.abs(steps).max(axis=1, initial=0.0) > ELSEWHERE]
+        # Stable: equal times keep the order of the search, so the result has the same bits everywhere.
         return np.asarray(steps[np.argsort([self._time_of(step) for step in steps], kind="stable")])
 
     def _ways(self, found: Array) -> Array:
@@ -382,7 +384,6 @@ class Tracker:
         if ended == LAGGING:
             # Test whether much faster joints keep up for a while: then the speed is the cause, otherwise the branch ends.
             state = self._standing(at_once)
-            # If faster joints keep up, the speed is the cause and not the end of the branch.
             state[REACH] *= FASTER
             while_after = round(AFTER / self.period / at_once)
             _, _, truly = self._look(coming[: lost + 1 + while_after], state)
@@ -399,6 +400,7 @@ class Tracker:
         seconds = as_number("seconds", seconds, *TIMES, InvalidProblem)
         at_once = max(1, round(seconds / looks / self.period))
         count = int(np.ceil((seconds + longer) / self.period / at_once - 1e-9))
+        # After only a few steps, the three poses of the extrapolation are closer together.
         apart = max(1, min(self._apart, (self._given - 1) // 2))
         now, middle = self._pose(0), self._pose(apart)
         before = self._pose(2 * apart) if self._given > 2 * apart else middle

@@ -140,6 +140,7 @@ def best_in_windows(windows: Windows, advance: Callable[[int], object]) -> tuple
         found = windows.layers(begin, lambda done: advance(done // 2), deadline)
         if found is None:
             break
+        # The solutions are computed again, since those of all windows together would need too much memory.
         layers = found[0]
         mine = slice(place, place + len(run.chosen_poses))
         breaks.append(begin + run.chosen_poses[report[mine]] - 1)
@@ -195,6 +196,7 @@ def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Ind
     # One more column holds the cost of a branch over a run: it is added as the distance to the next kept pose.
     q, arrivals = np.zeros((2, count, width, dof + 1))
     longest = np.empty((max(count - 1, 1), dof + 1))
+    # The additional column is a cost and no motion, so it never makes a break.
     longest[:, -1] = np.inf
     number, place = np.empty(count, dtype=np.int64), 0
     for begin, run in zip(windows.begins, runs, strict=False):

@@ -107,7 +107,7 @@ def branches(
     problem = branches.problem
     figure, axes = given_or_new_space(ax, size, view)
     _draw(axes, problem.mechanism, branches.q[first], problem.goal)
-    count = f"{len(branches)} {'answer' if len(branches) == 1 else 'answers'}"
+    count = f"{len(branches)} {'solution' if len(branches) == 1 else 'solutions'}"
     sample = ", a sample of infinitely many" if branches.sampled else ""
     title = f"{text_of(problem.mechanism.name)}: {count}{sample}"
     if ax is None:

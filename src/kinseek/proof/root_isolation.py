@@ -2,7 +2,8 @@
 
 A neighbourhood around every solution is proved to contain only solutions near it, and at most one joint vector that reaches
 the goal exactly. The rest of the joint space is cut into boxes, and each is excluded as in `branch_and_bound`. Solutions
-that are missing in the list are found during this search. See `kernels.proof.root_isolation`; docs/proof.md has the proof.
+that are missing in the list are found during this search. See `kernels.proof.root_isolation`; docs/proof_explained.md has
+the proof.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 The standard model is used: ``fl(x ∘ y) = (x ∘ y)(1 + δ)``, |δ| ≤ u = 2⁻⁵³. A sum of k products has an error of at most ``γ_k
 = k u / (1 - k u)`` times the sum of their magnitudes, in any order and with fused products (Higham 2002, ch. 2 and 3). The
 model holds if nothing underflows or overflows: lengths and angles are bounded elsewhere, and what underflows is below
-1e-300. docs/proof.md derives the formulas.
+1e-300. docs/proof_explained.md derives the formulas.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def margins(sizes: Sizes) -> tuple[float, float]:
     """Return the margins for comparisons: of points [m] and of all columns together.
 
     Each is the larger of the margins of the first-order test and of the second-order linear form; see "Rounding" in
-    docs/proof.md.
+    docs/proof_explained.md.
     """
     a, e, R, m = of_axes(sizes), of_points(sizes), sizes.reach, sizes.joints
     S = max(SPREAD, 0.5 * sizes.rate)

@@ -149,6 +149,7 @@ class BlackBox(Variables):
 
     def _one(self, row: Array) -> Array:
         try:
+            # A copy, as in `forward`: the function may write into it.
             matrix = np.asarray(self.function(row.copy()))
         except Exception as error:
             raise_of_handler(error)
@@ -204,6 +205,7 @@ class BlackBox(Variables):
         if bad < 0:
             return poses
         T, row = poses[bad], rows[bad]
+        # The kernel says only which pose is wrong. The cases below find out what is wrong with it.
         if np.isnan(T).any():
             hint = "" if self.partial else "; if it cannot be put together there, say partial=True"
             self._fail(f"gave NaN{hint}", row)

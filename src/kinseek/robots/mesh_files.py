@@ -124,7 +124,7 @@ def require_mesh(path: Path, text: bytes) -> Size:
         raise InvalidRobot(f"{str(path)!r}: {error}") from None
     except Exception as error:  # A broken file may cause any exception in the checks.
         raise_of_handler(error)
-        raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
+        raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from None
 
 
 def readable(kind: str, text: bytes) -> bytes:
@@ -326,7 +326,7 @@ def _pixels(text: bytes) -> int:
         return 0
     except Exception as error:  # The image is too large for Pillow, or broken.
         raise_of_handler(error)
-        raise InvalidRobot(f"an image cannot be read: {error}") from error
+        raise InvalidRobot(f"an image cannot be read: {error}") from None
     if known not in _IMAGES:
         raise InvalidRobot(f"an image is {known}, expected one of {', '.join(_IMAGES)}")
     return count

@@ -66,7 +66,7 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
         bodies = budget.copy(scene)
     except Exception as error:  # Mesh readers raise whatever their parsers raise.
         raise_of_handler(error)
-        raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
+        raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from None
     parts = [part for part in bodies if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     if size.drawn is not None and len(parts) != size.drawn:
         raise InvalidRobot(

@@ -142,7 +142,7 @@ def _compile(path: Path) -> Any:
             return spec.compile()
     except Exception as error:  # MuJoCo raises plain ValueError and its own FatalError.
         raise_of_handler(error)
-        raise InvalidRobot(f"{path}: MuJoCo says: {error}") from error
+        raise InvalidRobot(f"{path}: MuJoCo says: {error}") from None
 
 
 def _names(model: Any, addresses: Any, noun: str) -> list[str]:

@@ -46,6 +46,7 @@ def read_pinocchio(model: Any, base: str | None = None, tip: str | None = None) 
     joints = [last]
     while joints[-1] != first:
         joints.append(int(model.parents[joints[-1]]))
+    # From the base to the tip, without the joint that carries the base.
     joints = joints[-2::-1]
     require_few(len(joints), "moving joints between base and tip", MOST_JOINTS, "the pinocchio model")
 
@@ -109,6 +110,7 @@ def _moving_joint(model: Any, joint: int, origin: Array) -> Joint:
     kind, name = model.joints[joint], str(model.names[joint])
     follows, subspace = str(kind.shortname()) == "JointModelMimic", np.zeros((6, 0))
     if kind.nv == 1 or follows:
+        # Kinds of joints store their axis in different ways; the subspace of the motion has it for all of them.
         data = kind.createData()
         kind.calc(data, _start(model))
         subspace = np.asarray(data.S).reshape(6, -1)
@@ -130,6 +132,7 @@ def _moving_joint(model: Any, joint: int, origin: Array) -> Joint:
             name,
             PRISMATIC if slide.any() else REVOLUTE,
             origin,
+            # The subspace of a mimic joint contains the factor already.
             axis / law.scaling,
             -np.inf,
             np.inf,

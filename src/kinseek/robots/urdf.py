@@ -90,6 +90,7 @@ class UrdfTree:
             InvalidRobot: The text cannot be parsed, or its links do not form a tree.
         """
         self._text, self._where = text, where
+        # Numbers that overflow are rejected later, with the name of their joint.
         with np.errstate(all="ignore"):
             root = root_element(text, where)
             robot = _parse(kinematic_part(root, name, where), where)
@@ -173,6 +174,7 @@ def fixed_links(text: bytes, where: str) -> dict[str, Array]:
     poses: dict[str, Array] = {}
     for link in parents:
         way = [link]
+        # Up to a link whose pose is known, without recursion: a chain may have thousands of links.
         while way[-1] not in poses and (parent := parents[way[-1]]) is not None:
             way.append(parent)
         for name in reversed(way):
@@ -191,7 +193,7 @@ def _parse(kinematics: Any, where: str) -> Any:
         return URDF.from_xml_string(etree.tostring(kinematics))
     except Exception as error:  # The parser raises whatever its conversions raise.
         raise_of_handler(error)
-        raise InvalidRobot(f"{where}: {error}") from error
+        raise InvalidRobot(f"{where}: {error}") from None
 
 
 def _link_tree(robot: Any, where: str) -> dict[str, str | None]:

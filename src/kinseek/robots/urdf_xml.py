@@ -84,7 +84,7 @@ def root_element(text: bytes, where: str) -> Any:
     try:
         return etree.fromstring(text, parser)
     except (etree.XMLSyntaxError, LookupError) as error:  # An unknown encoding raises LookupError.
-        raise InvalidRobot(f"{where}: broken XML: {getattr(error, 'msg', None) or error}") from error
+        raise InvalidRobot(f"{where}: broken XML: {getattr(error, 'msg', None) or error}") from None
 
 
 class _Arguments(dict[str, str]):
@@ -146,6 +146,7 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
     with importing:
         from xacrodoc import XacroDoc, packages
 
+    # xacro and xacrodoc keep their state in modules, so only one file is expanded at a time.
     with _XACRO_LOCK, _restricted_xacro(path) as spend, contextlib.ExitStack() as stack:
         if not trusted:
             stack.enter_context(_computed_xacro(path, spend))
@@ -168,7 +169,7 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
             if lost := _LOST_PACKAGE.search(why):
                 why = f"package {lost[1]!r} is not found; say where it is with packages={{name: folder}}, in a shell "
                 why += "--package NAME=FOLDER"
-            raise InvalidRobot(f"{path}: xacro failed: {why}") from error
+            raise InvalidRobot(f"{path}: xacro failed: {why}") from None
         finally:
             packages._finder = before
 

@@ -53,6 +53,7 @@ class BlindSearch:
     smallest_step: float = 1e-9
     """Stop below this Δ, [rad] or [m]; not used with a fixed Δ."""
     most_steps: int = 1000
+    """Maximum number of steps."""
     progress: bool = False
     """Show a progress bar of the largest possible number of steps."""
 

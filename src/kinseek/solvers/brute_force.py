@@ -105,7 +105,7 @@ class BruteForce:
             return found
         recorder, grid = Recorder(problem, self), search.plan.grid
         window = grid_window(grid, [np.arange(grid.size)] * problem.mechanism.dof)
-        recorder.add("the whole grid", *found[:4], memory=search.held, window=window)
+        recorder.add("the whole grid", *found[:4], memory=search.bytes_used, window=window)
         recorder.note_end(found)
         if found.evaluations < search.plan.leaves and not recorder.noted:
             recorder.note(f"Stopped at the first node with a weighted error below {self.stop_below:g}.")

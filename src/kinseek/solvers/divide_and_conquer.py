@@ -329,10 +329,11 @@ class DivideAndConquer:
         recorder, before = Recorder(problem, self), problem.start
         for sentence in self.reach_notes(problem):
             recorder.note(sentence)
+        # The search continues after each pass and is not repeated, so the trace costs no evaluations.
         for end in range(1, passes + 1):
             found = search.until(end)
             if found.evaluations > recorder.spent:
-                record_pass(recorder, plan, end - 1, before, found, search.held)
+                record_pass(recorder, plan, end - 1, before, found, search.bytes_used)
             if search.ended != FINISHED:
                 break
             before = found.q

@@ -133,13 +133,14 @@ class GridSearch:
         self._passes = plan.passes._replace(tie=tie_of(problem, ties))
         if problem.budget is not None and self._evaluator is None:
             self._passes = self._passes._replace(budget=problem.budget)
+        # The kernel keeps its position in `progress`, so that it can return for a deadline or Ctrl-C and continue.
         self._progress, self._q = np.array(BEGINNING), problem.start.copy()
         self.ended = FINISHED
         """FINISHED, STOPPED at a good leaf, or PAUSED if the time or the evaluations are spent."""
 
     @property
-    def held(self) -> int:
-        """Memory used [bytes]."""
+    def bytes_used(self) -> int:
+        """Memory of the search and of its grid."""
         return bytes_of(self.memory, self.plan.grid)
 
     def until(self, end: int) -> Found:

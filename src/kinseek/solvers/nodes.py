@@ -92,6 +92,7 @@ def physical_memory() -> int:
 def spread_nodes(size: int, count: int, offset: Fraction) -> Indices:
     """Return indices of `count` nodes, one in each of `count` equal cells, at a fraction of the cell, (count,)."""
     over, under = offset.numerator, offset.denominator
+    # B may be a billion and a fraction's denominator is any number: products beyond int64 need Python's integers.
     if (count * under + over) * size < 2**62:
         return np.asarray((np.arange(count, dtype=np.int64) * under + over) * size // (under * count))
     return np.array([(i * under + over) * size // (under * count) for i in range(count)], dtype=np.int64)

@@ -114,6 +114,7 @@ class SeparateChains(DivideAndConquer):
             self.breadths(problem)
         self._offsets(problem.mechanism.wraps)
         require_room(problem, ROUNDS * (int(np.log(self.branching_factor) / np.log(self.divisions)) + 2))
+        # A goal without targets: the searches below are only checked and planned with it.
         goal = problem.goal.at(problem.goal.target.reshape(-1, 4, 4)[:0])
         known = known_of(problem.mechanism, problem.goal)
         first, second = known.first, known.second
@@ -268,8 +269,10 @@ class _Account:
         self.late |= found.out_of_time
         if self.left is not None:
             self.left -= found.evaluations
+        # A copy, because `best` may be the array of an earlier search.
         self.q = self.q.copy()
         self.q[list(joints)] = found.q
+        # Until the whole goal has been searched, the joint values of the last search are the best known.
         if self.least == np.inf:
             self.best = self.q
         if goal is self.problem.goal and (not found.success, found.weighted_error) < (

@@ -50,6 +50,7 @@ def parallel_for(
             work(begin, end, lambda: not deadline.passed)
             advance(end - begin)
         return
+    # All threads share one iterator: `next` of a range is a single step under the GIL, so each chunk is taken once.
     left, finished, stopped = iter(chunks), SimpleQueue[int](), threading.Event()
 
     def go_on() -> bool:
@@ -67,12 +68,14 @@ def parallel_for(
     try:
         for each in crew:
             each.begin()
+        # A thread puts 0 at its end; a chunk is never empty.
         ended = 0
         while ended < workers:
             targets = next_item(finished)
             ended += targets == 0
             advance(targets)
     finally:
+        # The threads write into arrays of the caller, so none may outlive this call, not even after Ctrl-C.
         stopped.set()
         for each in crew:
             each.wait()

@@ -18,7 +18,7 @@ from .base import Solver
 class Near(Enum):
     """How a search uses `near`; the value is for display."""
 
-    NEAREST = "finds the solution nearest to it"
+    NEAREST = "returns the nearest of the solutions that it finds"
     START = "needs it as the start"
     TURN = "uses it to choose full turns"
 

@@ -69,9 +69,12 @@ def refusal(headers: Any, alone: bool) -> str:
         alone: Does the server listen for this machine only? Then the host must be a name of it.
     """
     hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+    # With two Host headers, another reader of the request may use the other one.
     host = _AUTHORITY.fullmatch(hosts[0]) if len(hosts) == 1 else None
     if host is None:
         return "The request does not say to which host it goes."
+    # Against DNS rebinding: another site may give its name the address of this machine, and its pages then pass the check
+    # of `Origin`.
     if alone and not is_loopback(host[1].strip("[]").lower()):
         return "This page is for this machine alone: open it at 127.0.0.1 or localhost."
     if len(origins) > 1 or (origins and not _is_of(origins[0], host)):
@@ -148,6 +151,7 @@ class Door:
         process_request = options["process_request"]
 
         def checked(connection: Any, request: Any) -> Any:
+            # Before viser handles the request, so that a rejected page learns nothing.
             why = "" if self._anyone else refusal(request.headers, self._alone)
             if names_a_server(request.path):
                 why = why or "This page connects to its own server only."

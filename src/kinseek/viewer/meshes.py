@@ -104,15 +104,15 @@ def _fixed_to(robot: Any, chain: SerialChain) -> Iterator[tuple[Any, Frame]]:
         parent, child = joint.find("parent"), joint.find("child")
         if joint.get("type") == "fixed" and parent is not None and child is not None:
             fixed.setdefault(parent.get("link"), []).append((child.get("link"), origin_of(joint)))
-    ahead = [(name, frame) for name, frame in chain.frames.items() if name in links]
-    seen = {name for name, _ in ahead}
-    while ahead:
-        name, frame = ahead.pop()
+    stack = [(name, frame) for name, frame in chain.frames.items() if name in links]
+    seen = {name for name, _ in stack}
+    while stack:
+        name, frame = stack.pop()
         yield links[name], frame
         for child, pose in fixed.get(name, []):
             if child in links and child not in seen:
                 seen.add(child)
-                ahead.append((child, Frame(frame.joints, frame.pose @ pose)))
+                stack.append((child, Frame(frame.joints, frame.pose @ pose)))
 
 
 def _shapes(

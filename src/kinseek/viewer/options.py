@@ -44,7 +44,7 @@ class ViewerOptions:
     q: Array
     """Joint values shown last, (n,), [rad] or [m]: the next solution is close to them."""
     free: tuple[str, ...] = ()
-    """Axes of the wanted pose along and about which any deviation is accepted."""
+    """Axes of the target pose along and about which any deviation is accepted."""
     follow: bool = True
     """Request the solution nearest to the one shown, so that a drag stays on its branch?"""
     search: str = DEFAULT

@@ -61,7 +61,7 @@ class Page:
         )
         self.panel = Panel(client.gui, self.arm, self.options, actions, meshes)
         name = f"kinseek page {id(self):x}"
-        self._solver = Newest(self._solve, f"{name}: answers")
+        self._solver = Newest(self._solve, f"{name}: solutions")
         self._prover = Newest(self._prove, f"{name}: proofs", QUIET)
         self._clouder = Newest(self._cloud, f"{name}: clouds", QUIET)
         self._player = Newest(self._play, f"{name}: passes")

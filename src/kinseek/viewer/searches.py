@@ -28,7 +28,7 @@ HINTS = {
     "divisions": "Values a joint in the first pass; each later pass divides the spacing by D.",
     "breadth": "A number is the paper's constant breadth, a fraction a mean over the passes; one a joint with commas, "
     "or tuned, its breadth tuning; or reach.",
-    "tree": "static makes all nodes first; dynamic makes them when needed. The answers are the same bits.",
+    "tree": "static makes all nodes first; dynamic makes them when needed. The solutions have the same bits.",
     "beam": "Cells that a pass leaves to the next; the paper has 1.",
 }
 

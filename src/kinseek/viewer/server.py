@@ -90,6 +90,7 @@ class Viewer:
 
         @self._server.on_client_connect
         def _(client: Any) -> None:
+            # The client may leave at any time, also while its page is laid out.
             _leave_quietly(client)
             try:
                 page = Page(client, self._session, self.meshes)
@@ -182,6 +183,8 @@ def free_port(host: str, port: int) -> int:
         ) from None
     for number in range(port, min(port + PORTS, 65536)):
         with socket.socket(family, socket.SOCK_STREAM) as trial:
+            # As asyncio's servers do: the port of a server that has just ended is free again. On Windows the option
+            # would share a port that is in use.
             if os.name == "posix":
                 trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:

@@ -147,6 +147,7 @@ class Session:
         self.arm = arm
         q = beginning(arm)
         self.begin = first_selection(arm.mechanism, q, arm.fk(q))
+        # A bare pose takes a shortcut through `ik` and a `Goal` does not; the first call of each is slow.
         for goal in (self.begin.target, self.begin.goal):
             arm.ik(goal, near=q)
         self.branches(self.begin)
@@ -228,6 +229,7 @@ class Session:
                 place = prove(spot, gap=GAPS[-1], budget=FIRST_LOOK, threads=threads, deadline=until)
             for gap in GAPS:
                 known = prove(problem, gap=gap, threads=threads, deadline=until)
+                # A proof that ran out of time may have the weaker bound.
                 best = known if known.lower_bound >= best.lower_bound else best
                 yield Proof(best, place)
                 if best.verdict is Verdict.REACHABLE or until.passed:

@@ -63,7 +63,12 @@ _EXPORTED = ("divide-and-conquer", "atlas")
     help=f"Search: {' or '.join(_EXPORTED)}; the atlas needs 3 to 4 MB of flash. Default: {_EXPORTED[0]}.",
 )
 @pose_options
-@option("--position-only", is_flag=True, group=GOAL, help="Any orientation is allowed, now and on the part.")
+@option(
+    "--position-only",
+    is_flag=True,
+    group=GOAL,
+    help="Any orientation is allowed, here and in the exported program.",
+)
 @option("--deg", is_flag=True, group=GOAL, help="--rpy and --rotvec are in degrees.")
 @chain_options
 @search_options(_EXPORTED)

@@ -19,7 +19,7 @@ from kinseek.cli.scenes import Cell, scene_options
 from kinseek.errors import InvalidMap
 from kinseek.maps import Grid, Rings, capability, estimate, orientations, reach, volume
 
-_GRID, _WORK = "The grid", "The work"
+_GRID, _WORK = "The grid", "The computation"
 
 
 @click.command(

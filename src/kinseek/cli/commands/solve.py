@@ -34,7 +34,7 @@ from kinseek.cli.words import in_radians, joint_values, named_values
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 
-_WHICH = "Which answer"
+_WHICH = "Choice of solutions"
 _MANY = "Many poses"
 
 
@@ -124,7 +124,7 @@ _MANY = "Many poses"
     type=float,
     metavar="M",
     default=1e-6,
-    group="How close",
+    group="Tolerances and weights",
     help="Largest position error that counts as reached, m. Default: 1e-6.",
 )
 @option(
@@ -132,7 +132,7 @@ _MANY = "Many poses"
     type=float,
     metavar="RAD",
     default=1e-6,
-    group="How close",
+    group="Tolerances and weights",
     help="Largest orientation error that counts as reached, rad. Default: 1e-6.",
 )
 @option(
@@ -140,7 +140,7 @@ _MANY = "Many poses"
     type=float,
     metavar="X",
     default=1.0,
-    group="How close",
+    group="Tolerances and weights",
     help="K_P of the weighted error, per m. Default: 1.",
 )
 @option(
@@ -148,7 +148,7 @@ _MANY = "Many poses"
     type=float,
     metavar="X",
     default=1.0,
-    group="How close",
+    group="Tolerances and weights",
     help="K_A of the weighted error. Default: 1.",
 )
 @option(

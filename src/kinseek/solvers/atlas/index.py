@@ -131,6 +131,8 @@ class AtlasIndex(Lazy):
     @lazy
     def range_handle(self) -> Indices:
         """Like `handle`, for goals with ranges."""
+        # In place, because the handle has the address of this array. Not in __init__, because only goals with ranges need
+        # the kernels, which have to be loaded or compiled.
         self._range_routines[:] = range_routines()
         return self._range_addresses
 

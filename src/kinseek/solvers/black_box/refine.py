@@ -66,6 +66,7 @@ def walk(
     """
     box = evaluator.box
     dof, rows = box.dof, 1 + box.dof
+    # Every seed needs one pose and one more for each joint. Seeds that the budget does not cover are dropped.
     seeds = seeds[: max(evaluator.left // rows, 0)]
     ends = Ends(
         seeds.copy(), np.full((len(seeds), len(evaluator.target)), np.nan), np.zeros(len(seeds), dtype=bool)
