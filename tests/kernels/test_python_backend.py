@@ -53,7 +53,7 @@ from kinseek.kernels.paths.viterbi import (
     viterbi_step,
 )
 from kinseek.kernels.proof.neighbourhood import contractions
-from kinseek.kernels.python_backend import Bounded, bounded, call_at, unbounded, view_at
+from kinseek.kernels.python_backend import Bounded, bounded, call_at, unbounded, view_of
 from kinseek.kinds import POINTING, POSE
 from kinseek.maps.search import ruled_out
 from kinseek.paths.certify import numbers_of, prove_rows
@@ -557,7 +557,7 @@ def test_a_routine_is_called_by_its_number() -> None:
 
 def test_indices_that_machine_code_would_follow_anywhere_are_refused() -> None:
     memory = np.arange(12.0)
-    view: Any = view_at((memory.ctypes.data + 16, np.float64), (2, 4))
+    view: Any = view_of("f")(memory.ctypes.data + 16, (2, 4))
     np.testing.assert_array_equal(unbounded(view), memory[2:10].reshape(2, 4))
     for key in (2, -1, (0, 4), (0, -1), np.int64(-2), slice(0, 3), slice(-1, None), (0, slice(2, 5))):
         with pytest.raises(IndexError):

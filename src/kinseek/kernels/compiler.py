@@ -103,16 +103,29 @@ def numerics(function: Callable[..., Any]) -> dict[str, Any]:
     return NUMERICS
 
 
+_types: Any = numba.types  # Untyped in Numba itself.
+_ELEMENTS = {"f": _types.float64, "i": _types.int64, "b": _types.boolean}
+"""Numba's types of numbers, for each `entry.Leaf.element`."""
+
 _make_array: Any = arrayobj.make_array
+_populate_array: Any = arrayobj.populate_array
 _njit: Any = numba.njit  # Its stubs leave out `no_cfunc_wrapper`, which saves compile time.
 signature_of: Callable[[str], Any] = sigutils.normalize_signature
 _unliteral: Callable[[Any], Any] = unliteral
 
 
-def bare(function: Callable[..., Any], exact: bool) -> Any:
-    """A kernel for a library: without a Python wrapper and without a copy on disk."""
+def bare(function: Callable[..., Any], exact: bool, counted: bool) -> Any:
+    """A kernel for a library: without a Python wrapper and without a copy on disk.
+
+    Args:
+        function: The kernel.
+        exact: True if it may not assume what `numerics` lets it assume.
+        counted: True if references to arrays are counted, which a kernel that allocates needs.
+    """
     options = numerics(function) | ({"fastmath": False} if exact else {})
-    return _njit(nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)(function)
+    return _njit(nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True, _nrt=counted, **options)(
+        function
+    )
 
 
 class Compiled:
@@ -131,7 +144,7 @@ class Compiled:
     def _address(self) -> int:
         with _one_thread:
             if self._code is None:
-                options = {"nopython": True} | numerics(self._function)
+                options = {"nopython": True, "_nrt": False} | numerics(self._function)
                 with _cached(self._function) as folder:
                     signature = signature_of(self._signature)
                     self._code = c_function(signature, self._function, options, folder)
@@ -225,21 +238,37 @@ def exposed(function: Callable[P, R]) -> Callable[P, R]:
     return cast("Callable[P, R]", _njit(call))
 
 
-def pointer_to(element: str) -> Any:
-    """A kernel that converts an address into a pointer to such numbers, see `entry.Leaf`."""
-    types: Any = numba.types  # Untyped in Numba itself.
-    of = {"f": types.float64, "i": types.int64, "b": types.boolean}[element]
+def view_of(element: str) -> Any:
+    """A kernel from an address and a shape to a view of such numbers, see `entry.Leaf`.
+
+    Unlike `numba.carray` it needs no reference counts: nothing in the view says who owns the memory.
+    """
+    dtype = _ELEMENTS[element]
 
     @intrinsic
-    def pointer(typing_context: Any, address: Any) -> Any:
-        result = types.CPointer(of)
+    def view(typing_context: Any, address: Any, shape: Any) -> Any:
+        result = _types.Array(dtype, len(shape), "C")
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            return builder.inttoptr(args[0], context.get_value_type(result))
+            lengths = [builder.extract_value(args[1], i) for i in range(result.ndim)]
+            return array_at(context, builder, result, args[0], lengths)
 
-        return result(types.int64), generate
+        return result(_types.int64, shape), generate
 
-    return pointer
+    return view
+
+
+def array_at(context: Any, builder: Any, kind: Any, address: Any, shape: list[Any]) -> Any:
+    """LLVM value of a contiguous array that owns nothing, at an address."""
+    array = _make_array(kind)(context, builder)
+    word = context.get_value_type(_types.intp)
+    size = word(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    strides = [size]
+    for length in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], length))
+    data = builder.inttoptr(address, array.data.type)
+    _populate_array(array, data, shape, strides, size, None)
+    return array._getvalue()
 
 
 @intrinsic
@@ -269,9 +298,6 @@ def call_routine(typing_context: Any, address: Any, arguments: Any) -> Any:
         return builder.call(builder.inttoptr(values[0], kind.as_pointer()), given)
 
     return result(numba.types.int64, arguments), generate
-
-
-carray: Any = vars(numba)["carray"]
 
 
 def _compile_uninterrupted(compiled: Any) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from . import pointers
 from .entry import Bundle, Leaf, bundle_of
-from .jit import array_view, inlined
+from .jit import inlined
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Layout:
         below = {f"make_{each}": part.make for each, part in parts.items() if isinstance(part, Layout)}
         self.size: Any = inlined(_function(f"{name}_size({self._given})", str(self.count), {}))
         """A kernel from the sizes to the length of the memory in numbers."""
-        self.make: Any = array_view(
+        self.make: Any = inlined(
             _function(f"make_{name}(address, {self._given})", _bundled(bundle, views), below, bundle)
         )
         """A kernel from an address and the sizes to the views."""
@@ -197,7 +197,7 @@ class Rows:
             self.count += count
         below = {f"make_{name}": row.make for name, row in rows.items() if isinstance(row, Rows)}
         signature = f"{bundle.__name__.lower()}_of(handle, first)"
-        self.make: Any = array_view(_function(signature, _bundled(bundle, views), below, bundle))
+        self.make: Any = inlined(_function(signature, _bundled(bundle, views), below, bundle))
         """A kernel from a handle and its first row to the views."""
 
     def arrays(self, values: Any) -> list[NDArray[Any]]:

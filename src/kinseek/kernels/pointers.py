@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .entry import Bundle, Leaf, parameters
-from .jit import COMPILES, Routine, array_view
-from .python_backend import call_at, pointer_at, view_at
+from .jit import COMPILES, Routine, counted, inlined
+from .python_backend import call_at, view_of
 
 if TYPE_CHECKING:  # Rows of a chain are declared next to its arrays, and depend on this module.
     from .arrays import Array, Indices
@@ -27,15 +27,14 @@ ROW = 4
 call: Any = call_at
 """Call the `jit.Routine` at an address with a tuple of numbers, arrays and named tuples; it returns an integer."""
 
-carray: Any = view_at
-_pointer_to: Any = pointer_at
+_view_of: Any = view_of
 
 if COMPILES:
     from . import compiler
 
-    call, carray, _pointer_to = compiler.call_routine, compiler.carray, compiler.pointer_to
+    call, _view_of = compiler.call_routine, compiler.view_of
 
-_floats, _integers, _bools = map(_pointer_to, "fib")
+_floats, _integers, _bools = map(_view_of, "fib")
 
 
 def handle_of(arrays: list[NDArray[Any]]) -> Indices:
@@ -44,81 +43,81 @@ def handle_of(arrays: list[NDArray[Any]]) -> Indices:
     return np.array(rows, dtype=np.int64).ravel()
 
 
-@array_view
+@counted
 def floats1(handle: Indices, k: int) -> Array:
     """View array k, one-dimensional."""
-    seen: Array = carray(_floats(handle[ROW * k]), (handle[ROW * k + 1],))
+    seen: Array = _floats(handle[ROW * k], (handle[ROW * k + 1],))
     return seen
 
 
-@array_view
+@counted
 def floats2(handle: Indices, k: int) -> Array:
     """View array k, two-dimensional."""
-    seen: Array = carray(_floats(handle[ROW * k]), (handle[ROW * k + 1], handle[ROW * k + 2]))
+    seen: Array = _floats(handle[ROW * k], (handle[ROW * k + 1], handle[ROW * k + 2]))
     return seen
 
 
-@array_view
+@counted
 def floats3(handle: Indices, k: int) -> Array:
     """View array k, three-dimensional."""
     o = ROW * k
-    seen: Array = carray(_floats(handle[o]), (handle[o + 1], handle[o + 2], handle[o + 3]))
+    seen: Array = _floats(handle[o], (handle[o + 1], handle[o + 2], handle[o + 3]))
     return seen
 
 
-@array_view
+@counted
 def integers(handle: Indices, k: int) -> Indices:
     """View array k, one-dimensional, of integers."""
-    seen: Indices = carray(_integers(handle[ROW * k]), (handle[ROW * k + 1],))
+    seen: Indices = _integers(handle[ROW * k], (handle[ROW * k + 1],))
     return seen
 
 
-@array_view
+@counted
 def integers2(handle: Indices, k: int) -> Indices:
     """View array k, two-dimensional, of integers."""
-    seen: Indices = carray(_integers(handle[ROW * k]), (handle[ROW * k + 1], handle[ROW * k + 2]))
+    seen: Indices = _integers(handle[ROW * k], (handle[ROW * k + 1], handle[ROW * k + 2]))
     return seen
 
 
-@array_view
+@counted
 def flags(handle: Indices, k: int) -> NDArray[np.bool_]:
     """View array k, one-dimensional, of truth values."""
-    seen: NDArray[np.bool_] = carray(_bools(handle[ROW * k]), (handle[ROW * k + 1],))
+    seen: NDArray[np.bool_] = _bools(handle[ROW * k], (handle[ROW * k + 1],))
     return seen
 
 
-@array_view
+@counted
 def part1(address: int, first: int, count: int) -> Array:
     """View `count` floats of a memory from number `first` on."""
-    seen: Array = carray(_floats(address + 8 * first), (count,))
+    seen: Array = _floats(address + 8 * first, (count,))
     return seen
 
 
-@array_view
+@counted
 def part2(address: int, first: int, rows: int, columns: int) -> Array:
     """View a table of floats in a memory from number `first` on."""
-    seen: Array = carray(_floats(address + 8 * first), (rows, columns))
+    seen: Array = _floats(address + 8 * first, (rows, columns))
     return seen
 
 
-@array_view
+@counted
 def integer_part(address: int, first: int, count: int) -> Indices:
     """View `count` integers in a memory of 8-byte numbers from number `first` on."""
-    seen: Indices = carray(_integers(address + 8 * first), (count,))
+    seen: Indices = _integers(address + 8 * first, (count,))
     return seen
 
 
-@array_view
+@counted
 def integer_part2(address: int, first: int, rows: int, columns: int) -> Indices:
     """View a table of integers in a memory of 8-byte numbers from number `first` on."""
-    seen: Indices = carray(_integers(address + 8 * first), (rows, columns))
+    seen: Indices = _integers(address + 8 * first, (rows, columns))
     return seen
 
 
-@array_view
+@counted
 def part3(address: int, first: int, tables: int, rows: int, columns: int) -> Array:
     """View tables of floats in a memory from number `first` on."""
-    seen: Array = carray(_floats(address + 8 * first), (tables, rows, columns))
+    seen: Array = _floats(address + 8 * first, (tables, rows, columns))
     return seen
 
 
@@ -129,7 +128,7 @@ def routine(function: Callable[..., int]) -> Routine:
     of these numbers is generated; it views the arrays and calls the kernel.
     """
     scope: dict[str, Any] = {name: _PARTS[name] for name in _PARTS}
-    scope |= {"kernel": array_view(function), "__name__": function.__module__}
+    scope |= {"kernel": inlined(function), "__name__": function.__module__}
     kinds: list[str] = []
 
     def number(kind: str) -> str:

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
-from numpy.typing import DTypeLike
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -72,16 +71,18 @@ def plainly(kernel: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
-def pointer_at(element: str) -> Callable[[int], tuple[int, DTypeLike]]:
-    """Return a function from an address of numbers, see `entry.Leaf`, to the input of `view_at`."""
-    return lambda address: (address, {"f": np.float64, "i": np.int64, "b": np.bool_}[element])
+def view_of(element: str) -> Callable[[int, tuple[int, ...]], Bounded]:
+    """Return a function from an address and a shape to a view of such numbers, see `entry.Leaf`.
 
+    A kernel that reads past the shape raises an error.
+    """
+    kind = np.dtype({"f": np.float64, "i": np.int64, "b": np.bool_}[element])
 
-def view_at(place: tuple[int, DTypeLike], shape: tuple[int, ...]) -> Bounded:
-    """View the memory at an address; a kernel that reads past its shape raises an error."""
-    address, element = place
-    size = int(math.prod(shape)) * np.dtype(element).itemsize
-    return Bounded(shape, element, memoryview((ctypes.c_byte * size).from_address(int(address))))
+    def view(address: int, shape: tuple[int, ...]) -> Bounded:
+        size = int(math.prod(shape)) * kind.itemsize
+        return Bounded(shape, kind, memoryview((ctypes.c_byte * size).from_address(int(address))))
+
+    return view
 
 
 _routines: dict[int, Callable[..., int]] = {}

@@ -12,16 +12,14 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils as typed_cgutils
 from numba.core import types as typed_types
-from numba.np import arrayobj as typed_arrayobj
 
-from .compiler import bare, signature_of
+from .compiler import array_at, bare, signature_of
 from .entry import Bundle, Entry
 from .jit import Routine
 
 # Half typed in Numba itself.
 types: Any = typed_types
 cgutils: Any = typed_cgutils
-arrayobj: Any = typed_arrayobj
 
 ELEMENTS = {"f": types.float64, "i": types.int64, "b": types.boolean}
 WORD = ir.IntType(64)
@@ -33,7 +31,9 @@ def compiled(one: Entry | Routine) -> Any:
         map(numba_type, one.takes.values()) if isinstance(one, Entry) else signature_of(one.signature)[0]
     )
     signature = tuple(declared)
-    kernel = bare(one.function, isinstance(one, Entry) and one.exact)
+    # A routine is called with addresses: it owns no array.
+    counted = isinstance(one, Entry)
+    kernel = bare(one.function, isinstance(one, Entry) and one.exact, counted)
     kernel.compile(signature)
     return kernel.overloads[signature]
 
@@ -102,15 +102,9 @@ class Table:
         return self.builder.icmp_signed("!=", number, WORD(0)) if kind == types.boolean else number
 
     def _array(self, kind: Any) -> Any:
-        array = arrayobj.make_array(kind)(self.context, self.builder)
-        data = self.builder.inttoptr(self.builder.load(self._next(WORD)), array.data.type)
+        address = self.builder.load(self._next(WORD))
         shape = [self.builder.load(self._next(WORD)) for _ in range(kind.ndim)]
-        size = self.context.get_abi_sizeof(self.context.get_data_type(kind.dtype))
-        strides = [WORD(size)]
-        for length in reversed(shape[1:]):
-            strides.insert(0, self.builder.mul(strides[0], length))
-        arrayobj.populate_array(array, data, shape, strides, size, None)
-        return array._getvalue()
+        return array_at(self.context, self.builder, kind, address, shape)
 
     def write(self, kind: Any, value: Any, one: Entry) -> None:
         """Write the result of an entry after its arguments.

@@ -9,7 +9,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.atlas.task import Handle
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import array_view, entry, inlined
+from kinseek.kernels.jit import counted, entry, inlined
 
 from .descent import FIRST_STEPS, is_hopeless, iterate, reset_weights, within
 from .lanes import LANES, Lanes
@@ -87,7 +87,7 @@ def next_seed(task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int
     return False
 
 
-@array_view
+@inlined
 def next_candidate(job: Job, task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int) -> bool:
     """Load the next candidate of a nearby arm for its target into lane l; return False if there is none."""
     target, q, asked = targets[queue.target[l]], scratch.found[l], OFFER + queue.next[l]
@@ -180,7 +180,7 @@ def solve_some(
     return end - begin
 
 
-@array_view
+@inlined
 def run_closed(job: Job, task: Task, scratch: Scratch, block: Block, begin: int, end: int) -> int:
     """Solve targets begin … end-1 in closed form; write the indices of the others into `left` and return their number.
 
@@ -201,7 +201,7 @@ def run_closed(job: Job, task: Task, scratch: Scratch, block: Block, begin: int,
     return leftover
 
 
-@array_view
+@counted
 def run_lanes(job: Job, task: Task, scratch: Scratch, block: Block, count: int, nearby: bool) -> int:
     """Process `count` targets with indices in `block.left`; write the unsolved ones back there and return their number.
 

@@ -10,8 +10,8 @@ from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
 from kinseek.kernels.arrays import Array, GoalArrays
-from kinseek.kernels.jit import array_view, inlined
-from kinseek.kernels.pointers import call, routine
+from kinseek.kernels.jit import inlined
+from kinseek.kernels.pointers import call, part2, routine
 
 from .lanes import (
     COSINE,
@@ -121,10 +121,10 @@ def reset_weights(task: Task, scratch: Scratch) -> None:
         lanes.weight[1, l] = 1.0 if task.columns[0] > 0.0 else 0.0
 
 
-@array_view
+@inlined
 def goal_of(task: Task, target: Array) -> GoalArrays:
-    """A target, (3, 4), with the weights of the task."""
-    return GoalArrays(target, task.position_weight, task.axis_weights)
+    """View a target, (3, 4), with the weights of the task."""
+    return GoalArrays(part2(target.ctypes.data, 0, 3, 4), task.position_weight, task.axis_weights)
 
 
 @inlined
@@ -133,7 +133,7 @@ def free_turn(task: Task) -> float:
     return 1.0 if task.columns[0] > 0.0 and task.columns[1] == 0.0 else 0.0
 
 
-@array_view
+@inlined
 def iterate(job: Job, move: bool) -> int:
     """Make one damped step of every lane if `move`; then compute poses, residuals and errors.
 
@@ -257,7 +257,7 @@ def keep_seed(scratch: Scratch, error: float) -> None:
         keep_joints(scratch.best, worst, scratch.seed)
 
 
-@array_view
+@inlined
 def judge_by_ranges(job: Job, q: Array, report: Array) -> int:
     """Judge joint values, (n,), by plain FK against ranges: write errors [m], [rad] and weighted into a report."""
     done: int = call(routine_at(job.handle, JUDGE), (job, q, report))

@@ -11,7 +11,7 @@ from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
 from kinseek.kernels.arm.range_error import range_weighted
 from kinseek.kernels.arrays import Array, GoalArrays, Limits
-from kinseek.kernels.jit import array_view, inlined, ir_inlined
+from kinseek.kernels.jit import inlined, ir_inlined
 from kinseek.kernels.pointers import call, routine
 
 from .descent import (
@@ -111,7 +111,7 @@ def fill_from_flips(task: Task, scratch: Scratch) -> int:
     return filled
 
 
-@array_view
+@inlined
 def find_nearest_pose(job: Job, target: Array) -> int:
     """Refine the eight best to the nearest pose to an unreachable target, (3, 4); return FK evaluations."""
     spent: int = call(routine_at(job.handle, ENDING), (job, target))

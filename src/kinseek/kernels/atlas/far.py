@@ -15,7 +15,7 @@ import numpy as np
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
 from kinseek.kernels.arrays import Array, Limits
-from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.jit import inlined
 from kinseek.kernels.pointers import call, floats1, routine
 
 from .descent import farthest_joint, goal_of, keep_best, lowest, lowest_row, start
@@ -67,7 +67,7 @@ MOST = (STEPS + STEPS_AFTER + 2 * WALK) * LANES
 """Largest number of FK evaluations."""
 
 
-@array_view
+@inlined
 def is_far(job: Job, target: Array) -> bool:
     """Return True if a target, (3, 4), is farther away than `BEYOND` times the length of the links."""
     lengths, tolerances = floats1(job.handle, LENGTHS), job.tolerances
@@ -82,7 +82,7 @@ def is_far(job: Job, target: Array) -> bool:
     return far
 
 
-@array_view
+@inlined
 def nearest_to_far(job: Job, target: Array, q: Array) -> int:
     """Write the nearest pose to a target for which `is_far` holds into q, (n,); return FK evaluations."""
     spent: int = call(routine_at(job.handle, DISTANT), (job, target, q))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import array_view
+from kinseek.kernels.jit import inlined
 from kinseek.kernels.layout import Layout
 
 from .lanes import LANES, Lanes
@@ -67,13 +67,13 @@ LAYOUT = Layout(Scratch)
 scratch_size, lay_scratch = LAYOUT.size, LAYOUT.make
 
 
-@array_view
+@inlined
 def scratch_of(job: Job, task: Task) -> Scratch:
     """The scratch memory of a job."""
     return make_scratch(job.memory, len(task.lower), len(task.chain.leader))
 
 
-@array_view
+@inlined
 def make_scratch(memory: Array, dof: int, joints: int) -> Scratch:
     """Create the views of a scratch memory in a block of `scratch_size` numbers."""
     scratch: Scratch = lay_scratch(memory.ctypes.data, dof, joints)

@@ -11,7 +11,7 @@ from kinseek.kernels.arm.pose_error import LARGEST, is_rigid
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.task import Handle
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import array_view, entry, exact, inlined, noinline
+from kinseek.kernels.jit import entry, exact, inlined, noinline
 from kinseek.kernels.pointers import part1
 
 from .descent import DEEP_STEPS, descend_lanes, goal_of, keep_closest, start
@@ -98,7 +98,7 @@ def walk_near(job: Job, target: Array, near: Array, q: Array) -> int:
     return spent
 
 
-@array_view
+@inlined
 def conclude_near(job: Job, target: Array, near: Array, q: Array, report: Array) -> None:
     """Do the same as `one_goal.conclude_answer`, with full turns chosen near a reference, (n,)."""
     task = task_at(job)

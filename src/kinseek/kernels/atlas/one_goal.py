@@ -17,7 +17,7 @@ from kinseek.kernels.arm.pose_error import errors, is_rigid, weighted_error
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.atlas.task import Handle
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import array_view, entry, inlined, kernel
+from kinseek.kernels.jit import entry, inlined, kernel
 from kinseek.kernels.pointers import call, part1, routine
 
 from .descent import (
@@ -95,7 +95,7 @@ KICK, WIDE_KICK = 0.5, 1.5
 surroundings."""
 
 
-@array_view
+@inlined
 def solve_target(job: Job, target: Array, budget: float, q: Array) -> int:
     """Solve one target, (3, 4), within a budget; write q, (n,), and return the FK evaluations spent.
 
@@ -122,7 +122,7 @@ CORRECTIONS = 4
 """Largest number of steps from a candidate of a nearby arm."""
 
 
-@array_view
+@inlined
 def closed_answer(job: Job, target: Array, budget: float, near: Array, asked: int, q: Array) -> int:
     """Return the result of `structure.one_answer.closed_routine`; 0 if the arm has no closed form."""
     tried = 0
@@ -131,14 +131,14 @@ def closed_answer(job: Job, target: Array, budget: float, near: Array, asked: in
     return tried
 
 
-@array_view
+@inlined
 def search_near(job: Job, target: Array, budget: float, near: Array, close: bool, q: Array) -> int:
     """Do the same as `solve_target`; with `close` choose the solution nearest to `near`, (n,), for a goal with ranges."""
     spent: int = call(routine_at(job.handle, SEARCH), (job, target, budget, near, close, q))
     return spent
 
 
-@array_view
+@inlined
 def fill_from_ranges(job: Job, near: Array, close: bool, begin: int, most: int) -> int:
     """Load the samples nearest to poses of the ranges, from index `begin` on, into the lanes; return the next index.
 
@@ -241,7 +241,7 @@ def finish(task: Task, scratch: Scratch, goal: GoalArrays, near: Array, q: Array
     report[WEIGHTED_ERROR] = weighted_error(scratch.spare, goal)
 
 
-@array_view
+@inlined
 def conclude_answer(job: Job, target: Array, q: Array, report: Array) -> None:
     """Judge a solution q, (n,): write errors [m], [rad] and weighted into report, (4,)."""
     task = task_at(job)

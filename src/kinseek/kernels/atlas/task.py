@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.arm.division import Division
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
-from kinseek.kernels.jit import array_view
+from kinseek.kernels.jit import counted, inlined
 from kinseek.kernels.layout import Rows
 from kinseek.kernels.pointers import ROW, floats1, integer_part, integers, part1
 
@@ -150,28 +150,28 @@ def with_ranges(arrays: list[NDArray[Any]], poses: int, routines: Indices) -> li
     return changed
 
 
-@array_view
+@counted
 def handle_at(address: int) -> Indices:
     """View a handle by its own address."""
     seen: Indices = integer_part(address, 0, ARRAYS * ROW)
     return seen
 
 
-@array_view
+@counted
 def plain_tolerances(handle: Indices) -> Array:
     """Tolerances and weights of a plain pose, (TOLERANCES,)."""
     seen: Array = floats1(handle, PLAIN)
     return seen
 
 
-@array_view
+@inlined
 def routine_at(handle: Indices, k: int) -> int:
     """Address of routine k."""
     address: int = integers(handle, ROUTINES)[k]
     return address
 
 
-@array_view
+@inlined
 def lanes_of(handle: Indices) -> int:
     """LANES, as a number that is unknown to the compiler."""
     count: int = integers(handle, NUMBERS)[WIDTH]
@@ -181,7 +181,7 @@ def lanes_of(handle: Indices) -> int:
 rows_of = ROWS.make
 
 
-@array_view
+@inlined
 def task_of(handle: Indices, tolerances: Array) -> Task:
     """View a task through its handle.
 
@@ -223,7 +223,7 @@ class Job(NamedTuple):
     """LANES, as a number that is unknown to the compiler."""
 
 
-@array_view
+@inlined
 def task_at(job: Job) -> Task:
     """The task of a job."""
     return task_of(job.handle, job.tolerances)

@@ -13,7 +13,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import array_view, inlined, kernel, noinline
+from kinseek.kernels.jit import inlined, kernel, noinline
 from kinseek.kernels.pointers import part1
 
 LEAF_SIZE = 8
@@ -222,7 +222,7 @@ def nearest(tree: Tree, point: Array, most: int, neighbours: Neighbours) -> int:
     return found
 
 
-@array_view
+@inlined
 def scan_beside(tree: Tree, point: Array, distance: Array, least: Array, w: int) -> int:
     """Compute the distances of the points in the leaves near a point.
 

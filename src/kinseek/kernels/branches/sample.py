@@ -22,7 +22,7 @@ from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import MARGIN, complete, keep_joints, kick, restart, see
 from kinseek.kernels.atlas.task import EVALUATIONS, Job, Task, lanes_of, task_of
 from kinseek.kernels.atlas.tree import Neighbours, nearest
-from kinseek.kernels.jit import array_view, inlined, noinline
+from kinseek.kernels.jit import counted, inlined, noinline
 from kinseek.kernels.structure.candidates import SWEPT
 
 from .curves import write_curve_starts
@@ -107,7 +107,7 @@ def sample_branches(
     return written
 
 
-@array_view
+@counted
 def write_nearest_samples(task: Task, scratch: Scratch, search: Search) -> int:
     """Complete the nearest samples of the atlas into the starts, nearest first; return their number."""
     most, many = len(search.starts), 0
@@ -121,7 +121,7 @@ def write_nearest_samples(task: Task, scratch: Scratch, search: Search) -> int:
     return many
 
 
-@array_view
+@inlined
 def write_one_start(search: Search) -> int:
     """Write the solution that `arm.ik` finds as the only start; return 1."""
     job = search.job

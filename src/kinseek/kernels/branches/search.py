@@ -45,7 +45,7 @@ from kinseek.kernels.atlas.task import (
     task_of,
 )
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import array_view, entry, inlined, noinline
+from kinseek.kernels.jit import entry, inlined, noinline
 from kinseek.kernels.structure.candidates import DEVIATION, KIND, LOOSE, NUMBERS, PARALLEL, ROUNDING
 from kinseek.kernels.structure.closed import closed_starts, serves
 
@@ -196,7 +196,7 @@ def find_branches(arm: ArmTables, tolerances: Array, target: Array, view: Array,
     return rows
 
 
-@array_view
+@inlined
 def try_closed_form(arm: ArmTables, task: Task, scratch: Scratch, search: Search) -> Plan:
     """Refine the candidates of the closed form, see `structure.closed`.
 
@@ -276,7 +276,7 @@ def is_suspicious(task: Task, count: int) -> bool:
     return count == 0 or (full and count % 2 == 1)
 
 
-@array_view
+@inlined
 def try_fine_atlas(arm: ArmTables, search: Search) -> int:
     """Refine the solution that the fine atlas leads to; return the number of solutions, 0 or 1."""
     job, starts = search.job, search.starts

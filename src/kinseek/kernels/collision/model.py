@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 from kinseek.kernels.arm.trigonometry import sine_cosine
 from kinseek.kernels.arm.vectors import Matrix, Transform, Vector, dot, relative, transform_at
 from kinseek.kernels.arrays import Array, ChainArrays, Flags, Indices
-from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.jit import inlined
 from kinseek.kernels.layout import Layout, Rows
 
 LANES, BLOCK = 8, 16
@@ -124,7 +124,7 @@ def memory_for(model: CollisionModel) -> int:
     return size
 
 
-@array_view
+@inlined
 def make_lane_state(model: CollisionModel, memory: Array) -> LaneState:
     """Create the views in a memory; only the frame of the base is set."""
     state: LaneState = lay_lane_state(memory.ctypes.data, *sizes_of(model))

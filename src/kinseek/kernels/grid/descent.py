@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import array_view, entry, exact, inlined
+from kinseek.kernels.jit import entry, exact, inlined
 
 from .memory import Beam, GridMemory, Window, grid_memory
 from .window import (
@@ -119,7 +119,7 @@ def descend(
     return ended
 
 
-@array_view
+@inlined
 def search_cells(
     chain: ChainArrays,
     goal: GoalArrays,
@@ -303,7 +303,7 @@ def limits_of(passes: Passes, work: int, window: Window, progress: Indices) -> L
     return Limits(passes.stop_below, passes.tie, min(left, leaf_count(window.counts, 0)), work)
 
 
-@array_view
+@inlined
 def receiver(passes: Passes, memory: GridMemory, progress: Indices) -> Beam:
     """Beam that receives the leaves of the present window: that of the pass, unless the children of a cell are limited."""
     k = progress[PASS]

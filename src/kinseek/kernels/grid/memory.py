@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Annotated, NamedTuple
 
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import array_view
+from kinseek.kernels.jit import inlined
 from kinseek.kernels.layout import Layout, floats, named, whole
 
 MOST_LANES = 8000
@@ -95,7 +95,7 @@ def memory_size(dof: int, most: int, cells: int, children: int) -> int:
     return LINE // 8 + LAYOUT.count.of(dof=dof, most=most, cells=cells, children=children)
 
 
-@array_view
+@inlined
 def grid_memory(memory: Array, dof: int, most: int, cells: int, children: int) -> GridMemory:
     """Create the views of a descent in a memory of `memory_size` numbers."""
     address = (memory.ctypes.data + LINE - 1) // LINE * LINE

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.jit import counted, inlined
 from kinseek.kernels.proof.box import BoxScratch, Form, make_box_scratch
 
 
@@ -78,7 +78,7 @@ LENGTH, MARGIN, MARGIN_A, COUNT = range(4)
 the columns; and the number of these entries."""
 
 
-@array_view
+@counted
 def make_motion(chain: ChainArrays, columns: int, begin: Array, hold: Array, numbers: Array) -> Motion:
     """Allocate the memory for the steps of one path; `lead` sets the first two joints."""
     m, n = len(chain.leader), len(chain.lower)

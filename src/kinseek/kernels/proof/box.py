@@ -15,7 +15,7 @@ from kinseek.kernels.arm.division import SLIDE, TURN
 from kinseek.kernels.arm.forward import advance, identity
 from kinseek.kernels.arm.vectors import Vector, column, cross, minus, norm, row, write_row
 from kinseek.kernels.arrays import Array, Flags, Indices
-from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.jit import counted, inlined
 
 TINY = 1e-300
 """Prevents division by zero. Any value much smaller than all measured quantities would do."""
@@ -147,7 +147,7 @@ class BoxScratch(NamedTuple):
     """Change of the step by Newton's method, (n,)."""
 
 
-@array_view
+@counted
 def make_box_scratch(joints: int, dof: int) -> BoxScratch:
     """Allocate the memory of one search."""
     return BoxScratch(

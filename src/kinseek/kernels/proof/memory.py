@@ -12,7 +12,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import array_view
+from kinseek.kernels.jit import counted
 
 from .box import BoxScratch, make_box_scratch
 from .neighbourhood import Expansion, make_expansion
@@ -83,7 +83,7 @@ class SearchScratch(NamedTuple):
     """Their pose of the hand, columns x, y, z and p, (3, 4)."""
 
 
-@array_view
+@counted
 def make_search_scratch(joints: int, memory: Memory) -> SearchScratch:
     """Allocate the scratch memory for a number of joints of the arm that the boxes describe."""
     dof = memory.boxes.shape[1] // 2

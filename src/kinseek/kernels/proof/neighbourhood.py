@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.jit import array_view, inlined, kernel
+from kinseek.kernels.jit import counted, inlined, kernel
 
 from .box import LEAST, BoxScratch, Form, ProofGoal, load_box, make_box_scratch, place, turn_goal
 from .taylor import derivatives, differentiate, miss, normal_matrix, rests, solve
@@ -70,7 +70,7 @@ class Expansion(NamedTuple):
     """Largest entry of the inverse of the normal matrix, times its trace; and the error of the hand at the centre, (2,)."""
 
 
-@array_view
+@counted
 def make_expansion(dof: int) -> Expansion:
     """Allocate the memory of one search."""
     return Expansion(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.jit import counted, inlined
 
 from .form import OF_SQUARES
 
@@ -63,7 +63,7 @@ class Sheet(NamedTuple):
     """Remaining joints, slopes, the additions that make the form convex, and a point in the box, (4, n)."""
 
 
-@array_view
+@counted
 def make_sheet(kinds: int, n: int) -> Sheet:
     """Allocate the memory of one search."""
     return Sheet(

@@ -97,7 +97,7 @@ def search_boxes(
 
 @inlined
 def search(call: Call, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch) -> int:
-    """Do the work of `search_boxes` without allocating memory.
+    """Do the work of `search_boxes` without counted memory.
 
     Allocation counts references to arrays; without it this compiles faster.
     """

@@ -41,7 +41,7 @@ from kinseek.kernels.atlas.lanes import (
 )
 from kinseek.kernels.atlas.memory import Scratch, scratch_of, scratch_size
 from kinseek.kernels.atlas.task import Job, Task, task_at
-from kinseek.kernels.jit import array_view, inlined
+from kinseek.kernels.jit import inlined
 from kinseek.kernels.layout import Layout
 from kinseek.kernels.pointers import routine
 
@@ -85,13 +85,13 @@ LAYOUT = Layout(RangeScratch)
 range_scratch_size, lay_range_scratch = LAYOUT.size, LAYOUT.make
 
 
-@array_view
+@inlined
 def range_scratch_of(job: Job, task: Task) -> RangeScratch:
     """The scratch memory of a job for goals with ranges, behind that of other goals."""
     return make_range_scratch(job.memory, len(task.lower), len(task.chain.leader))
 
 
-@array_view
+@inlined
 def make_range_scratch(memory: Array, dof: int, joints: int) -> RangeScratch:
     """Create the views after the scratch memory, in a memory of `scratch_size` and `range_scratch_size` numbers."""
     ranges: RangeScratch = lay_range_scratch(memory.ctypes.data + 8 * scratch_size(dof, joints), dof, joints)
