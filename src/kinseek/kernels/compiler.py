@@ -29,9 +29,11 @@ from llvmlite import ir
 from numba.core import codegen, config, event, sigutils
 from numba.core import compiler as numba_compiler
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.datamodel import models as typed_models
 from numba.core.types import unliteral
 from numba.extending import intrinsic
 from numba.np import arrayobj
+from numba.np.numpy_support import as_dtype
 
 from kinseek.forks import finish_first
 from kinseek.interrupts import uninterrupted
@@ -107,8 +109,9 @@ _types: Any = numba.types  # Untyped in Numba itself.
 _ELEMENTS = {"f": _types.float64, "i": _types.int64, "b": _types.boolean}
 """Numba's types of numbers, for each `entry.Leaf.element`."""
 
+_WORD = ir.IntType(64)
+
 _make_array: Any = arrayobj.make_array
-_populate_array: Any = arrayobj.populate_array
 _njit: Any = numba.njit  # Its stubs leave out `no_cfunc_wrapper`, which saves compile time.
 signature_of: Callable[[str], Any] = sigutils.normalize_signature
 _unliteral: Callable[[Any], Any] = unliteral
@@ -183,6 +186,7 @@ _SHIPPED: dict[str, Any] = {}
 """Further options if all compiled code is written out, see `never_run`."""
 
 _JITCodeLibrary: Any = codegen.JITCodeLibrary  # Untyped in Numba itself, as what follows.
+_models: Any = typed_models
 _Compiler: Any = numba_compiler.Compiler
 
 
@@ -260,15 +264,33 @@ def view_of(element: str) -> Any:
 
 def array_at(context: Any, builder: Any, kind: Any, address: Any, shape: list[Any]) -> Any:
     """LLVM value of a contiguous array that owns nothing, at an address."""
-    array = _make_array(kind)(context, builder)
-    word = context.get_value_type(_types.intp)
-    size = word(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
-    strides = [size]
-    for length in reversed(shape[1:]):
-        strides.insert(0, builder.mul(strides[0], length))
-    data = builder.inttoptr(address, array.data.type)
-    _populate_array(array, data, shape, strides, size, None)
-    return array._getvalue()
+    model = context.data_model_manager[kind]
+    data = builder.inttoptr(address, model.get_value_type().elements[model.get_field_position("data")])
+    return _contiguous(model, builder, data, shape)
+
+
+def _contiguous(model: Any, builder: Any, data: Any, shape: list[Any]) -> Any:
+    """LLVM value of a contiguous array that owns nothing."""
+    place = model.get_field_position
+    kinds, size = list(model.get_value_type().elements), as_dtype(model.fe_type.dtype).itemsize
+    strides = [_WORD(ir.Undefined)] * (len(shape) - 1) + [_WORD(size)]
+    known = [ir.Constant(kind, ir.Undefined) for kind in kinds]
+    for owner in ("meminfo", "parent"):
+        known[place(owner)] = ir.Constant(kinds[place(owner)], None)
+    known[place("itemsize")] = _WORD(size)
+    known[place("strides")] = ir.Constant(kinds[place("strides")], strides)
+    value, step = ir.Constant(model.get_value_type(), known), _WORD(size)
+    value = builder.insert_value(value, data, place("data"))
+    for i in reversed(range(len(shape))):
+        value = builder.insert_value(value, shape[i], [place("shape"), i])
+        if i < len(shape) - 1:
+            value = builder.insert_value(value, step, [place("strides"), i])
+        if i > 0:
+            step = builder.mul(step, shape[i])
+    count = shape[0]
+    for length in shape[1:]:
+        count = builder.mul(count, length)
+    return builder.insert_value(value, count, place("nitems"))
 
 
 @intrinsic
@@ -353,5 +375,41 @@ def never_run() -> None:
     generator.set_env = lambda self, name, environment: None
     library._finalize_specific = lambda self: None
     library.serialize_using_object_code = library.serialize_using_bitcode
+    _pass_arrays_briefly()
     _SHIPPED["no_cpython_wrapper"] = True
     _FirstRunNotice.said = True  # The notice would be wrong here.
+
+
+def _pass_arrays_briefly() -> None:
+    """Let functions take a contiguous array as its address and lengths, from which they compute the rest.
+
+    Numba passes seven or nine numbers: also an owner, strides and sizes. A bundle of twenty arrays is taken apart at every
+    call and put together in every callee, so these were half of all instructions that LLVM had to remove again. Callees get
+    no owner: an array belongs to the caller for the time of the call, and no kernel returns one that it was given.
+    """
+    model = _models.ArrayModel
+    longer = {name: getattr(model, name) for name in ("get_argument_type", "as_argument", "from_argument")}
+
+    def argument_type(self: Any) -> Any:
+        if self.fe_type.layout != "C":
+            return longer["get_argument_type"](self)
+        return (self.get_value_type().elements[self.get_field_position("data")], *[_WORD] * self.fe_type.ndim)
+
+    def as_argument(self: Any, builder: Any, value: Any) -> Any:
+        if self.fe_type.layout != "C":
+            return longer["as_argument"](self, builder, value)
+        shape = self.get_field_position("shape")
+        data = builder.extract_value(value, self.get_field_position("data"))
+        return (data, *(builder.extract_value(value, [shape, i]) for i in range(self.fe_type.ndim)))
+
+    def from_argument(self: Any, builder: Any, value: Any) -> Any:
+        if self.fe_type.layout != "C":
+            return longer["from_argument"](self, builder, value)
+        data, *lengths = value
+        return _contiguous(self, builder, data, lengths)
+
+    model.get_argument_type, model.as_argument, model.from_argument = (
+        argument_type,
+        as_argument,
+        from_argument,
+    )
