@@ -22,7 +22,7 @@ from kinseek.kernels.atlas.descent import DAMPING, LONGEST
 from kinseek.kernels.atlas.lanes import LANES, Lanes
 from kinseek.kernels.atlas.samples import Atlas, Divided, build_atlas
 from kinseek.kernels.atlas.seeds import MARGIN
-from kinseek.kernels.atlas.tree import LEAF_SIZE, Neighbours
+from kinseek.kernels.atlas.tree import LEAF_SIZE, MOST_LEVELS, Neighbours
 from kinseek.kernels.jit import exposed
 from kinseek.kinds import POSE
 from kinseek.robots.geometry import divide, open_limits
@@ -63,8 +63,9 @@ class Query:
         self.goal = self.seen(G[None])[0]
         point, distance, index = np.empty(9), np.empty(64), np.empty(64, dtype=np.int64)
         used = coordinates(G, self.division, point)
-        stack, bound = np.empty(64, dtype=np.int64), np.empty(64 + LEAF_SIZE)
-        found = nearest(self.atlas.tree, point[:used], 64, Neighbours(distance, index, stack, bound))
+        stack, bound = np.empty(MOST_LEVELS, dtype=np.int64), np.empty(MOST_LEVELS)
+        room = Neighbours(distance, index, stack, bound, np.empty(LEAF_SIZE))
+        found = nearest(self.atlas.tree, point[:used], 64, room)
         divided = Divided(self.atlas, self.division, Limits(chain.lower, chain.upper), MARGIN)
         seeds: list[Array] = []
         for i in index[:found]:

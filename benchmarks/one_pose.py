@@ -20,7 +20,7 @@ import kinseek
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.kernels.atlas.one_goal import search_within, solve_plain
-from kinseek.kernels.atlas.task import CLOSED
+from kinseek.kernels.atlas.task import ROUTINE
 from kinseek.solvers.atlas.index import PLAIN, AtlasIndex
 
 from .command import arm_name, at_least_one, command
@@ -86,11 +86,11 @@ def main() -> None:
         for way, closed in ways:
             index = arm.atlas
             assert isinstance(index, AtlasIndex)
-            routines = index._routines
-            kept = int(routines[CLOSED])
-            routines[CLOSED] = kept if closed else 0
+            routines, place = index._routines, ROUTINE.first["closed"]
+            kept = int(routines[place])
+            routines[place] = kept if closed else 0
             row = parts(arm, targets, closed)
-            routines[CLOSED] = kept
+            routines[place] = kept
             print(f"{name + ', ' + way:<28}" + "".join(f"{value:8.2f}" for value in row), flush=True)
 
 

@@ -15,7 +15,7 @@ from .deadline import Deadline
 from .errors import InvalidProblem
 from .goal import Goal
 from .invalid_targets import without_invalid
-from .kernels.atlas.near import solve_plain_near
+from .kernels.atlas.near import solve_goal
 from .kernels.atlas.one_goal import solve_plain
 from .kinematics import ForwardArm
 from .poses import plain_array
@@ -225,7 +225,7 @@ class Arm(ForwardArm):
                         warn_of_distance(hypot(*T[:3, 3]), axes.reach, 2)
                     return quick_solution(axes, T.tobytes(), None, q, report)
             elif (start := plain_array(near, q.shape)) is not None:
-                report = solve_plain_near(index.address, T, start, q)
+                report = solve_goal(index.address, index.plain, T, start, True, q)
                 if report[3] >= 0:
                     if not report[4]:
                         warn_of_distance(hypot(*T[:3, 3]), axes.reach, 2)

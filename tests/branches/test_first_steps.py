@@ -9,7 +9,6 @@ import kinseek
 from kinseek import Goal, Problem
 from kinseek.branches.index import index_of
 from kinseek.kernels.arm.division import NONE
-from kinseek.kernels.atlas.task import HEAD
 from kinseek.kernels.branches import seeding
 from kinseek.kernels.branches.distance import MOST_JOINTS
 from kinseek.kernels.jit import exposed
@@ -24,7 +23,7 @@ def test_the_table_of_first_steps_is_a_damped_inverse(name: str) -> None:
     """Moved from the tip to the last axis, and seen from the first, a small motion is answered as by least squares."""
     arm = kinseek.load(name)
     index = index_of(Problem(arm.chain, Goal.pose(np.eye(4))))
-    atlas, first = index.coarse.sorted, int(index.coarse.numbers[HEAD] != NONE)
+    atlas, first = index.coarse.sorted, int(index.coarse.division.head != NONE)
     length = arm_length(arm.chain) / RADIAN_PART
     for k in (0, 17, len(atlas.middle) - 1):
         q = np.zeros(arm.dof)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 import kinseek
 from inlined import inlined
 from kinseek import Goal
+from kinseek.kernels.atlas import far, one_goal, seeds, task
 from kinseek.kernels.atlas import memory as scratch
-from kinseek.kernels.atlas import task
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.tree import LEAF_SIZE
+from kinseek.kernels.atlas.tree import BESIDE, LEAF_SIZE, MOST_LEVELS
 from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats
 from kinseek.kernels.pointers import ROW
 from kinseek.kinds import POSE
@@ -74,15 +74,23 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
         "seen": (3, 4),
         "spare": (3, 4),
         "between": (3, 4),
+        "displacement": (3, 4),
+        "rest": (3, 4),
         "point": (9,),
         "distance": (scratch.DEEP,),
         "neighbour": (scratch.DEEP,),
-        "stack": (64,),
-        "bound": (64 + LEAF_SIZE,),
+        "stack": (MOST_LEVELS,),
+        "bound": (MOST_LEVELS,),
+        "leaf": (LEAF_SIZE,),
+        "beside": (BESIDE, LEAF_SIZE),
+        "least": (LEAF_SIZE,),
+        "report": (task.REPORT,),
         "candidates": (scratch.CANDIDATE_ROWS, LANES),
         "seed": (dof,),
         "found": (LANES, dof),
         "state": (LANES,),
+        "paused": (LANES,),
+        "settled": (LANES,),
         "best": (LANES, dof),
         "best_error": (LANES,),
         "floor": (LANES,),
@@ -90,7 +98,11 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
         "damping": (1,),
     }
     whole_numbers = {name for name, array in arrays_of(laid) if array.dtype == np.int64}
-    assert whole_numbers == {"neighbour", "stack", "state"}
+    assert whole_numbers == {"neighbour", "stack", "state", "paused", "settled"}
+
+
+def test_every_look_up_fits_into_the_memory() -> None:
+    assert max(seeds.MORE, far.BESIDE, scratch.DEEP) == scratch.DEEP
 
 
 @pytest.mark.parametrize(("dof", "joints"), ARMS)
@@ -180,8 +192,9 @@ def test_numbers_of_a_handle_that_stand_alone(index: AtlasIndex) -> None:
     assert inlined(task.lanes_of)(handle) == LANES
     np.testing.assert_array_equal(inlined(task.plain_tolerances)(handle), PLAIN)
     np.testing.assert_array_equal(PLAIN, tolerances_of(Goal.pose(np.eye(4))))
-    addresses = [inlined(task.routine_at)(handle, k) for k in range(len(index._routines))]
-    np.testing.assert_array_equal(addresses, index._routines)
+    routines = inlined(task.routines_of)(handle)
+    assert routines == one_goal.routines()._replace(closed=routines.closed)
+    assert inlined(task.lengths_of)(handle) == index.lengths
     np.testing.assert_array_equal(inlined(task.handle_at)(handle.ctypes.data), handle)
 
 

@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from kinseek.kernels.atlas import tree as neighbours
-from kinseek.kernels.atlas.tree import BESIDE, LEAF_SIZE, SLACK, Tree, make_tree, sort_tree
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.tree import BESIDE, LEAF_SIZE, MOST_LEVELS, SLACK, Tree, make_tree, sort_tree
 from kinseek.kernels.jit import exposed
 
 pytestmark = pytest.mark.jit
@@ -21,8 +22,8 @@ take_nearest = exposed(neighbours.take_nearest)
 def look_up(tree: Tree, point: Array, wanted: int) -> tuple[Array, NDArray[np.int64]]:
     """Squared distances and places in the leaves."""
     distance, index = np.empty(wanted), np.empty(wanted, dtype=np.int64)
-    stack, bound = np.empty(64, dtype=np.int64), np.empty(64 + LEAF_SIZE)
-    found = nearest(tree, point, wanted, neighbours.Neighbours(distance, index, stack, bound))
+    stack, bound, leaf = np.empty(MOST_LEVELS, dtype=np.int64), np.empty(MOST_LEVELS), np.empty(LEAF_SIZE)
+    found = nearest(tree, point, wanted, neighbours.Neighbours(distance, index, stack, bound, leaf))
     return distance[:found], index[:found]
 
 
@@ -90,8 +91,8 @@ def test_fewer_points_than_wanted() -> None:
 
 def scan(tree: Tree, point: Array, wanted: int) -> list[int]:
     """Places in the leaves, from the quick scan."""
-    distance, least = np.empty(BESIDE * LEAF_SIZE), np.empty(LEAF_SIZE)
-    leaf = scan_beside(tree, point, distance, least, LEAF_SIZE)
+    distance, least = np.empty((BESIDE, LEAF_SIZE)), np.empty(LEAF_SIZE)
+    leaf = scan_beside(tree, point, distance, least, LANES)
     return [take_nearest(tree, leaf, distance, least) for _ in range(wanted)]
 
 

@@ -18,7 +18,7 @@ from kinseek.solvers.atlas.index import atlas_of, tolerances_of
 
 Array = NDArray[np.float64]
 
-task_of = inlined(tasks.task_of)
+task_of, routines_of = inlined(tasks.task_of), inlined(tasks.routines_of)
 scratch_size, range_scratch_size = inlined(memory.scratch_size), inlined(steps.range_scratch_size)
 make_range_scratch = inlined(steps.make_range_scratch)
 
@@ -27,12 +27,12 @@ def test_only_the_search_itself_is_shared_of_the_routines() -> None:
     index = atlas_of(kinseek.load("ur5e").chain)
     plain, ranged = index.handle.reshape(-1, ROW), index.range_handle.reshape(-1, ROW)
     others = {k for k in range(len(plain)) if (plain[k] != ranged[k]).any()}
-    assert others == {tasks.NUMBERS, tasks.ROUTINES, tasks.WEIGHTS}
-    routines, mine = index._routines, index._range_routines
-    assert mine[tasks.SEARCH] == routines[tasks.SEARCH]
-    for k in (tasks.ITERATE, tasks.ENDING, tasks.STARTS, tasks.JUDGE):
-        assert 0 != mine[k] != routines[k]
-    assert (routines[[tasks.STARTS, tasks.JUDGE]] == 0).all()
+    assert others == {tasks.ROWS.first[name] for name in ("numbers", "routines", "columns")}
+    routines, mine = routines_of(index.handle), routines_of(index.range_handle)
+    assert mine.search == routines.search
+    for name in ("iterate", "ending", "starts", "judge"):
+        assert 0 != getattr(mine, name) != getattr(routines, name)
+    assert routines.starts == routines.judge == 0
 
 
 def test_a_task_with_ranges_says_so() -> None:
@@ -69,4 +69,4 @@ def test_memory_of_ranges_begins_where_the_desk_ends(dof: int, joints: int) -> N
     np.testing.assert_array_equal(room[:first], 0.0)
     np.testing.assert_array_equal(room[first:], 1.0)
     assert ranges.question.shape == (QUESTION,)
-    assert ranges.poses.shape == (3 * steps.POSES, 4)
+    assert ranges.poses.shape == (steps.POSES, 3, 4)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from benchmarks.targets import plain_fk, random_joints, singular_joints, strict
-from kinseek.kernels.structure.candidates import SWEPT, SWEPT_VALUES
+from kinseek.kernels.structure.candidates import STRUCTURE, SWEPT_VALUES
 from kinseek.structure.axes import axes_of
 from test_structure import HALF, SHOULDER, UR, assert_answers, changed, dh
 
@@ -136,7 +136,7 @@ def test_a_tool_of_the_goal_moves_the_tip() -> None:
 def test_what_is_tried_first_serves_most() -> None:
     arm = kinseek.load("panda")
     numbers = arm.atlas.structure.numbers  # type: ignore[union-attr]
-    tried = numbers[SWEPT_VALUES : SWEPT_VALUES + int(numbers[SWEPT])]
+    tried = numbers[SWEPT_VALUES : SWEPT_VALUES + int(STRUCTURE.value(numbers).swept)]
     assert len(set(tried)) == len(tried) > 2
     targets = plain_fk(arm.chain, random_joints(arm.chain, 500, 8))
     assert np.mean(arm.ik(targets).evaluations == 1) > 0.7

@@ -18,7 +18,7 @@ from kinseek.kernels.branches.refine_all import ANSWER
 from kinseek.kernels.branches.search import ROWS, ArmTables, many_branches
 from kinseek.kernels.branches.seeding import fill_steps
 from kinseek.kernels.branches.twins import SHIFTS, SIGNS
-from kinseek.kernels.structure.candidates import KIND, NONE
+from kinseek.kernels.structure.candidates import NONE, STRUCTURE
 from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
@@ -65,7 +65,7 @@ class BranchIndex:
         """Structure of the arm's geometry; `NO_STRUCTURE` if the goal is less than a pose."""
         joint = NOTHING
         # The search of one joint is slower than a closed form, so it is prepared for arms without one only.
-        if kind is POSE and not self.freedom and self.structure.numbers[KIND] == NONE:
+        if kind is POSE and not self.freedom and STRUCTURE.value(self.structure.numbers).kind == NONE:
             joint = one_joint_of(problem.arrays, arm_length(chain))
         steps = np.zeros((0 if self.freedom else self.coarse.samples, 6, LANES))
         if not self.freedom:

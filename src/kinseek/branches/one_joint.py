@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kinseek.kernels.arm.vectors import Matrix, Transform, Vector
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.branches import one_joint_residual as search
 from kinseek.kernels.structure import candidates as form
@@ -102,21 +103,24 @@ def one_joint_of(arrays: ChainArrays, size: float) -> OneJoint:
     across = np.cross(parallel, np.eye(3)[np.abs(parallel).argmin()])
     across /= np.linalg.norm(across)
     basis = np.array([parallel, across, np.cross(parallel, across)])
-    numbers = np.zeros(search.NUMBERS)
+    numbers, home = np.zeros(search.NUMBERS), inverse(turns.home[:3]).T
     # The numbers begin like those of a closed form, which the kernel applies to the other joints.
-    numbers[form.DEVIATION], numbers[form.SIZE], numbers[form.SENSE : form.SENSE + 2] = off, size, senses
-    numbers[form.HOME : form.HOME + 12] = inverse(turns.home[:3]).ravel()
-    vectors = {
-        form.H1: h[0],
-        form.P1: p[0],
-        form.H: parallel,
-        form.E: across,
-        form.P2: p[1],
-        form.P3: p[2],
-        form.H6: h[-1],
-    }
-    for place, vector in vectors.items():
-        numbers[place : place + 3] = vector
+    numbers[: form.STRUCTURE.size] = form.STRUCTURE.numbers(
+        form.Structure(
+            deviation=off,
+            size=size,
+            sense2=senses[0],
+            sense3=senses[1],
+            home=Transform(Matrix(*(Vector(*each) for each in home[:3])), Vector(*home[3])),
+            axis1=Vector(*h[0]),
+            parallel=Vector(*parallel),
+            across=Vector(*across),
+            point1=Vector(*p[0]),
+            point2=Vector(*p[1]),
+            point3=Vector(*p[2]),
+            axis6=Vector(*h[-1]),
+        )
+    )
     numbers[search.BEGIN], numbers[search.APART] = samples[0], samples[1] - samples[0]
     numbers[search.SEARCHED], numbers[search.OTHER] = searched, other
     height, cosine = (far - p[0]) @ parallel, (first * axis).sum(axis=1)

@@ -11,9 +11,7 @@ import numpy as np
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.near import solve_many_near
-from kinseek.kernels.atlas.task import EVALUATIONS, ORIENTATION, ORIENTATION_ERROR, POSITION, POSITION_ERROR
+from kinseek.kernels.atlas.near import solve_goal
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.index import tolerances_of
@@ -154,8 +152,7 @@ def slide(
     `valid` accepts the result.
     """
     goal = problem.goal
-    tolerances, target = tolerances_of(goal), np.eye(4)
-    target[:3] = goal.targets[0]
+    tolerances, target = tolerances_of(goal), np.ascontiguousarray(goal.targets[0])
     value, step, spent, refused = float(measure(q[None])[0]), _FIRST, 0, 0
     lower, upper = problem.limits
     for _ in range(_SLIDES):
@@ -167,18 +164,13 @@ def slide(
         while ways and not accepted and step > _LAST:
             for way in ways:
                 aim = np.clip(q + step * way, lower, upper)
-                rows = np.empty((1, len(q) + EVALUATIONS + 1))
-                solve_many_near(index.fine.handle, tolerances, target[None, :3], aim[None], rows, 0, 1, LANES)
-                reached, report = rows[0, : len(q)], rows[0, len(q) :]
+                reached = np.empty_like(q)
+                *_, evaluations, met = solve_goal(index.fine.address, tolerances, target, aim, True, reached)
                 # A continuous joint that leaves its range re-enters at the other end, and the cost is evaluated there.
                 there = problem.placed(reached)
-                spent += int(report[EVALUATIONS])
-                missed = (
-                    report[POSITION_ERROR] > tolerances[POSITION]
-                    or report[ORIENTATION_ERROR] > tolerances[ORIENTATION]
-                )
+                spent += evaluations
                 # The refinement may jump to another branch, which is not a step along the self-motion.
-                if missed or np.abs(reached - aim).max() > 2 * step:
+                if not met or np.abs(reached - aim).max() > 2 * step:
                     continue
                 less = float(measure(there[None])[0])
                 if less >= value:

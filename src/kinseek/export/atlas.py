@@ -8,7 +8,7 @@ from kinseek.errors import InvalidExport
 from kinseek.goal import Goal
 from kinseek.kernels import jit  # Not by name: naming its decorators marks a file of kernels.
 from kinseek.kernels.atlas.memory import LAYOUT
-from kinseek.kernels.atlas.task import CLOSED, DISTANT, ENDING, EVALUATIONS, ITERATE, ROUTINES, SEARCH
+from kinseek.kernels.atlas.task import ROUTINE, ROUTINES
 from kinseek.kernels.entry import ENTRIES
 from kinseek.kernels.pointers import ROW
 from kinseek.problem import Problem
@@ -44,18 +44,17 @@ def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
         rows.append((len(blob), *each.shape, *(1,) * (ROW - 1 - each.ndim)))
         blob.extend(each.astype(each.dtype.newbyteorder("<")).tobytes())
     # Working memory of a call, including that of the fallback, which moves to the nearest pose as in `minimise`.
-    scratch = LAYOUT.count.of(dof=dof, joints=joints) + EVALUATIONS + 1
+    scratch = LAYOUT.count.of(dof=dof, joints=joints)
     room = room_for(scratch, 12, 6 * joints, 3 * joints, dof, dof, dof, dof * dof, dof * dof, dof, 3 * dof)
-    taken = room + 8 * (DISTANT + 1 + ROW * len(rows) + 1)
+    taken = room + 8 * (ROUTINE.size + ROW * len(rows) + 1)
     if ram is not None and taken > ram:
         raise InvalidExport(
             f"{problem.mechanism.name!r} with {dof} joints needs {taken:,} bytes of RAM for the atlas, got {ram:,}; divide "
             "and conquer needs less"
         )
     entry = ENTRIES["ks_solve_plain"]
-    places = {"iterate": ITERATE, "search": SEARCH, "ending": ENDING, "far": DISTANT}
-    if index.structure.word != "none":
-        places["closed"] = CLOSED
+    names = ("iterate", "search", "ending", "far", *(("closed",) * (index.structure.word != "none")))
+    places = {name: ROUTINE.first[name] for name in names}
     routines = tuple(f"ks_{name}_routine" for name in places)
     lines = [
         f"{prototype(jit.ROUTINES[name])} /* A number to the kernels, not to be called from C. */"
@@ -69,7 +68,7 @@ def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
         routines=routines,
         numbers={
             "ROWS": len(rows),
-            "ROUTINES": DISTANT + 1,
+            "ROUTINES": ROUTINE.size,
             "ROUTINES_ROW": ROUTINES,
             **{name.upper(): place for name, place in places.items()},
         },

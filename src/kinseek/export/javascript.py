@@ -22,7 +22,7 @@ from kinseek.errors import InvalidExport
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE, Division
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.task import COLUMNS, DIRECTION, HEAD, ROUTINES, ROWS, TAIL
+from kinseek.kernels.atlas.task import ROUTINES, ROWS
 from kinseek.kernels.atlas.tree import BESIDE, LEAF_SIZE
 from kinseek.kernels.branches.refine_all import ANSWER
 from kinseek.kernels.branches.search import ROWS as MOST_ANSWERS
@@ -136,8 +136,7 @@ def _arm_as_data(arm: Arm) -> dict[str, Any]:
     problem = Problem(arm.mechanism, Goal.pose(np.eye(4)))
     index, chain = index_of(problem), arm.axes
     task = dict(zip(_row_names(ROWS, ""), index.fine._arrays, strict=True))
-    numbers, lengths = task["numbers"].tolist(), task["lengths"].tolist()
-    division = Division(numbers[HEAD], numbers[TAIL], numbers[COLUMNS], lengths[DIRECTION])
+    division = index.fine.division
     arrays = {name: each for name, each in task.items() if name not in (*_MADE, "routines")}
     tables = index.tables
     arrays |= {"view": index.view, "mirrors": tables.mirrors, "structure": tables.structure}

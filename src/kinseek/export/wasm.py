@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from kinseek.errors import InvalidExport, MissingExtra
-from kinseek.kernels.atlas.task import CLOSED, DISTANT, ENDING, ITERATE, SEARCH
+from kinseek.kernels.atlas.task import ROUTINE
 from kinseek.kernels.entry import ENTRIES
 
 from .compiling import compiled
@@ -21,18 +21,14 @@ CALLED = (
     "ks_fill_atlas",
     "ks_fill_steps",
     "ks_solve_plain",
-    "ks_solve_plain_near",
+    "ks_solve_goal",
     "ks_many_branches",
     "ks_search_boxes",
 )
 """Entries that JavaScript calls."""
 
 PLACES = {
-    "ks_iterate_routine": ITERATE,
-    "ks_search_routine": SEARCH,
-    "ks_ending_routine": ENDING,
-    "ks_closed_routine": CLOSED,
-    "ks_far_routine": DISTANT,
+    f"ks_{name}_routine": ROUTINE.first[name] for name in ("iterate", "search", "ending", "closed", "far")
 }
 """Routines that kernels call, and the positions of their addresses in a task."""
 

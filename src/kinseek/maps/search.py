@@ -84,9 +84,8 @@ def _reached(arm: Arm, goal: Goal, patience: int | None) -> Flags:
     results = np.full((len(open_), arm.dof + 4), np.inf)
     # First with little work for each pose, then patiently for those that are left.
     count = solve_many(index.handle, tolerances, some, results, left, 0, len(open_), LANES)
-    solve_some(
-        index.handle, tolerances_of(goal, patience), some, results, left[:count].copy(), 0, count, LANES
-    )
+    patient = tolerances_of(goal, patience)
+    solve_some(index.handle, patient, some, np.empty((0, arm.dof)), results, left[:count], LANES)
     found[open_] = goal.met(results[:, arm.dof :])
     return found
 

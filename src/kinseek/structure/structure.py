@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from kinseek.kernels.arm.vectors import Matrix, Transform, Vector
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.structure import candidates as form
 from kinseek.transforms import inverse
@@ -40,26 +41,16 @@ class Structure:
     exact: bool
     """Whether the deviation is no more than rounding."""
     numbers: Array
-    """See `kernels.structure.candidates.KIND`."""
+    """See `kernels.structure.candidates.STRUCTURE`."""
 
     def __repr__(self) -> str:
         """Return the word and the sentence."""
         return f"Structure({self.word!r}: {self.sentence})"
 
 
-@dataclass(frozen=True)
-class _Found:
-    """A structure that an arm has up to some deviation."""
-
-    kind: int
-    backward: bool
-    deviation: float
-    numbers: Array
-
-    @property
-    def exact(self) -> bool:
-        """Whether the deviation is no more than rounding."""
-        return self.deviation <= form.ROUNDING
+def _is_exact(found: form.Structure) -> bool:
+    """Whether the deviation is no more than rounding."""
+    return found.deviation <= form.ROUNDING
 
 
 DECIDED = 6
@@ -89,7 +80,7 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
     ]
     best = min(
         found,
-        key=lambda one: (not one.exact, one.exact and one.kind == form.MEETING, one.deviation),
+        key=lambda one: (not _is_exact(one), _is_exact(one) and one.kind == form.MEETING, one.deviation),
         default=None,
     )
     # A poor closed form gives starts that are no better than samples.
@@ -105,42 +96,54 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
     word, what = _words(best)
     how = (
         f"to {best.deviation:.1g}, which is rounding (at most {form.ROUNDING:g})"
-        if best.exact
+        if _is_exact(best)
         else f"nearly: off by {best.deviation:.2g} rad, lengths in parts of {size:.3g} m (at most {NEARLY:g})"
     )
     gives = (
         "every solution is computed in closed form"
-        if best.exact
+        if _is_exact(best)
         else "the closed form of the nearby arm gives the starts of the search"
     )
     if swept:
         gives = "some of its values are tried, and for each the other joints are computed in closed form"
-    return Structure(word, f"{what}, {how}; {gives}", best.deviation, best.exact, best.numbers)
+    return Structure(word, f"{what}, {how}; {gives}", best.deviation, _is_exact(best), _numbers(best))
 
 
 def with_tip(structure: Structure, arrays: ChainArrays) -> Structure:
     """Return the structure of an arm with another tip: its axes have the same structure."""
-    axes = axes_of(arrays)
-    if axes is None or structure.numbers[form.KIND] == form.NONE:
+    axes, known = axes_of(arrays), form.STRUCTURE.value(structure.numbers)
+    if axes is None or known.kind == form.NONE:
         return structure
     numbers = structure.numbers.copy()
-    numbers[form.HOME : form.HOME + 12] = _home(axes, bool(numbers[form.BACKWARD]))
+    numbers[: form.SWEPT_VALUES] = form.STRUCTURE.numbers(
+        known._replace(home=_home(axes, known.backward > 0))
+    )
     return replace(structure, numbers=numbers)
 
 
-def _home(axes: Axes, backward: bool) -> Array:
-    """Return the kernel's parameters of the tip's pose, (12,)."""
-    return (axes.home[:3] if backward else inverse(axes.home[:3])).ravel()
+def _home(axes: Axes, backward: bool) -> Transform:
+    """Return the kernel's parameter of the tip's pose."""
+    T = axes.home[:3] if backward else inverse(axes.home[:3])
+    x, y, z, p = map(_vector, T.T)
+    return Transform(Matrix(x, y, z), p)
+
+
+def _vector(v: Array) -> Vector:
+    return Vector(*v.tolist())
+
+
+def _numbers(found: form.Structure) -> Array:
+    """Return the parameters of the kernel, without values of a swept joint."""
+    return np.concatenate([form.STRUCTURE.numbers(found), np.zeros(form.VALUES)])
 
 
 def _none(why: str) -> Structure:
-    return Structure(
-        "none", f"{why}; solutions are searched numerically", np.inf, False, np.zeros(form.NUMBERS)
-    )
+    nothing = _numbers(form.Structure())
+    return Structure("none", f"{why}; solutions are searched numerically", np.inf, False, nothing)
 
 
-def _words(found: _Found) -> tuple[str, str]:
-    swept = 1 if found.numbers[form.SWEPT] else 0
+def _words(found: form.Structure) -> tuple[str, str]:
+    swept = 1 if found.swept else 0
     joints = [swept + 1 + i for i in range(DECIDED)]
     if found.backward:
         joints = [DECIDED - i for i in range(DECIDED)]
@@ -169,20 +172,27 @@ def _listed(joints: list[int]) -> str:
 
 
 def _found(
-    find: Callable[[Axes, bool, float], _Found | None], axes: Axes, backward: bool, swept: int, size: float
-) -> _Found | None:
+    find: Callable[[Axes, bool, float], form.Structure | None],
+    axes: Axes,
+    backward: bool,
+    swept: int,
+    size: float,
+) -> form.Structure | None:
     """Find a structure in the axes after the first joint if `swept` is 1, with the kernel's parameters of these joints."""
     rest = axes.distal_to(swept)
     found = None if rest.slides.any() else find(rest, backward, size)
     if found is not None and swept:
-        numbers = found.numbers
-        numbers[form.SWEPT], numbers[form.SLIDES] = 1.0, axes.slides[0]
-        numbers[form.HS : form.HS + 3], numbers[form.PS : form.PS + 3] = axes.direction[0], axes.point[0]
-        numbers[form.AS : form.AS + 3] = _across(axes.direction[0])
+        return found._replace(
+            swept=1.0,
+            slides=float(axes.slides[0]),
+            swept_axis=_vector(axes.direction[0]),
+            swept_point=_vector(axes.point[0]),
+            swept_across=_across(axes.direction[0]),
+        )
     return found
 
 
-def _wrist(axes: Axes, backward: bool, size: float) -> _Found | None:
+def _wrist(axes: Axes, backward: bool, size: float) -> form.Structure | None:
     """Find a wrist whose axes 4, 5 and 6 intersect, with axes 2 and 3 parallel."""
     h = axes.direction
     x, apart = meeting(h[3:], axes.point[3:])
@@ -192,7 +202,7 @@ def _wrist(axes: Axes, backward: bool, size: float) -> _Found | None:
     return _parallel(form.WRIST, axes, backward, size, off, x, 2)
 
 
-def _three(axes: Axes, backward: bool, size: float) -> _Found | None:
+def _three(axes: Axes, backward: bool, size: float) -> form.Structure | None:
     """Find parallel axes 2, 3 and 4, with axes 5 and 6 intersecting."""
     h = axes.direction
     x, apart = meeting(h[4:], axes.point[4:])
@@ -202,7 +212,7 @@ def _three(axes: Axes, backward: bool, size: float) -> _Found | None:
     return _parallel(form.PARALLEL, axes, backward, size, off, x, 3)
 
 
-def _meeting(axes: Axes, backward: bool, size: float) -> _Found | None:
+def _meeting(axes: Axes, backward: bool, size: float) -> form.Structure | None:
     """Find a wrist whose axes 4, 5 and 6 intersect, with axes 1 and 2 intersecting."""
     h = axes.direction
     x, apart = meeting(h[3:], axes.point[3:])
@@ -213,10 +223,7 @@ def _meeting(axes: Axes, backward: bool, size: float) -> _Found | None:
     elbow = axes.point[2]
     if min(np.linalg.norm(np.cross(h[2], end - elbow)) for end in (start, x)) < SHORT * size:
         return None
-    numbers = _numbers(form.MEETING, axes, backward, size, off, x)
-    numbers[form.H2 : form.H2 + 3], numbers[form.H3 : form.H3 + 3] = h[1], h[2]
-    numbers[form.P1 : form.P1 + 3] = start
-    return _Found(form.MEETING, backward, off, numbers)
+    return _common(form.MEETING, axes, backward, size, off, x)._replace(point1=_vector(start))
 
 
 def _bent(h: Array, *pairs: tuple[int, int]) -> bool:
@@ -230,7 +237,7 @@ def _bend(a: Array, b: Array) -> float:
 
 def _parallel(
     kind: int, axes: Axes, backward: bool, size: float, off: float, x: Array, parallel: int
-) -> _Found | None:
+) -> form.Structure | None:
     """Return a structure with parallel axes from the second on; None if a link between these is too short."""
     senses = np.sign(axes.direction[1:4] @ axes.direction[1])
     h = (senses[:parallel, None] * axes.direction[1 : 1 + parallel]).sum(axis=0)
@@ -240,40 +247,41 @@ def _parallel(
     links = [b - a for a, b in pairwise(corners)]
     if min(np.linalg.norm(link - h * (h @ link)) for link in links) < SHORT * size:
         return None
-    numbers = _numbers(kind, axes, backward, size, off, x)
-    numbers[form.SENSE : form.SENSE + 3] = senses
-    numbers[form.H : form.H + 3], numbers[form.E : form.E + 3] = h, _across(h)
-    return _Found(kind, backward, off, numbers)
+    found = _common(kind, axes, backward, size, off, x)
+    sense2, sense3, sense4 = senses.tolist()
+    return found._replace(sense2=sense2, sense3=sense3, sense4=sense4, parallel=_vector(h), across=_across(h))
 
 
-def _numbers(kind: int, axes: Axes, backward: bool, size: float, off: float, x: Array) -> Array:
+def _common(kind: int, axes: Axes, backward: bool, size: float, off: float, x: Array) -> form.Structure:
     """Return the parameters that the kernel takes for every kind."""
     points = nearest_on(axes.direction, axes.point, x)
-    numbers = np.zeros(form.NUMBERS)
-    numbers[form.KIND], numbers[form.BACKWARD] = kind, backward
-    numbers[form.DEVIATION], numbers[form.SIZE] = off, size
-    numbers[form.HOME : form.HOME + 12] = _home(axes, backward)
-    vectors = {
-        form.H1: axes.direction[0],
-        form.P1: points[0],
-        form.X: x,
-        form.H4: axes.direction[3],
-        form.H5: axes.direction[4],
-        form.H6: axes.direction[5],
-        form.A6: _across(axes.direction[5]),
-        form.P2: points[1],
-        form.P3: points[2],
-        form.P4: points[3],
-    }
-    for place, vector in vectors.items():
-        numbers[place : place + 3] = vector
-    return numbers
+    axis1, axis2, axis3, axis4, axis5, axis6 = map(_vector, axes.direction[:6])
+    point1, point2, point3, point4 = map(_vector, points[:4])
+    return form.Structure(
+        kind=float(kind),
+        backward=float(backward),
+        deviation=off,
+        size=size,
+        home=_home(axes, backward),
+        axis1=axis1,
+        axis2=axis2,
+        axis3=axis3,
+        axis4=axis4,
+        axis5=axis5,
+        axis6=axis6,
+        across6=_across(axes.direction[5]),
+        centre=_vector(x),
+        point1=point1,
+        point2=point2,
+        point3=point3,
+        point4=point4,
+    )
 
 
-def _across(h: Array) -> Array:
+def _across(h: Array) -> Vector:
     """Return a unit vector at right angles to h, (3,)."""
     across = np.cross(h, np.eye(3)[np.abs(h).argmin()])
-    return np.asarray(across / np.linalg.norm(across))
+    return _vector(across / np.linalg.norm(across))
 
 
 NO_STRUCTURE = _none("the goal constrains less than a closed form needs")

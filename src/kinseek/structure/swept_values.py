@@ -30,10 +30,10 @@ def choose_swept_values(structure: Structure, handle: Indices, size: float, samp
         size: Largest value that is tried for a prismatic joint [m].
         samples: Number of samples of the atlas.
     """
-    numbers = structure.numbers
-    if not numbers[form.SWEPT]:
+    numbers, found = structure.numbers, form.STRUCTURE.value(structure.numbers)
+    if not found.swept:
         return
-    farthest = size if numbers[form.SLIDES] else np.pi
+    farthest = size if found.slides else np.pi
     swept_values = farthest * (2.0 * np.arange(SWEPT_VALUES) / SWEPT_VALUES - 1.0)
     report = np.zeros((max(samples // SAMPLES, 1), SWEPT_VALUES), dtype=np.int64)
     try_swept_values(handle, swept_values, report, LANES)
@@ -42,7 +42,7 @@ def choose_swept_values(structure: Structure, handle: Indices, size: float, samp
         best = int(np.argmax(served))
         if not served[best]:
             break
-        numbers[form.SWEPT] = k + 1
+        numbers[form.STRUCTURE.first["swept"]] = k + 1
         numbers[form.SWEPT_VALUES + k] = swept_values[best]
         # Greedy covering: poses that a chosen value serves do not count for the next one.
         report[report[:, best] == 1] = 0

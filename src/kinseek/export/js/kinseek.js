@@ -145,7 +145,7 @@ class Arm {
       "atlas.tree.points": machine.room("f", [leaves, (head === 0 ? 3 : 2) + 3 * columns, leaf]),
       "atlas.tree.axis": machine.room("i", [Math.max(leaves - 1, 1)]),
       "atlas.tree.split": machine.room("f", [Math.max(leaves - 1, 1)]),
-      "atlas.tree.beside": machine.room("i", [leaves * beside]),
+      "atlas.tree.beside": machine.room("i", [leaves, beside]),
       "atlas.middle": machine.room("f", middle.shape),
       "atlas.poses": machine.room("f", [count, 3, 4]),
     };
@@ -192,7 +192,7 @@ class Arm {
     else {
       this.#numbers(near, this.dof, "near");
       machine.view(this.near).set(near);
-      told = machine.call("ks_solve_plain_near", { ...given, near: this.near });
+      told = machine.call("ks_solve_goal", { ...given, tolerances: this.arrays.plain, near: this.near, close: true });
     }
     const [positionError, orientationError, weightedError, evaluations, reached] = told;
     if (evaluations < 0) throw new RangeError("the pose is no rigid transform");

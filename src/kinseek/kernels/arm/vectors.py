@@ -178,6 +178,15 @@ def transform_at(T: Array) -> Transform:
 
 
 @inlined
+def write_transform(T: Transform, out: Array) -> None:
+    """Write a transform into an array, (3, 4) or (4, 4)."""
+    write_column(T.R.x, out, 0)
+    write_column(T.R.y, out, 1)
+    write_column(T.R.z, out, 2)
+    write_column(T.p, out, 3)
+
+
+@inlined
 def apply(T: Transform, v: Vector) -> Vector:
     """``R v + p``."""
     return plus(times(T.R, v), T.p)

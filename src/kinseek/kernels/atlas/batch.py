@@ -7,16 +7,16 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.atlas.task import Handle
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import counted, entry, inlined
 
 from .descent import FIRST_STEPS, is_hopeless, iterate, reset_weights, within
 from .lanes import LANES, Lanes
 from .memory import Scratch, make_scratch, scratch_size
-from .one_goal import CORRECTIONS, MIDMOST, OFFER, closed_answer, finish, solve_pose
+from .near import walk_near
+from .one_goal import CORRECTIONS, MIDMOST, OFFER, closed_answer, conclude, finish, solve_target
 from .seeds import FIRST, TAKES, load_seed, middle, scan, take_seed
-from .task import CLOSED, EVALUATIONS, TOLERANCES, Job, Task, routine_at, task_of
+from .task import EVALUATIONS, TOLERANCES, Handle, Job, Task, routines_of, task_of
 from .tree import take_nearest
 
 MOST_STARTS = max(2 * LANES, TAKES)
@@ -74,7 +74,7 @@ def next_seed(task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int
     leaf = scan(task, scratch, scratch.spare, w)
     taken = queue.next[l]
     for _ in range(taken % FIRST):
-        take_nearest(task.atlas.tree, leaf, scratch.distance, scratch.bound)
+        take_nearest(task.atlas.tree, leaf, scratch.beside, scratch.least)
     for _ in range(TAKES):
         if taken == TAKES:
             break
@@ -143,7 +143,7 @@ def solve_many(
     memory = np.zeros(scratch_size(dof, joints))
     scratch = make_scratch(memory, dof, joints)
     count, job, block = 0, Job(handle, tolerances, memory, w), Block(targets, results, left)
-    closed = routine_at(handle, CLOSED) != 0
+    closed = routines_of(handle).closed != 0
     if closed and task.exact == 1:
         count = run_closed(job, task, scratch, block, begin, end)
     else:
@@ -164,20 +164,39 @@ def solve_some(
     handle: Handle,
     tolerances: Annotated[Array, TOLERANCES],
     targets: Annotated[Array, "k", 3, 4],
-    results: Annotated[Array, "k", "width", OUT],
+    near: Annotated[Array, "*", "n"],
+    results: Annotated[Array, "k", "n+4", OUT],
     some: Annotated[Indices, "*"],
-    begin: int,
-    end: int,
     w: int,
-) -> int:
-    """Solve the targets with indices some[begin:end], (k,), one after the other, as `solve_pose`; return how many."""
-    for k in range(begin, end):
-        answer = solve_pose(handle, tolerances, targets[some[k]], w)
-        for j in range(
-            len(answer)
-        ):  # Slicing a whole row may raise an error with a message, which needs functions of Python.
-            results[some[k], j] = answer[j]
-    return end - begin
+) -> None:
+    """Solve some targets one after the other.
+
+    Args:
+        handle: The task, see `task_of`.
+        tolerances: See `task_of`.
+        targets: Rigid transforms, (k, 3, 4), lengths in [m].
+        near: Reference joint values for each, to choose the nearest solution, (k, n), or none, (0, n).
+        results: Receives results as from `solve_pose`, (k, n + 4).
+        some: Indices of the targets to solve.
+        w: LANES.
+    """
+    task, close = task_of(handle, tolerances), len(near) > 0
+    dof = len(task.lower)
+    memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
+    job = Job(handle, tolerances, memory, w)
+    for k in range(len(some)):
+        i = some[k]
+        q, report = results[i, :dof], results[i, dof:]
+        if close:
+            # The memory is cleared between targets, so that results do not depend on the rest of the batch, bit by bit.
+            for m in range(len(memory)):
+                memory[m] = 0.0
+            report[EVALUATIONS] = walk_near(job, targets[i], near[i], q)
+            conclude(job, targets[i], near[i], True, q, report)
+        else:
+            report[EVALUATIONS] = solve_target(job, targets[i], task.budget, q)
+            conclude(job, targets[i], q, False, q, report)
+    memory[0] = 0.0  # Its last use, see `solve_pose`.
 
 
 @inlined
@@ -191,9 +210,8 @@ def run_closed(job: Job, task: Task, scratch: Scratch, block: Block, begin: int,
         q, report = block.results[t, :dof], block.results[t, dof:]
         tried = closed_answer(job, block.targets[t], task.budget, q, MIDMOST, q)
         if tried > 0:
-            # It is judged already; the report is in `bound` of the scratch memory.
-            for k in range(EVALUATIONS):
-                report[k] = scratch.bound[k]
+            for k in range(EVALUATIONS):  # It is judged already.
+                report[k] = scratch.report[k]
             report[EVALUATIONS] = tried
         else:
             block.left[leftover], report[EVALUATIONS] = t, -tried

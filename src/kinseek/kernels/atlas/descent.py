@@ -28,53 +28,37 @@ from .lanes import (
     lanes_residual,
     lanes_solve,
 )
-from .memory import Scratch, scratch_of
+from .memory import ACTIVE, CONVERGED, EMPTY, GIVEN_UP, Scratch, scratch_of
 from .seeds import copy_joints, keep_joints, load_target, turns_fully
-from .task import (
-    ITERATE,
-    JUDGE,
-    WEIGHTED_ERROR,
-    Job,
-    Task,
-    routine_at,
-    task_at,
-)
+from .task import WEIGHTED_ERROR, Job, Task, routines_of, task_at
 
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
 """Largest numbers of steps: from one of the first samples, from a sample of a deeper look-up, from a restart, and towards
 an unreachable goal."""
 
-
 STALL, NEARLY = 6, 0.03
 """A descent stops if no lane has halved its squared error in STALL steps and no lane has a residual below NEARLY."""
-
 
 HOPELESS, LEAST_HOPE = 3, 1e-6
 """A descent from one of the first samples is given up if, after HOPELESS steps or more, a step has not halved its squared
 error and that error exceeds LEAST_HOPE. Nine in ten descents that lead nowhere end so. Of the nearest samples that
 would have led to a solution, one to five in a hundred end so; the next sample replaces them."""
 
-
 PERSIST_STEPS = 100
 """Largest number of persistent steps. At a singular solution every step only halves the joint error, and a joint at its
 limit slows convergence further."""
 
-
 ALMOST_RIGHT = 1.5
 """Angle [rad] up to which the sine measures an orientation error. It is below π/2, beyond which the sine decreases."""
-
 
 ALIKE = 0.3
 """Two configurations closer than this in every joint [rad or m] converge to the same result."""
 
-
 DAMPING = 0.1
 """Damping of a step relative to the squared error, which is scaled to make metres and radians comparable."""
 
-
 FLOOR = 1e-11
 """Smallest damping of a step, see `lanes.lanes_gram`."""
-
 
 LONGEST = 0.8
 """Largest step of a joint [rad or m]; beyond it the linearization does not predict the motion of the hand."""
@@ -139,7 +123,7 @@ def iterate(job: Job, move: bool) -> int:
 
     The step is that of the task: `iterate_routine` for a pose, another for a goal with ranges.
     """
-    done: int = call(routine_at(job.handle, ITERATE), (job, move))
+    done: int = call(routines_of(job.handle).iterate, (job, move))
     return done
 
 
@@ -204,15 +188,15 @@ def descend_lanes(job: Job, task: Task, scratch: Scratch, steps: int, everyone: 
         iterate(job, made > 0)
         waiting, first = 0, -1
         for l in range(LANES):
-            if scratch.state[l] == 0 and within(task, lanes, l):
-                scratch.state[l] = 1
+            if scratch.state[l] == ACTIVE and within(task, lanes, l):
+                scratch.state[l] = CONVERGED
                 for i in range(dof):
                     scratch.found[l, i] = lanes.q[i, l]
-            if scratch.state[l] == 0 and first_ones and is_hopeless(lanes, made, l):
-                scratch.state[l] = 3
-            if scratch.state[l] == 0:
+            if scratch.state[l] == ACTIVE and first_ones and is_hopeless(lanes, made, l):
+                scratch.state[l] = GIVEN_UP
+            if scratch.state[l] == ACTIVE:
                 waiting += 1
-            elif scratch.state[l] == 1 and first < 0:
+            elif scratch.state[l] == CONVERGED and first < 0:
                 first = l
                 if waiting == 0 and not everyone:
                     return first, made
@@ -223,7 +207,7 @@ def descend_lanes(job: Job, task: Task, scratch: Scratch, steps: int, everyone: 
             for l in range(LANES):
                 error = lanes.error[RESIDUAL2, l]
                 hopeful = error < 0.5 * lanes.before[l] or error < NEARLY * NEARLY
-                moving = moving or (scratch.state[l] == 0 and hopeful)
+                moving = moving or (scratch.state[l] == ACTIVE and hopeful)
                 lanes.before[l] = error
             if not moving:
                 return first, made
@@ -260,7 +244,7 @@ def keep_seed(scratch: Scratch, error: float) -> None:
 @inlined
 def judge_by_ranges(job: Job, q: Array, report: Array) -> int:
     """Judge joint values, (n,), by plain FK against ranges: write errors [m], [rad] and weighted into a report."""
-    done: int = call(routine_at(job.handle, JUDGE), (job, q, report))
+    done: int = call(routines_of(job.handle).judge, (job, q, report))
     return done
 
 
@@ -269,14 +253,13 @@ def keep_best(job: Job, task: Task, scratch: Scratch, target: Array) -> None:
     """Store the eight best configurations found, no two alike, for a goal that may be unreachable."""
     dof, goal = len(task.lower), goal_of(task, target)
     for l in range(LANES):
-        if scratch.state[l] == 2:
+        if scratch.state[l] == EMPTY:
             continue
         for i in range(dof):
             scratch.seed[i] = scratch.lanes.q[i, l]
         if task.poses > 0:
-            # The coordinates are no longer needed after the look-up of samples.
-            judge_by_ranges(job, scratch.seed, scratch.point)
-            keep_seed(scratch, scratch.point[WEIGHTED_ERROR])
+            judge_by_ranges(job, scratch.seed, scratch.report)
+            keep_seed(scratch, scratch.report[WEIGHTED_ERROR])
         else:
             forward(task.chain, scratch.seed, scratch.spare)
             keep_seed(scratch, weighted_error(scratch.spare, goal))
@@ -313,7 +296,7 @@ def keep_closest(task: Task, scratch: Scratch, near: Array, closest: float, q: A
         The squared distance of q afterwards; `closest` is squared too.
     """
     for l in range(LANES):
-        if scratch.state[l] == 1:
+        if scratch.state[l] == CONVERGED:
             copy_joints(scratch.found, l, scratch.seed)
             far = joint_distance(task, scratch.seed, near)
             if far < closest:

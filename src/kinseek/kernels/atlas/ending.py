@@ -14,62 +14,38 @@ from kinseek.kernels.arrays import Array, GoalArrays, Limits
 from kinseek.kernels.jit import inlined, ir_inlined
 from kinseek.kernels.pointers import call, routine
 
-from .descent import (
-    DEEP_STEPS,
-    FIRST_STEPS,
-    POLISH_STEPS,
-    descend_lanes,
-    goal_of,
-    iterate,
-    keep_best,
-    lowest,
-    lowest_row,
-    reset_weights,
-)
+from . import descent, seeds
 from .lanes import DISTANCE2, LANES, SINE2
-from .memory import DEEP, Scratch, scratch_of
+from .memory import ACTIVE, DEEP, EMPTY, Scratch, scratch_of
 from .newton import DOWNHILL, VALLEY_STEPS, WALK, Walk, minimise
-from .seeds import (
-    MORE,
-    copy_joints,
-    fill_from_lookup,
-    keep_joints,
-    load_seed,
-    load_seed_row,
-    load_target,
-    look_up,
-)
-from .task import ENDING, WEIGHT, Job, Target, Task, routine_at, task_at
+from .task import Job, Target, Task, read_tolerances, routines_of, task_at
 
 BALANCES, BEARABLE, SMALL = 8, 10.0, 1e-30
 """Largest number of times that the two tolerances are rebalanced; the multiple of a tolerance beyond which this is
 useless; and the smallest divisor."""
 
-
-ENDGAME = 2 * (POLISH_STEPS + WALK) + (DEEP // LANES + 1) * (DEEP_STEPS + 1) + BALANCES * (VALLEY_STEPS + 1)
+ENDGAME = (
+    2 * (descent.POLISH_STEPS + WALK)
+    + (DEEP // LANES + 1) * (descent.DEEP_STEPS + 1)
+    + BALANCES * (VALLEY_STEPS + 1)
+)
 """Largest number of FK evaluations of the search for the nearest pose, per lane."""
-
 
 PROMISING = 0.02
 """Remaining error, relative to the arm, below which the search follows valleys, looks up more samples and uses
 `MORE_RESTARTS`."""
 
-
 HOPELESS = 1.1
 """A configuration is not refined further if its error, nearly at its minimum, exceeds the best by this factor."""
-
 
 POLISH_FLOOR, LEAST = 0.1, 1e-9
 """Initial and smallest damping of polishing, relative to the weights."""
 
-
 LESS, MORE_DAMPING = 0.3, 4.0
 """Factors of the damping after a successful step and after an unsuccessful one."""
 
-
 SHARED = 2
 """Two flips this many joints apart share one joint, which makes a full turn and so does not move."""
-
 
 NEAREST = 1e-9
 """Distance [m] below which the weight K_P/|Δp| of the squared distance is constant; it would be infinite at 0."""
@@ -90,12 +66,12 @@ def fill_from_flips(task: Task, scratch: Scratch) -> int:
     If three axes intersect, as in a shoulder or a wrist, a flip keeps the pose of the hand; otherwise it is only a start.
     The remaining lanes get two flips at once, of neighbours that share a joint.
     """
-    chain, best, filled = task.chain, lowest_row(scratch.best_error), 0
+    chain, best, filled = task.chain, descent.lowest_row(scratch.best_error), 0
     for apart in (0, SHARED):
         for i in range(1, len(task.lower) - 1 - apart):
             if filled == LANES:
                 break
-            copy_joints(scratch.best, best, scratch.seed)
+            seeds.copy_joints(scratch.best, best, scratch.seed)
             flip(scratch.seed, i)
             if apart > 0:
                 flip(scratch.seed, i + apart)
@@ -103,18 +79,18 @@ def fill_from_flips(task: Task, scratch: Scratch) -> int:
                 low, high = chain.lower[j], chain.upper[j]
                 value = nearest_copy(scratch.seed[j], low, high, 0.5 * (low + high))
                 scratch.seed[j] = min(max(value, low), high)
-            load_seed(scratch.lanes, filled, scratch.seed)
-            scratch.state[filled] = 0
+            seeds.load_seed(scratch.lanes, filled, scratch.seed)
+            scratch.state[filled] = ACTIVE
             filled += 1
     for l in range(filled, LANES):
-        scratch.state[l] = 2
+        scratch.state[l] = EMPTY
     return filled
 
 
 @inlined
 def find_nearest_pose(job: Job, target: Array) -> int:
     """Refine the eight best to the nearest pose to an unreachable target, (3, 4); return FK evaluations."""
-    spent: int = call(routine_at(job.handle, ENDING), (job, target))
+    spent: int = call(routines_of(job.handle).ending, (job, target))
     return spent
 
 
@@ -127,34 +103,33 @@ def ending_routine(job: Job, target: Target) -> int:
         if turn > 0:
             spent += look_around(job, task, scratch, target)
         spent += polish(job, task, scratch, target)
-    if lowest(scratch.best_error) <= promise(task):
+    if descent.lowest(scratch.best_error) <= promise(task):
         spent += follow_valleys(task, scratch, target)
     return spent
 
 
 @ir_inlined
-def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: float, steps: int) -> int:
+def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, steps: int) -> int:
     """Minimise the weighted error from the eight best by a number of reweighted steps; return FK evaluations.
-
-    `largest` is the largest K_A.
 
     ``K_P |Δp| + ½ Σ K_c |c - c_g|²`` is not smooth at Δp = 0, unlike a sum of squares. The squared distance is therefore
     weighted by K_P/|Δp|, updated in every step (Weiszfeld 1937). A lane whose step does not help returns to its best and
     increases its damping.
     """
-    goal, lanes, dof, floor = goal_of(task, target), scratch.lanes, len(task.lower), scratch.floor
+    goal, lanes, dof, floor = descent.goal_of(task, target), scratch.lanes, len(task.lower), scratch.floor
+    largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
     for l in range(LANES):
         # K_P is read again for each lane. If it were kept in a register, its product would not be fused with the sum, and
         # the last bits of solutions would change.
-        floor[l] = POLISH_FLOOR * (job.tolerances[WEIGHT] * task.length + largest)
-        scratch.state[l] = 0
-        load_seed_row(lanes, l, scratch.best)
+        floor[l] = POLISH_FLOOR * (read_tolerances(job.tolerances).position_weight * task.length + largest)
+        scratch.paused[l] = 0
+        seeds.load_seed_row(lanes, l, scratch.best)
         lanes.weight[1, l] = math.sqrt(largest)
     for c in range(3):
         scratch.columns[c] = goal.axis_weights[c]
     scratch.damping[0] = 0.0
     for step in range(steps):
-        iterate(job, step > 0)
+        descent.iterate(job, step > 0)
         for l in range(LANES):
             gap = math.sqrt(lanes.error[DISTANCE2, l])
             far = math.sqrt(goal.position_weight / max(gap, NEAREST))
@@ -171,21 +146,35 @@ def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: floa
                 scale_o = 1.0 / largest if largest > 0.0 else 0.0
             lanes.weight[0, l] = far
             if error <= scratch.best_error[l]:
-                if scratch.state[l] == 0:
+                if scratch.paused[l] == 0:
                     floor[l] = max(LESS * floor[l], LEAST)
-                scratch.state[l] = 0
+                scratch.paused[l] = 0
                 scratch.best_error[l] = error
                 for i in range(dof):
                     scratch.best[l, i] = lanes.q[i, l]
             else:
                 floor[l] *= MORE_DAMPING
-                scratch.state[l] = 1
-                load_seed_row(lanes, l, scratch.best)
+                scratch.paused[l] = 1
+                seeds.load_seed_row(lanes, l, scratch.best)
                 scale_p, scale_o = 0.0, 0.0  # This lane pauses for one step and continues from its best.
             for r in range(3):
                 lanes.residual[r, l] *= scale_p
                 lanes.residual[3 + r, l] *= scale_o
     return steps * LANES
+
+
+@inlined
+def walk_down(task: Task, scratch: Scratch, target: Array, row: int) -> int:
+    """Walk from one of the eight best to a minimum, see `newton`, and replace it if that is better; return evaluations."""
+    goal, limits = descent.goal_of(task, target), Limits(task.lower, task.upper)
+    seeds.copy_joints(scratch.best, row, scratch.seed)
+    spent: int = minimise(task.chain, goal, limits, DOWNHILL, scratch.seed)
+    forward(task.chain, scratch.seed, scratch.spare)
+    error = weighted_error(scratch.spare, goal)
+    if error < scratch.best_error[row]:
+        scratch.best_error[row] = error
+        seeds.keep_joints(scratch.best, row, scratch.seed)
+    return spent
 
 
 @ir_inlined
@@ -194,20 +183,11 @@ def polish(job: Job, task: Task, scratch: Scratch, target: Array) -> int:
 
     After the reweighted steps Newton's method refines each lane.
     """
-    goal, limits = goal_of(task, target), Limits(task.lower, task.upper)
-    largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
-    spent = reweigh(job, task, scratch, target, largest, POLISH_STEPS)
-    worth = HOPELESS * lowest(scratch.best_error)
+    spent = reweigh(job, task, scratch, target, descent.POLISH_STEPS)
+    worth = HOPELESS * descent.lowest(scratch.best_error)
     for l in range(LANES):
-        if scratch.best_error[l] > worth:
-            continue
-        copy_joints(scratch.best, l, scratch.seed)
-        spent += minimise(task.chain, goal, limits, DOWNHILL, scratch.seed)
-        forward(task.chain, scratch.seed, scratch.spare)
-        error = weighted_error(scratch.spare, goal)
-        if error < scratch.best_error[l]:
-            scratch.best_error[l] = error
-            keep_joints(scratch.best, l, scratch.seed)
+        if scratch.best_error[l] <= worth:
+            spent += walk_down(task, scratch, target, l)
     return spent
 
 
@@ -219,7 +199,7 @@ def follow_valleys(task: Task, scratch: Scratch, target: Array) -> int:
     squares is minimised in which each tolerance counts as one. If its minimum still misses one tolerance, that one gets a
     larger weight.
     """
-    goal, limits, spent = goal_of(task, target), Limits(task.lower, task.upper), 0
+    goal, limits, spent = descent.goal_of(task, target), Limits(task.lower, task.upper), 0
     near, level = task.position_tolerance, task.orientation_tolerance
     both = near > 0.0 and level > 0.0
     # Half the sum of squares of a pose that meets both tolerances exactly, both counted in radians.
@@ -230,7 +210,7 @@ def follow_valleys(task: Task, scratch: Scratch, target: Array) -> int:
         weight = 0.0
         if task.position_weight > 0.0:
             weight = (level / near) ** 2 if both else 1.0 / (task.length * task.length)
-        copy_joints(scratch.best, l, scratch.seed)
+        seeds.copy_joints(scratch.best, l, scratch.seed)
         for _ in range(BALANCES):
             squares = GoalArrays(target, weight, task.columns)
             walk = Walk(True, VALLEY_STEPS, least)
@@ -239,7 +219,7 @@ def follow_valleys(task: Task, scratch: Scratch, target: Array) -> int:
             position, orientation = errors(scratch.spare, goal)
             if position <= near and orientation <= level:
                 scratch.best_error[0] = 0.0
-                keep_joints(scratch.best, 0, scratch.seed)
+                seeds.keep_joints(scratch.best, 0, scratch.seed)
                 return spent
             # If one tolerance is missed by far, or both are missed, rebalancing does not lead to a solution.
             one = (position <= near) != (orientation <= level)
@@ -264,24 +244,26 @@ def look_around(job: Job, task: Task, scratch: Scratch, target: Array) -> int:
     The nearest poses to an unreachable goal often occur as mirror images, equally near except for the limits.
     """
     pose, spent, begin = scratch.spare, 0, -1
-    copy_joints(scratch.best, lowest_row(scratch.best_error), scratch.seed)
+    seeds.copy_joints(scratch.best, descent.lowest_row(scratch.best_error), scratch.seed)
     forward(task.chain, scratch.seed, pose)
-    reset_weights(task, scratch)
+    descent.reset_weights(task, scratch)
     for l in range(LANES):
-        load_target(scratch.lanes, l, pose)
-    promising = lowest(scratch.best_error) <= promise(task)
-    found = look_up(task, scratch, pose, DEEP if promising else MORE)
+        seeds.load_target(scratch.lanes, l, pose)
+    promising = descent.lowest(scratch.best_error) <= promise(task)
+    found = seeds.look_up(task, scratch, pose, DEEP if promising else seeds.MORE)
     for _ in range(DEEP + 1):  # The flips, then passes that each use at least one sample.
         if begin == found:
             break
         if begin < 0:
             begin, filled = 0, fill_from_flips(task, scratch)
         else:
-            begin, filled = fill_from_lookup(task, scratch, begin, found)
+            begin, filled = seeds.fill_from_lookup(task, scratch, begin, found)
         if filled > 0:
-            _, made = descend_lanes(job, task, scratch, DEEP_STEPS if promising else FIRST_STEPS, True)
+            _, made = descent.descend_lanes(
+                job, task, scratch, descent.DEEP_STEPS if promising else descent.FIRST_STEPS, True
+            )
             spent += (made + 1) * LANES
-            keep_best(job, task, scratch, target)
+            descent.keep_best(job, task, scratch, target)
     for l in range(LANES):
-        load_target(scratch.lanes, l, target)
+        seeds.load_target(scratch.lanes, l, target)
     return spent

@@ -8,37 +8,22 @@ the best result.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
-from kinseek.kernels.arrays import Array, Limits
+from kinseek.kernels.arm.vectors import Vector, column, minus, norm
+from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import inlined
-from kinseek.kernels.pointers import call, floats1, routine
+from kinseek.kernels.pointers import call, routine
 
 from .descent import farthest_joint, goal_of, keep_best, lowest, lowest_row, start
-from .ending import fill_from_flips, reweigh
+from .ending import fill_from_flips, reweigh, walk_down
 from .lanes import LANES
 from .memory import Scratch, scratch_of
-from .newton import DOWNHILL, WALK, minimise
+from .newton import WALK
 from .seeds import copy_joints, fill_from_lookup, keep_joints, look_up, restart
-from .task import (
-    DISTANT,
-    HAND,
-    LENGTHS,
-    ORIENTATION,
-    POSITION,
-    SHOULDER,
-    SPAN,
-    Job,
-    Joints,
-    Target,
-    Task,
-    routine_at,
-    task_at,
-)
+from .task import Job, Joints, Target, Task, lengths_of, read_tolerances, routines_of, task_at
 
 BEYOND = 1.1
 """A goal is far if its distance exceeds this multiple of the length. For nearer goals, whose remaining error may be
@@ -60,9 +45,6 @@ a stop after four walks without improvement, a rizon4 got a pose that is 0.1 to 
 TWIN = 0.1
 """Two configurations closer than this in every joint [rad or m] converge to the same result."""
 
-SETTLED = 3
-"""State of a lane whose walk has ended, see `Scratch.state`."""
-
 MOST = (STEPS + STEPS_AFTER + 2 * WALK) * LANES
 """Largest number of FK evaluations."""
 
@@ -70,52 +52,41 @@ MOST = (STEPS + STEPS_AFTER + 2 * WALK) * LANES
 @inlined
 def is_far(job: Job, target: Array) -> bool:
     """Return True if a target, (3, 4), is farther away than `BEYOND` times the length of the links."""
-    lengths, tolerances = floats1(job.handle, LENGTHS), job.tolerances
-    total, slack = 0.0, tolerances[POSITION] + ROUNDED
-    for r in range(3):
-        gap = target[r, 3] - lengths[SHOULDER + r]
-        for c in range(3):
-            gap += target[r, c] * lengths[HAND + c]
-        total += gap * gap
-        slack += tolerances[ORIENTATION] * abs(lengths[HAND + r])
-    far: bool = math.sqrt(total) > BEYOND * lengths[SPAN] + slack
+    lengths, tolerances = lengths_of(job.handle), read_tolerances(job.tolerances)
+    hand, apart, turn = lengths.hand, minus(column(target, 3), lengths.shoulder), tolerances.orientation
+    x = apart.x + target[0, 0] * hand.x + target[0, 1] * hand.y + target[0, 2] * hand.z
+    y = apart.y + target[1, 0] * hand.x + target[1, 1] * hand.y + target[1, 2] * hand.z
+    z = apart.z + target[2, 0] * hand.x + target[2, 1] * hand.y + target[2, 2] * hand.z
+    slack = tolerances.position + ROUNDED + turn * abs(hand.x) + turn * abs(hand.y) + turn * abs(hand.z)
+    far: bool = norm(Vector(x, y, z)) > BEYOND * lengths.span + slack
     return far
 
 
 @inlined
 def nearest_to_far(job: Job, target: Array, q: Array) -> int:
     """Write the nearest pose to a target for which `is_far` holds into q, (n,); return FK evaluations."""
-    spent: int = call(routine_at(job.handle, DISTANT), (job, target, q))
+    spent: int = call(routines_of(job.handle).far, (job, target, q))
     return spent
 
 
 @inlined
 def settle_best(task: Task, scratch: Scratch, target: Array) -> int:
     """Walk from the best of the eight to a minimum, in order of their errors; return FK evaluations."""
-    goal, limits, spent = goal_of(task, target), Limits(task.lower, task.upper), 0
+    spent, settled = 0, scratch.settled
     for _ in range(LANES):
         least, row = lowest(scratch.best_error), -1
         for l in range(LANES):
-            fresh = scratch.state[l] != SETTLED
-            if fresh and (row < 0 or scratch.best_error[l] < scratch.best_error[row]):
+            if settled[l] == 0 and (row < 0 or scratch.best_error[l] < scratch.best_error[row]):
                 row = l
         if row < 0 or scratch.best_error[row] > WORTH * least:
             break
         copy_joints(scratch.best, row, scratch.seed)
         twin = False
         for l in range(LANES):
-            twin = twin or (
-                scratch.state[l] == SETTLED and farthest_joint(scratch.best, l, scratch.seed) < TWIN
-            )
-        scratch.state[row] = SETTLED
-        if twin:
-            continue
-        spent += minimise(task.chain, goal, limits, DOWNHILL, scratch.seed)
-        forward(task.chain, scratch.seed, scratch.spare)
-        error = weighted_error(scratch.spare, goal)
-        if error < scratch.best_error[row]:
-            scratch.best_error[row] = error
-            keep_joints(scratch.best, row, scratch.seed)
+            twin = twin or (settled[l] == 1 and farthest_joint(scratch.best, l, scratch.seed) < TWIN)
+        settled[row] = 1
+        if not twin:
+            spent += walk_down(task, scratch, target, row)
     return spent
 
 
@@ -124,7 +95,6 @@ def far_routine(job: Job, target: Target, q: Joints) -> int:
     """See `nearest_to_far`."""
     task = task_at(job)
     scratch, goal = scratch_of(job, task), goal_of(task, target)
-    largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
     start(task, scratch, target)
     begin, found = 0, look_up(task, scratch, target, BESIDE)
     for _ in range(BESIDE):
@@ -147,9 +117,9 @@ def far_routine(job: Job, target: Target, q: Joints) -> int:
                 forward(task.chain, scratch.seed, scratch.spare)
                 scratch.best_error[l] = weighted_error(scratch.spare, goal)
                 keep_joints(scratch.best, l, scratch.seed)
-        spent += reweigh(job, task, scratch, target, largest, STEPS if turn == 0 else STEPS_AFTER)
-        if top >= 0:
-            scratch.state[top] = SETTLED
+        spent += reweigh(job, task, scratch, target, STEPS if turn == 0 else STEPS_AFTER)
+        for l in range(LANES):
+            scratch.settled[l] = 1 if l == top else 0
         spent += settle_best(task, scratch, target)
     copy_joints(scratch.best, lowest_row(scratch.best_error), q)
     return spent

@@ -15,17 +15,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from kinseek.kernels.arm.links import (
-    ADDS,
-    SLIDE_OFFSET,
-    SLIDE_RATE,
-    TURN_OFFSET,
-    TURN_RATE,
-    TWIST_COSINE,
-    TWIST_SINE,
-    U,
-    V,
-)
+from kinseek.kernels.arm.links import Link, read_link
 from kinseek.kernels.arm.trigonometry import sine_cosine
 from kinseek.kernels.arm.vectors import Twist, Vector, cross, dot, minus, plus, scaled, twist_dot
 from kinseek.kernels.arrays import Array, Indices
@@ -38,9 +28,14 @@ LOST = 1e-15
 """Rounding error of the factorisation relative to the trace; the damping must exceed it. Otherwise a row that no joint
 moves could lead to a division by zero, next to one that a joint moves far."""
 
-DISTANCE2, SINE2, COSINE, RESIDUAL2 = range(4)
-"""Rows of `Lanes.error`: squared position error [m²]; squared sine of the angle to the target; its cosine, times the number
-of columns that count; and |e|²."""
+DISTANCE2 = 0
+"""Row of `Lanes.error`: squared position error [m²]."""
+SINE2 = 1
+"""Squared sine of the angle to the target; for a goal with ranges the squared angle."""
+COSINE = 2
+"""Cosine of that angle, times the number of columns that count."""
+RESIDUAL2 = 3
+"""|e|²."""
 
 UNLIMITED = 1e300
 """A joint with limits at least this wide counts as unlimited."""
@@ -72,18 +67,9 @@ class Lanes(NamedTuple):
     stubborn: Annotated[Array, LANES]
     """1 for a stubborn lane, see `lanes_hold`, else 0, (LANES,)."""
     error: Annotated[Array, 4, LANES]
-    """See `DISTANCE2`, (4, LANES)."""
+    """See `DISTANCE2` to `RESIDUAL2`, (4, LANES)."""
     weight: Annotated[Array, 2, LANES]
     """Scale of the position rows [1/m] and of the orientation rows, (2, LANES)."""
-
-
-class Link(NamedTuple):
-    """The fixed part of a joint, ``Tr(u, v, 0) Rx(α)``, see `arm.links`."""
-
-    sine: float
-    cosine: float
-    u: float
-    v: float
 
 
 @inlined
@@ -120,7 +106,7 @@ def lanes_forward(leader: Indices, links: Array, lanes: Lanes, w: int) -> None:
 
     Args:
         leader: Variable that moves each physical joint, (m,).
-        links: The chain, see `links.links_of`.
+        links: The chain, see `links_of`.
         lanes: Holds q; receives poses and axes.
         w: LANES.
     """
@@ -130,12 +116,10 @@ def lanes_forward(leader: Indices, links: Array, lanes: Lanes, w: int) -> None:
             for l in range(w):
                 T[r, c, l] = links[joints, 4 * r + c]
     for k in range(joints):
-        i, row = leader[k], links[k]
-        link = Link(row[TWIST_SINE], row[TWIST_COSINE], row[U], row[V])
-        turn, turned, slide, slid = row[TURN_RATE], row[TURN_OFFSET], row[SLIDE_RATE], row[SLIDE_OFFSET]
+        i, link = leader[k], read_link(links[k])
         for l in range(w):
-            sine, cosine = sine_cosine(turn * q[i, l] + turned)
-            d = slide * q[i, l] + slid
+            sine, cosine = sine_cosine(link.turn_rate * q[i, l] + link.turn_offset)
+            d = link.slide_rate * q[i, l] + link.slide_offset
             advance_row(T[0], l, link, cosine, sine, d)
             advance_row(T[1], l, link, cosine, sine, d)
             advance_row(T[2], l, link, cosine, sine, d)
@@ -186,12 +170,13 @@ def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: 
     """Compute the scaled geometric Jacobian of every lane; `free` = 1 ignores rotation about the tool's x axis."""
     T, J, axes, weight = lanes.pose, lanes.jacobian, lanes.axes, lanes.weight
     for k in range(len(leader)):
-        i, turn, slide = leader[k], links[k, TURN_RATE], links[k, SLIDE_RATE]
-        adds = links[k, ADDS] > 0.0
+        i, link = leader[k], read_link(links[k])
+        adds = link.adds > 0.0
         for l in range(w):
             joint, tool = twist_at(axes[k], l), pose_column(T, 0, l)
             axis, lever = joint.linear, minus(pose_column(T, 3, l), joint.angular)
-            wp, wo, ws = turn * weight[0, l], turn * weight[1, l], slide * weight[0, l]
+            wp, wo = link.turn_rate * weight[0, l], link.turn_rate * weight[1, l]
+            ws = link.slide_rate * weight[0, l]
             along = free * dot(axis, tool)
             linear = plus(scaled(wp, cross(axis, lever)), scaled(ws, axis))
             angular = scaled(wo, minus(axis, scaled(along, tool)))

@@ -9,15 +9,18 @@ from kinseek.kernels.jit import inlined
 from kinseek.kernels.layout import Layout
 
 from .lanes import LANES, Lanes
-from .task import Job, Task
-from .tree import LEAF_SIZE
+from .samples import COORDINATES
+from .task import REPORT, Job, Task
+from .tree import BESIDE, LEAF_SIZE, MOST_LEVELS
 
 DEEP = 160
 """Largest number of samples looked up for one goal."""
 
-
 CANDIDATE_ROWS = 18
 """Rows of the candidates of a closed form, see `structure.candidates.WORK`."""
+
+ACTIVE, CONVERGED, EMPTY, GIVEN_UP = 0, 1, 2, 3
+"""States of a lane."""
 
 
 class Scratch(NamedTuple):
@@ -27,19 +30,31 @@ class Scratch(NamedTuple):
     seen: Annotated[Array, 3, 4]
     """The goal as the atlas sees it, (3, 4)."""
     spare: Annotated[Array, 3, 4]
-    """(3, 4)"""
+    """Any pose, to be used at once, (3, 4)."""
     between: Annotated[Array, 3, 4]
-    """(3, 4)"""
-    point: Annotated[Array, 9]
-    """Coordinates of the goal among the samples, (9,)."""
+    """The goal relative to the first joint, on the way to `seen`, (3, 4)."""
+    displacement: Annotated[Array, 3, 4]
+    """The displacement of a closed form, see `structure.candidates`, (3, 4)."""
+    rest: Annotated[Array, 3, 4]
+    """The same without the swept joint, (3, 4)."""
+    point: Annotated[Array, COORDINATES]
+    """Coordinates of the goal among the samples, (COORDINATES,)."""
     distance: Annotated[Array, DEEP]
-    """(DEEP,)"""
+    """Squared distances of a look-up, (DEEP,), see `tree.Neighbours`."""
     neighbour: Annotated[Indices, DEEP]
-    """(DEEP,)"""
-    stack: Annotated[Indices, 64]
-    """(64,)"""
-    bound: Annotated[Array, 64 + LEAF_SIZE]
-    """(64 + LEAF_SIZE,)"""
+    """Its samples, (DEEP,)."""
+    stack: Annotated[Indices, MOST_LEVELS]
+    """(MOST_LEVELS,)"""
+    bound: Annotated[Array, MOST_LEVELS]
+    """(MOST_LEVELS,)"""
+    leaf: Annotated[Array, LEAF_SIZE]
+    """(LEAF_SIZE,)"""
+    beside: Annotated[Array, BESIDE, LEAF_SIZE]
+    """Squared distances of a scan, (BESIDE, LEAF_SIZE), see `tree.scan_beside`."""
+    least: Annotated[Array, LEAF_SIZE]
+    """The smallest of them at each place of the leaves, (LEAF_SIZE,)."""
+    report: Annotated[Array, REPORT]
+    """Report on the last joint values that were judged, see `task.POSITION_ERROR`, (REPORT,)."""
     candidates: Annotated[Array, CANDIDATE_ROWS, LANES]
     """Candidates of a closed form, one in each lane, (CANDIDATE_ROWS, LANES)."""
     seed: Annotated[Array, "dof"]
@@ -47,7 +62,11 @@ class Scratch(NamedTuple):
     found: Annotated[Array, LANES, "dof"]
     """Joint values at which each lane converged, (LANES, n)."""
     state: Annotated[Indices, LANES]
-    """State of each lane: 0 active, 1 converged, 2 empty, 3 given up, (LANES,)."""
+    """State of each lane, see `ACTIVE`, (LANES,)."""
+    paused: Annotated[Indices, LANES]
+    """1 for a lane that repeats a step with more damping, see `ending.reweigh`, (LANES,)."""
+    settled: Annotated[Indices, LANES]
+    """1 for a row of `best` that is at a minimum, see `far.settle_best`, (LANES,)."""
     best: Annotated[Array, LANES, "dof"]
     """Best joint values found, (LANES, n)."""
     best_error: Annotated[Array, LANES]

@@ -9,28 +9,16 @@ import numpy as np
 
 from kinseek.kernels.arm.pose_error import LARGEST, is_rigid
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.atlas.task import Handle
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, exact, inlined, noinline
-from kinseek.kernels.pointers import part1
 
-from .descent import DEEP_STEPS, descend_lanes, goal_of, keep_closest, start
+from .descent import DEEP_STEPS, descend_lanes, keep_closest, start
 from .far import is_far
 from .lanes import LANES
-from .memory import Scratch, scratch_of, scratch_size
-from .one_goal import NEAREST, closed_answer, conclude_answer, finish, outcome, solve_target
+from .memory import ACTIVE, EMPTY, Scratch, scratch_of, scratch_size
+from .one_goal import NEAREST, closed_answer, outcome, solve_target
 from .seeds import MORE, fill_from_lookup, load_seed, look_up, turns_fully
-from .task import (
-    EVALUATIONS,
-    TOLERANCES,
-    Job,
-    Task,
-    handle_at,
-    lanes_of,
-    plain_tolerances,
-    task_at,
-    task_of,
-)
+from .task import TOLERANCES, Job, Target, Task, handle_at, lanes_of, task_at, task_of
 
 FAR = 1e4
 """Angle [rad] beyond which a walk starts from the same angle within the first turn, because sines lose digits there."""
@@ -73,11 +61,11 @@ def walk_near(job: Job, target: Array, near: Array, q: Array) -> int:
     start(task, scratch, target)
     load_near(task, scratch, near)
     for l in range(LANES):
-        scratch.state[l] = 0 if l == 0 else 2
+        scratch.state[l] = ACTIVE if l == 0 else EMPTY
     if tried < 0:
         # The nearest closed-form solution is one more start.
         load_seed(scratch.lanes, 1, q)
-        scratch.state[1] = 0
+        scratch.state[1] = ACTIVE
     closest, spent, begin, found, looked_up = np.inf, -tried, 0, 0, False
     for _ in range(MORE + 2):  # The walk from `near`, then passes that each use at least one sample.
         if spent + (DEEP_STEPS + 1) * LANES > task.budget:
@@ -98,14 +86,6 @@ def walk_near(job: Job, target: Array, near: Array, q: Array) -> int:
     return spent
 
 
-@inlined
-def conclude_near(job: Job, target: Array, near: Array, q: Array, report: Array) -> None:
-    """Do the same as `one_goal.conclude_answer`, with full turns chosen near a reference, (n,)."""
-    task = task_at(job)
-    scratch = scratch_of(job, task)
-    finish(task, scratch, goal_of(task, target), near, q, report)
-
-
 @exact
 def all_finite(values: Array) -> bool:
     """Return True if all values are finite and none is beyond `LARGEST`."""
@@ -116,31 +96,10 @@ def all_finite(values: Array) -> bool:
 
 
 @entry
-def solve_plain_near(
-    address: int, target: Annotated[Array, 4, 4], near: Annotated[Array, "n"], q: Annotated[Array, "n", OUT]
-) -> tuple[float, float, float, int, bool]:
-    """Do the same as `one_goal.solve_plain` near a reference, (n,); evaluations are -1 also if it is not finite."""
-    if not (is_rigid(target) and all_finite(near)):
-        return 0.0, 0.0, 0.0, -1, False
-    handle = handle_at(address)
-    tolerances = plain_tolerances(handle)
-    task = task_of(handle, tolerances)
-    size = scratch_size(len(task.lower), len(task.chain.leader))
-    memory = np.zeros(size + EVALUATIONS + 1)
-    report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
-    job = Job(handle, tolerances, memory, lanes_of(handle))
-    report[EVALUATIONS] = walk_near(job, target, near, q)
-    conclude_near(job, target, near, q, report)
-    status = outcome(task, report)
-    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
-    return status
-
-
-@entry
 def solve_goal(
     address: int,
     tolerances: Annotated[Array, TOLERANCES],
-    target: Annotated[Array, 3, 4],
+    target: Target,
     near: Annotated[Array, "n"],
     close: bool,
     q: Annotated[Array, "n", OUT],
@@ -149,53 +108,22 @@ def solve_goal(
 
     Args:
         address: As there; the task's kind is that of the goal.
-        tolerances: See `task_of`.
-        target: A rigid transform, (3, 4), lengths in [m].
-        near: Reference joint values, (n,), finite; read only with `close`.
+        tolerances: See `task.Tolerances`.
+        target: A rigid transform, (3, 4), or a matrix that has to be checked, (4, 4), lengths in [m].
+        near: Reference joint values, (n,); read only with `close`.
         close: See `near`.
         q: As there.
 
     Returns:
-        As there; evaluations are never -1.
+        As there; evaluations are -1 also if the reference is not finite.
     """
+    if not ((len(target) == 3 or is_rigid(target)) and (not close or all_finite(near))):
+        return 0.0, 0.0, 0.0, -1, False
     handle = handle_at(address)
     task = task_of(handle, tolerances)
-    size = scratch_size(len(task.lower), len(task.chain.leader))
-    memory = np.zeros(size + EVALUATIONS + 1)
-    report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
+    memory = np.zeros(scratch_size(len(task.lower), len(task.chain.leader)))
     job = Job(handle, tolerances, memory, lanes_of(handle))
-    if close:
-        report[EVALUATIONS] = walk_near(job, target, near, q)
-        conclude_near(job, target, near, q, report)
-    else:
-        report[EVALUATIONS] = solve_target(job, target, task.budget, q)
-        conclude_answer(job, target, q, report)
-    status = outcome(task, report)
+    spent = walk_near(job, target, near, q) if close else solve_target(job, target, task.budget, q)
+    status = outcome(job, target, near, close, spent, q)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return status
-
-
-@entry
-def solve_many_near(
-    handle: Handle,
-    tolerances: Annotated[Array, TOLERANCES],
-    targets: Annotated[Array, "k", 3, 4],
-    near: Annotated[Array, "k", "n"],
-    results: Annotated[Array, "k", "n+4", OUT],
-    begin: int,
-    end: int,
-    w: int,
-) -> None:
-    """Solve targets begin … end-1, each with its row of near, (k, n); results as `one_goal.solve_pose`, (k, n + 4)."""
-    task = task_of(handle, tolerances)
-    dof = len(task.lower)
-    memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
-    job = Job(handle, tolerances, memory, w)
-    for i in range(begin, end):
-        # The memory is cleared between targets, so that results do not depend on the rest of the batch, bit by bit.
-        for k in range(len(memory)):
-            memory[k] = 0.0
-        q, report = results[i, :dof], results[i, dof:]
-        report[EVALUATIONS] = walk_near(job, targets[i], near[i], q)
-        conclude_near(job, targets[i], near[i], q, report)
-    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

@@ -15,80 +15,41 @@ import numpy as np
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, is_rigid, weighted_error
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.atlas.task import Handle
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, kernel
 from kinseek.kernels.pointers import call, part1, routine
 
-from .descent import (
-    DEEP_STEPS,
-    FIRST_STEPS,
-    PERSIST_STEPS,
-    POLISH_STEPS,
-    RESTART_STEPS,
-    descend_lanes,
-    goal_of,
-    iterate_routine,
-    keep_best,
-    keep_closest,
-    lowest,
-    lowest_row,
-    make_stubborn,
-    reset_weights,
-    start,
-)
+from . import descent, seeds
 from .ending import ENDGAME, ending_routine, find_nearest_pose, promise
 from .far import MOST as FAR_MOST
 from .far import far_routine, is_far, nearest_to_far
 from .lanes import LANES
-from .memory import DEEP, Scratch, scratch_of, scratch_size
-from .seeds import (
-    MORE,
-    MORE_RESTARTS,
-    RESTARTS,
-    TAKES,
-    copy_joints,
-    fill_from_lookup,
-    fill_from_scan,
-    into_limits,
-    kick,
-    load_seed,
-    load_seed_row,
-    look_up,
-    middle,
-    scan,
-    spread_root,
-    spread_start,
-)
+from .memory import ACTIVE, DEEP, EMPTY, Scratch, scratch_of, scratch_size
 from .task import (
-    CLOSED,
-    DISTANT,
-    ENDING,
     EVALUATIONS,
-    ITERATE,
     ORIENTATION_ERROR,
     POSITION_ERROR,
-    SEARCH,
-    STARTS,
+    REPORT,
     TOLERANCES,
     WEIGHTED_ERROR,
+    Handle,
     Job,
     Joints,
+    Routines,
     Target,
     Task,
     handle_at,
     lanes_of,
     plain_tolerances,
-    routine_at,
+    routines_of,
     task_at,
     task_of,
 )
 
-PASSES = TAKES + MORE + DEEP + MORE_RESTARTS // LANES + 3
+PASSES = seeds.TAKES + seeds.MORE + DEEP + seeds.MORE_RESTARTS // LANES + 3
 """Largest number of passes of a search. Each uses at least one sample of a scan or a look-up, eight restarts, or one of
 the two persistent passes; a last one ends the search. A goal with ranges needs at most two passes per pose instead of
 samples."""
-
 
 KICK, WIDE_KICK = 0.5, 1.5
 """Distances from the best configuration [rad or m] at which restarts begin, alternately: close to it, and in the wider
@@ -113,10 +74,9 @@ def solve_target(job: Job, target: Array, budget: float, q: Array) -> int:
     return search_near(job, target, budget + tried, q, False, q) - tried
 
 
-MIDMOST, NEAREST, OFFER = range(3)
+MIDMOST, NEAREST, OFFER = 0, 1, 2
 """Requests to `structure.one_answer.closed_routine`: the solution nearest to the middle of the ranges; the solution
 nearest to the current joint values; and from OFFER on, a candidate to refine."""
-
 
 CORRECTIONS = 4
 """Largest number of steps from a candidate of a nearby arm."""
@@ -125,16 +85,16 @@ CORRECTIONS = 4
 @inlined
 def closed_answer(job: Job, target: Array, budget: float, near: Array, asked: int, q: Array) -> int:
     """Return the result of `structure.one_answer.closed_routine`; 0 if the arm has no closed form."""
-    tried = 0
-    if routine_at(job.handle, CLOSED) != 0 and budget >= (FIRST_STEPS + 1) * LANES:
-        tried = call(routine_at(job.handle, CLOSED), (job, target, near, asked, q))
+    tried, closed = 0, routines_of(job.handle).closed
+    if closed != 0 and budget >= (descent.FIRST_STEPS + 1) * LANES:
+        tried = call(closed, (job, target, near, asked, q))
     return tried
 
 
 @inlined
 def search_near(job: Job, target: Array, budget: float, near: Array, close: bool, q: Array) -> int:
     """Do the same as `solve_target`; with `close` choose the solution nearest to `near`, (n,), for a goal with ranges."""
-    spent: int = call(routine_at(job.handle, SEARCH), (job, target, budget, near, close, q))
+    spent: int = call(routines_of(job.handle).search, (job, target, budget, near, close, q))
     return spent
 
 
@@ -144,7 +104,7 @@ def fill_from_ranges(job: Job, near: Array, close: bool, begin: int, most: int) 
 
     At most `most` samples are read for each pose. With `close` the first lane starts from `near`, (n,).
     """
-    following: int = call(routine_at(job.handle, STARTS), (job, near, close, begin, most))
+    following: int = call(routines_of(job.handle).starts, (job, near, close, begin, most))
     return following
 
 
@@ -154,112 +114,128 @@ def search_routine(job: Job, target: Target, budget: float, near: Joints, close:
     task, w = task_at(job), job.width
     scratch, dof = scratch_of(job, task), len(task.lower)
     lanes = scratch.lanes
-    start(task, scratch, target)
+    descent.start(task, scratch, target)
     spent, rounds, looked, begin, found, persisted, number = 0, 0, 0, 0, task.poses, 0, 0
-    restarts, patience, most, taken, leaf, closest = RESTARTS, DEEP_STEPS, MORE, 0, 0, np.inf
+    restarts, patience, most, taken, leaf, closest = (
+        seeds.RESTARTS,
+        descent.DEEP_STEPS,
+        seeds.MORE,
+        0,
+        0,
+        np.inf,
+    )
     ranges = task.poses > 0
     if ranges:
         # Samples are looked up at poses of the ranges, not at the target itself.
-        taken, looked = TAKES, DEEP
+        taken, looked = seeds.TAKES, DEEP
     else:
-        leaf = scan(task, scratch, target, w)
+        leaf = seeds.scan(task, scratch, target, w)
     for _ in range(PASSES):
-        if taken == TAKES and begin == found and looked < most:
+        if taken == seeds.TAKES and begin == found and looked < most:
             looked = most
-            begin, found = 0, look_up(task, scratch, target, most)
-        if taken < TAKES:
-            taken, filled = fill_from_scan(task, scratch, leaf, taken, w)
+            begin, found = 0, seeds.look_up(task, scratch, target, most)
+        if taken < seeds.TAKES:
+            taken, filled = seeds.fill_from_scan(task, scratch, leaf, taken, w)
             if filled == 0:
                 continue
-            steps = FIRST_STEPS
+            steps = descent.FIRST_STEPS
         elif begin < found:
             if ranges:
                 begin = fill_from_ranges(job, near, close, begin, most)
             else:
-                begin, filled = fill_from_lookup(task, scratch, begin, found)
+                begin, filled = seeds.fill_from_lookup(task, scratch, begin, found)
                 if filled == 0:
                     continue
             steps = patience
         elif persisted == 0 or (persisted == 1 and number >= restarts):
             persisted += 1
-            if persisted == 2 and spent + (POLISH_STEPS if ranges else ENDGAME) * LANES <= budget:
+            if persisted == 2 and spent + (descent.POLISH_STEPS if ranges else ENDGAME) * LANES <= budget:
                 spent += find_nearest_pose(job, target)
-                reset_weights(task, scratch)
-            if lowest(scratch.best_error) > promise(task):
+                descent.reset_weights(task, scratch)
+            if descent.lowest(scratch.best_error) > promise(task):
                 continue
             if persisted == 1:
                 # A promising lane may lead to a mirror image of the solution, so this pass does not stop early.
-                restarts, patience, most, begin, found = MORE_RESTARTS, PERSIST_STEPS, DEEP, 0, task.poses
+                restarts, patience, most, begin, found = (
+                    seeds.MORE_RESTARTS,
+                    descent.PERSIST_STEPS,
+                    DEEP,
+                    0,
+                    task.poses,
+                )
             for l in range(LANES):
-                scratch.state[l] = 0 if scratch.best_error[l] < np.inf else 2
-                load_seed_row(lanes, l, scratch.best)
-            make_stubborn(lanes, 0.0 if ranges else 1.0)
-            steps = PERSIST_STEPS
+                scratch.state[l] = ACTIVE if scratch.best_error[l] < np.inf else EMPTY
+                seeds.load_seed_row(lanes, l, scratch.best)
+            descent.make_stubborn(lanes, 0.0 if ranges else 1.0)
+            steps = descent.PERSIST_STEPS
         elif number < restarts:
-            root = spread_root(dof)
+            root = seeds.spread_root(dof)
             for l in range(LANES):
-                spread_start(task, root, number + l, scratch.seed)
-                if restarts == MORE_RESTARTS and number % (2 * LANES) == 0:
-                    kick(
+                seeds.spread_start(task, root, number + l, scratch.seed)
+                if restarts == seeds.MORE_RESTARTS and number % (2 * LANES) == 0:
+                    seeds.kick(
                         task, scratch.best, l, KICK if number % (4 * LANES) == 0 else WIDE_KICK, scratch.seed
                     )
-                load_seed(lanes, l, scratch.seed)
-                scratch.state[l] = 0
+                seeds.load_seed(lanes, l, scratch.seed)
+                scratch.state[l] = ACTIVE
             number += LANES
-            steps = RESTART_STEPS
+            steps = descent.RESTART_STEPS
         else:
             break
         if spent + (steps + 1) * LANES > budget:
             break
-        lane, made = descend_lanes(job, task, scratch, steps, close)
-        make_stubborn(lanes, 0.0)
+        lane, made = descent.descend_lanes(job, task, scratch, steps, close)
+        descent.make_stubborn(lanes, 0.0)
         spent += (made + 1) * LANES
         if close:
-            closest = keep_closest(task, scratch, near, closest, q)
+            closest = descent.keep_closest(task, scratch, near, closest, q)
             if closest < np.inf and begin == found:
                 return spent
         elif lane >= 0:
-            copy_joints(scratch.found, lane, q)
+            seeds.copy_joints(scratch.found, lane, q)
             return spent
-        keep_best(job, task, scratch, target)
+        descent.keep_best(job, task, scratch, target)
         rounds += 1
     if closest < np.inf:
         return spent
     if rounds == 0:
-        middle(task, q)
+        seeds.middle(task, q)
         return spent
-    copy_joints(scratch.best, lowest_row(scratch.best_error), q)
+    seeds.copy_joints(scratch.best, descent.lowest_row(scratch.best_error), q)
     return spent
 
 
 @inlined
 def finish(task: Task, scratch: Scratch, goal: GoalArrays, near: Array, q: Array, report: Array) -> None:
     """Clamp q to the limits and judge it by plain FK: errors [m], [rad] and weighted into `report`, (4,)."""
-    into_limits(task, q, near)
+    seeds.into_limits(task, q, near)
     forward(task.chain, q, scratch.spare)
     report[POSITION_ERROR], report[ORIENTATION_ERROR] = errors(scratch.spare, goal)
     report[WEIGHTED_ERROR] = weighted_error(scratch.spare, goal)
 
 
 @inlined
-def conclude_answer(job: Job, target: Array, q: Array, report: Array) -> None:
-    """Judge a solution q, (n,): write errors [m], [rad] and weighted into report, (4,)."""
+def conclude(job: Job, target: Array, near: Array, close: bool, q: Array, report: Array) -> None:
+    """Judge a solution q, (n,): write errors [m], [rad] and weighted into report, (4,).
+
+    Full turns are chosen near a reference, (n,), with `close`, else near the middle of the ranges.
+    """
     task = task_at(job)
     scratch = scratch_of(job, task)
-    middle(task, scratch.seed)
-    finish(task, scratch, goal_of(task, target), scratch.seed, q, report)
+    if not close:
+        seeds.middle(task, scratch.seed)
+        near = scratch.seed
+    finish(task, scratch, descent.goal_of(task, target), near, q, report)
 
 
-def routines() -> Indices:
-    """Addresses of the routines of a pose, for `TaskRows`.
+def routines() -> Routines:
+    """The routines of a pose.
 
     The routines of goals with ranges are in `kernels.ranges.search.range_routines`. The routine of an arm with a closed
     form is `structure.one_answer.closed_routine`.
     """
-    addresses = np.zeros(DISTANT + 1, dtype=np.int64)
-    addresses[ITERATE], addresses[SEARCH] = iterate_routine.address, search_routine.address
-    addresses[ENDING], addresses[DISTANT] = ending_routine.address, far_routine.address
-    return addresses
+    step, search = descent.iterate_routine.address, search_routine.address
+    return Routines(step, search, ending_routine.address, far_routine.address)
 
 
 @entry
@@ -291,23 +267,28 @@ def solve_pose(handle: Indices, tolerances: Array, target: Array, w: int) -> Arr
     """
     task = task_of(handle, tolerances)
     dof = len(task.lower)
-    result = np.empty(dof + EVALUATIONS + 1)
+    result = np.empty(dof + REPORT)
     memory = np.empty(scratch_size(dof, len(task.chain.leader)))
     job = Job(handle, tolerances, memory, w)
     address = result.ctypes.data
-    q, report = part1(address, 0, dof), part1(address, dof, EVALUATIONS + 1)
+    q, report = part1(address, 0, dof), part1(address, dof, REPORT)
     report[EVALUATIONS] = solve_target(job, target, task.budget, q)
-    conclude_answer(job, target, q, report)
+    conclude(job, target, q, False, q, report)
     memory[0] = 0.0  # Views do not keep the memory alive: Numba frees it after its last use.
     return result
 
 
 @inlined
-def outcome(task: Task, report: Array) -> tuple[float, float, float, int, bool]:
-    """Return the values of `solve_plain` from a report, (4,)."""
+def outcome(
+    job: Job, target: Array, near: Array, close: bool, spent: int, q: Array
+) -> tuple[float, float, float, int, bool]:
+    """Judge a solution as `conclude` does, and return what `solve_plain` returns."""
+    task = task_at(job)
+    report = scratch_of(job, task).report
+    conclude(job, target, near, close, q, report)
     position, orientation = report[POSITION_ERROR], report[ORIENTATION_ERROR]
     met = position <= task.position_tolerance and orientation <= task.orientation_tolerance
-    return position, orientation, report[WEIGHTED_ERROR], int(report[EVALUATIONS]), met
+    return position, orientation, report[WEIGHTED_ERROR], spent, met
 
 
 @entry
@@ -330,13 +311,10 @@ def solve_plain(
     handle = handle_at(address)
     tolerances = plain_tolerances(handle)
     task = task_of(handle, tolerances)
-    size = scratch_size(len(task.lower), len(task.chain.leader))
-    memory = np.empty(size + EVALUATIONS + 1)
-    report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
+    memory = np.empty(scratch_size(len(task.lower), len(task.chain.leader)))
     job = Job(handle, tolerances, memory, lanes_of(handle))
     # Called here and not one level deeper: Numba compiles the callees of a function again at every level.
-    report[EVALUATIONS] = solve_target(job, target, task.budget, q)
-    conclude_answer(job, target, q, report)
-    status = outcome(task, report)
+    spent = solve_target(job, target, task.budget, q)
+    status = outcome(job, target, q, False, spent, q)
     memory[0] = 0.0  # Its last use, see `solve_pose`.
     return status

@@ -23,6 +23,9 @@ from kinseek.kernels.jit import entry, inlined
 
 from .tree import Tree, make_tree, sort_tree
 
+COORDINATES = 9
+"""Largest number of coordinates of a pose, see `coordinates`: a point and two directions."""
+
 
 class Atlas(NamedTuple):
     """Samples of the middle joints, in the order of the leaves of the tree."""
@@ -107,7 +110,7 @@ def fill_atlas(
         atlas: Allocated by the caller, see `kernels.grid` for the reason; receives all but the two inverses.
     """
     count, joints = len(middle), len(chain.leader)
-    poses, features, q = np.empty((count, 3, 4)), np.empty((count, 9)), np.zeros(len(chain.lower))
+    poses, features, q = np.empty((count, 3, 4)), np.empty((count, COORDINATES)), np.zeros(len(chain.lower))
     used, begin, end = 0, 0 if division.head == NONE else 1, joints - 1 if division.tail == TURN else joints
     for i in range(count):
         T = poses[i]

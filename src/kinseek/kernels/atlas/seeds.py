@@ -9,7 +9,7 @@ from kinseek.kernels.arrays import Array, Limits
 from kinseek.kernels.jit import inlined
 
 from .lanes import LANES, Lanes
-from .memory import Scratch
+from .memory import ACTIVE, EMPTY, Scratch
 from .samples import Divided, complete_seed, coordinates
 from .task import OPEN, Task
 from .tree import Neighbours, nearest, scan_beside, take_nearest
@@ -18,19 +18,15 @@ FIRST, MORE, RESTARTS, MORE_RESTARTS = 24, 40, 64, 256
 """Samples near a goal that are tried first; samples of a deeper look-up; restarts after both; and restarts if the
 remaining error is small enough to be worth more work."""
 
-
 TAKES = 2 * FIRST
 """Number of samples taken in two rounds, see `take_seed`."""
-
 
 AT_ONCE = 4
 """Number of first samples that are refined in parallel: the first nearly always leads to a solution."""
 
-
 MARGIN = 0.5
 """A sample is not tried if its first or last joint is farther beyond its limits than this [rad or m], see
 `complete_seed`."""
-
 
 CONVERGED = 30
 """Iterations after which the root of x^(n+1) = x + 1 is exact: each reduces the error to less than a third."""
@@ -84,7 +80,7 @@ def look_up(task: Task, scratch: Scratch, target: Array, most: int) -> int:
     """Find at most `most` samples nearest to a target, (3, 4); return their number."""
     see(task, scratch, target)
     coordinates(scratch.seen, task.division, scratch.point)
-    neighbours = Neighbours(scratch.distance, scratch.neighbour, scratch.stack, scratch.bound)
+    neighbours = Neighbours(scratch.distance, scratch.neighbour, scratch.stack, scratch.bound, scratch.leaf)
     return nearest(task.atlas.tree, scratch.point, most, neighbours)
 
 
@@ -104,10 +100,10 @@ def fill_from_lookup(task: Task, scratch: Scratch, begin: int, found: int) -> tu
         begin += 1
         if complete(task, scratch, i, MARGIN):
             load_seed(scratch.lanes, filled, scratch.seed)
-            scratch.state[filled] = 0
+            scratch.state[filled] = ACTIVE
             filled += 1
     for l in range(filled, LANES):
-        scratch.state[l] = 2
+        scratch.state[l] = EMPTY
     return begin, filled
 
 
@@ -116,7 +112,7 @@ def scan(task: Task, scratch: Scratch, target: Array, w: int) -> int:
     """Compute the distances of samples near a target, (3, 4), for `fill_from_scan`; return the leaf of the target."""
     see(task, scratch, target)
     coordinates(scratch.seen, task.division, scratch.point)
-    return scan_beside(task.atlas.tree, scratch.point, scratch.distance, scratch.bound, w)
+    return scan_beside(task.atlas.tree, scratch.point, scratch.beside, scratch.least, w)
 
 
 @inlined
@@ -138,7 +134,7 @@ def take_seed(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) -> tu
     others fail. The second takes those within the margin, which are now at a limit.
     """
     chain, worth = task.chain, False
-    i = take_nearest(task.atlas.tree, leaf, scratch.distance, scratch.bound)
+    i = take_nearest(task.atlas.tree, leaf, scratch.beside, scratch.least)
     if i >= 0:
         margin = MARGIN if taken >= FIRST else 0.0
         worth = complete(task, scratch, i, margin)
@@ -147,7 +143,7 @@ def take_seed(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) -> tu
     else:
         taken = FIRST if taken < FIRST else TAKES
     if taken == FIRST:
-        scan_beside(task.atlas.tree, scratch.point, scratch.distance, scratch.bound, w)
+        scan_beside(task.atlas.tree, scratch.point, scratch.beside, scratch.least, w)
     return taken, worth
 
 
@@ -161,10 +157,10 @@ def fill_from_scan(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) 
         taken, worth = take_seed(task, scratch, leaf, taken, w)
         if worth:
             load_seed(scratch.lanes, filled, scratch.seed)
-            scratch.state[filled] = 0
+            scratch.state[filled] = ACTIVE
             filled += 1
     for l in range(filled, LANES):
-        scratch.state[l] = 2
+        scratch.state[l] = EMPTY
     return taken, filled
 
 

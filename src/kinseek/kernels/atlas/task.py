@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinseek.kernels.arm.division import Division
+from kinseek.kernels.arm.record import Record
+from kinseek.kernels.arm.vectors import Vector
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.jit import counted, inlined
 from kinseek.kernels.layout import Rows
@@ -20,12 +21,26 @@ OPEN = 1e300
 """Limit of a joint that turns fully. It is infinite for a continuous joint, which may turn either way without end."""
 
 
-POSITION, ORIENTATION, WEIGHT, BUDGET, AXES = range(5)
-"""Indices into the tolerances, an array that is passed by its address: position tolerance [m], orientation tolerance
-[rad], K_P, largest number of FK evaluations, and from AXES on K_A of the x, y and z columns."""
+class Tolerances(NamedTuple):
+    """Tolerances, weights and budget of a call."""
 
-TOLERANCES = AXES + 3
-"""Length of the tolerances; `Task` has them by name."""
+    position: float
+    """[m]"""
+    orientation: float
+    """[rad]"""
+    position_weight: float
+    """K_P, per [m]."""
+    budget: float
+    """Largest number of FK evaluations for one target."""
+    axis_weights: Vector
+    """K_A of the x, y and z columns, see `GoalArrays`."""
+
+
+TOLERANCE = Record(Tolerances)
+"""The array of tolerances that kernels take."""
+
+read_tolerances, TOLERANCES = TOLERANCE.read, TOLERANCE.size
+AXIS_WEIGHTS = TOLERANCE.first["axis_weights"]
 
 Handle = Annotated[Indices, "*"]
 """A handle as an argument of a kernel; callers do not choose its length."""
@@ -39,24 +54,62 @@ Joints = Annotated[Array, "n"]
 POSITION_ERROR, ORIENTATION_ERROR, WEIGHTED_ERROR, EVALUATIONS = range(4)
 """Indices into a report on joint values: errors [m] and [rad], the weighted error, and FK evaluations. A result has these
 four after its joint values, in the same order."""
+REPORT = EVALUATIONS + 1
+"""Length of a report."""
 
-ITERATE, SEARCH, ENDING, STARTS, JUDGE, CLOSED, DISTANT = range(7)
-"""Indices of the routines of a task, see `one_goal.routines`; the entry is 0 if one is not needed. CLOSED is set if the arm
-has a closed form.
 
-A goal with ranges uses other steps than a pose and the same search: its task contains other routines, see `with_ranges`.
-"""
+class Routines(NamedTuple):
+    """Addresses of the routines of a task, see `one_goal.routines`; 0 if one is not needed.
 
-HEAD, TAIL, COLUMNS, WIDTH, POSES, EXACT = range(6)
-"""Indices into the integers of a task: those of the division, LANES, `Task.poses`, and `Task.exact`."""
+    A goal with ranges uses other steps than a pose and the same search: its task contains other routines, see
+    `with_ranges`.
+    """
 
-DIRECTION, RADIAN, SPAN, SHOULDER, HAND = 0, 1, 2, 3, 6
-"""Indices into the lengths of a task [m]. The length of a direction among the samples. The length of a radian in the
-refinement. The largest distance of a point on the first axis and a point that the last joint does not move. And these
-two points, in the base and in the tip, three numbers each; see `robots.geometry.span_of`."""
+    iterate: int
+    search: int
+    ending: int
+    far: int
+    starts: int = 0
+    judge: int = 0
+    closed: int = 0
+    """Set if the arm has a closed form."""
 
-MEASURES = HAND + 3
-"""Number of lengths of a task."""
+
+class Numbers(NamedTuple):
+    """The integers of a task."""
+
+    head: int
+    """See `Division`."""
+    tail: int
+    columns: int
+    lanes: int
+    """LANES, as a number that is unknown to the compiler."""
+    poses: int
+    """See `Task.poses`."""
+    exact: int
+    """See `Task.exact`."""
+
+
+class Lengths(NamedTuple):
+    """The lengths of a task [m]."""
+
+    direction: float
+    """Of a direction among the samples."""
+    radian: float
+    """Of a radian in the refinement."""
+    span: float
+    """Largest distance of a point on the first axis and a point that the last joint does not move, see
+    `robots.geometry.span_of`."""
+    shoulder: Vector
+    """The first point, in the base."""
+    hand: Vector
+    """The second point, in the tip."""
+
+
+ROUTINE, NUMBER, LENGTH = Record(Routines), Record(Numbers), Record(Lengths)
+"""The arrays of these three in a handle."""
+
+read_routines, read_numbers, read_lengths = ROUTINE.read, NUMBER.read, LENGTH.read
 
 
 class Task(NamedTuple):
@@ -87,7 +140,7 @@ class Task(NamedTuple):
     axis_weights: Array
     """K_A of the x, y and z columns, (3,), see `GoalArrays`."""
     structure: Array
-    """Structure of the arm's geometry, see `structure.candidates.KIND`."""
+    """Structure of the arm's geometry, see `structure.candidates.STRUCTURE`."""
     exact: int
     """1 if the arm has that structure up to rounding, else 0."""
 
@@ -100,54 +153,40 @@ class TaskRows(NamedTuple):
     lower: Annotated[Array, "n"]
     upper: Annotated[Array, "n"]
     columns: Annotated[Array, 3]
-    numbers: Annotated[Indices, EXACT + 1]
-    """See `HEAD` and those beside it, (6,)."""
-    lengths: Annotated[Array, MEASURES]
-    """See `DIRECTION` and those beside it, (MEASURES,), [m]."""
+    numbers: Annotated[Indices, NUMBER.size]
+    """See `Numbers`."""
+    lengths: Annotated[Array, LENGTH.size]
+    """See `Lengths`."""
     links: Annotated[Array, "m+2", 12]
     """See `links.links_of`."""
-    routines: Annotated[Indices, DISTANT + 1]
-    """Addresses of routines that kernels call, see `ITERATE`, (7,)."""
+    routines: Annotated[Indices, ROUTINE.size]
+    """See `Routines`."""
     plain: Annotated[Array, TOLERANCES]
-    """Tolerances of a plain pose, (TOLERANCES,)."""
+    """Tolerances of a plain pose, see `Tolerances`."""
     structure: Annotated[Array, "*"]
-    """See `structure.candidates.KIND`."""
+    """See `structure.candidates.STRUCTURE`."""
 
 
 ROWS = Rows(TaskRows)
 """Declaration of the rows of a task's handle."""
 
-
 ARRAYS = ROWS.count
-
-
-NUMBERS, ROUTINES, PLAIN, WEIGHTS, LENGTHS = (
-    ROWS.first[name] for name in ("numbers", "routines", "plain", "columns", "lengths")
-)
+NUMBERS, ROUTINES, PLAIN, LENGTHS = (ROWS.first[name] for name in ("numbers", "routines", "plain", "lengths"))
 
 
 def task_numbers(division: Division, exact: bool) -> Indices:
-    """The integers of a task for goals without ranges, see `HEAD`, (6,)."""
-    numbers = np.zeros(EXACT + 1, dtype=np.int64)
-    numbers[HEAD], numbers[TAIL], numbers[COLUMNS] = division.head, division.tail, division.columns
-    numbers[WIDTH], numbers[EXACT] = LANES, exact
-    return numbers
+    """The integers of a task for goals without ranges, see `Numbers`."""
+    of_arm = Numbers(division.head, division.tail, division.columns, LANES, 0, int(exact))
+    return NUMBER.numbers(of_arm, np.int64)
 
 
-def task_lengths(division: Division, radian: float, span: Array) -> Array:
-    """The lengths of a task, see `DIRECTION`, (MEASURES,); `span` has those from SPAN on, (7,)."""
-    return np.array([division.length, radian, *span])
-
-
-def with_ranges(arrays: list[NDArray[Any]], poses: int, routines: Indices) -> list[NDArray[Any]]:
+def with_ranges(task: TaskRows, poses: int, routines: Indices) -> TaskRows:
     """The same task for goals with ranges, with other steps.
 
     Starts are looked up at a number of poses, and residuals count rotation about every axis.
     """
-    changed, numbers = list(arrays), arrays[NUMBERS].copy()
-    numbers[POSES] = poses
-    changed[NUMBERS], changed[ROUTINES], changed[WEIGHTS] = numbers, routines, np.full(3, 0.5)
-    return changed
+    numbers = NUMBER.numbers(NUMBER.value(task.numbers)._replace(poses=poses), np.int64)
+    return task._replace(numbers=numbers, columns=np.full(3, 0.5), routines=routines)
 
 
 @counted
@@ -165,16 +204,23 @@ def plain_tolerances(handle: Indices) -> Array:
 
 
 @inlined
-def routine_at(handle: Indices, k: int) -> int:
-    """Address of routine k."""
-    address: int = integers(handle, ROUTINES)[k]
-    return address
+def routines_of(handle: Indices) -> Routines:
+    """Addresses of the routines of a task."""
+    addresses: Routines = read_routines(integers(handle, ROUTINES))
+    return addresses
+
+
+@inlined
+def lengths_of(handle: Indices) -> Lengths:
+    """The lengths of a task."""
+    lengths: Lengths = read_lengths(floats1(handle, LENGTHS))
+    return lengths
 
 
 @inlined
 def lanes_of(handle: Indices) -> int:
     """LANES, as a number that is unknown to the compiler."""
-    count: int = integers(handle, NUMBERS)[WIDTH]
+    count: int = read_numbers(integers(handle, NUMBERS)).lanes
     return count
 
 
@@ -187,28 +233,31 @@ def task_of(handle: Indices, tolerances: Array) -> Task:
 
     Args:
         handle: From `pointers.handle_of` of the arrays of `TaskRows`.
-        tolerances: See `POSITION` and the other indices, (TOLERANCES,).
+        tolerances: See `Tolerances`, (TOLERANCES,).
     """
     rows: TaskRows = rows_of(handle, 0)
-    numbers, lengths = rows.numbers, rows.lengths
-    division = Division(numbers[HEAD], numbers[TAIL], numbers[COLUMNS], lengths[DIRECTION])
+    numbers, lengths, given = (
+        read_numbers(rows.numbers),
+        read_lengths(rows.lengths),
+        read_tolerances(tolerances),
+    )
     return Task(
         rows.chain,
         rows.links,
         rows.atlas,
-        division,
+        Division(numbers.head, numbers.tail, numbers.columns, lengths.direction),
         rows.lower,
         rows.upper,
         rows.columns,
-        lengths[RADIAN],
-        numbers[POSES],
-        tolerances[POSITION],
-        tolerances[ORIENTATION],
-        tolerances[WEIGHT],
-        tolerances[BUDGET],
-        part1(tolerances.ctypes.data, AXES, 3),
+        lengths.radian,
+        numbers.poses,
+        given.position,
+        given.orientation,
+        given.position_weight,
+        given.budget,
+        part1(tolerances.ctypes.data, AXIS_WEIGHTS, 3),
         rows.structure,
-        numbers[EXACT],
+        numbers.exact,
     )
 
 

@@ -16,12 +16,21 @@ from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import inlined, kernel, noinline
 from kinseek.kernels.pointers import part1
 
+from .lanes import LANES
+
 LEAF_SIZE = 8
-"""Points in a leaf, which are measured in parallel."""
+"""Points in a leaf, which are measured in parallel; a multiple of LANES."""
+
+if LEAF_SIZE % LANES != 0:
+    raise TypeError(
+        f"the number of points in a leaf of the atlas must be a multiple of {LANES}, got {LEAF_SIZE}"
+    )
+
+MOST_LEVELS = 64
+"""Nodes that wait in a search, at most one for each level of the tree: more levels than any memory holds."""
 
 SLACK = 4.0
 """A branch is skipped unless it may hold a point closer than the worst one kept by this factor of squared distances."""
-
 
 MOST_LEAVES = 256
 """Largest number of leaves scanned in one search: a point far from all others has about the same distance from each of
@@ -29,6 +38,9 @@ them."""
 
 BESIDE = 12
 """Leaves that `scan_beside` scans, the point's own leaf first; an even number."""
+
+if BESIDE % 2 != 0:
+    raise TypeError(f"the leaves that are scanned come in pairs, got {BESIDE}, expected an even number")
 
 POSE_DIMENSIONS = 5
 """Coordinates of a pose without a revolute first and last joint, see `samples`; nearly all arms have these."""
@@ -43,8 +55,8 @@ class Tree(NamedTuple):
     """Dimension that each inner node splits, (leaves - 1,); at least one entry."""
     split: Annotated[Array, "inner", OUT]
     """Coordinate of the split, same shape."""
-    beside: Annotated[Indices, "*", OUT]
-    """Leaves whose centres are nearest to that of each leaf, nearest first, padded with -1, (leaves · BESIDE,)."""
+    beside: Annotated[Indices, "leaves", BESIDE, OUT]
+    """Leaves whose centres are nearest to that of each leaf, nearest first, padded with -1, (leaves, BESIDE)."""
 
 
 def make_tree(count: int, dimensions: int) -> Tree:
@@ -55,7 +67,7 @@ def make_tree(count: int, dimensions: int) -> Tree:
         np.empty((leaves, dimensions, LEAF_SIZE)),
         np.zeros(inner, dtype=np.int64),
         np.zeros(inner),
-        np.full(leaves * BESIDE, -1, dtype=np.int64),
+        np.full((leaves, BESIDE), -1, dtype=np.int64),
     )
 
 
@@ -124,9 +136,9 @@ def _list_leaves_beside(points: Array, beside: Indices) -> None:
             at = BESIDE - 1
             while at > 0 and gaps[at - 1] > value:
                 gaps[at] = gaps[at - 1]
-                beside[leaf * BESIDE + at] = beside[leaf * BESIDE + at - 1]
+                beside[leaf, at] = beside[leaf, at - 1]
                 at -= 1
-            gaps[at], beside[leaf * BESIDE + at] = value, other
+            gaps[at], beside[leaf, at] = value, other
 
 
 @noinline
@@ -163,9 +175,11 @@ class Neighbours(NamedTuple):
     place: Indices
     """Places in the leaves, at least (most,)."""
     stack: Indices
-    """Scratch memory, (64,)."""
+    """Scratch memory: nodes that are left, (MOST_LEVELS,)."""
     bound: Array
-    """Scratch memory, (64 + LEAF_SIZE,)."""
+    """Scratch memory: lower bounds of their squared distances, (MOST_LEVELS,)."""
+    leaf: Array
+    """Scratch memory: squared distances of the points of a leaf, (LEAF_SIZE,)."""
 
 
 @inlined
@@ -182,7 +196,7 @@ def nearest(tree: Tree, point: Array, most: int, neighbours: Neighbours) -> int:
         The number of points found.
     """
     distance, index = neighbours.distance, neighbours.place
-    stack, bound = neighbours.stack, neighbours.bound
+    stack, bound, gaps = neighbours.stack, neighbours.bound, neighbours.leaf
     leaves, dimensions = tree.points.shape[0], tree.points.shape[1]
     found, top, scanned = 0, 1, 0
     stack[0], bound[0] = 0, 0.0
@@ -203,14 +217,14 @@ def nearest(tree: Tree, point: Array, most: int, neighbours: Neighbours) -> int:
         leaf = node - (leaves - 1)
         scanned += 1
         for j in range(LEAF_SIZE):
-            bound[64 + j] = 0.0
+            gaps[j] = 0.0
         for d in range(dimensions):
             x = point[d]
             for j in range(LEAF_SIZE):
                 gap = tree.points[leaf, d, j] - x
-                bound[64 + j] += gap * gap
+                gaps[j] += gap * gap
         for j in range(LEAF_SIZE):
-            value = bound[64 + j]
+            value = gaps[j]
             if found == most and value >= distance[found - 1]:
                 continue
             at = found if found < most else found - 1
@@ -223,59 +237,60 @@ def nearest(tree: Tree, point: Array, most: int, neighbours: Neighbours) -> int:
 
 
 @inlined
-def scan_beside(tree: Tree, point: Array, distance: Array, least: Array, w: int) -> int:
+def scan_beside(tree: Tree, point: Array, beside: Array, least: Array, w: int) -> int:
     """Compute the distances of the points in the leaves near a point.
 
     Args:
         tree: The tree to search.
         point: (dimensions,)
-        distance: Receives squared distances, at least (BESIDE · LEAF_SIZE,).
-        least: Receives the smallest distance at each place of the leaves, at least (LEAF_SIZE,).
-        w: LEAF_SIZE, as a number that is unknown to the compiler, see `lanes`.
+        beside: Receives squared distances, (BESIDE, LEAF_SIZE).
+        least: Receives the smallest distance at each place of the leaves, (LEAF_SIZE,).
+        w: LANES, as a number that is unknown to the compiler, see `lanes`.
 
     Returns:
         The leaf of the point, for `take_nearest`.
     """
-    leaves, dimensions = tree.points.shape[0], tree.points.shape[1]
+    leaves, dimensions, w = tree.points.shape[0], tree.points.shape[1], w * (LEAF_SIZE // LANES)
     node = 0
     while node < leaves - 1:
         node = 2 * node + (1 if point[tree.axis[node]] < tree.split[node] else 2)
     own: int = node - (leaves - 1)
-    first = own * BESIDE
-    if dimensions == POSE_DIMENSIONS and tree.beside[first + BESIDE - 1] >= 0:
+    if dimensions == POSE_DIMENSIONS and tree.beside[own, BESIDE - 1] >= 0:
         x0, x1, x2, x3, x4 = point[0], point[1], point[2], point[3], point[4]
         at, size = tree.points.ctypes.data, LEAF_SIZE * POSE_DIMENSIONS
         # Two leaves per iteration, because the overhead of a short loop dominates.
         for b in range(0, BESIDE, 2):
-            p, o = part1(at, tree.beside[first + b] * size, size), b * LEAF_SIZE
-            r = part1(at, tree.beside[first + b + 1] * size, size)
+            p, r = (
+                part1(at, tree.beside[own, b] * size, size),
+                part1(at, tree.beside[own, b + 1] * size, size),
+            )
             for j in range(w):
                 g0, g1, g2 = p[j] - x0, p[LEAF_SIZE + j] - x1, p[2 * LEAF_SIZE + j] - x2
                 g3, g4 = p[3 * LEAF_SIZE + j] - x3, p[4 * LEAF_SIZE + j] - x4
-                distance[o + j] = g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4
+                beside[b, j] = g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4
                 g0, g1, g2 = r[j] - x0, r[LEAF_SIZE + j] - x1, r[2 * LEAF_SIZE + j] - x2
                 g3, g4 = r[3 * LEAF_SIZE + j] - x3, r[4 * LEAF_SIZE + j] - x4
-                distance[o + LEAF_SIZE + j] = g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4
+                beside[b + 1, j] = g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4
     else:
         for b in range(BESIDE):
-            leaf, o = tree.beside[first + b], b * LEAF_SIZE
+            leaf = tree.beside[own, b]
             for j in range(LEAF_SIZE):
-                distance[o + j] = 0.0 if leaf >= 0 else np.inf
+                beside[b, j] = 0.0 if leaf >= 0 else np.inf
             for d in range(dimensions if leaf >= 0 else 0):
                 x = point[d]
                 for j in range(LEAF_SIZE):
                     gap = tree.points[leaf, d, j] - x
-                    distance[o + j] += gap * gap
+                    beside[b, j] += gap * gap
     for j in range(w):
-        low = distance[j]
+        low = beside[0, j]
         for b in range(1, BESIDE):
-            low = min(low, distance[b * LEAF_SIZE + j])
+            low = min(low, beside[b, j])
         least[j] = low
     return own
 
 
 @inlined
-def take_nearest(tree: Tree, own: int, distance: Array, least: Array) -> int:
+def take_nearest(tree: Tree, own: int, beside: Array, least: Array) -> int:
     """Remove and return the nearest remaining point after `scan_beside`: its place in the leaves, or -1 if none is left."""
     low, which, place = least[0], 0, 0
     for j in range(1, LEAF_SIZE):
@@ -285,11 +300,11 @@ def take_nearest(tree: Tree, own: int, distance: Array, least: Array) -> int:
     for j in range(LEAF_SIZE):
         place = j if least[j] == low else place
     for b in range(BESIDE):
-        which = b if distance[b * LEAF_SIZE + place] == low else which
-    distance[which * LEAF_SIZE + place] = np.inf
+        which = b if beside[b, place] == low else which
+    beside[which, place] = np.inf
     low = np.inf
     for b in range(BESIDE):
-        low = min(low, distance[b * LEAF_SIZE + place])
+        low = min(low, beside[b, place])
     least[place] = low
-    found: int = tree.beside[own * BESIDE + which] * LEAF_SIZE + place
+    found: int = tree.beside[own, which] * LEAF_SIZE + place
     return found

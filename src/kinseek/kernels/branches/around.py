@@ -16,12 +16,12 @@ import math
 
 import numpy as np
 
-from kinseek.kernels.arm.vectors import Vector, column, dot, rotate, vector_at
+from kinseek.kernels.arm.vectors import Vector, column, dot, rotate
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.memory import scratch_of
 from kinseek.kernels.atlas.task import task_at
 from kinseek.kernels.jit import inlined, kernel
-from kinseek.kernels.structure.candidates import DEVIATION, H5, H6, SIZE, H, joint_of
+from kinseek.kernels.structure.candidates import joint_of, read_structure
 from kinseek.kernels.structure.closed import closed_starts
 
 from .distance import squared_gap
@@ -38,10 +38,10 @@ BESIDE = 0.05
 @inlined
 def least_lean(structure: Array, rows: Array, count: int) -> float:
     """Sine of the smallest angle between axis 6 and the parallel axes in any row, (capacity, n); 1 if there is no row."""
-    axis5, axis6, parallel = vector_at(structure, H5), vector_at(structure, H6), vector_at(structure, H)
+    axes = read_structure(structure)
     i, least = joint_of(structure, 4, rows.shape[1]), 1.0
     for j in range(count):
-        along = dot(parallel, rotate(axis5, math.cos(rows[j, i]), math.sin(rows[j, i]), axis6))
+        along = dot(axes.parallel, rotate(axes.axis5, math.cos(rows[j, i]), math.sin(rows[j, i]), axes.axis6))
         least = min(least, math.sqrt(max(1.0 - along * along, 0.0)))
     return least
 
@@ -88,7 +88,7 @@ def write_starts_around(search: Search, structure: Array, far: bool, count: int)
 
     Args:
         search: The search.
-        structure: See `candidates.KIND`, (NUMBERS,).
+        structure: See `candidates.STRUCTURE`, (NUMBERS,).
         far: Whether to try the farther poses, see `distance_of`; else those that are tried first.
         count: Number of known solutions.
 
@@ -101,8 +101,8 @@ def write_starts_around(search: Search, structure: Array, far: bool, count: int)
     scratch = scratch_of(job, task)
     pose = np.empty((4, 4))
     for pose_number in range(DIRECTIONS if far else 0, 4 * DIRECTIONS if far else DIRECTIONS):
-        distance = distance_of(pose_number // DIRECTIONS) * structure[DEVIATION]
-        displace(search.target, pose_number % DIRECTIONS, distance, structure[SIZE], pose)
+        distance = distance_of(pose_number // DIRECTIONS) * read_structure(structure).deviation
+        displace(search.target, pose_number % DIRECTIONS, distance, read_structure(structure).size, pose)
         closed = closed_starts(task, structure, pose, scratch, scratch.found, job.width)
         for l in range(closed.tried):
             if many == len(starts):

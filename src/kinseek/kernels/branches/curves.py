@@ -30,11 +30,10 @@ from kinseek.kernels.atlas.task import Task, task_at
 from kinseek.kernels.jit import inlined, kernel
 from kinseek.kernels.structure.candidates import (
     ROOTS,
-    SIZE,
-    SLIDES,
     candidates,
     displacement,
     joint_of,
+    read_structure,
     row_of,
 )
 from kinseek.kernels.structure.swept_joint import direction, swept_joint, taken_off
@@ -156,8 +155,8 @@ def write_curve_starts(search: Search, number: int) -> tuple[int, int]:
         np.empty((most, LANES)),
         np.empty((most, LANES)),
         np.empty(JOINTS),
-        scratch.between,
-        scratch.spare,
+        scratch.displacement,
+        scratch.rest,
         scratch.candidates,
     )
     displacement(task.structure, search.target, sweep.D)
@@ -185,10 +184,10 @@ def write_curve_starts(search: Search, number: int) -> tuple[int, int]:
 @inlined
 def swept_range(task: Task, D: Array) -> tuple[float, float]:
     """Values of the swept joint to cover: its range, limited to one turn, or to the reach of the arm."""
-    i, S = swept_joint(task.structure, len(task.lower)), task.structure
+    i, s = swept_joint(task.structure, len(task.lower)), read_structure(task.structure)
     low, high = task.chain.lower[i], task.chain.upper[i]
-    if S[SLIDES] > 0.0:
-        centre, far = direction(S, D), S[SIZE]
+    if s.slides > 0.0:
+        centre, far = direction(s, D), s.size
         return max(low, centre - far), min(high, centre + far)
     if high - low > 2.0 * math.pi:
         centre = 0.5 * (low + high)

@@ -26,13 +26,12 @@ from kinseek.kernels.arm.vectors import (
     rotated,
     rotated_back,
     scaled,
-    vector_at,
 )
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.jit import inlined
 from kinseek.kernels.structure import candidates
-from kinseek.kernels.structure.candidates import H1, H6, P1, P2, P3, SENSE, SIZE, E, H
+from kinseek.kernels.structure.candidates import read_structure
 from kinseek.kernels.structure.subproblems import angle, solve_trig, unit_angle
 
 SAMPLES = 128
@@ -171,8 +170,8 @@ class ColumnLanes(NamedTuple):
 @inlined
 def basis_of(S: Array) -> Basis:
     """Read the axes of an arm, see `BEGIN`."""
-    h, e = vector_at(S, H), vector_at(S, E)
-    return Basis(vector_at(S, H1), h, e, cross(h, e))
+    s = read_structure(S)
+    return Basis(s.axis1, s.parallel, s.across, cross(s.parallel, s.across))
 
 
 @inlined
@@ -264,7 +263,7 @@ def write_residuals(
         lanes: Scratch memory.
         w: LANES.
     """
-    scale, equations = 1.0 / (S[SIZE] * S[SIZE]), equations_of(S, D)
+    scale, equations = 1.0 / (read_structure(S).size * read_structure(S).size), equations_of(S, D)
     for begin in range(0, table.shape[1], LANES):
         for r in range(AXIS):
             for l in range(w):
@@ -307,16 +306,17 @@ def write_residuals(
 @inlined
 def equations_of(S: Array, D: Array) -> Equations:
     """Prepare the equations of an arm for a target."""
-    basis, point, axis = basis_of(S), vector_at(S, P1), vector_at(S, H6)
+    s, basis = read_structure(S), basis_of(S)
+    point, axis = s.point1, s.axis6
     t, side = minus(Vector(D[0, 3], D[1, 3], D[2, 3]), point), first_side_of(S, basis)
     return Equations(
         linear(D, basis.axis1, t),
         component(basis, D, basis.h, t, axis),
         component(basis, D, basis.e, t, axis),
         component(basis, D, basis.f, t, axis),
-        flat(basis, minus(point, vector_at(S, P2))),
+        flat(basis, minus(point, s.point2)),
         side.e * side.e + side.f * side.f,
-        1e-12 * S[SIZE] * S[SIZE],
+        1e-12 * s.size * s.size,
     )
 
 
@@ -341,7 +341,7 @@ def two_ways(equations: Equations, place: Place, c: float, s: float) -> tuple[fl
 @inlined
 def first_side_of(S: Array, basis: Basis) -> Flat:
     """Vector from axis 2 to axis 3, normal to them: the first side of the triangle."""
-    return flat(basis, minus(vector_at(S, P3), vector_at(S, P2)))
+    return flat(basis, minus(read_structure(S).point3, read_structure(S).point2))
 
 
 @inlined
@@ -361,12 +361,13 @@ def complete(S: Array, D: Array, lanes: ColumnLanes, w: int) -> None:
         lanes: Roots, and the table there; receives joint values.
         w: LANES.
     """
-    basis, point, axis, table = basis_of(S), vector_at(S, P1), vector_at(S, H6), lanes.table
+    s, basis, table = read_structure(S), basis_of(S), lanes.table
+    point, axis = s.point1, s.axis6
     t, along = minus(Vector(D[0, 3], D[1, 3], D[2, 3]), point), dot(basis.axis1, basis.h)
-    across, offset = cross(basis.axis1, basis.h), minus(point, vector_at(S, P2))
+    across, offset = cross(basis.axis1, basis.h), minus(point, s.point2)
     side, last_axis = first_side_of(S, basis), rotated(D, axis)
     square = side.e * side.e + side.f * side.f
-    sense2, sense3 = S[SENSE], S[SENSE + 1]
+    sense2, sense3 = s.sense2, s.sense3
     for l in range(w):
         u = plus(rotated(D, column_vector(table, NEAR, l)), t)
         height = dot(basis.axis1, u)

@@ -23,7 +23,7 @@ from kinseek.kernels.atlas.seeds import MARGIN, complete, keep_joints, kick, res
 from kinseek.kernels.atlas.task import EVALUATIONS, Job, Task, lanes_of, task_of
 from kinseek.kernels.atlas.tree import Neighbours, nearest
 from kinseek.kernels.jit import counted, inlined, noinline
-from kinseek.kernels.structure.candidates import SWEPT
+from kinseek.kernels.structure.candidates import read_structure
 
 from .curves import write_curve_starts
 from .distance import joint_gap
@@ -76,7 +76,7 @@ def sample_branches(
     dof, joints = len(task.lower), len(task.chain.leader)
     if not is_rigid(target):
         return 0
-    memory, swept = np.zeros(scratch_size(dof, joints)), task.structure[SWEPT] > 0.0
+    memory, swept = np.zeros(scratch_size(dof, joints)), read_structure(task.structure).swept > 0.0
     scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory, lanes_of(handle))
     most = max(number + number // 2, MORE) + (CURVES if swept else 0)
     starts, rows, tally = np.empty((most, dof)), np.empty((most, dof)), np.zeros(TALLY)
@@ -111,7 +111,9 @@ def sample_branches(
 def write_nearest_samples(task: Task, scratch: Scratch, search: Search) -> int:
     """Complete the nearest samples of the atlas into the starts, nearest first; return their number."""
     most, many = len(search.starts), 0
-    neighbours = Neighbours(np.empty(most), np.empty(most, dtype=np.int64), scratch.stack, scratch.bound)
+    neighbours = Neighbours(
+        np.empty(most), np.empty(most, dtype=np.int64), scratch.stack, scratch.bound, scratch.leaf
+    )
     see(task, scratch, search.target)
     coordinates(scratch.seen, task.division, scratch.point)
     for k in range(nearest(task.atlas.tree, scratch.point, most, neighbours)):

@@ -46,7 +46,7 @@ from kinseek.kernels.atlas.task import (
 )
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, noinline
-from kinseek.kernels.structure.candidates import DEVIATION, KIND, LOOSE, NUMBERS, PARALLEL, ROUNDING
+from kinseek.kernels.structure.candidates import LOOSE, NUMBERS, PARALLEL, ROUNDING, read_structure
 from kinseek.kernels.structure.closed import closed_starts, serves
 
 from . import one_joint_residual
@@ -111,7 +111,7 @@ class ArmTables(NamedTuple):
     mirrors: Annotated[Array, "*", 3, "n"]
     """Mirror images, see `twins.SIGNS`, (k, 3, n)."""
     structure: Annotated[Array, NUMBERS]
-    """See `structure.candidates.KIND`, (NUMBERS,)."""
+    """See `structure.candidates.STRUCTURE`, (NUMBERS,)."""
     joint: Annotated[Array, one_joint_residual.NUMBERS]
     """Numbers of an arm with one searched joint, see `one_joint_residual.BEGIN`, (one_joint_residual.NUMBERS,)."""
     table: Annotated[Array, one_joint_residual.PLACES, "*"]
@@ -208,10 +208,11 @@ def try_closed_form(arm: ArmTables, task: Task, scratch: Scratch, search: Search
     closed = closed_starts(task, structure, search.target, scratch, starts, search.job.width)
     tried, sure, unsure = closed.tried, closed.sure, closed.unsure
     count = refine_all(search, Batch(0, tried, tried, SIBLING), 0)
-    exact, left, lean = structure[DEVIATION] <= ROUNDING, SAMPLES, 1.0
+    axes = read_structure(structure)
+    exact, left, lean = axes.deviation <= ROUNDING, SAMPLES, 1.0
     if not unsure and count >= sure and (count > 0 or (exact and tried == 0)):
         left = COMPLETE if exact else TWINS
-    elif not exact and tried > 0 and structure[KIND] == PARALLEL:
+    elif not exact and tried > 0 and axes.kind == PARALLEL:
         left, lean = POSES, least_lean(structure, starts, tried)
     # In an arm that only nearly has its structure, an angle is seldom undetermined, and solutions next to its candidates
     # are found early.

@@ -80,12 +80,18 @@ class Passes(NamedTuple):
     """Number of cells that one cell may leave to the next pass."""
 
 
-PASS, CELL, LEAF, LEAVES, NODES = range(5)
-"""Progress of a descent: its pass; how many cells of the pass are finished; how many leaves of the present window are
-evaluated, 0 if there is no window yet; and all leaves and nodes so far."""
+PASS = 0
+"""Progress of a descent: its pass."""
+CELL = 1
+"""How many cells of the pass are finished."""
+LEAF = 2
+"""How many leaves of the present window are evaluated, 0 if there is no window yet."""
+LEAVES = 3
+"""All leaves so far."""
+NODES = 4
+"""All nodes so far."""
 
 BEGINNING = (0, 0, 0, 0, 0)
-
 
 Progress = Annotated[Indices, len(BEGINNING), OUT]
 
@@ -114,33 +120,20 @@ def descend(
         q: Receives the best joint values so far, (n,).
     """
     views = grid_memory(memory, len(q), passes.first.shape[1], passes.beam, passes.children)
-    ended = search_cells(chain, goal, grid, passes, work, views, progress)
+    scratch, ended = views.scratch, FINISHED
+    while open_window(grid, passes, views, progress):
+        limits, found = limits_of(passes, work, scratch.window, progress), receiver(passes, views, progress)
+        state = search_window(chain, goal, limits, progress[LEAF], found, scratch)
+        note_leaf(state.leaf, scratch.window, progress)
+        ended = state.ended
+        if ended != FINISHED:
+            break
+        work = close_window(state.work, views, progress)
+        if work <= 0:
+            ended = PAUSED
+            break
     copy_best(views, q)
     return ended
-
-
-@inlined
-def search_cells(
-    chain: ChainArrays,
-    goal: GoalArrays,
-    grid: Grid,
-    passes: Passes,
-    work: int,
-    memory: GridMemory,
-    progress: Indices,
-) -> int:
-    """Search one window after the other until all are searched, a leaf is good enough, or the work limit is reached."""
-    while open_window(grid, passes, memory, progress):
-        limits = limits_of(passes, work, memory.scratch.window, progress)
-        found = receiver(passes, memory, progress)
-        state = search_window(chain, goal, limits, progress[LEAF], found, memory.scratch)
-        note_leaf(state.leaf, memory.scratch.window, progress)
-        if state.ended != FINISHED:
-            return state.ended
-        work = close_window(state.work, memory, progress)
-        if work <= 0:
-            return PAUSED
-    return FINISHED
 
 
 @entry
@@ -251,7 +244,7 @@ def write_window(grid: Grid, passes: Passes, k: int, centre: Indices, window: Wi
             window.values[d, i] = node_value(grid, d, nodes[i])
 
 
-WRAPS, SLIDES, CLIPS = range(3)
+WRAPS, SLIDES, CLIPS = 0, 1, 2
 """What a window does at the end of a joint's range: it continues at the other end, slides inward, or is truncated."""
 
 

@@ -35,7 +35,7 @@ _PREFIX, _TABLE = 16, 16
 EVERYTHING = 1 << 62
 """More leaves than any search evaluates."""
 
-FINISHED, STOPPED, PAUSED = range(3)
+FINISHED, STOPPED, PAUSED = 0, 1, 2
 """How a search ended: everything within the budget is searched; a leaf was good enough; or it is to be continued."""
 
 

@@ -16,7 +16,7 @@ from kinseek.kernels.jit import entry
 from kinseek.kernels.structure.candidates import NUMBERS
 from kinseek.kernels.structure.closed import closed_starts, serves
 
-LEFT, NO, YES = range(3)
+LEFT, NO, YES = 0, 1, 2
 """Results for a pose: it is left to a search; it has no candidate within the limits or close to them; a candidate is a
 solution."""
 
@@ -35,7 +35,7 @@ def many_closed(
     Args:
         handle: The task, see `task_of`.
         tolerances: See `task_of`.
-        structure: See `structure.candidates.KIND`, (NUMBERS,).
+        structure: See `structure.candidates.STRUCTURE`, (NUMBERS,).
         targets: Rigid transforms, (k, 3, 4), lengths in [m].
         report: Receives LEFT, NO or YES, (k,).
         w: LANES.

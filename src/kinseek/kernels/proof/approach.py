@@ -9,7 +9,7 @@ from kinseek.kernels.jit import inlined, ir_inlined
 from .box import LEAST, BoxScratch, Form, ProofGoal, place, turn_goal
 from .last_joint import best_roll
 from .progress import Question
-from .taylor import differentiate, downhill, normal_matrix, solve
+from .taylor import differentiate, shrink_miss
 
 DAMPING = 1e-9
 """Added to the diagonal of the normal matrix, whose entries are about one if a joint moves the hand by `ProofGoal.length`.
@@ -28,11 +28,9 @@ def step(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> None:
     place(form, scratch)
     turn_goal(form, proof_goal, scratch)
     differentiate(form, scratch, 0, form.columns)
-    normal_matrix(form, scratch, scale, weight, form.columns)
-    downhill(form, scratch, scale, weight, form.columns)
     for i in range(len(scratch.c)):
         scratch.D[i] = DAMPING
-    solve(scratch.N, scratch.D, scratch.delta)
+    shrink_miss(form, scratch, scale, weight, form.columns)
 
 
 @inlined

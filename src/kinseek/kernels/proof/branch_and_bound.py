@@ -13,7 +13,7 @@ from .approach import complete
 from .box import turn_goal, widths
 from .form import underestimate
 from .last_joint import twist_cost
-from .memory import Memory, SearchScratch
+from .memory import Heap, Memory, SearchScratch
 from .progress import CEILING, COUNT, UPPER, USED, Question, Tuning
 from .taylor import miss
 
@@ -47,6 +47,29 @@ def sift_down(heap: Array, order: Indices, size: int) -> None:
             return
         order[child], order[at] = order[at], order[child]
         at = child
+
+
+@inlined
+def push(heap: Heap, counts: Indices, bound: float) -> int:
+    """Add a box to the heap; return its row, into which the caller writes it."""
+    count, order = counts[COUNT], heap.order
+    if count == counts[USED]:
+        order[count] = count
+        counts[USED] += 1
+    row: int = order[count]
+    heap.bound[row] = bound
+    sift_up(heap.bound, order, count)
+    counts[COUNT] += 1
+    return row
+
+
+@inlined
+def pop(heap: Heap, counts: Indices) -> None:
+    """Remove the box at the top of the heap; its row is free."""
+    counts[COUNT] -= 1
+    last, order = counts[COUNT], heap.order
+    order[0], order[last] = order[last], order[0]
+    sift_down(heap.bound, order, last)
 
 
 @inlined

@@ -15,7 +15,7 @@ from kinseek.kernels.arm.vectors import column, dot
 from kinseek.kernels.jit import inlined, ir_inlined
 
 from .box import TINY, BoxScratch, Form, ProofGoal, place, turn_goal, widths
-from .form import Rests, Slacks, cut_box, sizes, touch, weigh
+from .form import Expansion, Slacks, cut_box, sizes, touch, weigh
 from .taylor import differentiate, downhill, normal_matrix, rests, solve, step_miss
 
 
@@ -43,15 +43,15 @@ def separate_cone(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes
     turn_goal(form, proof_goal, scratch)
     widths(form, scratch)
     differentiate(form, scratch, 0, 1)
-    two_p, two_c, three_p, three_c = rests(form, scratch, scratch.r, 0)
-    rest = Rests(0, two_p, two_c, three_p, three_c, three_p)
+    rest = rests(form, scratch, scratch.r, 0)
+    seen = Expansion(0, rest, rest.three_p)
     T, goal, dof = scratch.T, scratch.goal, len(scratch.c)
     edge = math.cos(min(proof_goal.angle, math.pi))
     short = edge - dot(column(T, 0), column(goal, 0))
     # As a form of the difference of the axes it is -w g·(a - g), and at most w (1 - cos τ) in the cone.
     slack_p, slack_c = proof_goal.position + proof_goal.margin, 1.0 - edge + proof_goal.margin_a
-    weight_p = 1.0 / ((two_p * 0.5 + slack_p) * (two_p * 0.5 + slack_p))
-    sharp = 1.0 / ((two_c * 0.5 + proof_goal.margin_a) * (two_c * 0.5 + proof_goal.margin_a))
+    weight_p = 1.0 / ((rest.two_p * 0.5 + slack_p) * (rest.two_p * 0.5 + slack_p))
+    sharp = 1.0 / ((rest.two_c * 0.5 + proof_goal.margin_a) * (rest.two_c * 0.5 + proof_goal.margin_a))
     weight_c = sharp if short > 0.0 else 0.0
     for i in range(dof):
         scratch.D[i] = 1.0 / (scratch.h[i] * scratch.h[i])
@@ -72,7 +72,7 @@ def separate_cone(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes
         for r in range(3):
             scratch.y[r, 3] *= weight_p
             scratch.y[r, 0] = -size_c * goal[r, 0]
-        surplus = weigh(form, proof_goal, scratch, rest, Slacks(slack_p, slack_c))
+        surplus = weigh(form, proof_goal, scratch, seen, Slacks(slack_p, slack_c))
         if surplus > 0.0:
             return False
         if attempt + 1 == passes:
@@ -81,8 +81,8 @@ def separate_cone(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes
         # Weights as in `separate`: they make the ellipsoid touch the box where this form touched it.
         size_p, _ = sizes(form, scratch)
         touch(scratch, TINY + size_p * slack_p)
-        weight_p = (size_p + TINY) / (slack_p + three_p)
-        weight_c = size_c / (proof_goal.margin_a + three_c)
+        weight_p = (size_p + TINY) / (slack_p + rest.three_p)
+        weight_c = size_c / (proof_goal.margin_a + rest.three_c)
         if size_c == 0.0 and beyond > 0.0:
             weight_c = sharp
     return True

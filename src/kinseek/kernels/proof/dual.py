@@ -11,17 +11,7 @@ from __future__ import annotations
 
 import math
 
-from kinseek.kernels.arm.vectors import (
-    Vector,
-    column,
-    cross,
-    dot,
-    norm,
-    plus,
-    row,
-    scaled,
-    write_column,
-)
+from kinseek.kernels.arm.vectors import Vector, column, cross, dot, norm, plus, row, scaled, write_column
 from kinseek.kernels.jit import inlined
 
 from .box import TINY, BoxScratch, Form, ProofGoal, turned

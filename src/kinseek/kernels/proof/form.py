@@ -19,14 +19,13 @@ from kinseek.kernels.jit import inlined, ir_inlined
 from .box import TINY, BoxScratch, Form, ProofGoal, rounding, turn_goal, widths
 from .dual import gain_of_side, support
 from .taylor import (
+    Rests,
     derivatives,
     differentiate,
-    downhill,
     halfway,
-    normal_matrix,
     radii_behind,
     rests,
-    solve,
+    shrink_miss,
     squares_of,
     step_miss,
     weight_miss,
@@ -47,21 +46,15 @@ operations per entry, on twice the entry before and the one after, and the sums 
 variables."""
 
 
-class Rests(NamedTuple):
-    """Upper bounds of the remainders of the Taylor polynomials of a box."""
+class Expansion(NamedTuple):
+    """The Taylor polynomial of the error in a box, whose terms are in the scratch memory."""
 
     middle: int
     """The joint from which the hand is seen."""
-    two_p: float
-    """Of the point, after the first-order terms [m]."""
-    two_c: float
-    """Of the columns, after the first-order terms."""
-    three_p: float
-    """Of the point, after the second-order terms [m]."""
-    three_c: float
-    """Of the columns, after the second-order terms."""
+    rests: Rests
+    """Its remainders."""
     three_b: float
-    """Of the point that lies back along the first column, after the second-order terms [m]."""
+    """That of the point that lies back along the first column, after the second-order terms [m]."""
 
 
 class Slacks(NamedTuple):
@@ -74,7 +67,7 @@ class Slacks(NamedTuple):
 
 
 @inlined
-def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> Rests:
+def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> Expansion:
     """Compute the error of the hand at the centre of the box and its derivatives; return bounds of the remainders.
 
     As seen from halfway along the arm the proximal joints move the goal and the distal joints the hand, so third-order
@@ -85,12 +78,12 @@ def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> Rests:
     widths(form, scratch)
     middle = halfway(form, proof_goal, scratch)
     differentiate(form, scratch, middle, form.columns)
-    two_p, two_c, three_p, three_c = rests(form, scratch, scratch.r, middle)
-    three_b = three_p
+    seen = rests(form, scratch, scratch.r, middle)
+    three_b = seen.three_p
     if proof_goal.back != 0.0:
         radii_behind(form, scratch, middle, proof_goal.back)
-        _, _, three_b, _ = rests(form, scratch, scratch.back, middle)
-    return Rests(middle, two_p, two_c, three_p, three_c, three_b)
+        three_b = rests(form, scratch, scratch.back, middle).three_p
+    return Expansion(middle, seen, three_b)
 
 
 @ir_inlined
@@ -105,9 +98,9 @@ def underestimate(
     Returns:
         False if nothing is left, and the bound.
     """
-    rest = expand(form, proof_goal, scratch)
+    seen = expand(form, proof_goal, scratch)
     support(form, proof_goal, scratch, ceiling)
-    bound = weigh(form, proof_goal, scratch, rest, Slacks(proof_goal.margin, proof_goal.margin_a))
+    bound = weigh(form, proof_goal, scratch, seen, Slacks(proof_goal.margin, proof_goal.margin_a))
     if form.columns > 0:
         _, size_c = sizes(form, scratch)
         bound -= 0.5 * size_c**2 / proof_goal.weight_a
@@ -125,7 +118,8 @@ def separate(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes: int
     least-squares step that the box, as an ellipsoid, limits: the direction in which the goal lies outside the reach of
     the box. `passes` forms are tried, each based on the result of the previous one.
     """
-    rest, columns = expand(form, proof_goal, scratch), form.columns
+    seen, columns = expand(form, proof_goal, scratch), form.columns
+    rest = seen.rests
     slack_p = proof_goal.position + proof_goal.margin
     slack_c = proof_goal.chord + proof_goal.margin_a
     weight_p = 1.0 / ((rest.two_p * 0.5 + slack_p) * (rest.two_p * 0.5 + slack_p))
@@ -133,12 +127,10 @@ def separate(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes: int
     for i in range(len(scratch.c)):
         scratch.D[i] = 1.0 / (scratch.h[i] * scratch.h[i])
     for attempt in range(passes):
-        normal_matrix(form, scratch, weight_p, weight_c, columns)
-        downhill(form, scratch, weight_p, weight_c, columns)
-        solve(scratch.N, scratch.D, scratch.delta)
+        shrink_miss(form, scratch, weight_p, weight_c, columns)
         step_miss(form, scratch, columns)
         weight_miss(scratch, weight_p, weight_c, columns)
-        surplus = weigh(form, proof_goal, scratch, rest, Slacks(slack_p, slack_c))
+        surplus = weigh(form, proof_goal, scratch, seen, Slacks(slack_p, slack_c))
         if surplus > 0.0:
             return False
         if attempt + 1 == passes:
@@ -163,7 +155,7 @@ def touch(scratch: BoxScratch, total: float) -> None:
 
 
 @inlined
-def weigh(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, rest: Rests, slacks: Slacks) -> float:
+def weigh(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, seen: Expansion, slacks: Slacks) -> float:
     """Minimum of the form in ``scratch.y`` over the box, minus the slacks of point and columns.
 
     A separable polynomial remains in `scratch`, for `cut_box`.
@@ -174,8 +166,8 @@ def weigh(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, rest: Rests, s
         value += y[r, 3] * (scratch.T[r, 3] - scratch.goal[r, 3])
         for i in range(form.columns):
             value += y[r, i] * (scratch.T[r, i] - scratch.goal[r, i])
-    derivatives(form, scratch, rest.middle, form.columns)
-    value += gain_of_side(form, proof_goal, scratch, rest.middle)
+    derivatives(form, scratch, seen.middle, form.columns)
+    value += gain_of_side(form, proof_goal, scratch, seen.middle)
     # The minimum of the polynomial in the box, one variable at a time.
     bent = curvature(scratch)
     straight = 0.0
@@ -192,11 +184,11 @@ def weigh(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, rest: Rests, s
         for i in range(dof):
             H[i, i] = 0.0
     size_p, size_c = sizes(form, scratch)
-    over = size_p * rest.three_p + size_c * rest.three_c
+    over = size_p * seen.rests.three_p + size_c * seen.rests.three_c
     if proof_goal.back != 0.0:
         # The form is also a form of a point further back, which moves less, and of the first column.
         turned = plus(column(y, 0), scaled(proof_goal.back, column(y, 3)))
-        over = min(over, size_p * rest.three_b + norm(turned) * rest.three_c)
+        over = min(over, size_p * seen.three_b + norm(turned) * seen.rests.three_c)
     over *= proof_goal.trust
     over += size_p * slacks.point + size_c * slacks.columns
     least_value: float = value + lost - over

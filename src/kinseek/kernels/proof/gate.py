@@ -10,17 +10,7 @@ from __future__ import annotations
 
 import math
 
-from kinseek.kernels.arm.vectors import (
-    Vector,
-    column,
-    cross,
-    dot,
-    minus,
-    norm,
-    plus,
-    rotated,
-    scaled,
-)
+from kinseek.kernels.arm.vectors import Vector, column, cross, dot, minus, norm, plus, rotated, scaled
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.kernels.jit import entry, inlined
 

@@ -146,10 +146,10 @@ def contract(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, around: Exp
     dof = len(scratch.c)
     for k in range(len(form.leader)):
         scratch.half[k] = abs(form.multiplier[k]) * around.half[form.leader[k]]
-    _, _, three_p, three_c = rests(form, scratch, scratch.r, len(form.leader) // 2)
+    rest = rests(form, scratch, scratch.r, len(form.leader) // 2)
     trust = proof_goal.trust
-    off_p = proof_goal.position + proof_goal.margin + trust * three_p
-    off_c = proof_goal.chord + proof_goal.margin_a + trust * three_c
+    off_p = proof_goal.position + proof_goal.margin + trust * rest.three_p
+    off_c = proof_goal.chord + proof_goal.margin_a + trust * rest.three_c
     for row in range(dof):
         total = around.value[row] + around.point[row] * off_p + around.column[row] * off_c
         for i in range(dof):

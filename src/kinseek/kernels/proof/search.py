@@ -21,6 +21,7 @@ from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
 from kinseek.kernels.jit import entry, inlined, ir_inlined
 
+from . import progress
 from .approach import approach
 from .bounds import first_order
 from .box import (
@@ -37,38 +38,12 @@ from .box import (
     widest,
     widths,
 )
-from .branch_and_bound import FINE, enclose, sift_down, sift_up, start_heap
+from .branch_and_bound import FINE, enclose, pop, push, sift_down, start_heap
 from .gate import gate
 from .infeasibility import exclude
 from .last_joint import cut_twist
 from .memory import Memory, SearchScratch, make_search_scratch
-from .progress import (
-    AGAIN,
-    CEILING,
-    COUNT,
-    ENCLOSE,
-    ENDED,
-    EXCLUDE,
-    FLOOR,
-    FOUND,
-    FULL,
-    GIVEN,
-    GONE,
-    ISOLATE,
-    KEPT,
-    KNOWN,
-    LEFT,
-    OPEN,
-    SEEN,
-    STOPPED,
-    STUCK,
-    TRIAL,
-    UPPER,
-    USED,
-    Call,
-    Question,
-    Tuning,
-)
+from .progress import Call, Question, Tuning
 from .root_isolation import admit, inside
 
 
@@ -105,35 +80,35 @@ def search(call: Call, question: Question, tuning: Tuning, memory: Memory, work:
     places, q, counts, figures = memory.places, memory.q, memory.counts, memory.figures
     trial, T = work.trial, work.T
     open_, least = gate(question.form, question.proof_goal, chain)
-    if call.kind == EXCLUDE and not open_:
-        counts[COUNT] = 0
-    if call.kind == ENCLOSE and counts[USED] == 0:
+    if call.kind == progress.EXCLUDE and not open_:
+        counts[progress.COUNT] = 0
+    if call.kind == progress.ENCLOSE and counts[progress.USED] == 0:
         start_heap(question, tuning, memory, T, least)
     while True:
-        if counts[GIVEN] < len(places.answers):
+        if counts[progress.GIVEN] < len(places.answers):
             for i in range(len(trial)):
-                trial[i] = places.answers[counts[GIVEN], i]
-            counts[GIVEN] += 1
+                trial[i] = places.answers[counts[progress.GIVEN], i]
+            counts[progress.GIVEN] += 1
         else:
             outcome = next_trial(call, question, tuning, memory, work)
-            if outcome != TRIAL:
+            if outcome != progress.TRIAL:
                 return outcome
         forward(chain, trial, T)
         position, orientation = errors(T, goal)
         met = position <= tuning.position and orientation <= tuning.orientation
-        if call.kind == ISOLATE:
+        if call.kind == progress.ISOLATE:
             if met:
                 admit(question, memory, work)
-                if counts[KNOWN] == len(places.q):
-                    return ENDED
+                if counts[progress.KNOWN] == len(places.q):
+                    return progress.ENDED
         else:
             error = weighted_error(T, goal)
-            if met or error < figures[UPPER]:
-                figures[UPPER] = error
+            if met or error < figures[progress.UPPER]:
+                figures[progress.UPPER] = error
                 for i in range(len(q)):
                     q[i] = trial[i]
             if met:
-                return FOUND
+                return progress.FOUND
 
 
 @ir_inlined
@@ -144,32 +119,36 @@ def next_trial(call: Call, question: Question, tuning: Tuning, memory: Memory, w
         TRIAL; or ENDED, STOPPED or FULL.
     """
     scratch, boxes, heap, places = work.scratch, memory.boxes, memory.heap, memory.places
-    counts, figures, best_first = memory.counts, memory.figures, call.kind == ENCLOSE
-    while counts[COUNT] > 0:
-        if counts[SEEN] >= call.until:
-            return STOPPED
-        if counts[COUNT] == len(boxes):
-            return FULL
-        row, below = counts[COUNT] - 1, 0.0
+    counts, figures, best_first = memory.counts, memory.figures, call.kind == progress.ENCLOSE
+    while counts[progress.COUNT] > 0:
+        if counts[progress.SEEN] >= call.until:
+            return progress.STOPPED
+        if counts[progress.COUNT] == len(boxes):
+            return progress.FULL
+        row, below = counts[progress.COUNT] - 1, 0.0
         if best_first:
             row = heap.order[0]
             below = heap.bound[row]
-            if below >= figures[CEILING]:
-                return ENDED
+            if below >= figures[progress.CEILING]:
+                return progress.ENDED
         load_box(boxes, row, scratch)
-        seen = Look(AGAIN, 0.0, below, False)
-        while seen.verdict == AGAIN and counts[SEEN] < call.budget:
-            counts[SEEN] += 1
-            held = inside(scratch, places, 0, counts[KNOWN], 1.0) if call.kind == ISOLATE else -1
+        seen = Look(progress.AGAIN, 0.0, below, False)
+        while seen.verdict == progress.AGAIN and counts[progress.SEEN] < call.budget:
+            counts[progress.SEEN] += 1
+            held = (
+                inside(scratch, places, 0, counts[progress.KNOWN], 1.0)
+                if call.kind == progress.ISOLATE
+                else -1
+            )
             if held >= 0:
-                counts[LEFT] += 0 if places.isolated[held] else 1
-                seen = Look(GONE, 0.0, below, False)
+                counts[progress.LEFT] += 0 if places.isolated[held] else 1
+                seen = Look(progress.GONE, 0.0, below, False)
             else:
                 seen = look(call.kind, question, tuning, memory, work, seen.below)
-        gone, spread, below = seen.verdict == GONE, seen.spread, seen.below
+        gone, spread, below = seen.verdict == progress.GONE, seen.spread, seen.below
         if best_first:
-            gone = gone or below >= figures[CEILING]
-        elif seen.verdict == AGAIN:  # The budget is used up.
+            gone = gone or below >= figures[progress.CEILING]
+        elif seen.verdict == progress.AGAIN:  # The budget is used up.
             store_box(boxes, row, scratch)
             continue
         variable = 0
@@ -177,21 +156,24 @@ def next_trial(call: Call, question: Question, tuning: Tuning, memory: Memory, w
             head = HEAD if not best_first or spread > FINE else 1.0
             variable = widest(question.form, question.proof_goal, scratch, head)
             if scratch.h[variable] < NARROW * (1.0 + abs(scratch.c[variable])):
-                counts[LEFT] += 1
-                figures[STUCK] = max(figures[STUCK], scratch.h[variable])
-                figures[FLOOR] = min(figures[FLOOR], below)
+                counts[progress.LEFT] += 1
+                figures[progress.STUCK] = max(figures[progress.STUCK], scratch.h[variable])
+                figures[progress.FLOOR] = min(figures[progress.FLOOR], below)
                 gone = True
         if gone:
-            drop(best_first, memory, row)
+            if best_first:
+                pop(heap, counts)
+            else:
+                counts[progress.COUNT] -= 1
             continue
         split(best_first, memory, scratch, row, variable, below)
         if not best_first:
             # Wide tolerances may allow a solution in the middle, even if no descent ends there.
-            steps = tuning.steps if spread < NEAR and counts[KEPT] % tuning.often == 0 else 0
-            if steps > 0 or (call.kind == EXCLUDE and seen.near):
+            steps = tuning.steps if spread < NEAR and counts[progress.KEPT] % tuning.often == 0 else 0
+            if steps > 0 or (call.kind == progress.EXCLUDE and seen.near):
                 approach(question, scratch, steps, work.trial)
-                return TRIAL
-    return ENDED
+                return progress.TRIAL
+    return progress.ENDED
 
 
 class Look(NamedTuple):
@@ -213,38 +195,31 @@ def look(
 ) -> Look:
     """Examine the current box once, and cut off the parts that do not count; the error in it is at least `below`."""
     form, proof_goal, scratch = question.form, question.proof_goal, work.scratch
-    ceiling = memory.figures[CEILING] if kind == ENCLOSE else -1.0  # Negative: the tolerances are tested.
+    ceiling = (
+        memory.figures[progress.CEILING] if kind == progress.ENCLOSE else -1.0
+    )  # Negative: the tolerances are tested.
     place(form, scratch)
     widths(form, scratch)
     kept, first = first_order(form, proof_goal, scratch, ceiling)
     below = max(below, first)
-    if kept and kind == ENCLOSE and form.tail == 1:
+    if kept and kind == progress.ENCLOSE and form.tail == 1:
         kept = cut_twist(form, proof_goal, scratch, ceiling)
     spread = turned(form, scratch, len(form.leader))
     if not kept:
-        return Look(GONE, spread, below, False)
+        return Look(progress.GONE, spread, below, False)
     if not spread < tuning.spread:
-        return Look(OPEN, spread, below, False)
+        return Look(progress.OPEN, spread, below, False)
     before, near = volume(scratch), False
-    if kind == ENCLOSE:
+    if kind == progress.ENCLOSE:
         kept, bound = enclose(question, tuning, memory, work, first)
         below = max(below, bound)
     else:
         kept, near = exclude(question, scratch, tuning.passes)
     if not kept:
-        return Look(GONE, spread, below, near)
-    return Look(AGAIN if volume(scratch) < tuning.shrink * before else OPEN, spread, below, near)
-
-
-@inlined
-def drop(best_first: bool, memory: Memory, row: int) -> None:
-    """Remove the current box."""
-    heap, counts = memory.heap, memory.counts
-    counts[COUNT] -= 1
-    if best_first:
-        count, order = counts[COUNT], heap.order
-        order[0], order[count] = order[count], row
-        sift_down(heap.bound, order, count)
+        return Look(progress.GONE, spread, below, near)
+    return Look(
+        progress.AGAIN if volume(scratch) < tuning.shrink * before else progress.OPEN, spread, below, near
+    )
 
 
 @inlined
@@ -253,17 +228,12 @@ def split(
 ) -> None:
     """Store the halves of the current box in its row and in another row."""
     heap, counts = memory.heap, memory.counts
-    count = counts[COUNT]
-    other = count
+    other = counts[progress.COUNT]
     if best_first:
-        if count == counts[USED]:
-            heap.order[count] = count
-            counts[USED] += 1
-        other = heap.order[count]
+        heap.bound[row] = below
+        sift_down(heap.bound, heap.order, other)
+        other = push(heap, counts, below)
+    else:
+        counts[progress.COUNT] += 1
     halve(scratch, variable, memory.boxes, row, other)
-    if best_first:
-        heap.bound[row] = heap.bound[other] = below
-        sift_down(heap.bound, heap.order, count)
-        sift_up(heap.bound, heap.order, count)
-    counts[COUNT] += 1
-    counts[KEPT] += 1
+    counts[progress.KEPT] += 1

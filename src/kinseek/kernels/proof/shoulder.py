@@ -37,19 +37,11 @@ from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
 from .box import rounding
-from .branch_and_bound import sift_down, sift_up
+from .branch_and_bound import pop, push
 from .memory import Heap
-from .multipliers import (
-    Shoulder,
-    dual_value,
-    improve_multipliers,
-    multiply,
-    promised,
-    stand,
-    take_better,
-)
+from .multipliers import Shoulder, dual_value, improve_multipliers, multiply, promised, stand, take_better
 from .products import Sheet, make_sheet, most_above, recentre, spread_of
-from .progress import CEILING, COUNT, COUNTS, ENDED, FIGURES, FLOOR, FULL, SEEN, STOPPED, UPPER, USED
+from .progress import CEILING, COUNT, COUNTS, ENDED, FIGURES, FLOOR, FULL, SEEN, STOPPED, UPPER
 
 AMPLE = 1.1
 """Multipliers are good enough if their single-joint bound is this multiple of the ceiling; products of two joints reduce
@@ -168,9 +160,8 @@ def enclose_ball(
     """
     n = (boxes.shape[1] - 6) // 2
     c, h, above, sheet = np.empty(n), np.empty(n), np.empty(5), make_sheet(len(shoulder.invariants), n)
-    order = heap.order
     while counts[COUNT] > 0:
-        row = order[0]
+        row = heap.order[0]
         if heap.bound[row] >= figures[CEILING]:
             break
         if counts[SEEN] >= until:
@@ -181,10 +172,7 @@ def enclose_ball(
         cut = int(boxes[row, 2 * n])
         if boxes[row, n + cut] < NARROW:
             return ENDED
-        counts[COUNT] -= 1
-        last = counts[COUNT]
-        order[0], order[last] = order[last], row
-        sift_down(heap.bound, order, last)
+        pop(heap, counts)
         below, middle, half = heap.bound[row], boxes[row, cut], 0.5 * boxes[row, n + cut]
         for i in range(n):
             c[i], h[i] = boxes[row, i], boxes[row, n + i]
@@ -202,20 +190,13 @@ def enclose_ball(
             bound = max(below, bound)  # In this order NaN has no effect.
             if bound >= figures[CEILING]:
                 continue
-            count = counts[COUNT]
-            if count == counts[USED]:
-                order[count] = count
-                counts[USED] += 1
-            free = order[count]
-            cutting = 0
+            free, cutting = push(heap, counts, bound), 0
             for i in range(n):
                 boxes[free, i], boxes[free, n + i] = c[i], h[i]
                 if sheet.share[i] > sheet.share[cutting]:
                     cutting = i
             for k in range(5):
                 boxes[free, 2 * n + 1 + k] = sheet.by[k]
-            boxes[free, 2 * n], heap.bound[free] = cutting, bound
-            sift_up(heap.bound, order, count)
-            counts[COUNT] += 1
+            boxes[free, 2 * n] = cutting
     figures[FLOOR] = max(figures[FLOOR], figures[CEILING])
     return ENDED

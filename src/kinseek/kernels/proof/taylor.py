@@ -12,6 +12,7 @@ than the whole.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,19 @@ ten products and more. Twice the value changes only steps that are nearly noise.
 ABOVE = 1.0 + 1e-12
 """Factor by which the diagonal is raised further than requested, so that rounding never leaves less. Twice the excess
 changes a step by a 1e-12th."""
+
+
+class Rests(NamedTuple):
+    """Upper bounds of the remainders of the Taylor polynomials of a box, by the terms that they leave out."""
+
+    two_p: float
+    """Of the point, after the first-order terms [m]."""
+    two_c: float
+    """Of the columns, after the first-order terms."""
+    three_p: float
+    """Of the point, after the second-order terms [m]."""
+    three_c: float
+    """Of the columns, after the second-order terms."""
 
 
 @inlined
@@ -105,8 +119,8 @@ def radii_behind(form: Form, scratch: BoxScratch, middle: int, back: float) -> N
 
 
 @inlined
-def rests(form: Form, scratch: BoxScratch, radii: Array, middle: int) -> tuple[float, float, float, float]:
-    """Remainders of the Taylor polynomials of degrees one and two: of the point, the columns, the point, the columns.
+def rests(form: Form, scratch: BoxScratch, radii: Array, middle: int) -> Rests:
+    """Remainders of the Taylor polynomials of degrees one and two.
 
     They are those of the hand from joint `middle` outwards, and of the goal from there back to the base. The radii are
     those of the point.
@@ -130,7 +144,7 @@ def rests(form: Form, scratch: BoxScratch, radii: Array, middle: int) -> tuple[f
         three_p += cube * radii[k]
         three_c += cube * scratch.s[k]
         spread += h
-    return two_p, two_c, three_p, three_c
+    return Rests(two_p, two_c, three_p, three_c)
 
 
 @inlined
@@ -255,6 +269,14 @@ def solve(N: Array, D: Array, x: Array) -> None:
     for i in range(dof - 1, -1, -1):
         for k in range(i + 1, dof):
             x[i] -= N[k, i] * x[k]
+
+
+@inlined
+def shrink_miss(form: Form, scratch: BoxScratch, weight_p: float, weight_c: float, columns: int) -> None:
+    """Write the step ``-(JᵀWJ + diag D)⁻¹ JᵀWf`` of weighted least squares into ``scratch.delta``."""
+    normal_matrix(form, scratch, weight_p, weight_c, columns)
+    downhill(form, scratch, weight_p, weight_c, columns)
+    solve(scratch.N, scratch.D, scratch.delta)
 
 
 @inlined

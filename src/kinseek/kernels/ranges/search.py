@@ -12,29 +12,27 @@ from typing import Annotated
 
 import numpy as np
 
-from kinseek.kernels.arm.forward import forward
+from kinseek.kernels.arm.forward import copy_pose, forward
 from kinseek.kernels.arm.range_error import QUESTION, deviation, range_errors, range_weighted
-from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.descent import POLISH_STEPS, judge_by_ranges
 from kinseek.kernels.atlas.ending import reweigh
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import scratch_of, scratch_size
+from kinseek.kernels.atlas.memory import ACTIVE, EMPTY, scratch_of, scratch_size
 from kinseek.kernels.atlas.near import load_near
 from kinseek.kernels.atlas.one_goal import routines, search_near
 from kinseek.kernels.atlas.seeds import MARGIN, MORE, complete, into_limits, load_seed, look_up
 from kinseek.kernels.atlas.task import (
-    ENDING,
     EVALUATIONS,
-    ITERATE,
-    JUDGE,
     ORIENTATION_ERROR,
     POSITION_ERROR,
-    STARTS,
+    REPORT,
     TOLERANCES,
     WEIGHTED_ERROR,
     Handle,
     Job,
     Joints,
+    Routines,
     Target,
     task_at,
     task_of,
@@ -58,13 +56,13 @@ def range_starts_routine(job: Job, near: Joints, close: bool, begin: int, most: 
     if close and begin == 0:
         first = 1
         load_near(task, scratch, near)
-        scratch.state[0] = 0
+        scratch.state[0] = ACTIVE
     for l in range(first, LANES):
-        scratch.state[l] = 2
+        scratch.state[l] = EMPTY
     for l in range(first, LANES):
         if begin >= POSES:
             break
-        found, taken = look_up(task, scratch, ranges.poses[3 * begin : 3 * begin + 3], most), -1
+        found, taken = look_up(task, scratch, ranges.poses[begin], most), -1
         for k in range(found):
             i, fresh = scratch.neighbour[k], True
             for j in range(len(used)):
@@ -72,7 +70,7 @@ def range_starts_routine(job: Job, near: Joints, close: bool, begin: int, most: 
             if fresh and complete(task, scratch, i, MARGIN):
                 taken = i
                 load_seed(scratch.lanes, l, scratch.seed)
-                scratch.state[l] = 0
+                scratch.state[l] = ACTIVE
                 break
         used[begin if most == MORE else POSES + begin] = taken
         begin += 1
@@ -99,15 +97,17 @@ def range_ending_routine(job: Job, target: Target) -> int:
     Only the reweighted steps are made, because Newton's method is implemented for poses only.
     """
     task = task_at(job)
-    return reweigh(job, task, scratch_of(job, task), target, task.axis_weights[0], POLISH_STEPS)
+    return reweigh(job, task, scratch_of(job, task), target, POLISH_STEPS)
 
 
-def range_routines() -> Indices:
-    """Addresses of the routines for goals with ranges, see `task.with_ranges`."""
-    addresses = routines()
-    addresses[ITERATE], addresses[STARTS] = range_step_routine.address, range_starts_routine.address
-    addresses[JUDGE], addresses[ENDING] = range_judge_routine.address, range_ending_routine.address
-    return addresses
+def range_routines() -> Routines:
+    """The routines for goals with ranges, see `task.with_ranges`."""
+    return routines()._replace(
+        iterate=range_step_routine.address,
+        starts=range_starts_routine.address,
+        judge=range_judge_routine.address,
+        ending=range_ending_routine.address,
+    )
 
 
 @entry
@@ -141,7 +141,7 @@ def solve_ranged(
     memory = np.zeros(scratch_size(dof, joints) + range_scratch_size(dof, joints))
     job = Job(handle, tolerances, memory, w)
     ranges = range_scratch_of(job, task)
-    address, width = results.ctypes.data, dof + EVALUATIONS + 1
+    address, width = results.ctypes.data, dof + REPORT
     for i in range(len(questions)):
         # The memory is cleared between goals, so that results do not depend on the rest of the batch, bit by bit.
         for k in range(len(memory)):
@@ -149,13 +149,11 @@ def solve_ranged(
         for k in range(QUESTION):
             ranges.question[k] = questions[i, k]
         for k in range(POSES):
-            for r in range(3):
-                for c in range(4):
-                    ranges.poses[3 * k + r, c] = poses[i, k, r, c]
+            copy_pose(poses[i, k], ranges.poses[k])
         for k in range(len(ranges.used)):
             ranges.used[k] = -1
         row = (begin + i) * width
-        q, report = part1(address, row, dof), part1(address, row + dof, EVALUATIONS + 1)
+        q, report = part1(address, row, dof), part1(address, row + dof, REPORT)
         target = part2(questions.ctypes.data, i * QUESTION, 3, 4)  # A question begins with its target.
         report[EVALUATIONS] = search_near(job, target, task.budget, near[i], close, q)
         into_limits(task, q, near[i])

@@ -68,8 +68,8 @@ class RangeScratch(NamedTuple):
 
     question: Annotated[Array, QUESTION]
     """The goal, see `range_error.FRAME`, (QUESTION,)."""
-    poses: Annotated[Array, 3 * POSES, 4]
-    """Poses at which starts are looked up, (3, 4) each, one below the other, (3 · POSES, 4)."""
+    poses: Annotated[Array, POSES, 3, 4]
+    """Poses at which starts are looked up, (POSES, 3, 4)."""
     used: Annotated[Indices, 2 * POSES]
     """Sample used at each pose in the first and in the second look-up; -1 for none, (2 · POSES,)."""
     rows: Annotated[Array, 2, 9, LANES]

@@ -24,17 +24,25 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from kinseek.kernels.arm.record import Record
 from kinseek.kernels.arm.vectors import (
+    Matrix,
+    Transform,
     Vector,
     cross,
     dot,
+    matrix_product,
     minus,
     plus,
     rotate,
     rotated,
     rotated_back,
+    row,
+    scaled,
+    times,
+    transform_at,
     transformed,
-    vector_at,
+    write_transform,
 )
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
@@ -43,101 +51,118 @@ from kinseek.kernels.jit import inlined
 
 from .subproblems import angle, solve_trig, unit_angle
 
-NONE, WRIST, PARALLEL, MEETING = range(4)
+NONE, WRIST, PARALLEL, MEETING = 0, 1, 2, 3
 """Kinds: no closed form; a spherical wrist distal to two parallel axes; three parallel axes proximal to two that
 intersect; and a spherical wrist distal to one axis that follows two intersecting axes."""
 
-
-KIND, BACKWARD, DEVIATION, SIZE = range(4)
-"""Indices into a structure: its kind; 1 for an arm that is solved backwards, else 0; the deviation of the arm from the
-structure [rad], with lengths divided by its size; and that size [m]."""
+ZERO = Vector(0.0, 0.0, 0.0)
 
 
-SENSE = 4
-"""First of three entries for axes 2, 3 and 4: 1 if the axis has the direction of h, -1 if it has the opposite direction."""
+class Structure(NamedTuple):
+    """An arm with a closed form, seen backwards if it is solved so; points and directions at q = 0, lengths in [m]."""
+
+    kind: float = NONE
+    backward: float = 0.0
+    """1 for an arm that is solved backwards, else 0."""
+    deviation: float = 0.0
+    """Deviation of the arm from the structure [rad], with lengths divided by its size."""
+    size: float = 0.0
+    """[m]"""
+    sense2: float = 0.0
+    """1 if axis 2 has the direction of `parallel`, -1 if it has the opposite direction."""
+    sense3: float = 0.0
+    sense4: float = 0.0
+    home: Transform = Transform(Matrix(ZERO, ZERO, ZERO), ZERO)
+    """T₀⁻¹, or T₀ for an arm that is solved backwards."""
+    axis1: Vector = ZERO
+    """Directions of the axes."""
+    axis2: Vector = ZERO
+    axis3: Vector = ZERO
+    axis4: Vector = ZERO
+    axis5: Vector = ZERO
+    axis6: Vector = ZERO
+    parallel: Vector = ZERO
+    """h, the common direction of parallel axes."""
+    across: Vector = ZERO
+    """A direction normal to h."""
+    across6: Vector = ZERO
+    """A direction normal to axis 6."""
+    centre: Vector = ZERO
+    """The point x."""
+    point1: Vector = ZERO
+    """A point on axis 1; for `MEETING` its intersection with axis 2."""
+    point2: Vector = ZERO
+    point3: Vector = ZERO
+    point4: Vector = ZERO
+    swept: float = 0.0
+    """The number of values that are tried of the swept joint, 0 if there is no such joint."""
+    slides: float = 0.0
+    """1 if that joint is prismatic, else 0."""
+    swept_axis: Vector = ZERO
+    swept_point: Vector = ZERO
+    """A point on its axis."""
+    swept_across: Vector = ZERO
+    """A direction normal to it."""
 
 
-HOME = 7
-"""First entry of T₀⁻¹, (3, 4) in row-major order. An arm that is solved backwards has T₀ here."""
+STRUCTURE = Record(Structure)
+"""The array of a structure; after its entries come the offsets that are tried, see `SWEPT_VALUES`."""
 
+read_structure = STRUCTURE.read
 
-H1, P1, H, E, X, H4, H5, H6, A6, P2, P3, P4 = range(HOME + 12, HOME + 12 + 3 * 12, 3)
-"""First entries of vectors: the directions of axes 1, 4, 5 and 6, and h, the common direction of parallel axes; E normal
-to h and A6 normal to axis 6; the point x; and a point on each of the first axes."""
-
-
-H2, H3 = H, E
-"""Directions of axes 2 and 3 for `MEETING`. P1 is then the intersection of axes 1 and 2."""
-
-
-SWEPT, SLIDES = P4 + 3, P4 + 4
-"""The number of values that are tried of the swept joint, 0 if there is no such joint; and 1 if that joint is prismatic."""
-
-
-HS, PS, AS = range(P4 + 5, P4 + 5 + 3 * 3, 3)
-"""First entries of vectors of the swept joint: its direction, a point on it, and a normal to it."""
-
-
-SWEPT_VALUES = AS + 3
+SWEPT_VALUES = STRUCTURE.size
 """First entry of the offsets that are tried, relative to the direction of the target [rad] or [m], see `swept_joint`."""
-
 
 VALUES = 8
 """Largest number of offsets."""
 
-
 NUMBERS = SWEPT_VALUES + VALUES
 """Length of a structure."""
 
-
 ROUNDING = 1e-9
 """Deviation up to which an arm has its structure exactly: it covers the rounding of doubles in its description only."""
-
 
 LOOSE = 1e-5
 """Tolerances [m] and [rad] up to which the closed form is complete. With looser ones the solutions form regions, which
 the closed form does not describe."""
 
-
 INFEASIBLE, BESIDE = 0.02, 1e-3
 """A candidate is tried if its infeasibility is at most the first value, and if it lies at most the second beyond a limit
 [rad]. Both grow with the deviation of the arm from its structure, and with the tolerances."""
 
-
 CLEAR = 1e-6
 """The two solutions of the equations are distinct if every discriminant is larger than this, see `ROOTS`."""
-
 
 FREE = 2e-4
 """Conditioning below which an angle is undetermined. The solutions are then continua, within the tolerances."""
 
-
 SPREAD = 10.0
 """Factor from the deviation of the arm from its structure to the error of its equations."""
-
 
 GIVEN = 6
 """Row of the value of the swept joint, after those of the other six joints."""
 
+INFEASIBILITY = 7
+"""Row of the largest infeasibility of the equations of a lane, 0 where all have a solution."""
 
-INFEASIBILITY, CONDITIONING, DISCRIMINANT, DUPLICATE = range(7, 11)
-"""Rows of the diagnostics of a lane. The largest infeasibility of its equations, 0 where all have a solution. The smallest
-conditioning of its angles, 0 where one is undetermined. The smallest absolute discriminant of its equations, reduced where
-an equation is poorly conditioned. And 1 for a duplicate: a lane whose solution coincides with that of another lane."""
+CONDITIONING = 8
+"""Row of the smallest conditioning of its angles, 0 where one is undetermined."""
 
+DISCRIMINANT = 9
+"""Row of the smallest absolute discriminant of its equations, reduced where an equation is poorly conditioned."""
+
+DUPLICATE = 10
+"""Row that is 1 for a duplicate: a lane whose solution coincides with that of another lane."""
 
 ROOTS = 11
 """First of three rows: the discriminants of the quadratic equations. A discriminant is negative where its equation has no
 solution. Unlike `INFEASIBILITY` it varies smoothly with the target."""
 
-
 COST = 14
 """Row of the squared distance of a candidate from the reference, infinite if it is rejected, see `choice.place`."""
 
-
 SIGNS = 15
 """First of three rows of signs: which solution of each quadratic equation the lane takes."""
-
 
 WORK = (CANDIDATE_ROWS, LANES)
 """Shape of the array that the functions below fill: these rows."""
@@ -145,30 +170,16 @@ WORK = (CANDIDATE_ROWS, LANES)
 
 if SIGNS + 3 != CANDIDATE_ROWS:
     raise TypeError(f"candidates have {SIGNS + 3} rows, the scratch memory has {CANDIDATE_ROWS}")
-
-
-class Axes(NamedTuple):
-    """A structure as vectors, see `H1`; `MEETING` has the directions of axes 2 and 3 in `parallel` and `across`."""
-
-    axis1: Vector
-    point1: Vector
-    parallel: Vector
-    across: Vector
-    centre: Vector
-    axis4: Vector
-    axis5: Vector
-    axis6: Vector
-    across6: Vector
-    point2: Vector
-    point3: Vector
-    point4: Vector
-    size: float
+if LANES != 2**3:
+    raise TypeError(
+        f"the three signs of a closed form give eight candidates, one in each lane, got {LANES} lanes"
+    )
 
 
 class Triangle(NamedTuple):
     """Two links of given lengths in the plane normal to parallel axes, whose end is at a given point of the plane.
 
-    Coordinates are along `Axes.across` and `normal`.
+    Coordinates are along `Structure.across` and `normal`.
     """
 
     normal: Vector
@@ -217,61 +228,26 @@ class Bend(NamedTuple):
 
 
 @inlined
-def axes_of(structure: Array) -> Axes:
-    """Read the vectors of a structure."""
-    S = structure
-    return Axes(
-        vector_at(S, H1),
-        vector_at(S, P1),
-        vector_at(S, H),
-        vector_at(S, E),
-        vector_at(S, X),
-        vector_at(S, H4),
-        vector_at(S, H5),
-        vector_at(S, H6),
-        vector_at(S, A6),
-        vector_at(S, P2),
-        vector_at(S, P3),
-        vector_at(S, P4),
-        S[SIZE],
-    )
-
-
-@inlined
-def set_signs(work: Array) -> None:
-    """Set the three signs of each lane."""
-    for l in range(LANES):
-        for k in range(3):
-            work[SIGNS + k, l] = 1.0 - 2.0 * ((l >> k) & 1)
-
-
-@inlined
 def displacement(structure: Array, target: Array, D: Array) -> None:
-    """Write the displacement D, (3, 4), or its inverse for an arm that is solved backwards."""
-    if structure[BACKWARD] > 0.0:
-        for r in range(3):
-            p = structure[HOME + 4 * r + 3]
-            for c in range(3):
-                # T₀ times the inverse of the target.
-                D[r, c] = 0.0
-                for k in range(3):
-                    D[r, c] += structure[HOME + 4 * r + k] * target[c, k]
-            for c in range(3):
-                p -= D[r, c] * target[c, 3]
-            D[r, 3] = p
-        return
-    for r in range(3):
-        for c in range(4):
-            D[r, c] = target[r, 3] if c == 3 else 0.0
-            for k in range(3):
-                D[r, c] += target[r, k] * structure[HOME + 4 * k + c]
+    """Write the displacement ``T T₀⁻¹``, (3, 4), or its inverse ``T₀ T⁻¹`` for an arm that is solved backwards."""
+    s = read_structure(structure)
+    R, p = s.home
+    if s.backward > 0.0:
+        x, y, z = times(R, row(target, 0)), times(R, row(target, 1)), times(R, row(target, 2))
+        p = minus(minus(p, scaled(target[0, 3], x)), scaled(target[1, 3], y))
+        write_transform(Transform(Matrix(x, y, z), minus(p, scaled(target[2, 3], z))), D)
+    else:
+        T = transform_at(target)
+        moved = plus(plus(T.p, scaled(p.x, T.R.x)), scaled(p.y, T.R.y))
+        write_transform(Transform(matrix_product(T.R, R), plus(moved, scaled(p.z, T.R.z))), D)
 
 
 @inlined
 def row_of(structure: Array, i: int, dof: int) -> int:
     """Row of joint i among the candidates of an arm with `dof` joints."""
-    place = dof - 1 - i if structure[BACKWARD] > 0.0 else i
-    if structure[SWEPT] > 0.0:
+    s = read_structure(structure)
+    place = dof - 1 - i if s.backward > 0.0 else i
+    if s.swept > 0.0:
         place = place - 1 if place > 0 else GIVEN
     return place
 
@@ -279,8 +255,9 @@ def row_of(structure: Array, i: int, dof: int) -> int:
 @inlined
 def joint_of(structure: Array, row: int, dof: int) -> int:
     """Joint whose angles are in a row, see `row_of`."""
-    place = row + 1 if structure[SWEPT] > 0.0 else row
-    return dof - 1 - place if structure[BACKWARD] > 0.0 else place
+    s = read_structure(structure)
+    place = row + 1 if s.swept > 0.0 else row
+    return dof - 1 - place if s.backward > 0.0 else place
 
 
 @inlined
@@ -290,23 +267,26 @@ def candidates(structure: Array, D: Array, far: float, work: Array, w: int) -> N
     The angles of an arm that is solved backwards are in order from its last joint to its first.
 
     Args:
-        structure: See `KIND`, (NUMBERS,).
+        structure: See `STRUCTURE`, (NUMBERS,).
         D: See `displacement`, (3, 4).
         far: Infeasibility beyond which the equations that depend on the infeasible one are ignored in the diagnostics.
         work: See `GIVEN` to `SIGNS`, `WORK`.
         w: LANES.
     """
-    set_signs(work)
-    if structure[KIND] == WRIST:
-        parallel_pair(structure, D, far, work, w)
-    elif structure[KIND] == MEETING:
-        meeting_pair(structure, D, far, work, w)
+    s = read_structure(structure)
+    for l in range(LANES):
+        for k in range(3):
+            work[SIGNS + k, l] = 1.0 - 2.0 * ((l >> k) & 1)
+    if s.kind == WRIST:
+        parallel_pair(s, D, far, work, w)
+    elif s.kind == MEETING:
+        meeting_pair(s, D, far, work, w)
     else:
-        parallel_three(structure, D, far, work, w)
+        parallel_three(s, D, far, work, w)
 
 
 @inlined
-def shoulder_equation(s: Axes, u: Vector) -> tuple[Equation, float]:
+def shoulder_equation(s: Structure, u: Vector) -> tuple[Equation, float]:
     """Equation of joint 1, ``h · E₁⁻¹ u = h · (x - p₁)`` for parallel axes 2 and 3; and its right-hand side."""
     along, height = dot(s.axis1, s.parallel), dot(s.axis1, u)
     a = dot(s.parallel, u) - along * height
@@ -323,7 +303,7 @@ def turn_equation(axis_before: Vector, axis: Vector, moved: Vector) -> Equation:
 
 
 @inlined
-def triangle(s: Axes, end: Vector) -> Triangle:
+def triangle(s: Structure, end: Vector) -> Triangle:
     """Triangle of the links from axis 2 to axis 3 and from there to `end`."""
     normal = cross(s.parallel, s.across)
     upper, fore = minus(s.point3, s.point2), minus(end, s.point3)
@@ -333,7 +313,7 @@ def triangle(s: Axes, end: Vector) -> Triangle:
 
 
 @inlined
-def bend(s: Axes, t: Triangle, end: Vector, sign: float) -> Bend:
+def bend(s: Structure, t: Triangle, end: Vector, sign: float) -> Bend:
     """Solve the triangle: joint 3 from the distance of its end from axis 2, joint 2 from the direction of the end."""
     g0, g1 = dot(s.across, end), dot(t.normal, end)
     c3, s3, root, _ = solve_trig(t.a, t.b, 0.5 * (g0 * g0 + g1 * g1 - t.squares), sign)
@@ -343,14 +323,13 @@ def bend(s: Axes, t: Triangle, end: Vector, sign: float) -> Bend:
 
 
 @inlined
-def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
+def parallel_pair(s: Structure, D: Array, far: float, work: Array, w: int) -> None:
     """Solve an arm with a wrist whose axes 2 and 3 are parallel."""
-    s, size = axes_of(structure), 1.0 / structure[SIZE]
+    size = 1.0 / s.size
     u = minus(transformed(D, s.centre), s.point1)
     shoulder, c = shoulder_equation(s, u)
     links, hand, offset = triangle(s, s.centre), wrist_of(s), minus(s.point1, s.point2)
     axis6, across6 = rotated(D, s.axis6), rotated(D, s.across6)
-    sense2, sense3 = structure[SENSE], structure[SENSE + 1]
     for l in range(w):
         one, two = work[SIGNS, l], work[SIGNS + 1, l]
         c1, s1, root1, length1 = solve_trig(shoulder.a, shoulder.b, c, one)
@@ -361,8 +340,8 @@ def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -
         fold3 = abs(arm.root) if root1 > -far else 1.0
         proximal = Proximal(
             angle(s1, c1),
-            sense2 * angle(arm.s2, arm.c2),
-            sense3 * angle(arm.s3, arm.c3),
+            s.sense2 * angle(arm.s2, arm.c2),
+            s.sense3 * angle(arm.s3, arm.c3),
             rotate(s.parallel, cosine, -sine, rotate(s.axis1, c1, -s1, axis6)),
             rotate(s.parallel, cosine, -sine, rotate(s.axis1, c1, -s1, across6)),
             max(-root1, -arm.root, 0.0),
@@ -376,14 +355,13 @@ def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -
 
 
 @inlined
-def meeting_pair(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
+def meeting_pair(s: Structure, D: Array, far: float, work: Array, w: int) -> None:
     """Solve an arm with a wrist whose axes 1 and 2 intersect.
 
     Joint 3 follows from ``|m + E₃ r| = |u|``, where m leads from the intersection to axis 3 and r from there to x; joint 2
     from ``axis 1 · E₂ (m + E₃ r) = axis 1 · u``.
     """
-    s, size = axes_of(structure), 1.0 / structure[SIZE]
-    axis2, axis3 = s.parallel, s.across
+    size, axis2, axis3 = 1.0 / s.size, s.axis2, s.axis3
     u = minus(transformed(D, s.centre), s.point1)
     m, r = minus(s.point3, s.point1), minus(s.centre, s.point3)
     elbow = turn_equation(m, axis3, r)
@@ -429,13 +407,13 @@ class Wrist(NamedTuple):
 
 
 @inlined
-def wrist_of(s: Axes) -> Wrist:
+def wrist_of(s: Structure) -> Wrist:
     """Equation ``axis 4 · E₅ axis 6`` of joint 5, and the vector normal to axis 6 and A6."""
     return Wrist(turn_equation(s.axis4, s.axis5, s.axis6), cross(s.axis6, s.across6))
 
 
 @inlined
-def wrist(s: Axes, hand: Wrist, arm: Proximal, far: float, work: Array, l: int) -> None:
+def wrist(s: Structure, hand: Wrist, arm: Proximal, far: float, work: Array, l: int) -> None:
     """Solve the last three joints of lane l from the remaining orientation, and write the lane."""
     three = work[SIGNS + 2, l]
     height = dot(s.axis4, arm.axis6)
@@ -457,18 +435,17 @@ def wrist(s: Axes, hand: Wrist, arm: Proximal, far: float, work: Array, l: int) 
 
 
 @inlined
-def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
+def parallel_three(s: Structure, D: Array, far: float, work: Array, w: int) -> None:
     """Solve all joints of an arm whose axes 2, 3 and 4 are parallel and whose axes 5 and 6 intersect.
 
     E₁ h = D E₆⁻¹ E₅⁻¹ h: joint 1 follows from the position of x, joint 5 from the component along axis 6, joint 6 from the
     components across it, and joints 2, 3 and 4 from the triangle.
     """
-    s, size = axes_of(structure), 1.0 / structure[SIZE]
+    size = 1.0 / s.size
     u = minus(transformed(D, s.centre), s.point1)
     shoulder, c = shoulder_equation(s, u)
     twist, axis6 = turn_equation(s.parallel, s.axis5, s.axis6), rotated(D, s.axis6)
     links, offset, from_x = triangle(s, s.point4), minus(s.point1, s.point2), minus(s.point4, s.centre)
-    sense2, sense3, sense4 = structure[SENSE], structure[SENSE + 1], structure[SENSE + 2]
     for l in range(w):
         one, two, three = work[SIGNS, l], work[SIGNS + 1, l], work[SIGNS + 2, l]
         c1, s1, root1, length1 = solve_trig(shoulder.a, shoulder.b, c, one)
@@ -486,8 +463,8 @@ def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) 
         arm = bend(s, links, plus(rotate(s.axis1, c1, -s1, plus(rotated(D, v), u)), offset), two)
         cosine, sine = arm.c2 * arm.c3 - arm.s2 * arm.s3, arm.s2 * arm.c3 + arm.c2 * arm.s3
         work[0, l], work[4, l], work[5, l] = angle(s1, c1), angle(s5, c5), angle(s6, c6)
-        work[1, l], work[2, l] = sense2 * angle(arm.s2, arm.c2), sense3 * angle(arm.s3, arm.c3)
-        work[3, l] = sense4 * angle(all1 * cosine - all0 * sine, all0 * cosine + all1 * sine)
+        work[1, l], work[2, l] = s.sense2 * angle(arm.s2, arm.c2), s.sense3 * angle(arm.s3, arm.c3)
+        work[3, l] = s.sense4 * angle(all1 * cosine - all0 * sine, all0 * cosine + all1 * sine)
         weak1, weak2, weak6 = length1 * size, math.sqrt(arm.length2) * size, math.sqrt(length6)
         root3, fold1, fold3, fold5 = arm.root, abs(root1), abs(arm.root), abs(root5)
         fold5 = fold5 if root1 > -far else 1.0

@@ -9,31 +9,13 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.descent import descend_lanes, goal_of, start
 from kinseek.kernels.atlas.lanes import LANES, Lanes
-from kinseek.kernels.atlas.memory import Scratch
+from kinseek.kernels.atlas.memory import ACTIVE, EMPTY, Scratch
 from kinseek.kernels.atlas.one_goal import CORRECTIONS, finish
 from kinseek.kernels.atlas.seeds import copy_joints, load_seed, turns_fully
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Job, Task
 from kinseek.kernels.jit import inlined
 
-from .candidates import (
-    BESIDE,
-    CLEAR,
-    CONDITIONING,
-    COST,
-    DEVIATION,
-    DISCRIMINANT,
-    DUPLICATE,
-    FREE,
-    GIVEN,
-    INFEASIBILITY,
-    INFEASIBLE,
-    LOOSE,
-    SPREAD,
-    SWEPT,
-    candidates,
-    joint_of,
-    row_of,
-)
+from . import candidates as form
 from .swept_joint import taken_off
 
 EDGE = 1e-7
@@ -52,14 +34,15 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
         work: The candidates, see `candidates.WORK`.
         w: LANES.
     """
-    dof, off = len(task.lower), SPREAD * task.structure[DEVIATION]
-    turn, rate, beside = 2.0 * math.pi, 0.5 / math.pi, BESIDE + off
+    s, dof = form.read_structure(task.structure), len(task.lower)
+    off = form.SPREAD * s.deviation
+    turn, rate, beside = 2.0 * math.pi, 0.5 / math.pi, form.BESIDE + off
     for l in range(w):
-        lost = work[DUPLICATE, l] > 0.0 or work[INFEASIBILITY, l] > INFEASIBLE + off
-        work[COST, l] = np.inf if lost else 0.0
+        lost = work[form.DUPLICATE, l] > 0.0 or work[form.INFEASIBILITY, l] > form.INFEASIBLE + off
+        work[form.COST, l] = np.inf if lost else 0.0
     # The swept joint is within its limits, and the same in all lanes.
-    for row in range(dof - 1 if task.structure[SWEPT] > 0.0 else dof):
-        i = joint_of(task.structure, row, dof)
+    for row in range(dof - 1 if s.swept > 0.0 else dof):
+        i = form.joint_of(task.structure, row, dof)
         low, high, centre = task.chain.lower[i], task.chain.upper[i], near[i]
         half = 0.5 * (high - low)
         scale = 1.0 if close else 1.0 / max(half, 1e-12)
@@ -71,7 +54,7 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
         room = np.inf if full > 0.0 else EDGE
         # No branches, and all reads from other arrays come before the loop: LLVM vectorizes it only then.
         for l in range(w):
-            value, cost = work[row, l], work[COST, l]
+            value, cost = work[row, l], work[form.COST, l]
             middlemost = value - turn * np.floor((value - low - half) * rate + 0.5)
             value -= turn * np.floor((value - centre) * rate + 0.5)
             value = value if max(low - value, value - high) <= room else middlemost
@@ -82,16 +65,16 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
             gap = scale * (value - centre)
             cost += gap * gap
             work[row, l] = value
-            work[COST, l] = cost if max(low - value, value - high) <= beside else np.inf
+            work[form.COST, l] = cost if max(low - value, value - high) <= beside else np.inf
 
 
 @inlined
 def order_candidates(task: Task, scratch: Scratch, given: float, near: Array, close: bool, w: int) -> bool:
-    """Write the candidates for the displacement `scratch.between` into the scratch memory, for `take_candidate`.
+    """Write the candidates for `scratch.displacement` into the scratch memory, for `take_candidate`.
 
     Args:
         task: The task.
-        scratch: See above. `spare` receives the displacement without the swept joint.
+        scratch: See above.
         given: The value of the swept joint.
         near: See `place`.
         close: See `place`.
@@ -102,12 +85,13 @@ def order_candidates(task: Task, scratch: Scratch, given: float, near: Array, cl
         nearly double root, or if the tolerances are loose.
     """
     S, work = task.structure, scratch.candidates
-    taken_off(S, scratch.between, given, scratch.spare)
-    candidates(S, scratch.spare, INFEASIBLE + SPREAD * S[DEVIATION], work, w)
-    sure = max(task.position_tolerance, task.orientation_tolerance) <= LOOSE
+    far = form.INFEASIBLE + form.SPREAD * form.read_structure(S).deviation
+    taken_off(S, scratch.displacement, given, scratch.rest)
+    form.candidates(S, scratch.rest, far, work, w)
+    sure = max(task.position_tolerance, task.orientation_tolerance) <= form.LOOSE
     for l in range(LANES):
-        sure = sure and work[CONDITIONING, l] >= FREE and work[DISCRIMINANT, l] >= CLEAR
-        work[GIVEN, l] = given
+        sure = sure and work[form.CONDITIONING, l] >= form.FREE and work[form.DISCRIMINANT, l] >= form.CLEAR
+        work[form.GIVEN, l] = given
     place(task, near, close, work, w)
     return sure
 
@@ -117,12 +101,12 @@ def take_candidate(task: Task, scratch: Scratch, q: Array) -> int:
     """Write the nearest remaining candidate into q, (n,), and return its lane, or -1 if there is none."""
     work, best, dof = scratch.candidates, 0, len(q)
     for l in range(1, LANES):
-        best = l if work[COST, l] < work[COST, best] else best
-    if work[COST, best] == np.inf:
+        best = l if work[form.COST, l] < work[form.COST, best] else best
+    if work[form.COST, best] == np.inf:
         return -1
-    work[COST, best] = np.inf
+    work[form.COST, best] = np.inf
     for i in range(dof):
-        q[i] = work[row_of(task.structure, i, dof), best]
+        q[i] = work[form.row_of(task.structure, i, dof), best]
     return best
 
 
@@ -132,7 +116,7 @@ def first_that_reaches(task: Task, scratch: Scratch, target: Array, near: Array,
 
     Args:
         task: The task.
-        scratch: The candidates, as `place` leaves them. `bound` receives the report on the last candidate checked.
+        scratch: The candidates, as `place` leaves them. `report` receives the report on the last candidate checked.
         target: (3, 4), lengths in [m].
         near: See `place`.
         q: Receives the last candidate checked.
@@ -140,7 +124,7 @@ def first_that_reaches(task: Task, scratch: Scratch, target: Array, near: Array,
     Returns:
         The number of candidates checked, negated if none reaches the target.
     """
-    judged, report = 0, scratch.bound  # Memory of the look-up; `batch.run_closed` reads it too.
+    judged, report = 0, scratch.report
     for _ in range(LANES):
         if take_candidate(task, scratch, q) < 0:
             break
@@ -195,10 +179,10 @@ def first_that_converges(job: Job, task: Task, scratch: Scratch, target: Array, 
     for most in (1, LANES):
         loaded = 0
         for l in range(LANES):
-            scratch.state[l] = 2
+            scratch.state[l] = EMPTY
             if loaded < most and take_start(task, scratch, q):
                 load_seed(scratch.lanes, l, q)
-                scratch.state[l], loaded = 0, loaded + 1
+                scratch.state[l], loaded = ACTIVE, loaded + 1
         if loaded == 0:
             break
         lane, made = descend_lanes(job, task, scratch, CORRECTIONS, False)

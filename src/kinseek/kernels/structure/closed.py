@@ -13,28 +13,7 @@ from kinseek.kernels.atlas.seeds import turns_fully
 from kinseek.kernels.atlas.task import Task
 from kinseek.kernels.jit import inlined
 
-from .candidates import (
-    BESIDE,
-    CLEAR,
-    CONDITIONING,
-    DEVIATION,
-    DISCRIMINANT,
-    DUPLICATE,
-    FREE,
-    INFEASIBILITY,
-    INFEASIBLE,
-    KIND,
-    LOOSE,
-    NONE,
-    ROOTS,
-    ROUNDING,
-    SIZE,
-    SPREAD,
-    SWEPT,
-    candidates,
-    displacement,
-    row_of,
-)
+from . import candidates as form
 
 
 class Closed(NamedTuple):
@@ -63,8 +42,9 @@ def serves(task: Task, structure: Array) -> bool:
 
     With looser tolerances the closed form is not complete, see `LOOSE`.
     """
-    tight = max(task.position_tolerance, task.orientation_tolerance) <= LOOSE
-    has: bool = structure[KIND] != NONE and structure[SWEPT] == 0.0 and tight
+    s = form.read_structure(structure)
+    tight = max(task.position_tolerance, task.orientation_tolerance) <= form.LOOSE
+    has: bool = s.kind != form.NONE and s.swept == 0.0 and tight
     return has
 
 
@@ -76,28 +56,27 @@ def closed_starts(
 
     Args:
         task: The task.
-        structure: See `candidates.KIND`, (NUMBERS,).
+        structure: See `candidates.STRUCTURE`, (NUMBERS,).
         target: (4, 4), lengths in [m].
-        scratch: Its `spare` and `candidates` are overwritten.
+        scratch: Its `displacement` and `candidates` are overwritten.
         seeds: Receives joint values, (at least LANES, n).
         w: LANES.
     """
-    D, work = scratch.spare, scratch.candidates
-    off = SPREAD * structure[DEVIATION]
-    exact = structure[DEVIATION] <= ROUNDING
-    far, beside = INFEASIBLE + ASKEW * off, BESIDE + off
-    slack = off + max(task.position_tolerance / structure[SIZE], task.orientation_tolerance)
+    s, D, work = form.read_structure(structure), scratch.displacement, scratch.candidates
+    off, exact = form.SPREAD * s.deviation, s.deviation <= form.ROUNDING
+    far, beside = form.INFEASIBLE + ASKEW * off, form.BESIDE + off
+    slack = off + max(task.position_tolerance / s.size, task.orientation_tolerance)
     many, sure, unsure, lost = 0, 0, False, False
-    displacement(structure, target, D)
-    candidates(structure, D, far, work, w)
+    form.displacement(structure, target, D)
+    form.candidates(structure, D, far, work, w)
     for l in range(LANES):
         infeasibility, conditioning, discriminant = (
-            work[INFEASIBILITY, l],
-            work[CONDITIONING, l],
-            work[DISCRIMINANT, l],
+            work[form.INFEASIBILITY, l],
+            work[form.CONDITIONING, l],
+            work[form.DISCRIMINANT, l],
         )
-        duplicate = work[DUPLICATE, l] > 0.0
-        if conditioning < FREE + off or (
+        duplicate = work[form.DUPLICATE, l] > 0.0
+        if conditioning < form.FREE + off or (
             not exact and (discriminant < off or (not duplicate and 0.0 < infeasibility <= beside))
         ):
             unsure = True
@@ -105,19 +84,19 @@ def closed_starts(
         if duplicate or infeasibility > far:
             continue
         # Possible error of an angle: larger where it is poorly conditioned.
-        wide = slack / max(conditioning * math.sqrt(discriminant), FREE)
+        wide = slack / max(conditioning * math.sqrt(discriminant), form.FREE)
         inside, fits = True, True
         for i in range(len(task.lower)):
-            value = work[row_of(structure, i, len(task.lower)), l]
+            value = work[form.row_of(structure, i, len(task.lower)), l]
             if not turns_fully(task, i):
                 low, high = task.chain.lower[i], task.chain.upper[i]
                 value = nearest_copy(value, low, high, 0.5 * (low + high))
-                fits = fits and low - BESIDE - wide <= value <= high + BESIDE + wide
+                fits = fits and low - form.BESIDE - wide <= value <= high + form.BESIDE + wide
                 inside = inside and low + wide < value < high - wide
                 value = min(max(value, low), high)
             seeds[many, i] = value
         if fits:
             many += 1
-            if inside and infeasibility <= 0.0 and discriminant > CLEAR + off:
+            if inside and infeasibility <= 0.0 and discriminant > form.CLEAR + off:
                 sure += 1
-    return Closed(many, sure, unsure, lost, abs(work[ROOTS, 0]))
+    return Closed(many, sure, unsure, lost, abs(work[form.ROOTS, 0]))

@@ -10,13 +10,12 @@ from kinseek.kernels.atlas.seeds import middle
 from kinseek.kernels.atlas.task import Job, Joints, Target, task_at
 from kinseek.kernels.pointers import routine
 
-from .candidates import KIND, NONE, SWEPT, SWEPT_VALUES, displacement
+from .candidates import NONE, SWEPT_VALUES, displacement, read_structure
 from .choice import first_that_converges, first_that_reaches, order_candidates, take_start
 from .swept_joint import direction, end_value, given_value
 
 ENOUGH = (CORRECTIONS + 1) * LANES
 """FK evaluations after which no further value of the swept joint is tried."""
-
 
 LED = (FIRST_STEPS + 1) * LANES // ENOUGH
 """Largest number of values of the swept joint whose candidates are refined: about the time of one round of the search."""
@@ -41,16 +40,17 @@ def closed_routine(job: Job, target: Target, near: Joints, asked: int, q: Joints
     """
     task, w = task_at(job), job.width
     scratch, S, close = scratch_of(job, task), task.structure, asked == NEAREST
-    values, spent, value, led, skip = int(S[SWEPT]), 0, 0.0, 0, asked - OFFER
+    s = read_structure(S)
+    values, spent, value, led, skip = int(s.swept), 0, 0.0, 0, asked - OFFER
     # The closed form of a nearby arm may miss a solution at a limit, possibly the nearest; and a swept joint has many
     # values.
-    if S[KIND] == NONE or (close and (task.exact == 0 or values > 0)):
+    if s.kind == NONE or (close and (task.exact == 0 or values > 0)):
         return 0
     if not close:
         middle(task, scratch.seed)
         near = scratch.seed
-    displacement(S, target, scratch.between)
-    ahead = direction(S, scratch.between) if values > 0 else 0.0
+    displacement(S, target, scratch.displacement)
+    ahead = direction(s, scratch.displacement) if values > 0 else 0.0
     # The ends of its range come last: if few solutions remain, they are often there.
     for k in range(values + 2 if values > 0 else 1):
         if spent > ENOUGH or led == LED:

@@ -12,56 +12,59 @@ from __future__ import annotations
 import math
 
 from kinseek.kernels.arm.division import nearest_copy
+from kinseek.kernels.arm.forward import copy_pose
 from kinseek.kernels.arm.trigonometry import sine_cosine
-from kinseek.kernels.arm.vectors import column, cross, dot, minus, plus, rotate, transformed, vector_at
+from kinseek.kernels.arm.vectors import (
+    column,
+    cross,
+    dot,
+    minus,
+    plus,
+    rotate,
+    scaled,
+    transformed,
+    write_column,
+)
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.task import Task
 from kinseek.kernels.jit import inlined
 
-from .candidates import AS, BACKWARD, HS, PS, SLIDES, SWEPT, X
+from .candidates import Structure, read_structure
 from .subproblems import angle
 
 
 @inlined
 def swept_joint(structure: Array, dof: int) -> int:
     """Index of the swept joint of an arm."""
-    return dof - 1 if structure[BACKWARD] > 0.0 else 0
+    return dof - 1 if read_structure(structure).backward > 0.0 else 0
 
 
 @inlined
-def direction(structure: Array, D: Array) -> float:
+def direction(s: Structure, D: Array) -> float:
     """Direction of the point x, seen from the swept joint: an angle [rad], or a position [m] along its axis.
 
     The last axes do not move x, see `candidates`.
     """
-    S, axis, across = structure, vector_at(structure, HS), vector_at(structure, AS)
-    u = minus(transformed(D, vector_at(S, X)), vector_at(S, PS))
-    if S[SLIDES] > 0.0:
-        return dot(axis, u)
-    return angle(dot(cross(axis, across), u), dot(across, u))
+    u = minus(transformed(D, s.centre), s.swept_point)
+    if s.slides > 0.0:
+        return dot(s.swept_axis, u)
+    return angle(dot(cross(s.swept_axis, s.swept_across), u), dot(s.swept_across, u))
 
 
 @inlined
 def taken_off(structure: Array, D: Array, value: float, rest: Array) -> None:
     """Write the displacement, (3, 4), of the other joints for a value of the swept joint; all of D if there is none."""
-    S = structure
-    if S[SWEPT] == 0.0:
-        for r in range(3):
-            for c in range(4):
-                rest[r, c] = D[r, c]
+    s = read_structure(structure)
+    if s.swept == 0.0 or s.slides > 0.0:
+        copy_pose(D, rest)
+        if s.swept > 0.0:
+            write_column(minus(column(D, 3), scaled(value, s.swept_axis)), rest, 3)
         return
-    if S[SLIDES] > 0.0:
-        for r in range(3):
-            for c in range(3):
-                rest[r, c] = D[r, c]
-            rest[r, 3] = D[r, 3] - value * S[HS + r]
-        return
-    axis, point = vector_at(S, HS), vector_at(S, PS)
+    axis, point = s.swept_axis, s.swept_point
     sine, cosine = sine_cosine(-value)
     for c in range(3):
-        rest[0, c], rest[1, c], rest[2, c] = rotate(axis, cosine, sine, column(D, c))
-    moved = plus(rotate(axis, cosine, sine, minus(column(D, 3), point)), point)
-    rest[0, 3], rest[1, 3], rest[2, 3] = moved
+        write_column(rotate(axis, cosine, sine, column(D, c)), rest, c)
+    write_column(plus(rotate(axis, cosine, sine, minus(column(D, 3), point)), point), rest, 3)
 
 
 @inlined
@@ -69,7 +72,7 @@ def given_value(task: Task, value: float, near: Array) -> tuple[float, bool]:
     """Move a value of the swept joint into its limits by full turns, close to `near`; return it and whether it is inside."""
     i = swept_joint(task.structure, len(task.lower))
     low, high = task.chain.lower[i], task.chain.upper[i]
-    if task.structure[SLIDES] == 0.0:
+    if read_structure(task.structure).slides == 0.0:
         if math.isinf(task.lower[i]):
             low, high = near[i] - math.pi, near[i] + math.pi
         value = nearest_copy(value, low, high, near[i])

@@ -14,7 +14,7 @@ from kinseek.kernels.atlas.task import Handle, plain_tolerances, task_of
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry
 
-from .candidates import displacement
+from .candidates import displacement, read_structure
 from .choice import order_candidates, take_candidate
 from .swept_joint import direction, given_value
 
@@ -35,13 +35,14 @@ def try_swept_values(
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(scratch_size(dof, joints))
     scratch = make_scratch(memory, dof, joints)
-    near, target, q = scratch.seed, scratch.seen, np.empty(dof)
+    near, target, q = np.empty(dof), np.empty((3, 4)), np.empty(dof)
+    s = read_structure(task.structure)
     middle(task, near)
     for t in range(len(report)):
         restart(task, t, q)
         forward(task.chain, q, target)
-        displacement(task.structure, target, scratch.between)
-        ahead = direction(task.structure, scratch.between)
+        displacement(task.structure, target, scratch.displacement)
+        ahead = direction(s, scratch.displacement)
         for k in range(len(swept_values)):
             value, inside = given_value(task, ahead + swept_values[k], near)
             report[t, k] = 0

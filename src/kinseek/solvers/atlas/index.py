@@ -3,43 +3,33 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from kinseek.caching import WeakCache
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.arm.links import links_of
+from kinseek.kernels.arm.vectors import Vector
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas.far import BEYOND, MOST, ROUNDED
 from kinseek.kernels.atlas.one_goal import routines
 from kinseek.kernels.atlas.samples import build_atlas
 from kinseek.kernels.atlas.task import (
-    AXES,
-    BUDGET,
-    CLOSED,
-    HAND,
-    LENGTHS,
-    MEASURES,
-    NUMBERS,
-    ORIENTATION,
-    POSITION,
+    LENGTH,
+    ROUTINE,
     ROWS,
-    SHOULDER,
-    SPAN,
-    TOLERANCES,
-    WEIGHT,
+    TOLERANCE,
+    Lengths,
     TaskRows,
-    task_lengths,
+    Tolerances,
     task_numbers,
     with_ranges,
 )
 from kinseek.kernels.pointers import handle_of
 from kinseek.kernels.ranges.search import range_routines
 from kinseek.kernels.ranges.steps import POSES
-from kinseek.kernels.structure.candidates import KIND
-from kinseek.kernels.structure.candidates import NONE as NO_CLOSED_FORM
 from kinseek.kernels.structure.one_answer import closed_routine
 from kinseek.kinds import POSE, Kind
 from kinseek.lazy import Lazy, lazy
@@ -85,7 +75,7 @@ class AtlasIndex(Lazy):
             self.sorted = of_tip.sorted._replace(inverse_tip=tip)
         lower, upper = open_limits(chain)
         columns = (np.arange(3) < kind.columns).astype(float) * kind.column_weight
-        self._routines, size = routines(), arm_length(chain)
+        calls, size = routines(), arm_length(chain)
         known = structure is not None or of_tip is not None
         if structure is None and of_tip is not None:
             structure = with_tip(of_tip.structure, arrays)
@@ -93,34 +83,38 @@ class AtlasIndex(Lazy):
             structure = structure_of(arrays, size) if kind is POSE else NO_STRUCTURE
         self.structure: Structure = structure
         """Structure of the arm's geometry; `NO_STRUCTURE` if the goal is less than a pose."""
-        if self.structure.numbers[KIND] != NO_CLOSED_FORM:
-            self._routines[CLOSED] = closed_routine.address
-        self._arrays = ROWS.arrays(
-            TaskRows(
-                chain=arrays,
-                atlas=self.sorted,
-                lower=lower,
-                upper=upper,
-                columns=columns,
-                numbers=task_numbers(division, self.structure.exact),
-                lengths=task_lengths(division, size / RADIAN_PART, span_of(arrays, kind is POSE)),
-                links=links_of(arrays),
-                routines=self._routines,
-                plain=PLAIN,
-                structure=self.structure.numbers,
-            )
+        if self.structure.word != "none":
+            calls = calls._replace(closed=closed_routine.address)
+        span, *ends = span_of(arrays, kind is POSE).tolist()
+        lengths = Lengths(division.length, size / RADIAN_PART, span, Vector(*ends[:3]), Vector(*ends[3:]))
+        task = TaskRows(
+            chain=arrays,
+            atlas=self.sorted,
+            lower=lower,
+            upper=upper,
+            columns=columns,
+            numbers=task_numbers(division, self.structure.exact),
+            lengths=LENGTH.numbers(lengths),
+            links=links_of(arrays),
+            routines=ROUTINE.numbers(calls, np.int64),
+            plain=PLAIN,
+            structure=self.structure.numbers,
         )
+        self.lengths, self._routines = lengths, task.routines
+        self._arrays = ROWS.arrays(task)
         self.handle = handle_of(self._arrays)
         """Addresses of the arrays, for kernels, and of the routines that they call."""
         if not known:
             choose_swept_values(self.structure, self.handle, size, samples)
-        self._range_routines = np.zeros_like(self._routines)
-        self._range_arrays = with_ranges(self._arrays, POSES, self._range_routines)
+        self._range_routines = np.zeros_like(task.routines)
+        self._range_arrays = ROWS.arrays(with_ranges(task, POSES, self._range_routines))
         self._range_addresses = handle_of(self._range_arrays)
         self.address: int = self.handle.ctypes.data
         """Address of `handle`, for kernels that are called often."""
-        self.numbers: Indices = self._arrays[NUMBERS]
-        """See `kernels.atlas.task.TaskRows.numbers`."""
+        self.plain = PLAIN
+        """Tolerances of a goal that is just a pose."""
+        self.division = division
+        """The joints that are divided out."""
         self.samples = len(self.sorted.middle)
         """Number of samples."""
         self.memory = sum(array.nbytes for array in self._arrays)
@@ -131,18 +125,15 @@ class AtlasIndex(Lazy):
     @lazy
     def range_handle(self) -> Indices:
         """Like `handle`, for goals with ranges."""
-        # In place, because the handle has the address of this array. Not in __init__, because only goals with ranges need
-        # the kernels, which have to be loaded or compiled.
-        self._range_routines[:] = range_routines()
+        self._range_routines[:] = ROUTINE.numbers(range_routines(), np.int64)
         return self._range_addresses
 
     def is_far(self, tolerances: Array, target: Array) -> bool:
         """Return whether a target, (3, 4), is so far that the nearest pose is computed directly; see `kernels.atlas.far`."""
-        lengths = self._arrays[LENGTHS]
-        hand = lengths[HAND:MEASURES]
-        gap = target[:, :3] @ hand + target[:, 3] - lengths[SHOULDER:HAND]
-        slack = tolerances[POSITION] + ROUNDED + tolerances[ORIENTATION] * np.abs(hand).sum()
-        return bool(tolerances[BUDGET] >= MOST and np.linalg.norm(gap) > BEYOND * lengths[SPAN] + slack)
+        hand, given = np.array(self.lengths.hand), TOLERANCE.value(tolerances)
+        gap = target[:, :3] @ hand + target[:, 3] - self.lengths.shoulder
+        slack = given.position + ROUNDED + given.orientation * np.abs(hand).sum()
+        return bool(given.budget >= MOST and np.linalg.norm(gap) > BEYOND * self.lengths.span + slack)
 
     def __repr__(self) -> str:
         """Return size and cost."""
@@ -181,7 +172,7 @@ def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLE
 
 
 def tolerances_of(goal: Goal, budget: int | None = None) -> Array:
-    """Return a goal's tolerances and weights as the kernels take them, see `kernels.atlas.task.POSITION`, (TOLERANCES,)."""
+    """Return a goal's tolerances and weights as kernels take them, see `kernels.atlas.task.Tolerances`, (TOLERANCES,)."""
     most = np.inf if budget is None else float(budget)
     return tolerance_numbers(
         goal.position_tolerance, goal.orientation_tolerance, goal.position_weight, most, goal.axis_weights
@@ -189,18 +180,11 @@ def tolerances_of(goal: Goal, budget: int | None = None) -> Array:
 
 
 def tolerance_numbers(
-    position: float, orientation: float, weight: float, budget: float, axis_weights: ArrayLike
+    position: float, orientation: float, weight: float, budget: float, axis_weights: Iterable[float]
 ) -> Array:
-    """See `kernels.atlas.task.POSITION`, (TOLERANCES,)."""
-    tolerances = np.empty(TOLERANCES)
-    tolerances[POSITION], tolerances[ORIENTATION], tolerances[WEIGHT], tolerances[BUDGET] = (
-        position,
-        orientation,
-        weight,
-        budget,
-    )
-    tolerances[AXES:] = axis_weights
-    return tolerances
+    """See `kernels.atlas.task.Tolerances`, (TOLERANCES,)."""
+    weights = Vector(*map(float, axis_weights))
+    return TOLERANCE.numbers(Tolerances(position, orientation, weight, budget, weights))
 
 
 PLAIN = tolerance_numbers(DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, (1.0, 1.0, 0.0))

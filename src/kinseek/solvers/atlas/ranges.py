@@ -14,7 +14,7 @@ from kinseek.deadline import Deadline
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.task import EVALUATIONS
+from kinseek.kernels.atlas.task import REPORT
 from kinseek.kernels.ranges.search import solve_ranged
 from kinseek.kernels.ranges.steps import POSES
 from kinseek.problem import Problem
@@ -52,7 +52,7 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
     count = len(goal.targets)
     near = (chain.lower + chain.upper) / 2 if problem.near is None else problem.near
     nears = np.ascontiguousarray(np.broadcast_to(near, (*goal.shape, chain.dof))).reshape(-1, chain.dof)
-    results, done = np.empty((count, chain.dof + EVALUATIONS + 1)), np.zeros(count, dtype=bool)
+    results, done = np.empty((count, chain.dof + REPORT)), np.zeros(count, dtype=bool)
     assert goal.ranges is not None
     questions, (fractions, turns) = goal.questions, deviations(goal.ranges, goal.swing)
 

@@ -19,8 +19,6 @@ from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.batch import solve_many, solve_some
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.near import solve_many_near
-from kinseek.kernels.atlas.task import AXES, WEIGHT
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
@@ -31,7 +29,7 @@ from kinseek.solvers.recording import Recorder, require_room
 from kinseek.solvers.threads import GoOn, parallel_for, progress_bar
 from kinseek.solvers.traits import Near, Traits
 
-from .index import SAMPLES, atlas_of, tolerances_of
+from .index import SAMPLES, atlas_of, tolerance_numbers, tolerances_of
 
 CHUNK = 1024
 """Targets that a thread takes at a time: some milliseconds, so that Ctrl-C takes effect soon."""
@@ -90,7 +88,7 @@ class Atlas:
         deadline = Deadline(problem.time_limit)
         index = atlas_of(chain, goal, self.samples)
         tolerances = tolerances_of(goal, problem.budget)
-        targets = goal.targets
+        targets, near = goal.targets, self._starts(problem)
         results, done = np.empty((len(targets), chain.dof + 4)), np.zeros(len(targets), dtype=bool)
 
         def one_by_one(some: Indices, go_on: GoOn) -> None:
@@ -98,8 +96,9 @@ class Atlas:
                 if not go_on():
                     return
                 last = min(first + _PIECE, len(some))
-                solve_some(index.handle, tolerances, targets, results, some, first, last, LANES)
-                done[some[first:last]] = True
+                piece = some[first:last]
+                solve_some(index.handle, tolerances, targets, near, results, piece, LANES)
+                done[piece] = True
 
         def in_lanes(begin: int, end: int, go_on: GoOn) -> None:
             left = np.empty(end - begin, dtype=np.int64)
@@ -116,18 +115,9 @@ class Atlas:
         elif problem.near is None:
             self.parallel_for(in_lanes, len(targets), deadline)
         else:
-            near = np.ascontiguousarray(np.broadcast_to(problem.near, (*goal.shape, chain.dof)))
-            near = near.reshape(-1, chain.dof)
-
-            def from_starts(begin: int, end: int, go_on: GoOn) -> None:
-                for first in range(begin, end, _PIECE):
-                    if not go_on():
-                        return
-                    last = min(first + _PIECE, end)
-                    solve_many_near(index.handle, tolerances, targets, near, results, first, last, LANES)
-                    done[first:last] = True
-
-            self.parallel_for(from_starts, len(targets), deadline)
+            self.parallel_for(
+                lambda begin, end, go_on: one_by_one(np.arange(begin, end), go_on), len(targets), deadline
+            )
         self._retry_missed(problem, index.handle, results, done, deadline)
         return self._report(batch_solution(problem, results, done))
 
@@ -146,22 +136,21 @@ class Atlas:
         missed = np.flatnonzero(done & ~goal.met(results[:, dof:]))
         if not len(missed) or not retries_missed(goal, problem.chain):
             return
-        tolerances, missed_goal = tolerances_of(goal), goal.at(goal.target.reshape(-1, 4, 4)[missed])
-        tolerances[WEIGHT] = 1.0 / goal.position_tolerance
-        tolerances[AXES:] = 2.0 / goal.orientation_tolerance**2 * (tolerances[AXES:] > 0.0)
-        found, every = np.full((len(missed), results.shape[1]), np.inf), np.arange(len(missed))
-        near = None
-        if problem.near is not None:
-            near = np.broadcast_to(problem.near, (*goal.shape, dof)).reshape(-1, dof)[missed]
+        missed_goal, near = goal.at(goal.target.reshape(-1, 4, 4)[missed]), self._starts(problem)
+        tolerances = tolerance_numbers(
+            goal.position_tolerance,
+            goal.orientation_tolerance,
+            1.0 / goal.position_tolerance,
+            np.inf,
+            2.0 / goal.orientation_tolerance**2 * (goal.axis_weights > 0.0),
+        )
+        found, near = np.full((len(missed), results.shape[1]), np.inf), near[missed] if len(near) else near
 
         def retry(begin: int, end: int, go_on: GoOn) -> None:
             for k in range(begin, end):
                 if not go_on():
                     return
-                if near is None:
-                    solve_some(handle, tolerances, missed_goal.targets, found, every, k, k + 1, LANES)
-                else:
-                    solve_many_near(handle, tolerances, missed_goal.targets, near, found, k, k + 1, LANES)
+                solve_some(handle, tolerances, missed_goal.targets, near, found, np.array([k]), LANES)
                 results[missed[k], -1] += found[k, -1]
 
         parallel_for(retry, len(missed), _PIECE, self.threads, deadline)
@@ -169,6 +158,16 @@ class Atlas:
         if len(better):
             measured = missed_goal.at(missed_goal.target[better]).measure(problem.arrays, found[better, :dof])
             results[missed[better], :-1] = np.column_stack([found[better, :dof], measured])
+
+    @staticmethod
+    def _starts(problem: Problem) -> Array:
+        """Return the joint values that each solution shall be near to, (k, n), or none, (0, n)."""
+        dof = problem.chain.dof
+        if problem.near is None:
+            return np.empty((0, dof))
+        return np.ascontiguousarray(np.broadcast_to(problem.near, (*problem.goal.shape, dof))).reshape(
+            -1, dof
+        )
 
     @staticmethod
     def _require_room(problem: Problem) -> None:

@@ -19,7 +19,7 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.kernels.atlas.one_goal import PASSES, search_within
 from kinseek.kernels.atlas.seeds import RESTARTS
-from kinseek.kernels.atlas.task import BUDGET
+from kinseek.kernels.atlas.task import TOLERANCE
 from kinseek.problem import Problem, within_limits
 from kinseek.solution import Solution, with_traces
 from kinseek.solvers.base import Found
@@ -76,7 +76,7 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
     """Record the look-up and every round. What follows the last restart is one round, or a patient search before it."""
     problem, memory_bytes = recorder.problem, _bytes_of(index)
     tolerances, restarts, spent = tolerances_of(problem.goal, problem.budget), 0, 0
-    most = tolerances[BUDGET]
+    most = TOLERANCE.value(tolerances).budget
     if index.is_far(tolerances, problem.goal.targets[0]):
         recorder.note("The target is farther away than the arm is long: only the nearest pose was searched.")
         recorder.add("nearest pose", found.q, found.evaluations, memory=memory_bytes)
@@ -116,10 +116,10 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
 
 def _result_within(index: AtlasIndex, problem: Problem, tolerances: Array, budget: int) -> Array:
     """Return the result of the search within a budget: joint values, three errors, FK evaluations, (n + 4,)."""
-    results, less = np.empty((1, problem.chain.dof + 4)), tolerances.copy()
-    less[BUDGET] = budget
-    some = np.zeros(1, dtype=np.int64)
-    solve_some(index.handle, less, problem.goal.targets, results, some, 0, 1, LANES)
+    dof, less = problem.chain.dof, TOLERANCE.value(tolerances)._replace(budget=budget)
+    results, first = np.empty((1, dof + 4)), np.zeros(1, dtype=np.int64)
+    none = np.empty((0, dof))
+    solve_some(index.handle, TOLERANCE.numbers(less), problem.goal.targets[:1], none, results, first, LANES)
     row: Array = results[0]
     return row
 
@@ -147,7 +147,7 @@ def _bytes_of(index: AtlasIndex) -> int:
 
 def _sampled(index: AtlasIndex) -> slice:
     """Return the joints that are sampled; the others are computed from the pose."""
-    first = int(index.numbers[0] != NONE)
+    first = int(index.division.head != NONE)
     return slice(first, first + index.sorted.middle.shape[1])
 
 
