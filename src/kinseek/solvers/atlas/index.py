@@ -13,6 +13,8 @@ from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.arm.links import links_of
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas.far import BEYOND, MOST, ROUNDED
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.kernels.atlas.one_goal import routines
 from kinseek.kernels.atlas.samples import build_atlas
 from kinseek.kernels.atlas.task import (
@@ -30,6 +32,7 @@ from kinseek.kernels.atlas.task import (
     SPAN,
     TOLERANCES,
     WEIGHT,
+    Job,
     TaskRows,
     task_lengths,
     task_numbers,
@@ -119,6 +122,7 @@ class AtlasIndex(Lazy):
         self._range_addresses = handle_of(self._range_arrays)
         self.address: int = self.handle.ctypes.data
         """Address of `handle`, for kernels that are called often."""
+        self._scratch = LAYOUT.count.of(dof=len(lower), joints=len(arrays.leader))
         self.numbers: Indices = self._arrays[NUMBERS]
         """See `kernels.atlas.task.TaskRows.numbers`."""
         self.samples = len(self.sorted.middle)
@@ -127,6 +131,10 @@ class AtlasIndex(Lazy):
         """Size of all arrays [bytes]."""
         self.build_time = time.perf_counter() - began
         """Time for building [s]; for the first atlas in a process it includes loading or compiling the kernels."""
+
+    def job(self, tolerances: Array) -> Job:
+        """The task with memory of its own, for one call of a kernel."""
+        return Job(self.handle, tolerances, np.zeros(self._scratch), LANES)
 
     @lazy
     def range_handle(self) -> Indices:
