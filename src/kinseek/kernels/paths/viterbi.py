@@ -132,10 +132,10 @@ def count_copies(nodes: Nodes, b: int, q: Array) -> None:
 @inlined
 def has_room(nodes: Nodes, b: int, s: int) -> bool:
     """Return True if solution b has copies with the turns of number s."""
-    fits = True
-    for j in range(len(nodes.units)):
-        fits = fits and nodes.digits[s, j] < nodes.room[b, j]
-    return fits
+    for j in range(len(nodes.units)):  # noqa: SIM110 (kernels have no generators)
+        if nodes.digits[s, j] >= nodes.room[b, j]:
+            return False
+    return True
 
 
 @inlined
@@ -250,7 +250,7 @@ def viterbi(
             count_copies(nodes, b, layers.q[i, b])
             for s in range(total):
                 node = b * total + s
-                if is_refused(rules, i, poses, node) or not has_room(nodes, b, s):
+                if not has_room(nodes, b, s) or is_refused(rules, i, poses, node):
                     continue
                 fault[node], sums[node] = i, 0.0
                 if before >= 0:
@@ -271,8 +271,11 @@ def viterbi(
                     continue
                 close, turned, cost = measure(layers, steps, nodes, i, a, b)
                 for s in range(total if close else 0):
-                    node, to = a * total + s, node_after(nodes, s, b, turned)
-                    if fault_before[node] < 0 or to < 0 or fault[to] < 0:
+                    node = a * total + s
+                    if fault_before[node] < 0:
+                        continue
+                    to = node_after(nodes, s, b, turned)
+                    if to < 0 or fault[to] < 0:
                         continue
                     sum_there = sums_before[node] + (rules.costs[i, to] if given else cost)
                     if not is_better(fault_before[node], sum_there, fault[to], sums[to]):
