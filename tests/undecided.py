@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal, Problem
 from kinseek.kernels.maps.many_gates import many_gates
-from kinseek.kernels.paths.motion import COUNT as NUMBERS
-from kinseek.kernels.paths.steps import UNPROVED, prove_steps
+from kinseek.kernels.paths.motion import Margins
+from kinseek.kernels.paths.steps import UNPROVED, Moves, prove_steps
 from kinseek.kernels.proof.gate import least_by_gate
 from kinseek.kernels.proof.infeasibility import OFTEN, STEPS
 from kinseek.kernels.proof.memory import Heap, Places
@@ -173,7 +173,7 @@ def steps() -> Iterator[str]:
     arm = kinseek.load("ur5e")
     q = np.array([[0.3, -1.0, 1.2, 0.4, 0.8, 0.1], [0.301, -1.0, 1.2, 0.4, 0.8, 0.1]])
     T = arm.fk(q)[:, :3].copy()
-    numbers = np.array([1.0, 1e-12, 1e-12])[:NUMBERS]
+    margins = Margins(1.0, 1e-12, 1e-12)
     arrays = Problem(arm.chain, Goal.pose(arm.fk(q[0]))).arrays
     for what, at in (("target", 0), ("slide", 1), ("turn", 2), ("begin", 3), ("end", 4), ("nothing", -1)):
         given: list[Any] = [
@@ -192,8 +192,8 @@ def steps() -> Iterator[str]:
         state, within = np.zeros(1, dtype=np.int64), np.zeros((1, 2))
         room = np.full((1, 2), 1e-3)
         hold = np.zeros((1, 0, 6))
-        told: list[Any] = [hold, room, np.ones(1, dtype=np.bool_), False, numbers, state, within]
-        prove_steps(*[arrays, 3, *given, *told])
+        moves = Moves(*(*given, hold, room, np.ones(1, dtype=np.bool_)))
+        prove_steps(arrays, 3, moves, False, margins, state, within)
         if (state[0] == UNPROVED) != (at >= 0):
             yield f"{what}: {state[0]}"
 

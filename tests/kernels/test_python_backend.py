@@ -31,6 +31,7 @@ from kinseek.branches import index as branching
 from kinseek.collision import Box, Capsule, Cylinder, Sphere
 from kinseek.collision.broad import Broad
 from kinseek.collision.engine import Solid
+from kinseek.kernels.arrays import Limits
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import LAYOUT as DESK
 from kinseek.kernels.backend import PLAIN
@@ -38,9 +39,9 @@ from kinseek.kernels.maps.many_closed import many_closed
 from kinseek.kernels.paths.around import answers_around
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.projection import project_onto_poses
-from kinseek.kernels.paths.propagation import propagate_layer, spread_solutions
-from kinseek.kernels.paths.servo import LOWER, NOW, REACH, ROWS, UPPER, look_ahead, servo_step
-from kinseek.kernels.paths.trace import part_ways, trace
+from kinseek.kernels.paths.propagation import Given, propagate_layer, spread_solutions
+from kinseek.kernels.paths.servo import State, look_ahead, servo_step
+from kinseek.kernels.paths.trace import Leg, part_ways, trace
 from kinseek.kernels.paths.viterbi import (
     COPIED,
     DISTANCE,
@@ -49,6 +50,12 @@ from kinseek.kernels.paths.viterbi import (
     SQUARES,
     STRAIGHT,
     TIME,
+    Layer,
+    Layers,
+    Rules,
+    Sideways,
+    Steps,
+    Turns,
     viterbi,
     viterbi_step,
 )
@@ -56,7 +63,8 @@ from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.python_backend import Bounded, bounded, call_at, unbounded, view_of
 from kinseek.kinds import POINTING, POSE
 from kinseek.maps.search import ruled_out
-from kinseek.paths.certify import numbers_of, prove_rows
+from kinseek.paths.certify import margins_of, prove_rows
+from kinseek.paths.plan import branch_ends
 from kinseek.proof import branch_and_bound, root_isolation
 from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.look import look
@@ -143,8 +151,8 @@ def around(name: str) -> Any:
     problem = Problem(arm.mechanism, Goal.pose(arm.fk(q)))
     hold = np.ascontiguousarray(np.linalg.svd(arm.jacobian(q))[2][:, 6:])
     position, held = np.array([1e-3, 1e-4, 1e-5, 0.5]), np.zeros(4, dtype=bool)
-    numbers = numbers_of(problem, q)
-    answers_around(arm.chain.arrays, problem.goal.targets, q, hold, position, 2.0 * position, numbers, held)
+    margins = margins_of(problem, q)
+    answers_around(arm.chain.arrays, problem.goal.targets, q, hold, position, 2.0 * position, margins, held)
     return held
 
 
@@ -303,23 +311,21 @@ def many_poses(name: str) -> Any:
     poses = chain.forward(q)
     targets = np.ascontiguousarray(poses[:, :3])
     near, left = q + 0.01, np.empty(count)
-    project_onto_poses(
-        index.handle, PLAIN_TOLERANCES, targets, chain.lower, chain.upper, 8, near, left, LANES
-    )
+    job, limits = index.job(PLAIN_TOLERANCES), Limits(chain.lower, chain.upper)
+    project_onto_poses(job, targets, limits, 8, near, left)
     followed, ends = [], np.zeros(LANES, dtype=np.int64)
     for begin, end in ((0, count - 1), (count - 1, 0)):
         rows = np.zeros((count, LANES, chain.dof))
         rows[begin, :2] = q[begin]
-        trace(
-            index.handle, PLAIN_TOLERANCES, targets, begin, end, 2, np.full(chain.dof, 0.5), rows, ends, LANES
-        )
+        trace(job, targets, Leg(begin, end, 2), np.full(chain.dof, 0.5), rows, ends)
         followed += [rows[:, :2].copy(), ends.copy()]
         spans, became = np.array([[1, count - 2], [0, count - 1]]), np.zeros(2, dtype=np.int64)
         both = np.stack([rows[:, 0] + 1e-7, rows[:, 0]], axis=1)
         part_ways(both, 1, 1 if end > begin else -1, np.arange(chain.dof) % 2, spans, became)
         followed += [spans, became]
-    state = np.zeros((ROWS, chain.dof))
-    state[LOWER], state[UPPER], state[REACH], state[NOW] = chain.lower, chain.upper, 0.03, q[0]
+    nothing, reach = np.zeros(chain.dof), np.full(chain.dof, 0.03)
+    values = chain.lower, chain.upper, reach, q[0], nothing, nothing, nothing, nothing
+    state = State(*(row.copy() for row in values))
     memory = np.zeros(DESK.count.of(dof=chain.dof, joints=len(chain.leader)))
     steps = [
         servo_step(index.address, PLAIN_TOLERANCES, np.ascontiguousarray(T), memory, state)
@@ -328,7 +334,7 @@ def many_poses(name: str) -> Any:
     ahead = look_ahead(
         index.address, PLAIN_TOLERANCES, np.concatenate([poses, poses[:1] @ poses]), 1e-3, 1e-2, memory, state
     )
-    steered = [step[:2] for step in steps[:2]], [step[2] for step in steps], list(ahead), state[NOW].copy()
+    steered = [step[:2] for step in steps[:2]], [step[2] for step in steps], list(ahead), state.now.copy()
     return near, *followed, *steered
 
 
@@ -340,43 +346,24 @@ def spare_layers(name: str) -> Any:
     middle = chain.lower + 0.4 * (chain.upper - chain.lower)
     q = middle + 0.02 * np.arange(4)[:, None] * np.linspace(1.0, -0.8, n)
     targets, one = np.ascontiguousarray(chain.forward(q)[:, :3]), np.ones(n)
-    lower, upper, kinds = chain.lower, chain.upper, np.zeros(n, dtype=np.int64)
+    kinds, job = np.zeros(n, dtype=np.int64), index.job(PLAIN_TOLERANCES)
+    turns = Turns(chain.lower, chain.upper, kinds, kinds + 1)
     layers: list[Array] = []
     for row in (0, 3):
         given = np.concatenate([q[row : row + 1], np.full((1, n), 99.0)])
         found, along = np.zeros((2, 3 if n == 7 else 10, n))
-        count = spread_solutions(
-            index.handle,
-            PLAIN_TOLERANCES,
-            targets[row],
-            given,
-            1,
-            lower,
-            upper,
-            kinds,
-            0.05,
-            0.1,
-            found,
-            along,
-            LANES,
-        )
+        count = spread_solutions(job, targets[row], Given(given, 1, 0.05, 0.1), turns, found, along)
         layers += [found[:count], along[:count]]
     here, _, there, there_along = layers
-    ahead, along = np.zeros((2, len(here), n))
-    told = np.zeros((len(here), 1 + 2 * n))
-    moments, leaps = np.arange(0.0, 8.0, 2.0), np.full(n, 0.5)
-    propagate_layer(
-        index.handle, PLAIN_TOLERANCES, targets, moments, leaps, one, here, ahead, told, along, LANES
-    )
-    fault, sums, came = (
-        np.zeros(len(there), dtype=np.int64),
-        np.zeros(len(there)),
-        np.zeros(len(there), np.int64),
-    )
-    before = np.zeros(len(here), dtype=np.int64), np.arange(float(len(here)))
-    linked = here, ahead, told, along, there, there_along, lower, upper, kinds, kinds + 1
-    viterbi_step(*linked, 0.1 * one, 0.4 * one, one, 6.0, np.zeros(0), *before, fault, sums, came)
-    return count, here, there, along, told, fault, sums, came
+    ends, moments, leaps = branch_ends(here), np.arange(0.0, 8.0, 2.0), np.full(n, 0.5)
+    propagate_layer(job, targets, moments, leaps, one, here, ends)
+    nodes = np.zeros(len(here), dtype=np.int64), np.arange(float(len(here))), np.zeros(len(here), np.int64)
+    before = Layer(here, ends.along, *nodes)
+    nodes = np.zeros(len(there), dtype=np.int64), np.zeros(len(there)), np.zeros(len(there), np.int64)
+    after = Layer(there, there_along, *nodes)
+    viterbi_step(before, ends, after, turns, Sideways(0.1 * one, 0.4 * one, one, 6.0), np.zeros(0))
+    told = np.column_stack([ends.cost, ends.least, ends.most])
+    return count, here, there, ends.along, told, after.fault, after.sums, after.came
 
 
 def best_ways() -> Any:
@@ -384,28 +371,14 @@ def best_ways() -> Any:
     rng, told, path = np.random.default_rng(2), np.zeros(6), np.zeros(6, dtype=np.int64)
     q = rng.uniform(0.0, 6.0, (6, 3, 3))
     kinds, copies = np.array([STRAIGHT, COPIED, ENDLESS]), np.array([1, 2, 1])
+    turns = Turns(np.zeros(3), np.array([6.0, 12.0, 6.0]), kinds, copies)
     found = []
     for mode in (DISTANCE, TIME, SQUARES, GIVEN):
         costs = rng.uniform(size=(6, 6)) if mode == GIVEN else np.zeros((0, 0))
         refused = rng.uniform(size=(6, 6)) < 0.2
-        breaks = viterbi(
-            q,
-            q + 0.01,
-            np.full(6, 3),
-            np.zeros(3),
-            np.array([6.0, 12.0, 6.0]),
-            kinds,
-            copies,
-            np.full((1, 3), 3.0),
-            np.ones(3),
-            mode,
-            costs,
-            refused,
-            np.array([[0, 1, 2], [3, 0, 0]]),
-            np.array([-1, -1]),
-            path,
-            told,
-        )
+        layers, steps = Layers(q, q + 0.01, np.full(6, 3)), Steps(np.full((1, 3), 3.0), np.ones(3), mode)
+        rules = Rules(costs, refused, np.array([[0, 1, 2], [3, 0, 0]]), np.array([-1, -1]))
+        breaks = viterbi(layers, turns, steps, rules, path, told)
         found.append((breaks, path.copy(), told.copy()))
     blocks = np.array([4 * np.eye(2) + 0.1 * k for k in range(4)])
     right = rng.uniform(size=(4, 2))

@@ -17,7 +17,7 @@ from kinseek import Goal, InvalidGoal, InvalidProblem, InvalidSolver, NotReached
 from kinseek.branches.index import freedom
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.trace import ENDED, JOINED, TAKEN, part_ways
-from kinseek.kernels.paths.viterbi import COPIED, DISTANCE, STRAIGHT, viterbi
+from kinseek.kernels.paths.viterbi import COPIED, DISTANCE, STRAIGHT, Layers, Rules, Steps, Turns, viterbi
 from kinseek.paths import redundant
 from kinseek.paths.joints import opened
 from kinseek.paths.layers import Follower, Loss
@@ -191,24 +191,10 @@ def test_viterbi_agrees_with_trying_all_ways(seed: int) -> None:
         copies = [[row[0], row[1] + k * turn] for row in rows for k in range(2) if row[1] + k * turn <= 9.0]
         every.append(np.array(copies))
     path, told, nothing = np.zeros(5, dtype=np.int64), np.zeros(5), np.zeros((0, 0))
-    breaks = viterbi(
-        q,
-        q,
-        np.full(5, 2),
-        lower,
-        upper,
-        np.array([STRAIGHT, COPIED]),
-        np.array([1, 2]),
-        np.array([[2.5, 2.5]]),
-        np.ones(2),
-        DISTANCE,
-        nothing,
-        nothing.astype(bool),
-        np.zeros((0, 3), dtype=np.int64),
-        np.array([-1, -1]),
-        path,
-        told,
-    )
+    turns = Turns(lower, upper, np.array([STRAIGHT, COPIED]), np.array([1, 2]))
+    steps = Steps(np.array([[2.5, 2.5]]), np.ones(2), DISTANCE)
+    rules = Rules(nothing, nothing.astype(bool), np.zeros((0, 3), dtype=np.int64), np.array([-1, -1]))
+    breaks = viterbi(Layers(q, q, np.full(5, 2)), turns, steps, rules, path, told)
     fewest, least = brute(every, 2.5)
     assert breaks == fewest
     assert told[0] == pytest.approx(least)
@@ -224,24 +210,10 @@ def test_answers_at_the_ends_of_a_range_of_whole_turns_stay_inside_the_nodes() -
     q = np.zeros((4, 2, 1))
     q[:, 0, 0], q[:, 1, 0] = [-turn, -1e-10, -turn, -1e-10], -3.0
     path, told, nothing = np.zeros(4, dtype=np.int64), np.zeros(4), np.zeros((0, 0))
-    viterbi(
-        q,
-        q,
-        np.full(4, 2),
-        np.array([-turn]),
-        np.array([turn]),
-        np.array([COPIED]),
-        np.array([2]),
-        np.array([[0.5]]),
-        np.ones(1),
-        DISTANCE,
-        nothing,
-        nothing.astype(bool),
-        np.zeros((0, 3), dtype=np.int64),
-        np.array([-1, -1]),
-        path,
-        told,
-    )
+    turns = Turns(np.array([-turn]), np.array([turn]), np.array([COPIED]), np.array([2]))
+    steps = Steps(np.array([[0.5]]), np.ones(1), DISTANCE)
+    rules = Rules(nothing, nothing.astype(bool), np.zeros((0, 3), dtype=np.int64), np.array([-1, -1]))
+    viterbi(Layers(q, q, np.full(4, 2)), turns, steps, rules, path, told)
     assert ((path >= 0) & (path < 4)).all()
 
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal
-from kinseek.kernels.paths.viterbi import STRAIGHT, viterbi_step
-from kinseek.paths.plan import Layer, Place, Ways, between_rows
+from kinseek.kernels.paths.viterbi import STRAIGHT, BranchEnds, Layer, Sideways, Turns, viterbi_step
+from kinseek.paths.plan import Place, Ways, between_rows
 from places import SHARED
 
 Array = NDArray[np.float64]
@@ -136,12 +136,10 @@ def linked(poses: list[Array], ahead: float, longest: float, keep: bool) -> tupl
         )
         past = Layer(none, none, no_node, np.zeros(0), no_node) if before is None else before
         led = past.q + ahead
-        told = np.concatenate([np.full((len(led), 1), 2 * ahead**2), np.full((len(led), 4), ahead)], axis=1)
-        viterbi_step(
-            past.q, led, told, np.ones_like(led), q, layer.along, -100 * one, 100 * one,
-            np.full(2, STRAIGHT), np.ones(2, dtype=np.int64), longest * one, 10 * one, one, 1.0, np.zeros(0),
-            past.fault, past.sums, layer.fault, layer.sums, layer.came,
-        )  # fmt: skip
+        moved = np.full_like(led, ahead)
+        ends = BranchEnds(led, np.ones_like(led), np.full(len(led), 2 * ahead**2), moved, moved.copy())
+        turns = Turns(-100 * one, 100 * one, np.full(2, STRAIGHT), np.ones(2, dtype=np.int64))
+        viterbi_step(past, ends, layer, turns, Sideways(longest * one, 10 * one, one, 1.0), np.zeros(0))
         ways.add(layer)
         before = layer
     assert before is not None

@@ -13,7 +13,7 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.branches.refine_all import ANSWER, RATES
+from kinseek.kernels.branches.refine_all import ANSWER, Metric
 from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
@@ -85,7 +85,7 @@ def branches_of(
     # A proof takes solutions inside [-π, π], so they are turned and sorted afterwards.
     if nears is not None and not selection.prove:
         views = np.stack(
-            [nears, np.ones_like(nears), np.broadcast_to(index.view[RATES], nears.shape)], axis=1
+            [nears, np.ones_like(nears), np.broadcast_to(Metric(*index.view).rates, nears.shape)], axis=1
         )
     searching = deadline if selection.as_found or not goal.shape else deadline.share(SEARCHING)
     found = _search(index, tolerances, targets, np.ascontiguousarray(views), number, threads, searching)

@@ -60,7 +60,7 @@ class BranchIndex:
         turning = np.where(chain.periodic, 0.5 / np.pi, 0.0)
         self.view: Array = np.array([middle, 1 / np.maximum(half, 1e-12), turning])
         """Centre, scale and periodicity by which `kernels.branches` compares solutions: distances from the middle of each
-        range, in halves of it, (3, n); see `refine_all.CENTRE`."""
+        range, in halves of it, (3, n); see `refine_all.Metric`."""
         self.structure = self.fine.structure
         """Structure of the arm's geometry; `NO_STRUCTURE` if the goal is less than a pose."""
         joint = NOTHING

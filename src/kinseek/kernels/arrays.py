@@ -60,8 +60,8 @@ def chain_arrays(
 class Limits(NamedTuple):
     """Limits of the variables [rad] or [m], (n,) each; infinite or very large for a joint that turns fully."""
 
-    lower: Array
-    upper: Array
+    lower: Annotated[Array, "n"]
+    upper: Annotated[Array, "n"]
 
 
 class GoalArrays(NamedTuple):

@@ -16,7 +16,7 @@ from kinseek.arm import Arm
 from kinseek.branches.result import BranchesBatch
 from kinseek.goal import Goal
 from kinseek.kernels.paths.around import answers_around
-from kinseek.paths.certify import numbers_of
+from kinseek.paths.certify import margins_of
 from kinseek.problem import Problem
 from kinseek.robots.geometry import open_limits
 
@@ -92,8 +92,8 @@ def around(arm: Arm, T: Array, position: Array, orientation: Array) -> Flags:
         lower=np.where(turning, -np.inf, lower), upper=np.where(turning, np.inf, upper)
     )
     good = np.zeros(len(q), dtype=bool)
-    numbers = numbers_of(Problem(arm.mechanism, goal), q)
-    answers_around(chain, goal.targets, q, hold, position[whose], orientation[whose], numbers, good)
+    margins = margins_of(Problem(arm.mechanism, goal), q)
+    answers_around(chain, goal.targets, q, hold, position[whose], orientation[whose], margins, good)
     proved[whose[good]] = True
     return proved
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import constraint_jacobian
 from kinseek.deadline import Deadline
-from kinseek.kernels.paths.motion import COUNT, LENGTH, MARGIN, MARGIN_A
-from kinseek.kernels.paths.steps import INSIDE, prove_steps
+from kinseek.kernels.paths.motion import Margins
+from kinseek.kernels.paths.steps import INSIDE, Moves, prove_steps
 from kinseek.problem import Problem
 from kinseek.proof.reduce import margins, question
 from kinseek.solvers.threads import GoOn, parallel_for
@@ -89,14 +88,14 @@ def prove_rows(
     # A rotation by half a turn or more has no unique axis: the straight motion between the poses is not defined.
     small_turn = np.linalg.norm(turns, axis=1) <= HALF_TURN
     begins, ends = np.ascontiguousarray(q[which]), np.ascontiguousarray(q[which + 1])
-    moving = (np.ascontiguousarray(begin), np.ascontiguousarray((end - begin)[:, :, 3]), turns, begins, ends)
+    poses, slides = np.ascontiguousarray(begin), np.ascontiguousarray((end - begin)[:, :, 3])
     rim = np.ascontiguousarray(
         (rims_of(problem, q) if rims is None else rims)[np.stack([which, which + 1], axis=1)]
     )
     turning = Turning(problem.chain)
     lower, upper = (turning.open_lower, turning.open_upper) if limits is None else limits
     chain = problem.arrays._replace(lower=lower, upper=upper)
-    numbers = numbers_of(problem, q)
+    margins = margins_of(problem, q)
 
     piece = max(int(CHUNK * min(JOINTS / dof, 1.0) ** 2), 1)
 
@@ -106,8 +105,9 @@ def prove_rows(
                 return
             part = slice(first, min(first + piece, end))
             hold = _holds(problem, begins[part], ends[part], redundancy)
-            steps: Any = [*(each[part] for each in moving), hold, rim[part], small_turn[part]]
-            prove_steps(*[chain, columns, *steps, keep, numbers, state[part], within[part]])
+            way = poses[part], slides[part], turns[part], begins[part], ends[part]
+            moves = Moves(*way, hold, rim[part], small_turn[part])
+            prove_steps(chain, columns, moves, keep, margins, state[part], within[part])
 
     parallel_for(some, count, CHUNK, threads, Deadline() if deadline is None else deadline)
     return Proved(state, within)
@@ -156,7 +156,7 @@ def rims_of(problem: Problem, q: Array) -> Array:
     return np.asarray(RIM + MISSED * (errors[:, 0] + errors[:, 1]))
 
 
-def numbers_of(problem: Problem, q: Array) -> Array:
+def margins_of(problem: Problem, q: Array) -> Margins:
     """Return the length that scales a radian, and the rounding margins for the farthest target."""
     goal = problem.goal
     # Rounding grows with the lengths, so the margins of the farthest target hold for all.
@@ -164,11 +164,8 @@ def numbers_of(problem: Problem, q: Array) -> Array:
     one = Problem(problem.mechanism, goal.at(goal.target[farthest]))
     _, proof_goal, _ = question(one)
     angles = np.abs(problem.arrays.multiplier * q[:, problem.arrays.leader]).sum(axis=1).max()
-    numbers = np.zeros(COUNT)
-    numbers[LENGTH] = proof_goal.length
     # The factor 2 covers the two virtual joints that compensate the motion of the hand, and their frames: these add no more
     # rounding error than the arm with its goal.
     margin, margin_a = margins(one, angles=float(angles))
-    numbers[MARGIN] = 2.0 * max(margin, proof_goal.margin)
-    numbers[MARGIN_A] = 2.0 * max(margin_a, proof_goal.margin_a)
-    return numbers
+    point, columns = max(margin, proof_goal.margin), max(margin_a, proof_goal.margin_a)
+    return Margins(float(proof_goal.length), 2.0 * float(point), 2.0 * float(columns))

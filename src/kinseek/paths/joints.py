@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kinseek.caching import WeakCache
 from kinseek.errors import InvalidProblem
-from kinseek.kernels.paths.viterbi import COPIED, ENDLESS, ROOM, STRAIGHT
+from kinseek.kernels.paths.viterbi import COPIED, ENDLESS, ROOM, STRAIGHT, Turns
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import CONTINUOUS, REVOLUTE
 from kinseek.turns import TURN
@@ -39,6 +39,8 @@ class Turning:
         self.copies = 1 + np.floor(np.maximum(width - 2 * ROOM, 0.0) / TURN).astype(np.int64)
         """Largest number of copies for each joint, (n,); the additional one exactly at the ends of a range of whole turns is
         excluded."""
+        self.turns = Turns(self.lower, self.upper, self.kind, self.copies)
+        """All of these, for kernels."""
         self.units = np.concatenate([[1], np.cumprod(self.copies)[:-1]]).astype(np.int64)
         """Stride of a turn of each joint in the number of a node, (n,)."""
         self.total = math.prod(self.copies.tolist())

@@ -20,7 +20,7 @@ from kinseek.branches.index import BranchIndex, index_of
 from kinseek.branches.result import solutions_of
 from kinseek.deadline import Deadline
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.paths.trace import JOINED, TAKEN, part_ways, trace
+from kinseek.kernels.paths.trace import JOINED, TAKEN, Leg, part_ways, trace
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, parallel_for
@@ -151,8 +151,8 @@ class Follower:
             some = solutions[first : first + LANES]
             q, ends = np.zeros((len(targets), LANES, self.dof)), np.zeros(LANES, dtype=np.int64)
             q[begin, : len(some)] = some
-            handle = self.index.fine.handle
-            trace(handle, self.tolerances, targets, begin, end, len(some), self.longest, q, ends, LANES)
+            job = self.index.fine.job(self.tolerances)
+            trace(job, targets, Leg(begin, end, len(some)), self.longest, q, ends)
             parts.append(q[:, : len(some)])
             spans[first : first + LANES, 0 if end < begin else 1] = ends[: len(some)]
         return np.concatenate(parts, axis=1) if parts else np.zeros((len(targets), 0, self.dof)), spans

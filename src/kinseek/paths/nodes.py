@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from kinseek.branches.order import cost_of
 from kinseek.deadline import TimeUp
-from kinseek.kernels.paths.viterbi import DISTANCE, ENDLESS, GIVEN, TIME, viterbi
+from kinseek.kernels.paths import viterbi
+from kinseek.kernels.paths.viterbi import DISTANCE, ENDLESS, GIVEN, TIME
 
 from .joints import Turning
 from .layers import Layers
@@ -37,7 +38,6 @@ class LayerGraph:
         """
         self.request, self.turning = request, Turning(request.problem.chain)
         self.q, self.count = layers.q, layers.count
-        self.arrivals = self.q
         self.nodes = self.q.shape[1] * self.turning.total
         self._forbidden_edges: set[tuple[int, int, int]] = set()
         self._refused: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
@@ -80,24 +80,11 @@ class LayerGraph:
         turning, count = self.turning, len(self.q)
         path, report = np.zeros(count, dtype=np.int64), np.zeros(count)
         forbidden_edges = np.array(sorted(self._forbidden_edges), dtype=np.int64).reshape(-1, 3)
-        viterbi(
-            self.q,
-            self.arrivals,
-            self.count,
-            turning.lower,
-            turning.upper,
-            turning.kind,
-            turning.copies,
-            open_beside(longest, self._missed()),
-            self.weights,
-            self.mode,
-            self.costs,
-            self._refused,
-            forbidden_edges,
-            np.array([first, last], dtype=np.int64),
-            path,
-            report,
-        )
+        layers = viterbi.Layers(self.q, self.q, self.count)
+        steps = viterbi.Steps(open_beside(longest, self._missed()), self.weights, self.mode)
+        ends = np.array([first, last], dtype=np.int64)
+        rules = viterbi.Rules(self.costs, self._refused, forbidden_edges, ends)
+        viterbi.viterbi(layers, turning.turns, steps, rules, path, report)
         empty = np.flatnonzero(path < 0)
         if len(empty) and len(self._refused):
             # No node is left there: the pose counts as missed, and the path leads through rejected nodes.

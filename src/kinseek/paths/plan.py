@@ -14,9 +14,9 @@ from kinseek.branches.order import cost_of
 from kinseek.branches.result import solutions_of
 from kinseek.deadline import TimeUp
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.paths.propagation import propagate_layer, spread_solutions
-from kinseek.kernels.paths.trace import trace
-from kinseek.kernels.paths.viterbi import viterbi_step
+from kinseek.kernels.paths.propagation import Given, propagate_layer, spread_solutions
+from kinseek.kernels.paths.trace import Leg, trace
+from kinseek.kernels.paths.viterbi import BranchEnds, Layer, Sideways, viterbi_step
 from kinseek.problem import Problem
 from kinseek.robots.geometry import arm_length
 from kinseek.solvers import Atlas
@@ -86,21 +86,6 @@ class ForbiddenEdges(NamedTuple):
     """The solution, (n,)."""
 
 
-class Layer(NamedTuple):
-    """Solutions at one layer, and the best path to each of them."""
-
-    q: Array
-    """Solutions in the first turn, (k, n)."""
-    along: Array
-    """Directions of the self-motion, (k, n)."""
-    fault: Indices
-    """Breaks on the path to each node, -1 for invalid nodes, (k · copies,)."""
-    sums: Array
-    """Cost of the path to each node, (k · copies,)."""
-    came: Indices
-    """Predecessors, see `viterbi_step`, (k · copies,)."""
-
-
 class Place(NamedTuple):
     """One layer's part of a path."""
 
@@ -161,6 +146,13 @@ class Ways:
         return places[::-1]
 
 
+def branch_ends(q: Array) -> BranchEnds:
+    """Memory for the ends of the branches from some solutions, (k, n)."""
+    return BranchEnds(
+        np.empty_like(q), np.empty_like(q), np.empty(len(q)), np.empty_like(q), np.empty_like(q)
+    )
+
+
 def _before(came: Indices) -> Indices:
     """Return the nodes from which others were reached, see `viterbi_step`."""
     return np.asarray(np.where(came >= 0, came, -2 - came))
@@ -217,11 +209,8 @@ class Planner:
         q, along = np.empty((2, self.effort.most, self.dof))
         beside = 0.0 if alone else BESIDE * self.apart
         target = self.row_targets[self.keys[k]]
-        handle = self.index.fine.handle
-        limits = (turning.lower, turning.upper, turning.kind)
-        count = spread_solutions(
-            handle, self.tolerances, target, given, len(arrived), *limits, self.apart, beside, q, along, LANES
-        )
+        known = Given(given, len(arrived), self.apart, beside)
+        count = spread_solutions(self.index.fine.job(self.tolerances), target, known, turning.turns, q, along)
         # The array is full: a larger distance thins the next layers out. Otherwise the distance returns to its normal
         # value.
         self.apart = self.apart * CROWD if count == len(q) else max(self.effort.apart, self.apart / CROWD)
@@ -274,7 +263,7 @@ class Planner:
                 elif propagated is None:
                     q, along = self.layer(k, fresh[k], none)
                 else:
-                    arrived = propagated[0][np.isfinite(propagated[1][:, 0])]
+                    arrived = propagated.q[np.isfinite(propagated.cost)]
                     q, along = self.layer(k, np.concatenate([self.twins(k, arrived), arrived]), fresh[k])
             except TimeUp:
                 count = k
@@ -304,78 +293,41 @@ class Planner:
         parallel_for(find, len(layers), 16, threads, self.request.deadline)
         return found
 
-    def propagate_layer(self, q: Array, begin: int, end: int) -> tuple[Array, Array, Array]:
-        """Follow solutions of one row to another row, see `kernels.paths.propagation.propagate_layer`.
-
-        Returns:
-            Joint values there, the kernel's report for each, and the directions of the self-motion.
-        """
-        arrivals, along = np.empty((2, *q.shape))
-        report = np.empty((len(q), 1 + 2 * self.dof))
-        leaps = np.full(self.dof, LEAPS)
-        moments = self.rows[begin : end + 1].astype(np.float64)
+    def propagate_layer(self, q: Array, begin: int, end: int) -> BranchEnds:
+        """Follow solutions of one row to another row, see `kernels.paths.propagation.propagate_layer`."""
+        ends, job = branch_ends(q), self.index.fine.job(self.tolerances)
+        moments, leaps = self.rows[begin : end + 1].astype(np.float64), np.full(self.dof, LEAPS)
         targets = self.row_targets[begin : end + 1]
-        propagate_layer(
-            self.index.fine.handle,
-            self.tolerances,
-            targets,
-            moments,
-            leaps,
-            self.smoother.weights,
-            q,
-            arrivals,
-            report,
-            along,
-            LANES,
-        )
+        propagate_layer(job, targets, moments, leaps, self.smoother.weights, q, ends)
         for pose, near in self.forbidden_edges:
             if self.rows[begin] <= pose < self.rows[end]:
-                report[(np.abs(self.turning.step(q - near)) < CLEAR).all(axis=1), 0] = np.inf
+                ends.cost[(np.abs(self.turning.step(q - near)) < CLEAR).all(axis=1)] = np.inf
         valid = self.request.valid
         if valid is not None and valid.scene is not None:
             # Layers are close, so the straight step from one to the next stands for the branch. The path itself is checked
             # later.
-            open_way = np.isfinite(report[:, 0])
-            open_way[open_way] = valid.free_ways(self.clipped(q[open_way]), self.clipped(arrivals[open_way]))
-            report[~open_way, 0] = np.inf
-        return arrivals, report, along
+            open_way = np.isfinite(ends.cost)
+            open_way[open_way] = valid.free_ways(self.clipped(q[open_way]), self.clipped(ends.q[open_way]))
+            ends.cost[~open_way] = np.inf
+        return ends
 
     def linked(
         self,
         before: Layer | None,
         q: Array,
         along: Array,
-        propagated: tuple[Array, Array, Array] | None,
+        ends: BranchEnds | None,
         poses: int,
         only: Array | None,
     ) -> Layer:
         """Build a layer of solutions, linked to the layer before; with `only`, (n,), no other turn of it is a node."""
         turning, nodes = self.turning, len(q) * self.turning.total
         made = Layer(q, along, np.empty(nodes, np.int64), np.empty(nodes), np.empty(nodes, np.int64))
-        if before is None or propagated is None:
+        if before is None or ends is None:
             none, no_node = np.zeros((0, self.dof)), np.zeros(0, dtype=np.int64)
-            before = Layer(none, none, no_node, np.zeros(0), no_node)
-            propagated = none, np.zeros((0, 1 + 2 * self.dof)), none
-        viterbi_step(
-            before.q,
-            *propagated,
-            q,
-            along,
-            turning.lower,
-            turning.upper,
-            turning.kind,
-            turning.copies,
-            self.longest,
-            self.sideways,
-            self.smoother.weights,
-            float(poses),
-            self.own(q, poses),
-            before.fault,
-            before.sums,
-            made.fault,
-            made.sums,
-            made.came,
-        )
+            before, ends = Layer(none, none, no_node, np.zeros(0), no_node), branch_ends(none)
+        steps = Sideways(self.longest, self.sideways, self.smoother.weights, float(poses))
+        viterbi_step(before, ends, made, turning.turns, steps, self.own(q, poses))
         if only is not None:
             made.fault[np.arange(nodes) != turning.turns_of(only)] = -1
         return made
@@ -411,7 +363,8 @@ class Planner:
         ways, ends = np.zeros((end - begin + 1, LANES, self.dof)), np.zeros(LANES, dtype=np.int64)
         ways[0] = q
         targets, leaps = self.row_targets[begin : end + 1], np.full(self.dof, LEAPS)
-        trace(self.index.fine.handle, self.tolerances, targets, 0, end - begin, 1, leaps, ways, ends, LANES)
+        job = self.index.fine.job(self.tolerances)
+        trace(job, targets, Leg(0, end - begin, 1), leaps, ways, ends)
         ways[ends[0] + 1 :, 0] = ways[ends[0], 0]
         return ways[:, 0]
 

@@ -129,8 +129,7 @@ class Bridge:
     def _settled(self, targets: Array, q: Array, steps: int) -> Array:
         """Improve q, (k, n), in place by steps towards targets, (k, 3, 4); return the remaining errors, (k,)."""
         smoother, left = self.smoother, np.empty(len(q))
-        limits = smoother.lower, smoother.upper
-        project_onto_poses(smoother.handle, smoother.tolerances, targets, *limits, steps, q, left, LANES)
+        project_onto_poses(smoother.index.job(smoother.tolerances), targets, smoother.limits, steps, q, left)
         return left
 
     def turned(self, q: Array, here: Array) -> Array:

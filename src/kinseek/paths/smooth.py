@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from kinseek.branches.index import constraint_jacobian
 from kinseek.deadline import Deadline, TimeUp
 from kinseek.kernels.arm.pose_error import LARGEST
-from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.arrays import Limits
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.projection import project_onto_poses
 from kinseek.problem import Problem
@@ -106,10 +106,8 @@ class Smoother:
         self.problem, self.weights, self.valid = problem, weights, valid
         turning = Turning(problem.chain)
         self.lower, self.upper = turning.open_lower, turning.open_upper
-        self.handle, self.tolerances = (
-            atlas_of(problem.chain, problem.goal).handle,
-            tolerances_of(problem.goal),
-        )
+        self.limits = Limits(self.lower, self.upper)
+        self.index, self.tolerances = atlas_of(problem.chain, problem.goal), tolerances_of(problem.goal)
         self.scale = arm_length(problem.chain) / RADIAN_PART
 
     def project(self, q: Array, targets: Array) -> Flags:
@@ -120,9 +118,7 @@ class Smoother:
         """
         left = np.empty(len(q))
         np.clip(q, self.lower, self.upper, out=q)
-        project_onto_poses(
-            self.handle, self.tolerances, targets, self.lower, self.upper, MEND, q, left, LANES
-        )
+        project_onto_poses(self.index.job(self.tolerances), targets, self.limits, MEND, q, left)
         there = left < ON_POSE
         if self.valid is not None:
             there[there] = self.valid.each(q[there])

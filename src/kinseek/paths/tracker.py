@@ -14,22 +14,8 @@ from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.kernels.atlas.near import solve_goal
-from kinseek.kernels.paths.servo import (
-    LAGGING,
-    LAST,
-    LIMIT,
-    LOWER,
-    NO_POSE,
-    NOW,
-    REACH,
-    REACHED,
-    ROWS,
-    SINGULAR,
-    UPPER,
-    look_ahead,
-    servo_step,
-)
-from kinseek.kernels.paths.servo import TRACKING as TRACKED
+from kinseek.kernels.paths import servo
+from kinseek.kernels.paths.servo import LAGGING, LIMIT, SINGULAR, State, look_ahead, servo_step
 from kinseek.poses import as_pose, one_pose, plain_array
 from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import Mechanism
@@ -143,10 +129,9 @@ class Tracker:
         """Joint speed limits, (n,), [rad/s] or [m/s]; infinite if neither the caller nor the robot's file gives one."""
         self._arm, self._turning = arm.axes, Turning(arm.axes)
         self._index = atlas_of(arm.axes)
-        self._state = np.zeros((ROWS, arm.dof))
-        self._state[LOWER], self._state[UPPER] = self._turning.open_lower, self._turning.open_upper
-        self._state[REACH], self._state[NOW] = self.velocity * self.period, start
-        self._state[REACHED] = start
+        nothing, ends = np.zeros(arm.dof), (self._turning.open_lower, self._turning.open_upper)
+        rows = *ends, self.velocity * self.period, start, nothing, nothing, nothing, start
+        self._state = State(*(np.array(row, dtype=np.float64) for row in rows))
         self._memory = np.zeros(LAYOUT.count.of(dof=arm.dof, joints=len(arm.axes.leader)))
         self._apart = min(max(1, round(SPAN / self.period)), MOST_PERIODS_BACK)
         self._poses = np.zeros((2 * self._apart + 1, 4, 4))
@@ -158,13 +143,13 @@ class Tracker:
         """Number of periods that ended with a lost pose since a pose was last reached."""
         self._was_unreachable = False
         """Whether any pose since then was out of reach of every branch."""
-        self._there: Array | None = None
+        self._there: State | None = None
         """While recovering: the state of a tracker that already follows the pose from the solution that was found."""
 
     @property
     def q(self) -> Array:
         """Current joint values, (n,), [rad] or [m]."""
-        return np.asarray(self._state[NOW].copy())
+        return np.asarray(self._state.now.copy())
 
     def step(self, T: Array) -> Step:
         """Move towards a pose, (4, 4), as far as one period allows.
@@ -179,11 +164,11 @@ class Tracker:
         state, given = self._state, plain_array(T, (4, 4))
         T = _one(T) if given is None else given
         position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
-        if ended == NO_POSE:
+        if ended == servo.NO_POSE:
             T = _one(T)
             position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
         self._store(T)
-        if ended == TRACKED:
+        if ended == servo.TRACKING:
             if self._lost_for:
                 self._forget_loss()
         elif self._recover and (self._lost_for or _is_away(position, orientation)):
@@ -191,15 +176,15 @@ class Tracker:
             if self._lost_for % self._retry == 0:
                 found = self._found_again(T)
                 self._there = None if ended == LAGGING else found
-        return Step(state[NOW].copy(), _ENDED[ended], position, orientation)
+        return Step(state.now.copy(), _ENDED[ended], position, orientation)
 
     def _forget_loss(self) -> None:
         """Clear the state of a lost pose."""
         self._there, self._lost_for, self._was_unreachable = None, 0, False
 
-    def _found_again(self, T: Array) -> Array | None:
+    def _found_again(self, T: Array) -> State | None:
         """Look for joint values that reach a lost pose; return the state of a tracker at these values, or None."""
-        reached, q = self._state[REACHED], np.empty(self._arm.dof)
+        reached, q = self._state.reached, np.empty(self._arm.dof)
         *_, success = solve_goal(self._index.address, PLAIN, T[:3], reached, True, q)
         if not success:
             self._was_unreachable = True
@@ -207,32 +192,32 @@ class Tracker:
         if not self._was_unreachable and np.abs(self._turning.step(q - reached)).max() > ELSEWHERE:
             return None
         state = self._standing(1)
-        state[NOW] += self._ways(q[None])[0]
-        state[LAST] = 0.0
+        state.now[:] += self._ways(q[None])[0]
+        state.last[:] = 0.0
         return state
 
-    def _recovered(self, T: Array, there: Array) -> Step:
+    def _recovered(self, T: Array, there: State) -> Step:
         """Make one period of the motion to joint values that reach the pose; these values track the pose meanwhile.
 
         The motion ends early if the pose can be reached from the current joint values, e.g. when the hand is to stop.
         """
         T, state = _one(T), self._state
-        *_, at_once = servo_step(self._index.address, PLAIN, T, self._memory, state.copy())
+        *_, at_once = servo_step(self._index.address, PLAIN, T, self._memory, _copied(state))
         position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, there)
-        if at_once == TRACKED or (ended in (LIMIT, SINGULAR) and _is_away(position, orientation)):
+        if at_once == servo.TRACKING or (ended in (LIMIT, SINGULAR) and _is_away(position, orientation)):
             self._there = None
             return self.step(T)
         self._store(T)
-        step = there[NOW] - state[NOW]
+        step = there.now - state.now
         # A little longer than needed, so that rounding makes no joint faster than its limit.
-        periods = np.abs(step / state[REACH]).max() * (1 + 1e-9)
+        periods = np.abs(step / state.reach).max() * (1 + 1e-9)
         if periods <= 1.0:
             self._state = there
             self._forget_loss()
-            self._state[LAST] = step
-            return Step(there[NOW].copy(), _ENDED[ended], position, orientation)
-        q = state[NOW] + step / periods
-        state[LAST], state[NOW] = q - state[NOW], q
+            self._state.last[:] = step
+            return Step(there.now.copy(), _ENDED[ended], position, orientation)
+        q = state.now + step / periods
+        state.last[:], state.now[:] = q - state.now, q
         return Step(q.copy(), TrackStatus.RECOVERING, *self._errors(q, T))
 
     def switch(self, to: ArrayLike | None = None) -> Array:
@@ -271,7 +256,7 @@ class Tracker:
             )
         periods = max(1, int(np.ceil(needed)))
         parts = np.arange(1, periods + 1)[:, None] / periods
-        way = self._state[NOW] + parts * step
+        way = self._state.now + parts * step
         self._way = list(way)
         self._forget_loss()
         return np.asarray(way)
@@ -296,10 +281,10 @@ class Tracker:
         poses, at_once = self._coming(seconds, looks)
         for step in self._others(self._pose(0).copy()):
             state = self._standing(at_once)
-            state[NOW] += step
-            state[LAST] = 0.0
-            if self._look(poses, state)[2] == TRACKED:
-                return np.asarray(self._state[NOW] + step)
+            state.now[:] += step
+            state.last[:] = 0.0
+            if self._look(poses, state)[2] == servo.TRACKING:
+                return np.asarray(self._state.now + step)
         return None
 
     def _others(self, target: Array) -> Array:
@@ -314,11 +299,12 @@ class Tracker:
 
     def _ways(self, found: Array) -> Array:
         """Return the joint motions to joint values, (k, n), without full turns if the limits allow that."""
-        here = self._state[NOW]
+        here = self._state.now
         steps = self._turning.step(found - here)
         there = here + steps
-        inside = ((there >= self._turning.open_lower) & (there <= self._turning.open_upper)).all(axis=1)
-        return np.asarray(np.where(inside[:, None], steps, found - here))
+        lower, upper = self._turning.open_lower, self._turning.open_upper
+        inside = np.asarray((there >= lower) & (there <= upper)).all(axis=1, keepdims=True)
+        return np.asarray(np.where(inside, steps, found - here))
 
     def _given_branch(self, target: Array, to: ArrayLike) -> Array:
         """Return the joint motion to given joint values that reach a pose, (n,)."""
@@ -335,7 +321,7 @@ class Tracker:
             raise InvalidProblem(
                 "the joint values given to switch() must lie inside the limits of the joints"
             )
-        return np.asarray(self._turning.way(q - self._state[NOW]))
+        return np.asarray(self._turning.way(q - self._state.now))
 
     def _time_of(self, step: Array) -> float:
         """Time that the joints need for a motion [s]; the size of the motion if no speed is known."""
@@ -344,8 +330,8 @@ class Tracker:
     def _along(self, T: Array) -> Step:
         """Make one step of the motion to another branch."""
         pose, q = _one(T), self._way.pop(0)
-        self._state[LAST] = q - self._state[NOW]
-        self._state[NOW] = q
+        self._state.last[:] = q - self._state.now
+        self._state.now[:] = q
         self._store(pose)
         return Step(q.copy(), TrackStatus.SWITCHED, *self._errors(q, pose))
 
@@ -378,16 +364,17 @@ class Tracker:
             near = len(coming)
         state = self._standing(at_once)
         tracked, lost, ended = self._look(coming[:near], state)
-        if ended == TRACKED:
+        if ended == servo.TRACKING:
             return Foresight(TrackStatus.TRACKING, np.inf, None)
         joint = self._limiting_joint(state, ended)
         if ended == LAGGING:
             # Test whether much faster joints keep up for a while: then the speed is the cause, otherwise the branch ends.
             state = self._standing(at_once)
-            state[REACH] *= FASTER
+            # If faster joints keep up, the speed is the cause and not the end of the branch.
+            state.reach[:] *= FASTER
             while_after = round(AFTER / self.period / at_once)
             _, _, truly = self._look(coming[: lost + 1 + while_after], state)
-            if truly != TRACKED:
+            if truly != servo.TRACKING:
                 ended = LIMIT if truly == LIMIT else SINGULAR
                 joint = self._limiting_joint(state, ended)
         return Foresight(_ENDED[ended], (tracked + 1) * at_once * self.period, joint)
@@ -407,14 +394,14 @@ class Tracker:
         times = np.arange(1.0, count + 1.0) * (at_once / apart)
         return extrapolated(before, middle, now, times), at_once
 
-    def _standing(self, at_once: int) -> Array:
+    def _standing(self, at_once: int) -> State:
         """Return the current state, for steps of `at_once` periods each."""
-        state = self._state.copy()
-        state[REACH] *= at_once
-        state[LAST] *= at_once
-        return np.asarray(state)
+        state = _copied(self._state)
+        state.reach[:] *= at_once
+        state.last[:] *= at_once
+        return state
 
-    def _look(self, poses: Array, state: Array) -> tuple[int, int, int]:
+    def _look(self, poses: Array, state: State) -> tuple[int, int, int]:
         """Follow poses as `kernels.paths.servo.look_ahead` does; the state is changed."""
         return look_ahead(self._index.address, PLAIN, poses, *AWAY, self._memory, state)
 
@@ -427,11 +414,16 @@ class Tracker:
         """Return the pose given `back` periods ago."""
         return np.asarray(self._poses[(self._given - 1 - back) % len(self._poses)])
 
-    def _limiting_joint(self, state: Array, ended: int) -> str | None:
-        at_limit = (state[NOW] <= state[LOWER]) | (state[NOW] >= state[UPPER])
-        fast = np.abs(state[LAST]) >= state[REACH] * (1 - 1e-9)
+    def _limiting_joint(self, state: State, ended: int) -> str | None:
+        at_limit = (state.now <= state.lower) | (state.now >= state.upper)
+        fast = np.abs(state.last) >= state.reach * (1 - 1e-9)
         some = np.flatnonzero(at_limit if ended == LIMIT else fast & ~at_limit)
         return self._arm.joint_names[int(some[0])] if len(some) and ended != SINGULAR else None
+
+
+def _copied(state: State) -> State:
+    """Copy a state, so that steps do not change the original."""
+    return State(*(row.copy() for row in state))
 
 
 def _is_away(position: float, orientation: float) -> bool:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from kinseek.branches.order import Cost
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
+from kinseek.kernels.arrays import Limits
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.projection import project_onto_poses
 from kinseek.kinds import POINTING, POSE, POSITION
@@ -165,9 +166,9 @@ def _with_ranges(problem: Problem, own: slice, q: Array, i: int) -> Array:
     starts = chain.lower + np.linspace(0, 1, LANES)[:, None] * (chain.upper - chain.lower)
     starts[:, own] = q
     targets, left = np.repeat(problem.goal.targets[i][None], LANES, axis=0), np.empty(LANES)
-    handle = atlas_of(chain, problem.goal).handle
+    job = atlas_of(chain, problem.goal).job(tolerances_of(problem.goal))
     # The arm's own joints are fixed by equal lower and upper limits.
-    project_onto_poses(handle, tolerances_of(problem.goal), targets, lower, upper, MEND, starts, left, LANES)
+    project_onto_poses(job, targets, Limits(lower, upper), MEND, starts, left)
     return np.asarray(starts[np.argmin(left)])
 
 

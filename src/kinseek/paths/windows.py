@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
-from kinseek.kernels.paths.viterbi import COPIED, DISTANCE, ROOM, STRAIGHT, TIME, viterbi
+from kinseek.kernels.paths import viterbi
+from kinseek.kernels.paths.viterbi import COPIED, DISTANCE, ROOM, STRAIGHT, TIME
 from kinseek.turns import TURN
 
 from .ends import fill_missed, inside_limits, with_ends
@@ -217,22 +218,12 @@ def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Ind
         place += len(run.chosen_poses)
     weights = request.weights if request.velocity is None else request.weights / request.velocity
     path, report = np.zeros(count, dtype=np.int64), np.zeros(count)
-    viterbi(
-        q,
-        arrivals,
-        number,
-        np.append(turning.lower, -1.0),
-        np.append(turning.upper, 1.0),
-        np.append(turning.kind, STRAIGHT),
-        np.append(turning.copies, 1),
-        longest,
-        np.append(weights, 1.0),
-        DISTANCE if request.velocity is None else TIME,
-        np.zeros((0, 0)),
-        np.zeros((0, 0), dtype=np.bool_),
-        np.zeros((0, 3), dtype=np.int64),
-        np.array(ends, dtype=np.int64),
-        path,
-        report,
+    turns = viterbi.Turns(
+        *(np.append(row, one) for row, one in zip(turning.turns, (-1.0, 1.0, STRAIGHT, 1), strict=True))
     )
+    mode = DISTANCE if request.velocity is None else TIME
+    costs, refused = np.zeros((0, 0)), np.zeros((0, 0), dtype=np.bool_)
+    rules = viterbi.Rules(costs, refused, np.zeros((0, 3), dtype=np.int64), np.array(ends, dtype=np.int64))
+    bounds = viterbi.Steps(longest, np.append(weights, 1.0), mode)
+    viterbi.viterbi(viterbi.Layers(q, arrivals, number), turns, bounds, rules, path, report)
     return path, np.concatenate([[False], report[1:] > 0])

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from kinseek.kernels.arm.vectors import Vector, column, dot, rotate
+from kinseek.kernels.arm.vectors import Vector, column, dot, norm, rotate, write_column
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.memory import scratch_of
 from kinseek.kernels.atlas.task import task_at
@@ -25,11 +25,10 @@ from kinseek.kernels.structure.candidates import joint_of, read_structure
 from kinseek.kernels.structure.closed import closed_starts
 
 from .distance import squared_gap
-from .refine_all import RATES, Search
+from .refine_all import Search
 
 DIRECTIONS = 7
 """Poses at each distance: the vertices of a regular simplex in the six degrees of freedom of a hand."""
-
 
 BESIDE = 0.05
 """Starts this close [rad] to a solution or to each other count as one. Not examined further."""
@@ -52,11 +51,7 @@ def distance_of(k: int) -> float:
 
     The first is tried alone at first. Not examined further.
     """
-    if k == 0:
-        return 3.0
-    if k == 1:
-        return -1.0
-    return -10.0 if k == 2 else 30.0
+    return 3.0 if k == 0 else -1.0 if k == 1 else -10.0 if k == 2 else 30.0
 
 
 @inlined
@@ -72,12 +67,11 @@ def vertex(k: int, i: int) -> float:
 def displace(target: Array, k: int, far: float, size: float, pose: Array) -> None:
     """Write a target, (4, 4), moved by `far` [rad] towards vertex k, with lengths relative to `size` [m], (4, 4)."""
     turn = Vector(vertex(k, 3), vertex(k, 4), vertex(k, 5))
-    length = math.sqrt(dot(turn, turn))
+    length = norm(turn)
     axis = Vector(turn.x / length, turn.y / length, turn.z / length)
     cosine, sine = math.cos(far * length), math.sin(far * length)
     for c in range(3):
-        moved = rotate(axis, cosine, sine, column(target, c))
-        pose[0, c], pose[1, c], pose[2, c] = moved.x, moved.y, moved.z
+        write_column(rotate(axis, cosine, sine, column(target, c)), pose, c)
     for r in range(3):
         pose[r, 3] = target[r, 3] + far * size * vertex(k, r)
 
@@ -95,7 +89,7 @@ def write_starts_around(search: Search, structure: Array, far: bool, count: int)
     Returns:
         The number of starts.
     """
-    job, starts, rates, many = search.job, search.starts, search.metric[RATES], 0
+    job, starts, rates, many = search.job, search.starts, search.metric.rates, 0
     task = task_at(job)
     dof = len(task.lower)
     scratch = scratch_of(job, task)
@@ -116,5 +110,4 @@ def write_starts_around(search: Search, structure: Array, far: bool, count: int)
             for j in range(many):
                 new = new and squared_gap(rates, starts, j, q) > BESIDE * BESIDE
             many += 1 if new else 0
-    job.memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return many

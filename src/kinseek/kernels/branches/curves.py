@@ -44,59 +44,45 @@ from .refine_all import Search
 TURN = 0.5 / math.pi
 """Turns per radian, see `joint_gap`."""
 
-
 GRID = 48
 """Values of the grid. With a few inserted values it was enough for Panda, iiwa14 and Gen3. Not examined further."""
-
 
 SPARE = 96
 """Largest number of inserted values, in addition to one for each requested solution."""
 
-
 CLOSE = 2e-4
 """Values closer than this fraction of the range are not separated further."""
 
-
 JOINTS, EQUATIONS = 6, 3
 """Number of joints that the closed form solves, and of its quadratic equations."""
-
 
 BEYOND = 0.3
 """Angles between two values without solutions are unknown. Peaks are sought if the angles there are at most this far
 beyond limits [rad]. Not examined further."""
 
-
 FOLDED = 0.15
 """The same near a fold, where the angles are those of the fold. Not examined further."""
-
 
 AHEAD = 0.05
 """Distance of the inserted value from a fold, as a fraction of the way to the next value."""
 
-
 SURE = 1.3
 """Safety factor for the height of a peak above the straight line, relative to the cubic through two values."""
-
 
 BEND = 0.25
 """Largest deviation of an angle from the straight line between two values, as a fraction of its change."""
 
-
 TINY_CHANGE = 1e-9
 """An angle whose change is smaller counts as constant [rad]."""
-
 
 FAR = 0.5
 """Solutions farther apart than this in a joint [rad] may belong to two curves. Not examined further."""
 
-
 STEEP = 0.1
 """If a discriminant is smaller by this factor at one of two values, the angles change mostly there."""
 
-
 HALVINGS = 12
 """Largest number of times that the steps along the curves are halved if there are too few solutions."""
-
 
 NOWHERE = -1.0
 """Position between two values if nothing has to be inserted there."""
@@ -177,7 +163,6 @@ def write_curve_starts(search: Search, number: int) -> tuple[int, int]:
     first, length = take_along(task, sweep, search.starts, 0, 0.0)
     apart = length / max(number + number // 2 - first, number // 2 + 1)
     many, _ = take_along(task, sweep, search.starts, first, max(apart, 1e-9))
-    job.memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return first, many
 
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arm.division import nearest_copy
-from kinseek.kernels.arrays import Array
+from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.task import Task, task_of
 from kinseek.kernels.jit import inlined, noinline
@@ -30,14 +30,12 @@ from .one_joint_residual import (
     BEGIN,
     OTHER,
     PLACES,
-    ROOT,
     SAMPLES,
     SEARCHED,
-    SIGN1,
-    SIGN3,
     WAYS,
     ColumnLanes,
     Residuals,
+    Roots,
     complete,
     cubic,
     interpolate,
@@ -48,19 +46,15 @@ from .refine_all import Search
 SEGMENTS, ROOTS = 48, 48
 """Largest number of segments that are searched closely, and of solutions. Not examined further."""
 
-
-ENDS, NEARLY, DIPS = range(3)
+ENDS, NEARLY, DIPS = 0, 1, 2
 """Kinds of segments: a branch ends; an equation nearly has a double root; the residual comes close to zero."""
-
 
 BESIDE = 0.02
 """Largest distance of a start beyond a limit [rad], because starts are not exact. Not examined further."""
 
-
 NARROW, LOW = 2.0, 0.2
 """Thresholds of closeness, for an equation and for the residual, relative to their second differences between samples.
 Not examined further."""
-
 
 FLAT, FREE = 1e-4, 2e-4
 """Residual between samples, and distance of the point from axis 1 relative to the arm's size, below which a joint is
@@ -94,10 +88,13 @@ class Close(NamedTuple):
 
     covered: Array
     """1 for an interval between two samples of an equation that is searched closely, else 0, (3, SAMPLES)."""
-    segments: Array
-    """Each `Segment`, (SEGMENTS, 4)."""
-    roots: Array
-    """See `ROOT`, (3, ROOTS)."""
+    kind: Indices
+    """Of each `Segment`, (SEGMENTS,)."""
+    row: Indices
+    begin: Array
+    end: Array
+    roots: Roots
+    """(ROOTS,) each."""
 
 
 @noinline
@@ -112,14 +109,16 @@ def write_searched_starts(search: Search, S: Array, table: Array) -> SearchedSta
     task, D, w = task_of(search.job.handle, search.job.tolerances), np.empty((3, 4)), search.job.width
     lanes = ColumnLanes(
         np.empty((PLACES, LANES)),
-        np.empty((3, LANES)),
+        Roots(np.empty(LANES), np.empty(LANES), np.empty(LANES)),
         np.empty((WAYS, LANES)),
         np.empty((3, LANES)),
         np.empty(LANES),
         np.empty((6, LANES)),
     )
     sampled = Residuals(np.empty((WAYS, SAMPLES)), np.empty((3, SAMPLES)), np.empty(SAMPLES))
-    close = Close(np.zeros((3, SAMPLES)), np.empty((SEGMENTS, 4)), np.zeros((3, ROOTS)))
+    kinds, rows = np.empty(SEGMENTS, dtype=np.int64), np.empty(SEGMENTS, dtype=np.int64)
+    roots = Roots(np.zeros(ROOTS), np.zeros(ROOTS), np.zeros(ROOTS))
+    close = Close(np.zeros((3, SAMPLES)), kinds, rows, np.empty(SEGMENTS), np.empty(SEGMENTS), roots)
     displacement(S, search.target, D)
     write_residuals(S, D, table, sampled, lanes, w)
     segments = find_ends(S, sampled, close)
@@ -144,14 +143,15 @@ def write_searched_starts(search: Search, S: Array, table: Array) -> SearchedSta
     # Branches are closed curves: the residual changes its sign an even number of times.
     once, around = 0, S[APART] * (SAMPLES - 1) >= 2.0 * math.pi
     for k in range(count):
-        once += 1 if close.roots[ROOT, k] < S[BEGIN] + 2.0 * math.pi else 0
+        once += 1 if roots.value[k] < S[BEGIN] + 2.0 * math.pi else 0
     unsure = unsure or (around and once % 2 == 1)
     many = 0
     for begin in range(0, count, LANES):
         for l in range(LANES):
-            for r in range(3):
-                lanes.root[r, l] = close.roots[r, min(begin + l, count - 1)]
-            interpolate(S, table, lanes.root[ROOT, l], PLACES, lanes.table, l)
+            k = min(begin + l, count - 1)
+            lanes.root.value[l] = roots.value[k]
+            lanes.root.sign1[l], lanes.root.sign3[l] = roots.sign1[k], roots.sign3[k]
+            interpolate(S, table, roots.value[k], PLACES, lanes.table, l)
         complete(S, D, lanes, w)
         for l in range(min(LANES, count - begin)):
             many += 1 if place_start(task, S, lanes.joints, l, search.starts[many]) else 0
@@ -182,17 +182,15 @@ def sample_of(segment: Segment, j: float) -> float:
 @inlined
 def segment_at(close: Close, i: int) -> Segment:
     """Read segment i."""
-    segments = close.segments
-    return Segment(int(segments[i, 0]), int(segments[i, 1]), segments[i, 2], segments[i, 3])
+    return Segment(close.kind[i], close.row[i], close.begin[i], close.end[i])
 
 
 @inlined
 def add_segment(segment: Segment, close: Close, count: int) -> int:
     """Store a segment if there is room; return the number of segments."""
     if count < SEGMENTS:
-        segments = close.segments
-        segments[count, 0], segments[count, 1] = segment.kind, segment.row
-        segments[count, 2], segments[count, 3] = segment.begin, segment.end
+        close.kind[count], close.row[count] = segment.kind, segment.row
+        close.begin[count], close.end[count] = segment.begin, segment.end
     return count + 1
 
 
@@ -200,9 +198,8 @@ def add_segment(segment: Segment, close: Close, count: int) -> int:
 def add_root(value: float, way: int, close: Close, count: int) -> int:
     """Store a root if there is room; return the number of roots."""
     if count < ROOTS:
-        close.roots[ROOT, count] = value
-        close.roots[SIGN1, count] = 1.0 - 2.0 * (way // 2)
-        close.roots[SIGN3, count] = 1.0 - 2.0 * (way % 2)
+        close.roots.value[count] = value
+        close.roots.sign1[count], close.roots.sign3[count] = 1.0 - 2.0 * (way // 2), 1.0 - 2.0 * (way % 2)
     return count + 1
 
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from kinseek.kernels.arm.vectors import (
     Vector,
+    column,
     cross,
     dot,
     minus,
@@ -37,15 +38,12 @@ from kinseek.kernels.structure.subproblems import angle, solve_trig, unit_angle
 SAMPLES = 128
 """Number of samples of the joint. Not examined further."""
 
-
 BEGIN, APART, SEARCHED, OTHER = range(candidates.NUMBERS, candidates.NUMBERS + 4)
 """Indices after those of a structure, of which vectors, home and size are used: the first sample and the distance of
 samples [rad]; the index of the searched joint; and the index of the other joint of the wrist beside the last."""
 
-
 NUMBERS = OTHER + 1
 """Length of these numbers."""
-
 
 HEIGHT, SIDE, COSINE, FIRST, NEAR, AXIS, SECOND = 0, 1, 3, 4, 7, 10, 13
 """First rows of parts of the table, which has a column for each sample. For the point that joints 1 to 3 move: its height
@@ -54,14 +52,8 @@ axis of the wrist and the last one. The other axis, along the parallel axes and 
 base: the point as the last axis has it at q = 0; the last axis after the searched joint; and the direction onto which
 the last joint has to rotate the other axis."""
 
-
 PLACES = SECOND + 3
 """Number of rows of the table."""
-
-
-ROOT, SIGN1, SIGN3 = range(3)
-"""Rows of a root: the value of the joint, and the signs of the solutions of joints 1 and 3."""
-
 
 WAYS = 4
 """Number of ways: first those with one solution of joint 1, each with two solutions of joint 3, then the others."""
@@ -150,13 +142,24 @@ class Residuals(NamedTuple):
     """Squared distance of the point from axis 1, relative to the arm's size, (many,)."""
 
 
+class Roots(NamedTuple):
+    """Zeros of the residual."""
+
+    value: Array
+    """Values of the searched joint."""
+    sign1: Array
+    """Signs of the solutions of joint 1."""
+    sign3: Array
+    """Signs of the solutions of joint 3."""
+
+
 class ColumnLanes(NamedTuple):
     """Memory for eight columns."""
 
     table: Array
     """See `HEIGHT`, (PLACES, LANES)."""
-    root: Array
-    """See `ROOT`, (3, LANES)."""
+    root: Roots
+    """(LANES,) each."""
     value: Array
     """(WAYS, LANES)"""
     room: Array
@@ -308,7 +311,7 @@ def equations_of(S: Array, D: Array) -> Equations:
     """Prepare the equations of an arm for a target."""
     s, basis = read_structure(S), basis_of(S)
     point, axis = s.point1, s.axis6
-    t, side = minus(Vector(D[0, 3], D[1, 3], D[2, 3]), point), first_side_of(S, basis)
+    t, side = minus(column(D, 3), point), first_side_of(S, basis)
     return Equations(
         linear(D, basis.axis1, t),
         component(basis, D, basis.h, t, axis),
@@ -363,7 +366,7 @@ def complete(S: Array, D: Array, lanes: ColumnLanes, w: int) -> None:
     """
     s, basis, table = read_structure(S), basis_of(S), lanes.table
     point, axis = s.point1, s.axis6
-    t, along = minus(Vector(D[0, 3], D[1, 3], D[2, 3]), point), dot(basis.axis1, basis.h)
+    t, along = minus(column(D, 3), point), dot(basis.axis1, basis.h)
     across, offset = cross(basis.axis1, basis.h), minus(point, s.point2)
     side, last_axis = first_side_of(S, basis), rotated(D, axis)
     square = side.e * side.e + side.f * side.f
@@ -372,12 +375,12 @@ def complete(S: Array, D: Array, lanes: ColumnLanes, w: int) -> None:
         u = plus(rotated(D, column_vector(table, NEAR, l)), t)
         height = dot(basis.axis1, u)
         p, q = dot(basis.h, u) - along * height, dot(across, u)
-        c1, s1, _, _ = solve_trig(p, q, table[HEIGHT, l] - along * height, lanes.root[SIGN1, l])
+        c1, s1, _, _ = solve_trig(p, q, table[HEIGHT, l] - along * height, lanes.root.sign1[l])
         g = flat(basis, plus(rotate(basis.axis1, c1, -s1, u), offset))
         m = Flat(table[SIDE, l], table[SIDE + 1, l])
         a, b = side.e * m.e + side.f * m.f, side.f * m.e - side.e * m.f
         sides = square + m.e * m.e + m.f * m.f
-        c3, s3, _, _ = solve_trig(a, b, 0.5 * (g.e * g.e + g.f * g.f - sides), lanes.root[SIGN3, l])
+        c3, s3, _, _ = solve_trig(a, b, 0.5 * (g.e * g.e + g.f * g.f - sides), lanes.root.sign3[l])
         v = Flat(side.e + c3 * m.e - s3 * m.f, side.f + c3 * m.f + s3 * m.e)
         c2, s2, _ = unit_angle(v.e * g.e + v.f * g.f, v.e * g.f - v.f * g.e)
         cosine, sine = c2 * c3 - s2 * s3, s2 * c3 + c2 * s3
@@ -390,7 +393,7 @@ def complete(S: Array, D: Array, lanes: ColumnLanes, w: int) -> None:
         other = rotate(basis.axis1, c1, s1, rotate(basis.h, cosine, sine, other))
         last_angle = angle_about(axis, rotated_back(D, other), column_vector(table, SECOND, l))
         lanes.joints[0, l], lanes.joints[1, l] = angle(s1, c1), sense2 * angle(s2, c2)
-        lanes.joints[2, l], lanes.joints[3, l] = sense3 * angle(s3, c3), lanes.root[ROOT, l]
+        lanes.joints[2, l], lanes.joints[3, l] = sense3 * angle(s3, c3), lanes.root.value[l]
         lanes.joints[4, l], lanes.joints[5, l] = other_angle, last_angle
 
 

@@ -20,68 +20,69 @@ from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2, Lanes
 from kinseek.kernels.atlas.memory import Scratch, scratch_of
 from kinseek.kernels.atlas.seeds import copy_joints, into_limits, keep_joints
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Job, Task, task_at
-from kinseek.kernels.jit import inlined, kernel
+from kinseek.kernels.jit import counted, inlined, kernel
 
 from .distance import joint_gap, plus_scaled, six_gaps, six_in_column, six_of, squared_gap, squares
-
-CENTRE, SCALE, RATES = range(3)
-"""Rows of a view: the joint values from which distances are measured, the weight of each joint, and 1/(2π) for each joint
-that has the same pose after a full turn, else 0, (n,) each."""
-
 
 SCORE = 2
 """Index of the squared distance after the joint values of a solution and the two errors of a report."""
 
-
 ANSWER = SCORE + 1
 """Number of entries after the joint values of a solution."""
 
-
-ANSWERS, SPENT, CONTINUUM = range(3)
+ANSWERS, SPENT, CONTINUUM = 0, 1, 2
 """Indices into the row after the solutions: their number, FK evaluations, and 1 if they belong to a continuum."""
 
-
-EVALUATED, CONTINUA, WEAKEST, LATE = range(4)
+EVALUATED, CONTINUA, WEAKEST, LATE = 0, 1, 2, 3
 """Indices into the tally of a search: FK evaluations; solutions on a continuum; the smallest singular value of the scaled
 Jacobian at any solution; and solutions that only a late start led to."""
-
 
 TALLY = LATE + 1
 """Length of a tally."""
 
-
-SEEDED, SIBLING, SAMPLED = range(3)
+SEEDED, SIBLING, SAMPLED = 0, 1, 2
 """Modes of `refine_all`: give up starts that lead to known solutions; never give up so; or accept every start within the
 tolerances."""
-
 
 STEPS, SIBLING_STEPS, MORE_STEPS = 12, 20, 20
 """Largest number of steps of a start and of a sibling, and of additional steps within the tolerances until the result is
 exact. Not examined further."""
 
-
 EXACT = 1e-22
 """Squared scaled error to converge to, so that solutions near a singularity can be distinguished."""
-
 
 EQUAL, ALIKE = 1e-4, 0.1
 """Solutions closer than EQUAL [rad or m] count as one. At a singularity a start may get no closer than the tolerances.
 Solutions closer than ALIKE therefore also count as one if the configuration half-way between them meets the
 tolerances. Not examined further."""
 
-
 PATIENCE, STRIKES, WORTH = 4, 3, 0.7
 """A start ends from step PATIENCE on, after STRIKES steps that each leave more than the fraction WORTH of the squared
 error. Not examined further."""
-
 
 NEAR, HEADING, WITHIN_SIGHT = 0.1, 0.5, 0.6
 """A start ends if it is closer to a known solution than NEAR, or closer than WITHIN_SIGHT if the last step reduced the
 distance to less than the fraction HEADING. Not examined further."""
 
-
 IDLE = -1
 """Value of `Progress.start` for a lane without a start."""
+
+
+class Metric(NamedTuple):
+    """How solutions are compared, (n,) each."""
+
+    centre: Array
+    """The joint values from which distances are measured."""
+    scale: Array
+    """The weight of each joint."""
+    rates: Array
+    """1/(2π) for each joint that has the same pose after a full turn, else 0."""
+
+
+@counted
+def metric_of(rows: Array) -> Metric:
+    """View three rows, (3, n), by name."""
+    return Metric(rows[0], rows[1], rows[2])
 
 
 class Search(NamedTuple):
@@ -90,8 +91,8 @@ class Search(NamedTuple):
     job: Job
     target: Array
     """(4, 4), lengths in [m]."""
-    metric: Array
-    """See `CENTRE`, (3, n); solutions are sorted by weighted distance."""
+    metric: Metric
+    """Solutions are sorted by weighted distance."""
     starts: Array
     """Joint values to start from, (most, n)."""
     rows: Array
@@ -198,7 +199,6 @@ def refine_all(search: Search, batch: Batch, count: int) -> int:
                 count += 1 if known < 0 else 0
             progress.start[l] = IDLE
             active -= 1
-    job.memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return count
 
 
@@ -236,7 +236,7 @@ def is_futile(progress: Progress, most: int, l: int) -> bool:
 def head_for_known(search: Search, lanes: Lanes, progress: Progress, count: int, w: int) -> None:
     """Find lanes that are at one of the first `count` solutions, or moved much closer to one in their last step."""
     q, step, taken, heading = lanes.q, lanes.step, lanes.share, progress.heading
-    dof, rates = search.rows.shape[1], six_of(search.metric[RATES])
+    dof, rates = search.rows.shape[1], six_of(search.metric.rates)
     for l in range(w):
         heading[l] = 0.0
     for j in range(count):
@@ -262,7 +262,7 @@ def find_equal(task: Task, scratch: Scratch, search: Search, count: int, error: 
         error: Squared scaled error of the seed.
         half: Scratch memory, (n,).
     """
-    q, rows, rates = scratch.seed, search.rows, search.metric[RATES]
+    q, rows, rates = scratch.seed, search.rows, search.metric.rates
     for j in range(count):
         gap = squared_gap(rates, rows, j, q)
         if gap < EQUAL * EQUAL:
@@ -298,7 +298,7 @@ def report_solutions(search: Search, rows: Array, count: int, endless: bool, res
     Returns:
         The number of rows of the result.
     """
-    job, centre, scale = search.job, search.metric[CENTRE], search.metric[SCALE]
+    job, centre, scale = search.job, search.metric.centre, search.metric.scale
     task = task_at(job)
     dof, kept = len(task.lower), 0
     scratch = scratch_of(job, task)
@@ -325,5 +325,4 @@ def report_solutions(search: Search, rows: Array, count: int, endless: bool, res
         kept += 1
     result[count, ANSWERS], result[count, SPENT] = kept, search.tally[EVALUATED]
     result[count, CONTINUUM] = 1.0 if endless else 0.0
-    job.memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return count + 1

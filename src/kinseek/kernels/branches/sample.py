@@ -27,16 +27,24 @@ from kinseek.kernels.structure.candidates import read_structure
 
 from .curves import write_curve_starts
 from .distance import joint_gap
-from .refine_all import EQUAL, EVALUATED, RATES, SAMPLED, TALLY, Batch, Search, refine_all, report_solutions
+from .refine_all import (
+    EQUAL,
+    EVALUATED,
+    SAMPLED,
+    TALLY,
+    Batch,
+    Search,
+    metric_of,
+    refine_all,
+    report_solutions,
+)
 
 ROUNDS, KICK = 16, 1.5
 """Largest number of rounds of starts around known solutions, and their distance [rad or m], if a sample is too small. Not
 examined further."""
 
-
 CURVES = 128
 """Room for this many additional starts, one or two of each curve."""
-
 
 MORE = 4 * LANES
 """Number of starts around known solutions in a round. Not examined further."""
@@ -65,7 +73,7 @@ def sample_branches(
         handle: The task, see `task_of`.
         tolerances: See `task_of`.
         target: (4, 4), lengths in [m].
-        view: See `refine_all.CENTRE`, (3, n).
+        view: Rows of a `refine_all.Metric`, (3, n).
         number: Number of requested solutions.
         result: See `refine_all.report_solutions`, (at least number + 1, n + ANSWER).
 
@@ -80,7 +88,7 @@ def sample_branches(
     scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory, lanes_of(handle))
     most = max(number + number // 2, MORE) + (CURVES if swept else 0)
     starts, rows, tally = np.empty((most, dof)), np.empty((most, dof)), np.zeros(TALLY)
-    search = Search(job, target, view, starts, rows, np.empty(most), tally)
+    search = Search(job, target, metric_of(view), starts, rows, np.empty(most), tally)
     choice = Choice(np.empty((number, dof)), np.empty((dof, most)), np.empty(most), np.empty(most))
     start(task, scratch, target)
     first, many = 0, 0
@@ -95,7 +103,8 @@ def sample_branches(
         if kept == number or (kept == 0 and k > 0):
             break
         if kept == 0:
-            many = write_one_start(search)
+            write_atlas_start(search, handle)
+            many = 1
         else:
             many = MORE
             write_starts_around(task, scratch, search, choice.chosen, kept, k)
@@ -123,16 +132,17 @@ def write_nearest_samples(task: Task, scratch: Scratch, search: Search) -> int:
     return many
 
 
-@inlined
-def write_one_start(search: Search) -> int:
-    """Write the solution that `arm.ik` finds as the only start; return 1."""
-    job = search.job
-    found = solve_pose(job.handle, job.tolerances, search.target, job.width)
-    dof = search.starts.shape[1]
+@counted
+def write_atlas_start(search: Search, handle: Indices) -> Array:
+    """Write the solution that the atlas of a task finds as the only start; return the result of `solve_pose`."""
+    found, dof = (
+        solve_pose(handle, search.job.tolerances, search.target, search.job.width),
+        search.starts.shape[1],
+    )
     search.tally[EVALUATED] += found[dof + EVALUATIONS]
     for i in range(dof):
         search.starts[0, i] = found[i]
-    return 1
+    return found
 
 
 @inlined
@@ -159,7 +169,7 @@ def choose_spread(search: Search, choice: Choice, count: int, must: int) -> int:
         count: Number of solutions.
         must: Number of first solutions that precede all others, also ordered by distance.
     """
-    chosen, columns, rates, kept, last = choice.chosen, choice.columns, search.metric[RATES], 0, 0
+    chosen, columns, rates, kept, last = choice.chosen, choice.columns, search.metric.rates, 0, 0
     for j in range(count):
         choice.nearest[j] = np.inf
         for i in range(len(columns)):

@@ -30,10 +30,8 @@ from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import start
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
-from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.seeds import turns_fully
 from kinseek.kernels.atlas.task import (
-    EVALUATIONS,
     ORIENTATION_ERROR,
     POSITION_ERROR,
     TOLERANCES,
@@ -45,7 +43,7 @@ from kinseek.kernels.atlas.task import (
     task_of,
 )
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import entry, inlined, noinline
+from kinseek.kernels.jit import counted, entry, inlined, noinline
 from kinseek.kernels.structure.candidates import LOOSE, NUMBERS, PARALLEL, ROUNDING, read_structure
 from kinseek.kernels.structure.closed import closed_starts, serves
 
@@ -55,7 +53,6 @@ from .distance import MOST_JOINTS
 from .one_joint import write_searched_starts
 from .refine_all import (
     CONTINUA,
-    EVALUATED,
     LATE,
     SEEDED,
     SIBLING,
@@ -63,36 +60,32 @@ from .refine_all import (
     WEAKEST,
     Batch,
     Search,
+    metric_of,
     refine_all,
     report_solutions,
 )
-from .sample import sample_branches
+from .sample import sample_branches, write_atlas_start
 from .seeding import DEEP_STARTS, ROOM, Round, write_sampled_starts
 from .twins import WEAK, refine_siblings
 
 SURELY = 0.6
 """If a start after this fraction of the starts leads to a new solution, more may be missing. Not examined further."""
 
-
 ROWS = 64
 """Largest number of solutions. Six joints have at most sixteen isolated ones (Primrose 1986); more form a continuum."""
 
-
-NEAR_POSES, FAR_POSES, NEAR_SAMPLES, FAR_SAMPLES = range(4)
+NEAR_POSES, FAR_POSES, NEAR_SAMPLES, FAR_SAMPLES = 0, 1, 2, 3
 """Sources of starts after the geometry of the arm, in the order in which they are tried."""
 
-
-COMPLETE, TWINS, SIBLINGS, POSES, SAMPLES = range(5)
+COMPLETE, TWINS, SIBLINGS, POSES, SAMPLES = 0, 1, 2, 3, 4
 """What is left to do after the geometry of the arm: nothing; twins, if a solution is close to a singularity; siblings of
 the solutions; all sources, from poses around the target on; or all from samples on. An arm with a skewed wrist has no
 poses tried, because they find fewer of the solutions that the nearby arm has lost. Not examined further."""
-
 
 BENT, OPEN, FAINT = 0.01, 1e-3, 5e-4
 """Thresholds for the smallest singular value at the solutions of an arm that nearly has three parallel axes. Below the
 first, poses around the target are tried. Below the second, farther ones and samples may follow these. Below the third,
 more samples follow. Not examined further."""
-
 
 HARDLY, ASIDE, LITTLE = 0.02, 0.0025, 0.15
 """Thresholds for the angle of axis 6 to the parallel axes below which the search may follow, see `around.least_lean` and
@@ -149,7 +142,7 @@ def find_branches(arm: ArmTables, tolerances: Array, target: Array, view: Array,
         arm: The arm.
         tolerances: See `task_of`.
         target: (4, 4), lengths in [m].
-        view: See `refine_all.CENTRE`, (3, n).
+        view: Rows of a `refine_all.Metric`, (3, n).
         result: See `refine_all.report_solutions`, (at least ROWS + 1, n + ANSWER).
 
     Returns:
@@ -163,7 +156,7 @@ def find_branches(arm: ArmTables, tolerances: Array, target: Array, view: Array,
     scratch, tally = make_scratch(memory, dof, joints), np.zeros(TALLY)
     job = Job(arm.handle, tolerances, memory, lanes_of(arm.handle))
     tally[WEAKEST] = np.inf
-    search = Search(job, target, view, starts, np.empty((ROWS, dof)), np.empty(ROWS), tally)
+    search = Search(job, target, metric_of(view), starts, np.empty((ROWS, dof)), np.empty(ROWS), tally)
     start(task, scratch, target)
     plan = Plan(SAMPLES, 0, 0, 0, False, False, 0.0, 1.0)
     if serves(task, arm.structure):
@@ -277,18 +270,12 @@ def is_suspicious(task: Task, count: int) -> bool:
     return count == 0 or (full and count % 2 == 1)
 
 
-@inlined
+@counted
 def try_fine_atlas(arm: ArmTables, search: Search) -> int:
     """Refine the solution that the fine atlas leads to; return the number of solutions, 0 or 1."""
     job, starts = search.job, search.starts
-    task, found, dof = (
-        task_at(job),
-        solve_pose(arm.fine, job.tolerances, search.target, job.width),
-        starts.shape[1],
-    )
-    search.tally[EVALUATED] += found[dof + EVALUATIONS]
-    for i in range(dof):
-        starts[0, i] = found[i]
+    task, dof = task_at(job), starts.shape[1]
+    found = write_atlas_start(search, arm.fine)
     count = refine_all(search, Batch(0, 1, 1, SIBLING), 0)
     reached = found[dof + POSITION_ERROR] <= task.position_tolerance
     if count == 0 and reached and found[dof + ORIENTATION_ERROR] <= task.orientation_tolerance:

@@ -38,51 +38,41 @@ from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, kernel
 
 from .distance import six_gaps, six_in_column, six_of, squares
-from .refine_all import RATES, Search
+from .refine_all import Search
 
 STARTS, DEEP_STARTS = 128, 512
 """Number of samples for every goal, and for a goal that may have more solutions."""
 
-
 FIRST_ROOM = STARTS + STARTS // 10
 """Largest number of samples in the first round, see `radius`."""
 
-
 ROOM = (FIRST_ROOM + DEEP_STARTS + LANES - 1) // LANES * LANES
 """Largest number of starts that are compared for likeness, a multiple of LANES."""
-
 
 DAMPED = 0.03
 """Damping of the steps in the table, tried on three arms and not examined further. Less damping overshoots, because the
 samples are far from the goal."""
 
-
 FARTHEST = 1.2
 """Largest tabulated step of a joint [rad or m]. Not examined further."""
-
 
 BUCKETS = 64
 """Number of buckets for sorting samples by distance; the order within a bucket is irrelevant."""
 
-
 HALVINGS = 40
 """Largest number of tries for a radius; three are usually enough."""
-
 
 APART = 0.8
 """A start closer than this to an earlier one [rad or m], after the first step, leads to the same solution. Not examined
 further."""
 
-
 POSE, FIRST, LAST = 0, 12, 13
 """Rows of eight samples, one in each lane, that `complete_eight` reads: the pose K, row-major (3, 4); and the values of
 the first and the last joint, used if they are not divided out."""
 
-
 ERROR, COMPLETED_FIRST, COMPLETED_LAST, BEYOND = 14, 20, 21, 22
 """Rows that it writes: the remaining pose error, position in units of the arm's length and then rotation; the first and
 the last joint, within their limits; and how far outside they were [rad or m]."""
-
 
 EIGHT_ROWS = BEYOND + 1
 """Number of these rows."""
@@ -99,6 +89,17 @@ class Sorting(NamedTuple):
     """The same, nearest first, (samples,)."""
     bucket: Indices
     """First place in the order of each bucket, (BUCKETS + 1,)."""
+
+
+class Eight(NamedTuple):
+    """Eight samples, one in each lane, and memory for one."""
+
+    rows: Array
+    """See `POSE` and `ERROR`, (EIGHT_ROWS, LANES)."""
+    chosen: Indices
+    """Which samples, (LANES,)."""
+    move: Array
+    """The tabulated step of one of them, (LANES,)."""
 
 
 class EndJoint(NamedTuple):
@@ -196,10 +197,10 @@ def write_sampled_starts(search: Search, steps: Array, known: Array, samples: Ro
         known: The starts made so far, joint by joint, see `is_alike`; receives the new ones, (MOST_JOINTS, ROOM).
         samples: Which samples.
     """
-    job, starts, rates, count = search.job, search.starts, search.metric[RATES], len(steps)
+    job, starts, rates, count = search.job, search.starts, search.metric.rates, len(steps)
     task = task_at(job)
     scratch = scratch_of(job, task)
-    eight, chosen, move = np.empty((EIGHT_ROWS, LANES)), np.empty(LANES, dtype=np.int64), np.empty(LANES)
+    eight = Eight(np.empty((EIGHT_ROWS, LANES)), np.empty(LANES, dtype=np.int64), np.empty(LANES))
     sorting = Sorting(
         np.empty(count),
         np.empty(count + 1, dtype=np.int64),
@@ -215,18 +216,17 @@ def write_sampled_starts(search: Search, steps: Array, known: Array, samples: Ro
     found, many = sort_samples(sorting, inner, outer, most), 0
     for begin in range(0, found, LANES):
         for l in range(LANES):
-            chosen[l] = sorting.order[min(begin + l, found - 1)]
-        complete_eight(task, scratch.seen, chosen, eight, job.width)
+            eight.chosen[l] = sorting.order[min(begin + l, found - 1)]
+        complete_eight(task, scratch.seen, eight.chosen, eight.rows, job.width)
         for l in range(min(LANES, found - begin)):
-            if eight[BEYOND, l] > MARGIN:
+            if eight.rows[BEYOND, l] > MARGIN:
                 continue
             q, at = starts[many], samples.kept + many
-            step_ahead(task, eight, l, chosen[l], steps[chosen[l]], move, q)
+            step_ahead(task, eight, l, steps[eight.chosen[l]], q)
             if samples.thin and is_alike(known, at, rates, q):
                 continue
             keep_start(known, at, q)
             many += 1
-    job.memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return many
 
 
@@ -328,12 +328,8 @@ def complete_eight(task: Task, goal: Array, chosen: Indices, eight: Array, w: in
     share_x, share_y, share_z = task.columns[0], task.columns[1], task.columns[2]
     scale = 1.0 / task.length
     for l in range(w):
-        x, y, z, p = (
-            sample_column(eight, 0, l),
-            sample_column(eight, 1, l),
-            sample_column(eight, 2, l),
-            sample_column(eight, 3, l),
-        )
+        x, y = sample_column(eight, 0, l), sample_column(eight, 1, l)
+        z, p = sample_column(eight, 2, l), sample_column(eight, 3, l)
         along = flat_dot(p, goal_p) + weight_x * flat_dot(x, goal_x)
         along += weight_y * flat_dot(y, goal_y) + weight_z * flat_dot(z, goal_z)
         across = flat_cross(p, goal_p) + weight_x * flat_cross(x, goal_x)
@@ -412,21 +408,12 @@ def copy_near_middle(angle: float, joint: EndJoint) -> float:
 
 
 @inlined
-def step_ahead(task: Task, eight: Array, l: int, sample: int, steps: Array, move: Array, q: Array) -> None:
-    """Write the completed sample in lane l, after the tabulated step, into q, (n,).
-
-    Args:
-        task: The task.
-        eight: See `complete_eight`.
-        l: The lane.
-        sample: The sample.
-        steps: Its table, see `fill_steps`, (6, LANES).
-        move: Scratch memory, (LANES,).
-        q: Receives joint values.
-    """
-    middle, first, longest = task.atlas.middle, 0 if task.division.head == NONE else 1, FARTHEST
-    e0, e1, e2 = eight[ERROR, l], eight[ERROR + 1, l], eight[ERROR + 2, l]
-    e3, e4, e5 = eight[ERROR + 3, l], eight[ERROR + 4, l], eight[ERROR + 5, l]
+def step_ahead(task: Task, eight: Eight, l: int, steps: Array, q: Array) -> None:
+    """Write the completed sample in lane l, after the step of its table, (6, LANES), into q, (n,); see `fill_steps`."""
+    rows, move, sample, middle = eight.rows, eight.move, eight.chosen[l], task.atlas.middle
+    first, longest = 0 if task.division.head == NONE else 1, FARTHEST
+    e0, e1, e2 = rows[ERROR, l], rows[ERROR + 1, l], rows[ERROR + 2, l]
+    e3, e4, e5 = rows[ERROR + 3, l], rows[ERROR + 4, l], rows[ERROR + 5, l]
     for i in range(LANES):
         step = steps[0, i] * e0 + steps[1, i] * e1 + steps[2, i] * e2
         step += steps[3, i] * e3 + steps[4, i] * e4 + steps[5, i] * e5
@@ -434,7 +421,7 @@ def step_ahead(task: Task, eight: Array, l: int, sample: int, steps: Array, move
         longest = max(longest, abs(step))
     for j in range(middle.shape[1]):
         q[first + j] = middle[sample, j]
-    q[0], q[len(q) - 1] = eight[COMPLETED_FIRST, l], eight[COMPLETED_LAST, l]
+    q[0], q[len(q) - 1] = rows[COMPLETED_FIRST, l], rows[COMPLETED_LAST, l]
     for i in range(len(q)):
         q[i] = min(max(q[i] + move[i] * (FARTHEST / longest), task.lower[i]), task.upper[i])
 

@@ -23,48 +23,39 @@ from kinseek.kernels.atlas.task import Task, task_at, task_of
 from kinseek.kernels.jit import inlined, kernel
 
 from .distance import squared_gap
-from .refine_all import CONTINUA, EQUAL, EVALUATED, RATES, SIBLING, WEAKEST, Batch, Search, refine_all
+from .refine_all import CONTINUA, EQUAL, EVALUATED, SIBLING, WEAKEST, Batch, Search, refine_all
 
 WEAK = 0.02
 """Singular value of the scaled Jacobian at a solution below which there may be others close to it."""
 
-
 FAR = 2.0
 """Twins farther away than this [rad] are left to the starts, because the second-order model is not valid there."""
 
-
 SINGULAR = 0.1
 """Length of the part of a step in the null space of J above which the Jacobian counts as singular up to rounding."""
-
 
 PROBE, FLAT = 0.05, 1e-6
 """Length of the probing step along the weakest direction, and the scaled error along it below which solutions form a
 continuum."""
 
-
 EVALUATIONS = 3
 """FK evaluations for a twin: one at the solution for the weakest direction, and one on each side of it."""
 
-
 ITERATIONS = 5
 """Number of inverse iterations. Not examined further."""
-
 
 LEAN = 0.27
 """The inverse iteration begins at ``1, 1 - LEAN, 1 - 2 LEAN …``. No two of these numbers are equal or opposite, and none
 is 0, so that the vector is not orthogonal to the weakest direction of the many arms with right angles."""
 
-
 FULL_FLOOR, SHORT_FLOOR = 1e-13, 1e-9
 """Regularisation of the diagonal of J Jᵀ: small with six joints and more; larger with fewer, because no joint moves some
 rows. Not examined further."""
 
-
 TINY = 1e-300
 """Prevents division by zero for a direction of no length."""
 
-
-SIGNS, SHIFTS, TURNING = range(3)
+SIGNS, SHIFTS, TURNING = 0, 1, 2
 """Rows of a mirror image ``q → sign · q + shift``: sign and shift of each joint, and 1 for a revolute joint, else 0, (n,)
 each."""
 
@@ -128,7 +119,6 @@ def write_twins(search: Search, first: int, last: int) -> int:
                 value = lanes.q[i, l] + t * lanes.step[i, l]
                 search.starts[many, i] = min(max(value, task.lower[i]), task.upper[i])
             many += 1
-    job.memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return many
 
 
@@ -258,7 +248,7 @@ def move_along(lanes: Lanes, far: float, w: int) -> None:
 def write_images(search: Search, mirrors: Array, first: int, last: int, many: int) -> int:
     """Append the unknown mirror images of solutions first … last-1 to the starts; return the number of starts."""
     task = task_of(search.job.handle, search.job.tolerances)
-    starts, rates, chain = search.starts, search.metric[RATES], task.chain
+    starts, rates, chain = search.starts, search.metric.rates, task.chain
     for j in range(first, last):
         for k in range(len(mirrors)):
             if many == len(starts):

@@ -13,36 +13,9 @@ from kinseek.kernels.arrays import Array, ChainArrays, Flags, Indices
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
-from .gaps import (
-    DOUBT,
-    FREE,
-    TOUCH,
-    Query,
-    Separation,
-    ball_gap,
-    depth_below,
-    from_box,
-    full_check,
-    gap_below,
-    near_core,
-    padded,
-    quick_check,
-    separating_plane,
-)
-from .model import (
-    LANES,
-    CollisionModel,
-    LaneState,
-    Pair,
-    collision_model_of,
-    groups_of,
-    lanes_frames,
-    load_lanes,
-    make_lane_state,
-    meeting_at,
-    memory_for,
-    pair_at,
-)
+from . import gaps, model
+from .gaps import DOUBT, FREE, TOUCH, Query, Separation
+from .model import LANES, CollisionModel, LaneState, Pair
 
 PART_OF_TURN = 0.5 / math.pi
 
@@ -54,13 +27,13 @@ def keep(memory: Array) -> None:
 
 
 @inlined
-def lanes_balls(model: CollisionModel, state: LaneState, moving: bool, w: int) -> None:
+def lanes_balls(scene: CollisionModel, state: LaneState, moving: bool, w: int) -> None:
     """Compute the centres of the balls of all moving groups, or of all fixed ones, at the eight q."""
-    for g in range(len(model.group)):
-        p = model.group[g]
-        if (model.joint[p] > 0) != moving:
+    for g in range(len(scene.group)):
+        p = scene.group[g]
+        if (scene.joint[p] > 0) != moving:
             continue
-        T, balls, centre = state.frames[model.joint[p]], state.balls[g], row(model.ball, p)
+        T, balls, centre = state.frames[scene.joint[p]], state.balls[g], row(scene.ball, p)
         for r in range(3):
             for l in range(w):
                 along = Vector(T[4 * r, l], T[4 * r + 1, l], T[4 * r + 2, l])
@@ -68,48 +41,48 @@ def lanes_balls(model: CollisionModel, state: LaneState, moving: bool, w: int) -
 
 
 @inlined
-def lanes_inside(model: CollisionModel, state: LaneState, w: int) -> bool:
+def lanes_inside(scene: CollisionModel, state: LaneState, w: int) -> bool:
     """Return True if all of the eight q are within the limits."""
     outside = 0
-    for i in range(len(model.chain.lower)):
-        q, low, high = state.q[i], model.chain.lower[i], model.chain.upper[i]
+    for i in range(len(scene.chain.lower)):
+        q, low, high = state.q[i], scene.chain.lower[i], scene.chain.upper[i]
         for l in range(w):
             outside += 1 if q[l] < low or q[l] > high else 0
     return outside == 0
 
 
 @inlined
-def lanes_near(model: CollisionModel, state: LaneState, least: float, w: int) -> None:
+def lanes_near(scene: CollisionModel, state: LaneState, least: float, w: int) -> None:
     """Store the meetings to examine for each of the eight q: those whose groups the balls do not prove to be free."""
-    inside = lanes_inside(model, state, w)
-    gaps, counts = state.gaps, state.counts
+    inside = lanes_inside(scene, state, w)
+    counts = state.counts
     for l in range(LANES):
         counts[l] = 0
-    for m in range(len(model.meeting)):
-        if inside and model.apart_inside[m] > least:
+    for m in range(len(scene.meeting)):
+        if inside and scene.apart_inside[m] > least:
             break
-        if model.apart[m] > least:
+        if scene.apart[m] > least:
             continue
-        meeting = meeting_at(model, m)
+        meeting = model.meeting_at(scene, m)
         G, H = state.balls[meeting.one], state.balls[meeting.other]
-        g, h = model.group[meeting.one], model.group[meeting.other]
-        reach = model.ball[g, 3] + model.ball[h, 3] + model.widest[m] + least
+        g, h = scene.group[meeting.one], scene.group[meeting.other]
+        reach = scene.ball[g, 3] + scene.ball[h, 3] + scene.widest[m] + least
         some = 0
         for l in range(w):
             offset = minus(column(G, l), column(H, l))
-            gaps[l] = dot(offset, offset) - reach * reach
-            some += 1 if gaps[l] <= 0.0 else 0
+            state.gaps[l] = dot(offset, offset) - reach * reach
+            some += 1 if state.gaps[l] <= 0.0 else 0
         if some == 0:
             continue
-        if model.joint[g] == 0:  # A fixed group: its core is the same for all of them.
-            into, half = transform_at(model.into_core[g]), row(model.half, g)
-            reach = model.ball[h, 3] + model.thick[g] + model.widest[m] + least
+        if scene.joint[g] == 0:  # A fixed group: its core is the same for all of them.
+            into, half = transform_at(scene.into_core[g]), row(scene.half, g)
+            reach = scene.ball[h, 3] + scene.thick[g] + scene.widest[m] + least
             for l in range(w):
-                offset = from_box(apply(into, column(H, l)), half)
-                gaps[l] = max(gaps[l], dot(offset, offset) - reach * reach)
+                offset = gaps.from_box(apply(into, column(H, l)), half)
+                state.gaps[l] = max(state.gaps[l], dot(offset, offset) - reach * reach)
         for l in range(LANES):
             state.near[l, counts[l]] = m
-            counts[l] += 1 if gaps[l] <= 0.0 else 0
+            counts[l] += 1 if state.gaps[l] <= 0.0 else 0
 
 
 @inlined
@@ -121,9 +94,9 @@ def part_of_turn(chain: ChainArrays, k: int, q: Array, l: int) -> float:
 
 
 @inlined
-def chart_bound(model: CollisionModel, state: LaneState, m: int, l: int) -> float:
+def chart_bound(scene: CollisionModel, state: LaneState, m: int, l: int) -> float:
     """Return the bound in the chart of a meeting in a lane, from the smallest part of its cell."""
-    axes, chain, below = model.chart_axes[model.chart_of[m]], model.chain, model.below
+    axes, chain, below = scene.chart_axes[scene.chart_of[m]], scene.chain, scene.below
     j, k, rows, columns, first = axes[0], axes[1], axes[2], axes[3], axes[4]
     u, v = part_of_turn(chain, j, state.q, l) * rows, part_of_turn(chain, k, state.q, l) * columns
     r, c = min(int(u), rows - 1), min(int(v), columns - 1)
@@ -134,30 +107,30 @@ def chart_bound(model: CollisionModel, state: LaneState, m: int, l: int) -> floa
         u, v = (u - r) * rows, (v - c) * columns
         r, c = min(int(u), rows - 1), min(int(v), columns - 1)
         at = first + below[at] + r * columns + c
-    bound: float = model.chart[at]
+    bound: float = scene.chart[at]
     return bound
 
 
 @inlined
 def quick_check_meeting(
-    model: CollisionModel, state: LaneState, m: int, l: int, query: Query, left: int
+    scene: CollisionModel, state: LaneState, m: int, l: int, query: Query, left: int
 ) -> int:
     """Append undecided pairs of two groups to `left` others and return the total; -1 if some pair touches."""
-    if model.chart_of[m] >= 0:
-        bound = chart_bound(model, state, m, l)
+    if scene.chart_of[m] >= 0:
+        bound = chart_bound(scene, state, m, l)
         if bound > query.free:
             return left
         if bound < 0.0:
             return -1
-    meeting = meeting_at(model, m)
-    groups, several = groups_of(model, state, l, meeting), meeting.last - meeting.first > 1
-    if several and near_core(model, model.rough[groups.a], groups, query.free + model.widest[m]) == 0:
+    meeting = model.meeting_at(scene, m)
+    groups, several = model.groups_of(scene, state, l, meeting), meeting.last - meeting.first > 1
+    if several and gaps.near_core(scene, scene.rough[groups.a], groups, query.free + scene.widest[m]) == 0:
         return left  # Each part of the groups is free, too.
     for n in range(meeting.first, meeting.last):
-        pair, asked = Pair(model.pair[n, 0], model.pair[n, 1], groups.way), padded(query, model.pad[n])
-        if several and ball_gap(model, pair) > asked.free:
+        pair, asked = Pair(scene.pair[n, 0], scene.pair[n, 1], groups.way), gaps.padded(query, scene.pad[n])
+        if several and gaps.ball_gap(scene, pair) > asked.free:
             continue
-        found = quick_check(model, pair, asked)
+        found = gaps.quick_check(scene, pair, asked)
         if found == TOUCH:
             return -1
         if found == DOUBT:
@@ -167,25 +140,27 @@ def quick_check_meeting(
 
 
 @inlined
-def check_lane(model: CollisionModel, state: LaneState, l: int, query: Query, doubts: Flags) -> int:
+def check_lane(scene: CollisionModel, state: LaneState, l: int, query: Query, doubts: Flags) -> int:
     """Return the verdict on the q of a lane; pairs in doubt are stored if requested.
 
     Cheap tests come first: if spheres prove that two parts touch, the other pairs need not be decided.
     """
     left, verdict = 0, FREE
     for each in range(state.counts[l]):
-        left = quick_check_meeting(model, state, state.near[l, each], l, query, left)
+        left = quick_check_meeting(scene, state, state.near[l, each], l, query, left)
         if left < 0:
             return TOUCH
     for each in range(left):
         n = state.left[each]
-        found = full_check(model, state, pair_at(model, state, l, n), padded(query, model.pad[n]))
+        found = gaps.full_check(
+            scene, state, model.pair_at(scene, state, l, n), gaps.padded(query, scene.pad[n])
+        )
         if found == TOUCH:
             return TOUCH
         if found == DOUBT:
             verdict = DOUBT
             if len(doubts) > 0:
-                doubts[model.pair[n, 2]] = True
+                doubts[scene.pair[n, 2]] = True
     return verdict
 
 
@@ -224,17 +199,17 @@ def sort_out(
     Returns:
         The number of joint vectors in doubt.
     """
-    model = collision_model_of(handle, 0)
-    memory = np.empty(memory_for(model))
-    state, query = make_lane_state(model, memory), Query(clearance + model.rounding[0], least, steps)
+    scene = model.collision_model_of(handle, 0)
+    memory = np.empty(model.memory_for(scene))
+    state, query = model.make_lane_state(scene, memory), Query(clearance + scene.rounding[0], least, steps)
     nowhere = np.empty(0, dtype=np.bool_)
     in_doubt = 0
-    lanes_balls(model, state, False, w)
+    lanes_balls(scene, state, False, w)
     for first in range(0, len(q), LANES):
-        load_lanes(q, first, state.q)
-        lanes_frames(model.chain, state, w)
-        lanes_balls(model, state, True, w)
-        lanes_near(model, state, least, w)
+        model.load_lanes(q, first, state.q)
+        model.lanes_frames(scene.chain, state, w)
+        lanes_balls(scene, state, True, w)
+        lanes_near(scene, state, least, w)
         for l in range(min(LANES, len(q) - first)):
             k = first + l
             doubt = doubts[k] if len(doubts) > 0 else nowhere
@@ -242,7 +217,7 @@ def sort_out(
                 verdicts[k] = DOUBT
                 doubt[:] = True
             else:
-                verdicts[k] = check_lane(model, state, l, query, doubt)
+                verdicts[k] = check_lane(scene, state, l, query, doubt)
             in_doubt += 1 if verdicts[k] == DOUBT else 0
     keep(memory)
     return in_doubt
@@ -250,14 +225,14 @@ def sort_out(
 
 @inlined
 def bound_pair(
-    model: CollisionModel, state: LaneState, pair: Pair, query: Query, nearest: float
+    scene: CollisionModel, state: LaneState, pair: Pair, query: Query, nearest: float
 ) -> Separation:
     """Return bounds of the distance of two parts, by planes if they may be nearer than `nearest`."""
-    lower, upper = gap_below(model, pair), 1e300
+    lower, upper = gaps.gap_below(scene, pair), 1e300
     if query.steps > 0 and lower < nearest:
-        found = separating_plane(model, state, pair, query)
+        found = gaps.separating_plane(scene, state, pair, query)
         lower = max(lower, found.lower)
-        if model.within[pair.a] == pair.a and model.within[pair.b] == pair.b:
+        if scene.within[pair.a] == pair.a and scene.within[pair.b] == pair.b:
             upper = found.upper
     return Separation(DOUBT, lower, upper)
 
@@ -284,34 +259,36 @@ def bound_pairs(
         depths: Receives lower bounds of the motion that separates the parts of the deepest pair, (k,) [m]; or (0,) to
             skip them.
     """
-    model = collision_model_of(handle, 0)
-    memory = np.empty(memory_for(model))
-    state, query = make_lane_state(model, memory), Query(-1e300, 1e300, steps)
-    lanes_balls(model, state, False, w)
+    scene = model.collision_model_of(handle, 0)
+    memory = np.empty(model.memory_for(scene))
+    state, query = model.make_lane_state(scene, memory), Query(-1e300, 1e300, steps)
+    lanes_balls(scene, state, False, w)
     for first in range(0, len(q), LANES):
-        load_lanes(q, first, state.q)
-        lanes_frames(model.chain, state, w)
-        lanes_balls(model, state, True, w)
+        model.load_lanes(q, first, state.q)
+        model.lanes_frames(scene.chain, state, w)
+        lanes_balls(scene, state, True, w)
         for l in range(min(LANES, len(q) - first)):
             k, nearest, depth = first + l, 1e300, -1e300
             if is_far(q[k]):
                 bounds[k, :] = -1.0
                 continue
-            for m in range(len(model.meeting)):
-                meeting = meeting_at(model, m)
+            for m in range(len(scene.meeting)):
+                meeting = model.meeting_at(scene, m)
                 offset = minus(column(state.balls[meeting.one], l), column(state.balls[meeting.other], l))
-                g, h = model.group[meeting.one], model.group[meeting.other]
-                apart = norm(offset) - model.ball[g, 3] - model.ball[h, 3]
+                g, h = scene.group[meeting.one], scene.group[meeting.other]
+                apart = norm(offset) - scene.ball[g, 3] - scene.ball[h, 3]
                 for n in range(meeting.first, meeting.last):
-                    pad, bound = model.pad[n], apart
+                    pad, bound = scene.pad[n], apart
                     if steps == 0 or apart - pad < nearest:
-                        found = bound_pair(model, state, pair_at(model, state, l, n), query, nearest + pad)
+                        found = bound_pair(
+                            scene, state, model.pair_at(scene, state, l, n), query, nearest + pad
+                        )
                         bound, nearest = max(bound, found.lower), min(nearest, found.upper - pad)
-                    bound = bound - pad - model.rounding[0]
-                    bounds[k, model.pair[n, 2]] = bound
+                    bound = bound - pad - scene.rounding[0]
+                    bounds[k, scene.pair[n, 2]] = bound
                     if len(depths) > 0 and bound <= 0.0:
-                        inside = depth_below(model, pair_at(model, state, l, n))
-                        depth = max(depth, inside - model.rounding[0])
+                        inside = gaps.depth_below(scene, model.pair_at(scene, state, l, n))
+                        depth = max(depth, inside - scene.rounding[0])
             if len(depths) > 0:
                 depths[k] = depth
     keep(memory)

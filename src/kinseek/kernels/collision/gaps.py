@@ -90,10 +90,8 @@ def near_core(model: CollisionModel, spheres: Array, pair: Pair, least: float) -
     """Number of a's spheres, (4, s), at most `least` away from the thickened core of b; counting vectorizes."""
     way, half, count = way_into_core(model, pair), row(model.half, pair.b), 0
     for s in range(spheres.shape[1]):
-        offset, reach = (
-            from_box(apply(way, column(spheres, s)), half),
-            spheres[3, s] + (least + model.thick[pair.b]),
-        )
+        offset = from_box(apply(way, column(spheres, s)), half)
+        reach = spheres[3, s] + (least + model.thick[pair.b])
         count += 1 if dot(offset, offset) <= reach * abs(reach) else 0
     return count
 
@@ -101,12 +99,8 @@ def near_core(model: CollisionModel, spheres: Array, pair: Pair, least: float) -
 @inlined
 def gap_to_core(model: CollisionModel, pair: Pair) -> float:
     """Distance of a's outer spheres from the thickened core of b."""
-    way, half, spheres, least = (
-        way_into_core(model, pair),
-        row(model.half, pair.b),
-        model.outer[pair.a],
-        1e300,
-    )
+    way, half = way_into_core(model, pair), row(model.half, pair.b)
+    spheres, least = model.outer[pair.a], 1e300
     for s in range(spheres.shape[1]):
         least = min(least, norm(from_box(apply(way, column(spheres, s)), half)) - spheres[3, s])
     gap: float = least - model.thick[pair.b]
@@ -240,11 +234,8 @@ def weigh(S: Array, weight: Array, count: int) -> None:
             whole = a + b + c + d  # The origin is inside.
             weight[0], weight[1], weight[2], weight[3] = a / whole, b / whole, c / whole, d / whole
             return
-        one, two, three = (
-            nearest_on_triangle(p, q, s),
-            nearest_on_triangle(p, r, s),
-            nearest_on_triangle(q, r, s),
-        )
+        one, two = nearest_on_triangle(p, q, s), nearest_on_triangle(p, r, s)
+        three = nearest_on_triangle(q, r, s)
         if one.square <= two.square and one.square <= three.square:
             weight[0], weight[1], weight[2], weight[3] = one.a, one.b, 0.0, one.c
         elif two.square <= three.square:

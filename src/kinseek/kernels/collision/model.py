@@ -147,12 +147,8 @@ def load_lanes(q: Array, first: int, lanes: Array) -> None:
 def lanes_frames(chain: ChainArrays, state: LaneState, w: int) -> None:
     """Compute the frames of all joints at the eight q: each is the one before times a fixed transform and a motion."""
     for k in range(len(chain.leader)):
-        A, q, T, S = (
-            transform_at(chain.fixed[k]),
-            state.q[chain.leader[k]],
-            state.frames[k],
-            state.frames[k + 1],
-        )
+        A, q = transform_at(chain.fixed[k]), state.q[chain.leader[k]]
+        T, S = state.frames[k], state.frames[k + 1]
         rate, offset, slides = chain.multiplier[k], chain.offset[k], 1.0 if chain.prismatic[k] else 0.0
         for l in range(w):
             value = rate * q[l] + offset
@@ -169,11 +165,8 @@ def lanes_frames(chain: ChainArrays, state: LaneState, w: int) -> None:
 def joint_frame(state: LaneState, k: int, l: int) -> Transform:
     """Frame of joint k in the base (0: of the base) in a lane."""
     F = state.frames[k]
-    x, y, z = (
-        Vector(F[0, l], F[4, l], F[8, l]),
-        Vector(F[1, l], F[5, l], F[9, l]),
-        Vector(F[2, l], F[6, l], F[10, l]),
-    )
+    x, y = Vector(F[0, l], F[4, l], F[8, l]), Vector(F[1, l], F[5, l], F[9, l])
+    z = Vector(F[2, l], F[6, l], F[10, l])
     return Transform(Matrix(x, y, z), Vector(F[3, l], F[7, l], F[11, l]))
 
 

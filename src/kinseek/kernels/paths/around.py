@@ -14,15 +14,13 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-import numpy as np
-
+from kinseek.kernels.arm.vectors import Vector
 from kinseek.kernels.arrays import Array, ChainArrays, Flags
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
-from kinseek.kernels.proof.taylor import rests
 
-from .motion import COUNT, MARGIN, MARGIN_A, Motion, lead, make_motion
-from .tube import TURNED, aim_at_answer, expand, inflate
+from .motion import Margins, Motion, lead, make_motion
+from .tube import TURNED, aim_at_solution, expand, inflate, remainders
 
 GOAL = 2
 """The hand and its goal are compared distal to the two joints at rest, so no joint moves the goal, and neither does t."""
@@ -31,16 +29,12 @@ GOAL = 2
 @inlined
 def begin_around(motion: Motion, middle: int, position: float, angle: float) -> None:
     """Write v and a for goals that are moved by at most `position` [m] and rotated by at most `angle` [rad]."""
-    form, scratch, tube = motion.form, motion.scratch, motion.tube
-    n = len(tube.half)
+    tube, n = motion.tube, len(motion.tube.half)
     for i in range(n):
         tube.wide[i] = tube.point[i] * position + tube.column[i] * math.sqrt(2.0) * angle
     tube.wide[n] = 0.0
-    for k in range(len(form.leader)):
-        scratch.half[k] = abs(form.multiplier[k]) * tube.wide[form.leader[k]]
-    _, _, three_p, three_c = rests(form, scratch, scratch.r, middle)
-    three_p += motion.numbers[MARGIN]
-    three_c += motion.numbers[MARGIN_A] + math.sqrt(0.5) * angle * angle
+    three_p, three_c = remainders(motion, middle)
+    three_c += math.sqrt(0.5) * angle * angle
     for row in range(n):
         total = abs(tube.value[row]) + tube.point[row] * three_p + tube.column[row] * three_c
         for i in range(n):
@@ -49,7 +43,7 @@ def begin_around(motion: Motion, middle: int, position: float, angle: float) -> 
                 part += 0.5 * abs(tube.bend[row, i, j]) * tube.wide[j]
             total += part * tube.wide[i]
         for a in range(motion.hold.shape[0]):
-            total += abs(tube.across[row, a]) * motion.numbers[MARGIN]
+            total += abs(tube.across[row, a]) * motion.margins.point
         tube.start[row] = total
 
 
@@ -61,7 +55,7 @@ def answers_around(
     hold: Annotated[Array, "k", "*", "n"],
     position: Annotated[Array, "k"],
     orientation: Annotated[Array, "k"],
-    numbers: Annotated[Array, COUNT],
+    margins: Margins,
     held: Annotated[Flags, "k", OUT],
 ) -> None:
     """Check whether every pose of a ball has a solution within the limits, near a solution for the ball's centre.
@@ -73,13 +67,13 @@ def answers_around(
         hold: For redundant arms, orthonormal directions in which the joints are held, (k, redundant, n).
         position: Radii of the balls, (k,), [m].
         orientation: Largest rotation of poses in each ball, (k,), [rad].
-        numbers: See `motion.LENGTH`.
+        margins: Allowances for rounding.
         held: Receives True if all poses of a ball have solutions, (k,).
     """
     if len(q) == 0:
         return
-    n, still = len(chain.lower), np.zeros(3)
-    motion = make_motion(chain, 3, q[0], hold[0], numbers)
+    n, still = len(chain.lower), Vector(0.0, 0.0, 0.0)
+    motion = make_motion(chain, 3, q[0], hold[0], margins)
     tube, middle = motion.tube, GOAL
     for i in range(len(q)):
         for j in range(n):
@@ -89,7 +83,7 @@ def answers_around(
         motion.scratch.c[n] = 0.0
         lead(motion, chain, targets[i], still, still)
         # A goal that is rotated farther may be half a turn from the hand.
-        good = orientation[i] < TURNED and aim_at_answer(motion)
+        good = orientation[i] < TURNED and aim_at_solution(motion)
         if good:
             expand(motion, middle)
             begin_around(motion, middle, position[i], orientation[i])

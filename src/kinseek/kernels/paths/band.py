@@ -1,4 +1,8 @@
-"""Least squares over a whole path at once: a block-tridiagonal system with one block per pose."""
+"""Least squares over a whole path at once: a block-tridiagonal system with one block per pose.
+
+With the blocks B and the diagonal coupling c, elimination gives ``S[i] = B[i] - c[i-1] S[i-1]⁻¹ c[i-1]`` and substitution
+``x[i] = S[i]⁻¹ (b'[i] + c[i] x[i+1])`` (Thomas 1949).
+"""
 
 from __future__ import annotations
 
@@ -8,25 +12,9 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import entry, inlined
+from kinseek.kernels.jit import entry
 
-
-@inlined
-def invert(A: Array) -> None:
-    """Invert a symmetric positive definite matrix, (n, n), in place (Gauss-Jordan without pivoting)."""
-    n = A.shape[0]
-    for k in range(n):
-        pivot = 1.0 / A[k, k]
-        A[k, k] = 1.0
-        for j in range(n):
-            A[k, j] *= pivot
-        for i in range(n):
-            if i == k:
-                continue
-            factor = A[i, k]
-            A[i, k] = 0.0
-            for j in range(n):
-                A[i, j] -= factor * A[k, j]
+from .tube import invert
 
 
 @entry
@@ -52,7 +40,7 @@ def solve_band(
                 for c in range(n):
                     total += blocks[i - 1, r, c] * x[i - 1, c]
                 x[i, r] += coupling[i - 1, r] * total
-        invert(blocks[i])
+        invert(blocks[i], 0.0)
     y, last = np.empty(n), len(x) - 1
     for back in range(len(x)):
         i = last - back

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
+from kinseek.kernels.arm.forward import copy_pose
+from kinseek.kernels.arm.vectors import (
+    Matrix,
+    Transform,
+    Vector,
+    column,
+    cross,
+    norm,
+    relative,
+    scaled,
+    transform_at,
+    transposed_product,
+    transposed_times,
+    write_column,
+)
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.jit import counted, inlined
 from kinseek.kernels.proof.box import BoxScratch, Form, make_box_scratch
@@ -53,6 +67,21 @@ class Tube(NamedTuple):
     """∂rest/∂δ of the columns, (m+2,)."""
     spread: Array
     """Sum of the half widths of the revolute joints from the middle of the arm up to each joint, (m+2,)."""
+    known: Array
+    """Joint values near the branch at the beginning of a part of a step, (n,)."""
+    following: Array
+    """The same at its end, (n,)."""
+
+
+class Margins(NamedTuple):
+    """What scales a radian, and allowances for rounding."""
+
+    length: float
+    """The length of a radian [m]."""
+    point: float
+    """Rounding of the hand's point [m]."""
+    columns: float
+    """Rounding of its columns."""
 
 
 class Motion(NamedTuple):
@@ -69,17 +98,11 @@ class Motion(NamedTuple):
     """Joint values at s = 0, (n,)."""
     end: Array
     """Joint values at s = 1, (n,)."""
-    numbers: Array
-    """See `LENGTH`."""
-
-
-LENGTH, MARGIN, MARGIN_A, COUNT = range(4)
-"""Indices into the numbers of a motion: the length of a radian [m]; the allowance for rounding of the point [m] and of
-the columns; and the number of these entries."""
+    margins: Margins
 
 
 @counted
-def make_motion(chain: ChainArrays, columns: int, begin: Array, hold: Array, numbers: Array) -> Motion:
+def make_motion(chain: ChainArrays, columns: int, begin: Array, hold: Array, margins: Margins) -> Motion:
     """Allocate the memory for the steps of one path; `lead` sets the first two joints."""
     m, n = len(chain.leader), len(chain.lower)
     fixed, prismatic = np.zeros((m + 3, 3, 4)), np.zeros(m + 2, dtype=np.bool_)
@@ -92,80 +115,59 @@ def make_motion(chain: ChainArrays, columns: int, begin: Array, hold: Array, num
         for r in range(3):
             for c in range(4):
                 fixed[k + 2, r, c] = chain.fixed[k, r, c]
-    tube = Tube(
-        np.zeros(n + 1),
-        np.ones(n + 1),
-        np.zeros(n + 1),
-        np.zeros((n, 3, 4)),
-        np.zeros((n, hold.shape[0])),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros((n, n + 1)),
-        np.zeros((n, n + 1, n + 1)),
-        np.zeros((n, n)),
-        np.zeros(n),
-        np.zeros(n + 1),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(m + 2),
-        np.zeros(m + 2),
-        np.zeros(m + 2),
-    )
+    branch = np.zeros(n + 1), np.ones(n + 1), np.zeros(n + 1)
+    M = np.zeros((n, 3, 4)), np.zeros((n, hold.shape[0])), np.zeros(n), np.zeros(n)
+    products = np.zeros(n), np.zeros((n, n + 1)), np.zeros((n, n + 1, n + 1)), np.zeros((n, n))
+    widths = np.zeros(n), np.zeros(n + 1), np.zeros(n), np.zeros(n), np.zeros(n)
+    gains = np.zeros(m + 2), np.zeros(m + 2), np.zeros(m + 2)
+    everything = branch + M + products + widths + gains + (np.zeros(n), np.zeros(n))
+    tube = Tube(*everything)
     form = Form(fixed, prismatic, leader, multiplier, offset, 0, columns, 0, 0.0)
-    return Motion(
-        form, make_box_scratch(m + 2, n + 1), tube, hold.copy(), begin.copy(), begin.copy(), numbers.copy()
-    )
+    scratch = make_box_scratch(m + 2, n + 1)
+    return Motion(form, scratch, tube, hold.copy(), begin.copy(), begin.copy(), margins)
 
 
 @inlined
-def frame_along(x: float, y: float, z: float, size: float, frame: Array) -> None:
-    """Write axes into the rotation of `frame`, (3, 4); the third has the direction of a vector of length `size`."""
-    if size > 0.0:
-        x, y, z = x / size, y / size, z / size
-    else:
-        x, y, z = 0.0, 0.0, 1.0
+def frame_along(v: Vector, size: float) -> Matrix:
+    """A rotation whose third axis has the direction of a vector of length `size`."""
+    z = Vector(v.x / size, v.y / size, v.z / size) if size > 0.0 else Vector(0.0, 0.0, 1.0)
     # Normal to the vector and to the coordinate axis that is farthest from it.
-    if abs(x) <= abs(y) and abs(x) <= abs(z):
-        a, b, c = 0.0, z, -y
-    elif abs(y) <= abs(z):
-        a, b, c = -z, 0.0, x
+    if abs(z.x) <= abs(z.y) and abs(z.x) <= abs(z.z):
+        x = Vector(0.0, z.z, -z.y)
+    elif abs(z.y) <= abs(z.z):
+        x = Vector(-z.z, 0.0, z.x)
     else:
-        a, b, c = y, -x, 0.0
-    length = math.sqrt(a * a + b * b + c * c)
-    a, b, c = a / length, b / length, c / length
-    frame[0, 0], frame[1, 0], frame[2, 0] = a, b, c
-    frame[0, 1], frame[1, 1], frame[2, 1] = y * c - z * b, z * a - x * c, x * b - y * a
-    frame[0, 2], frame[1, 2], frame[2, 2] = x, y, z
+        x = Vector(z.y, -z.x, 0.0)
+    length = norm(x)
+    x = Vector(x.x / length, x.y / length, x.z / length)
+    return Matrix(x, cross(z, x), z)
 
 
 @inlined
-def lead(motion: Motion, chain: ChainArrays, target: Array, slide: Array, turn: Array) -> None:
-    """Set the two joints that undo the motion of the hand from a target, (3, 4), by d [m] and w [rad], (3,), in the base."""
-    form, goal = motion.form, motion.scratch.goal
-    fixed = form.fixed
-    way = math.sqrt(slide[0] * slide[0] + slide[1] * slide[1] + slide[2] * slide[2])
-    angle = math.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
-    form.multiplier[0], form.multiplier[1] = -angle, -way
-    frame_along(turn[0], turn[1], turn[2], angle, fixed[0])
-    along = motion.scratch.T  # Free until the arm is placed.
-    frame_along(slide[0], slide[1], slide[2], way, along)
-    for r in range(3):
-        fixed[0, r, 3] = target[r, 3]
-        for c in range(4):
-            goal[r, c] = target[r, c]
-    for r in range(3):
-        for c in range(3):
-            fixed[1, r, c] = (
-                fixed[0, 0, r] * along[0, c] + fixed[0, 1, r] * along[1, c] + fixed[0, 2, r] * along[2, c]
-            )
-        fixed[1, r, 3] = -(
-            fixed[0, 0, r] * target[0, 3] + fixed[0, 1, r] * target[1, 3] + fixed[0, 2, r] * target[2, 3]
-        )
-        for c in range(4):
-            first = chain.fixed[0]
-            fixed[2, r, c] = along[0, r] * first[0, c] + along[1, r] * first[1, c] + along[2, r] * first[2, c]
+def write_transform(T: Transform, into: Array) -> None:
+    """Write a transform into an array, (3, 4)."""
+    write_column(T.R.x, into, 0)
+    write_column(T.R.y, into, 1)
+    write_column(T.R.z, into, 2)
+    write_column(T.p, into, 3)
+
+
+@inlined
+def lead(motion: Motion, chain: ChainArrays, target: Array, slide: Vector, turn: Vector) -> None:
+    """Set the two joints that undo the motion of the hand from a target, (3, 4), by d [m] and w [rad] in the base.
+
+    The arm becomes ``A_w Rz(-|w| s) A_w⁻¹ A_d Tz(-|d| s) A_d⁻¹ A_1 …``: A_w is at the target with its third axis along w,
+    and that of A_d, at the origin, is along d.
+    """
+    fixed, angle, way = motion.form.fixed, norm(turn), norm(slide)
+    motion.form.multiplier[0], motion.form.multiplier[1] = -angle, -way
+    about = Transform(frame_along(turn, angle), column(target, 3))
+    along = Transform(frame_along(slide, way), Vector(0.0, 0.0, 0.0))
+    write_transform(about, fixed[0])
+    back = scaled(-1.0, transposed_times(about.R, about.p))
+    write_transform(Transform(transposed_product(about.R, along.R), back), fixed[1])
+    write_transform(relative(along, transform_at(chain.fixed[0])), fixed[2])
+    copy_pose(target, motion.scratch.goal)
 
 
 @inlined

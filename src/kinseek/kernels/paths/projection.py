@@ -1,26 +1,19 @@
-"""Project eight configurations onto their targets from nearby, within limits that the caller gives."""
+"""Project eight configurations onto their targets from nearby, within limits that the caller gives.
+
+Each step is the damped Newton step of `atlas.lanes`, ``dq = Jᵀ (J Jᵀ + λ I)⁻¹ e``.
+"""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-import numpy as np
-
-from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.arrays import Array, Limits
+from kinseek.kernels.atlas import lanes as eight
 from kinseek.kernels.atlas.descent import LONGEST, free_turn, reset_weights
-from kinseek.kernels.atlas.lanes import (
-    LANES,
-    RESIDUAL2,
-    lanes_forward,
-    lanes_gram,
-    lanes_hold,
-    lanes_jacobian,
-    lanes_move,
-    lanes_residual,
-    lanes_solve,
-)
-from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
-from kinseek.kernels.atlas.task import TOLERANCES, Handle, task_of
+from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2
+from kinseek.kernels.atlas.memory import Scratch, scratch_of
+from kinseek.kernels.atlas.seeds import load_seed, load_target
+from kinseek.kernels.atlas.task import Job, task_at
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined, noinline
 
@@ -29,25 +22,19 @@ EXACT = 1e-18
 
 
 @noinline
-def settle(
-    handle: Indices, tolerances: Array, memory: Array, lower: Array, upper: Array, steps: int, w: int
-) -> int:
+def project_lanes(job: Job, limits: Limits, steps: int) -> int:
     """Move the lanes with state 0 onto their targets by at most `steps` damped steps; return the steps made.
 
     Args:
-        handle: The task, see `task_of`.
-        tolerances: See `task_of`.
-        memory: The scratch memory, with targets, weights, states and joint values set.
-        lower: Limits of every step, (n,); infinite if there are none.
-        upper: (n,)
+        job: The task, and the scratch memory with targets, weights, states and joint values set.
+        limits: Limits of every step, infinite if there are none.
         steps: Largest number of steps.
-        w: LANES.
     """
-    task = task_of(handle, tolerances)
-    scratch = make_scratch(memory, len(lower), len(task.chain.leader))
-    lanes, turn, made = scratch.lanes, free_turn(task), 0
-    lanes_forward(task.chain.leader, task.links, lanes, w)
-    lanes_residual(lanes, scratch.columns, w)
+    task, w = task_at(job), job.width
+    scratch = scratch_of(job, task)
+    lanes, chain, turn, made = scratch.lanes, task.chain, free_turn(task), 0
+    eight.lanes_forward(chain.leader, task.links, lanes, w)
+    eight.lanes_residual(lanes, scratch.columns, w)
     for _ in range(steps):
         away = 0
         for l in range(LANES):
@@ -55,67 +42,53 @@ def settle(
                 away += 1
         if away == 0:
             break
-        lanes_jacobian(task.chain.leader, task.links, lanes, turn, w)
-        lanes_hold(lower, upper, lanes, w)
-        lanes_gram(scratch.damping[0], scratch.floor, lanes, w)
-        lanes_solve(lanes, w)
-        lanes_move(lower, upper, LONGEST, lanes, w)
-        lanes_forward(task.chain.leader, task.links, lanes, w)
-        lanes_residual(lanes, scratch.columns, w)
+        eight.lanes_jacobian(chain.leader, task.links, lanes, turn, w)
+        eight.lanes_hold(limits.lower, limits.upper, lanes, w)
+        eight.lanes_gram(scratch.damping[0], scratch.floor, lanes, w)
+        eight.lanes_solve(lanes, w)
+        eight.lanes_move(limits.lower, limits.upper, LONGEST, lanes, w)
+        eight.lanes_forward(chain.leader, task.links, lanes, w)
+        eight.lanes_residual(lanes, scratch.columns, w)
         made += 1
-    memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return made
 
 
 @inlined
 def load_lane(scratch: Scratch, lane: int, target: Array, q: Array) -> None:
-    """Set the target, (3, 4), and the start, (n,), of one lane."""
-    for r in range(3):
-        for c in range(4):
-            scratch.lanes.target[r, c, lane] = target[r, c]
-    for i in range(len(q)):
-        scratch.lanes.q[i, lane] = q[i]
+    """Set the target, (3, 4), and the start, (n,), of one lane, and its state to 0."""
+    load_target(scratch.lanes, lane, target)
+    load_seed(scratch.lanes, lane, q)
+    scratch.state[lane] = 0
 
 
 @entry
 def project_onto_poses(
-    handle: Handle,
-    tolerances: Annotated[Array, TOLERANCES],
+    job: Job,
     targets: Annotated[Array, "k", 3, 4],
-    lower: Annotated[Array, "n"],
-    upper: Annotated[Array, "n"],
+    limits: Limits,
     steps: int,
     q: Annotated[Array, "k", "n", OUT],
     left: Annotated[Array, "k", OUT],
-    w: int,
 ) -> None:
     """Project joint values that are close to a solution onto it, each row onto its own target, eight at a time.
 
     Args:
-        handle: The task, see `task_of`.
-        tolerances: See `task_of`.
+        job: The task, and memory for it.
         targets: (k, 3, 4), lengths in [m].
-        lower: Limits of every step, (n,); infinite if there are none.
-        upper: (n,)
+        limits: Limits of every step, infinite if there are none.
         steps: Largest number of steps.
         q: Joint values within the limits, (k, n), replaced by the final ones.
         left: Receives the remaining squared scaled errors, (k,).
-        w: LANES.
     """
-    task = task_of(handle, tolerances)
-    dof, joints = len(lower), len(task.chain.leader)
-    memory = np.zeros(scratch_size(dof, joints))
-    scratch = make_scratch(memory, dof, joints)
+    task = task_at(job)
+    scratch, count = scratch_of(job, task), len(q)
     reset_weights(task, scratch)
-    count = len(q)
     for first in range(0, count, LANES):
         for l in range(LANES):
             k = min(first + l, count - 1)
             load_lane(scratch, l, targets[k], q[k])
-            scratch.state[l] = 0
-        settle(handle, tolerances, memory, lower, upper, steps, w)
+        project_lanes(job, limits, steps)
         for l in range(min(LANES, count - first)):
             left[first + l] = scratch.lanes.error[RESIDUAL2, l]
-            for i in range(dof):
+            for i in range(q.shape[1]):
                 q[first + l, i] = scratch.lanes.q[i, l]
-    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

@@ -1,8 +1,12 @@
-"""Tracking steps: as near to the pose as limits and speeds allow within one period, with bounded work."""
+"""Tracking steps: as near to the pose as limits and speeds allow within one period, with bounded work.
+
+A joint at q that moves by at most r within a period reaches ``[max(q - r, lower), min(q + r, upper)]``. Damped Newton steps
+look for the pose in these intervals; if they miss it, the weighted error is minimised there, see `go_nearer`.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -11,13 +15,13 @@ from kinseek.kernels.arm.pose_error import distance, errors, is_rigid
 from kinseek.kernels.arrays import Array, GoalArrays, Limits
 from kinseek.kernels.atlas.descent import goal_of, reset_weights, within
 from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2
-from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
+from kinseek.kernels.atlas.memory import Scratch, scratch_of
 from kinseek.kernels.atlas.newton import Walk, minimise
-from kinseek.kernels.atlas.task import TOLERANCES, Task, handle_at, lanes_of, task_of
+from kinseek.kernels.atlas.task import TOLERANCES, Job, Task, handle_at, lanes_of, task_at
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import entry, inlined, noinline
+from kinseek.kernels.jit import entry, inlined
 
-from .projection import load_lane, settle
+from .projection import load_lane, project_lanes
 
 STEPS = 6
 """Largest number of damped steps within a period: a bound on the work; one or two are usual."""
@@ -25,13 +29,7 @@ STEPS = 6
 STARTS = 3
 """Number of lanes that start: at the current joint values, at these plus the last step, and half-way between."""
 
-ROWS = 8
-LOWER, UPPER, REACH, NOW, LAST, LOW, HIGH, REACHED = range(ROWS)
-"""Rows of the state of a tracker, (ROWS, n): the limits; the largest motion of each joint within a period; the current
-joint values; the last step; the interval of joint values that can be reached in this period; and the joint values at
-which it last reached its pose."""
-
-TRACKING, LAGGING, LIMIT, SINGULAR, NO_POSE = range(5)
+TRACKING, LAGGING, LIMIT, SINGULAR, NO_POSE = 0, 1, 2, 3, 4
 """Outcome of a step. NO_POSE: the target is not a rigid transform, and nothing has changed."""
 
 NEAREST_STEPS = 40
@@ -45,8 +43,27 @@ INSIDE = 1e-12
 """Fraction of a joint's largest motion that stays unused, so that rounding never makes it too fast."""
 
 
+class State(NamedTuple):
+    """The state of a tracker, (n,) each, [rad] or [m]."""
+
+    lower: Annotated[Array, "n", OUT]
+    """Limits."""
+    upper: Annotated[Array, "n", OUT]
+    reach: Annotated[Array, "n", OUT]
+    """The largest motion of each joint within a period."""
+    now: Annotated[Array, "n", OUT]
+    """The current joint values."""
+    last: Annotated[Array, "n", OUT]
+    """The last step."""
+    low: Annotated[Array, "n", OUT]
+    """The interval of joint values that can be reached in this period."""
+    high: Annotated[Array, "n", OUT]
+    reached: Annotated[Array, "n", OUT]
+    """The joint values at which it last reached its pose."""
+
+
 @inlined
-def go_nearer(task: Task, scratch: Scratch, target: Array, state: Array) -> None:
+def go_nearer(task: Task, scratch: Scratch, target: Array, state: State) -> None:
     """Reduce the weighted error from the current joint values, within what this period allows; write `scratch.seed`.
 
     The weighted error ``K_P d + Σ K_c (1 - c·c_g)`` has a kink at d = 0, along which steps are tiny. Its majorant
@@ -56,78 +73,19 @@ def go_nearer(task: Task, scratch: Scratch, target: Array, state: Array) -> None
     Gauss-Newton steps overshoot there in every period, since the Jacobian is singular at the boundary of the workspace.
     """
     for d in range(len(task.lower)):
-        scratch.seed[d] = min(max(state[NOW, d], state[LOW, d]), state[HIGH, d])
+        scratch.seed[d] = min(max(state.now[d], state.low[d]), state.high[d])
     forward(task.chain, scratch.seed, scratch.spare)
     weight = task.position_weight / max(distance(scratch.spare, target), NEAR)
-    squares = GoalArrays(target, weight, task.axis_weights)
-    minimise(
-        task.chain, squares, Limits(state[LOW], state[HIGH]), Walk(True, NEAREST_STEPS, 0.0), scratch.seed
-    )
+    squares, limits = GoalArrays(target, weight, task.axis_weights), Limits(state.low, state.high)
+    minimise(task.chain, squares, limits, Walk(True, NEAREST_STEPS, 0.0), scratch.seed)
 
 
-@noinline
-def one_period(
-    address: int, tolerances: Array, target: Array, memory: Array, state: Array
-) -> tuple[float, float, int]:
-    """Do the work of `servo_step`."""
-    if not is_rigid(target):
-        return np.inf, np.inf, NO_POSE
-    handle = handle_at(address)
-    task = task_of(handle, tolerances)
-    dof, joints, w = len(task.lower), len(task.chain.leader), lanes_of(handle)
-    for k in range(scratch_size(dof, joints)):
-        memory[k] = 0.0  # Results must not depend on the previous contents, bit by bit.
-    scratch = make_scratch(memory, dof, joints)
-    reset_weights(task, scratch)
-    for d in range(dof):
-        here, reach = state[NOW, d], state[REACH, d] * (1.0 - INSIDE)
-        # A joint outside its limits returns at its largest speed.
-        lower, upper = state[LOWER, d], state[UPPER, d]
-        state[LOW, d] = max(here - reach, lower) if here >= lower else min(here + reach, lower)
-        state[HIGH, d] = min(here + reach, upper) if here <= upper else max(here - reach, upper)
-    for l in range(LANES):
-        share = min(l, STARTS - 1) / (STARTS - 1.0)
-        load_lane(scratch, l, target, state[NOW])
-        scratch.state[l] = 0 if l < STARTS else 2
-        for d in range(dof):
-            value = state[NOW, d] + share * state[LAST, d]
-            scratch.lanes.q[d, l] = min(max(value, state[LOW, d]), state[HIGH, d])
-    settle(handle, tolerances, memory, state[LOW], state[HIGH], STEPS, w)
-    best = 0
-    for l in range(1, STARTS):
-        reached = within(task, scratch.lanes, l) and not within(task, scratch.lanes, best)
-        if reached or (
-            not within(task, scratch.lanes, best)
-            and scratch.lanes.error[RESIDUAL2, l] < scratch.lanes.error[RESIDUAL2, best]
-        ):
-            best = l
-    if within(task, scratch.lanes, best):
-        for d in range(dof):
-            scratch.seed[d] = scratch.lanes.q[d, best]
-    else:
-        go_nearer(task, scratch, target, state)
-    fast, stopped = False, False
-    for d in range(dof):
-        value = scratch.seed[d]
-        at_end = value <= state[LOW, d] or value >= state[HIGH, d]
-        at_limit = at_end and (value <= state[LOWER, d] or value >= state[UPPER, d])
-        fast = fast or (at_end and not at_limit)
-        stopped = stopped or at_limit
-        state[LAST, d] = value - state[NOW, d]
-        state[NOW, d] = value
-    forward(task.chain, state[NOW], scratch.spare)
-    position, orientation = errors(scratch.spare, goal_of(task, target))
-    ended = SINGULAR
-    if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
-        ended = TRACKING
-        for d in range(dof):
-            state[REACHED, d] = state[NOW, d]
-    elif fast:
-        ended = LAGGING
-    elif stopped:
-        ended = LIMIT
-    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
-    return position, orientation, ended
+@inlined
+def is_nearer(task: Task, scratch: Scratch, l: int, best: int) -> bool:
+    """Return True if lane l is within the tolerances and another one is not, or has a smaller error and neither is."""
+    error = scratch.lanes.error
+    closer = within(task, scratch.lanes, l) or error[RESIDUAL2, l] < error[RESIDUAL2, best]
+    return closer and not within(task, scratch.lanes, best)
 
 
 @entry
@@ -136,9 +94,9 @@ def servo_step(
     tolerances: Annotated[Array, TOLERANCES],
     target: Annotated[Array, 4, 4],
     memory: Annotated[Array, "*"],
-    state: Annotated[Array, ROWS, "n", OUT],
+    state: State,
 ) -> tuple[float, float, int]:
-    """Move as near to a pose as one period allows; the row NOW of the state receives the new joint values.
+    """Move as near to a pose as one period allows; the state receives the new joint values.
 
     A joint that is at an end of its interval and would move outward is held, and the others move without it. If the pose
     is not reached within the period, the weighted error is minimised, see `go_nearer`.
@@ -147,13 +105,58 @@ def servo_step(
         address: Address of the handle of the task, see `task_of`.
         tolerances: See `task_of`.
         target: (4, 4), lengths in [m].
-        memory: At least `scratch_size` numbers.
-        state: See `LOWER`, (ROWS, n).
+        memory: As long as `memory.LAYOUT` for the arm.
+        state: Of the tracker.
 
     Returns:
         Position error [m], orientation error [rad], and the outcome of the step, see `TRACKING`.
     """
-    return one_period(address, tolerances, target, memory, state)
+    if not is_rigid(target):
+        return np.inf, np.inf, NO_POSE
+    handle = handle_at(address)
+    job = Job(handle, tolerances, memory, lanes_of(handle))
+    task = task_at(job)
+    scratch, dof = scratch_of(job, task), len(task.lower)
+    for k in range(len(memory)):
+        memory[k] = 0.0  # Results must not depend on the previous contents, bit by bit.
+    reset_weights(task, scratch)
+    for d in range(dof):
+        here, reach = state.now[d], state.reach[d] * (1.0 - INSIDE)
+        # A joint outside its limits returns at its largest speed.
+        lower, upper = state.lower[d], state.upper[d]
+        state.low[d] = max(here - reach, lower) if here >= lower else min(here + reach, lower)
+        state.high[d] = min(here + reach, upper) if here <= upper else max(here - reach, upper)
+    for l in range(LANES):
+        share = min(l, STARTS - 1) / (STARTS - 1.0)
+        for d in range(dof):
+            value = state.now[d] + share * state.last[d]
+            scratch.seed[d] = min(max(value, state.low[d]), state.high[d])
+        load_lane(scratch, l, target, scratch.seed)
+        scratch.state[l] = 0 if l < STARTS else 2
+    project_lanes(job, Limits(state.low, state.high), STEPS)
+    best = 0
+    for l in range(1, STARTS):
+        best = l if is_nearer(task, scratch, l, best) else best
+    if within(task, scratch.lanes, best):
+        for d in range(dof):
+            scratch.seed[d] = scratch.lanes.q[d, best]
+    else:
+        go_nearer(task, scratch, target, state)
+    fast, stopped = False, False
+    for d in range(dof):
+        value = scratch.seed[d]
+        at_end = value <= state.low[d] or value >= state.high[d]
+        at_limit = at_end and (value <= state.lower[d] or value >= state.upper[d])
+        fast = fast or (at_end and not at_limit)
+        stopped = stopped or at_limit
+        state.last[d], state.now[d] = value - state.now[d], value
+    forward(task.chain, state.now, scratch.spare)
+    position, orientation = errors(scratch.spare, goal_of(task, target))
+    if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
+        for d in range(dof):
+            state.reached[d] = state.now[d]
+        return position, orientation, TRACKING
+    return position, orientation, LAGGING if fast else LIMIT if stopped else SINGULAR
 
 
 @entry
@@ -164,7 +167,7 @@ def look_ahead(
     place: float,
     turn: float,
     memory: Annotated[Array, "*"],
-    state: Annotated[Array, ROWS, "n", OUT],
+    state: State,
 ) -> tuple[int, int, int]:
     """Make one step after another, until the error of the hand exceeds the given bounds.
 
@@ -175,7 +178,7 @@ def look_ahead(
         place: Largest position error [m].
         turn: Largest orientation error [rad].
         memory: See `servo_step`.
-        state: See `servo_step`; it keeps the values after the last step.
+        state: Of the tracker; it keeps the values after the last step.
 
     Returns:
         Index of the first lagging step, index of the step that exceeded the bounds, k for both if there is none, and the
@@ -183,12 +186,11 @@ def look_ahead(
     """
     behind, count = -1, len(targets)
     for k in range(count):
-        position, orientation, ended = one_period(address, tolerances, targets[k], memory, state)
+        position, orientation, ended = servo_step(address, tolerances, targets[k], memory, state)
         if ended == TRACKING:
             behind = -1
             continue
-        if behind < 0:
-            behind = k
+        behind = k if behind < 0 else behind
         if not (position <= place and orientation <= turn):
             return behind, k, ended
     return count, count, TRACKING

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from kinseek.kernels.arrays import Array, ChainArrays, Flags, Indices
+from kinseek.kernels.arm.vectors import row
+from kinseek.kernels.arrays import Array, ChainArrays, Flags, Indices, Limits
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 from kinseek.kernels.proof.box import LEAST
 from kinseek.kernels.proof.box import place as place_arm
 
-from .motion import COUNT, MARGIN, MARGIN_A, Motion, across_by, lead, make_motion
+from .motion import Margins, Motion, across_by, lead, make_motion
 from .tube import find_tube, middle_at
 
-UNPROVED, INSIDE, SOMEWHERE, OUTSIDE, LEAVES = range(5)
+UNPROVED, INSIDE, SOMEWHERE, OUTSIDE, LEAVES = 0, 1, 2, 3, 4
 """What is proved of a step: nothing; an unbroken branch within the limits; an unbroken branch that may leave them; an
 unbroken branch that leaves the limits somewhere; or that the branch from the start leaves the limits, and nothing
 about the rest."""
@@ -36,6 +37,36 @@ WITHIN = 1e-12
 roundings."""
 
 
+class Miss(NamedTuple):
+    """Deviation of the hand from its path, with rounding."""
+
+    point: float
+    """Of the point [m]."""
+    columns: float
+    """Of all columns together."""
+
+
+class Moves(NamedTuple):
+    """Steps of a path."""
+
+    targets: Annotated[Array, "steps", 3, 4]
+    """Poses of the hand at the start of each step, (steps, 3, 4), lengths in [m]."""
+    slides: Annotated[Array, "steps", 3]
+    """Translation of the hand, (steps, 3), [m]."""
+    turns: Annotated[Array, "steps", 3]
+    """Rotation vector of the hand in the base, (steps, 3), [rad]."""
+    begins: Annotated[Array, "steps", "n"]
+    """Joint values that reach the targets, (steps, n), [rad] or [m]."""
+    ends: Annotated[Array, "steps", "n"]
+    """Joint values that reach the pose at the end, (steps, n)."""
+    hold: Annotated[Array, "steps", "*", "n"]
+    """For redundant arms, orthonormal directions that are held to linear interpolation, (steps, k, n)."""
+    rims: Annotated[Array, "steps", 2]
+    """Largest distance of the branch from start and end, (steps, 2), [rad] or [m]."""
+    asked: Annotated[Flags, "steps"]
+    """True for the steps to prove, (steps,)."""
+
+
 @inlined
 def clearly_inside(off: float, half: float, value: float) -> bool:
     """Return True if `off` is within half the width of a tube, despite rounding of joint values as large as `value`."""
@@ -43,7 +74,7 @@ def clearly_inside(off: float, half: float, value: float) -> bool:
 
 
 @inlined
-def misses(motion: Motion, q: Array, s: float) -> tuple[float, float]:
+def miss_of(motion: Motion, q: Array, s: float) -> Miss:
     """Deviation of the hand from its path at joint values q: of the point [m] and of the columns, with rounding."""
     scratch, form, n = motion.scratch, motion.form, len(q)
     for i in range(n):
@@ -57,7 +88,7 @@ def misses(motion: Motion, q: Array, s: float) -> tuple[float, float]:
         for c in range(form.columns):
             off = scratch.T[r, c] - scratch.goal[r, c]
             column += off * off
-    return math.sqrt(point) + motion.numbers[MARGIN], math.sqrt(column) + motion.numbers[MARGIN_A]
+    return Miss(math.sqrt(point) + motion.margins.point, math.sqrt(column) + motion.margins.columns)
 
 
 @inlined
@@ -65,7 +96,7 @@ def correct(motion: Motion, q: Array, s: float) -> None:
     """Move joint values in the tube nearer to its branch by a Newton step with the tube's M."""
     scratch, tube, hold = motion.scratch, motion.tube, motion.hold
     n = len(q)
-    misses(motion, q, s)
+    miss_of(motion, q, s)
     for i in range(n):
         off = 0.0
         for r in range(3):
@@ -77,9 +108,7 @@ def correct(motion: Motion, q: Array, s: float) -> None:
 
 
 @inlined
-def distance(
-    motion: Motion, q: Array, s: float, miss_point: float, miss_column: float, rim: float
-) -> tuple[float, float]:
+def distance(motion: Motion, q: Array, s: float, miss: Miss, rim: float) -> tuple[float, float]:
     """Bound the distance of the branch in a tube from joint values q at s; infinite if q is not in the tube.
 
     The second result is the distance that `rim` requires, in half widths of the tube.
@@ -93,9 +122,9 @@ def distance(
     drawn = off = shifted = 0.0
     for i in range(n):
         drawn = max(drawn, (tube.reach[i] - tube.start[i]) / tube.half[i])
-        moved = tube.point[i] * miss_point + tube.column[i] * miss_column
+        moved = tube.point[i] * miss.point + tube.column[i] * miss.columns
         for a in range(hold.shape[0]):
-            moved += abs(tube.across[i, a]) * (abs(across_by(motion, a, q, s)) + motion.numbers[MARGIN])
+            moved += abs(tube.across[i, a]) * (abs(across_by(motion, a, q, s)) + motion.margins.point)
         off = max(off, moved / tube.half[i])
         for a in range(hold.shape[0]):
             length = 0.0
@@ -126,37 +155,28 @@ def is_held(hold: Array, j: int) -> bool:
 
 
 @inlined
-def room_at(motion: Motion, q: Array, shifted: float, lower: Array, upper: Array) -> bool:
-    """Return True if all points within `shifted` half widths of q are within the limits, for a redundant arm.
+def room_at(motion: Motion, limits: Limits, q: Array, shifted: float) -> tuple[bool, float]:
+    """Return True if all points within `shifted` half widths of q are within the limits, and the largest of these widths.
 
-    At rest at a pose, the arm may have to move from the end of one step to the start of the next. A held joint moves
-    between two values that are both within the limits.
+    Of a redundant arm; else True and 0. At rest at a pose, it may have to move from the end of one step to the start of the
+    next. A held joint moves between two values that are both within the limits.
     """
-    if motion.hold.shape[0] == 0:
-        return True
-    for i in range(len(q)):
-        room = shifted * motion.tube.half[i]
-        if not is_held(motion.hold, i) and not (q[i] - room >= lower[i] and q[i] + room <= upper[i]):
-            return False
-    return True
+    inside, widest = True, 0.0
+    for i in range(len(q) if motion.hold.shape[0] > 0 else 0):
+        half = motion.tube.half[i]
+        room = shifted * half
+        fits = q[i] - room >= limits.lower[i] and q[i] + room <= limits.upper[i]
+        inside, widest = inside and (fits or is_held(motion.hold, i)), max(widest, half)
+    return inside, shifted * widest if widest > 0.0 else 0.0
 
 
 @inlined
-def room_between(motion: Motion, shifted: float) -> float:
-    """Largest extent of `shifted` half widths of the tube for a redundant arm, else 0."""
-    widest = 0.0
-    for i in range(len(motion.tube.half)):
-        widest = max(widest, motion.tube.half[i])
-    return shifted * widest if motion.hold.shape[0] > 0 else 0.0
-
-
-@inlined
-def place_of(motion: Motion, h: float, lower: Array, upper: Array) -> int:
+def place_of(motion: Motion, limits: Limits, h: float) -> int:
     """Classify the branch in a tube over |s - centre| ≤ h: INSIDE the limits, OUTSIDE at one end, or SOMEWHERE.
 
     A joint that is held to linear interpolation is exactly on it, and so within the limits if both ends are.
     """
-    tube, place = motion.tube, INSIDE
+    tube, place, lower, upper = motion.tube, INSIDE, limits.lower, limits.upper
     for i in range(len(lower)):
         if is_held(motion.hold, i):
             low, high = min(motion.begin[i], motion.end[i]), max(motion.begin[i], motion.end[i])
@@ -175,23 +195,13 @@ def place_of(motion: Motion, h: float, lower: Array, upper: Array) -> int:
 
 
 @inlined
-def prove_step(
-    motion: Motion,
-    lower: Array,
-    upper: Array,
-    rim_begin: float,
-    rim_end: float,
-    keep: bool,
-    known: Array,
-    reached: Array,
-    within: Array,
-) -> int:
-    """Prove one step, tube after tube, and return the result; see `prove_steps`."""
-    scratch, tube, n = motion.scratch, motion.tube, len(lower)
+def prove_step(motion: Motion, limits: Limits, rims: Array, keep: bool, within: Array) -> int:
+    """Prove one step, tube after tube, and return the result; see `prove_steps` and, for a row of it, `Moves.rims`."""
+    scratch, tube, n = motion.scratch, motion.tube, len(limits.lower)
+    known, following = tube.known, tube.following
     middle = 2 + (len(motion.form.leader) - 2) // 2
-    least = 4.0 * max(rim_begin, rim_end)
-    begin_point, begin_column = misses(motion, motion.begin, 0.0)
-    end_point, end_column = misses(motion, motion.end, 1.0)
+    least = 4.0 * max(rims[0], rims[1])
+    at_begin, at_end = miss_of(motion, motion.begin, 0.0), miss_of(motion, motion.end, 1.0)
     for i in range(n):
         known[i] = motion.begin[i]
     # At s the branch is within `radius` of the known joint values.
@@ -206,28 +216,28 @@ def prove_step(
         scratch.c[n] = s + h
         good, last = find_tube(motion, middle, h, least), s + part == 1.0
         if good and s == 0.0:
-            within[0], shifted = distance(motion, known, 0.0, begin_point, begin_column, rim_begin)
-            good = within[0] <= rim_begin
-            inside = inside and room_at(motion, known, shifted, lower, upper)
-            within[0] = max(within[0], room_between(motion, shifted))
+            within[0], shifted = distance(motion, known, 0.0, at_begin, rims[0])
+            good = within[0] <= rims[0]
+            fits, room = room_at(motion, limits, known, shifted)
+            inside, within[0] = inside and fits, max(within[0], room)
         elif good:
             for i in range(n):
                 off = abs(known[i] - middle_at(tube, i, -h)) + radius
                 good = good and clearly_inside(off, tube.half[i], known[i])
         if good and last:
-            within[1], shifted = distance(motion, motion.end, 1.0, end_point, end_column, rim_end)
-            good = within[1] <= rim_end
-            inside = inside and room_at(motion, motion.end, shifted, lower, upper)
-            within[1] = max(within[1], room_between(motion, shifted))
+            within[1], shifted = distance(motion, motion.end, 1.0, at_end, rims[1])
+            good = within[1] <= rims[1]
+            fits, room = room_at(motion, limits, motion.end, shifted)
+            inside, within[1] = inside and fits, max(within[1], room)
         elif good:
             for i in range(n):
-                reached[i] = middle_at(tube, i, h)
-            correct(motion, reached, s + part)
-            point, column = misses(motion, reached, s + part)
-            radius_there, _ = distance(motion, reached, s + part, point, column, 0.0)
+                following[i] = middle_at(tube, i, h)
+            correct(motion, following, s + part)
+            miss = miss_of(motion, following, s + part)
+            radius_there, _ = distance(motion, following, s + part, miss, 0.0)
             good = radius_there < np.inf
         if good:
-            place = place_of(motion, h, lower, upper)
+            place = place_of(motion, limits, h)
             outside = outside or place == OUTSIDE
             if keep and outside:
                 break
@@ -244,7 +254,7 @@ def prove_step(
                 return OUTSIDE
             return INSIDE if inside else SOMEWHERE
         for i in range(n):
-            known[i] = reached[i]
+            known[i] = following[i]
         radius = radius_there
         s += part
         part *= 2.0
@@ -255,16 +265,9 @@ def prove_step(
 def prove_steps(
     chain: ChainArrays,
     columns: int,
-    targets: Annotated[Array, "steps", 3, 4],
-    slides: Annotated[Array, "steps", 3],
-    turns: Annotated[Array, "steps", 3],
-    begins: Annotated[Array, "steps", "n"],
-    ends: Annotated[Array, "steps", "n"],
-    hold: Annotated[Array, "steps", "*", "n"],
-    rims: Annotated[Array, "steps", 2],
-    asked: Annotated[Flags, "steps"],
+    moves: Moves,
     keep: bool,
-    numbers: Annotated[Array, COUNT],
+    margins: Margins,
     state: Annotated[Indices, "steps", OUT],
     within: Annotated[Array, "steps", 2, OUT],
 ) -> None:
@@ -273,33 +276,26 @@ def prove_steps(
     Args:
         chain: The arm; infinite limits for unlimited joints.
         columns: Number of columns of the hand that count: 3 for a pose, 1 for a direction, 0 for a position.
-        targets: Poses of the hand at the start of each step, (steps, 3, 4), lengths in [m].
-        slides: Translation of the hand, (steps, 3), [m].
-        turns: Rotation vector of the hand in the base, (steps, 3), [rad].
-        begins: Joint values that reach the targets, (steps, n), [rad] or [m].
-        ends: Joint values that reach the pose at the end, (steps, n).
-        hold: For redundant arms, orthonormal directions that are held to linear interpolation, (steps, k, n).
-        rims: Largest distance of the branch from start and end, (steps, 2), [rad] or [m].
-        asked: True for the steps to prove, (steps,).
+        moves: The steps.
         keep: True to stop as soon as the branch does not stay within the limits.
-        numbers: See `motion.LENGTH`.
+        margins: Allowances for rounding.
         state: Receives what is proved, see `UNPROVED`, (steps,).
         within: Receives upper bounds of the distances of the branch from start and end, (steps, 2).
     """
+    begins, ends, hold = moves.begins, moves.ends, moves.hold
     if len(begins) == 0:
         return
-    n = len(chain.lower)
-    motion = make_motion(chain, columns, begins[0], hold[0], numbers)
-    known, reached = np.empty(n), np.empty(n)
+    motion, limits = (
+        make_motion(chain, columns, begins[0], hold[0], margins),
+        Limits(chain.lower, chain.upper),
+    )
     for i in range(len(begins)):
         state[i] = UNPROVED
-        if not asked[i]:
+        if not moves.asked[i]:
             continue
-        for j in range(n):
+        for j in range(begins.shape[1]):
             motion.begin[j], motion.end[j] = begins[i, j], ends[i, j]
             for a in range(hold.shape[1]):
                 motion.hold[a, j] = hold[i, a, j]
-        lead(motion, chain, targets[i], slides[i], turns[i])
-        state[i] = prove_step(
-            motion, chain.lower, chain.upper, rims[i, 0], rims[i, 1], keep, known, reached, within[i]
-        )
+        lead(motion, chain, moves.targets[i], row(moves.slides, i), row(moves.turns, i))
+        state[i] = prove_step(motion, limits, moves.rims[i], keep, within[i])

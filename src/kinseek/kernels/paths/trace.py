@@ -1,21 +1,26 @@
-"""Follow branches from pose to pose, up to eight in parallel, one in each lane."""
+"""Follow branches from pose to pose, up to eight in parallel, one in each lane.
+
+The joint values at the next pose are predicted by a line or a parabola through the last ones, ``2 q₀ - q₋₁`` or
+``3 q₀ - 3 q₋₁ + q₋₂``, whichever was closer the last time, and then projected onto the pose.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.arrays import Array, Indices, Limits
 from kinseek.kernels.atlas.descent import reset_weights, within
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import make_scratch, scratch_size
-from kinseek.kernels.atlas.task import TOLERANCES, Handle, task_of
+from kinseek.kernels.atlas.memory import scratch_of
+from kinseek.kernels.atlas.seeds import load_target
+from kinseek.kernels.atlas.task import Job, task_at
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import entry, inlined, noinline
+from kinseek.kernels.jit import entry, inlined
 
-from .projection import load_lane, settle
+from .projection import load_lane, project_lanes
 
 TURN = 2.0 * math.pi
 
@@ -31,33 +36,46 @@ ENDED, JOINED, TAKEN = 0, 1, 2
 branch; or it met another branch that was there before, so that one of the two is lost."""
 
 
-@noinline
-def trace_lanes(
-    handle: Indices,
-    tolerances: Array,
-    targets: Array,
-    begin: int,
-    end: int,
-    many: int,
-    longest: Array,
-    q: Array,
-    ends: Indices,
-    w: int,
-) -> int:
-    """Do the work of `trace`; return the number of branches that reach the end."""
-    task = task_of(handle, tolerances)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    memory = np.zeros(scratch_size(dof, joints))
-    scratch = make_scratch(memory, dof, joints)
+class Leg(NamedTuple):
+    """Which branches are followed."""
+
+    begin: int
+    """Target from which they are followed."""
+    end: int
+    """Target up to which they are followed, forward or backward."""
+    many: int
+    """Number of branches."""
+
+
+@entry
+def trace(
+    job: Job,
+    targets: Annotated[Array, "k", 3, 4],
+    leg: Leg,
+    longest: Annotated[Array, "n"],
+    q: Annotated[Array, "k", LANES, "n", OUT],
+    ends: Annotated[Indices, LANES, OUT],
+) -> None:
+    """Follow branches from the solutions of one target to another target, forward or backward.
+
+    A branch ends if the steps from its predicted values do not converge, or if a joint would move too far.
+
+    Args:
+        job: The task, whose limits end a branch, and memory for it.
+        targets: (k, 3, 4), lengths in [m].
+        leg: Which branches.
+        longest: Largest motion of each joint from one target to the next, (n,), [rad] or [m].
+        q: The row of the first target has its solutions, (k, LANES, n); receives joint values as far as the branches lead.
+        ends: Receives the last target of each branch, (LANES,).
+    """
+    task, begin, many = task_at(job), leg.begin, leg.many
+    dof, scratch = len(task.lower), scratch_of(job, task)
     reset_weights(task, scratch)
-    curved = np.zeros(LANES)
-    way = 1 if end >= begin else -1
-    active = many
+    curved, way, active = np.zeros(LANES), 1 if leg.end >= begin else -1, many
     for l in range(LANES):
-        ends[l] = begin
-        scratch.state[l] = 0 if l < many else 2
         load_lane(scratch, l, targets[begin], q[begin, min(l, many - 1)])
-    for passed in range(abs(end - begin)):
+        ends[l], scratch.state[l] = begin, 0 if l < many else 2
+    for passed in range(abs(leg.end - begin)):
         if active == 0:
             break
         i = begin + way * passed
@@ -65,9 +83,7 @@ def trace_lanes(
         for l in range(many):
             if scratch.state[l] != 0:
                 continue
-            for r in range(3):
-                for c in range(4):
-                    scratch.lanes.target[r, c, l] = targets[j, r, c]
+            load_target(scratch.lanes, l, targets[j])
             for d in range(dof):
                 value = q[i, l, d]
                 if passed > 0:
@@ -75,12 +91,11 @@ def trace_lanes(
                 if passed > 1:
                     value += curved[l] * (q[i, l, d] - 2.0 * q[i - way, l, d] + q[i - 2 * way, l, d])
                 scratch.lanes.q[d, l] = min(max(value, task.lower[d]), task.upper[d])
-        settle(handle, tolerances, memory, task.lower, task.upper, STEPS, w)
+        project_lanes(job, Limits(task.lower, task.upper), STEPS)
         for l in range(many):
             if scratch.state[l] != 0:
                 continue
-            good = within(task, scratch.lanes, l)
-            line, parabola = 0.0, 0.0
+            good, line, parabola = within(task, scratch.lanes, l), 0.0, 0.0
             for d in range(dof):
                 value = scratch.lanes.q[d, l]
                 q[j, l, d] = value
@@ -88,49 +103,13 @@ def trace_lanes(
                 if passed > 1:
                     off = value - 2.0 * q[i, l, d] + q[i - way, l, d]
                     bend = q[i, l, d] - 2.0 * q[i - way, l, d] + q[i - 2 * way, l, d]
-                    line = max(line, abs(off))
-                    parabola = max(parabola, abs(off - bend))
+                    line, parabola = max(line, abs(off)), max(parabola, abs(off - bend))
             curved[l] = 1.0 if parabola < line or passed < 2 else 0.0
             if good:
                 ends[l] = j
             else:
                 scratch.state[l] = 2
                 active -= 1
-    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
-    return active
-
-
-@entry
-def trace(
-    handle: Handle,
-    tolerances: Annotated[Array, TOLERANCES],
-    targets: Annotated[Array, "k", 3, 4],
-    begin: int,
-    end: int,
-    many: int,
-    longest: Annotated[Array, "n"],
-    q: Annotated[Array, "k", LANES, "n", OUT],
-    ends: Annotated[Indices, LANES, OUT],
-    w: int,
-) -> None:
-    """Follow branches from the solutions of target `begin` to target `end`, forward or backward.
-
-    A line or a parabola through the last poses, whichever was closer the last time, predicts each branch, and a few steps
-    move it onto the pose. A branch ends if these do not converge, or if a joint would move too far.
-
-    Args:
-        handle: The task, see `task_of`; its limits end a branch.
-        tolerances: See `task_of`.
-        targets: (k, 3, 4), lengths in [m].
-        begin: Target from which the branches are followed.
-        end: Target up to which they are followed.
-        many: Number of branches.
-        longest: Largest motion of each joint from one target to the next, (n,), [rad] or [m].
-        q: Row `begin` has the solutions of that target, (k, LANES, n); receives joint values as far as the branches lead.
-        ends: Receives the last target of each branch, (LANES,).
-        w: LANES.
-    """
-    trace_lanes(handle, tolerances, targets, begin, end, many, longest, q, ends, w)
 
 
 @inlined

@@ -29,12 +29,13 @@ from __future__ import annotations
 
 import math
 
+from kinseek.kernels.arm.forward import copy_pose
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import inlined
 from kinseek.kernels.proof.box import LEAST, BoxScratch, Form, place
 from kinseek.kernels.proof.taylor import derivatives, differentiate, normal_matrix, rests
 
-from .motion import LENGTH, MARGIN, MARGIN_A, Motion, Tube, across_by
+from .motion import Motion, Tube, across_by
 
 FIRST, GROWTH, ROUNDS = 4.0, 1.2, 12
 """The first tube is FIRST times as wide as the distance that N moves its middle. A tube that is too narrow is replaced by
@@ -64,15 +65,12 @@ NARROWING = 3
 
 
 @inlined
-def invert(A: Array) -> None:
-    """Invert a symmetric positive definite matrix in place; if it is singular, the result is finite but useless."""
+def invert(A: Array, least: float) -> None:
+    """Invert a symmetric positive definite matrix, (n, n), in place (Gauss-Jordan without pivoting).
+
+    Pivots are raised to `least`: if the matrix is singular, the result is finite but useless.
+    """
     n = A.shape[0]
-    least = 0.0
-    for k in range(n):
-        least += A[k, k]
-    least = REGULAR * least + LEAST
-    for k in range(n):
-        A[k, k] += least
     for k in range(n):
         pivot = 1.0 / max(A[k, k], least)
         A[k, k] = 1.0
@@ -93,7 +91,7 @@ def aim(motion: Motion) -> None:
     form, scratch, tube, hold = motion.form, motion.scratch, motion.tube, motion.hold
     n, columns, held = len(tube.half), form.columns, motion.hold.shape[0]
     T, goal = scratch.T, scratch.goal
-    weight = 1.0 / (motion.numbers[LENGTH] * motion.numbers[LENGTH])
+    weight, trace = 1.0 / (motion.margins.length * motion.margins.length), 0.0
     place(form, scratch)
     differentiate(form, scratch, 0, columns)
     normal_matrix(form, scratch, weight, 1.0, columns)
@@ -103,7 +101,11 @@ def aim(motion: Motion) -> None:
             for a in range(held):
                 total += hold[a, i] * hold[a, j]
             tube.D[i, j] = tube.D[j, i] = total
-    invert(tube.D)
+        trace += tube.D[i, i]
+    least = REGULAR * trace + LEAST
+    for i in range(n):
+        tube.D[i, i] += least
+    invert(tube.D, least)
     for row in range(n):
         value = point = column = 0.0
         for a in range(held):
@@ -138,9 +140,7 @@ def expand(motion: Motion, middle: int) -> None:
     n, held = len(tube.half), motion.hold.shape[0]
     differentiate(form, scratch, middle, form.columns)
     for row in range(n):
-        for r in range(3):
-            for c in range(4):
-                scratch.y[r, c] = tube.rows[row, r, c]
+        copy_pose(tube.rows[row], scratch.y)
         derivatives(form, scratch, middle, form.columns)
         for i in range(n + 1):
             tube.slope[row, i] = scratch.g[i]
@@ -169,17 +169,28 @@ def bent(tube: Tube, row: int, x: Array, y: Array) -> float:
 
 
 @inlined
+def spread_widths(form: Form, widths: Array, half: Array) -> None:
+    """Write the half widths of the physical joints, (m+2,), for those of the variables, (n+1,)."""
+    for k in range(len(form.leader)):
+        half[k] = abs(form.multiplier[k]) * widths[form.leader[k]]
+
+
+@inlined
+def remainders(motion: Motion, middle: int) -> tuple[float, float]:
+    """Bound the remainder of the second-order Taylor polynomial within v, with rounding: of the point and the columns."""
+    scratch = motion.scratch
+    spread_widths(motion.form, motion.tube.wide, scratch.half)
+    _, _, point, columns = rests(motion.form, scratch, scratch.r, middle)
+    return point + motion.margins.point, columns + motion.margins.columns
+
+
+@inlined
 def begin_tube(motion: Motion, middle: int, h: float) -> None:
     """Write a, a bound of the distance that N moves the middle of a tube over |s - σ| ≤ h."""
-    form, scratch, tube = motion.form, motion.scratch, motion.tube
-    n = len(tube.half)
+    tube, n = motion.tube, len(motion.tube.half)
     for i in range(n + 1):
         tube.wide[i] = h * abs(tube.t[i]) + 0.5 * h * h * abs(tube.u[i])
-    for k in range(len(form.leader)):
-        scratch.half[k] = abs(form.multiplier[k]) * tube.wide[form.leader[k]]
-    _, _, three_p, three_c = rests(form, scratch, scratch.r, middle)
-    three_p += motion.numbers[MARGIN]
-    three_c += motion.numbers[MARGIN_A]
+    three_p, three_c = remainders(motion, middle)
     for row in range(n):
         first = second = 0.0
         for i in range(n + 1):
@@ -195,7 +206,7 @@ def begin_tube(motion: Motion, middle: int, h: float) -> None:
             + tube.column[row] * three_c
         )
         for a in range(motion.hold.shape[0]):
-            tube.start[row] += abs(tube.across[row, a]) * motion.numbers[MARGIN]
+            tube.start[row] += abs(tube.across[row, a]) * motion.margins.point
 
 
 @inlined
@@ -236,8 +247,7 @@ def contract(motion: Motion, middle: int, half: Array, out: Array) -> float:
     for i in range(n):
         scratch.h[i] = tube.wide[i] + half[i]
     scratch.h[n] = tube.wide[n]
-    for k in range(len(form.leader)):
-        scratch.half[k] = abs(form.multiplier[k]) * scratch.h[form.leader[k]]
+    spread_widths(form, scratch.h, scratch.half)
     turned = gains(form, scratch, tube, middle)
     more_point = more_column = 0.0
     for k in range(2, len(form.leader)):
@@ -263,7 +273,7 @@ def middle_at(tube: Tube, i: int, tau: float) -> float:
 
 
 @inlined
-def aim_at_answer(motion: Motion) -> bool:
+def aim_at_solution(motion: Motion) -> bool:
     """Call `aim` at the centre, corrected by one step to the solution next to it; return True if M allows a proof."""
     scratch, tube = motion.scratch, motion.tube
     n = len(tube.half)
@@ -325,7 +335,7 @@ def find_tube(motion: Motion, middle: int, h: float, least: float) -> bool:
 
     ``tube.half`` receives its half widths, and ``tube.away`` upper bounds of the distance of the branch from its middle.
     """
-    if not aim_at_answer(motion):
+    if not aim_at_solution(motion):
         return False
     expand(motion, middle)
     begin_tube(motion, middle, h)

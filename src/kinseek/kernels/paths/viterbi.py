@@ -1,244 +1,35 @@
-"""The best sequence of solutions through layers: fewest breaks first, then the smallest cost (Bellman 1957).
+"""The best sequence of solutions through layers: fewest breaks first, then the smallest cost.
 
-A node is a solution together with a number of full turns for every joint that has room for them. Most pairs of solutions
-of consecutive poses are too far apart for any turns. Each pair is therefore compared once, and its turns only if it is
-close.
+Let W(b) be the breaks and the cost of the best way to node b, in lexicographic order. With the nodes a of the layer before
+(Bellman 1957, Viterbi 1967),
+
+    W(b) = min(min over a of W(a) + (0, cost of the step), min over a of W(a) + (1, 0)),
+
+where only steps within the longest motions count, and the second minimum is a break. A node is a solution together with a
+number of full turns for every joint that has room for them. Most pairs of solutions of consecutive poses are too far apart
+for any turns. Each pair is therefore compared once, and its turns only if it is close.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.entry import OUT
-from kinseek.kernels.jit import entry, inlined
+from kinseek.kernels.jit import counted, entry, inlined
 
-STRAIGHT, COPIED, ENDLESS = range(3)
+STRAIGHT, COPIED, ENDLESS = 0, 1, 2
 """How a joint turns: without copies by full turns; with copies within its limits; without limits."""
 
-DISTANCE, TIME, SQUARES, GIVEN = range(4)
+DISTANCE, TIME, SQUARES, GIVEN = 0, 1, 2, 3
 """Cost of a step: the weighted distance; the largest weighted motion of a joint; the squared distance; or the given costs
 of the nodes."""
 
 ROOM = 1e-9
 """Distance [rad or m] that a solution may be beyond a limit; it is clamped and judged there."""
-
-
-@inlined
-def copies_of(value: float, low: float, high: float, turning: int) -> int:
-    """Number of copies of a value by full turns within its limits; values of COPIED joints are in the first turn."""
-    if turning == ENDLESS:
-        return 1
-    if value < low - ROOM or value > high + ROOM:
-        return 0
-    return 1 + math.floor((high + ROOM - value) / (2.0 * math.pi)) if turning == COPIED else 1
-
-
-@inlined
-def moved_turns(
-    digits: Indices, s: int, turns: Indices, room: Indices, b: int, turning: Indices, units: Indices
-) -> int:
-    """Turns of a node after a step to solution b, as one number; -1 if b has no room for them.
-
-    Args:
-        digits: Turns of each joint by their number, (all copies, n).
-        s: Number of the turns of the node.
-        turns: Full turns that the step subtracts from each joint's value, (n,).
-        room: Number of copies of each joint for each solution, (width, n).
-        b: The solution.
-        turning: See `STRAIGHT`, (n,).
-        units: Place value of a turn of each joint, (n,).
-    """
-    place = 0
-    for j in range(len(turns)):
-        digit = digits[s, j]
-        if turning[j] == COPIED:
-            digit -= turns[j]
-        if digit < 0 or digit >= room[b, j]:
-            return -1
-        place += digit * units[j]
-    return place
-
-
-@entry
-def viterbi(
-    q: Annotated[Array, "k", "width", "n"],
-    ahead: Annotated[Array, "k", "width", "n"],
-    count: Annotated[Indices, "k"],
-    lower: Annotated[Array, "n"],
-    upper: Annotated[Array, "n"],
-    turning: Annotated[Indices, "n"],
-    copies: Annotated[Indices, "n"],
-    longest: Annotated[Array, "*", "n"],
-    weights: Annotated[Array, "n"],
-    mode: int,
-    costs: Annotated[Array, "*", "*"],
-    refused: Annotated[Flags, "*", "*"],
-    forbidden_edges: Annotated[Indices, "*", 3],
-    ends: Annotated[Indices, 2],
-    path: Annotated[Indices, "k", OUT],
-    report: Annotated[Array, "k", OUT],
-) -> int:
-    """Find the sequence through layers of solutions with the fewest breaks, and among these the cheapest.
-
-    Args:
-        q: Solutions of each pose, with COPIED joints in the first turn of their range, (k, width, n).
-        ahead: Joint values to which each solution leads at the next pose, (k, width, n); steps are measured from there.
-            If solutions are isolated, q itself.
-        count: Number of solutions of each pose, (k,).
-        lower: Limits, (n,).
-        upper: (n,)
-        turning: See `STRAIGHT`, (n,).
-        copies: Largest number of copies of each joint, (n,).
-        longest: Largest motion of each joint from pose to pose, one row for all steps or one each, (1 or k - 1, n).
-        weights: Weight of each joint in the cost, (n,).
-        mode: See `DISTANCE`.
-        costs: Cost of each node, with GIVEN; else empty, (k or 0, width · product of copies).
-        refused: True for nodes that are forbidden; or empty.
-        forbidden_edges: Steps that are forbidden: pose, node and following node, sorted by pose, (m, 3).
-        ends: First and last node, or -1 for any, (2,).
-        path: Receives one node per pose: solution · product of copies + turns; -1 if a pose has no node, (k,).
-        report: Receives the breaks before each pose, (k,), and in its first entry the total cost.
-
-    Returns:
-        The number of breaks.
-    """
-    poses, width, dof = q.shape
-    total, units = 1, np.empty(dof, dtype=np.int64)
-    for j in range(dof):
-        units[j] = total
-        total *= copies[j]
-    digits = np.empty((total, dof), dtype=np.int64)
-    for s in range(total):
-        for j in range(dof):
-            digits[s, j] = s // units[j] % copies[j]
-    nodes = width * total
-    came = np.zeros((poses, nodes), dtype=np.uint8)
-    best = np.full(poses, -1, dtype=np.int64)
-    room = np.zeros((width, dof), dtype=np.int64)
-    fault, fault_before = np.full(nodes, -1, dtype=np.int64), np.full(nodes, -1, dtype=np.int64)
-    sums, sums_before = np.zeros(nodes), np.zeros(nodes)
-    turns = np.zeros(dof, dtype=np.int64)
-    next_barred = 0
-    for i in range(poses):
-        for node in range(nodes):
-            fault[node] = -1
-        for b in range(count[i]):
-            for j in range(dof):
-                # A value at the very end of a range of whole turns has one more copy than there are nodes for.
-                room[b, j] = min(copies_of(q[i, b, j], lower[j], upper[j], turning[j]), copies[j])
-        before = best[i - 1] if i > 0 else -1
-        # Every solution can be reached by a break from the best node before; continuing steps are compared with that.
-        for b in range(count[i]):
-            for s in range(total):
-                inside = True
-                for j in range(dof):
-                    if digits[s, j] >= room[b, j]:
-                        inside = False
-                        break
-                node = b * total + s
-                if not inside or (len(refused) > 0 and refused[i, node]):
-                    continue
-                if i == 0 and ends[0] >= 0 and node != ends[0]:
-                    continue
-                if i == poses - 1 and ends[1] >= 0 and node != ends[1]:
-                    continue
-                fault[node], sums[node], came[i, node] = 0, 0.0, 0
-                if before >= 0:
-                    fault[node], sums[node] = fault_before[before] + 1, sums_before[before]
-                elif i > 0:
-                    fault[node] = i
-                if mode == GIVEN:
-                    sums[node] += costs[i, node]
-        while next_barred < len(forbidden_edges) and forbidden_edges[next_barred, 0] < i - 1:
-            next_barred += 1
-        some_barred = next_barred < len(forbidden_edges) and forbidden_edges[next_barred, 0] == i - 1
-        row = min(i - 1, len(longest) - 1) if i > 0 else 0
-        for a in range(count[i - 1] if before >= 0 else 0):
-            for b in range(count[i]):
-                if total == 1 and mode != GIVEN:
-                    # No step makes the sum smaller.
-                    worse = fault_before[a] > fault[b]
-                    if worse or (fault_before[a] == fault[b] and sums_before[a] >= sums[b]):
-                        continue
-                cost, close, turned = 0.0, True, False
-                for j in range(dof):
-                    gap = q[i, b, j] - ahead[i - 1, a, j]
-                    turns[j] = 0
-                    if turning[j] != STRAIGHT:
-                        whole = np.rint(gap / (2.0 * math.pi))
-                        gap -= 2.0 * math.pi * whole
-                        turns[j] = int(whole)
-                        turned = turned or (turning[j] == COPIED and turns[j] != 0)
-                    close = close and abs(gap) <= longest[row, j]
-                    if not close:
-                        break
-                    gap *= weights[j]
-                    cost = max(cost, abs(gap)) if mode == TIME else cost + gap * gap
-                if not close:
-                    continue
-                if mode == DISTANCE:
-                    cost = math.sqrt(cost)
-                for s in range(total):
-                    node = a * total + s
-                    if fault_before[node] < 0:
-                        continue
-                    after = moved_turns(digits, s, turns, room, b, turning, units) if turned else s
-                    to = b * total + after
-                    if after < 0 or fault[to] < 0:
-                        continue
-                    sum_there = sums_before[node] + (costs[i, to] if mode == GIVEN else cost)
-                    less = fault_before[node] < fault[to]
-                    if not (less or (fault_before[node] == fault[to] and sum_there < sums[to])):
-                        continue
-                    if some_barred:
-                        allowed, k = True, next_barred
-                        while k < len(forbidden_edges) and forbidden_edges[k, 0] == i - 1:
-                            allowed = allowed and not (
-                                forbidden_edges[k, 1] == node and forbidden_edges[k, 2] == to
-                            )
-                            k += 1
-                        if not allowed:
-                            continue
-                    fault[to], sums[to], came[i, to] = fault_before[node], sum_there, 1 + a
-        for node in range(nodes):
-            if fault[node] < 0:
-                continue
-            first = best[i] < 0
-            if (
-                first
-                or fault[node] < fault[best[i]]
-                or (fault[node] == fault[best[i]] and sums[node] < sums[best[i]])
-            ):
-                best[i] = node
-        for node in range(nodes):
-            fault_before[node], sums_before[node] = fault[node], sums[node]
-    node, breaks = best[poses - 1], 0
-    cost = sums_before[node] if node >= 0 else np.inf
-    for back in range(poses):
-        i = poses - 1 - back
-        path[i], report[i] = node, 0.0
-        if i == 0:
-            break
-        a = int(came[i, node]) - 1 if node >= 0 else -1
-        if a < 0:
-            report[i] = 1.0
-            breaks += 1
-            node = best[i - 1]
-            continue
-        b, s = node // total, node % total
-        # The turns before are those of the node plus those that the step subtracted.
-        place = a * total + s
-        for j in range(dof):
-            if turning[j] == COPIED:
-                place += units[j] * int(np.rint((q[i, b, j] - ahead[i - 1, a, j]) / (2.0 * math.pi)))
-        node = place
-    report[0] = cost
-    return breaks
-
 
 STEEPEST, MOST_SHARE = 8, 4.0
 """Exponent, and cap of the share. The share of a step is its largest joint motion divided by the allowed one. The cost
@@ -246,28 +37,345 @@ between layers is multiplied by 1 + min(share, MOST_SHARE)^STEEPEST, so steps th
 nothing else continues."""
 
 
+class Turns(NamedTuple):
+    """How the joints turn within their limits."""
+
+    lower: Annotated[Array, "n"]
+    """Limits, (n,), [rad] or [m]."""
+    upper: Annotated[Array, "n"]
+    kind: Annotated[Indices, "n"]
+    """See `STRAIGHT`, (n,)."""
+    copies: Annotated[Indices, "n"]
+    """Largest number of copies of each joint, (n,)."""
+
+
+class Layers(NamedTuple):
+    """Solutions of consecutive poses."""
+
+    q: Annotated[Array, "k", "width", "n"]
+    """Solutions of each pose, with COPIED joints in the first turn of their range, (k, width, n)."""
+    ahead: Annotated[Array, "k", "width", "n"]
+    """Joint values to which each solution leads at the next pose, (k, width, n); steps are measured from there. If solutions
+    are isolated, q itself."""
+    counts: Annotated[Indices, "k"]
+    """Number of solutions of each pose, (k,)."""
+
+
+class Steps(NamedTuple):
+    """How far steps lead, and what they cost."""
+
+    longest: Annotated[Array, "*", "n"]
+    """Largest motion of each joint from pose to pose, one row for all steps or one each, (1 or k - 1, n)."""
+    weights: Annotated[Array, "n"]
+    """Weight of each joint in the cost, (n,)."""
+    mode: int
+    """See `DISTANCE`."""
+
+
+class Rules(NamedTuple):
+    """Costs of nodes, and nodes and steps that are forbidden."""
+
+    costs: Annotated[Array, "*", "*"]
+    """Cost of each node, with GIVEN; else empty, (k or 0, width · product of copies)."""
+    refused: Annotated[Flags, "*", "*"]
+    """True for nodes that are forbidden; or empty."""
+    forbidden_edges: Annotated[Indices, "*", 3]
+    """Steps that are forbidden: pose, node and following node, sorted by pose, (m, 3)."""
+    ends: Annotated[Indices, 2]
+    """First and last node, or -1 for any, (2,)."""
+
+
+class Nodes(NamedTuple):
+    """The nodes of a layer. The number of one is its solution times the number of all turns, plus that of its turns."""
+
+    joints: Turns
+    digits: Indices
+    """Turns of each joint by their number, (all turns, n)."""
+    units: Indices
+    """Place value of a turn of each joint, (n,)."""
+    room: Indices
+    """Number of copies of each joint for each solution, (width, n)."""
+    turns: Indices
+    """Full turns that the present step subtracts from each COPIED joint, (n,)."""
+
+
+@counted
+def nodes_of(turns: Turns, width: int) -> Nodes:
+    """Number the turns of all joints, for layers of `width` solutions."""
+    dof, total = len(turns.copies), 1
+    units = np.empty(dof, dtype=np.int64)
+    for j in range(dof):
+        units[j] = total
+        total *= turns.copies[j]
+    digits = np.empty((total, dof), dtype=np.int64)
+    for s in range(total):
+        for j in range(dof):
+            digits[s, j] = s // units[j] % turns.copies[j]
+    return Nodes(turns, digits, units, np.zeros((width, dof), dtype=np.int64), np.zeros(dof, dtype=np.int64))
+
+
+@inlined
+def count_copies(nodes: Nodes, b: int, q: Array) -> None:
+    """Write the room of solution b, (n,): the numbers of copies of its values by full turns within the limits."""
+    turns = nodes.joints
+    for j in range(len(q)):
+        value, low, high = q[j], turns.lower[j] - ROOM, turns.upper[j] + ROOM
+        copies = 1
+        if turns.kind[j] != ENDLESS and (value < low or value > high):
+            copies = 0
+        elif turns.kind[j] == COPIED:
+            copies = 1 + math.floor((high - value) / (2.0 * math.pi))
+        # A value at the very end of a range of whole turns has one more copy than there are nodes for.
+        nodes.room[b, j] = min(copies, turns.copies[j])
+
+
+@inlined
+def has_room(nodes: Nodes, b: int, s: int) -> bool:
+    """Return True if solution b has copies with the turns of number s."""
+    for j in range(len(nodes.units)):  # noqa: SIM110 (kernels have no generators)
+        if nodes.digits[s, j] >= nodes.room[b, j]:
+            return False
+    return True
+
+
+@inlined
+def short_way(nodes: Nodes, j: int, gap: float) -> float:
+    """Reduce the difference of two values of a joint by full turns where these make no difference; store the turns."""
+    kind = nodes.joints.kind[j]
+    nodes.turns[j] = 0
+    if kind != STRAIGHT:
+        whole = np.rint(gap / (2.0 * math.pi))
+        gap -= 2.0 * math.pi * whole
+        nodes.turns[j] = int(whole) if kind == COPIED else 0
+    return gap
+
+
+@inlined
+def node_after(nodes: Nodes, s: int, b: int, turned: bool) -> int:
+    """Node of solution b after a step from a node with turns of number s; -1 if b has no room for its turns."""
+    if not turned:
+        return b * len(nodes.digits) + s
+    place = b * len(nodes.digits)
+    for j in range(len(nodes.units)):
+        digit = nodes.digits[s, j] - nodes.turns[j]
+        if digit < 0 or digit >= nodes.room[b, j]:
+            return -1
+        place += digit * nodes.units[j]
+    return place
+
+
+@inlined
+def is_better(fault: int, cost: float, than_fault: int, than_cost: float) -> bool:
+    """Return True if a way has fewer breaks than another one, or as many and a smaller cost."""
+    return fault < than_fault or (fault == than_fault and cost < than_cost)
+
+
+@inlined
+def best_of(fault: Indices, sums: Array) -> int:
+    """Node with the best way to it; -1 if there is no node."""
+    best = -1
+    for node in range(len(fault)):
+        if fault[node] >= 0 and (best < 0 or is_better(fault[node], sums[node], fault[best], sums[best])):
+            best = node
+    return best
+
+
+@inlined
+def measure(layers: Layers, steps: Steps, nodes: Nodes, i: int, a: int, b: int) -> tuple[bool, bool, float]:
+    """Compare solution b of pose i with the end of solution a: whether it is close, with full turns, and the cost."""
+    cost, turned, row = 0.0, False, min(i - 1, len(steps.longest) - 1)
+    for j in range(len(steps.weights)):
+        gap = short_way(nodes, j, layers.q[i, b, j] - layers.ahead[i - 1, a, j])
+        if not abs(gap) <= steps.longest[row, j]:
+            return False, False, 0.0
+        turned = turned or nodes.turns[j] != 0
+        gap *= steps.weights[j]
+        cost = max(cost, abs(gap)) if steps.mode == TIME else cost + gap * gap
+    return True, turned, math.sqrt(cost) if steps.mode == DISTANCE else cost
+
+
+@inlined
+def is_refused(rules: Rules, i: int, poses: int, node: int) -> bool:
+    """Return True if a node of pose i is forbidden, or not the required one at an end of the path."""
+    first, last = rules.ends[0], rules.ends[1]
+    if (i == 0 and first >= 0 and node != first) or (i == poses - 1 and last >= 0 and node != last):
+        return True
+    return len(rules.refused) > 0 and rules.refused[i, node]
+
+
+@inlined
+def is_forbidden(edges: Indices, first: int, node: int, to: int) -> bool:
+    """Return True if a step is among the forbidden ones of the pose of edge `first`."""
+    k = first
+    while k < len(edges) and edges[k, 0] == edges[first, 0]:
+        if edges[k, 1] == node and edges[k, 2] == to:
+            return True
+        k += 1
+    return False
+
+
+@entry
+def viterbi(
+    layers: Layers,
+    turns: Turns,
+    steps: Steps,
+    rules: Rules,
+    path: Annotated[Indices, "k", OUT],
+    report: Annotated[Array, "k", OUT],
+) -> int:
+    """Find the sequence through layers of solutions with the fewest breaks, and among these the cheapest.
+
+    Args:
+        layers: The solutions.
+        turns: How the joints turn.
+        steps: How far steps lead, and what they cost.
+        rules: Costs of nodes, and what is forbidden.
+        path: Receives one node per pose, see `Nodes`; -1 if a pose has no node, (k,).
+        report: Receives the breaks before each pose, (k,), and in its first entry the total cost.
+
+    Returns:
+        The number of breaks.
+    """
+    poses, width, dof = layers.q.shape
+    nodes, edges, given = nodes_of(turns, width), rules.forbidden_edges, steps.mode == GIVEN
+    total = len(nodes.digits)
+    came, best = np.zeros((poses, width * total), dtype=np.uint8), np.full(poses, -1, dtype=np.int64)
+    fault, fault_before = np.full(width * total, -1, np.int64), np.full(width * total, -1, np.int64)
+    sums, sums_before, first_edge = np.zeros(width * total), np.zeros(width * total), 0
+    for i in range(poses):
+        before = best[i - 1] if i > 0 else -1
+        fault[:] = -1
+        # Every solution can be reached by a break from the best node before; continuing steps are compared with that.
+        for b in range(layers.counts[i]):
+            count_copies(nodes, b, layers.q[i, b])
+            for s in range(total):
+                node = b * total + s
+                if not has_room(nodes, b, s) or is_refused(rules, i, poses, node):
+                    continue
+                fault[node], sums[node] = i, 0.0
+                if before >= 0:
+                    fault[node], sums[node] = fault_before[before] + 1, sums_before[before]
+                if given:
+                    sums[node] += rules.costs[i, node]
+        while first_edge < len(edges) and edges[first_edge, 0] < i - 1:
+            first_edge += 1
+        some_forbidden = first_edge < len(edges) and edges[first_edge, 0] == i - 1
+        for a in range(layers.counts[i - 1] if before >= 0 else 0):
+            for b in range(layers.counts[i]):
+                # No step makes the sum smaller.
+                if (
+                    total == 1
+                    and not given
+                    and not is_better(fault_before[a], sums_before[a], fault[b], sums[b])
+                ):
+                    continue
+                close, turned, cost = measure(layers, steps, nodes, i, a, b)
+                for s in range(total if close else 0):
+                    node = a * total + s
+                    if fault_before[node] < 0:
+                        continue
+                    to = node_after(nodes, s, b, turned)
+                    if to < 0 or fault[to] < 0:
+                        continue
+                    sum_there = sums_before[node] + (rules.costs[i, to] if given else cost)
+                    if not is_better(fault_before[node], sum_there, fault[to], sums[to]):
+                        continue
+                    if some_forbidden and is_forbidden(edges, first_edge, node, to):
+                        continue
+                    fault[to], sums[to], came[i, to] = fault_before[node], sum_there, 1 + a
+        best[i] = best_of(fault, sums)
+        for node in range(len(fault)):
+            fault_before[node], sums_before[node] = fault[node], sums[node]
+    node, breaks = best[poses - 1], 0
+    cost = sums_before[node] if node >= 0 else np.inf
+    for i in range(poses - 1, 0, -1):
+        path[i], report[i] = node, 0.0
+        a = int(came[i, node]) - 1 if node >= 0 else -1
+        if a < 0:
+            report[i] = 1.0
+            breaks += 1
+            node = best[i - 1]
+            continue
+        b = node // total
+        # The turns before are those of the node plus those that the step subtracted.
+        node += (a - b) * total
+        for j in range(dof):
+            short_way(nodes, j, layers.q[i, b, j] - layers.ahead[i - 1, a, j])
+            node += nodes.units[j] * nodes.turns[j]
+    path[0], report[0] = node, cost
+    return breaks
+
+
+class Layer(NamedTuple):
+    """Solutions of a redundant arm at one layer, and the best way to each of its nodes."""
+
+    q: Annotated[Array, "*", "n"]
+    """Solutions, with COPIED joints in the first turn of their range, (k, n)."""
+    along: Annotated[Array, "*", "n"]
+    """Directions of the self-motion there, (k, n)."""
+    fault: Annotated[Indices, "*", OUT]
+    """Number of breaks before each node, -1 for a missing node, (k · product of copies,)."""
+    sums: Annotated[Array, "*", OUT]
+    """Costs up to these nodes."""
+    came: Annotated[Indices, "*", OUT]
+    """The predecessor of each node; after a break -2 less that node."""
+
+
+class BranchEnds(NamedTuple):
+    """Where branches from the solutions of a layer lead at the next one."""
+
+    q: Annotated[Array, "k", "n", OUT]
+    """Joint values there, (k, n)."""
+    along: Annotated[Array, "k", "n", OUT]
+    """Directions of the self-motion there, (k, n), see `propagation.write_self_motions`."""
+    cost: Annotated[Array, "k", OUT]
+    """Sum of the squared steps; infinite if the branch ends before, (k,)."""
+    least: Annotated[Array, "k", "n", OUT]
+    """The smallest motion of each joint from pose to pose, (k, n)."""
+    most: Annotated[Array, "k", "n", OUT]
+    """The largest one."""
+
+
+class Sideways(NamedTuple):
+    """How far a step between layers may lead, and what it costs."""
+
+    longest: Annotated[Array, "n"]
+    """Largest motion of each joint from pose to pose, (n,)."""
+    sideways: Annotated[Array, "n"]
+    """Largest sideways motion of each joint, (n,)."""
+    weights: Annotated[Array, "n"]
+    """Weight of each joint in the cost, (n,)."""
+    poses: float
+    """Number of steps between the layers."""
+
+
+@inlined
+def sideways_cost(
+    before: Layer, ends: BranchEnds, steps: Sideways, a: int, gaps: Array, same: float
+) -> float:
+    """Cost of a branch from solution a and of sideways motion by `gaps`, (n,), at its end.
+
+    With the motion of a branch p and the gaps g spread over m poses the squared steps increase by ``(2 p + g)·g / m``. A
+    positive `same` says that both solutions are on one curve, which makes the spread possible.
+    """
+    cost, share = ends.cost[a], 0.0
+    for j in range(len(gaps)):
+        moved, weight = 2.0 * (ends.q[a, j] - before.q[a, j]) + gaps[j], steps.weights[j]
+        cost += weight * weight * moved * gaps[j] / steps.poses
+        gap = gaps[j] / steps.poses if same > 0.0 else gaps[j]
+        share = max(share, max(abs(ends.least[a, j] + gap), abs(ends.most[a, j] + gap)) / steps.longest[j])
+    total: float = max(cost, 0.0) * (1.0 + min(share, MOST_SHARE) ** STEEPEST)
+    return total
+
+
 @entry
 def viterbi_step(
-    q_before: Annotated[Array, "a", "n"],
-    ahead: Annotated[Array, "a", "n"],
-    report: Annotated[Array, "a", "*"],
-    along_ahead: Annotated[Array, "a", "n"],
-    q: Annotated[Array, "b", "n"],
-    along: Annotated[Array, "b", "n"],
-    lower: Annotated[Array, "n"],
-    upper: Annotated[Array, "n"],
-    turning: Annotated[Indices, "n"],
-    copies: Annotated[Indices, "n"],
-    longest: Annotated[Array, "n"],
-    sideways: Annotated[Array, "n"],
-    weights: Annotated[Array, "n"],
-    poses: float,
+    before: Layer,
+    ends: BranchEnds,
+    here: Layer,
+    turns: Turns,
+    steps: Sideways,
     own: Annotated[Array, "*"],
-    fault_before: Annotated[Indices, "*"],
-    sums_before: Annotated[Array, "*"],
-    fault: Annotated[Indices, "*", OUT],
-    sums: Annotated[Array, "*", OUT],
-    came: Annotated[Indices, "*", OUT],
 ) -> None:
     """Advance by one layer, along branches and sideways from their ends: one step of `viterbi` for redundant arms.
 
@@ -275,107 +383,49 @@ def viterbi_step(
     not connected to this one, it is made in one step and counted so.
 
     Args:
-        q_before: Solutions of the previous layer, (a, n).
-        ahead: Ends of their branches, (a, n).
-        report: See `propagation.BASE`, (a, 1 + 2 n).
-        along_ahead: Directions of the self-motion there, (a, n).
-        q: Solutions of this layer, with COPIED joints in the first turn of their range, (b, n).
-        along: Directions of the self-motion there, (b, n).
-        lower: Limits, (n,).
-        upper: (n,)
-        turning: See `STRAIGHT`, (n,).
-        copies: Largest number of copies of each joint, (n,).
-        longest: Largest motion of each joint from pose to pose, (n,).
-        sideways: Largest sideways motion of each joint, (n,).
-        weights: Weight of each joint in the cost, (n,).
-        poses: Number of steps between the layers.
-        own: Cost of each node of this layer, (b · product of copies,); or empty.
-        fault_before: Number of breaks before each node of the previous layer, -1 for a missing node, (a · product of
-            copies,).
-        sums_before: Costs up to these nodes.
-        fault: Receives the same for this layer, (b · product of copies,).
-        sums: Receives its costs.
-        came: Receives the predecessor of each node; after a break -2 less that node.
+        before: The previous layer; without solutions at the first layer.
+        ends: Where the branches from its solutions lead at this layer.
+        here: This layer; receives the best ways to its nodes.
+        turns: How the joints turn.
+        steps: How far steps lead, and what they cost.
+        own: Cost of each node of this layer, (k · product of copies,); or empty.
     """
-    dof, total = len(lower), 1
-    units = np.empty(dof, dtype=np.int64)
-    for j in range(dof):
-        units[j] = total
-        total *= copies[j]
-    digits = np.empty((total, dof), dtype=np.int64)
-    for s in range(total):
-        for j in range(dof):
-            digits[s, j] = s // units[j] % copies[j]
-    room, turns, gaps = np.zeros((len(q), dof), dtype=np.int64), np.zeros(dof, dtype=np.int64), np.zeros(dof)
-    before = -1
-    for node in range(len(fault_before)):
-        if fault_before[node] >= 0 and (
-            before < 0
-            or fault_before[node] < fault_before[before]
-            or (fault_before[node] == fault_before[before] and sums_before[node] < sums_before[before])
-        ):
-            before = node
-    for b in range(len(q)):
-        for j in range(dof):
-            room[b, j] = min(copies_of(q[b, j], lower[j], upper[j], turning[j]), copies[j])
+    nodes, gaps, best = (
+        nodes_of(turns, len(here.q)),
+        np.zeros(len(turns.lower)),
+        best_of(before.fault, before.sums),
+    )
+    total, fault, sums = len(nodes.digits), here.fault, here.sums
+    for b in range(len(here.q)):
+        count_copies(nodes, b, here.q[b])
         for s in range(total):
             node = b * total + s
-            fault[node], sums[node], came[node] = 0, 0.0, -2 - before
-            if before >= 0:
-                fault[node], sums[node] = fault_before[before] + 1, sums_before[before]
+            fault[node], sums[node], here.came[node] = 0, 0.0, -2 - best
+            if best >= 0:
+                fault[node], sums[node] = before.fault[best] + 1, before.sums[best]
             if len(own) > 0:
                 sums[node] += own[node]
-            for j in range(dof):
-                if digits[s, j] >= room[b, j]:
-                    fault[node] = -1
-    for a in range(len(q_before)):
-        if not report[a, 0] < np.inf:
+            if not has_room(nodes, b, s):
+                fault[node] = -1
+    for a in range(len(before.q)):
+        if not ends.cost[a] < np.inf:
             continue
-        for b in range(len(q)):
-            if total == 1:
-                worse = fault_before[a] < 0 or fault_before[a] > fault[b]
-                if worse or (fault_before[a] == fault[b] and sums_before[a] >= sums[b]):
-                    continue
-            close, turned = True, False
-            for j in range(dof):
-                gap = q[b, j] - ahead[a, j]
-                turns[j] = 0
-                if turning[j] != STRAIGHT:
-                    whole = np.rint(gap / (2.0 * math.pi))
-                    gap -= 2.0 * math.pi * whole
-                    turns[j] = int(whole)
-                    turned = turned or (turning[j] == COPIED and turns[j] != 0)
-                gaps[j] = gap
-                close = abs(gap) <= sideways[j]
+        for b in range(len(here.q)):
+            if total == 1 and not is_better(before.fault[a], before.sums[a], fault[b], sums[b]):
+                continue
+            close, turned, same = True, False, 0.0
+            for j in range(len(gaps)):
+                gaps[j] = short_way(nodes, j, here.q[b, j] - ends.q[a, j])
+                turned = turned or nodes.turns[j] != 0
+                same += ends.along[a, j] * here.along[b, j]
+                close = abs(gaps[j]) <= steps.sideways[j]
                 if not close:
                     break
-            if not close:
-                continue
-            cost, share, same = report[a, 0], 0.0, 0.0
-            for j in range(dof):
-                same += along_ahead[a, j] * along[b, j]
-                cost += (
-                    weights[j]
-                    * weights[j]
-                    * (2.0 * (ahead[a, j] - q_before[a, j]) + gaps[j])
-                    * gaps[j]
-                    / poses
-                )
-            for j in range(dof):
-                gap = gaps[j] / poses if same > 0.0 else gaps[j]
-                most = max(abs(report[a, 1 + j] + gap), abs(report[a, 1 + dof + j] + gap))
-                share = max(share, most / longest[j])
-            cost = max(cost, 0.0) * (1.0 + min(share, MOST_SHARE) ** STEEPEST)
-            for s in range(total):
-                node = a * total + s
-                if fault_before[node] < 0:
+            cost = sideways_cost(before, ends, steps, a, gaps, same) if close else np.inf
+            for s in range(total if close else 0):
+                node, to = a * total + s, node_after(nodes, s, b, turned)
+                if before.fault[node] < 0 or to < 0 or fault[to] < 0:
                     continue
-                after = moved_turns(digits, s, turns, room, b, turning, units) if turned else s
-                to = b * total + after
-                if after < 0 or fault[to] < 0:
-                    continue
-                sum_there = sums_before[node] + cost + (own[to] if len(own) > 0 else 0.0)
-                if fault_before[node] < fault[to] or (
-                    fault_before[node] == fault[to] and sum_there < sums[to]
-                ):
-                    fault[to], sums[to], came[to] = fault_before[node], sum_there, node
+                sum_there = before.sums[node] + cost + (own[to] if len(own) > 0 else 0.0)
+                if is_better(before.fault[node], sum_there, fault[to], sums[to]):
+                    fault[to], sums[to], here.came[to] = before.fault[node], sum_there, node

@@ -14,6 +14,8 @@ from kinseek.kernels.arm.links import links_of
 from kinseek.kernels.arm.vectors import Vector
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas.far import BEYOND, MOST, ROUNDED
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.kernels.atlas.one_goal import routines
 from kinseek.kernels.atlas.samples import build_atlas
 from kinseek.kernels.atlas.task import (
@@ -21,6 +23,7 @@ from kinseek.kernels.atlas.task import (
     ROUTINE,
     ROWS,
     TOLERANCE,
+    Job,
     Lengths,
     TaskRows,
     Tolerances,
@@ -115,12 +118,17 @@ class AtlasIndex(Lazy):
         """Tolerances of a goal that is just a pose."""
         self.division = division
         """The joints that are divided out."""
+        self._scratch = LAYOUT.count.of(dof=len(lower), joints=len(arrays.leader))
         self.samples = len(self.sorted.middle)
         """Number of samples."""
         self.memory = sum(array.nbytes for array in self._arrays)
         """Size of all arrays [bytes]."""
         self.build_time = time.perf_counter() - began
         """Time for building [s]; for the first atlas in a process it includes loading or compiling the kernels."""
+
+    def job(self, tolerances: Array) -> Job:
+        """The task with memory of its own, for one call of a kernel."""
+        return Job(self.handle, tolerances, np.zeros(self._scratch), LANES)
 
     @lazy
     def range_handle(self) -> Indices:
