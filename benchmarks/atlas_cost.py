@@ -9,6 +9,7 @@ poses on one thread, processor time. Medians of nine rounds.
 from __future__ import annotations
 
 import statistics
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +21,8 @@ from kinseek.robots.chain import Joint, serial_chain
 from kinseek.transforms import rotation, transform
 
 from .command import PICTURES, command, writes
-from .fleet import batch_cost, single_times
 from .targets import machine, plain_fk, pose_errors, random_joints
+from .timing import batch_cost, timed
 
 Array = NDArray[np.float64]
 
@@ -65,8 +66,8 @@ def by_joints() -> list[tuple[int, float, float, float]]:
         solved.setdefault(joints, []).append(100 * float(np.mean((away <= 1e-6) & (angle <= 1e-6))))
     for _ in range(ROUNDS):
         for (joints, arm), goals in zip(arms, targets, strict=True):
-            one.setdefault(joints, []).append(float(np.median(single_times(arm, goals[:500]))))
-            batch.setdefault(joints, []).append(batch_cost(arm, goals, 1))
+            one.setdefault(joints, []).append(float(np.median(timed(arm.ik, goals[:500])[1])))
+            batch.setdefault(joints, []).append(batch_cost(partial(arm.ik, goals, threads=1), len(goals), 1))
     rows = [(n, statistics.median(one[n]), statistics.median(batch[n]), min(solved[n])) for n in one]
     for row in rows:
         print(f"{row[0]:3d} joints  one {row[1]:6.1f} µs  batch {row[2]:6.2f} µs  solved {row[3]:.3f} %")
@@ -88,7 +89,7 @@ def by_tolerance(
             solved[name, tolerance] = 100 * float(arm.ik(goal).success.mean())
     for _ in range(ROUNDS):
         for name, tolerance, arm, goal in cases:
-            costs[name, tolerance].append(batch_cost(arm, goal, 1))
+            costs[name, tolerance].append(batch_cost(partial(arm.ik, goal, threads=1), goal.shape[0], 1))
     result: dict[str, list[tuple[float, float, float]]] = {}
     for name, tolerance, _, _ in cases:
         row = tolerance, statistics.median(costs[name, tolerance]), solved[name, tolerance]

@@ -7,7 +7,6 @@ Run: pytest benchmarks/atlas_speed.py --benchmark-only
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from itertools import cycle
 from typing import Any
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 
 import kinseek
 from benchmarks.command import under_pytest
-from benchmarks.fleet import single_times
 from benchmarks.targets import plain_fk, random_joints
+from benchmarks.timing import timed
 from kinseek.kernels.atlas.one_goal import solve_plain
 from kinseek.kinds import POSE
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
@@ -42,8 +41,8 @@ def in_turn(function: Callable[[Array], Any], targets: Array) -> Callable[[], An
 def test_one_pose(benchmark: Any, name: str) -> None:
     arm = kinseek.load(name)
     targets = targets_of(arm, 1000)
-    single_times(arm, targets)
-    times = single_times(arm, np.tile(targets, (5, 1, 1)))
+    timed(arm.ik, targets)
+    _, times = timed(arm.ik, np.tile(targets, (5, 1, 1)))
     benchmark.extra_info["median_us"] = float(np.median(times))
     benchmark.extra_info["p99_us"] = float(np.percentile(times, 99))
     benchmark.pedantic(in_turn(arm.ik, targets), rounds=20, iterations=1000, warmup_rounds=1)
@@ -57,17 +56,10 @@ def test_kernel_alone(benchmark: Any, name: str) -> None:
     def solve(target: Array) -> Any:
         return solve_plain(address, target, q)
 
-    times = np.array([timed(solve, target) for target in np.tile(targets, (5, 1, 1))])
+    _, times = timed(solve, np.tile(targets, (5, 1, 1)))
     benchmark.extra_info["median_us"] = float(np.median(times))
     benchmark.extra_info["p99_us"] = float(np.percentile(times, 99))
     benchmark.pedantic(in_turn(solve, targets), rounds=20, iterations=1000, warmup_rounds=1)
-
-
-def timed(function: Callable[[Array], Any], target: Array) -> float:
-    """Time of one call [µs]."""
-    began = time.perf_counter_ns()
-    function(target)
-    return (time.perf_counter_ns() - began) / 1e3
 
 
 @pytest.mark.parametrize("threads", [1, 2])

@@ -12,7 +12,6 @@ Times are those of single calls, `arm.ik(T)` from Python. Every miss is listed b
 from __future__ import annotations
 
 import statistics
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -30,6 +29,7 @@ from kinseek.solvers.black_box.samples import Samples
 from .command import arm_name, at_least_one, command, writes
 from .page import Page
 from .targets import fleet_arm, plain_fk, pose_errors, random_joints, singular_joints
+from .timing import timed
 
 Array = NDArray[np.float64]
 
@@ -60,23 +60,14 @@ class Case:
 class Row:
     """One line of the table."""
 
-    name: str
-    way: str
-    dof: int
-    random: int
-    singular: int
+    cells: dict[str, object]
     misses: list[str]
-    """Of random targets."""
-    singular_misses: list[str]
+    six: bool
+    """Whether it counts for what is aimed at: six joints, vectorised."""
     median: float
     """[ms]"""
-    p99: float
-    """[ms]"""
-    poses: float
-    """Asked for by one answer, median."""
-    build: float
-    """[ms]"""
-    samples: int
+    missed: float
+    """Of random targets [%]."""
 
 
 def compiled(chain: SerialChain) -> Callable[[Array], Array]:
@@ -159,94 +150,62 @@ def good(case: Case, q: Array, targets: Array) -> NDArray[np.bool_]:
 def measure(case: Case) -> Row:
     """Solve every target by a call of its own."""
     case.arm.ik(case.fk(case.random[:1])[0])  # Whatever compiles or loads does so before the clock runs.
-    box = case.arm.mechanism
-    built = [Samples(box, 16_384) for _ in range(3)]
-    times: list[float] = []
-    asked: list[int] = []
-    missed: list[list[str]] = []
+    built = [Samples(case.arm.mechanism, 16_384) for _ in range(3)]
+    name, way = case.name, case.way
+    cells: dict[str, object] = {"mechanism": name, "function": way, ">joints": case.arm.dof}
+    misses, missed, times, asked = [], [], np.empty(0), 0.0
     for kind, joints in (("random", case.random), ("near singular", case.singular)):
-        targets = case.fk(joints) if len(joints) else np.empty((0, 4, 4))
-        answers = np.empty(joints.shape)
-        claims = np.zeros(len(joints), dtype=bool)
-        for i, target in enumerate(targets):
-            began = time.perf_counter()
-            solution = case.arm.ik(target)
-            if kind == "random":
-                times.append((time.perf_counter() - began) * 1e3)
-                asked.append(solution.evaluations)
-            answers[i], claims[i] = solution.q, solution.success
-        reached = good(case, answers, targets) if len(joints) else claims
-        if (claims != reached).any():
-            print(f"  {case.name}: {(claims != reached).sum()} answers are judged otherwise from outside")
-        missed.append(
-            [
-                f"{case.name} ({case.way}), {kind} {i}: q = {np.array2string(joints[i], max_line_width=200)}"
-                for i in np.flatnonzero(~reached)
-            ]
-        )
-    return Row(
-        case.name,
-        case.way,
-        case.arm.dof,
-        len(case.random),
-        len(case.singular),
-        missed[0],
-        missed[1],
-        statistics.median(times),
-        float(np.percentile(times, 99)),
-        statistics.median(asked),
-        statistics.median(each.build_time for each in built) * 1e3,
-        built[0].samples,
-    )
+        column = f">solved, {kind} %"
+        if not len(joints):
+            cells[column] = "–"
+            continue
+        targets = case.fk(joints)
+        found, taken = timed(case.arm.ik, targets)
+        if kind == "random":
+            times, asked = taken / 1e3, statistics.median(each.evaluations for each in found)
+        reached = good(case, np.array([each.q for each in found]), targets)
+        wrong = int((np.array([bool(each.success) for each in found]) != reached).sum())
+        if wrong:
+            print(f"  {name}: {wrong} answers are judged otherwise from outside")
+        at = np.flatnonzero(~reached)
+        misses += [
+            f"{name} ({way}), {kind} {i}: q = {np.array2string(joints[i], max_line_width=200)}" for i in at
+        ]
+        missed.append(100.0 * len(at) / len(joints))
+        cells[column] = f"{np.floor(1e4 * reached.mean()) / 1e2:.2f}"
+    median = float(np.median(times))
+    cells |= {
+        ">median ms": f"{median:.1f}",
+        ">p99 ms": f"{np.percentile(times, 99):.1f}",
+        ">poses asked for": f"{asked:.0f}",
+        ">samples": f"{built[0].samples:,}",
+        ">sampled in ms": f"{statistics.median(each.build_time for each in built) * 1e3:.0f}",
+    }
+    return Row(cells, misses, case.arm.dof == 6 and way == "vectorised", median, missed[0])
 
 
-def percent(misses: list[str], count: int) -> str:
-    """Solved, rounded down, or nothing."""
-    return f"{np.floor(1e4 * (count - len(misses)) / count) / 1e2:.2f}" if count else "–"
-
-
-def page(rows: list[Row]) -> Page:
+def page(rows: list[Row], random: int, singular: int) -> Page:
     """The page."""
-    first, page = rows[0], Page("Arms given as functions", "benchmarks.black_box")
+    page = Page("Arms given as functions", "benchmarks.black_box")
     page.say(
-        f"{first.random:,} targets from joint values uniform inside the limits and {first.singular:,} near singularities",
+        f"{random:,} targets from joint values uniform inside the limits and {singular:,} near singularities",
         "and limits, an arm; no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and inside the limits. One",
         "pose: a single call `arm.ik(T)`, wall time.",
     )
-    page.table(
-        "mechanism | function | >joints | >solved, random % | >solved, near singular % | >median ms | >p99 ms | "
-        ">poses asked for | >samples | >sampled in ms",
-        [
-            (
-                row.name,
-                row.way,
-                row.dof,
-                percent(row.misses, row.random),
-                percent(row.singular_misses, row.singular),
-                f"{row.median:.1f}",
-                f"{row.p99:.1f}",
-                f"{row.poses:.0f}",
-                f"{row.samples:,}",
-                f"{row.build:.0f}",
-            )
-            for row in rows
-        ],
-    )
-    six = [row for row in rows if row.dof == 6 and row.way == "vectorised"]
-    if six:
-        slowest = max(six, key=lambda row: row.median)
-        worst = max(six, key=lambda row: len(row.misses))
-        solved = sum(len(row.misses) <= row.random * (1 - WANTED_SOLVED / 100) for row in six)
+    page.rows([row.cells for row in rows])
+    if six := [row for row in rows if row.six]:
+        slowest, worst = max(six, key=lambda row: row.median), max(six, key=lambda row: row.missed)
+        solved = sum(row.missed <= 100.0 - WANTED_SOLVED for row in six)
         page.head("Aimed at, and met")
         page.items(
             [
                 f"Six joints, vectorised, median ≤ {WANTED_MS:g} ms: {sum(row.median <= WANTED_MS for row in six)} of "
-                f"{len(six)}; slowest {slowest.name}, {slowest.median:.1f} ms.",
+                f"{len(six)}; slowest {slowest.cells['mechanism']}, {slowest.median:.1f} ms.",
                 f"Six joints, vectorised, ≥ {WANTED_SOLVED} % of random targets: {solved} of {len(six)}; "
-                f"worst {worst.name}, {percent(worst.misses, worst.random)} %.",
+                f"worst {worst.cells['mechanism']}, {100.0 - worst.missed:.2f} %.",
             ]
         )
-    misses = [miss for row in rows for miss in (*row.misses, *row.singular_misses)]
+    misses = [miss for row in rows for miss in row.misses]
     page.head(f"Misses: {len(misses)}")
     page.items(misses)
     return page
@@ -273,13 +232,8 @@ def main() -> None:
     rows = []
     for case in cases:
         rows.append(measure(case))
-        row = rows[-1]
-        print(
-            f"{row.name:14s} {row.way:14s} {row.dof} joints  missed {len(row.misses)} + {len(row.singular_misses)}  "
-            f"{row.median:.2f} / {row.p99:.2f} ms  {row.poses:.0f} poses",
-            flush=True,
-        )
-    page(rows).write(options.output)
+        print(*rows[-1].cells.values(), f"missed {len(rows[-1].misses)}", flush=True)
+    page(rows, options.random, options.singular).write(options.output)
 
 
 if __name__ == "__main__":

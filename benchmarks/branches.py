@@ -39,6 +39,7 @@ from .field.judge import Judge, bundled
 from .field.run import Solver, solver_of
 from .page import Page, percent
 from .targets import plain_fk, random_joints, singular_joints, strict
+from .timing import batch_cost, timed
 from .workers.process import Gone, Raised
 
 Array = NDArray[np.float64]
@@ -85,45 +86,11 @@ class Row:
     """One arm of the table."""
 
     arm: str
-    witness: str
-    targets: int
-    witnessed: int
-    """Targets at which the witness was asked, the first ones."""
+    cells: dict[str, object]
     lacking: list[int]
     """Targets where the witness has an answer that is lacking."""
     extra: list[str]
     """Targets with an answer that the witness lacks, and the least singular value of the Jacobian at all their answers."""
-    false: int
-    """Answers that outside FK denies."""
-    answers: float
-    """Mean number."""
-    fewest: int
-    median: float
-    """[µs]"""
-    p99: float
-    """[µs]"""
-    fastest: float
-    """Least of the medians of the parts [µs]: what the machine does when nobody disturbs it."""
-    tail: float
-    """99th percentile of the least of `CALLS` calls, in parts of their median."""
-    of_eaik: float
-    """Median over the parts of the ratio of the medians, kinseek over EAIK; NaN where there is none."""
-    of_ssik: float
-    """The same of ssik."""
-    witness_median: float
-    """[µs], of EAIK from Python with its answers filtered by the limits; NaN where there is none."""
-    ssik_median: float
-    """[µs], of ssik from Python asked for all answers inside the limits; NaN where there is none."""
-    ssik_fewer: int
-    """Targets to which ssik has fewer answers."""
-    index: float
-    """Time to build what only branches need [ms]."""
-    structure: str
-    """What the geometry of the arm gives, see `Arm.structure`."""
-    searched: int
-    """Targets whose answers were searched, with a closed form or without one."""
-    batch: float
-    """Processor time of a pose in a batch of all targets, on one thread, median of `PASSES` [µs]."""
 
 
 def apart(a: Array, b: Array) -> Array:
@@ -178,31 +145,10 @@ def restarts(arm: kinseek.Arm, seed: int, count: int = 1000) -> Callable[[Array]
     return solve
 
 
-def timed(ask: Callable[[Array], Any], targets: Array) -> tuple[list[Any], Array]:
-    """What is answered to each target, and the wall time of each call [µs], one call right after the other."""
-    answers, times = [], np.empty(len(targets))
-    for i, target in enumerate(targets):
-        began = time.perf_counter_ns()
-        answer = ask(target)
-        times[i] = (time.perf_counter_ns() - began) / 1e3
-        answers.append(answer)
-    return answers, times
-
-
 def median(some: Array) -> float:
     """Median of those that are numbers; NaN if none is."""
     some = some[~np.isnan(some)]
     return float(np.median(some)) if len(some) else np.nan
-
-
-def batch_time(arm: kinseek.Arm, targets: Array) -> float:
-    """Processor time of a pose in a batch on one thread, median of `PASSES` [µs]."""
-    passes = []
-    for _ in range(PASSES):
-        began = time.thread_time_ns()
-        arm.branches(targets, threads=1)
-        passes.append((time.thread_time_ns() - began) / 1e3 / len(targets))
-    return float(np.median(passes))
 
 
 def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = False) -> Row:
@@ -224,7 +170,7 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
     other_solver = solver_of("ssik") if name in CLOSED else None
     judge = bundled(name)
     calls, theirs, beside = np.empty((CALLS, count)), np.full(count, np.nan), np.full(count, np.nan)
-    numbers, said = np.empty(count, dtype=int), np.zeros(count, dtype=int)
+    numbers = np.empty(count, dtype=int)
     found: list[Array] = []
     endless = np.zeros(count, dtype=bool)
     lacking: list[int] = []
@@ -257,12 +203,14 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
                 extra.append(f"{i} ({values.min():.1g})")
         if isinstance(other_solver, Solver):
             try:
-                said[part], beside[part] = ssik(other_solver, judge, targets[part])
+                said, beside[part] = ssik(other_solver, judge, targets[part])
+                if (said < numbers[part]).any():
+                    print(f"  {name}, ssik: fewer answers to {(said < numbers[part]).sum()} targets")
             except (Raised, Gone) as why:
                 print(f"  {name}, ssik: {why}")
     if isinstance(other_solver, Solver):
         other_solver.close()
-    batch = batch_time(arm, targets)
+    batch = batch_cost(lambda: arm.branches(targets, threads=1), len(targets), PASSES)
     if label != "EAIK":
         theirs[:] = np.nan  # A thousand restarts are a witness, and no peer.
     times, least = calls[0], calls.min(axis=0)
@@ -274,30 +222,44 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
         begun = time.perf_counter()
         BranchIndex(problem)
         builds.append((time.perf_counter() - begun) * 1e3)
-    return Row(
-        arm=name,
-        witness=label,
-        targets=count,
-        witnessed=witnessed,
-        lacking=lacking,
-        extra=extra,
-        false=false,
-        answers=float(numbers.mean()),
-        fewest=int(numbers.min()),
-        median=float(np.median(times)),
-        p99=float(np.percentile(times, 99)),
-        fastest=float(medians.min()),
-        tail=float(np.percentile(least, 99) / np.median(least)),
-        of_eaik=float(np.median([m / median(theirs[part]) for m, part in zip(medians, parts, strict=True)])),
-        of_ssik=float(np.median([m / median(beside[part]) for m, part in zip(medians, parts, strict=True)])),
-        witness_median=median(theirs),
-        ssik_median=median(beside),
-        ssik_fewer=0 if np.isnan(beside).any() else int((said < numbers).sum()),
-        index=float(np.median(builds)),
-        structure=arm.structure.word,
-        searched=searched,
-        batch=batch,
-    )
+    figures = {
+        ">median µs": f"{np.median(times):.1f}",
+        ">best fifth µs": f"{medians.min():.1f}",
+        ">p99 µs": f"{np.percentile(times, 99):.1f}",
+        ">p99 / median": f"{np.percentile(least, 99) / np.median(least):.1f} ×",
+    }
+    index = {">index ms": f"{np.median(builds):.1f}"}
+    if name in REDUNDANT:
+        cells = (
+            {"arm": name, ">targets": f"{count:,}", ">fewest answers": int(numbers.min())} | figures | index
+        )
+        return Row(name, cells, lacking, extra)
+    if witness is not None and witnessed < count:
+        label = f"{label}, first {witnessed:,}"
+    cells = {
+        "arm": name,
+        "structure": arm.structure.word,
+        "witness": label,
+        ">targets": f"{count:,}",
+        ">complete %": percent(witnessed - len(lacking), witnessed) if witness else "–",
+        ">extra": len(extra),
+        ">false": false,
+        ">answers, mean": f"{numbers.mean():.2f}",
+        ">searched %": f"{100 * searched / count:.2f}",
+    }
+    beside_ours = {
+        ">EAIK µs": beside_of(theirs, medians, parts),
+        ">ssik µs": beside_of(beside, medians, parts),
+    }
+    return Row(name, cells | figures | beside_ours | {">batch µs": f"{batch:.1f}"} | index, lacking, extra)
+
+
+def beside_of(peer: Array, medians: Array, parts: list[NDArray[np.int64]]) -> str:
+    """Median of a peer's times [µs], and kinseek's median over it, of the parts the middle one."""
+    if np.isnan(peer).all():
+        return "–"
+    ratios = [m / median(peer[part]) for m, part in zip(medians, parts, strict=True)]
+    return f"{median(peer):.1f} ({np.median(ratios):.2f})"
 
 
 def page(rows: list[Row], singular: bool = False) -> Page:
@@ -316,38 +278,10 @@ def page(rows: list[Row], singular: bool = False) -> Page:
         "answers inside the limits without copies by full turns. In brackets kinseek's median over theirs, of the fifths",
         "the middle one.",
     )
-    cells = []
-    for row in (row for row in rows if row.arm not in REDUNDANT):
-        known = row.witness in ("EAIK", "1,000 restarts")
-        complete = percent(row.witnessed - len(row.lacking), row.witnessed) if known else "–"
-        other = "–" if np.isnan(row.witness_median) else f"{row.witness_median:.1f} ({row.of_eaik:.2f})"
-        ssik = "–" if np.isnan(row.ssik_median) else f"{row.ssik_median:.1f} ({row.of_ssik:.2f})"
-        witness = row.witness if row.witnessed == row.targets else f"{row.witness}, first {row.witnessed:,}"
-        found = row.arm, row.structure, witness, f"{row.targets:,}", complete, len(row.extra), row.false
-        share = f"{100 * row.searched / row.targets:.2f}"
-        cells.append(
-            (
-                *found,
-                f"{row.answers:.2f}",
-                share,
-                *times(row),
-                other,
-                ssik,
-                f"{row.batch:.1f}",
-                f"{row.index:.1f}",
-            )
-        )
-    page.table(
-        "arm | structure | witness | >targets | >complete % | >extra | >false | >answers, mean | >searched % | >median µs | "
-        ">best fifth µs | >p99 µs | >p99 / median | >EAIK µs | >ssik µs | >batch µs | >index ms",
-        cells,
-    )
-    if spare := [row for row in rows if row.arm in REDUNDANT]:
+    page.rows([row.cells for row in rows if row.arm not in REDUNDANT])
+    if spare := [row.cells for row in rows if row.arm in REDUNDANT]:
         page.say("Arms with a joint to spare: a spread sample of 50.")
-        page.table(
-            "arm | >targets | >fewest answers | >median µs | >best fifth µs | >p99 µs | >p99 / median | >index ms",
-            [(row.arm, f"{row.targets:,}", row.fewest, *times(row), f"{row.index:.1f}") for row in spare],
-        )
+        page.rows(spare)
     page.head("Lacking")
     page.items((f"{row.arm}: numbers {row.lacking}" for row in rows if row.lacking), "Nothing.")
     page.head("Extra")
@@ -356,11 +290,6 @@ def page(rows: list[Row], singular: bool = False) -> Page:
     )
     page.items((f"{row.arm}: {', '.join(row.extra)}" for row in rows if row.extra), "Nothing.")
     return page
-
-
-def times(row: Row) -> tuple[str, str, str, str]:
-    """Median, best fifth and p99 [µs], and p99 in parts of the median."""
-    return f"{row.median:.1f}", f"{row.fastest:.1f}", f"{row.p99:.1f}", f"{row.tail:.1f} ×"
 
 
 def main() -> None:
@@ -386,15 +315,7 @@ def main() -> None:
         witnessed = options.targets or (20_000 if name in CLOSED else 1000)
         row = measure(name, count, witnessed, options.seed, options.singular)
         rows.append(row)
-        print(
-            f"{name:18s} {row.witness}: lacking {len(row.lacking)}, extra {len(row.extra)} of {row.targets}, "
-            f"{row.false} false, {row.searched} searched; "
-            f"{row.answers:.2f} answers, {row.fewest} at least; {row.median:.1f} µs, best fifth {row.fastest:.1f}, "
-            f"p99 {row.p99:.1f}, {row.tail:.1f} times the median; EAIK {row.witness_median:.1f}; "
-            f"ssik {row.ssik_median:.1f}, fewer at {row.ssik_fewer}; batch {row.batch:.1f}; "
-            f"index {row.index:.1f} ms",
-            flush=True,
-        )
+        print(*(f"{column.lstrip('>')} {cell};" for column, cell in row.cells.items()), flush=True)
     page(rows, options.singular).write(options.output)
 
 

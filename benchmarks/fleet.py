@@ -29,6 +29,7 @@ from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 from .command import arm_name, at_least_one, command, writes
 from .page import Page, percent
 from .targets import fleet_arm, fleet_names, plain_fk, random_joints, singular_joints, strict
+from .timing import batch_cost, timed
 
 Array = NDArray[np.float64]
 
@@ -88,17 +89,6 @@ class Row:
     """[MB]"""
 
 
-def batch_cost(arm: kinseek.Arm, goal: kinseek.Goal | Array, repeats: int = REPEATS) -> float:
-    """Processor time of one pose in a batch on one thread [µs], median: others on the machine count for little."""
-    count = len(goal) if isinstance(goal, np.ndarray) else goal.shape[0]
-    times = []
-    for _ in range(repeats):
-        began = time.thread_time()
-        arm.ik(goal, threads=1)
-        times.append(time.thread_time() - began)
-    return statistics.median(times) / count * 1e6
-
-
 def speedup(arm: kinseek.Arm, targets: Array, repeats: int = REPEATS) -> float:
     """Wall time on one thread over wall time on two, median of pairs taken one after the other."""
 
@@ -108,16 +98,6 @@ def speedup(arm: kinseek.Arm, targets: Array, repeats: int = REPEATS) -> float:
         return time.perf_counter() - began
 
     return statistics.median(wall(1) / wall(2) for _ in range(repeats))
-
-
-def single_times(arm: kinseek.Arm, targets: Array) -> Array:
-    """Times of single calls [µs], (k,)."""
-    times = np.empty(len(targets))
-    for i, target in enumerate(targets):
-        began = time.perf_counter_ns()
-        arm.ik(target)
-        times[i] = (time.perf_counter_ns() - began) / 1e3
-    return times
 
 
 def misses_of(name: str, arm: kinseek.Arm, kind: str, seed: int, q: Array) -> list[Miss]:
@@ -145,8 +125,9 @@ def measure(name: str, random: int, singular: int, seed: int) -> tuple[Row, list
     random_misses = misses_of(name, arm, "random", seed, loose)
     singular_misses = misses_of(name, arm, "singular", seed, tight)
     targets = plain_fk(arm.chain, loose)
-    single_times(arm, targets[:200])
-    one = single_times(arm, targets[:5000])
+    near = plain_fk(arm.chain, tight)
+    timed(arm.ik, targets[:200])
+    _, one = timed(arm.ik, targets[:5000])
     row = Row(
         arm=name,
         dof=arm.dof,
@@ -156,8 +137,8 @@ def measure(name: str, random: int, singular: int, seed: int) -> tuple[Row, list
         singular_solved=singular - len(singular_misses),
         one_median=float(np.median(one)),
         one_p99=float(np.percentile(one, 99)),
-        batch=batch_cost(arm, targets),
-        singular_batch=batch_cost(arm, plain_fk(arm.chain, tight)),
+        batch=batch_cost(lambda: arm.ik(targets, threads=1), random, REPEATS),
+        singular_batch=batch_cost(lambda: arm.ik(near, threads=1), singular, REPEATS),
         two_cores=speedup(arm, targets),
         build=statistics.median(index.build_time for index in built) * 1e3,
         memory=built[0].memory / 1e6,

@@ -10,7 +10,6 @@ evaluations. An arm with a closed form is asked both ways: by it, and as if it h
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -25,6 +24,7 @@ from kinseek.solvers.atlas.index import PLAIN, AtlasIndex
 
 from .command import arm_name, at_least_one, command
 from .targets import load, machine, plain_fk, random_joints
+from .timing import timed
 
 Array = NDArray[np.float64]
 
@@ -34,13 +34,7 @@ REPEATS = 7
 
 def times(ask: Callable[[Array], object], targets: list[Array]) -> Array:
     """The least time of each target [µs], (k,)."""
-    least = np.full(len(targets), np.inf)
-    for _ in range(REPEATS):
-        for i, target in enumerate(targets):
-            began = time.perf_counter_ns()
-            ask(target)
-            least[i] = min(least[i], time.perf_counter_ns() - began)
-    return least / 1e3
+    return np.asarray(np.min([timed(ask, targets)[1] for _ in range(REPEATS)], axis=0))
 
 
 def parts(arm: kinseek.Arm, targets: list[Array], closed: bool) -> list[float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +48,11 @@ class Page:
             "|" + "".join("--:|" if name.startswith(">") else "---|" for name in names),
         ]
         self._parts.append("\n".join([*lines, *(row_of(cells) for cells in rows)]))
+
+    def rows(self, rows: Sequence[Mapping[str, object]]) -> None:
+        """A table of rows that name their cells, all the same ones; none if there are no rows."""
+        if rows:
+            self.table(" | ".join(rows[0]), [tuple(row.values()) for row in rows])
 
     def items(self, each: Iterable[str], none: str = "None.") -> None:
         """A list; where it is empty, the words for that."""

@@ -14,10 +14,7 @@ arms.
 from __future__ import annotations
 
 import math
-import statistics
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +28,7 @@ from kinseek.robots import catalog_names
 from .command import arm_name, at_least_one, command, writes
 from .page import Page
 from .targets import STRICT, plain_fk, random_joints, singular_joints
+from .timing import batch_cost, timed
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -51,19 +49,8 @@ CASES: dict[str, tuple[tuple[str, ...], dict[str, tuple[float, float]]]] = {
 }
 
 
-@dataclass(frozen=True)
-class Row:
-    """One line of a table."""
-
-    arm: str
-    dof: int
-    goal: str
-    count: int
-    missed: list[str]
-    median: float
-    """[µs], one goal by itself"""
-    batch: float
-    """[µs] a goal, one thread"""
+Row = tuple[dict[str, object], list[str]]
+"""Cells of a line of a table, and what was missed."""
 
 
 def measure(
@@ -78,24 +65,19 @@ def measure(
         f"made from q = {np.array2string(made_from[i], precision=6, max_line_width=200)}"
         for i in np.flatnonzero(~good)
     ]
-    times = []
-    for _ in range(REPEATS):
-        began = time.thread_time()
-        arm.ik(goal, threads=1)
-        times.append(time.thread_time() - began)
-    ones = [goal.at(target) for target in goal.target[:300]]
-    singles = []
-    for one in ones:
-        began = time.perf_counter()
-        arm.ik(one)
-        singles.append(time.perf_counter() - began)
-    batch = statistics.median(times) / len(good) * 1e6
-    row = Row(arm.name, arm.dof, label, len(good), missed, statistics.median(singles) * 1e6, batch)
-    print(
-        f"{row.arm:14s} {label:36s} missed {len(missed)} of {row.count}  {row.median:.0f} / {row.batch:.1f} µs",
-        flush=True,
-    )
-    return row
+    batch = batch_cost(lambda: arm.ik(goal, threads=1), len(good), REPEATS)
+    _, singles = timed(arm.ik, [goal.at(target) for target in goal.target[:300]])
+    row: dict[str, object] = {
+        "arm": arm.name,
+        ">joints": arm.dof,
+        "goal": label,
+        ">solved": f"{good.sum():,}",
+        ">of": f"{len(good):,}",
+        ">one goal µs": f"{np.median(singles):.0f}",
+        ">batch µs a goal": f"{batch:.1f}",
+    }
+    print(*row.values(), flush=True)
+    return row, missed
 
 
 def inside(arm: kinseek.Arm, q: Array) -> Flags:
@@ -193,12 +175,7 @@ def whole_calls(name: str, targets: int, seed: int) -> tuple[str, ...]:
     row = [name, str(arm.dof)]
     for ask in ways:
         ask(T[0])
-        times = []
-        for each in T:
-            began = time.perf_counter_ns()
-            ask(each)
-            times.append(time.perf_counter_ns() - began)
-        row.append(f"{statistics.median(times) / 1e3:.1f}")
+        row.append(f"{np.median(timed(ask, T)[1]):.1f}")
     print("  ".join(row), flush=True)
     return tuple(row)
 
@@ -221,22 +198,8 @@ def page(whole: list[tuple[str, ...]], small: list[Row], ranged: list[Row]) -> P
     )
     for title, rows in (("Arms of three to five joints", small), ("Free axes and ranges", ranged)):
         page.head(title)
-        page.table(
-            "arm | >joints | goal | >solved | >of | >one goal µs | >batch µs a goal",
-            [
-                (
-                    row.arm,
-                    row.dof,
-                    row.goal,
-                    f"{row.count - len(row.missed):,}",
-                    f"{row.count:,}",
-                    f"{row.median:.0f}",
-                    f"{row.batch:.1f}",
-                )
-                for row in rows
-            ],
-        )
-    misses = [miss for row in [*small, *ranged] for miss in row.missed]
+        page.rows([row for row, _ in rows])
+    misses = [miss for _, missed in [*small, *ranged] for miss in missed]
     page.head(f"Misses: {len(misses)}")
     page.items(misses)
     return page
@@ -273,7 +236,7 @@ def main() -> None:
     for name in options.arms or RANGED:
         ranged += ranged_arm(name, options.ranged, options.seed)
     page(whole, small, ranged).write(options.output)
-    print(f"{sum(len(row.missed) for row in [*small, *ranged])} misses")
+    print(f"{sum(len(missed) for _, missed in [*small, *ranged])} misses")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import time
 import tracemalloc
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -38,39 +37,8 @@ TASK_ARMS, LARGEST = ("ur5e", "panda"), 0.2
 """Arms of the field's tasks, and the largest step there [rad]."""
 
 
-@dataclass(frozen=True)
-class Made:
-    """Made paths of one arm."""
-
-    arm: str
-    joints: int
-    paths: int
-    followed: int
-    """Without a break, and with steps at most `WITHIN` times the maker's largest."""
-    ratio: float
-    """Largest step that is no break, beside the maker's."""
-    travel: float
-    """Length of the way of the joints beside the maker's, median."""
-    cost: float
-    """[µs] a waypoint, median of the paths"""
-    memory: float
-    """[bytes] a pose"""
-    misses: list[str]
-
-
-@dataclass(frozen=True)
-class Task:
-    """One kind of the field's tasks."""
-
-    arm: str
-    kind: str
-    placements: int
-    followed: int
-    travel: float
-    """Median length of the way of the joints of those that were followed [rad]."""
-    cost: float
-    """[µs] a waypoint, median"""
-    misses: list[str]
+Row = tuple[dict[str, object], list[str]]
+"""Cells of a line of a table, and what was missed."""
 
 
 def curve(arm: kinseek.Arm, count: int, seed: int) -> Array:
@@ -94,7 +62,7 @@ def holds(arm: kinseek.Arm, path: kinseek.Path, T: Array) -> bool:
     return bool(inside and (place <= 1e-6).all() and (turn <= 1e-6).all())
 
 
-def measure_made(name: str, paths: int, poses: int) -> Made:
+def measure_made(name: str, paths: int, poses: int) -> Row:
     """Follow made paths of one arm."""
     arm = kinseek.load(name)
     arm.follow(arm.fk(curve(arm, 40, 10**6)), threads=1)  # What the arm needs once.
@@ -112,17 +80,16 @@ def measure_made(name: str, paths: int, poses: int) -> Made:
             misses.append(
                 f"{name} {seed}: {path.status.name}, {len(path.breaks)} breaks; {'; '.join(path.why[:2])}"
             )
-    return Made(
-        arm=name,
-        joints=arm.dof,
-        paths=paths,
-        followed=paths - len(misses),
-        ratio=max(ratios),
-        travel=float(np.median(travels)),
-        cost=float(np.median(times)),
-        memory=memory_of(arm),
-        misses=misses,
-    )
+    return {
+        "arm": name,
+        ">joints": arm.dof,
+        ">paths": paths,
+        ">followed": paths - len(misses),
+        ">largest ratio": f"{max(ratios):.2f}",
+        ">travel": f"{np.median(travels):.2f}",
+        ">µs a waypoint": f"{np.median(times):.0f}",
+        ">bytes a pose": f"{memory_of(arm):.0f}",
+    }, misses
 
 
 def memory_of(arm: kinseek.Arm) -> float:
@@ -167,7 +134,7 @@ def asked(kind: str, T: Array) -> kinseek.Goal:
     return kinseek.Goal.pose(T, free="rz" if kind == "raster" else ())
 
 
-def measure_tasks(name: str, kind: str, placements: int) -> Task:
+def measure_tasks(name: str, kind: str, placements: int) -> Row:
     """Follow tasks of one kind."""
     arm, rng = kinseek.load(name), np.random.default_rng(7)
     followed, travels, times, misses = 0, [], [], []
@@ -182,10 +149,17 @@ def measure_tasks(name: str, kind: str, placements: int) -> Task:
         else:
             misses.append(f"{name} {kind} {i}: {'; '.join(path.why[:2])}")
     travel = float(np.median(travels)) if travels else np.nan
-    return Task(name, kind, placements, followed, travel, float(np.median(times)), misses)
+    return {
+        "arm": name,
+        "task": kind,
+        ">placements": placements,
+        ">followed": followed,
+        ">joint travel, median rad": f"{travel:.2f}",
+        ">µs a waypoint": f"{np.median(times):.1f}",
+    }, misses
 
 
-def page(made: list[Made], tasks: list[Task]) -> Page:
+def page(made: list[Row], tasks: list[Row]) -> Page:
     """The page."""
     page = Page("Paths", "benchmarks.paths")
     page.say(
@@ -193,29 +167,11 @@ def page(made: list[Made], tasks: list[Task]) -> Page:
         "step. Followed: without a break, every pose to 1e-6 by FK alone, inside the limits. Ratio: largest step beside the",
         "maker's; travel: way of the joints beside the maker's, median.",
     )
-    page.table(
-        "arm | >joints | >paths | >followed | >largest ratio | >travel | >µs a waypoint | >bytes a pose",
-        [
-            (
-                m.arm,
-                m.joints,
-                m.paths,
-                m.followed,
-                f"{m.ratio:.2f}",
-                f"{m.travel:.2f}",
-                f"{m.cost:.0f}",
-                f"{m.memory:.0f}",
-            )
-            for m in made
-        ],
-    )
+    page.rows([cells for cells, _ in made])
     page.head("Tasks")
-    page.table(
-        "arm | task | >placements | >followed | >joint travel, median rad | >µs a waypoint",
-        [(t.arm, t.kind, t.placements, t.followed, f"{t.travel:.2f}", f"{t.cost:.1f}") for t in tasks],
-    )
+    page.rows([cells for cells, _ in tasks])
     page.head("Missed")
-    page.items([text for one in made for text in one.misses] + [text for one in tasks for text in one.misses])
+    page.items(text for _, misses in [*made, *tasks] for text in misses)
     return page
 
 

@@ -49,28 +49,11 @@ PLACE, TURN = 1e-3, 1e-2
 ASKED, AHEAD, RIGHT, EARLY = 10, 0.5, 0.25, 0.6
 """Periods between two questions; how long before is in time, how exact is right, what is lost too early to count [s]."""
 
+Row = dict[str, object]
+"""Cells of a line of a table by the names of its columns."""
+
 NOISES = (0.0, 1e-4)
 """Of the places of the poses, standard deviation along each axis [m]."""
-
-
-@dataclass(frozen=True)
-class Steps:
-    """How one tracker did on all tasks of an arm."""
-
-    arm: str
-    who: str
-    tasks: int
-    median: float
-    """[µs]"""
-    p99: float
-    """[µs]"""
-    followed: int
-    fast: int
-    """Tasks in which a joint was faster than allowed."""
-    outside: int
-    """Tasks in which a joint left its limits."""
-    note: str = ""
-    release: str = ""
 
 
 @dataclass(frozen=True)
@@ -92,24 +75,24 @@ class Told:
     on, else `none`."""
 
 
-def summary(
-    arm: kinseek.Arm, who: str, q: Array, times: Array, paths: Array, starts: Array, release: str
-) -> Steps:
+def summary(arm: kinseek.Arm, who: str, q: Array, times: Array, paths: Array, starts: Array) -> Row:
     """Judge all tasks of one tracker: q (P, N, n), times (P, N) [µs], poses (P, N, 4, 4) and starts (P, n)."""
     lost = [lost_at(arm, one, T) is not None for one, T in zip(q, paths, strict=True)]
     moves = np.abs(np.diff(np.concatenate([starts[:, None], q], axis=1), axis=1)).max(axis=(1, 2))
     outside = ((q < arm.lower - 1e-9) | (q > arm.upper + 1e-9)).any(axis=(1, 2))
-    return Steps(
-        arm=arm.name,
-        who=who,
-        tasks=len(paths),
-        median=float(np.median(times)),
-        p99=float(np.percentile(times, 99)),
-        followed=len(paths) - sum(lost),
-        fast=int((moves > VELOCITY * PERIOD * (1 + 1e-9)).sum()),
-        outside=int(outside.sum()),
-        release=release,
-    )
+    return _steps(arm, who, len(paths)) | {
+        ">median µs": f"{np.median(times):.1f}",
+        ">p99 µs": f"{np.percentile(times, 99):.1f}",
+        ">followed": len(paths) - sum(lost),
+        ">too fast": int((moves > VELOCITY * PERIOD * (1 + 1e-9)).sum()),
+        ">outside limits": int(outside.sum()),
+    }
+
+
+def _steps(arm: kinseek.Arm, who: str, tasks: int, why: str = "") -> Row:
+    """A row without figures."""
+    columns = ">median µs", ">p99 µs", ">followed", ">too fast", ">outside limits"
+    return {"arm": arm.name, "who": who, ">tasks": tasks} | dict.fromkeys(columns, "–") | {"": why}
 
 
 def lost_at(arm: kinseek.Arm, q: Array, T: Array) -> int | None:
@@ -119,7 +102,7 @@ def lost_at(arm: kinseek.Arm, q: Array, T: Array) -> int | None:
     return int(away[0]) if len(away) else None
 
 
-def measure_kinseek(arm: kinseek.Arm, paths: Array, starts: Array) -> Steps:
+def measure_kinseek(arm: kinseek.Arm, paths: Array, starts: Array) -> Row:
     """Track every task, and time every step."""
     q, times = np.empty((*paths.shape[:2], arm.dof)), np.empty(paths.shape[:2])
     for i, (T, start) in enumerate(zip(paths, starts, strict=True)):
@@ -129,20 +112,20 @@ def measure_kinseek(arm: kinseek.Arm, paths: Array, starts: Array) -> Steps:
             answer = tracker.step(row)
             times[i, k] = (time.perf_counter_ns() - began) / 1e3
             q[i, k] = answer.q
-    return summary(arm, "kinseek", q, times, paths, starts, kinseek.__version__)
+    return summary(arm, "**kinseek**", q, times, paths, starts)
 
 
-def measure_peer(arm: kinseek.Arm, peer: str, paths: Array, starts: Array) -> Steps:
-    """Let a peer track every task in its environment."""
+def measure_peer(arm: kinseek.Arm, peer: str, paths: Array, starts: Array) -> tuple[Row, str]:
+    """Let a peer track every task in its environment; the row, and the peer's version."""
     name = TRACKERS[peer][0]
     place = HERE / "workers" / name if name == "placo" else path_of(name)
     task = {"paths": paths, "starts": starts, "period": PERIOD, "velocity": VELOCITY}
     arguments = {"peer": peer, "arm": asdict(bundled(arm.name).arm)} | task
     found = called(place, "benchmarks.workers.motion", "track", 900, **arguments)
     if isinstance(found, str):
-        return Steps(arm.name, peer, len(paths), np.nan, np.nan, 0, 0, 0, found)
+        return _steps(arm, peer, len(paths), found), ""
     q, times = np.array(found["q"]), np.array(found["times"])
-    return summary(arm, peer, q, times, paths, starts, found["version"])
+    return summary(arm, peer, q, times, paths, starts), found["version"]
 
 
 def foresight(arm: kinseek.Arm, T: Array, start: Array) -> tuple[Told, list[float], list[float]]:
@@ -193,37 +176,7 @@ def goes_on(arm: kinseek.Arm, start: Array, T: Array) -> bool:
     return lost_at(arm, np.array([tracker.step(row).q for row in T]), T) is None
 
 
-@dataclass(frozen=True)
-class Foreseen:
-    """What was foreseen on all tasks of one arm."""
-
-    arm: str
-    noise: float
-    """Of the poses' places, standard deviation along each axis [m]."""
-    tasks: int
-    lost: int
-    early: int
-    """Lost in the first `EARLY` seconds."""
-    announced: int
-    """Of the others, rightly, at least `AHEAD` before the hand fell behind."""
-    kept: int
-    """Tasks that were not lost."""
-    false: int
-    """Tasks in which something was told that did not come."""
-    named: int
-    """Announced tasks in which a branch was named."""
-    true: int
-    """Of these, from whose branch the hand went on."""
-    overlooked: int
-    """Announced tasks in which none was named, and one does go on."""
-    reasons: str
-    cost: float
-    """Of `foresee` [µs], median."""
-    branch_cost: float
-    """Of `continuing` [µs], median."""
-
-
-def measure_foresight(arm: kinseek.Arm, paths: Array, starts: Array, noise: float) -> Foreseen:
+def measure_foresight(arm: kinseek.Arm, paths: Array, starts: Array, noise: float) -> Row:
     """Ask in every task what comes."""
     rng, each, costs, more = np.random.default_rng(3), [], [], []
     for T, start in zip(paths, starts, strict=True):
@@ -241,52 +194,32 @@ def measure_foresight(arm: kinseek.Arm, paths: Array, starts: Array, noise: floa
         if one.right is not None and one.behind is not None and (one.behind - one.right) * PERIOD >= AHEAD
     ]
     reasons = Counter(one.status for one in announced)
-    return Foreseen(
-        arm=arm.name,
-        noise=noise,
-        tasks=len(each),
-        lost=len(lost),
-        early=len(lost) - len(counted),
-        announced=len(announced),
-        kept=len(each) - len(lost),
-        false=sum(one.false > 0 for one in each),
-        named=sum(one.branch in ("goes on", "ends") for one in announced),
-        true=sum(one.branch == "goes on" for one in announced),
-        overlooked=sum(one.branch == "overlooked" for one in announced),
-        reasons=", ".join(f"{count} {name}" for name, count in reasons.most_common()),
-        cost=float(np.median(costs)),
-        branch_cost=float(np.median(more)) if more else np.nan,
-    )
+    branches = [one.branch for one in announced]
+    return {
+        "arm": arm.name,
+        ">noise mm": f"{1e3 * noise:g}",
+        ">tasks": len(each),
+        ">lost": len(lost),
+        ">too early": len(lost) - len(counted),
+        ">announced": f"{len(announced)} of {len(counted)}",
+        ">false alarms": f"{sum(one.false > 0 for one in each)} of {len(each)}",
+        ">branch named": sum(branch in ("goes on", "ends") for branch in branches),
+        ">goes on": branches.count("goes on"),
+        ">overlooked": branches.count("overlooked"),
+        "why": ", ".join(f"{count} {name}" for name, count in reasons.most_common()),
+        ">foresee µs": f"{np.median(costs):.0f}",
+        ">continuing µs": f"{np.median(more) if more else np.nan:.0f}",
+    }
 
 
-def page(steps: list[Steps], foreseen: list[Foreseen]) -> Page:
+def page(steps: list[Row], foreseen: list[Row], versions: dict[str, str]) -> Page:
     """The page."""
-    page = Page(
-        "Servoing",
-        "benchmarks.servoing",
-        note=releases({one.who: one.release for one in steps if one.who != "kinseek"}),
-    )
+    page = Page("Servoing", "benchmarks.servoing", note=releases(versions))
     page.say(
         f"Lines and circles at {1 / PERIOD:.0f} Hz, joints at most {VELOCITY} rad/s, one step a period from the joint",
         f"values that made the task. Followed: never farther off than {1e3 * PLACE:g} mm and {TURN:g} rad by NumPy alone.",
     )
-    page.table(
-        "arm | who | >tasks | >median µs | >p99 µs | >followed | >too fast | >outside limits |",
-        [
-            (
-                one.arm,
-                f"**{one.who}**" if one.who == "kinseek" else one.who,
-                one.tasks,
-                *(
-                    (f"{one.median:.1f}", f"{one.p99:.1f}", one.followed, one.fast, one.outside)
-                    if not one.note
-                    else "–" * 5
-                ),
-                one.note,
-            )
-            for one in steps
-        ],
-    )
+    page.rows(steps)
     page.head("Foresight")
     page.say(
         f"Announced: told at least {AHEAD} s before the hand fell behind, and when to {RIGHT} s. A task lost in its first",
@@ -295,28 +228,7 @@ def page(steps: list[Steps], foreseen: list[Foreseen]) -> Page:
         "so the same is shown with noise on the places. Goes on: from the branch that was named the hand goes on along the",
         "true poses, half a second past where it was lost. Overlooked: none was named, and one of all answers does.",
     )
-    page.table(
-        "arm | >noise mm | >tasks | >lost | >too early | >announced | >false alarms | >branch named | >goes on "
-        "| >overlooked | why | >foresee µs | >continuing µs",
-        [
-            (
-                one.arm,
-                f"{1e3 * one.noise:g}",
-                one.tasks,
-                one.lost,
-                one.early,
-                f"{one.announced} of {one.lost - one.early}",
-                f"{one.false} of {one.tasks}",
-                one.named,
-                one.true,
-                one.overlooked,
-                one.reasons,
-                f"{one.cost:.0f}",
-                f"{one.branch_cost:.0f}",
-            )
-            for one in foreseen
-        ],
-    )
+    page.rows(foreseen)
     return page
 
 
@@ -329,7 +241,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="ten tasks an arm; nothing is written")
     writes(parser, "--output", HERE / "servoing.md", "page to write")
     options = parser.parse_args()
-    steps, foreseen = [], []
+    steps, foreseen, versions = [], [], {}
     for name in options.arms:
         arm, rng = kinseek.load(name), np.random.default_rng(11)
         count = 10 if options.quick else options.tasks
@@ -338,13 +250,14 @@ def main() -> None:
         steps.append(measure_kinseek(arm, paths, starts))
         print(steps[-1], flush=True)
         for peer in options.peers:
-            steps.append(measure_peer(arm, peer, paths, starts))
+            row, versions[peer] = measure_peer(arm, peer, paths, starts)
+            steps.append(row)
             print(steps[-1], flush=True)
         for noise in NOISES:
             foreseen.append(measure_foresight(arm, paths, starts, noise))
             print(foreseen[-1], flush=True)
     if not options.quick:
-        page(steps, foreseen).write(options.output)
+        page(steps, foreseen, versions).write(options.output)
 
 
 if __name__ == "__main__":

@@ -186,8 +186,8 @@ def _read(made: Page) -> None:
             f"**1 mm**: within {LOOSE * 1e3:g} mm and {LOOSE_TURN:g} rad, and inside the limits.",
             "**False**: the solver calls it a success, or says nothing of success, and it is not even that.",
             "**Recommended**: what its maintainers' manual says, named in its adapter. **Best**: what did best in a "
-            "small sweep on other targets of the first arms: most exact answers, and of those within half a percent of "
-            "that the quickest.",
+            "small sweep on other targets of the first arms: most exact answers, and of those that may be within half "
+            "a percent of that, by their interval, the quickest.",
             "A slow solver gets time in proportion to how much its share varied in the sweep: one that solves all or "
             "nothing gets less. The intervals show what is left of chance.",
             "**µs**: wall time of one call from Python, on one thread. All solvers are measured by turns, each on an "

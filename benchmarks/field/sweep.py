@@ -10,6 +10,7 @@ import numpy as np
 from . import pieces
 from .judge import STRICT, good
 from .questions import SWEEP
+from .tables import interval
 from .tasks import Field, task
 
 LEAST = 0.4
@@ -46,11 +47,14 @@ def swept(field: Field, adapter: Path, settings: dict[str, dict[str, Any]]) -> d
 
 
 def chosen(found: dict[str, Swept]) -> str:
-    """The settings that solve most; of those within half a percent of that, the quickest."""
+    """The settings that solve most; of those that may be within half a percent of that, the quickest.
+
+    What is asked few targets and misses one may solve as many as what misses none: the 95 % interval decides.
+    """
     if not found:
         return "recommended"
     most = max(each.solved / each.asked for each in found.values())
-    near = (label for label, each in found.items() if each.solved / each.asked >= most - 0.005)
+    near = (label for label, each in found.items() if interval(each.solved, each.asked)[1] >= most - 0.005)
     return min(near, key=lambda label: found[label].mean)
 
 

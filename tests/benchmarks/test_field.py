@@ -422,6 +422,12 @@ def test_time_is_spent_where_shares_vary_and_never_less_than_a_part() -> None:
     assert sweep.chosen({"recommended": slow_and_sure, "sweep 1": quick}) == "sweep 1", (
         "within half a percent, the quicker"
     )
+    one_missed, all_of_few = sweep.Swept(155, 156, 10.0), sweep.Swept(154, 154, 30.0)
+    assert sweep.chosen({"recommended": all_of_few, "sweep 1": one_missed}) == "sweep 1", (
+        "one miss of so many is chance"
+    )
+    many_missed = sweep.Swept(140, 156, 10.0)
+    assert sweep.chosen({"recommended": all_of_few, "sweep 1": many_missed}) == "recommended"
     assert sweep.chosen({}) == "recommended"
 
 

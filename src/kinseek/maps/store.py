@@ -16,7 +16,7 @@ import uuid
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidMap
 from kinseek.interrupts import raise_of_handler
+from kinseek.lazy import Lazy, lazy
 from kinseek.printable import printable
 from kinseek.private import OTHERS_WRITE, NotPrivate, require_private
 
@@ -52,7 +53,7 @@ CODECS = frozenset({"blosc", "bytes", "crc32c", "gzip", "zstd"})
 """What Zarr writes by itself, or by its configuration."""
 
 
-class Store:
+class Store(Lazy):
     """The arrays of a map, on disk or in memory; always in Zarr format 3, none of whose codecs unpickles data."""
 
     def __init__(self, group: Any, place: str) -> None:
@@ -144,7 +145,7 @@ class Store:
                 f"no map in {path!r} ({who()}): {error!s:.500}. On a cluster the folder must be one that all workers see"
             ) from error
 
-    @cached_property
+    @lazy
     def _arrays(self) -> dict[str, Any]:
         """The variables. They are opened when the description has been checked, which may name anything."""
         return {name: self._array(name) for name in self.description["variables"]}

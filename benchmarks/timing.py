@@ -1,0 +1,32 @@
+"""How long calls take: one by one from Python, and as batches on one thread."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def timed(ask: Callable[[Any], Any], targets: Iterable[Any]) -> tuple[list[Any], NDArray[np.float64]]:
+    """Ask for each target, one call right after the other; the answers, and the wall time of each call [µs]."""
+    answers, times = [], []
+    for target in targets:
+        began = time.perf_counter_ns()
+        answer = ask(target)
+        times.append((time.perf_counter_ns() - began) / 1e3)
+        answers.append(answer)
+    return answers, np.array(times)
+
+
+def batch_cost(work: Callable[[], Any], count: int, repeats: int = 3) -> float:
+    """Time of this thread for one of `count` poses [µs], median of some runs: others on the machine count for little."""
+    times = []
+    for _ in range(repeats):
+        began = time.thread_time_ns()
+        work()
+        times.append((time.thread_time_ns() - began) / 1e3 / count)
+    return statistics.median(times)
