@@ -148,7 +148,7 @@ def test_of_any_arm_the_answer_is_judged_and_the_budget_kept(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "count", "smaller", "cheaper"), [("elbow6", 400, 3.0, 0.01), ("scara4", 400, 1.0, 0.15)]
+    ("name", "count", "smaller", "cheaper"), [("elbow6", 150, 3.0, 0.01), ("scara4", 150, 1.0, 0.15)]
 )
 def test_what_it_saves(name: str, count: int, smaller: float, cheaper: float) -> None:
     """At a breadth of 4, on the same poses as the whole arm."""
