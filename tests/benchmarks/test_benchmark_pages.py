@@ -80,6 +80,7 @@ def test_answers_are_written_in_order_and_only_the_peer_is_timed(
         assert str(found["version"]) == "1.0"
 
 
+@pytest.mark.slow
 def test_a_peer_that_fails_says_why(tmp_path: Path) -> None:
     pytest.importorskip("eaik")
     np.savez(tmp_path / "arm.npz", lower=np.zeros(7))

@@ -54,6 +54,7 @@ def angles_of(poses: Any) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", ["qw,qx,qy,qz", "roll,pitch,yaw", "rotvec_x,rotvec_y,rotvec_z", "matrix"])
 def test_every_way_to_give_a_pose(
     turn: str, poses: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -382,6 +382,7 @@ def circles(corners: int) -> np.ndarray:
     return np.concatenate([ring, ring + np.eye(3)[2]]) @ kinseek.pose([0, 0, 0], rpy=[0.3, 0.2, 0.1])[:3, :3]
 
 
+@pytest.mark.slow
 def test_a_hull_with_a_side_of_too_many_corners_is_refused() -> None:
     """Nothing interrupts coal, whose time grows with the square of their number."""
     spatial = pytest.importorskip("scipy.spatial")

@@ -48,6 +48,7 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "_in_processes", one_by_one)
 
 
+@pytest.mark.slow
 def test_a_map_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = maps.reach(ARM, GRID, store=tmp_path / "whole.zarr", **SMALL)
     computed = []
@@ -256,6 +257,7 @@ def test_others_may_not_write_to_a_new_store_whatever_the_umask(tmp_path: Path, 
     maps.reach(ARM, GRID, store=place, **SMALL)
 
 
+@pytest.mark.slow
 def test_blocks_are_not_written_through_links(tmp_path: Path) -> None:
     place, victim = tmp_path / "map.zarr", tmp_path / "victim"
     maps.reach(ARM, GRID, store=place, **SMALL)

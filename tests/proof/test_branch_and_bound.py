@@ -130,6 +130,7 @@ def test_certificates_of_turning_arms_hold_against_a_grid(arm: kinseek.Arm, step
     assert verdicts == {Verdict.REACHABLE, Verdict.UNREACHABLE}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FLEET)
 def test_what_is_in_reach_is_never_called_unreachable(name: str) -> None:
     arm, rng = kinseek.load(name), np.random.default_rng(1)
@@ -413,6 +414,7 @@ def test_an_exclusion_of_a_pose_that_is_reached_is_an_internal_error(monkeypatch
         prove(problem, gap=0.1, solution=poor)
 
 
+@pytest.mark.slow
 def test_the_fuzzer_counts_an_internal_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Boxes are left out: they are tested by a kernel that is no entry of the library."""
     monkeypatch.setattr(proofs, "wrong_boxes", lambda *_: [])

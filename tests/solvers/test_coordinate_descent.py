@@ -61,6 +61,7 @@ def test_one_joint_is_minimised_exactly(name: str, joint: int, seed: int) -> Non
     assert chordal_error(fk(arm.chain, solution.q), goal) <= min(scanned) + 1e-12
 
 
+@pytest.mark.slow
 @given(COEFFICIENT, COEFFICIENT, COEFFICIENT, st.floats(-8, 0), st.floats(0, 8), st.booleans())
 @settings(max_examples=300)
 def test_minimiser_agrees_with_a_dense_scan(
@@ -102,6 +103,7 @@ def test_a_pair_is_minimised_over_its_box(numbers: list[float], revolute: tuple[
     assert found[0, 0] <= (grids[0].T @ M @ grids[1]).min() + 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar2", "cylindrical3", "scara4", "elbow6", "panda", "irb5400"])
 @pytest.mark.parametrize("pairs", [True, False])
 def test_never_worse_and_inside_the_limits(name: str, pairs: bool) -> None:

@@ -63,6 +63,7 @@ def test_agrees_with_the_papers_algorithms(name: str, size: int, divisions: int)
         agrees_with_the_paper(arm.chain, kinseek.Goal.pose(T), size, divisions, breadth)
 
 
+@pytest.mark.slow
 @given(serial_chains(most=3), st.integers(0, 2**32 - 1), st.integers(1, 60), st.integers(2, 5))
 @settings(max_examples=30)
 def test_random_chains_agree_with_the_papers_algorithms(
@@ -124,6 +125,7 @@ def test_breadth_one_number_per_joint_or_tuned() -> None:
     )
 
 
+@pytest.mark.slow
 def test_tuned_breadth_follows_the_arm_and_the_weights() -> None:
     elbow = kinseek.load("elbow6").chain
     position = kinseek.Goal.position([0.0, 0.0, 0.0])

@@ -296,6 +296,7 @@ def test_a_function_that_fails_names_all_joint_values() -> None:
     assert caught.value.q.shape == (4,)
 
 
+@pytest.mark.slow
 def test_what_is_found_out_is_kept_as_long_as_the_arm_and_no_longer() -> None:
     arm = kinseek.load("scara4")
     box = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper)
@@ -312,6 +313,7 @@ def test_what_is_found_out_is_kept_as_long_as_the_arm_and_no_longer() -> None:
     assert [ref() for ref in gone] == [None, None]
 
 
+@pytest.mark.slow
 def test_a_tuned_breadth_is_tuned_chain_by_chain() -> None:
     arm = kinseek.load("scara4")
     T = random_goals(arm, 20)
