@@ -14,12 +14,18 @@ import importlib.util
 import os
 import sys
 from collections.abc import Generator, Iterator
+from dataclasses import fields
 from importlib import metadata
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+
+if TYPE_CHECKING:
+    from kinseek.collision import Shape
 
 settings.register_profile(
     "kinseek",
@@ -90,3 +96,22 @@ def _no_picture_stays_open() -> Iterator[None]:
     yield
     if pyplot := sys.modules.get("matplotlib.pyplot"):
         pyplot.close("all")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _spheres_are_fitted_once_to_a_shape() -> Iterator[None]:
+    """Reuse the cover of an equal shape in another scene: to fit spheres to a cylinder takes half a second."""
+    from kinseek.collision import spheres
+
+    fit, covers = spheres.cover_of, dict[Any, spheres.Cover]()
+
+    def cover_of(shape: Shape) -> spheres.Cover:
+        numbers = (np.asarray(getattr(shape, field.name)).tobytes() for field in fields(shape))
+        key = (type(shape), *numbers)
+        if key not in covers:
+            covers[key] = fit(shape)
+        return covers[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(spheres, "cover_of", cover_of)
+        yield

@@ -159,6 +159,7 @@ def nested(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, Any]]:
     return {"box": tight}, {"box": loose, "free": free}
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(poses(), nested(), st.sampled_from(["tool", "base"]))
 def test_what_satisfies_the_tighter_goal_satisfies_the_looser(
@@ -201,6 +202,7 @@ def test_ranges_that_end_near_a_half_turn(name: str) -> None:
 SMALL = [name for name in catalog_names() if 3 <= catalog_entry(name).dof <= 5]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SMALL)
 def test_arms_of_three_to_five_joints_reach_positions_and_directions(name: str) -> None:
     """`python -m benchmarks.partial_goals` does the same with 12,000 targets each."""
@@ -284,6 +286,7 @@ TOOL = kinseek.pose([0.1, -0.05, 0.2], rotvec=[0.3, 0.2, -1.0])
 BASE = kinseek.pose([1.0, 2.0, 0.5], rotvec=[0.1, 0.0, 0.7])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5e", "so101", "ur10e_rail", "scara4"])
 def test_tool_and_base_are_what_transforms_by_hand_give(name: str) -> None:
     arm = kinseek.load(name)

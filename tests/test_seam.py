@@ -44,6 +44,7 @@ def inside(arm: kinseek.Arm, q: Array, near: Array) -> bool:
     return bool(((q >= low) & (q <= high)).all())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ENDLESS)
 @pytest.mark.parametrize("seed", range(4))
 def test_tracked_poses_never_jump_over_the_seam(name: str, seed: int) -> None:
@@ -64,6 +65,7 @@ def test_tracked_poses_never_jump_over_the_seam(name: str, seed: int) -> None:
         q = solution.q
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turns", [0, 1, -3, 1000])
 def test_every_path_answers_within_half_a_turn_of_near(turns: int) -> None:
     arm = kinseek.load("gen3")
@@ -109,6 +111,7 @@ def three_endless() -> kinseek.Arm:
     return kinseek.Arm.from_dh([[1.0, 0, 0, 0]] * 3, [-np.inf] * 3, [np.inf] * 3)
 
 
+@pytest.mark.slow
 def test_without_near_a_continuous_joint_stays_within_half_a_turn_of_zero() -> None:
     arm = three_endless()
     targets = arm.fk(np.random.default_rng(1).uniform(-np.pi, np.pi, (50, 3)))

@@ -292,6 +292,7 @@ READINGS: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize("robot", ["planar2", "cylindrical3"])
 def test_windows_are_those_of_the_search(robot: str, reading: str) -> None:

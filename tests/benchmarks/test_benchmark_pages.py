@@ -87,6 +87,7 @@ def hang():
 """
 
 
+@pytest.mark.slow
 def test_a_peer_that_fails_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("eaik")
     monkeypatch.setattr(process, "environment", lambda requirements: Path(sys.executable))

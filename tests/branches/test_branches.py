@@ -121,6 +121,7 @@ def test_the_same_answers_as_a_closed_form(name: str) -> None:
     assert most >= (8 if name != "puma560" else 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["jaco2_6", "irb5400", "mpx3500", "ur10e_calibrated"])
 def test_no_restart_finds_what_is_lacking(name: str) -> None:
     arm, rng = kinseek.load(name), np.random.default_rng(5)
@@ -381,6 +382,7 @@ def test_valid_leaves_out_and_counts() -> None:
     assert "4 rejected" in repr(up)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -421,6 +423,7 @@ def test_a_cost_cannot_change_the_answers() -> None:
 # Joints to spare, and too few
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "iiwa14", "gen3", "ur10e_rail"])
 def test_a_sample_of_the_self_motion_is_spread(name: str) -> None:
     arm = kinseek.load(name)

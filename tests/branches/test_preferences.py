@@ -34,6 +34,7 @@ def test_six_joints_take_the_best_branch(order: Order) -> None:
         np.testing.assert_array_equal(solution.q, branches.q[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "gen3"])
 @pytest.mark.parametrize("order", ORDERS)
 def test_joints_to_spare_slide_to_what_is_better_than_any_sample(name: str, order: Order) -> None:

@@ -292,6 +292,7 @@ BAD: list[tuple[str, str, str]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "text", "told"), BAD, ids=range(len(BAD)))
 def test_what_cannot_be_read_is_said_and_nothing_is_added(
     name: str, text: str, told: str, tmp_path: Path, scene: Scene

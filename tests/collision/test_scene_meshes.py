@@ -411,7 +411,7 @@ from kinseek.collision import Mesh
 angles = np.linspace(0, 2 * np.pi, 4500, endpoint=False)
 ring = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
 points = np.concatenate([ring, ring + [0, 0, 1]])
-for seed in range(3):
+for seed in range(2):  # Qhull fails on the first, and makes the second.
     noise = np.abs(np.random.default_rng(seed).normal(size=points.shape)[:, :1])
     mesh = Mesh(points * (1 - 1e-14 * noise), np.arange(9000).reshape(-1, 3))
     try:
@@ -436,6 +436,7 @@ def circles(corners: int) -> np.ndarray:
     return np.concatenate([ring, ring + np.eye(3)[2]]) @ kinseek.pose([0, 0, 0], rpy=[0.3, 0.2, 0.1])[:3, :3]
 
 
+@pytest.mark.slow
 def test_a_hull_with_a_side_of_too_many_corners_is_refused() -> None:
     """Nothing interrupts coal, whose time grows with the square of their number."""
     spatial = pytest.importorskip("scipy.spatial")

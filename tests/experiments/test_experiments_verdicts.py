@@ -253,6 +253,7 @@ def test_without_a_terminal_each_experiment_says_what_it_does(
     assert told[-1].startswith("all in")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dof", [2, 3, 4])
 def test_the_bound_of_a_shallow_node_is_below_every_completion(dof: int) -> None:
     rng, arm = np.random.default_rng(dof), plain.ARMS[dof]

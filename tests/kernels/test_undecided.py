@@ -32,6 +32,7 @@ def test_nor_as_plain_python() -> None:
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stdout + done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_joint_values_that_are_no_numbers_are_in_doubt_in_a_scene(value: float) -> None:
     pytest.importorskip("pinocchio")

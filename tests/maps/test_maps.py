@@ -60,6 +60,7 @@ def test_orientations_are_as_even_as_their_number_allows() -> None:
         assert 1.0 < (radius - np.sin(radius)) / np.pi * len(grid) < 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rolls", [False, True])
 def test_a_part_of_a_cell_lies_in_its_ball(rolls: bool) -> None:
     rng = np.random.default_rng(2)
@@ -250,6 +251,7 @@ def test_what_is_proved_empty_holds_no_pose() -> None:
     assert verdicts.count(EMPTY) > 40
 
 
+@pytest.mark.slow
 def test_what_is_reached_within_tolerances_is_not_proved_empty() -> None:
     """Poses that a stretched arm misses by 15 cm: their cells are empty, and not so where 16 cm count as reached."""
     grid = maps.Grid((-1.2, 1.2, 0.02), (-1.2, 1.2, 0.02), (-1.2, 1.2, 0.02), maps.orientations(40_000))
@@ -277,6 +279,7 @@ def beside(T: np.ndarray, position: float, orientation: float, seed: int) -> np.
     return moved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5e", "irb120", "panda"])
 def test_every_pose_of_a_ball_that_is_proved_is_reached(name: str) -> None:
     arm = kinseek.load(name)
@@ -334,6 +337,7 @@ def test_all_of_a_cell_that_is_proved_to_be_reached_is() -> None:
     assert whole >= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5e", "panda"])
 def test_cells_that_differ_by_a_turn_of_the_last_joint_are_judged_as_one(name: str) -> None:
     """A pose of the arm lies in a stack of cells: it is never empty, nor is the cell of the pose itself."""

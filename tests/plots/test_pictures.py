@@ -1,4 +1,4 @@
-"""Every picture of the repository can be read: nothing is covered, cut off, pale or too small, and the axes are named."""
+"""Every picture of the repository can be read, see `legible`; those of the examples: promises/test_examples.py."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ pytestmark = pytest.mark.slow
 pytest.importorskip("matplotlib")
 
 PICTURES = ROOT / "docs" / "pictures"
-EXAMPLES = sorted((ROOT / "examples").glob("0[3-8]*.py"))
 
 
 @pytest.fixture
@@ -47,15 +46,6 @@ def test_pictures_of_the_experiments(name: str, found: list[str], tmp_path: Path
     module = experiment(name)
     rows = Store(ROOT / "experiments" / "results", name, module.COLUMNS).rows()
     module.draw(rows, tmp_path / "picture.png")
-    assert found == []
-
-
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
-def test_pictures_of_the_examples(
-    example: Path, found: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "argv", [str(example), str(tmp_path / "picture.png")])
-    runpy.run_path(str(example), run_name="__main__")
     assert found == []
 
 

@@ -19,6 +19,7 @@ from kinseek.robots.chain import SerialChain, joint_points
 from reference import fk
 
 
+@pytest.mark.slow
 @given(chain=serial_chains(), share=st.floats(0, 1))
 @settings(max_examples=30)
 def test_the_line_of_an_arm_ends_at_its_tip(chain: SerialChain, share: float) -> None:

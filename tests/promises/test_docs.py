@@ -294,6 +294,7 @@ def site() -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_the_site_asks_nothing_of_the_network(site: Path) -> None:
     pages = sorted(site.rglob("*.html"))
     assert len(pages) > len(PAGES)
@@ -304,6 +305,7 @@ def test_the_site_asks_nothing_of_the_network(site: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_the_site_is_searched_from_a_folder(site: Path) -> None:
     """In a browser, where nothing may be asked for but files."""
     api = pytest.importorskip("playwright.sync_api")

@@ -300,6 +300,8 @@ def test_what_the_user_says_of_a_long_path_keeps_the_time(name: str, monkeypatch
         assert path.out_of_time
         followed(arm, path)
         assert path.planned.sum() > 200
+        if taken[-1] < 1.5 * limit + 0.2:
+            break
     assert min(taken) < 1.5 * limit + 0.2
 
 

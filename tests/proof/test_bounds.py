@@ -114,11 +114,11 @@ def nearest_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.
 @pytest.mark.slow
 @pytest.mark.parametrize("name", catalog_names())
 def test_no_box_loses_what_it_holds(name: str) -> None:
-    """Eight hundred thousand joint vectors over all arms, each in a box."""
+    """Two hundred thousand joint vectors over all arms, each in a box; `tests.fuzz.proofs` tries more."""
     chain, rng = kinseek.load(name).chain, np.random.default_rng(0)
-    assert sum(reachable_lost(chain, rng) for _ in range(150)) == 0
-    assert sum(cone_lost(chain, rng) for _ in range(100)) == 0
-    assert sum(nearest_lost(chain, rng) for _ in range(150)) == 0
+    assert sum(reachable_lost(chain, rng) for _ in range(40)) == 0
+    assert sum(cone_lost(chain, rng) for _ in range(30)) == 0
+    assert sum(nearest_lost(chain, rng) for _ in range(40)) == 0
 
 
 @pytest.mark.slow
@@ -135,9 +135,9 @@ def test_no_box_loses_what_it_holds_on_any_chain(chain: SerialChain, seed: int) 
 @pytest.mark.parametrize("name", ARMS)
 def test_bounds_one_percent_too_small_are_caught(name: str) -> None:
     chain, rng = kinseek.load(name).chain, np.random.default_rng(0)
-    assert sum(reachable_lost(chain, rng, trust=0.99) for _ in range(100)) > 0
-    assert sum(cone_lost(chain, rng, trust=0.99) for _ in range(100)) > 0
-    assert sum(nearest_lost(chain, rng, trust=0.99) for _ in range(100)) > 0
+    assert any(reachable_lost(chain, rng, trust=0.99) for _ in range(40))
+    assert any(cone_lost(chain, rng, trust=0.99) for _ in range(30))
+    assert any(nearest_lost(chain, rng, trust=0.99) for _ in range(40))
 
 
 @pytest.mark.jit

@@ -214,8 +214,8 @@ print("well")
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers that interrupt")
 @pytest.mark.parametrize("what", ["exclude", "enclose", "isolate", "small"])
 def test_interrupts_at_any_moment(what: str) -> None:
-    """Ten of them: KeyboardInterrupt at once, no crash, and the same answers as before."""
-    moments = np.random.default_rng(5).uniform(0.001, 0.3, 10)
+    """Five of them: KeyboardInterrupt at once, no crash, and the same answers as before."""
+    moments = np.random.default_rng(5).uniform(0.001, 0.3, 5)
     run = subprocess.run(
         [sys.executable, "-c", INTERRUPTED, what, *map(str, moments)],
         env={

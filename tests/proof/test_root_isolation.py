@@ -65,6 +65,7 @@ def holds(isolation: Isolation, chain: SerialChain, q: Array) -> bool:
     return bool(np.any(near))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5e", "puma560", "irb120", "kr6r900", "elbow6"])
 def test_the_same_answers_as_a_closed_form(name: str) -> None:
     pytest.importorskip("eaik")

@@ -106,14 +106,14 @@ def ball_bound(shoulder: Shoulder, ceiling: float, c: Array, h: Array, above: Ar
 @pytest.mark.parametrize("name", SPARE)
 def test_no_box_is_bounded_above_an_error_in_it(name: str) -> None:
     chain, rng = kinseek.load(name).chain, np.random.default_rng(0)
-    assert sum(lost(chain, rng) for _ in range(60)) == 0
+    assert sum(lost(chain, rng) for _ in range(30)) == 0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SPARE)
 def test_ranges_one_percent_too_small_are_caught(name: str) -> None:
     chain, rng = kinseek.load(name).chain, np.random.default_rng(0)
-    assert sum(lost(chain, rng, trust=0.99) for _ in range(60)) > 0
+    assert any(lost(chain, rng, trust=0.99) for _ in range(30))
 
 
 def poses_of(arm: kinseek.Arm, count: int, rng: np.random.Generator) -> list[Array]:
@@ -125,7 +125,7 @@ def poses_of(arm: kinseek.Arm, count: int, rng: np.random.Generator) -> list[Arr
 def test_no_sample_is_nearer_than_the_bound(name: str) -> None:
     arm, rng = kinseek.load(name), np.random.default_rng(1)
     q = np.ascontiguousarray(rng.uniform(arm.lower, arm.upper, (20_000, arm.dof)))
-    for T in poses_of(arm, 6, rng):
+    for T in poses_of(arm, 3, rng):
         problem = Problem(arm.chain, Goal.pose(T))
         targets = np.repeat(problem.goal.targets, len(q), axis=0)
         least = judge(problem.arrays, q, targets, problem.goal.arrays)[:, 2].min()

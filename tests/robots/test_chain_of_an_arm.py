@@ -61,6 +61,7 @@ def test_the_jacobian_is_pinocchios(name: str) -> None:
             assert arm.manipulability(q) == pytest.approx(measure, rel=1e-9)
 
 
+@pytest.mark.slow
 @given(serial_chains(), st.integers(0, 2**32 - 1))
 @settings(max_examples=60)
 def test_the_jacobian_is_the_derivative_of_fk(chain: SerialChain, seed: int) -> None:
@@ -98,6 +99,7 @@ def test_a_planar_arm_is_measured_in_its_plane() -> None:
 # --- links ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", catalog_names())
 def test_every_link_and_joint_stands_where_pinocchio_has_it(name: str) -> None:
     arm, (model, data) = kinseek.load(name), model_of(name)
@@ -115,6 +117,7 @@ def test_every_link_and_joint_stands_where_pinocchio_has_it(name: str) -> None:
     assert seen >= 3 * (2 * arm.dof + 1)  # Base, and of every joint itself and the link that it moves.
 
 
+@pytest.mark.slow
 @given(serial_chains(), st.data())
 @settings(max_examples=40)
 def test_links_stay_where_they_are_when_joints_are_locked(chain: SerialChain, data: st.DataObject) -> None:

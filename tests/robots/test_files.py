@@ -466,6 +466,7 @@ def test_a_folder_is_refused(tmp_path: Path) -> None:
             read("a\0b.urdf")
 
 
+@pytest.mark.slow
 def test_models_that_attach_many_models_are_refused_at_once(tmp_path: Path) -> None:
     """Twelve files of a hundred letters, read 3^11 times, took 51 s."""
     (tmp_path / "a0.xml").write_text("<mujoco/>", encoding="utf-8")

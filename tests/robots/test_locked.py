@@ -21,6 +21,7 @@ from reference import fk
 Array = NDArray[np.float64]
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(serial_chains(), st.data())
 def test_locked_joints_change_no_pose(chain: SerialChain, data: st.DataObject) -> None:
@@ -56,6 +57,7 @@ def test_locked_panda_is_pinocchios_reduced_model() -> None:
     np.testing.assert_allclose(locked.fk(q), (base.inverse() * tip).homogeneous, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "iiwa14", "ur10e_rail", "ur5e"])
 def test_arms_with_a_locked_joint_are_solved(name: str) -> None:
     arm = kinseek.load(name)

@@ -485,6 +485,7 @@ def test_what_changes_no_shape_is_read(where: str, change: dict[str, Any], tmp_p
     assert sorted(map(tuple, part.vertices.tolist())) == sorted(map(tuple, np.eye(3).tolist()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*SOUND, *BOMBS])
 def test_a_file_that_is_cut_anywhere_is_read_or_refused(name: str, tmp_path: Path) -> None:
     if name.endswith("dae"):

@@ -165,6 +165,7 @@ def test_a_yaml_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert len(calls) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [
@@ -236,6 +237,7 @@ def test_sums_are_what_python_makes_of_them(text: str) -> None:
 KNOWN = (Refused, SyntaxError, NameError, ArithmeticError, TypeError, ValueError, LookupError)
 
 
+@pytest.mark.slow
 @given(st.text(max_size=60))
 def test_any_text_ends_in_a_value_or_in_an_error_that_is_known(text: str) -> None:
     with contextlib.suppress(*KNOWN):

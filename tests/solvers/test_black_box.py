@@ -170,6 +170,7 @@ def test_a_batch_has_its_shape_and_an_empty_one_too() -> None:
     assert box.fk(none[:, 0]).shape == (0, 4, 4)
 
 
+@pytest.mark.slow
 def test_same_bits_again_in_any_batch_and_from_a_fresh_arm() -> None:
     arm, box = wrapped("jaco2_6")
     T = arm.fk(random_joints(arm.chain, 6, 7))
@@ -183,6 +184,7 @@ def test_same_bits_again_in_any_batch_and_from_a_fresh_arm() -> None:
     np.testing.assert_array_equal(first.evaluations, again.evaluations)
 
 
+@pytest.mark.slow
 def test_every_pose_asked_for_is_counted_and_asked_inside_the_limits() -> None:
     arm, _ = wrapped("ur5e")
     seen: list[Array] = []

@@ -148,7 +148,7 @@ def test_of_any_arm_the_answer_is_judged_and_the_budget_kept(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "count", "smaller", "cheaper"), [("elbow6", 400, 3.0, 0.01), ("scara4", 400, 1.0, 0.15)]
+    ("name", "count", "smaller", "cheaper"), [("elbow6", 150, 3.0, 0.01), ("scara4", 150, 1.0, 0.15)]
 )
 def test_what_it_saves(name: str, count: int, smaller: float, cheaper: float) -> None:
     """At a breadth of 4, on the same poses as the whole arm."""
@@ -296,6 +296,7 @@ def test_a_function_that_fails_names_all_joint_values() -> None:
     assert caught.value.q.shape == (4,)
 
 
+@pytest.mark.slow
 def test_what_is_found_out_is_kept_as_long_as_the_arm_and_no_longer() -> None:
     arm = kinseek.load("scara4")
     box = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper)
@@ -312,6 +313,7 @@ def test_what_is_found_out_is_kept_as_long_as_the_arm_and_no_longer() -> None:
     assert [ref() for ref in gone] == [None, None]
 
 
+@pytest.mark.slow
 def test_a_tuned_breadth_is_tuned_chain_by_chain() -> None:
     arm = kinseek.load("scara4")
     T = random_goals(arm, 20)

@@ -48,6 +48,7 @@ def test_the_answer_is_the_first_of_all_branches_and_no_search_is_made(name: str
         np.testing.assert_array_equal(arm.ik(target).q, row)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CLOSED)
 def test_near_is_the_nearest_of_all_that_another_closed_form_has(name: str) -> None:
     pytest.importorskip("eaik")
@@ -208,6 +209,7 @@ def test_joints_without_end_come_within_half_a_turn_of_where_the_arm_is() -> Non
     assert (np.abs(alone.q) <= np.pi + 1e-9).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*CLOSED, "piper", "lite6", "ur10e_calibrated"])
 def test_where_the_arm_is_is_the_nearest_at_singularities_and_limits_too(name: str) -> None:
     arm = kinseek.load(name)

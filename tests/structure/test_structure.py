@@ -112,6 +112,7 @@ def test_a_function_has_none() -> None:
     assert "black-box kinematics" in arm.structure.sentence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, word in WORDS.items() if word != "none"])
 def test_no_answer_is_lost_where_there_is_a_closed_form(name: str) -> None:
     arm = kinseek.load(name)
@@ -200,6 +201,7 @@ def test_beside_a_straight_wrist_no_answer_is_lost(name: str, size: float) -> No
 # Nearly
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [3e-7, 1e-5, 1e-3])
 def test_an_arm_that_nearly_has_a_structure_is_told_how_nearly_and_loses_no_answer(by: float) -> None:
     arm = dh(changed(UR, 2, 1, by))

@@ -374,6 +374,7 @@ def written(folder: Path, mesh: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["stl", "obj", "ply", "glb"])
 def test_meshes_are_read_scaled_turned_and_moved(ending: str, tmp_path: Path, trimesh: Any) -> None:
     box = trimesh.creation.box((0.1, 0.2, 0.3))
@@ -525,6 +526,7 @@ def test_show_takes_an_arm() -> None:
         show("panda")  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_without_viser_the_extra_is_named() -> None:
     code = (
         "import sys; sys.modules['viser'] = None\nimport kinseek\nfrom kinseek.viewer import show\n"
@@ -534,6 +536,7 @@ def test_without_viser_the_extra_is_named() -> None:
     assert "pip install 'kinseek[view]'" in said
 
 
+@pytest.mark.slow
 def test_importing_the_viewer_imports_no_viser() -> None:
     code = "import sys, kinseek.viewer; print('viser' in sys.modules, 'trimesh' in sys.modules)"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
