@@ -1,5 +1,4 @@
-"""The pictures of docs/proof.md and docs/proof_explained.md: boxes of a two-link arm, tightness of the bounds, and cost
-against the gap and the joints.
+"""The pictures of the pages on proofs: boxes of a two-link arm, tightness of bounds, cost against gap and joints.
 
 python -m benchmarks.proof_pictures            # writes docs/proof_*.png, and the boxes counted to proof_cost.csv
 python -m benchmarks.proof_pictures --redraw   # the same pictures, the cost from the CSV
