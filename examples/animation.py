@@ -146,9 +146,9 @@ def follow(stage: Stage) -> None:
         q = arm.ik(T, near=q).require().q
         found = arm.branches(T)
         space, panel = stage.clear(
-            "A pose in, every answer out",
+            "A pose in, every solution out",
             BARS,
-            f"{len(found)} answers, no starting guess",
+            f"{len(found)} solutions, no guess",
             f"one in {short(one)}, all in {short(every)}",
         )
         plots.draw_line(space, path, color=GREY, linewidth=1.2, linestyle=":")
