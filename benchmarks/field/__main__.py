@@ -1,10 +1,10 @@
 """Every solver of inverse kinematics that can be installed, on thirty arms, judged by one outside forward kinematics.
 
     pip install -e '.[field]'
-    python -m benchmarks.field --quick                        # three minutes, once the environments are there
+    python -m benchmarks.field --quick                        # some five minutes, once the environments are there
     python -m benchmarks.field --table --keep                 # less than eight minutes: all that the README's table needs
-    python -m benchmarks.field --half                         # half an hour: all arms, half of the targets
-    python -m benchmarks.field                                # an hour
+    python -m benchmarks.field --half                         # some forty minutes: all arms, half of the targets
+    python -m benchmarks.field                                # an hour and a quarter
     python -m benchmarks.field --solvers kinseek ikpy --arms panda ur5e --questions random limits
     python -m benchmarks.field --solvers kinseek ./mine.py    # an adapter of your own, mine.txt beside it
     python -m benchmarks.field --page                         # the page and the tables anew, of what is measured
