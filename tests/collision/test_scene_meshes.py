@@ -481,3 +481,16 @@ def test_depths_below_many_planes_take_little_memory() -> None:
     assert (farthest_beyond(points, some) == (points @ some[:3] + some[3]).max(axis=1)).all()
     assert (found >= farthest_beyond(points, some) - 1e-12).all()
     assert found[0] == pytest.approx((points[0] @ planes[:3] + planes[3]).max(), abs=1e-12)
+
+
+def test_bodies_that_touch_and_are_oriented_differently_are_solid() -> None:
+    """Halves of which one is mirrored have volumes that cancel; the scene was free inside of both."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    half = np.array([[(a, b, c), (a, c, d)] for a, b, c, d in sides]).reshape(-1, 3)
+    halves = Mesh(
+        np.concatenate([corners, corners * [-1, 1, 1]]), np.concatenate([half, half + 8]), hull=False
+    )
+    assert halves.holds(np.array([0.5, 0.4, 0.6]))
+    assert halves.holds(np.array([-0.5, 0.4, 0.6]))
+    assert not halves.holds(np.array([0.5, 0.4, 1.6]))

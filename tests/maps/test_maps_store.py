@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import time
+import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -492,6 +493,24 @@ def test_names_in_the_folder_of_a_map_are_not_printed(
     written_out = capfd.readouterr()
     assert "]0;What" in written_out.out
     assert "\x1b" not in written_out.out + written_out.err
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value"),
+    [
+        ("zarr.json", "zarr_format", "\x1b]0;title\x07"),
+        ("reached/zarr.json", "chunk_grid", {"name": "\x1b]0;title\x07", "configuration": {}}),
+    ],
+    ids=["group", "array"],
+)
+def test_tracebacks_show_escapes(name: str, key: str, value: Any, written: Path, tmp_path: Path) -> None:
+    """Python prints the errors that led to an error, too; those of Zarr quote metadata as they are."""
+    shutil.copytree(written / "grid", tmp_path / "map")
+    told = json.loads((tmp_path / "map" / name).read_text())
+    (tmp_path / "map" / name).write_text(json.dumps(told | {key: value}))
+    with pytest.raises(kinseek.InvalidMap, match="title") as caught:
+        maps.open(tmp_path / "map")
+    assert "\x1b" not in "".join(traceback.format_exception(caught.value))
 
 
 def test_a_block_that_cannot_be_decoded_is_said_to_be_so(written: Path, tmp_path: Path) -> None:

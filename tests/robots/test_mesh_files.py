@@ -534,6 +534,29 @@ def test_faces_of_obj_name_vertices_in_every_way(text: str, tmp_path: Path) -> N
     assert np.array_equal(part.bounds, [[0, 0, 0], [1, 1, 1]])
 
 
+CUBE = f"{vertices_of(*range(1, 9))}v 9 9 9\n" + "".join("f {} {} {} {}\n".format(*side) for side in SIDES)
+"""A cube, and a vertex that no face names: if one before it is skipped, every face names the wrong ones."""
+
+
+@pytest.mark.parametrize(
+    "text",
+    [f"\ufeff{CUBE}", f"# a comment\r{CUBE}", CUBE.replace("\n", "\r")],
+    ids=["byte order mark", "another line end", "other line ends"],
+)
+def test_no_vertex_of_obj_is_skipped(text: str, tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_bytes(text.encode())
+    (part,) = mesh_parts(tmp_path / "a.obj")
+    assert part.area == pytest.approx(6)
+    assert np.array_equal(part.bounds, [[0, 0, 0], [1, 1, 1]])
+
+
+@pytest.mark.parametrize("character", ["\0", "\v", "\f"])
+def test_what_ends_lines_of_obj_for_some_readers_is_refused(character: str, tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_bytes(f"# a comment{character}{CUBE}".encode())
+    with pytest.raises(InvalidRobot, match="is a line end to some readers"):
+        mesh_parts(tmp_path / "a.obj")
+
+
 @pytest.mark.parametrize(
     ("face", "wrong"),
     [("f 1 2 -4", "-4"), ("f 0 1 2", "0"), ("f 1/-1 2/-1 3/-1", "-1"), ("f 1 2 3\nf -1 -2 -", "-")],

@@ -83,7 +83,8 @@ class Interior:
 
     def holds(self, point: Array) -> bool:
         """Return whether a point (3,) lies in a solid surface and in no cavity of it."""
-        near = self._solid & (point >= self._least).all(axis=1) & (point <= self._most).all(axis=1)
+        # A surface that encloses nothing winds around no point, unless the volumes of parts that touch each other cancel.
+        near = ~self._is_cavity() & (point >= self._least).all(axis=1) & (point <= self._most).all(axis=1)
         return any(
             self._is_around(solid, point)
             and not any(self._is_around(cavity, point) for cavity in self._cavities.get(solid, ()))
@@ -139,6 +140,12 @@ class Interior:
                 self._solid[surface] = False
                 self._cavities.setdefault(nearest, []).append(surface)
 
+    def _is_cavity(self) -> Bools:
+        """Return which of the closed surfaces are cavities, (s,)."""
+        found = np.zeros(len(self._starts), dtype=np.bool_)
+        found[[each for inner in self._cavities.values() for each in inner]] = True
+        return found
+
     def _encloses(self, outer: int, inner: int, models: dict[int, Any]) -> bool:
         """Return whether a surface lies wholly inside another, without contact; `models` keeps what coal needs of each."""
         if not self._is_around(outer, self._corners[self._starts[inner], 0]):
@@ -153,7 +160,7 @@ class Interior:
 
     def _turn_outward(self) -> None:
         """Orient the faces such that solid surfaces have positive volumes, and cavities negative ones."""
-        cavities = [each for found in self._cavities.values() for each in found]
+        cavities = self._is_cavity()
         wrong = self._solid & (self._volumes < 0)
         wrong[cavities] = self._volumes[cavities] > 0
         turned = self._used[np.repeat(wrong, self._ends - self._starts)]

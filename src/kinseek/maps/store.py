@@ -143,7 +143,7 @@ class Store(Lazy):
             raise_of_handler(error)
             raise InvalidMap(
                 f"no map in {path!r} ({who()}): {error!s:.500}. On a cluster the folder must be one that all workers see"
-            ) from error
+            ) from None
 
     @lazy
     def _arrays(self) -> dict[str, Any]:
@@ -162,7 +162,7 @@ class Store(Lazy):
             raise_of_handler(error)
             raise InvalidMap(
                 f"no map in {self.place!r}: its array {name!r} cannot be read: {error!s:.500}"
-            ) from error
+            ) from None
 
     @property
     def blocks(self) -> Index:
@@ -182,7 +182,7 @@ class Store(Lazy):
             raise InvalidMap(
                 f"the marks of finished blocks in '{self.place}/{_DONE}' cannot be read: {error!s:.500}; remove a damaged "
                 "one, and its block is computed again"
-            ) from error
+            ) from None
         return [tuple(int(i) for i in index) for index in np.argwhere(done == 0)]
 
     def is_done(self, index: Index) -> bool:

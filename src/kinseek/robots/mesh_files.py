@@ -7,6 +7,7 @@ gigabytes.
 
 from __future__ import annotations
 
+import codecs
 import io
 import json
 import re
@@ -93,6 +94,8 @@ _NO_FACE = re.compile(rb"^f(?:[ \t]+[^ \t\n]+){0,2}[ \t]*$", re.MULTILINE)
 """A face of OBJ with fewer than three corners."""
 _NO_TRIANGLES = re.compile(rb"^[ \t]*(surf|call)[ \t]", re.MULTILINE)
 """A line of OBJ that is a curved surface, or that includes another file."""
+_BREAK = re.compile(rb"[\0\v\f]")
+"""A character of OBJ that ends a line for some readers and not for trimesh, which would skip a vertex after it."""
 _FACET = re.compile(rb"^[ \t]*facet\b", re.MULTILINE)
 """Beginning of a triangle of text STL, in lower case."""
 _NO_INDEX = re.compile(rb"^f[^\n]*?[ \t/](-[0-9]*|0+)(?=[ \t\r\n/]|\Z)", re.MULTILINE)
@@ -166,8 +169,8 @@ def readable(kind: str, text: bytes) -> bytes:
 
 
 def _joined(text: bytes) -> bytes:
-    """Join the lines of OBJ that end with a backslash to the next one."""
-    return text.replace(b"\r\n", b"\n").replace(b"\\\n", b"")
+    """End all lines of OBJ alike, and join those that end with a backslash to the next one."""
+    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\\\n", b"")
 
 
 def _absolute(text: bytes) -> bytes:
@@ -197,12 +200,12 @@ def _absolute(text: bytes) -> bytes:
 
 
 def _utf8(text: bytes) -> bytes:
-    """Return UTF-8 unchanged, and convert anything else from Latin-1."""
+    """Return UTF-8 without a byte order mark, which would hide the first keyword; convert anything else from Latin-1."""
     try:
         text.decode()
     except UnicodeDecodeError:
         return text.decode("latin-1").encode()
-    return text
+    return text.removeprefix(codecs.BOM_UTF8)
 
 
 def ending(path: Path) -> str:
@@ -387,6 +390,10 @@ def _obj(text: bytes) -> Size:
     lines = _lines(text)
     _at_most(lines, MOST_LINES, "lines")
     joined = _joined(text) + b"\n"
+    if found := _BREAK.search(joined):
+        raise InvalidRobot(
+            f"it has the character {found[0].decode()!r}, which is a line end to some readers; end lines with '\\n'"
+        )
     whole = np.frombuffer(joined, dtype=np.uint8)
     _at_most(int(np.diff(np.flatnonzero(whole == ord("\n")), prepend=-1).max()), MOST_LINE, "bytes in a line")
     materials = len(set(re.findall(rb"usemtl[^\n]*", joined)))
