@@ -5,8 +5,8 @@ does when it compiles them for this machine. A wrapper that takes all arguments 
 the object file is written as it is, and a C compiler links all of them with the door (``door.c``) and the little that
 kernels ask of Numba's runtime (``runtime.c``). No optimisation runs a second time: the same bits as compiled on the spot.
 
-    python native/build.py src/kinseek/kernels          # the library, for every level of this kind of processor
-    python native/build.py OUT --levels 3
+    python native/build.py src/kinseek/kernels          # the library, for the level of this very processor
+    python native/build.py OUT --levels 2 3             # for other levels; for all of them if none is named
     python native/build.py OUT --rooms paths            # some folders of kernels, and those that the library there has
     python native/build.py OUT --target aarch64-linux-gnu arm64-apple-darwin    # for other machines, each in a folder
 
@@ -63,7 +63,12 @@ def main() -> None:
     """Build what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder", type=Path, help="where the library goes")
-    parser.add_argument("--levels", type=int, nargs="*", help="levels of the processor; all by default")
+    parser.add_argument(
+        "--levels",
+        type=int,
+        nargs="*",
+        help="levels of the processor: by default its own, all if none is named",
+    )
     parser.add_argument("--rooms", nargs="*", default=(), help="folders of kernels; all by default")
     parser.add_argument("--target", nargs="+", choices=TARGETS, help="build for other machines, every level")
     parser.add_argument(
@@ -71,7 +76,8 @@ def main() -> None:
     )
     options = parser.parse_args()
     if not options.target:
-        print(build(options.folder, options.levels, options.rooms))
+        levels = this_level() if options.levels is None else options.levels
+        print(build(options.folder, levels, options.rooms))
     elif options.levels or options.rooms:
         parser.error("--target builds every level, and every room")
     else:

@@ -49,6 +49,21 @@ def test_objects_of_other_sources_are_not_those_of_these(tmp_path: Path) -> None
     assert BUILD["_wanted"](tmp_path, 3, []) == [tmp_path / "ks_a-1.3.o", tmp_path / "ks_b-2.3.o"]
 
 
+@pytest.mark.parametrize(
+    ("options", "levels"),
+    [([], BUILD["this_level"]()), (["--levels"], []), (["--levels", "2", "3"], [2, 3])],
+    ids=["own", "all", "some"],
+)
+def test_the_library_is_built_for_this_processor_alone_unless_levels_are_named(
+    options: list[str], levels: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    monkeypatch.setitem(BUILD["main"].__globals__, "build", lambda *given: asked.append(given))
+    monkeypatch.setattr(sys, "argv", ["build.py", "out", *options])
+    BUILD["main"]()
+    assert asked == [(Path("out"), levels, ())]
+
+
 def test_only_the_rooms_that_are_asked_for_are_waited_for(tmp_path: Path) -> None:
     name(tmp_path, 3, "ks_a-1")
     (tmp_path / "ks_a-1.3.o").touch()
