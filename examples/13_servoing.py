@@ -75,7 +75,7 @@ for j, joint in enumerate(arm.joint_names):
 both[0].axhline(1.5, color="k", lw=0.8)
 both[0].axhline(-1.5, color="k", lw=0.8)
 both[0].set(ylabel="speeds [rad/s]", title="Servoing at 500 Hz; the target jumps after 1 s")
-both[0].legend(ncols=3, fontsize=7)
+figure.legend(loc="outside lower center", ncols=6, fontsize=7)
 both[1].plot(s, 1e3 * np.array(errors))
 both[1].set(xlabel="time [s]", ylabel="position error [mm]")
 print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "13_servoing.png"))

@@ -15,8 +15,6 @@ from legible import faults
 from places import ROOT
 
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
-COVERED = {"13_servoing"}
-"""Examples in whose picture the legend lies over a line."""
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -55,7 +53,7 @@ def test_example_runs(
     assert len(capsys.readouterr().out.splitlines()) > 5
     drawn = [path.name for path in tmp_path.iterdir()]
     assert drawn == ([f"{example.stem}.png"] if "[PICTURE" in example.read_text(encoding="utf-8") else [])
-    assert illegible == [] or example.stem in COVERED
+    assert illegible == []
 
 
 @pytest.mark.parametrize("example", EXAMPLES[2:], ids=lambda path: path.stem)
