@@ -19,7 +19,7 @@ from kinseek.kernels.arm.vectors import (
     transform_at,
     transposed_product,
     transposed_times,
-    write_column,
+    write_transform,
 )
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.jit import counted, inlined
@@ -141,15 +141,6 @@ def frame_along(v: Vector, size: float) -> Matrix:
     length = norm(x)
     x = Vector(x.x / length, x.y / length, x.z / length)
     return Matrix(x, cross(z, x), z)
-
-
-@inlined
-def write_transform(T: Transform, into: Array) -> None:
-    """Write a transform into an array, (3, 4)."""
-    write_column(T.R.x, into, 0)
-    write_column(T.R.y, into, 1)
-    write_column(T.R.z, into, 2)
-    write_column(T.p, into, 3)
 
 
 @inlined
