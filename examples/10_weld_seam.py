@@ -44,10 +44,10 @@ for j, joint in enumerate(arm.joint_names):
     both[0].plot(fixed.q[:, j], color=plots.COLOURS[j], ls=":", lw=1)
 for i in fixed.breaks:
     both[0].axvline(i + 0.5, color="k", lw=0.8)
-both[0].set(ylabel="joints [rad], dotted: torch as given", title="A weld seam on a pipe")
+both[0].set(ylabel="joints [rad]", title="A weld seam on a pipe: torch may turn; dotted: torch as given")
 both[0].legend(ncols=3, fontsize=7)
 both[1].plot(arm.manipulability(loose.q), label="may turn")
 both[1].plot(arm.manipulability(fixed.q), ls=":", label="as given")
-both[1].set(xlabel="pose", ylabel="manipulability, 0 at a singularity", ylim=(0, None))
+both[1].set(xlabel="pose", ylabel="manipulability", ylim=(0, None))
 both[1].legend()
 print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "10_weld_seam.png"))

@@ -92,10 +92,12 @@ def lacking(extra: str) -> list[str]:
 
 
 @pytest.fixture(autouse=True)
-def _no_picture_stays_open() -> Iterator[None]:
+def _no_picture_and_no_style_is_left() -> Iterator[None]:
+    """Close figures and restore Matplotlib's settings: experiments draw larger letters than examples."""
     yield
     if pyplot := sys.modules.get("matplotlib.pyplot"):
         pyplot.close("all")
+        pyplot.rcdefaults()
 
 
 @pytest.fixture(autouse=True, scope="session")
