@@ -331,6 +331,11 @@ SHOWN = dae(
         ),
         ("<translate>2 0 0</translate>", "<skew>80 0 1 0 1 0 0</skew>", "the node 'm' has a <skew>"),
         (
+            "translate>2 0 0</translate",
+            "lookat>2 0 0 2 0 -1 0 1 0</lookat",
+            "the node 'm' has a <lookat>, expected only",
+        ),
+        (
             "<translate>2 0 0<",
             "<translate>2 0<",
             "the node 'm' has a <translate> of '2 0', expected 3 finite",
@@ -367,6 +372,12 @@ SHOWN = dae(
         ('offset="0"', 'offset="x"', "the offset 'x', expected a whole number"),
         ('source="#s"', 'source="#t"', "an <input> of POSITION from '#t', which is not in its mesh"),
         ('stride="3"', 'stride="4"', "3 params, stride 4 and offset 0; expected 3, 3 and 0"),
+        (
+            '<param name="X" type="float"/><param name="Y" type="float"/>\n<param name="Z"',
+            '<param name="Z" type="float"/><param name="Y" type="float"/>\n<param name="X"',
+            "the params Z, Y, X; expected X, Y, Z",
+        ),
+        ('accessor source="#f"', 'accessor source="#h"', "positions from '#h', expected the first <float_array>"),
         ("0 0 0 1 0 0 0 1 0", "0 0 0 nan 0 0 0 1 0", "positions that are not all finite numbers"),
         (
             '<geometry id="g">',
@@ -400,6 +411,23 @@ def test_what_the_reader_of_collada_would_pass_over_is_refused(
     (tmp_path / "a.dae").write_text(text)
     with pytest.raises(InvalidRobot, match=why):
         mesh_parts(tmp_path / "a.dae")
+
+
+def test_a_body_of_collada_may_have_the_name_of_the_root(tmp_path: Path) -> None:
+    """trimesh put a body named "world" at the origin, wherever its nodes are."""
+    pytest.importorskip("collada")
+    text = SHOWN.replace('id="g"', 'id="world"').replace("#g", "#world")
+    text = text.replace('<node id="n">', '<node id="n"><translate>0 5 0</translate>')
+    (tmp_path / "a.dae").write_text(text)
+    bounds = [part.bounds.tolist() for part in mesh_parts(tmp_path / "a.dae")]
+    assert bounds == [[[0, 5, 0], [1, 6, 0]], [[2, 0, 0], [3, 1, 0]]]
+
+
+def test_a_scale_next_to_1_is_applied(tmp_path: Path) -> None:
+    """trimesh replaced a transform within 1e-5 of a motion by this motion."""
+    pytest.importorskip("collada")
+    (tmp_path / "a.dae").write_text(SHOWN.replace("<translate>2 0 0</translate>", "<scale>1.000004 1 1</scale>"))
+    assert mesh_parts(tmp_path / "a.dae")[1].extents[0] == pytest.approx(1.000004, abs=1e-7)
 
 
 def test_collada_is_read_with_all_that_has_no_shape(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 
-_NUMBERS = {"translate": 3, "rotate": 4, "scale": 3, "matrix": 16, "lookat": 9}
+_NUMBERS = {"translate": 3, "rotate": 4, "scale": 3, "matrix": 16}
 """Elements that move a node, and how many numbers each has."""
 _IN_NODES = {
     *_NUMBERS,
@@ -215,10 +215,17 @@ def _require_positions(source: Any, who: str) -> None:
         raise InvalidRobot(f"{who} has positions without a <float_array> and an <accessor>")
     if re.fullmatch(r"[0-9eE+\-. \t\r\n]*", floats.text or "") is None:
         raise InvalidRobot(f"{who} has positions that are not all finite numbers")
-    got = len(accessor.findall("{*}param")), accessor.get("stride", "1"), accessor.get("offset", "0")
+    params = [each.get("name") for each in accessor.findall("{*}param")]
+    got = len(params), accessor.get("stride", "1"), accessor.get("offset", "0")
     if got != (3, "3", "0"):
         raise InvalidRobot(
             "{} has positions with {} params, stride {} and offset {}; expected 3, 3 and 0".format(who, *got)
+        )
+    if sorted(map(str, params)) == ["X", "Y", "Z"] != params:
+        raise InvalidRobot(f"{who} has positions with the params {', '.join(params)}; expected X, Y, Z")
+    if accessor.get("source") != f"#{floats.get('id')}":
+        raise InvalidRobot(
+            f"{who} has positions from {accessor.get('source')!r:.100}, expected the first <float_array> of their source"
         )
 
 

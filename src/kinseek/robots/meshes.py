@@ -67,7 +67,12 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
         # Otherwise trimesh leaves out triangles with NaN, and makes one of vertices within 1e-8 before they are scaled.
         for each in found["geometry"].values() if "geometry" in found else [found]:
             each["process"] = False
-        bodies = budget.copy(trimesh.load_scene(found))
+        # Frames have the names of bodies: one with the name of the root, "world", would lose its place.
+        for number, edge in enumerate(found["graph"] if kind == "dae" else []):
+            edge["frame_to"] = number
+        scene = trimesh.load_scene(found)
+        scene.graph.repair_rigid = None  # Otherwise scales within 1e-5 of 1 are left out.
+        bodies = budget.copy(scene)
     except Exception as error:  # Mesh readers raise whatever their parsers raise.
         raise_of_handler(error)
         raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from None
