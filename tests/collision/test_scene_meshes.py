@@ -494,3 +494,31 @@ def test_bodies_that_touch_and_are_oriented_differently_are_solid() -> None:
     assert halves.holds(np.array([0.5, 0.4, 0.6]))
     assert halves.holds(np.array([-0.5, 0.4, 0.6]))
     assert not halves.holds(np.array([0.5, 0.4, 1.6]))
+
+
+CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "why"),
+    [
+        (CORNERS, np.arange(24).reshape(6, 4) % 8, r"got \(8, 3\) and \(6, 4\)"),
+        (np.ones((6, 4)), [[0, 1, 2]], r"got \(6, 4\) and \(1, 3\)"),
+        (np.ones((6, 2)), [[0, 1, 2]], r"got \(6, 2\) and \(1, 3\)"),
+        (CORNERS, [0, 1, 2], r"got \(8, 3\) and \(3,\)"),
+        (CORNERS, np.ones((4, 0)), r"got \(8, 3\) and \(4, 0\)"),
+        (CORNERS, [[0.9, 1, 2]], "a face refers to a vertex that does not exist"),
+        (CORNERS, [[np.inf, 1, 2]], "a face refers to a vertex that does not exist"),
+    ],
+)
+def test_arrays_of_another_shape_make_no_mesh(vertices: Any, faces: Any, why: str) -> None:
+    """Squares, and vertices of four numbers, were cut into rows of three."""
+    with pytest.raises(InvalidScene, match=why):
+        Mesh(vertices, faces)
+
+
+@pytest.mark.parametrize("scale", [(1, 2), "a", [[1, 1, 1]], 1j, np.nan, 0])
+def test_a_scale_is_one_number_or_three(scale: Any, tmp_path: Path) -> None:
+    trimesh.creation.box((1, 1, 1)).export(tmp_path / "a.stl")
+    with pytest.raises(InvalidScene, match="scale must be one number or three, other than 0"):
+        Mesh.read(tmp_path / "a.stl", scale)

@@ -254,10 +254,14 @@ class Mesh(Shape):
     def __post_init__(self) -> None:
         """Validate the mesh."""
         try:
-            vertices = np.array(self.vertices, dtype=np.float64).reshape(-1, 3)
-            faces = np.array(self.faces, dtype=np.int64).reshape(-1, 3)
+            vertices = np.array(self.vertices, dtype=np.float64)
+            faces = np.array(self.faces, dtype=np.float64)
         except (TypeError, ValueError, OverflowError) as error:
             raise InvalidScene(f"{self.name}: expected vertices (k, 3) and faces (f, 3): {error}") from None
+        if any(each.shape != (0,) and (each.ndim != 2 or each.shape[1] != 3) for each in (vertices, faces)):
+            raise InvalidScene(
+                f"{self.name}: expected vertices (k, 3) and faces (f, 3), got {vertices.shape} and {faces.shape}"
+            )
         if not len(faces) or not len(vertices):
             raise InvalidScene(f"{self.name} is empty: it has no triangles")
         if len(faces) > MOST_TRIANGLES and not self.hull:
@@ -266,11 +270,11 @@ class Mesh(Shape):
                 "hull=True, or simplify it by at most a length in metres, simplify=0.001"
             )
         _require_measure(vertices, self.name)
-        if faces.min() < 0 or faces.max() >= len(vertices):
+        if not ((faces >= 0) & (faces < len(vertices)) & (faces == np.floor(faces))).all():
             raise InvalidScene(f"{self.name}: a face refers to a vertex that does not exist")
         object.__setattr__(self, "thicker", length_or_zero(f"{self.name}: thicker", self.thicker))
         object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "faces", faces.astype(np.int64))
 
     @classmethod
     def read(
@@ -304,9 +308,12 @@ class Mesh(Shape):
             parts = mesh_parts(file_path(path), MOST_BYTES, budget=budget)
         except InvalidRobot as error:
             raise InvalidScene(str(error)) from error
-        factors = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
+        try:
+            factors = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
+        except (TypeError, ValueError, OverflowError):
+            factors = np.zeros(3)
         if not np.isfinite(factors).all() or not factors.all():
-            raise InvalidScene(f"scale must be numbers other than 0, got {scale!r}")
+            raise InvalidScene(f"scale must be one number or three, other than 0, got {scale!r:.80}")
         starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
         with np.errstate(over="ignore"):  # Infinity is refused below.
             vertices = np.concatenate([part.vertices for part in parts]) * factors
