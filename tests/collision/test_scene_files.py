@@ -32,6 +32,8 @@ CELL = """<robot name="cell">
   <joint name="screw" type="fixed"><parent link="table"/><child link="pole"/><origin xyz="0.35 0.2 0.06"/></joint>
 </robot>"""
 
+POLE = slice(CELL.index('<link name="pole"'), CELL.index("<joint"))
+
 MOVEIT = """the cell
 * table
 0.55 0 -0.06
@@ -232,6 +234,19 @@ def test_a_xacro_file_is_expanded(tmp_path: Path, scene: Scene) -> None:
     assert scene.add_file(path, trusted=False) == ("table", "pole")
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        CELL.replace("<robot", '<robot xmlns="http://www.ros.org"'),
+        f"<!DOCTYPE robot [<!ENTITY pole '{CELL[POLE]}'>]>{CELL.replace(CELL[POLE], '&pole;')}",
+    ],
+    ids=["namespace", "entity"],
+)
+def test_no_body_is_left_out(text: str, tmp_path: Path, scene: Scene) -> None:
+    """A namespace hid all bodies, and an entity those that it stands for."""
+    assert scene.add_file(written(tmp_path, "cell.urdf", text)) == ("table", "pole")
+
+
 BAD: list[tuple[str, str, str]] = [
     (
         "cell.urdf",
@@ -244,6 +259,11 @@ BAD: list[tuple[str, str, str]] = [
         "'stick', which does not exist",
     ),
     ("cell.urdf", CELL.replace("<box", "<cone"), r"geometry 'cone' is not known"),
+    (
+        "cell.urdf",
+        CELL.replace('size="1 1.6 0.04"', 'size="1_0 1 1"'),
+        r"expected 3 finite numbers, got '1_0 1 1'",
+    ),
     (
         "cell.urdf",
         CELL.replace('size="1 1.6 0.04"', 'size="1 1.6"'),

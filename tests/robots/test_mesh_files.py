@@ -377,7 +377,11 @@ SHOWN = dae(
             '<param name="Z" type="float"/><param name="Y" type="float"/>\n<param name="X"',
             "the params Z, Y, X; expected X, Y, Z",
         ),
-        ('accessor source="#f"', 'accessor source="#h"', "positions from '#h', expected the first <float_array>"),
+        (
+            'accessor source="#f"',
+            'accessor source="#h"',
+            "positions from '#h', expected the first <float_array>",
+        ),
         ("0 0 0 1 0 0 0 1 0", "0 0 0 nan 0 0 0 1 0", "positions that are not all finite numbers"),
         (
             '<geometry id="g">',
@@ -426,7 +430,9 @@ def test_a_body_of_collada_may_have_the_name_of_the_root(tmp_path: Path) -> None
 def test_a_scale_next_to_1_is_applied(tmp_path: Path) -> None:
     """trimesh replaced a transform within 1e-5 of a motion by this motion."""
     pytest.importorskip("collada")
-    (tmp_path / "a.dae").write_text(SHOWN.replace("<translate>2 0 0</translate>", "<scale>1.000004 1 1</scale>"))
+    (tmp_path / "a.dae").write_text(
+        SHOWN.replace("<translate>2 0 0</translate>", "<scale>1.000004 1 1</scale>")
+    )
     assert mesh_parts(tmp_path / "a.dae")[1].extents[0] == pytest.approx(1.000004, abs=1e-7)
 
 

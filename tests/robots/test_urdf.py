@@ -349,6 +349,20 @@ BAD_FILES = {
     ),
     "short origin": (robot(joint(inside=LIMIT + '<origin rpy="0 0"/>'), SECOND), "2 values, expected 3"),
     "two origins": (robot(joint(inside=LIMIT + "<origin/><origin/>"), SECOND), "2 <origin> elements"),
+    "quaternion": (
+        robot(joint(inside=LIMIT + '<origin quat_xyzw="0 0 0 1"/>'), SECOND),
+        "<origin> in line 1 has quat_xyzw, which is not supported, expected rpy",
+    ),
+    "quaternion of a shape": (
+        robot(joint(), SECOND).replace(
+            "</robot>", '<link name="d"><collision><origin quat_xyzw=""/></collision></link></robot>'
+        ),
+        "<origin> in line 1 has quat_xyzw",
+    ),
+    "another file": (
+        '<!DOCTYPE robot [<!ENTITY e SYSTEM "links.xml">]><robot>&e;</robot>',
+        "broken XML: Entity 'e' not defined",
+    ),
     "empty axis": (robot(joint(inside=LIMIT + "<axis/>"), SECOND), "<axis> has no xyz"),
     "zero axis": (robot(joint(inside=LIMIT + '<axis xyz="0 0 0"/>'), SECOND), "'j': axis 0 0 0 has length 0"),
     "long axis": (

@@ -128,7 +128,8 @@ def numbers_of(text: str | None, count: int, default: float | None = None) -> Ar
     if text is None and default is not None:
         return np.full(count, default)
     try:
-        values = np.array([float(part) for part in (text or "").split()])
+        # Python alone would accept 1_000.
+        values = np.array([float(part.replace("_", "?")) for part in (text or "").split()])
     except ValueError:
         values = np.array([np.nan])
     if len(values) != count or not np.isfinite(values).all():

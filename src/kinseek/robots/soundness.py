@@ -137,20 +137,19 @@ def check(
     if root.tag == "mujoco":
         _check_chains(found, path, partial(read_mjcf, path, base), tip, {})
         return found
-    space = str(root.tag).removesuffix("robot")
-    if not str(root.tag).endswith("robot") or (space and not space.endswith("}")):
+    if root.tag != "robot":
         raise InvalidRobot(f"{path}: not a robot: the root tag is <{root.tag}>, expected <robot>")
-    links, joints = list(root.iterchildren(f"{space}link")), list(root.iterchildren(f"{space}joint"))
+    links, joints = list(root.iterchildren("link")), list(root.iterchildren("joint"))
     for noun, elements in (("links", links), ("joints", joints)):
         require_few(len(elements), noun, MOST_LINKS, str(path))
     found.links, found.joints = len(links), len(joints)
     found.moving = sum(joint.get("type") not in ("fixed", None) for joint in joints)
-    parents = _check_tree(found, links, joints, space)
+    parents = _check_tree(found, links, joints)
     for joint in joints:
-        _check_joint(found, joint, space)
-    _check_mimics(found, joints, space)
-    _check_masses(found, links, space)
-    _check_meshes(found, root, space, path, packages or {})
+        _check_joint(found, joint)
+    _check_mimics(found, joints)
+    _check_masses(found, links)
+    _check_meshes(found, root, path, packages or {})
     if not any(finding.severity is Severity.ERROR for finding in found.findings):
         try:
             tree = UrdfTree(text, str(path))
@@ -161,7 +160,7 @@ def check(
     return found
 
 
-def _check_tree(found: Checkup, links: list[Any], joints: list[Any], space: str) -> dict[str, str | None]:
+def _check_tree(found: Checkup, links: list[Any], joints: list[Any]) -> dict[str, str | None]:
     """Check names, and that links and joints form one tree; return the parent of each link."""
     for noun, elements in (("link", links), ("joint", joints)):
         names = Counter(element.get("name") for element in elements)
@@ -177,7 +176,7 @@ def _check_tree(found: Checkup, links: list[Any], joints: list[Any], space: str)
         ends = {
             tag: element.get("link")
             for tag in ("parent", "child")
-            if (element := joint.find(space + tag)) is not None
+            if (element := joint.find(tag)) is not None
         }
         for tag in ("parent", "child"):
             if not ends.get(tag):
@@ -211,12 +210,12 @@ def _in_loops(parents: Mapping[str, str | None]) -> list[str]:
     return [name for name in parents if name in looping]
 
 
-def _check_joint(found: Checkup, joint: Any, space: str) -> None:
+def _check_joint(found: Checkup, joint: Any) -> None:
     here, kind = _name(joint), joint.get("type")
     if kind not in JOINT_TYPES:
         found.error(here, suggest(kind, JOINT_TYPES, "joint type") if kind else "no type")
         return
-    origin = joint.find(space + "origin")
+    origin = joint.find("origin")
     if origin is not None:
         _check_origin(found, here, origin)
     if kind not in _MOVES:
@@ -226,7 +225,7 @@ def _check_joint(found: Checkup, joint: Any, space: str) -> None:
                 f"{kind} joints are not supported between base and tip: choose base= or tip= to leave it out",
             )
         return
-    axis = joint.find(space + "axis")
+    axis = joint.find("axis")
     if axis is None:
         found.note(here, "no <axis>: the default of URDF is used, 1 0 0")
     elif (direction := _numbers(found, here, axis, "xyz", 3, required=True)) is not None:
@@ -234,7 +233,7 @@ def _check_joint(found: Checkup, joint: Any, space: str) -> None:
         if abs(length - 1.0) > _ROUNDED:
             unit = " ".join(f"{value / length:.9g}" for value in direction) if length else "a unit vector"
             found.error(here, f"axis {axis.get('xyz')} has length {length:g}, expected 1; write {unit}")
-    _check_limits(found, joint, kind, space)
+    _check_limits(found, joint, kind)
 
 
 def _check_origin(found: Checkup, here: str, origin: Any) -> None:
@@ -252,12 +251,12 @@ def _check_origin(found: Checkup, here: str, origin: Any) -> None:
         )
 
 
-def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
-    here, limit = _name(joint), joint.find(space + "limit")
-    mimics = joint.find(space + "mimic") is not None
+def _check_limits(found: Checkup, joint: Any, kind: str) -> None:
+    here, limit = _name(joint), joint.find("limit")
+    mimics = joint.find("mimic") is not None
     if kind == CONTINUOUS:
         for tag, names in _ENDS.items():
-            element = joint.find(space + tag)
+            element = joint.find(tag)
             if element is not None and any(element.get(name) is not None for name in names):
                 found.note(here, f"is continuous, so its limits in <{tag}> are ignored")
         return
@@ -301,12 +300,12 @@ def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
                 here, "velocity limit 0: its speed is treated as unknown, and a tracker does not bound it"
             )
     if lower <= upper:
-        _check_soft_limits(found, joint, lower, upper, space)
+        _check_soft_limits(found, joint, lower, upper)
 
 
-def _check_soft_limits(found: Checkup, joint: Any, lower: float, upper: float, space: str) -> None:
+def _check_soft_limits(found: Checkup, joint: Any, lower: float, upper: float) -> None:
     """Compare the soft limits with the limits, as `soft_limits` and the reader interpret them."""
-    here, controllers = _name(joint), joint.findall(f"{space}safety_controller")
+    here, controllers = _name(joint), joint.findall("safety_controller")
     if len(controllers) > 1:
         found.error(here, f"{len(controllers)} <safety_controller> elements, expected one")
     if len(controllers) != 1:
@@ -326,11 +325,11 @@ def _check_soft_limits(found: Checkup, joint: Any, lower: float, upper: float, s
         )
 
 
-def _check_mimics(found: Checkup, joints: list[Any], space: str) -> None:
+def _check_mimics(found: Checkup, joints: list[Any]) -> None:
     kinds = {joint.get("name"): joint.get("type") for joint in joints}
     mimics: dict[str, tuple[str, float, float]] = {}
     for joint in joints:
-        mimic = joint.find(space + "mimic")
+        mimic = joint.find("mimic")
         if mimic is None:
             continue
         here, leader = _name(joint), mimic.get("joint")
@@ -352,15 +351,15 @@ def _check_mimics(found: Checkup, joints: list[Any], space: str) -> None:
             return  # Report one line per loop; two loops are rarer than two joints in one.
 
 
-def _check_masses(found: Checkup, links: list[Any], space: str) -> None:
+def _check_masses(found: Checkup, links: list[Any]) -> None:
     without = []
     for link in links:
-        inertial = link.find(space + "inertial")
+        inertial = link.find("inertial")
         if inertial is None:
             without.append(link.get("name"))
             continue
         here = f"link {link.get('name')!r}"
-        mass, inertia = inertial.find(space + "mass"), inertial.find(space + "inertia")
+        mass, inertia = inertial.find("mass"), inertial.find("inertia")
         if mass is None or mass.get("value") is None:
             found.warning(here, "<inertial> has no mass")
         elif (value := _numbers(found, here, mass, "value", 1)) is not None and not value[0] > 0:
@@ -399,10 +398,8 @@ def _why_no_inertia(found: Checkup, here: str, inertia: Any) -> str:
     return ""
 
 
-def _check_meshes(
-    found: Checkup, root: Any, space: str, path: Path, packages: Mapping[str, str | Path]
-) -> None:
-    files = dict.fromkeys(mesh.get("filename") or "" for mesh in root.iter(f"{space}mesh"))
+def _check_meshes(found: Checkup, root: Any, path: Path, packages: Mapping[str, str | Path]) -> None:
+    files = dict.fromkeys(mesh.get("filename") or "" for mesh in root.iter("mesh"))
     lost: dict[str, list[str]] = {}
     for name in files:
         if not name:

@@ -71,20 +71,28 @@ _REQUIRED = {"parent": "link", "child": "link", "axis": "xyz", "mimic": "joint"}
 
 
 def root_element(text: bytes, where: str) -> Any:
-    """Parse XML without comments and processing instructions.
+    """Parse XML without comments, processing instructions and the namespace of its root.
 
     Raises:
-        InvalidRobot: The XML is broken; the message contains the parser's own, with the line.
+        InvalidRobot: The XML is broken, or uses an entity that is another file; the message contains the parser's own, with
+            the line.
     """
     with importing:
         from lxml import etree
 
     # Not huge_tree, which would lift the parser's limits on depth and on entities made of entities.
-    parser = etree.XMLParser(remove_comments=True, remove_pis=True, resolve_entities=False, no_network=True)
+    parser = etree.XMLParser(
+        remove_comments=True, remove_pis=True, resolve_entities="internal", no_network=True
+    )
     try:
-        return etree.fromstring(text, parser)
+        root = etree.fromstring(text, parser)
     except (etree.XMLSyntaxError, LookupError) as error:  # An unknown encoding raises LookupError.
         raise InvalidRobot(f"{where}: broken XML: {getattr(error, 'msg', None) or error}") from None
+    space, begins, _ = root.tag.rpartition("}")
+    if begins:
+        for element in root.iter("*"):
+            element.tag = element.tag.removeprefix(space + begins)
+    return root
 
 
 class _Arguments(dict[str, str]):
@@ -305,7 +313,8 @@ def _count_nodes(text: str, spend: _Spend, where: str) -> None:
     """Count the content of an XML tree, with entities expanded, before it is built.
 
     Raises:
-        InvalidRobot: The document type is long: Python's parser crashes on one with many brackets.
+        InvalidRobot: The document type is long: Python's parser crashes on one with many brackets. Or an entity is another
+            file, which Python's parser would leave out.
     """
     began = 0
 
@@ -324,8 +333,14 @@ def _count_nodes(text: str, spend: _Spend, where: str) -> None:
         for attribute, value in attributes.items():
             count(attribute, value)
 
+    def refuse(*_: Any) -> None:
+        raise InvalidRobot(
+            f"{where}: it uses an entity that is another file, expected all of it in the file itself"
+        )
+
     parser = expat.ParserCreate()
     parser.buffer_text = True
+    parser.ExternalEntityRefHandler = refuse
     parser.StartDoctypeDeclHandler, parser.EndDoctypeDeclHandler = begin, end
     parser.StartElementHandler = start
     parser.CommentHandler = parser.CharacterDataHandler = parser.ProcessingInstructionHandler = count
@@ -485,20 +500,24 @@ def kinematic_part(root: Any, name: str, where: str) -> Any:
     with importing:
         from lxml import etree
 
-    tag = etree.QName(root).localname
-    if tag != "robot":
-        raise InvalidRobot(f"{where}: not a robot: the root tag is <{tag}>, expected <robot>")
+    if root.tag != "robot":
+        raise InvalidRobot(f"{where}: not a robot: the root tag is <{root.tag}>, expected <robot>")
     if next(root.iter(f"{{{_XACRO}}}*"), None) is not None:
         raise InvalidRobot(f"{where}: the file has xacro commands; rename it to .xacro to expand them")
-    space = root.tag.removesuffix("robot")
+    # urdfdom reads it in files of version 1.1 and later.
+    for origin in root.iter("origin"):
+        if origin.get("quat_xyzw") is not None:
+            raise InvalidRobot(
+                f"{where}: an <origin> in line {origin.sourceline} has quat_xyzw, which is not supported, expected rpy"
+            )
 
     robot = etree.Element("robot", name=root.get("name") or name)
     for noun in ("link", "joint"):
-        require_few(sum(1 for _ in root.iterchildren(space + noun)), f"{noun}s", MOST_LINKS, where)
-    for link in root.iterchildren(f"{space}link"):
+        require_few(sum(1 for _ in root.iterchildren(noun)), f"{noun}s", MOST_LINKS, where)
+    for link in root.iterchildren("link"):
         etree.SubElement(robot, "link", name=_name(link, "link", where))
-    for joint in root.iterchildren(f"{space}joint"):
-        _copy_joint(joint, etree.SubElement(robot, "joint"), space, where)
+    for joint in root.iterchildren("joint"):
+        _copy_joint(joint, etree.SubElement(robot, "joint"), where)
     return robot
 
 
@@ -508,9 +527,9 @@ def joint_velocities(root: Any) -> dict[str, float]:
     The format requires a number in every limit, so files contain 0 for an unknown one. Poses do not depend on it: a value
     that is negative or invalid counts as missing too, and `soundness` reports it.
     """
-    space, found = root.tag.removesuffix("robot"), {}
-    for joint in root.iterchildren(f"{space}joint"):
-        limit = joint.find(f"{space}limit")
+    found = dict[str, float]()
+    for joint in root.iterchildren("joint"):
+        limit = joint.find("limit")
         try:
             velocity = float("nan" if limit is None else limit.get("velocity", "nan"))
         except ValueError:
@@ -536,9 +555,9 @@ def soft_limits(root: Any, where: str) -> dict[str, tuple[float, float]]:
     Raises:
         InvalidRobot: A joint has several safety controllers, or a limit is not a finite number.
     """
-    space, found = root.tag.removesuffix("robot"), {}
-    for joint in root.iterchildren(f"{space}joint"):
-        controllers = joint.findall(f"{space}safety_controller")
+    found = dict[str, tuple[float, float]]()
+    for joint in root.iterchildren("joint"):
+        controllers = joint.findall("safety_controller")
         here = f"{where}: joint {joint.get('name')!r}"
         if len(controllers) > 1:
             raise InvalidRobot(f"{here}: {len(controllers)} <safety_controller> elements, expected one")
@@ -551,7 +570,7 @@ def soft_limits(root: Any, where: str) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _copy_joint(joint: Any, copy: Any, space: str, where: str) -> None:
+def _copy_joint(joint: Any, copy: Any, where: str) -> None:
     with importing:
         from lxml import etree
 
@@ -565,7 +584,7 @@ def _copy_joint(joint: Any, copy: Any, space: str, where: str) -> None:
     copy.set("name", name)
     copy.set("type", kind)
     for tag in _READ:
-        found = joint.findall(space + tag)
+        found = joint.findall(tag)
         if len(found) > 1:
             raise InvalidRobot(f"{here}: {len(found)} <{tag}> elements, expected one")
         if not found:
