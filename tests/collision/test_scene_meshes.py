@@ -522,3 +522,27 @@ def test_a_scale_is_one_number_or_three(scale: Any, tmp_path: Path) -> None:
     trimesh.creation.box((1, 1, 1)).export(tmp_path / "a.stl")
     with pytest.raises(InvalidScene, match="scale must be one number or three, other than 0"):
         Mesh.read(tmp_path / "a.stl", scale)
+
+
+@pytest.mark.parametrize(
+    "flat", [[0, 0, 1], [3, 3, 3], [8, 0, 1]], ids=["a line", "a point", "three in line"]
+)
+def test_triangles_without_area_change_no_distance(flat: list[int]) -> None:
+    """coal took spheres metres away from a line as touching it."""
+    coal = pytest.importorskip("coal")
+    box = trimesh.creation.box(bounds=([0, 0, 0], [1, 1, 1]))
+    corners = np.array(box.vertices)
+    vertices = np.concatenate([corners, corners[:2].mean(axis=0, keepdims=True)])
+    mesh, sphere = Mesh(vertices, np.concatenate([box.faces, [flat]]), hull=False), coal.Sphere(0.05)
+    for place in np.random.default_rng(0).uniform(-2.0, 3.0, (200, 3)):
+        off = np.linalg.norm(place - np.clip(place, 0.0, 1.0)) - 0.05
+        if off > 0.0:
+            distance = coal.distance(
+                mesh.geometry(),
+                coal.Transform3s(),
+                sphere,
+                coal.Transform3s(np.eye(3), place),
+                coal.DistanceRequest(),
+                coal.DistanceResult(),
+            )
+            assert distance == pytest.approx(off, abs=2e-7)

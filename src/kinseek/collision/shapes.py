@@ -43,6 +43,12 @@ MOST_LENGTH, LEAST_LENGTH = 1e6, 1e-9
 """Largest coordinate and size of a shape, and its least size [m]. Distances from boxes, hulls and triangles of the largest
 size are right to 1e-9 m, and at ten times that size some are 0 for bodies that are metres apart."""
 
+SLIVER = 1e-7
+"""Width of triangles that replace a line or a point [m]."""
+
+_FLAT = 1e-9
+"""Height of a triangle up to which it counts as a line [m]."""
+
 _SIDES = 16
 """Number of sides of the prism around a cylinder."""
 
@@ -518,13 +524,37 @@ def box_corners(points: Array) -> Array:
 
 
 def triangles(vertices: Array, faces: NDArray[np.int64]) -> Any:
-    """Convert triangles to coal's tree of boxes."""
+    """Convert triangles to coal's tree of boxes; those without area become `SLIVER` wide."""
+    vertices, faces = _with_area(vertices, faces)
     model = library("coal").BVHModelOBBRSS()
     model.beginModel(len(faces), len(vertices))
     model.addVertices(np.ascontiguousarray(vertices))
     model.addTriangles(np.ascontiguousarray(faces))
     model.endModel()
     return model
+
+
+def _with_area(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """Replace triangles without area, but for rounding, by slivers that contain their longest side.
+
+    coal measures the distance between a sphere and a triangle along the normal of the triangle, and a line has none.
+    """
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    sides = np.stack([b - a, c - b, a - c])
+    long = np.linalg.norm(sides, axis=2)
+    doubled = np.linalg.norm(np.cross(sides[0], sides[2]), axis=1)
+    flat = np.flatnonzero(doubled <= _FLAT * long.max(axis=0))
+    if not len(flat):
+        return vertices, faces
+    sides, longest = sides[:, flat], long[:, flat].argmax(axis=0)
+    begin, way = faces[flat, longest], sides[longest, np.arange(len(flat))]
+    # Across the side, along the axis to which it is least parallel; for a point along two axes.
+    across = SLIVER * np.eye(3)[np.abs(way).argmin(axis=1)]
+    point = np.linalg.norm(way, axis=1) < SLIVER
+    end = vertices[begin] + np.where(point[:, None], np.roll(across, 1, axis=1), way)
+    faces, added = faces.copy(), len(vertices) + np.arange(2 * len(flat)).reshape(2, -1)
+    faces[flat] = np.stack([begin, *added], axis=1)
+    return np.concatenate([vertices, end, vertices[begin] + across]), faces
 
 
 def _merged(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:

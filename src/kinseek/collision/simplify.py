@@ -10,11 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .shapes import SLIVER
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-_SLIVER = 1e-7
-"""Width of a sliver that replaces a line or a point [m]; it is part of the bound."""
 
 
 def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array, Indices, float]:
@@ -28,7 +27,7 @@ def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array
     Returns:
         Vertices (m, 3), faces (g, 3), and the maximum distance that points have moved [m].
     """
-    sliver = min(_SLIVER, tolerance / 2)
+    sliver = min(SLIVER, tolerance / 2)  # It is part of the bound.
     # Half the diagonal of a cell is the tolerance less a sliver, so no vertex moves farther than that.
     cells = np.floor((vertices - vertices.min(axis=0)) / (2 * (tolerance - sliver) / np.sqrt(3.0)))
     _, cell = np.unique(cells, axis=0, return_inverse=True)
