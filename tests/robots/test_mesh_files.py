@@ -593,7 +593,14 @@ def test_what_ends_lines_of_obj_for_some_readers_is_refused(character: str, tmp_
 
 @pytest.mark.parametrize(
     ("face", "wrong"),
-    [("f 1 2 -4", "-4"), ("f 0 1 2", "0"), ("f 1/-1 2/-1 3/-1", "-1"), ("f 1 2 3\nf -1 -2 -", "-")],
+    [
+        ("f 1 2 -4", "-4"),
+        ("f 0 1 2", "0"),
+        ("f 1/-1 2/-1 3/-1", "-1"),
+        ("f 1 2 3\nf -1 -2 -", "-"),
+        ("f 1 / 2 / 3", "/"),
+        ("f 1 /2 3", "/2"),
+    ],
 )
 def test_a_face_of_obj_without_a_vertex_is_refused(face: str, wrong: str, tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text(f"{TRIANGLE}{face}\n{TRIANGLE}")
@@ -612,12 +619,31 @@ def test_a_face_of_obj_without_a_vertex_is_refused(face: str, wrong: str, tmp_pa
             "element face 0\nproperty list uchar int vertex_indices",
             "it has two elements 'face', expected one",
         ),
+        (
+            "element more 0\nproperty int a\nproperty int a",
+            "its element 'more' has two properties 'a', expected one",
+        ),
     ],
 )
 def test_faces_of_ply_beside_the_first_are_refused(element: str, why: str, tmp_path: Path) -> None:
     text = trimesh.creation.box((1, 1, 1)).export(file_type="ply", encoding="ascii").decode()
     (tmp_path / "a.ply").write_text(text.replace("end_header", f"{element}\nend_header"))
     with pytest.raises(InvalidRobot, match=why):
+        mesh_parts(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize("word", ["fo", "bzp", "surf"])
+def test_surfaces_of_obj_that_are_no_faces_are_refused(word: str, tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(f"{TRIANGLE}f 1 2 3\n{word} 1 2 3\n")
+    with pytest.raises(InvalidRobot, match=f"it has a line '{word}', which is not read"):
+        mesh_parts(tmp_path / "a.obj")
+
+
+def test_a_comment_of_ply_is_not_its_format(tmp_path: Path) -> None:
+    """Numbers were read in the other order of bytes after a comment with the word "big"."""
+    text = trimesh.creation.box((1, 1, 1)).export(file_type="ply")
+    (tmp_path / "a.ply").write_bytes(text.replace(b"ply\n", b"ply\ncomment by BigTool\n", 1))
+    with pytest.raises(InvalidRobot, match="its second line is 'comment by BigTool', expected the format"):
         mesh_parts(tmp_path / "a.ply")
 
 

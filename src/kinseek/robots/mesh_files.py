@@ -92,14 +92,14 @@ _FACE = re.compile(rb"^f [^\n]*", re.MULTILINE)
 """A face of OBJ."""
 _NO_FACE = re.compile(rb"^f(?:[ \t]+[^ \t\n]+){0,2}[ \t]*$", re.MULTILINE)
 """A face of OBJ with fewer than three corners."""
-_NO_TRIANGLES = re.compile(rb"^[ \t]*(surf|call)[ \t]", re.MULTILINE)
-"""A line of OBJ that is a curved surface, or that includes another file."""
+_NO_TRIANGLES = re.compile(rb"^[ \t]*(surf|call|fo|bzp|cdp|bsp)[ \t]", re.MULTILINE)
+"""A line of OBJ that is a surface of another kind, or that includes another file."""
 _BREAK = re.compile(rb"[\0\v\f]")
 """A character of OBJ that ends a line for some readers and not for trimesh, which would skip a vertex after it."""
 _FACET = re.compile(rb"^[ \t]*facet\b", re.MULTILINE)
 """Beginning of a triangle of text STL, in lower case."""
-_NO_INDEX = re.compile(rb"^f[^\n]*?[ \t/](-[0-9]*|0+)(?=[ \t\r\n/]|\Z)", re.MULTILINE)
-"""A face of OBJ with an index that does not count from 1 on, up to that index."""
+_NO_INDEX = re.compile(rb"^f[^\n]*?[ \t/](-[0-9]*|0+|(?<=[ \t])/[^ \t\n]*)(?=[ \t\r\n/]|\Z)", re.MULTILINE)
+"""A face of OBJ with an index that does not count from 1 on, or a corner without one, up to that."""
 _COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of one number of a GLB accessor, by its component type."""
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -420,6 +420,8 @@ def _obj(text: bytes) -> Size:
 def _ply(text: bytes) -> Size:
     """Check the header word by word, as trimesh reads it, and reject declarations that trimesh would trust."""
     (_, form, *header), begin = _ply_header(text)
+    if form[0] != "format":  # trimesh takes the second line as the format, whatever it is.
+        raise InvalidRobot(f"its second line is {' '.join(form)!r:.100}, expected the format")
     is_text = "ascii" in " ".join(form).lower()
     if is_text:
         _at_most(_lines(text), MOST_LINES, "lines")
@@ -445,6 +447,10 @@ def _ply(text: bytes) -> Size:
             properties, values = properties + 1, values + elements[name].rows
             if name == "vertex" and "list" in words[1]:  # trimesh copies it for each corner of a triangle.
                 raise InvalidRobot("its vertices have lists; remove them")
+            if words[-1] in (other[-1] for other in elements[name].properties):
+                raise InvalidRobot(
+                    f"its element {name!r:.100} has two properties {words[-1]!r:.100}, expected one"
+                )
             elements[name].properties.append(words[1:])
     _at_most(properties, MOST_PROPERTIES, "properties in its header")
     if not is_text:
