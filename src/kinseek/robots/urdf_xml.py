@@ -333,7 +333,7 @@ def _count_nodes(text: str, spend: _Spend, where: str) -> None:
         for attribute, value in attributes.items():
             count(attribute, value)
 
-    def refuse(*_: Any) -> None:
+    def refuse(*_: Any) -> int:
         raise InvalidRobot(
             f"{where}: it uses an entity that is another file, expected all of it in the file itself"
         )
