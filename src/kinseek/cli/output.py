@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from kinseek.errors import UnitWarning
+from kinseek.notices import notice
 from kinseek.printable import printable
 
 CANNOT_WRITE, BROKEN_PIPE = 2, 141
@@ -74,9 +75,7 @@ def write_out(text: str, code: int) -> int:
 
 def complain(message: str) -> None:
     """Print a one-line message on stderr, if there is one."""
-    with contextlib.suppress(OSError):
-        if sys.stderr is not None:
-            print(f"kinseek: {printable(' '.join(message.split()))}", file=sys.stderr, flush=True)
+    notice(" ".join(message.split()))
 
 
 def on_terminal() -> bool:
