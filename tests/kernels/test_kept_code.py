@@ -272,9 +272,7 @@ def test_the_name_of_a_folder_is_printed_with_escapes(warm: Path, tmp_path: Path
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
 @pytest.mark.parametrize("descriptor", ["os.close(2)", "os.dup2(os.open('/dev/full', os.O_WRONLY), 2)"])
-def test_a_stderr_that_accepts_nothing_changes_no_result(
-    warm: Path, tmp_path: Path, descriptor: str
-) -> None:
+def test_a_stderr_that_accepts_nothing_changes_no_result(warm: Path, tmp_path: Path, descriptor: str) -> None:
     (shared := tmp_path / "shared").mkdir()
     shared.chmod(0o777)  # A cache that others may write to is reported on stderr.
     program = f"import os, sys; {descriptor}; os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
