@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 import subprocess
@@ -153,3 +154,43 @@ def test_completion_trusts_no_xacro_file(tmp_path: Path) -> None:
     assert not made.exists()
     path.write_text(text.replace("VALUE", "radians(60)"), encoding="utf-8")
     assert completed(["kinseek", "solve", str(path), "--near", ""]) == "plain,elbow=\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (BrokenPipeError(32, "Broken pipe"), 141, ""),
+        (
+            OSError(28, "No space left on device"),
+            2,
+            "kinseek: cannot write the output: No space left on device\n",
+        ),
+        (OSError(13, "Permission denied", "a\x1bb"), 2, "kinseek: 'a\\x1bb': Permission denied\n"),
+    ],
+)
+def test_view_whose_output_cannot_be_written_ends_in_a_line(
+    error: OSError,
+    code: int,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def show(arm: Any, **options: Any) -> None:
+        raise error
+
+    monkeypatch.setitem(sys.modules, "kinseek.viewer", types.SimpleNamespace(show=show))
+    assert run(["view", "panda"]) == code
+    assert capsys.readouterr().err == said
+
+
+def test_view_prints_letters_that_the_terminal_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(
+        sys.modules,
+        "kinseek.viewer",
+        types.SimpleNamespace(show=lambda arm, **options: print("\N{OHM SIGN}")),
+    )
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, "ascii"))
+    assert run(["view", "panda"]) == 0
+    sys.stdout.flush()
+    assert written.getvalue() == b"\\u2126\n"

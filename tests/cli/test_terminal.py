@@ -7,12 +7,14 @@ import os
 import re
 import subprocess
 import sys
+import types
 from functools import cache
 from pathlib import Path
 
 import pytest
 
 import kinseek
+from kinseek import cli
 from kinseek.cli.program import run
 from kinseek.cli.tables import sentence, table
 from kinseek.robots import catalog_names
@@ -221,3 +223,30 @@ def test_json_holds_the_proof(capsys: pytest.CaptureFixture[str]) -> None:
     assert json.loads(capsys.readouterr().out)["proof"] is None
     assert run([*words, *near, "--prove"]) == 0
     assert json.loads(capsys.readouterr().out)["proof"]["verdict"] == "REACHABLE"
+
+
+@pytest.mark.parametrize("columns", ["1", "2", "3"])
+def test_help_is_printed_however_narrow_the_terminal_is(
+    columns: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    assert run(["solve", "--help"]) == 0
+    assert "--trace" in capsys.readouterr().out
+
+
+def test_ctrl_c_during_the_import_ends_without_a_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Interrupted(types.ModuleType):
+        def __getattr__(self, name: str) -> None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "kinseek.cli.program", Interrupted("kinseek.cli.program"))
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["robots"])
+    assert ended.value.code == 130
+
+
+def test_a_picture_without_a_folder_is_refused_before_the_map_is_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["map", "panda", "--picture", str(tmp_path / "none" / "map.png")]) == 2
+    assert "does not exist" in capsys.readouterr().err

@@ -63,13 +63,14 @@ def _cache(warm: Path, tmp_path: Path) -> Path:
     return tmp_path / "cache"
 
 
-def start(folder: Path, cache: Path, before: str = "") -> subprocess.Popen[str]:
+def start(folder: Path, cache: Path, before: str = "", first: str = "") -> subprocess.Popen[str]:
+    """Run `CALL` in a process, after `before`; a program `first` starts that process, if it is given."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     environment |= {"PYTHONPATH": str(folder / "site"), "XDG_CACHE_HOME": str(cache)}
     # Nowhere else to go: a cache that does not work must not be hidden by the one after it.
     program = f"import tempfile; tempfile.tempdir = '/proc/nowhere'\n{before}{CALL}"
     return subprocess.Popen(
-        [sys.executable, "-c", program],
+        [sys.executable, *(["-c", first] if first else []), "-c", program],
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -77,9 +78,9 @@ def start(folder: Path, cache: Path, before: str = "") -> subprocess.Popen[str]:
     )
 
 
-def run(folder: Path, cache: Path, before: str = "") -> str:
+def run(folder: Path, cache: Path, before: str = "", first: str = "") -> str:
     """What it says on stderr; the result is right."""
-    process = start(folder, cache, before)
+    process = start(folder, cache, before, first)
     out, said = process.communicate()
     assert process.returncode == 0, said
     assert out == "42.0 42\n"
@@ -267,6 +268,15 @@ def test_the_name_of_a_folder_is_printed_with_escapes(warm: Path, tmp_path: Path
     assert UNWRITTEN in said
     assert "\\x1b]0;owned\\x07" in said
     assert said.replace("\n", "").isprintable()
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+@pytest.mark.parametrize("descriptor", ["os.close(2)", "os.dup2(os.open('/dev/full', os.O_WRONLY), 2)"])
+def test_a_stderr_that_accepts_nothing_changes_no_result(warm: Path, tmp_path: Path, descriptor: str) -> None:
+    (shared := tmp_path / "shared").mkdir()
+    shared.chmod(0o777)  # A cache that others may write to is reported on stderr.
+    program = f"import os, sys; {descriptor}; os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    assert run(warm, shared, first=program) == ""
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")

@@ -477,6 +477,57 @@ def test_a_hostile_map_is_not_gone_on_with(written: Path, tmp_path: Path) -> Non
         maps.reach(ARM, grid, store=place)
 
 
+@pytest.mark.parametrize("place", ["~nobody-of-this-name/map", "a\0b", 5])
+def test_a_store_that_is_no_path_is_refused(place: Any) -> None:
+    for call in (maps.open, partial(maps.reach, ARM, TINY)):
+        with pytest.raises(kinseek.InvalidMap, match="path of a folder"):
+            call(**{"store": place})
+
+
+@pytest.mark.parametrize("text", ["", None, '{"attributes": {"_FillValue": "x"}}'])
+@pytest.mark.parametrize("name", ["radius", "orientation", "rotation"])
+def test_a_map_with_damaged_places_is_refused_before_it_is_gone_on_with(
+    name: str, text: str | None, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place, grid = tmp_path / "map", maps.Rings((0, 0.6, 0.3), (0, 0.6, 0.6), maps.orientations(8))
+    shutil.copytree(written / "rings", place)
+    shutil.rmtree(place / "blocks" / "done" / "c")  # Nothing is done.
+    metadata = place / name / "zarr.json"
+    if text:
+        metadata.write_text(json.dumps(json.loads(metadata.read_text()) | json.loads(text)))
+    elif text is None:
+        metadata.unlink()
+    else:
+        metadata.write_text("")
+    monkeypatch.setattr(make, "run", lambda *work: pytest.fail("blocks are computed"))
+    with pytest.raises(kinseek.InvalidMap, match="cannot be read"):
+        maps.reach(ARM, grid, store=place)
+
+
+def test_a_map_whose_rotations_are_in_too_many_blocks_is_refused(tmp_path: Path) -> None:
+    grid = maps.Grid((0, 1, 1), (0, 1, 1), (0, 1, 1), maps.orientations(30_000))
+    maps.reach(ARM, grid, store=tmp_path / "map")
+    metadata = tmp_path / "map" / "rotation" / "zarr.json"
+    told = json.loads(metadata.read_text())
+    told["chunk_grid"]["configuration"]["chunk_shape"] = [1, 1, 1]
+    metadata.write_text(json.dumps(told))
+    with pytest.raises(kinseek.InvalidMap, match="rotation"):
+        maps.open(tmp_path / "map")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device"), RuntimeError])
+def test_a_store_that_is_not_finished_leaves_nothing(
+    error: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*of: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(store, "_forbid_others_to_write", fail)
+    with pytest.raises((KeyboardInterrupt, kinseek.InvalidMap, RuntimeError)):
+        maps.reach(ARM, TINY, store=tmp_path / "map")
+    assert not list(tmp_path.iterdir())
+
+
 def test_names_in_the_folder_of_a_map_are_not_printed(
     written: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -707,3 +707,16 @@ def test_viser_is_quiet_and_other_threads_print_on(capsys: pytest.CaptureFixture
         talker.join()
     told = capsys.readouterr()
     assert told == ("said by another thread\n" * len(printed), "")
+
+
+def test_a_viewer_is_stopped_if_its_address_cannot_be_printed(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Viewer] = []
+
+    def announce(one: Viewer, *options: Any) -> None:
+        made.append(one)
+        raise BrokenPipeError
+
+    monkeypatch.setattr(kinseek.viewer, "_announce", announce)
+    with pytest.raises(BrokenPipeError):
+        kinseek.viewer.show(kinseek.load("planar2"), port=0, open_browser=False)
+    assert made[0]._stopped.is_set()

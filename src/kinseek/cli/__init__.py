@@ -25,4 +25,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise
         print(f"kinseek: {MissingExtra('the command line', 'cli')}", file=sys.stderr)
         sys.exit(2)
+    except KeyboardInterrupt:  # During the import.
+        sys.exit(130)
     sys.exit(run(sys.argv[1:] if arguments is None else arguments))

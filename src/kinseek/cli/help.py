@@ -121,7 +121,7 @@ def _command_line(words: str, width: int) -> str:
 def _filled(text: str, width: int, first: str, rest: str) -> str:
     return textwrap.fill(
         text,
-        width,
+        max(width, 1),
         initial_indent=first,
         subsequent_indent=rest,
         break_long_words=False,

@@ -11,7 +11,10 @@ import warnings
 from collections.abc import Iterator
 from typing import Any
 
+from click.exceptions import Exit
+
 from kinseek.errors import UnitWarning
+from kinseek.notices import notice
 from kinseek.printable import printable
 
 CANNOT_WRITE, BROKEN_PIPE = 2, 141
@@ -45,9 +48,21 @@ def buffered_output() -> Iterator[io.StringIO]:
 
 @contextlib.contextmanager
 def direct_output() -> Iterator[None]:
-    """Print without buffering, for results that somebody waits for; `write_out` reports whether writing succeeded."""
-    with contextlib.redirect_stdout(getattr(sys.stdout, "stream", sys.stdout)):
-        yield
+    """Print without buffering, for results that somebody waits for.
+
+    Raises:
+        Exit: The output cannot be written; the error has been reported.
+    """
+    stream = getattr(sys.stdout, "stream", sys.stdout)
+    if isinstance(stream, io.TextIOWrapper):
+        stream.reconfigure(errors="backslashreplace")  # No letter may stop it.
+    try:
+        with contextlib.redirect_stdout(stream):
+            yield
+    except OSError as error:
+        if error.filename is not None:  # Not of a stream.
+            raise
+        raise Exit(_not_written(stream, error)) from None
 
 
 def write_out(text: str, code: int) -> int:
@@ -62,21 +77,23 @@ def write_out(text: str, code: int) -> int:
         text = printable(text, "\n\t")  # Names are escaped earlier, all else here.
         stream.write(text.encode(encoding, "backslashreplace").decode(encoding))  # No letter may stop it.
         stream.flush()
-    except BrokenPipeError:
-        _forget(stream)
-        return BROKEN_PIPE
     except OSError as error:
-        _forget(stream)
-        complain(f"cannot write the output: {error.strerror or error}")
-        return CANNOT_WRITE
+        return _not_written(stream, error)
     return code
+
+
+def _not_written(stream: Any, error: OSError) -> int:
+    """Report that a stream accepts no output; return the exit code."""
+    _forget(stream)
+    if isinstance(error, BrokenPipeError):
+        return BROKEN_PIPE
+    complain(f"cannot write the output: {error.strerror or error}")
+    return CANNOT_WRITE
 
 
 def complain(message: str) -> None:
     """Print a one-line message on stderr, if there is one."""
-    with contextlib.suppress(OSError):
-        if sys.stderr is not None:
-            print(f"kinseek: {printable(' '.join(message.split()))}", file=sys.stderr, flush=True)
+    notice(" ".join(message.split()))
 
 
 def on_terminal() -> bool:

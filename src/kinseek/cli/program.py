@@ -126,4 +126,7 @@ def _run(arguments: Sequence[str]) -> int:
         complain(error.format_message())
     except KinseekError as error:
         complain(str(error))
+    except OSError as error:  # The working folder is gone, for example.
+        where = "" if error.filename is None else f"{os.fsdecode(error.filename)!r}: "
+        complain(f"{where}{error.strerror or error}")
     return 2

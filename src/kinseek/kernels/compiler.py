@@ -16,7 +16,6 @@ from . import away  # noqa: F401  # Before Numba is imported for the first time.
 
 # isort: split
 import os
-import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -37,6 +36,7 @@ from numba.np.numpy_support import as_dtype
 
 from kinseek.forks import finish_first
 from kinseek.interrupts import uninterrupted
+from kinseek.notices import notice
 from kinseek.private import private_folder, user_cache
 
 from .kept_code import c_function, keep_code, report_unwritten
@@ -349,10 +349,7 @@ class _FirstRunNotice(event.Listener):
         function = getattr(details.data.get("dispatcher"), "py_func", None)
         if not self.said and getattr(function, "__module__", "").startswith("kinseek."):
             _FirstRunNotice.said = True
-            print(
-                "kinseek: compiling kernels, once per machine and version (some twenty seconds) ...",
-                file=sys.stderr,
-            )
+            notice("compiling kernels, once per machine and version (some twenty seconds) ...")
 
     def on_end(self, details: Any) -> None:
         """Do nothing."""

@@ -11,14 +11,13 @@ from __future__ import annotations
 import hashlib
 import os
 import pickle
-import sys
 from pathlib import Path
 from typing import Any
 
 from numba.core import caching
 from numba.core.ccallback import CFunc
 
-from kinseek.printable import printable
+from kinseek.notices import notice
 from kinseek.private import NotPrivate, private_folder, read_private
 
 _DIGEST = hashlib.sha256().digest_size
@@ -30,7 +29,7 @@ def _report_once(what: str, line: str) -> None:
     """Print a line on stderr, once per process."""
     if what not in _report:
         _report.add(what)
-        print(f"kinseek: {printable(line)}", file=sys.stderr)
+        notice(line)
 
 
 def _report_damaged(path: str, error: Exception) -> None:

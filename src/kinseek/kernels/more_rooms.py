@@ -9,6 +9,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from typing import Any
 
 from kinseek.errors import KinseekError
+from kinseek.notices import notice
 
 from .sources import ALL, PACKAGE
 
@@ -30,9 +31,7 @@ def with_room(door: Any, room: str) -> Any:
     """
     folder, name = os.path.split(door.__file__)
     command = [sys.executable, str(BUILD), folder, "--levels", *door.levels.split()]
-    print(
-        f"kinseek: compiling kernels ({room}), which takes up to a minute, once", file=sys.stderr, flush=True
-    )
+    notice(f"compiling kernels ({room}), which takes up to a minute, once")
     done = subprocess.run(
         command if room == ALL else [*command, "--rooms", room],
         # In a working folder that was distributed with a robot, Numba would read a settings file.

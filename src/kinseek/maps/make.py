@@ -144,7 +144,7 @@ def reach(
         grid,
         what,
         **options_of(options),
-        store=None if store is None else str(Path(store).expanduser().resolve()),
+        store=None if store is None else _place(store),
     )
     map_store = store_of(arm, grid, work, client is not None)
     todo = map_store.missing()
@@ -164,7 +164,19 @@ def open_map(store: str | Path) -> xarray.Dataset:
         MissingExtra: xarray, Dask or Zarr is not installed.
     """
     require_extra()
-    return opened(Store.at(str(Path(store).expanduser().resolve())))
+    return opened(Store.at(_place(store)))
+
+
+def _place(store: str | Path) -> str:
+    """Return the path of a store without links.
+
+    Raises:
+        InvalidMap: It is no path, or the home or working folder that it begins with does not exist.
+    """
+    try:
+        return str(Path(store).expanduser().resolve())
+    except (OSError, RuntimeError, TypeError, ValueError) as error:
+        raise InvalidMap(f"store must be the path of a folder, got {str(store)!r}: {error}") from None
 
 
 def work_of(
@@ -282,7 +294,7 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
             require_own(path)
         map_store = Store.at(str(path))
         compare(str(path), map_store.description, description)
-        map_store.require_sound(TYPES)
+        opened(map_store)  # All that the finished map needs, before anything is computed.
         return map_store
     attributes: dict[str, Any] = {
         "Conventions": "CF-1.11",

@@ -120,10 +120,12 @@ class Store(Lazy):
                 os.rename(making, path)
                 return cls.at(str(path))
             return cls(group, "memory")
-        except OSError as error:
+        except BaseException as error:  # Includes Ctrl-C.
             if making is not None:
                 shutil.rmtree(making, ignore_errors=True)
-            raise InvalidMap(f"the store {str(path)!r} cannot be made: {error}") from error
+            if isinstance(error, OSError):
+                raise InvalidMap(f"the store {str(path)!r} cannot be made: {error}") from error
+            raise
 
     @classmethod
     def at(cls, path: str, who: Callable[[], str] = lambda: "here") -> Store:
@@ -284,7 +286,10 @@ class Store(Lazy):
         fill: float,
         dims: tuple[str, ...] | None = None,
     ) -> None:
-        """Check that an array is as `create` makes it; with `chunks` None, any chunks no larger than the array are valid."""
+        """Check that an array is as `create` makes it.
+
+        With `chunks` None, any chunks no larger than the array are valid, at most `MOST_BLOCKS` of them.
+        """
         array = self._array(name)
         codecs = {codec.to_dict()["name"] for codec in array.metadata.codecs}
         there = array.shape, array.dtype, array.metadata.dimension_names
@@ -292,6 +297,7 @@ class Store(Lazy):
         if not as_made or repr(float(array.fill_value)) != repr(float(fill)):  # NaN equals nothing.
             raise self._unsound(f"its array {name!r} is not of the shape and type that maps.reach gives it")
         fits = all(n <= most for n, most in zip(array.chunks, shape, strict=True))
+        fits = fits and math.prod(array.cdata_shape) <= MOST_BLOCKS  # Dask has an entry for each.
         if array.chunks != chunks and (chunks is not None or not fits):
             raise self._unsound(f"the chunks of its array {name!r} are not its blocks")
         if not codecs <= CODECS or array.shards is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -17,6 +16,7 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arrays import Indices
 from kinseek.kernels.grid.descent import CLIPS, SLIDES, WRAPS, Grid, nodes_around
+from kinseek.notices import notice
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 from kinseek.validation import is_finite_number
@@ -200,9 +200,8 @@ def require_patience(
     if total > LONG:
         for_all = "" if targets == 1 else f" for each of {targets:,} targets"
         end = "; its time_limit ends it then" if total < seconds * targets else ""
-        print(
-            f"kinseek: {would}{for_all}, {'up to' if at_most else 'about'} {_duration(total)} as measured here{end}",
-            file=sys.stderr,
+        notice(
+            f"{would}{for_all}, {'up to' if at_most else 'about'} {_duration(total)} as measured here{end}"
         )
 
 

@@ -57,6 +57,20 @@ def show(
     if not isinstance(arm, Arm):
         raise InvalidUse(f"show takes an Arm, as kinseek.load gives it, got {type(arm).__name__}")
     viewer = Viewer(arm, host, port, share, packages)
+    try:
+        _announce(viewer, browser_here() if open_browser is None else open_browser, share)
+        if block:
+            print("Ctrl-C ends it.", flush=True)
+    except BaseException:  # Ctrl-C, or an output that nobody reads: nothing else would stop it.
+        viewer.stop()
+        raise
+    if block:
+        viewer.wait()
+    return viewer
+
+
+def _announce(viewer: Viewer, open_browser: bool, share: bool) -> None:
+    """Print where an arm is shown, and open a browser there."""
     if viewer.meshes.missing:
         count = len(viewer.meshes.missing)
         print(
@@ -64,19 +78,15 @@ def show(
             *map(printable, viewer.meshes.report()),
             sep="\n  ",
         )
-    if port not in (0, viewer.port):
-        print(f"Port {port} is taken, so it is {viewer.port}.")
-    if not is_loopback(host):
-        print(f"Everyone who reaches {host} can use this page.")
-    opened = open_page(viewer.url) if (browser_here() if open_browser is None else open_browser) else False
+    if viewer.requested_port not in (0, viewer.port):
+        print(f"Port {viewer.requested_port} is taken, so it is {viewer.port}.")
+    if not is_loopback(viewer.host):
+        print(f"Everyone who reaches {viewer.host} can use this page.")
+    opened = open_page(viewer.url) if open_browser else False
     print(
-        f"{printable(arm.name)} is shown at {viewer.url}{'' if opened else ' - open it in a browser'}",
+        f"{printable(viewer.arm.name)} is shown at {viewer.url}{'' if opened else ' - open it in a browser'}",
         flush=True,
     )
     if share:
         public = viewer.public_url or "not to be had: the relay does not answer"
         print(f"Public address: {public}", flush=True)
-    if block:
-        print("Ctrl-C ends it.", flush=True)
-        viewer.wait()
-    return viewer

@@ -140,6 +140,8 @@ def command(
         raise InvalidMap(f"{str(store)!r} already exists; add --resume to continue the map in it")
     if picture is not None and picture.suffix.lower() != ".png":
         raise InvalidMap(f"--picture must end in .png, got {str(picture)!r}")
+    if picture is not None and not picture.parent.is_dir():
+        raise InvalidMap(f"--picture {str(picture)!r}: folder {str(picture.parent)!r} does not exist")
     if picture is not None and not only:
         _load_matplotlib()
     words = tuple(what.replace(",", " ").split())
