@@ -49,7 +49,7 @@ def measure(page: Page, poses: int, rings: bool) -> None:
         page.say(
             f"{poses:,} cells of each arm, drawn from a cube as wide as its reach, with cells of {WIDTH * 100:.0f} cm",
             f"and {COUNT} orientations. One thread computes them in blocks of the default size. Times are CPU times",
-            "for a pose. `arm.ik` solves a hundredth of the poses; it looks for the nearest pose if there is no",
+            "for a pose. `arm.ik` solves a hundredth of the poses; it looks for the nearest pose if it finds no",
             "solution. *Missed* counts the poses that only `arm.ik` reaches. The gate is the first check of a proof:",
             "lengths and angles alone.",
         )
