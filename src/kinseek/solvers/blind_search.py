@@ -55,7 +55,7 @@ class BlindSearch:
     most_steps: int = 1000
     """Maximum number of steps."""
     progress: bool = False
-    """Show a progress bar."""
+    """Show a progress bar of the largest possible number of steps."""
 
     def __post_init__(self) -> None:
         """Check the parameters."""

@@ -57,13 +57,13 @@ class CoordinateDescent:
     )
 
     most_sweeps: int = 200
-    """Maximum number of sweeps over all joints and pairs."""
+    """Most sweeps over all joints and pairs."""
     pairs: bool = True
     """Whether to minimise over pairs of joints too: sweeps cost more, but far fewer are needed."""
     stall: float = 1e-6
     """Stop if a sweep lowers the squared error by less than this fraction of it."""
     progress: bool = False
-    """Show a progress bar."""
+    """Show a progress bar of the largest possible number of sweeps."""
 
     def __post_init__(self) -> None:
         """Check the parameters."""
