@@ -177,7 +177,7 @@ def measure(case: Case) -> Row:
     cells |= {
         ">median ms": f"{median:.1f}",
         ">p99 ms": f"{np.percentile(times, 99):.1f}",
-        ">poses asked for": f"{asked:.0f}",
+        ">poses computed": f"{asked:.0f}",
         ">samples": f"{built[0].samples:,}",
         ">sampled in ms": f"{statistics.median(each.build_time for each in built) * 1e3:.0f}",
     }
@@ -186,17 +186,18 @@ def measure(case: Case) -> Row:
 
 def page(rows: list[Row], random: int, singular: int) -> Page:
     """The page."""
-    page = Page("Arms given as functions", "benchmarks.black_box")
+    page = Page("Black-box kinematics", "benchmarks.black_box")
     page.say(
-        f"{random:,} targets from joint values uniform inside the limits and {singular:,} near singularities",
-        "and limits, an arm; no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and inside the limits. One",
-        "pose: a single call `arm.ik(T)`, wall time.",
+        f"For each arm, {random:,} targets are poses of joint values uniform inside the limits, and {singular:,} of joint",
+        "values near singularities and limits. The searches get no starting guess. A target is solved if the result is",
+        "within 1e-6 m and 1e-6 rad by plain NumPy forward kinematics, and inside the limits. Times are wall times of one",
+        "call `arm.ik(T)`. *Poses computed* is the median number of poses that the function computes for a target.",
     )
     page.rows([row.cells for row in rows])
     if six := [row for row in rows if row.six]:
         slowest, worst = max(six, key=lambda row: row.median), max(six, key=lambda row: row.missed)
         solved = sum(row.missed <= 100.0 - WANTED_SOLVED for row in six)
-        page.head("Aimed at, and met")
+        page.head("Goals and results")
         page.items(
             [
                 f"Six joints, vectorised, median ≤ {WANTED_MS:g} ms: {sum(row.median <= WANTED_MS for row in six)} of "

@@ -231,7 +231,7 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
     index = {">index ms": f"{np.median(builds):.1f}"}
     if name in REDUNDANT:
         cells = (
-            {"arm": name, ">targets": f"{count:,}", ">fewest answers": int(numbers.min())} | figures | index
+            {"arm": name, ">targets": f"{count:,}", ">fewest solutions": int(numbers.min())} | figures | index
         )
         return Row(name, cells, lacking, extra)
     if witness is not None and witnessed < count:
@@ -244,7 +244,7 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
         ">complete %": percent(witnessed - len(lacking), witnessed) if witness else "–",
         ">extra": len(extra),
         ">false": false,
-        ">answers, mean": f"{numbers.mean():.2f}",
+        ">solutions, mean": f"{numbers.mean():.2f}",
         ">searched %": f"{100 * searched / count:.2f}",
     }
     beside_ours = {
@@ -267,26 +267,34 @@ def page(rows: list[Row], singular: bool = False) -> Page:
     where = "near singularities and limits" if singular else "uniform inside the limits"
     page = Page("Every branch", "benchmarks.branches")
     page.say(
-        f"Targets from joint values {where}. Complete: targets at which the witness has no answer inside",
-        "the limits that is lacking; extra: targets at which the witness lacks one. Judged by plain NumPy FK to 1e-6 m and",
-        "1e-6 rad. Times: `arm.branches(T)` from Python, wall time. All are timed by turns, on a fifth of the targets each;",
-        "best fifth: the least of the five medians. p99 and median are of a first call each; of three calls for each target",
-        "the least counts in the ratio of both, which is what the target takes, and not what else the machine does.",
-        "Batch: processor time of a pose in a batch of all, on one thread. Searched: targets for which a closed form, or",
-        "the search of one joint, was not enough.",
-        "EAIK's time includes the filter by limits; ssik's is that of the module it builds for an arm, asked for all",
-        "answers inside the limits without copies by full turns. In brackets kinseek's median over theirs, of the fifths",
-        "the middle one.",
+        f"Targets are poses of joint values {where}. The column *witness* names a second method that finds solutions,",
+        "against which completeness is measured. Plain NumPy forward kinematics judges all solutions, to 1e-6 m and 1e-6",
+        "rad.",
+        "",
+        "- **complete %**: targets at which `arm.branches` has every solution of the witness inside the limits.",
+        "- **extra**: number of targets at which the witness misses a solution. **false**: number of wrong solutions.",
+        "- **searched %**: targets for which the closed form, or the search of one joint, did not suffice.",
+        "- **median µs**, **p99 µs**: wall time of one call `arm.branches(T)` from Python, the first call for each",
+        "  target. **best fifth µs**: the targets are divided into fifths, on which the solvers are measured alternately;",
+        "  this is the least of the five medians.",
+        "- **p99 / median**: the same ratio with the least of three calls for each target, so that other work on the",
+        "  machine counts less.",
+        "- **EAIK µs**, **ssik µs**: medians of the other solvers. The time of EAIK includes the filter by limits. ssik",
+        "  runs the module that it builds for an arm, and returns all solutions inside the limits without copies by full",
+        "  turns. In brackets: the median of kinseek divided by theirs, for the middle one of the five fifths.",
+        "- **batch µs**: processor time for a pose in a batch of all targets, on one thread.",
+        "- **index ms**: time to compute the data that are computed once for an arm.",
     )
     page.rows([row.cells for row in rows if row.arm not in REDUNDANT])
     if spare := [row.cells for row in rows if row.arm in REDUNDANT]:
-        page.say("Arms with a joint to spare: a spread sample of 50.")
+        page.say("Redundant arms: a sample of 50 solutions that are spread over the self-motion.")
         page.rows(spare)
-    page.head("Lacking")
+    page.head("Missing solutions")
     page.items((f"{row.arm}: numbers {row.lacking}" for row in rows if row.lacking), "Nothing.")
-    page.head("Extra")
+    page.head("Extra solutions")
     page.say(
-        "Targets with an answer that the witness lacks, and the least singular value of the Jacobian at their answers."
+        "Numbers of the targets at which the witness misses a solution. In brackets: the least singular value of the "
+        "Jacobian at the solutions."
     )
     page.items((f"{row.arm}: {', '.join(row.extra)}" for row in rows if row.extra), "Nothing.")
     return page

@@ -168,12 +168,12 @@ def checks(page: Page, options: Any) -> None:
     rows += [("the first pass alone", first), ("eight branches of a pose in one call, all of them", branches)]
     rows += [("`scene.distance(q)`", distance)]
     page.table(
-        "what | >µs a check | >of by hand",
+        "what | >µs a check | >relative to coal by hand",
         [(what, f"{taken / len(q) * 1e6:.2f}", f"{taken / bare:.3f}") for what, taken in rows],
     )
     page.say(
-        f"Two threads do a batch of {len(many):,} joint values {alone / both:.2f} times as fast as one. Two processes at",
-        f"once, of one thread each, do {2 * alone / machine:.2f} times as much as one: more the machine does not allow.",
+        f"Two threads check a batch of {len(many):,} joint values {alone / both:.2f} times as fast as one thread. For",
+        f"comparison, two processes of one thread each do {2 * alone / machine:.2f} times the work of one in the same time.",
     )
 
 
@@ -192,10 +192,10 @@ def proofs(page: Page, options: Any) -> None:
         wrong += [(exact & (verdicts == gaps.TOUCH)).sum(), (~exact & (verdicts == gaps.FREE)).sum()]
         done += len(q)
         print(done, *told, *wrong, flush=True)
-    page.head("What the first pass tells, against coal")
-    page.say(f"{done:,} random joint values of the same scene, each looked at by coal too.")
+    page.head("Results of the first pass, compared with coal")
+    page.say(f"{done:,} random joint values of the same scene; coal checks each of them, too.")
     page.table(
-        "told | >how many | >of all | >wrongly",
+        "result | >number | >share | >wrong",
         [
             ("free", f"{told[gaps.FREE]:,}", f"{told[gaps.FREE] / done:.3%}", wrong[1]),
             ("touching", f"{told[gaps.TOUCH]:,}", f"{told[gaps.TOUCH] / done:.3%}", wrong[0]),
@@ -280,9 +280,9 @@ def answers(page: Page, count: int) -> None:
             )
         )
         print(*rows[-1], flush=True)
-    page.head("Answers in a shelf")
+    page.head("Solutions in a shelf")
     page.table(
-        "arm | >targets | >answered | >by the first branch | >cut a board | >touch, to MuJoCo | >median ms | >most ms",
+        "arm | >targets | >solved | >by the first branch | >cut a board | >touch, by MuJoCo | >median ms | >largest ms",
         rows,
     )
 
@@ -307,8 +307,9 @@ def motions(page: Page, count: int, points: int) -> None:
                 called, touch, deepest = called + 1, touch + (depth > 0), max(deepest, depth)
         rows.append((name, asked, called, touch, f"{deepest * 1e3:.3g}", f"{taken / asked * 1e3:.2f}"))
         print(*rows[-1], flush=True)
-    page.head(f"Motions that are called free, {points:,} points of each looked at by MuJoCo")
-    page.table("arm | >motions | >called free | >that touch | >deepest mm | >ms a motion", rows)
+    page.head("Motions that are reported as free")
+    page.say(f"MuJoCo checks {points:,} points of each motion that `scene.free_motion` reports as free.")
+    page.table("arm | >motions | >reported as free | >of these touching | >deepest mm | >ms a motion", rows)
 
 
 def main() -> None:

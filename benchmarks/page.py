@@ -19,10 +19,10 @@ class Page:
         Args:
             title: Of the page.
             module: What makes it, as ``python -m`` takes it.
-            minutes: How long that took, where somebody wants to know before he does it again.
-            note: What else is to be told of the machine.
+            minutes: How long that took.
+            note: What else to say about the machine.
         """
-        taken = "" if minutes is None else f" in {minutes:.0f} minutes"
+        taken = "" if minutes is None else f" in {max(minutes, 1):.0f} minute{'s' * (minutes >= 1.5)}"
         made = f"Made by `python -m {module}`{taken}. {machine()}."
         busy = f"Load of the machine over the last fifteen minutes: {load()}."
         self._parts = [f"# {title}", "\n".join([made, *([note] if note else []), busy])]

@@ -184,16 +184,18 @@ def page(whole: list[tuple[str, ...]], small: list[Row], ranged: list[Row]) -> P
     """The page."""
     page = Page("Partial goals", "benchmarks.partial_goals")
     page.say(
-        "Reachable goals that fix less than a pose, no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and",
-        "inside the limits. One goal: median wall time of 300 calls of `arm.ik(goal)`. Batch: one thread, processor time,",
-        f"median of {REPEATS}.",
+        "Reachable goals that fix less than a whole pose. The searches get no starting guess. A goal is solved if the",
+        "result is within 1e-6 m and 1e-6 rad by plain NumPy forward kinematics, and inside the limits. *One goal* is the",
+        "median wall time of 300 calls of `arm.ik(goal)`. *Batch* is processor time on one thread, the median of",
+        f"{REPEATS}.",
     )
-    page.head("Written down and asked")
+    page.head("Making a goal and solving it")
     page.say(
-        "A place, or a place and a direction: to make the goal, and with `arm.ik` of it; medians, one thread."
+        "Median times on one thread: `Goal.position` alone, the same with `arm.ik` of the goal, and the same two times for "
+        "`Goal.pointing`."
     )
     page.table(
-        "arm | >joints | >place µs | >with ik µs | >direction µs | >with ik µs",
+        "arm | >joints | >position µs | >with ik µs | >pointing µs | >with ik µs",
         whole,
     )
     for title, rows in (("Arms of three to five joints", small), ("Free axes and ranges", ranged)):

@@ -297,15 +297,16 @@ def page(cells: list[Cell], misses: list[str], demonstration: str, placements: i
     versions = {cell.who: cell.release for cell in cells if cell.who != "kinseek"}
     page = Page("Paths beside peers", "benchmarks.path_peers", note=releases(versions))
     page.say(
-        f"{placements} placements of each task, the same for all. Followed: every pose within {PLACE:g} m and {TURN:g} rad",
-        f"by plain NumPy FK, inside the limits, no joint {LARGEST} rad or farther between two poses. kinseek, Descartes,",
-        "the ladder and ssik get no start; the others get the joint values that made the task. Joint travel is the median",
-        "of those that a method followed; beside it stands the median, over those that both followed, of kinseek's travel",
-        "over the peer's. Times are of the processor, one thread. Settings: `benchmarks/workers/motion.py`; on rasters",
-        "RTB, OptIK, TRAC-IK, the ladder and ssik hold the turn that is free.",
+        f"Each task has {placements} placements, the same for all methods. A placement is followed if every pose is within",
+        f"{PLACE:g} m and {TURN:g} rad by plain NumPy forward kinematics, inside the limits, and if no joint moves",
+        f"{LARGEST} rad or farther between two poses. kinseek, Descartes, the ladder and ssik get no start; the others get",
+        "the joint values from which the task was made. *Joint travel* is the median over the placements that a method",
+        "followed. *kinseek's relative to it* is the median of kinseek's travel divided by the method's, over the",
+        "placements that both followed. Times are processor times of one thread. `benchmarks/workers/motion.py` has the",
+        "settings. On rasters RTB, OptIK, TRAC-IK, the ladder and ssik do not use the turn that is free.",
     )
     page.table(
-        "arm | task | who | >followed | >of | >joint travel, median rad | >kinseek's beside it | >µs a waypoint | ",
+        "arm | task | who | >followed | >of | >joint travel, median rad | >kinseek's relative to it | >µs a waypoint | ",
         [
             (
                 cell.arm,

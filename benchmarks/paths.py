@@ -163,12 +163,17 @@ def page(made: list[Row], tasks: list[Row]) -> Page:
     """The page."""
     page = Page("Paths", "benchmarks.paths")
     page.say(
-        f"Made paths: {HARMONICS} harmonics over {SHARE:.0%} of the ranges, `max_step` {WITHIN} times the maker's largest",
-        "step. Followed: without a break, every pose to 1e-6 by FK alone, inside the limits. Ratio: largest step beside the",
-        "maker's; travel: way of the joints beside the maker's, median.",
+        f"Each path is made from a smooth curve of joint values: {HARMONICS} harmonics over {SHARE:.0%} of the joint",
+        f"ranges. `arm.follow` gets only the poses, and a `max_step` of {WITHIN} times the largest step of that curve. A",
+        "path is followed if it has no break and if every pose is reached to 1e-6 by plain forward kinematics, inside the",
+        "limits. *Largest ratio* is the largest step of a path divided by that of its curve. *Travel* is the length of",
+        "the joint motion divided by that of the curve, median. *Bytes a pose* is the memory that one more pose needs.",
     )
     page.rows([cells for cells, _ in made])
     page.head("Tasks")
+    page.say(
+        "Lines, circles and rasters at random places in reach; on a raster the turn about the tool axis is free."
+    )
     page.rows([cells for cells, _ in tasks])
     page.head("Missed")
     page.items(text for _, misses in [*made, *tasks] for text in misses)

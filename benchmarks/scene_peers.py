@@ -119,11 +119,14 @@ def beside(page: Page, options: Any, by_hand: Any, best: Any) -> None:
         rows.append(_row(peer, found["single"], batch, np.array(found["free"]), truth))
     page.head(f"Beside VAMP and PyRoki: {arm.name} with itself and twenty capsules")
     page.say(
-        f"{len(q):,} random joint values, {truth.mean():.0%} of them free to coal, one thread. {releases(versions)}"
+        f"{len(q):,} random joint values, {truth.mean():.0%} of them free according to coal; one thread. "
+        f"{releases(versions)}"
     )
     page.say(
-        "VAMP takes one q a call from Python, and the environment with it; eight side by side are for its own planner.",
-        "PyRoki is a commit of its repository, compiled by JAX for one core of the processor; it is made for a GPU.",
+        "From Python, VAMP takes one q and the environment with each call; only its own planner checks eight q at a time.",
+        "PyRoki comes from a commit of its repository and is compiled by JAX for one core; it is made for a GPU. A false",
+        "alarm is a free q that is reported as colliding, a miss is a colliding q that is reported as free, both compared",
+        "with coal.",
     )
     page.table("who | >µs one by one | >µs of a batch | >false alarms | >misses | ", rows)
 

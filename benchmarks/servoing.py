@@ -216,17 +216,24 @@ def page(steps: list[Row], foreseen: list[Row], versions: dict[str, str]) -> Pag
     """The page."""
     page = Page("Servoing", "benchmarks.servoing", note=releases(versions))
     page.say(
-        f"Lines and circles at {1 / PERIOD:.0f} Hz, joints at most {VELOCITY} rad/s, one step a period from the joint",
-        f"values that made the task. Followed: never farther off than {1e3 * PLACE:g} mm and {TURN:g} rad by NumPy alone.",
+        f"Lines and circles at {1 / PERIOD:.0f} Hz. The joints may move at {VELOCITY} rad/s, and each tracker makes one",
+        "step a period, beginning at the joint values from which the task was made. A task is followed if the hand is",
+        f"never farther off than {1e3 * PLACE:g} mm and {TURN:g} rad, by plain NumPy forward kinematics.",
     )
     page.rows(steps)
     page.head("Foresight")
     page.say(
-        f"Announced: told at least {AHEAD} s before the hand fell behind, and when to {RIGHT} s. A task lost in its first",
-        f"{EARLY} s cannot be announced in time and is not counted. False: tasks in which something was told that did not",
-        "come before their end. The poses to come are guessed from those so far; on lines and circles the guess is exact,",
-        "so the same is shown with noise on the places. Goes on: from the branch that was named the hand goes on along the",
-        "true poses, half a second past where it was lost. Overlooked: none was named, and one of all answers does.",
+        "`tracker.foresee` predicts the coming poses from those so far. On lines and circles the prediction is exact, so",
+        "the table also has rows with noise on the positions.",
+        "",
+        f"- **lost**: tasks in which the hand loses its pose. **too early**: of these, tasks lost in the first {EARLY} s,",
+        "  which cannot be announced in time.",
+        f"- **announced**: of the other lost tasks, those reported at least {AHEAD} s before the hand fell behind, with",
+        f"  the time right to {RIGHT} s.",
+        "- **false alarms**: tasks in which something was reported that did not happen before their end.",
+        "- **branch named**: `tracker.continuing` returned a branch. **goes on**: on that branch the hand follows the",
+        "  true poses until half a second after the place where it was lost. **overlooked**: no branch was returned,",
+        "  although one exists.",
     )
     page.rows(foreseen)
     return page

@@ -172,13 +172,19 @@ def main() -> None:
         releases(versions),
     )
     page.say(
-        f"Goals of which it is proved that no pose comes within 1 cm and 1°: {', '.join(counts)}.",
-        "What each hands back: nothing; joint values that it says are an answer; joint values that it says are none; how",
-        "many of these lie inside the limits (whole turns taken off), and the weighted error of those over that of the",
-        f"nearest pose, which is enclosed to {100 * NEAREST:.0f} % where the budget allows, as median and 90th percentile.",
-        "Time of a call, median and 99th percentile; kinseek's is that of `ik(prove=True)`, proof included. Settings:",
-        "restarts, tolerances below 1e-6 (`SETTINGS` of `benchmarks/unreachable.py`); pinocchio's loop is the one of its",
-        "manual, which knows no limits.",
+        f"For these goals it is proved that no pose comes within 1 cm and 1°: {', '.join(counts)}.",
+        "",
+        "- **nothing %**: the solver returns no joint values. **“solved” %**, **“not solved” %**: it returns joint values",
+        "  and reports a success or a failure.",
+        "- **inside limits %**: of the returned joint values, those inside the limits, after whole turns are removed.",
+        "- **error over nearest**, **90 %**: weighted error of these joint values divided by that of the nearest pose,",
+        f"  median and 90th percentile. A proof encloses the error of the nearest pose to {100 * NEAREST:.0f} % if its",
+        "  budget allows.",
+        "- **ms**, **99 %**: time of a call, median and 99th percentile. The time of kinseek is that of `ik(prove=True)`,",
+        "  proof included.",
+        "",
+        "Settings: restarts, tolerances below 1e-6 (`SETTINGS` of `benchmarks/unreachable.py`). The loop of pinocchio's",
+        "manual does not consider limits.",
     )
     page.table(
         "arm | who | >nothing % | >“solved” % | >“not solved” % | >inside limits % | >error over nearest | >90 % | >ms | "

@@ -247,7 +247,7 @@ def claims_table(results: Results) -> str:
 
 def turns_table(results: Results) -> str:
     """What would turn each verdict, in Markdown."""
-    lines = ["| # | verdict | it would turn so |", "| --- | --- | --- |"]
+    lines = ["| # | verdict | what would change it |", "| --- | --- | --- |"]
     lines += [f"| {claim.number} | {claim.judge(results)[1]} | {claim.turns} |" for claim in CLAIMS]
     return "\n".join(lines)
 

@@ -125,11 +125,11 @@ def claim_5(results: Results) -> Verdict:
             best = not any(surely_less(row, rows[0]) for row in rows[1:])
             met[breadth] += rises + best
             ends = [float(row["position_mean_mm"]) for row in (rows[0], rows[-1])]
-            words.append(f"{mm(ends[0])} → {mm(ends[1])}{', D = 3 best' if best else ''}")
-        parts.append(f"CB({breadth}) {' | '.join(words)}")
+            words.append(f"{mm(ends[0])} → {mm(ends[1])}{' (D = 3 is best)' if best else ''}")
+        parts.append(f"CB({breadth}): {', '.join(words)}")
     top = max(met, key=lambda breadth: met[breadth])
     text = (
-        "from D = 3 to 32 | 16 | 8 for 2 | 3 | 4 DOF: "
+        "from D = 3 to 32 on 2 DOF, to 16 on 3 DOF, to 8 on 4 DOF, in this order. "
         + "; ".join(parts)
         + f". Of six conditions (rises, and no D "
         f"surely better than 3, on each arm) {met[top]} are met with CB({top}), the breadth that meets most"

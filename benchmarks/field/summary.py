@@ -21,10 +21,11 @@ SHOWN = ARMS[:6]
 COLUMNS = (
     "**median µs**: the time of one call from Python for one random reachable pose, in microseconds. Half of the calls are "
     "faster. One thread, no starting guess. It depends on the machine.",
-    "**× kinseek**: how many times as long the solver takes as kinseek. All solvers are measured by turns on the same "
-    f"slices of up to {200 // SLICES} poses, each in its own process, so that a machine that changes its speed does so for "
-    "all. Each time is divided by kinseek's median time for the same slice; the number is the median of these ratios. In "
-    "brackets the 95 % interval, or a dash if fewer than five slices were reached.",
+    "**× kinseek**: how many times as long the solver takes as kinseek. The solvers are measured alternately on the same "
+    f"slices of up to {200 // SLICES} poses, each in its own process, so a change of the machine's speed affects all of "
+    "them. Each time is divided by kinseek's median time for the same slice; the number is the median of these ratios, "
+    "so it differs from the quotient of the two medians. In brackets the 95 % interval, or a dash if fewer than five "
+    "slices were reached.",
     "**mean µs**, **p99 µs**: the mean of all calls, and the time that one call in a hundred exceeds.",
     "**exact % random**: the share of the random poses that the solver reaches within 1e-6 m and 1e-6 rad, inside the "
     "limits, by the forward kinematics of pinocchio.",
@@ -45,8 +46,8 @@ def summary(made_by: str, answers: pd.DataFrame, names: dict[str, str], won: lis
     made = Page("Every solver, in short", made_by)
     made.say(
         "Single calls from Python, one thread, no starting guess, each solver with the settings that did best in a small",
-        "sweep. Exact: within 1e-6 m and 1e-6 rad by pinocchio's forward kinematics, and inside the limits. × kinseek: time",
-        "over that of kinseek for the same targets, measured by turns. Brackets hold 95 % intervals.",
+        "sweep. Exact: within 1e-6 m and 1e-6 rad by pinocchio's forward kinematics, and inside the limits. × kinseek: the",
+        "time divided by that of kinseek for the same targets, measured alternately. In brackets: 95 % intervals.",
         "[How it is measured](../docs/field.md); the command writes all questions and all arms, as a page and as Parquet.",
         "[Six arms one by one](speed.md).",
     )

@@ -21,7 +21,7 @@ COMPARED = tuple(
 
 BEYOND = (
     "Beyond the 95 % intervals, on arms that both take. Times are multiples of kinseek's time for the same targets, "
-    "measured by turns; medians of the arms."
+    "measured alternately; medians of the arms."
 )
 """What the sentences have in common."""
 

@@ -45,7 +45,8 @@ def section(page: Page, title: str) -> Iterator[None]:
     yield
     took = time.perf_counter() - began
     page.say(
-        f"*{took:.0f} s; load of the machine {before:.1f} when it began, {os.getloadavg()[0]:.1f} at its end.*"
+        f"*Measured in {took:.0f} s; load of the machine {before:.1f} at the beginning, "
+        f"{os.getloadavg()[0]:.1f} at the end.*"
     )
 
 

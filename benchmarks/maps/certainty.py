@@ -158,15 +158,16 @@ def looked_at(
 
 def measure(page: Page, seconds: float) -> None:
     """Write the section."""
-    with section(page, "What certainty costs"):
+    with section(page, "Time of proofs about whole cells"):
         page.say(
-            "Rings, the first joint divided out. Rows are drawn from all of them, each all cells of one place and",
-            f"direction, and judged without a cut, {2 * seconds:g} s of one thread for each arm and size. What that leaves",
-            f"undecided in part is judged deeper, {seconds:g} s for each line, the deepest of a billion cells longer, and",
-            "weighed as its share of all rows; a tenth of the time goes to the others, which stay as they are, for what",
-            "they cost. ± is two standard errors of the mean over rows, of both drawings together. The last column is what",
-            f"the same takes for 10⁹ cells of a `Grid`; {BILLION[1]:,} orientations at {BILLION[0] * 100:.0f} cm are about",
-            "as many.",
+            "Maps of `Rings` with `prove=True`. A row of a map is all cells of one position and direction. For each arm",
+            f"and size, random rows are classified with depth 0 for {2 * seconds:g} s of one thread. Some of the rows",
+            f"with undecided cells are then classified with a larger depth, for {seconds:g} s for each line of the",
+            "table, and for longer at the largest depth of the finest maps. Their results are weighted by their share",
+            "of all rows. A tenth of this time is spent on the other rows, whose results do not change, to measure",
+            "their cost. ± gives two standard errors of the mean over rows, for both samples together. The last column",
+            f"is the time for 10⁹ cells of a `Grid`, which has about that many with {BILLION[1]:,} orientations at",
+            f"{BILLION[0] * 100:.0f} cm.",
         )
         lines = []
         for name, sizes in SIZES.items():
@@ -193,8 +194,8 @@ def measure(page: Page, seconds: float) -> None:
                         ]
                     )
         page.table(
-            "arm | cells | depth | >rows | >of these judged deeper | >ms a ring | >reached somewhere, % | "
-            ">proved empty, % | >undecided, % | >rings of all | >core-hours of all | >core-hours of 10⁹ cells",
+            "arm | cells | depth | >rows | >of these with larger depth | >ms a ring | >reached somewhere, % | "
+            ">proved empty, % | >undecided, % | >rings of the map | >core-hours of the map | >core-hours of 10⁹ cells",
             lines,
         )
 
@@ -228,9 +229,8 @@ def wholes(page: Page, number: int) -> None:
     lines = []
     with section(page, "How much of a cell is proved to be reached as a whole"):
         page.say(
-            f"{number} cells of a UR5e for each line, drawn at random from those whose middle is reached, and the",
-            "`whole_share` of each. `above 0` counts the cells in which any part is proved; ± is two standard errors",
-            "of the mean.",
+            f"{number} cells of a UR5e for each line, drawn at random from those whose middle is reached. *Above 0* counts",
+            "the cells of which some part is proved to be reached as a whole; ± gives two standard errors of the mean.",
         )
         for width, count in WHOLE:
             for make in (slab, rings_around):
@@ -259,13 +259,13 @@ def wholes(page: Page, number: int) -> None:
                             f"{took / number * 1e3:.0f}",
                         ]
                     )
-        page.table("cells of | size | depth | >above 0 | >mean `whole_share` | >ms a cell", lines)
+        page.table("map | size of a cell | depth | >above 0 | >mean `whole_share` | >ms a cell", lines)
 
 
 def asked(page: Page, poses: int) -> None:
     """Write the section about questions to a finished map."""
     arm = kinseek.load("ur5e")
-    with section(page, "What a question to a finished map costs"):
+    with section(page, "Time to look up poses in a finished map"):
         rows = []
         for grid in (
             rings_around(arm, 0.1, 576),
@@ -278,7 +278,7 @@ def asked(page: Page, poses: int) -> None:
             single, _ = cpu(lambda made=made, T=T: [maps.at(made, one) for one in T[:200]])
             rows.append([type(grid).__name__, f"{many / poses * 1e6:.2f}", f"{single / 200 * 1e6:.0f}"])
         page.say(
-            f"`maps.at` on a map of the UR5e in memory, {poses:,} poses at once (least of three) and one by one, CPU",
-            "time of one thread.",
+            f"`maps.at` on a map of the UR5e in memory: {poses:,} poses in one call (the least of three), and one by one.",
+            "CPU time of one thread.",
         )
         page.table("map of | >µs a pose, all at once | >µs a pose, one by one", rows)

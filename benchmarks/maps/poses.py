@@ -45,29 +45,32 @@ def by_gate(arm: kinseek.Arm, T: Array) -> NDArray[np.bool_]:
 
 def measure(page: Page, poses: int, rings: bool) -> None:
     """Write both sections; `rings` also measures the finer ones."""
-    with section(page, "What a pose costs in the plain way"):
+    with section(page, "Time of a pose in a `Grid`"):
         page.say(
-            f"{poses:,} cells of each arm, drawn from a cube as wide as it reaches, {WIDTH * 100:.0f} cm and {COUNT}",
-            "orientations, asked in blocks of the default size by one thread; CPU time of each pose. `arm.ik`, which",
-            "looks for the nearest pose where there is no answer, is asked a hundredth of them.",
+            f"{poses:,} cells of each arm, drawn from a cube as wide as its reach, with cells of {WIDTH * 100:.0f} cm",
+            f"and {COUNT} orientations. One thread computes them in blocks of the default size. Times are CPU times",
+            "for a pose. `arm.ik` solves a hundredth of the poses; it looks for the nearest pose if it finds no",
+            "solution. *Missed* counts the poses that only `arm.ik` reaches. The gate is the first check of a proof:",
+            "lengths and angles alone.",
         )
         mixed = {name: _plain(name, poses) for name in ARMS}
         page.table(
             "arm | >reached | >reached ones, µs | >the others, µs | >all, µs | >the gate alone, µs | "
-            ">of the others by the gate | >`arm.ik`, µs | >lost to `arm.ik`",
+            ">of the others by the gate | >`arm.ik`, µs | >missed",
             [row for row, _ in mixed.values()],
         )
-    with section(page, "The first joint divided out"):
+    with section(page, "Time of a pose in `Rings`"):
         page.say(
-            "Every ring is done, by one thread without Dask. The plain way of a cylinder of cells of the same width,",
-            "as many as the rings stand for, is worked out from the table above. Where the first joint has limits,",
-            "every answer of each pose that is reached is asked for, to say how far around it is served.",
+            "In `Rings` the first joint is divided out, so a ring stands for many cells of a `Grid`. One thread",
+            "computes every ring, without Dask. The time for a cell of a `Grid` follows from the table above. If the",
+            "first joint has limits, all solutions of each reached pose are computed, because they decide over which",
+            "arc of the ring the pose is reached.",
         )
         rows = [_rings(name, mixed[name][1], WIDTH, COUNT) for name in ARMS]
         rows += [_rings(name, mixed[name][1], *FINE) for name in ARMS[:2] if rings]
         page.table(
-            "arm | cells | >rings | >cells they stand for | >times fewer | >µs a ring | >µs a cell they stand for | "
-            ">plain, µs a cell | >times less",
+            "arm | cells | >rings | >cells of a `Grid` | >cells a ring | >µs a ring | >µs a cell of a `Grid` | "
+            ">`Grid`, µs a cell | >`Grid` / `Rings`",
             rows,
         )
 

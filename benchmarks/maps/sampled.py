@@ -199,7 +199,7 @@ def measure(page: Page, tests: int, seconds: float) -> None:
     """Write the section: every map is given the same CPU time of one thread."""
     arm = kinseek.load("ur5e")
     half = half_of(arm, 0.1)
-    with section(page, "What maps get wrong that are made in the same time"):
+    with section(page, "Errors of maps that are made in the same time"):
         T = tests_of(arm, tests)
         judge = eaik(arm)
         truth = np.array([len(judge(pose)) > 0 for pose in T])
@@ -207,16 +207,17 @@ def measure(page: Page, tests: int, seconds: float) -> None:
             row for name, said, took in _maps(arm, half, seconds) if (row := _row(name, said, took, T, truth))
         ]
         page.say(
-            f"{tests:,} random poses in the ball that holds all that the UR5e reaches. EAIK has an answer inside the",
-            f"limits to {truth.mean():.1%} of them. Each map has {seconds:g} s of one thread. Those that ask cell by",
-            "cell take the finest grid of a list for which that is enough, by what a trial says; the sampled ones are",
-            "filled until it is over, tables of several sizes. RM4D's table takes both the first and the last joint to",
-            "turn all around, which a UR5e's do; our rings make use of the first alone, so they serve other arms too,",
-            "and have more cells to fill.",
+            f"{tests:,} random poses in a ball that contains all positions that the UR5e reaches. EAIK has a solution",
+            f"inside the limits for {truth.mean():.1%} of them, and decides which results are wrong. Each map has",
+            f"{seconds:g} s of one thread. Maps that solve each cell use the finest grid of a list for which a trial",
+            "predicts that this is enough. Sampled maps mark the cells of random joint values until the time is over,",
+            "with tables of several sizes. The table of RM4D requires that both the first and the last joint turn",
+            "fully, as those of a UR5e do. Our rings use the first joint alone, so they support other arms too, and",
+            "have more cells.",
         )
         page.table(
-            "map | cells | made of | >CPU time, s | >wrong | >of the reached, called not | "
-            ">of the others, called reached | >µs a question",
+            "map | cells | made from | >CPU time, s | >wrong | >reached ones reported as not reached | "
+            ">others reported as reached | >µs a look-up",
             rows,
         )
 
@@ -245,17 +246,17 @@ def _maps(arm: kinseek.Arm, half: float, seconds: float) -> Any:
     trial = grid(WIDTH, COUNT)
     some = trial.middles(drawn(trial, 3000))
     seeded(arm, some[:100])
-    for title, make in (("kinseek, first joint divided out", rings), ("kinseek, plain", grid)):
+    for title, make in (("kinseek, `Rings`", rings), ("kinseek, `Grid`", grid)):
         coarse = make(*LADDER[2])
         ours(arm, coarse)
         each = cpu(ours, arm, coarse)[0] / coarse.size
         chosen = finest(seconds / each, make)
         took, said = cpu(ours, arm, chosen)
-        yield (title, words(chosen), "a search each"), said, took
+        yield (title, words(chosen), "a search for each cell"), said, took
     each = cpu(seeded, arm, some)[0] / len(some)
     chosen = finest(seconds / each, grid)
     took, said = cpu(by_solver, arm, chosen)
-    yield ("6D, a seeded solver", words(chosen), f"{STARTS} starts each"), said, took
+    yield ("6D, a seeded solver", words(chosen), f"{STARTS} starts for each cell"), said, took
     for width, count in ((0.2, 576), (0.1, 4608)):
         sampled = grid(width, count)
         took, (said, vectors) = cpu(filled, arm, sampled, seconds)

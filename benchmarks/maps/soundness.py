@@ -75,10 +75,11 @@ def measure(page: Page, poses: int, vectors: int) -> None:
     """Write the section."""
     with section(page, "Is anything reached in what is proved empty?"):
         page.say(
-            f"{EACH} poses drawn in each of some rings of two sizes that are proved empty (`depth={DEPTH}`), turned",
-            "anywhere about the first axis; a coordinate in five lies at an edge of the cell. Half of the rings are",
-            "such that lengths and angles alone do not rule out their middle. As a check of the judges, the last",
-            "columns have poses that are reached, those of joint values drawn inside the limits. By two processes.",
+            f"{EACH} poses are drawn in each of some rings, of two sizes, that are proved empty (`depth={DEPTH}`).",
+            "Each pose is turned by a random angle about the first axis, and one coordinate in five lies at an edge",
+            "of the cell. For half of the rings, lengths and angles alone do not exclude the middle. Four methods try",
+            "to reach the poses. The last two columns check these methods: they are the share of reachable poses,",
+            "made from joint values inside the limits, that a method reaches.",
         )
         parts = 2 * sum(ARMS.values())
         asked = [
@@ -95,12 +96,11 @@ def measure(page: Page, poses: int, vectors: int) -> None:
             rows,
         )
         page.say(
-            "And the other way round: joint values drawn inside the limits, the cell that the hand is then in, and",
-            "what is said of it. Cells whose middle is reached are reached without a proof; the others are judged.",
+            "The second test begins with joint values inside the limits. The cell in which the hand is then must not be",
+            "proved empty. Cells whose middle is reached need no test; the others are tested.",
         )
         page.table(
-            "arm | cells | >joint vectors | >cells they land in | >middle not reached, so judged | >vectors in these | "
-            ">called empty",
+            "arm | cells | >joint vectors | >cells of their poses | >of these tested | >vectors in these | >proved empty",
             landed,
         )
 

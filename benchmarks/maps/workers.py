@@ -144,11 +144,12 @@ def measure(page: Page, rounds: int, width: float) -> None:
                         work = work_of(arm, grid, Path(folder) / "map.zarr")
                         took[f"{name} {way}"].append(made(arm, grid, work, small, count))
         page.say(
-            f"{grid.size:,} poses of the UR5e, {len(blocks_of(work, grid.shape))} blocks of the default size, written to a",
-            "store by processes of one thread that have their atlas. Bare: the same",
-            "blocks in a loop, without Dask; two of these say what a second core of this machine is worth. CPU time is that",
-            "of all processes, with Dask those of scheduler, nannies and client too. Everything in turns, medians of",
-            f"{rounds} round{'s' * (rounds > 1)}; each ratio is of one round.",
+            f"{grid.size:,} poses of the UR5e, in {len(blocks_of(work, grid.shape))} blocks of the default size.",
+            "Processes of one thread, which have built their atlas before, write them to a store. *Bare* processes",
+            "compute the same blocks in a loop, without Dask; two of them show how much a second core of this machine",
+            "adds. CPU time is that of all processes; with Dask it includes the scheduler, the nannies and the",
+            f"client. The rows are measured alternately; the table has medians of {rounds} round{'s' * (rounds > 1)},",
+            "and each ratio is computed within a round.",
         )
         page.table(
             "processes | >wall time, s | >CPU time, s | >times as fast as one | >more wall time than bare | "

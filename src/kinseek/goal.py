@@ -158,6 +158,7 @@ class Goal(Lazy):
         if ranges is None or all(pair == PINNED for pair in ranges):
             return cls(target, **options)
         turns = free_turns(ranges)
+        # Goals that another kind expresses exactly become that kind, because more searches and proofs support it.
         alone = len(turns) == 1 and ranges[3:].count(PINNED) == 2
         if ranges[:3] == (PINNED,) * 3 and len(turns) == 3:
             return cls(target, kind=POSITION.name, **options)
@@ -186,6 +187,7 @@ class Goal(Lazy):
         Raises:
             InvalidGoal: Wrong shape, NaN or infinity, an option out of its range, or axes as in `Goal.pose`.
         """
+        # The short way skips checks that a plain position with default options does not need.
         usual = cls is Goal and not options and box is None and type(free) is tuple and not free
         if usual and (at := plain_place(position)) is not None:
             return cls._checked(at, POSITION)

@@ -345,7 +345,8 @@ def test_the_story_quotes_the_rows() -> None:
         f"CB(3) {one('question_10_exchanged', 'position_mean_mm', breadth=3, divisions=3, **exchanged):.1f} mm",
         f"at the same weight {one('question_08', 'position_mean_mm', dof=6, method='CB(3)', position_weight=100.0):.1f} mm "
         f"and {one('question_08', 'orientation_mean_mrad', dof=6, method='CB(3)', position_weight=100.0):.0f} mrad",
-        f"by hand falls from {one('question_08', 'position_mean_mm', dof=6, method='BT', position_weight=1.0):.0f} to "
+        "position error of BT falls from "
+        f"{one('question_08', 'position_mean_mm', dof=6, method='BT', position_weight=1.0):.0f} to "
         f"{one('question_08', 'position_mean_mm', dof=6, method='BT', position_weight=100.0):.1f} mm on six joints",
         f"weights alike: {one('question_08', 'position_mean_mm', dof=6, method='CB(4)', position_weight=1.0):.2f} mm and "
         f"{one('question_08', 'orientation_mean_mrad', dof=6, method='CB(4)', position_weight=1.0):.1f} mrad",

@@ -262,6 +262,17 @@ def test_files_that_are_named_are_there(page: Path) -> None:
         )
 
 
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_rows_of_a_table_have_as_many_cells_as_its_head(page: Path) -> None:
+    """A bar inside a cell begins another cell, and the page then shows the row broken."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    broken = []
+    for table in re.findall(r"^(?:\|.*\n?)+", text, re.MULTILINE):
+        rows = [re.sub(r"`[^`]*`|\\\|", "", row) for row in table.splitlines()]
+        broken += [row[:100] for row in rows if row.count("|") != rows[0].count("|")]
+    assert broken == []
+
+
 def test_a_broken_link_is_seen(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(

@@ -162,6 +162,7 @@ def _search(
     piece = min(max(_SAMPLED // most, 1), _PIECE)
 
     def work(begin: int, end: int, go_on: GoOn) -> None:
+        # One row more than there are solutions: the last row has their number and the cost of the search.
         results, counts = np.empty((piece, most + 1, width)), np.empty(piece, dtype=np.int64)
         for first in range(begin, end, piece):
             if not go_on():

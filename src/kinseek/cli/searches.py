@@ -117,9 +117,11 @@ def _option(same: list[Parameter], owners: list[str]) -> Callable[[Callable[...,
     first = same[0]
 
     def described() -> str:
-        notes = dict.fromkeys(parameter.help for parameter in same)
-        defaults = dict.fromkeys(str(parameter.default) for parameter in same)
-        return f"{' / '.join(filter(None, notes))} Default: {' / '.join(defaults)}.".strip().replace("`", "")
+        notes = _by_owner(owners, [parameter.help for parameter in same])
+        defaults = _by_owner(owners, [str(parameter.default) for parameter in same])
+        text = " ".join(f"({who}) {note}" if who else note for note, who in notes.items() if note)
+        values = ", ".join(f"{value} ({who})" if who else value for value, who in defaults.items())
+        return f"{text} Default: {values}.".strip().replace("`", "")
 
     group = f"Options of --solver {', '.join(owners)}"
     if first.types == (bool,):
@@ -131,6 +133,14 @@ def _option(same: list[Parameter], owners: list[str]) -> Callable[[Callable[...,
             lazy_help=described,
         )
     return option(first.option, first.name, metavar=_shape(first), group=group, lazy_help=described)
+
+
+def _by_owner(owners: Sequence[str], texts: Sequence[str]) -> dict[str, str]:
+    """Return each different text with the searches that have it; without searches if all have the same text."""
+    who: dict[str, list[str]] = {}
+    for owner, text in zip(owners, texts, strict=True):
+        who.setdefault(text, []).append(owner)
+    return {text: ", ".join(names) if len(who) > 1 else "" for text, names in who.items()}
 
 
 def _shape(parameter: Parameter) -> str:

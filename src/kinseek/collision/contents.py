@@ -164,6 +164,7 @@ class Contents:
         folders |= package_folders(meshes)
         found, notes = obstacles(file_path(path), folders, skip, trusted)
         base = np.eye(4) if pose is None else one_pose(pose, "pose")
+        # As in `add_arm`, nothing is added before everything is checked.
         self._require_room(found)
         try:
             names = tuple(self._new(f"{prefix}{body.name}") for body in found)
@@ -251,6 +252,7 @@ class Contents:
         own = [body for body in other._bodies.values() if body.is_link or body.frame.joints]
         arm = OtherArm(self._new(name), other._chain, base, own)
         added = arm.at(other._one(q))
+        # Everything is checked before anything is added, so an error leaves the scene as it was.
         self._require_room(added)
         for body in added:
             self._new(body.name)
@@ -272,6 +274,7 @@ class Contents:
         arm = self._others[name]
         moved = arm.at(one_q(arm.chain, q))
         self._bodies |= {body.name: body for body in moved}
+        # The shapes stay the same, so only their places change in an engine that exists already.
         if self._assembly is not None:
             self._assembly.stand(moved)
 
@@ -307,6 +310,7 @@ class Contents:
             )
         del self._bodies[name]
         self._never = {pair: why for pair, why in self._never.items() if name not in pair}
+        # Notes about a body begin with its quoted name.
         self._notes = [note for note in self._notes if not note.startswith(f"{name!r} ")]
         self._assembly = None
 

@@ -164,6 +164,7 @@ class Tracker:
         state, given = self._state, plain_array(T, (4, 4))
         T = _one(T) if given is None else given
         position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
+        # The kernel has moved nothing. Checking in Python repairs a pose that is nearly valid, or raises an error.
         if ended == servo.NO_POSE:
             T = _one(T)
             position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
@@ -174,6 +175,7 @@ class Tracker:
         elif self._recover and (self._lost_for or _is_away(position, orientation)):
             self._lost_for += 1  # A lost pose stays lost until one is reached.
             if self._lost_for % self._retry == 0:
+                # The search also notes whether the pose is out of reach, which matters even while the arm only lags.
                 found = self._found_again(T)
                 self._there = None if ended == LAGGING else found
         return Step(state.now.copy(), _ENDED[ended], position, orientation)
@@ -191,6 +193,7 @@ class Tracker:
             return None
         if not self._was_unreachable and np.abs(self._turning.step(q - reached)).max() > ELSEWHERE:
             return None
+        # A second tracker follows the pose from there, so that the arm arrives at where the target is by then.
         state = self._standing(1)
         state.now[:] += self._ways(q[None])[0]
         state.last[:] = 0.0
@@ -368,9 +371,8 @@ class Tracker:
             return Foresight(TrackStatus.TRACKING, np.inf, None)
         joint = self._limiting_joint(state, ended)
         if ended == LAGGING:
-            # Test whether much faster joints keep up for a while: then the speed is the cause, otherwise the branch ends.
+            # If much faster joints keep up for a while, the speed is the cause and not the end of the branch.
             state = self._standing(at_once)
-            # If faster joints keep up, the speed is the cause and not the end of the branch.
             state.reach[:] *= FASTER
             while_after = round(AFTER / self.period / at_once)
             _, _, truly = self._look(coming[: lost + 1 + while_after], state)

@@ -131,6 +131,7 @@ def isolate(
     run.go(budget, watch)
     count, left = int(run.counts[KNOWN]), int(run.counts[COUNT] + run.counts[LEFT])
     q, distance = places.q[:count].copy(), _distances(problem, places.distance[:count], without_last)
+    # The exact solution may be anywhere within `room` of the given one, so the whole of it must lie inside the limits.
     room = _roomy(distance, q)
     inside = (q - room >= chain.lower) & (q + room <= chain.upper)
     return Isolation(
@@ -197,9 +198,11 @@ def _roomy(distance: Array, q: Array) -> Array:
 
 def _distances(problem: Problem, reduced: Array, without_last: bool) -> Array:
     """Convert distances from the centre of a neighbourhood into distances from a solution within it, last joint included."""
+    # Both a solution and the given one may be this far from the centre, on opposite sides.
     distance, chain = 2.0 * reduced, problem.chain
     if not without_last:
         return distance
+    # The pose determines the last joint, up to what the other joints and the tolerance at both solutions turn the hand.
     turning = [k for k in range(len(chain.leader) - 1) if not chain.prismatic[k]]
     turned = sum(abs(chain.multiplier[k]) * distance[:, chain.leader[k]] for k in turning)
     last = np.minimum(turned + 2.0 * min(problem.goal.orientation_tolerance, math.pi), math.pi)

@@ -46,14 +46,14 @@ class BruteForce:
     branching_factor: int = 60
     """B: values a joint."""
     stop_below: float = 0.0
-    """Stop at the first node whose weighted error is below this; 0 searches everything."""
+    """Stop at the first node whose weighted error is below this; 0 never stops early."""
     order: str = "paper"
     """Order of a joint's values. ``"paper"``: from the lower limit up; ``"low-discrepancy"``: in steps of the golden ratio;
     ``"random"``: shuffled by `seed`."""
     seed: int = 0
     """Seed of the random order."""
     most_nodes: int | None = MOST_NODES
-    """Nodes of the largest tree that is searched without a time limit, about a minute of them; None sets no limit."""
+    """Largest number of nodes of a search without a time limit, about a minute of work; None sets no limit."""
     ties: str = "rounding"
     """Rule for equally good nodes. ``"first"`` takes the first, as the paper's algorithm does in exact arithmetic; with
     ``"rounding"`` the last bit of their errors decides."""

@@ -92,7 +92,7 @@ class DivideAndConquer:
     wrap: bool = True
     """Whether the neighbourhood of a joint with a full turn may cross from its last node to its first."""
     most_nodes: int | None = MOST_NODES
-    """Nodes of the longest search that is started without a time limit, about a minute of them; None sets no limit."""
+    """Largest number of nodes of a search without a time limit, about a minute of work; None sets no limit."""
     first: str = "D"
     """The first pass tries ``"D"`` values, spread over the range (Sec. 3.1), or as many as the ``"formula"`` of Sec. 3.2
     gives for every pass: 2(⌊D/2⌋ + Br) - 1, at a spacing of B/D around the zero configuration, with which Algorithm 2
@@ -105,7 +105,7 @@ class DivideAndConquer:
     slides windows inward at a limit. The ``"letter"`` of the paper gives them 360/B · i as for full turns, with the first
     node at the lower limit, and drops the part of a window beyond a limit."""
     stop_below: float = 0.0
-    """Stop at the first node whose weighted error is below this; 0 makes all passes."""
+    """Stop at the first node whose weighted error is below this; 0 never stops early."""
     ties: str = "rounding"
     """Rule for equally good nodes. ``"first"`` takes the first, as the paper's algorithm does in exact arithmetic; with
     ``"rounding"`` the last bit of their errors decides."""

@@ -98,6 +98,7 @@ def passes_of(
     nodes_visited = sum(
         cells * sum(math.prod(each[:d]) for d in range(1, len(each) + 1)) for cells, each in windows
     )
+    # No error is below -1, so the search then never stops early.
     stop, few = float(stop_below) or -1.0, min(children or beam, beam)
     spaced = np.array(spacings, dtype=np.int64)
     no_budget = np.iinfo(np.int64).max

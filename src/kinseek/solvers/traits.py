@@ -19,7 +19,7 @@ class Near(Enum):
     """How a search uses `near`; the value is for display."""
 
     NEAREST = "returns the nearest of the solutions that it finds"
-    START = "needs it as the start"
+    START = "starts there; without it, starts in the middle of the ranges"
     TURN = "uses it to choose full turns"
 
 
@@ -33,7 +33,7 @@ class Traits:
     work: str
     """Amount of work for one target."""
     near: Near
-    """Role of `near`. A search that needs it starts in the middle of every range without it, and finds little."""
+    """Role of `near`. A search that starts there seldom finds a solution without it."""
     axes: bool = False
     """Whether it needs axes and links. Otherwise poses suffice, also those of black-box kinematics."""
     plain_joints: bool = False
@@ -98,7 +98,7 @@ def summary(cls: type[OwnSolver]) -> str:
     """Return one line about a search for a command line's help: what it finds, and what it requires."""
     traits = cls.traits
     conditions = [
-        "needs --near" if traits.near is Near.START else "",
+        "starts at --near" if traits.near is Near.START else "",
         "needs axes" if traits.axes else "",
         "takes --free" if traits.ranges else "",
     ]

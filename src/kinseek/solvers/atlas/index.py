@@ -107,8 +107,10 @@ class AtlasIndex(Lazy):
         self._arrays = ROWS.arrays(task)
         self.handle = handle_of(self._arrays)
         """Addresses of the arrays, for kernels, and of the routines that they call."""
+        # The values are found by solving poses of the samples, which needs the finished task.
         if not known:
             choose_swept_values(self.structure, self.handle, size, samples)
+        # Zeros until the first goal with ranges comes, since `range_routines` loads or compiles kernels; see `range_handle`.
         self._range_routines = np.zeros_like(task.routines)
         self._range_arrays = ROWS.arrays(with_ranges(task, POSES, self._range_routines))
         self._range_addresses = handle_of(self._range_arrays)

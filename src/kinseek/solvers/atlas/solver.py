@@ -66,7 +66,7 @@ class Atlas:
     """Threads for a batch; None uses every core. The solutions have the same bits. Black-box kinematics are called by one
     thread."""
     progress: bool = False
-    """Show a progress bar while a batch is solved."""
+    """Show a progress bar."""
 
     def __post_init__(self) -> None:
         """Check the parameters."""

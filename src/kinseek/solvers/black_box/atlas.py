@@ -56,11 +56,14 @@ def solve_target(
             return Found(q, evaluator.spent, out_of_time=evaluator.out_of_time)
     best = Best(evaluator, samples, samples.q[seeds[0]])
     first = SEEDS if box.cheap else SEEDS // 2
+    # The nearest samples usually lead to a solution, so a few of them are tried alone before many are refined.
     for begin, end, steps in ((0, first, FIRST_STEPS), (first, SEEDS + MORE, MORE_STEPS)):
         solved = best.take(walk(evaluator, samples.length, samples.q[seeds[begin:end]], steps))
         record(f"samples {begin + 1} to {min(end, len(seeds))}", best.result())
         if solved:
             return Found(best.result(), evaluator.spent, out_of_time=evaluator.out_of_time)
+    # Half of the starts of a round are spread over the box, the other half lie around the best configurations: the goal may
+    # be missed because it lies elsewhere, or because descents end just beside it.
     starts = spread(box, RESTARTS * ROUNDS)
     for round_number in range(ROUNDS):
         rows = starts[round_number::ROUNDS].copy()
