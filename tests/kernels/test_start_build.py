@@ -272,3 +272,39 @@ def test_without_a_terminal_nothing_is_said() -> None:
         [sys.executable, "-c", SHOWN], capture_output=True, text=True, check=True, start_new_session=True
     )
     assert done.stdout + done.stderr == ""
+
+
+ADDITIONS = """
+from kinseek.kernels.compiler import compiled, never_run
+{}
+
+def total(numbers):
+    result = 0.0
+    for each in numbers:
+        result += each
+    return result
+
+made = compiled(total)
+made.compile("float64(float64[::1])")
+made.overloads[made.signatures[0]].library._ensure_finalized()
+print(made.inspect_llvm(made.signatures[0]).count(" fadd "))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("shipped", "unrolled"), [("never_run()", False), ("", True)])
+def test_a_build_does_not_unroll_loops_of_unknown_length(
+    shipped: str, unrolled: bool, tmp_path: Path
+) -> None:
+    pytest.importorskip("numba")
+    environment = os.environ | {
+        "KINSEEK_JIT": "1",
+        "NUMBA_CACHE_DIR": str(tmp_path),
+        "NUMBA_DISABLE_JIT": "0",
+    }
+    file = tmp_path / "additions.py"  # Numba keeps code of files alone.
+    file.write_text(ADDITIONS.format(shipped), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(file)], env=environment, check=True, capture_output=True, text=True
+    )
+    assert (int(done.stdout) > 1) == unrolled

@@ -25,6 +25,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 from llvmlite import ir
+from llvmlite.binding import set_option as set_llvm_option
 from numba.core import codegen, config, event, sigutils
 from numba.core import compiler as numba_compiler
 from numba.core.compiler_lock import global_compiler_lock
@@ -359,6 +360,12 @@ _register: Callable[[str, event.Listener], None] = event.register
 _register("numba:compile", _FirstRunNotice())
 
 
+_WITHOUT_COPIES = ("-unroll-runtime=false",)
+"""LLVM options for builds. It would unroll each loop whose length is known only at run time, mostly over a few joints, into
+eight copies that are hardly ever reached. That took half of the time of its passes over a whole kernel, and a third of the
+size of the object. The options hold for all that a process compiles, so they are not set where users compile."""
+
+
 def never_run() -> None:
     """Let Numba compile without machine code for this process, for builds whose results are written out and not called.
 
@@ -366,6 +373,8 @@ def never_run() -> None:
     all its parts, which takes more than a third of the time to build a library. Processes then exchange LLVM's own format
     through the cache.
     """
+    for option in _WITHOUT_COPIES:
+        set_llvm_option("kinseek", option)
     library, generator = _JITCodeLibrary, cast("Any", codegen.JITCPUCodegen)
     # Each lookup would ask LLVM for an address and so create machine code.
     library.get_pointer_to_function = lambda self, name: self._ensure_finalized() or 0
