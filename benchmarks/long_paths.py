@@ -1,4 +1,4 @@
-"""Long paths: what a pose takes in time and in memory, at once, in windows, and as a stream.
+"""Long paths: what a pose takes in time and in memory, at once and as a stream.
 
 Random smooth curves of joint values, those of `benchmarks.paths`: the more poses, the finer. Times are wall times of one
 thread, without the tracing of memory. Memory is what Python and NumPy hold at most: of half of the poses and of all of them,
@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.paths.windows import LONG
 
 from .command import command, writes
 from .page import Page
@@ -49,7 +48,7 @@ class Row:
     """[bytes] a pose; of a stream [MB] in all"""
 
 
-def whole(arm: kinseek.Arm, how: str, poses: int) -> Row:
+def whole(arm: kinseek.Arm, poses: int) -> Row:
     """Follow poses that are all there."""
     T = arm.fk(curve(arm, poses, 0))
     began = time.perf_counter()
@@ -62,7 +61,9 @@ def whole(arm: kinseek.Arm, how: str, poses: int) -> Row:
         arm.follow(T, threads=1)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    return Row(arm.name, how, poses, len(path.breaks), cost, (peaks[1] - peaks[0]) / (poses - poses // 2))
+    return Row(
+        arm.name, "at once", poses, len(path.breaks), cost, (peaks[1] - peaks[0]) / (poses - poses // 2)
+    )
 
 
 def poses_of(arm: kinseek.Arm, count: int) -> Iterator[Array]:
@@ -100,21 +101,16 @@ def main() -> None:
         arm = kinseek.load(name)
         arm.follow(arm.fk(curve(arm, 40, 1)), threads=1)  # What the arm needs once.
         spare = arm.dof > 6
-        rows.append(whole(arm, "at once", (4_000 if spare else LONG) // share))
+        rows.append(whole(arm, (20_000 if spare else 100_000) // share))
         print(rows[-1], flush=True)
-        if not options.quick or not spare:
-            rows.append(
-                whole(arm, "in windows", 2 * LONG + 2 if options.quick else 20_000 if spare else 100_000)
-            )
-            print(rows[-1], flush=True)
         rows.append(stream(arm, (100_000 if spare else 1_000_000) // share // share))
         print(rows[-1], flush=True)
     if options.quick:
         return
     page = Page("Long paths", "benchmarks.long_paths")
     page.say(
-        "`arm.follow` at once and in windows, and `arm.follow_stream` of poses that an iterator makes. Of a stream, memory",
-        "is what it takes in all; of the others what a pose adds, beside the poses themselves.",
+        "`arm.follow` at once, and `arm.follow_stream` of poses that an iterator makes. Of a stream, memory",
+        "is what it takes in all; of `follow` what a pose adds, beside the poses themselves.",
     )
     page.table(
         "arm | how | >poses | >breaks | >µs a pose | >memory",

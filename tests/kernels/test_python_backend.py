@@ -376,7 +376,7 @@ def best_ways() -> Any:
     for mode in (DISTANCE, TIME, SQUARES, GIVEN):
         costs = rng.uniform(size=(6, 6)) if mode == GIVEN else np.zeros((0, 0))
         refused = rng.uniform(size=(6, 6)) < 0.2
-        layers, steps = Layers(q, q + 0.01, np.full(6, 3)), Steps(np.full((1, 3), 3.0), np.ones(3), mode)
+        layers, steps = Layers(q, np.full(6, 3)), Steps(np.full((1, 3), 3.0), np.ones(3), mode)
         rules = Rules(costs, refused, np.array([[0, 1, 2], [3, 0, 0]]), np.array([-1, -1]))
         breaks = viterbi(layers, turns, steps, rules, path, told)
         found.append((breaks, path.copy(), told.copy()))

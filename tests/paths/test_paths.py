@@ -194,7 +194,7 @@ def test_viterbi_agrees_with_trying_all_ways(seed: int) -> None:
     turns = Turns(lower, upper, np.array([STRAIGHT, COPIED]), np.array([1, 2]))
     steps = Steps(np.array([[2.5, 2.5]]), np.ones(2), DISTANCE)
     rules = Rules(nothing, nothing.astype(bool), np.zeros((0, 3), dtype=np.int64), np.array([-1, -1]))
-    breaks = viterbi(Layers(q, q, np.full(5, 2)), turns, steps, rules, path, told)
+    breaks = viterbi(Layers(q, np.full(5, 2)), turns, steps, rules, path, told)
     fewest, least = brute(every, 2.5)
     assert breaks == fewest
     assert told[0] == pytest.approx(least)
@@ -213,7 +213,7 @@ def test_answers_at_the_ends_of_a_range_of_whole_turns_stay_inside_the_nodes() -
     turns = Turns(np.array([-turn]), np.array([turn]), np.array([COPIED]), np.array([2]))
     steps = Steps(np.array([[0.5]]), np.ones(1), DISTANCE)
     rules = Rules(nothing, nothing.astype(bool), np.zeros((0, 3), dtype=np.int64), np.array([-1, -1]))
-    viterbi(Layers(q, q, np.full(4, 2)), turns, steps, rules, path, told)
+    viterbi(Layers(q, np.full(4, 2)), turns, steps, rules, path, told)
     assert ((path >= 0) & (path < 4)).all()
 
 

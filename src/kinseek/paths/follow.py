@@ -19,7 +19,6 @@ from .request import ROUNDING, PathRequest
 from .runs import bridged, follow_runs
 from .virtual_joints import with_virtual_joints
 from .why import reasons
-from .windows import LONG, Windows, best_in_windows, in_windows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -58,7 +57,7 @@ def follow(request: PathRequest, threads: int | None, advance: Advance, take: in
 
 def _isolated(
     request: PathRequest, threads: int | None, advance: Advance
-) -> tuple[Array, Indices, Layers | Windows, set[int]]:
+) -> tuple[Array, Indices, Layers, set[int]]:
     """Follow a path whose solutions are isolated.
 
     Returns:
@@ -66,20 +65,9 @@ def _isolated(
         and the indices of missed poses.
     """
     none = np.zeros((0, request.problem.chain.dof)), np.zeros(0, dtype=np.int64)
-    if in_windows(request):
-        windows = Windows(request, threads)
-        q, breaks = best_in_windows(windows, advance)
-        missed = windows.missed[: len(q)]
-        return (
-            bridged(request.part(0, len(q)), q, missed),
-            breaks,
-            windows,
-            set(np.flatnonzero(missed).tolist()),
-        )
     problem, deadline = request.problem, request.deadline
     has_callbacks = request.cost is not None or request.valid is not None
-    # Callbacks and windows need time after the layers are found.
-    search = deadline.share(FIRST_PART) if has_callbacks or len(request) > LONG else deadline
+    search = deadline.share(FIRST_PART) if has_callbacks else deadline
     wide = isolated_layers(problem, request.longest.max(axis=0), threads, advance, search)
     if not len(wide):
         return *none, wide, set()
@@ -115,7 +103,7 @@ def _ended(request: PathRequest, q: Array) -> Array:
 
 
 def _judged(
-    request: PathRequest, rows: Array, breaks: Indices, wide: Layers | Windows | None, unreachable: set[int]
+    request: PathRequest, rows: Array, breaks: Indices, wide: Layers | None, unreachable: set[int]
 ) -> Path:
     """Evaluate joint values for the first poses, (M, n), by plain forward kinematics; explain breaks and missed poses."""
     problem, turning = request.problem, Turning(request.problem.chain)

@@ -80,7 +80,7 @@ class LayerGraph:
         turning, count = self.turning, len(self.q)
         path, report = np.zeros(count, dtype=np.int64), np.zeros(count)
         forbidden_edges = np.array(sorted(self._forbidden_edges), dtype=np.int64).reshape(-1, 3)
-        layers = viterbi.Layers(self.q, self.q, self.count)
+        layers = viterbi.Layers(self.q, self.count)
         steps = viterbi.Steps(open_beside(longest, self._missed()), self.weights, self.mode)
         ends = np.array([first, last], dtype=np.int64)
         rules = viterbi.Rules(self.costs, self._refused, forbidden_edges, ends)

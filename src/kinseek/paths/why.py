@@ -15,7 +15,6 @@ from .joints import Turning
 from .layers import Layers
 from .path import Path
 from .request import PathRequest
-from .windows import Windows
 
 Array = NDArray[np.float64]
 
@@ -24,7 +23,7 @@ NEAR_SINGULAR = 0.05
 examined further."""
 
 
-def reasons(request: PathRequest, path: Path, wide: Layers | Windows | None) -> tuple[str, ...]:
+def reasons(request: PathRequest, path: Path, wide: Layers | None) -> tuple[str, ...]:
     """Return a sentence for each run of missed poses and each break between two reached poses, in order."""
     goal = path.problem.goal
     there = (path.position_error <= goal.position_tolerance) & (
@@ -38,7 +37,7 @@ def reasons(request: PathRequest, path: Path, wide: Layers | Windows | None) -> 
     return tuple(text for _, text in sorted(report))
 
 
-def _refused(request: PathRequest, path: Path, first: int, last: int, wide: Layers | Windows | None) -> str:
+def _refused(request: PathRequest, path: Path, first: int, last: int, wide: Layers | None) -> str:
     """Explain why poses have solutions, but none that is allowed."""
     which, valid, i = these(first, last), request.valid, (first + last) // 2
     assert valid is not None
@@ -75,7 +74,7 @@ def _missed(path: Path, first: int, last: int) -> str:
     return f"{which} out of reach: the nearest found is up to {place:.3g} m and {turn:.3g} rad off"
 
 
-def _break(request: PathRequest, path: Path, i: int, wide: Layers | Windows | None) -> str:
+def _break(request: PathRequest, path: Path, i: int, wide: Layers | None) -> str:
     count = len(path.q)
     following = (i + 1) % count
     begin = f"between poses {i} and {following}"
@@ -111,9 +110,7 @@ def _at(i: int, count: int) -> str:
     return "with the path" if i in (-1, count) else f"at pose {i}"
 
 
-def _end_of_branch(
-    request: PathRequest, q: Array, i: int, wide: Layers | Windows, way: int
-) -> tuple[int, str]:
+def _end_of_branch(request: PathRequest, q: Array, i: int, wide: Layers, way: int) -> tuple[int, str]:
     """Follow a branch from joint values at pose i; return the pose where it ends, and the reason."""
     problem, turning = request.problem, Turning(request.problem.chain)
     names = problem.mechanism.joint_names

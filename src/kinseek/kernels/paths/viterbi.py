@@ -54,9 +54,6 @@ class Layers(NamedTuple):
 
     q: Annotated[Array, "k", "width", "n"]
     """Solutions of each pose, with COPIED joints in the first turn of their range, (k, width, n)."""
-    ahead: Annotated[Array, "k", "width", "n"]
-    """Joint values to which each solution leads at the next pose, (k, width, n); steps are measured from there. If solutions
-    are isolated, q itself."""
     counts: Annotated[Indices, "k"]
     """Number of solutions of each pose, (k,)."""
 
@@ -182,10 +179,10 @@ def best_of(fault: Indices, sums: Array) -> int:
 
 @inlined
 def measure(layers: Layers, steps: Steps, nodes: Nodes, i: int, a: int, b: int) -> tuple[bool, bool, float]:
-    """Compare solution b of pose i with the end of solution a: whether it is close, with full turns, and the cost."""
+    """Compare solution b of pose i with solution a before it: whether it is close, with full turns, and the cost."""
     cost, turned, row = 0.0, False, min(i - 1, len(steps.longest) - 1)
     for j in range(len(steps.weights)):
-        gap = short_way(nodes, j, layers.q[i, b, j] - layers.ahead[i - 1, a, j])
+        gap = short_way(nodes, j, layers.q[i, b, j] - layers.q[i - 1, a, j])
         if not abs(gap) <= steps.longest[row, j]:
             return False, False, 0.0
         turned = turned or nodes.turns[j] != 0
@@ -239,7 +236,7 @@ def viterbi(
     poses, width, dof = layers.q.shape
     nodes, edges, given = nodes_of(turns, width), rules.forbidden_edges, steps.mode == GIVEN
     total = len(nodes.digits)
-    came, best = np.zeros((poses, width * total), dtype=np.uint8), np.full(poses, -1, dtype=np.int64)
+    came, best = np.zeros((poses, width * total), dtype=np.uint16), np.full(poses, -1, dtype=np.int64)
     fault, fault_before = np.full(width * total, -1, np.int64), np.full(width * total, -1, np.int64)
     sums, sums_before, first_edge = np.zeros(width * total), np.zeros(width * total), 0
     for i in range(poses):
@@ -300,7 +297,7 @@ def viterbi(
         # The turns before are those of the node plus those that the step subtracted.
         node += (a - b) * total
         for j in range(dof):
-            short_way(nodes, j, layers.q[i, b, j] - layers.ahead[i - 1, a, j])
+            short_way(nodes, j, layers.q[i, b, j] - layers.q[i - 1, a, j])
             node += nodes.units[j] * nodes.turns[j]
     path[0], report[0] = node, cost
     return breaks
