@@ -97,10 +97,13 @@ def boxes_that_lose(chain: SerialChain, goal: Goal, q: Array, rng: np.random.Gen
 
 
 def nearest_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.0) -> int:
-    """Ask for any pose, with the error of a joint vector as the ceiling; count boxes that lose it."""
+    """Ask for any pose, with any weights and the error of a joint vector as the ceiling; count boxes that lose it."""
     q = awkward_joints(chain, rng)
     T = fk(chain, q)
-    goal = goal_near(T, rng, 10.0 ** rng.uniform(-3, 0), 10.0 ** rng.uniform(-3, 0.3))
+    weights: Any = dict(
+        zip(("position_weight", "orientation_weight"), 10.0 ** rng.uniform(-1, 1, 2), strict=True)
+    )
+    goal = goal_near(T, rng, 10.0 ** rng.uniform(-3, 0), 10.0 ** rng.uniform(-3, 0.3), **weights)
     error = weighted_error(T, goal)
     problem = Problem(chain, goal)
     asked = error_question(problem, q, rng.choice([0.01, 0.99]), trust)
