@@ -350,7 +350,7 @@ class _FirstRunNotice(event.Listener):
         function = getattr(details.data.get("dispatcher"), "py_func", None)
         if not self.said and getattr(function, "__module__", "").startswith("kinseek."):
             _FirstRunNotice.said = True
-            notice("compiling kernels, once per machine and version (some twenty seconds) ...")
+            notice("compiling kernels, once per machine and version (up to some minutes) ...")
 
     def on_end(self, details: Any) -> None:
         """Do nothing."""
