@@ -90,7 +90,7 @@ def test_columns_may_stand_in_any_order_and_be_in_degrees(poses: Any, tmp_path: 
 def test_a_file_that_a_killed_process_left_is_not_in_the_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out, cut = tmp_path / "out.csv", []
+    out, cut = tmp_path / "out.csv", list[str]()
 
     def killed(*_: Any) -> None:
         cut.extend(each.name for each in tmp_path.iterdir())
