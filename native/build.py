@@ -30,7 +30,7 @@ import sysconfig
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -165,6 +165,34 @@ def _alone(work: Path) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def _alone_into(folder: Path) -> Iterator[None]:
+    """Let a second build into a folder wait for the first one, so that it keeps the rooms of that one's library."""
+    if fcntl is None:
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # NFS locks no folder.
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _put(new: Path, library: Path) -> None:
+    """Replace a library as a whole, even if another build does the same at this moment: not every system has locks."""
+    descriptor, name = tempfile.mkstemp(suffix=".new", prefix=f"{library.name}.", dir=library.parent)
+    os.close(descriptor)
+    try:
+        shutil.copyfile(new, name)
+        os.chmod(name, 0o755)  # Whatever the umask: nobody else may write to what every process loads.
+        os.replace(name, library)
+    except BaseException:  # Includes Ctrl-C.
+        os.unlink(name)
+        raise
+
+
 def _forget(work: Path) -> None:
     """Remove what no build has made or taken for a month; what these sources are made of counts as taken."""
     for level in {path.name.split(".")[1] for path in work.glob("*.names")}:
@@ -232,7 +260,12 @@ def build(folder: Path, levels: list[int] | None = None, rooms: Iterable[str] = 
     library = folder / f"_prebuilt{'.pyd' if os.name == 'nt' else '.abi3.so'}"
     if has_rooms(rooms_in(library, wanted), rooms):
         return library
-    with tempfile.TemporaryDirectory() as place, _alone(work := _objects(_cache(), place)):
+    folder.mkdir(parents=True, exist_ok=True)
+    with (
+        tempfile.TemporaryDirectory() as place,
+        _alone(work := _objects(_cache(), place)),
+        _alone_into(folder),
+    ):
         if has_rooms(there := rooms_in(library, wanted), rooms):  # Another build made it meanwhile.
             return library
         some = sorted({*rooms, *there}) if rooms else []
@@ -250,10 +283,7 @@ def build(folder: Path, levels: list[int] | None = None, rooms: Iterable[str] = 
         if platform.libc_ver()[0] == "glibc" and machine() in LEVELS:
             options += ["-DWRAP_POW", "-Wl,--wrap=pow"]  # See runtime.c.
         _run([compiler, *options, *sources, *objects, "-lm", "-o", str(new)])
-        folder.mkdir(parents=True, exist_ok=True)
-        new.chmod(0o755)  # Whatever the umask: nobody else may write to what every process loads.
-        shutil.copy2(new, folder / (library.name + ".new"))
-        os.replace(folder / (library.name + ".new"), library)
+        _put(new, library)
     return library
 
 
@@ -314,8 +344,7 @@ def _link_foreign(library: Path, target: Any, table: Path, objects: list[Path], 
     ]
     sources = [str(HERE / "door.c"), str(HERE / "runtime.c"), str(table)]
     _run([*zig, "cc", *options, *include, *sources, *map(str, objects), *against, "-lm", "-o", str(new)])
-    new.chmod(0o755)
-    shutil.copy2(new, library)
+    _put(new, library)
     return library
 
 

@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import types
+import uuid
 import warnings
 from pathlib import Path
 from typing import Any
@@ -84,6 +85,27 @@ def test_columns_may_stand_in_any_order_and_be_in_degrees(poses: Any, tmp_path: 
     out = tmp_path / "out.npy"
     assert run(["solve", "ur5e", "--batch", str(source), "--out", str(out), "--deg"]) == 0
     assert np.abs(kinseek.load("ur5e").fk(np.load(out)["q"]) - poses).max() < 5e-6
+
+
+def test_a_file_that_a_killed_process_left_is_not_in_the_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, cut = tmp_path / "out.csv", list[str]()
+
+    def killed(*_: Any) -> None:
+        cut.extend(each.name for each in tmp_path.iterdir())
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(files, "_write_csv", killed)
+        with pytest.raises(KeyboardInterrupt):
+            files.write_columns(out, {"a": np.zeros(1)}, [])
+    (tmp_path / cut[0]).touch()
+    files.write_columns(out, {"a": np.zeros(1)}, [])  # By a process of the same id, as in a container.
+    assert out.read_text() == "a\n0.0\n"
+    longest = tmp_path / f"{'a' * 251}.csv"
+    files.write_columns(longest, {"a": np.zeros(1)}, [])
+    assert longest.exists()
 
 
 def test_arrays_in_and_out(poses: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -609,9 +631,13 @@ def test_nothing_is_half_written(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.npy", out.name]
 
 
-def test_what_lies_in_the_way_stays(poses: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_lies_in_the_way_stays(
+    poses: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     np.save(tmp_path / "in.npy", poses)
-    other = tmp_path / f".out.npy.{os.getpid()}.part"
+    known = uuid.uuid4()
+    monkeypatch.setattr(uuid, "uuid4", lambda: known)
+    other = tmp_path / f".{known.hex}.part"
     other.write_text("not ours", encoding="utf-8")
     assert (
         run(["solve", "ur5e", "--batch", str(tmp_path / "in.npy"), "--out", str(tmp_path / "out.npy")]) == 2

@@ -7,6 +7,8 @@ import runpy
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -90,9 +92,10 @@ def test_what_is_made_for_two_machines_is_finished_for_both(tmp_path: Path) -> N
     assert not (one / "ks_a-1.1.taken").exists()
 
 
-def test_a_second_build_waits_for_the_first(tmp_path: Path) -> None:
+@pytest.mark.parametrize("lock", ["_alone", "_alone_into"])
+def test_a_second_build_waits_for_the_first(tmp_path: Path, lock: str) -> None:
     pytest.importorskip("fcntl")
-    order, alone = list[str](), BUILD["_alone"]
+    order, alone = list[str](), BUILD[lock]
 
     def second() -> None:
         with alone(tmp_path):
@@ -105,6 +108,63 @@ def test_a_second_build_waits_for_the_first(tmp_path: Path) -> None:
         order.append("first")
     waiting.join()
     assert order == ["first", "second"]
+
+
+def test_builds_that_do_not_wait_for_each_other_write_different_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The second one begins and ends in the middle of the first one.
+    library, put, replace = tmp_path / "_prebuilt.abi3.so", BUILD["_put"], os.replace
+    for name in ("first", "second"):
+        (tmp_path / name).write_text(name)
+
+    def slow(*names: Path) -> None:
+        monkeypatch.setattr(os, "replace", replace)
+        put(tmp_path / "second", library)
+        assert library.read_text() == "second"
+        replace(*names)
+
+    monkeypatch.setattr(os, "replace", slow)
+    put(tmp_path / "first", library)
+    assert library.read_text() == "first"
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_builds_with_different_objects_keep_the_rooms_of_each_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("fcntl")
+    build, library = BUILD["build"], tmp_path / "out" / "_prebuilt.abi3.so"
+    emitted = threading.Barrier(2)
+
+    def emit(work: Path, levels: list[int], known: object, rooms: list[str]) -> None:
+        with suppress(threading.BrokenBarrierError):  # Both are here at once only if neither waits.
+            emitted.wait(0.5)
+
+    def link(command: list[str]) -> None:
+        table = next(Path(word) for word in command if word.endswith("table.c"))
+        Path(command[-1]).write_text(table.read_text())
+
+    for name, each in {
+        "_emit_all": emit,
+        "_run": link,
+        "_objects": lambda keep, place: Path(place),
+        "_forget": lambda work: None,
+    }.items():
+        monkeypatch.setitem(build.__globals__, name, each)
+    with ThreadPoolExecutor(2) as pool:
+        for done in [pool.submit(build, tmp_path / "out", None, [room]) for room in ("arm", "paths")]:
+            done.result()
+    levels = list(BUILD["LEVELS"][BUILD["machine"]()])
+    assert BUILD["rooms_in"](library, levels) == {"arm", "paths"}
+
+
+def test_a_library_that_cannot_be_replaced_leaves_no_file(tmp_path: Path) -> None:
+    (tmp_path / "new").touch()
+    (library := tmp_path / "_prebuilt.abi3.so").mkdir()
+    with pytest.raises(OSError, match=library.name):
+        BUILD["_put"](tmp_path / "new", library)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [library.name, "new"]
 
 
 def test_what_nobody_took_for_a_month_is_forgotten(tmp_path: Path) -> None:

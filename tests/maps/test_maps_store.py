@@ -49,6 +49,34 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "_in_processes", one_by_one)
 
 
+FORKED = """
+import os, signal, sys
+import numpy as np
+import kinseek
+from kinseek import maps
+
+place = sys.argv[1]
+arm, grid = kinseek.load("scara4"), maps.Grid((-1, 1, 1), (-1, 1, 1), (-1, 1, 1), maps.orientations(4))
+maps.reach(arm, grid, store=place)
+dataset, T = maps.open(place), np.eye(4)
+maps.at(dataset, T)
+child = os.fork()
+if not child:
+    signal.alarm(20)
+    maps.at(dataset, T)
+    dataset.reached.values
+    os._exit(0)
+print(os.waitpid(child, 0)[1])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_child_forked_after_a_map_was_read_can_read_it(tmp_path: Path) -> None:
+    command = [sys.executable, "-W", "ignore", "-c", FORKED, str(tmp_path / "map.zarr")]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "0\n"
+
+
 @pytest.mark.slow
 def test_a_map_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = maps.reach(ARM, GRID, store=tmp_path / "whole.zarr", **SMALL)

@@ -505,7 +505,7 @@ def test_a_port_is_a_whole_number(port: Any) -> None:
         free_port("127.0.0.1", port)
 
 
-@pytest.mark.parametrize("host", ["203.0.113.7", "no such host.invalid", "\0"])
+@pytest.mark.parametrize("host", ["203.0.113.7", "no such host.invalid", "\0", "::ffff:127.0.0.1"])
 def test_a_host_is_an_address_of_this_machine(host: str) -> None:
     with pytest.raises(InvalidUse, match="host must be"):
         free_port(host, 8080)

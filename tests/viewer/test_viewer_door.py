@@ -130,6 +130,21 @@ def test_a_name_that_somebody_points_here_is_refused(host: str, shown: viewer.Vi
     assert b"for this machine alone" in text
 
 
+def test_another_name_of_loopback_is_for_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    resolve = socket.getaddrinfo
+
+    def with_alias(host: Any, *rest: Any, **options: Any) -> Any:
+        return resolve("127.0.0.1" if host == "Workshop" else host, *rest, **options)
+
+    monkeypatch.setattr(socket, "getaddrinfo", with_alias)
+    for host in ("LOCALHOST", "127.1", "Workshop"):
+        made = viewer.show(kinseek.load("planar2"), host=host, port=0, open_browser=False, block=False)
+        with made:
+            assert page(made.port, {"Host": f"evil.test:{made.port}"})[0] == 403, host
+            for name in (host.lower(), "127.0.0.1"):
+                assert page(made.port, {"Host": f"{name}:{made.port}"})[0] == 200, host
+
+
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST", "[::1]", "127.0.0.2"])
 def test_this_machine_is_let_in_by_any_of_its_names(host: str, shown: viewer.Viewer) -> None:
     with websocket(shown.port, host) as one:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
-import os
+import uuid
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -128,7 +128,8 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[Any]], joints: Seque
 def _whole(path: Path) -> Iterator[BinaryIO]:
     """Open a file that replaces `path` when it is complete; until then, and after a failure, nothing is changed."""
     # In the same folder, since only a file of the same file system can be replaced in one step.
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    # Process ids repeat in containers, and a process that was killed leaves its file.
+    part = path.with_name(f".{uuid.uuid4().hex}.part")
     file = part.open("xb")
     try:
         with file:

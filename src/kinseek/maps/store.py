@@ -12,6 +12,7 @@ import os
 import shlex
 import shutil
 import stat
+import sys
 import uuid
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -321,6 +322,18 @@ def _opened(path: str, inode: int, changed: int) -> Store:
         if group.metadata.zarr_format != 3:  # Zarr itself believes what zarr.json says of the format.
             raise ValueError("it is of Zarr format 2, which can hold pickles")
         return Store(group, path)
+
+
+def _forget_threads() -> None:
+    """Let a forked child start threads of its own: Dask would wait for those of the parent, which the child has not got."""
+    threaded: Any = sys.modules.get("dask.threaded")
+    if threaded is not None:
+        threaded.default_pool = None
+        threaded.pools.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_threads)
 
 
 @contextmanager

@@ -17,7 +17,6 @@ from kinseek.arm import Arm
 from kinseek.errors import InvalidUse
 from kinseek.printable import printable
 
-from .door import is_loopback
 from .server import Viewer, browser_here, open_page
 
 __all__ = ["Viewer", "show"]
@@ -80,7 +79,7 @@ def _announce(viewer: Viewer, open_browser: bool, share: bool) -> None:
         )
     if viewer.requested_port not in (0, viewer.port):
         print(f"Port {viewer.requested_port} is taken, so it is {viewer.port}.")
-    if not is_loopback(viewer.host):
+    if not viewer.alone:
         print(f"Everyone who reaches {viewer.host} can use this page.")
     opened = open_page(viewer.url) if open_browser else False
     print(

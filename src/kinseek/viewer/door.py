@@ -61,12 +61,13 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-def refusal(headers: Any, alone: bool) -> str:
+def refusal(headers: Any, alone: bool, name: str = "localhost") -> str:
     """Return why a request is rejected; empty if it is accepted.
 
     Args:
         headers: Headers of the request, as websockets returns them.
-        alone: Does the server listen for this machine only? Then the host must be a name of it.
+        alone: Does the server listen for this machine only? Then the host must be a loopback address or a name of it.
+        name: The name of this machine with which the server was started.
     """
     hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
     # With two Host headers, another reader of the request may use the other one.
@@ -75,7 +76,8 @@ def refusal(headers: Any, alone: bool) -> str:
         return "The request does not say to which host it goes."
     # Against DNS rebinding: another site may give its name the address of this machine, and its pages then pass the check
     # of `Origin`.
-    if alone and not is_loopback(host[1].strip("[]").lower()):
+    requested = host[1].strip("[]").lower()
+    if alone and requested != name.lower() and not is_loopback(requested):
         return "This page is for this machine alone: open it at 127.0.0.1 or localhost."
     if len(origins) > 1 or (origins and not _is_of(origins[0], host)):
         return "The request comes from a page of another site."
@@ -104,14 +106,15 @@ def _is_of(origin: str, host: re.Match[str]) -> bool:
 class Door:
     """The access control in front of a viser server."""
 
-    def __init__(self, alone: bool, anyone: bool = False) -> None:
+    def __init__(self, alone: bool, name: str, anyone: bool = False) -> None:
         """Set who has access.
 
         Args:
             alone: Does the server listen for this machine only?
+            name: The host with which it was started.
             anyone: Accept all requests, because they come through a relay?
         """
-        self._alone, self._anyone = alone, anyone
+        self._alone, self._name, self._anyone = alone, name, anyone
         self._there = False
 
     def put_before(self, server: Any) -> None:
@@ -152,7 +155,7 @@ class Door:
 
         def checked(connection: Any, request: Any) -> Any:
             # Before viser handles the request, so that a rejected page learns nothing.
-            why = "" if self._anyone else refusal(request.headers, self._alone)
+            why = "" if self._anyone else refusal(request.headers, self._alone, self._name)
             if names_a_server(request.path):
                 why = why or "This page connects to its own server only."
             if why:

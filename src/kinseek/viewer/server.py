@@ -60,8 +60,10 @@ class Viewer:
                     door.put_before(value)
                 super().__setattr__(name, value)
 
-        door = Door(is_loopback(host), share)
         free = free_port(host, port)
+        self.alone = is_loopback(_address(host, free)[1][0])
+        """Can only this machine reach the page? A loopback address has other spellings and names, such as 127.1."""
+        door = Door(self.alone, host, share)
         self.arm = arm
         self.meshes = meshes_of(arm.axes, packages)
         self._session = Session(arm)
@@ -128,7 +130,7 @@ class Viewer:
     @property
     def url(self) -> str:
         """Address of the page, for a browser on this machine."""
-        anywhere = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
+        anywhere = {"": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
         return f"http://{f'[{anywhere}]' if ':' in anywhere else anywhere}:{self.port}"
 
     def stop(self) -> None:
@@ -173,20 +175,16 @@ def free_port(host: str, port: int) -> int:
         InvalidUse: Not a port, not an address of this machine, or none is free.
     """
     port = as_integer("port, of which 0 is any free one,", port, 0, 65535, InvalidUse)
-    try:
-        family, *_, address = socket.getaddrinfo(
-            host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )[0]
-    except (OSError, UnicodeError) as error:
-        raise InvalidUse(
-            f"host must be an address of this machine such as 127.0.0.1, got {host!r}: {error}"
-        ) from None
+    family, address = _address(host, port)
     for number in range(port, min(port + PORTS, 65536)):
         with socket.socket(family, socket.SOCK_STREAM) as trial:
             # As asyncio's servers do: the port of a server that has just ended is free again. On Windows the option
             # would share a port that is in use.
             if os.name == "posix":
                 trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            # They accept no IPv4 addresses in the form of IPv6, and viser waits forever for a server that cannot start.
+            if family == socket.AF_INET6:
+                trial.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
             try:
                 trial.bind((address[0], number, *address[2:]))
                 trial.listen(1)
@@ -202,6 +200,23 @@ def free_port(host: str, port: int) -> int:
                 ) from None
             return number
     raise InvalidUse(f"no port from {port} to {min(port + PORTS, 65536) - 1} is free; choose another")
+
+
+def _address(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
+    """Return the family and the address of a host.
+
+    Raises:
+        InvalidUse: It has none.
+    """
+    try:
+        family, *_, address = socket.getaddrinfo(
+            host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+    except (OSError, UnicodeError) as error:
+        raise InvalidUse(
+            f"host must be an address of this machine such as 127.0.0.1, got {host!r}: {error}"
+        ) from None
+    return family, address
 
 
 def browser_here() -> bool:
