@@ -41,8 +41,10 @@ except ImportError:  # Windows.
 
 HERE = Path(__file__).resolve().parent
 SOURCE = HERE.parent / "src"
-TARGETS: dict[str, Any] = runpy.run_path(str(HERE / "targets.py"))["TARGETS"]
-LEVELS: dict[str, dict[int, str]] = runpy.run_path(str(HERE / "targets.py"))["LEVELS"]
+MACHINES: dict[str, Any] = runpy.run_path(str(HERE / "targets.py"))
+TARGETS: dict[str, Any] = MACHINES["TARGETS"]
+LEVELS: dict[str, dict[int, str]] = MACHINES["LEVELS"]
+COMPILING: dict[str, str] = MACHINES["COMPILING"]
 OUTSIDE: dict[str, Any] = runpy.run_path(str(HERE / "outside.py"))
 SOURCES: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "kernels" / "sources.py"))
 ALL: str = SOURCES["ALL"]
@@ -136,15 +138,13 @@ def has_rooms(there: set[str], rooms: Iterable[str]) -> bool:
 
 def made_of(levels: list[int]) -> str:
     """What a library for some levels is made of: the kernels, and what stands in this folder."""
-    return f"kinseek kernels {source_digest()} by {_own_digest()} levels {' '.join(map(str, levels))}"
+    own = _digest_of(*sorted(path.name for path in HERE.glob("*.[cph]*")))
+    return f"kinseek kernels {source_digest()} by {own} levels {' '.join(map(str, levels))}"
 
 
-def _own_digest() -> str:
-    """Of what stands in this folder."""
-    own = hashlib.sha256()
-    for path in sorted(HERE.glob("*.[cph]*")):
-        own.update(path.read_bytes())
-    return own.hexdigest()[:16]
+def _digest_of(*names: str) -> str:
+    """Of some files of this folder."""
+    return hashlib.sha256(b"".join((HERE / name).read_bytes() for name in names)).hexdigest()[:16]
 
 
 def _cache() -> str:
@@ -213,7 +213,9 @@ def _objects(keep: str | Path | None, place: str) -> Path:
     """
     if not keep:
         return Path(place)
-    name = f"{_own_digest()}-{importlib.metadata.version('numba')}-{importlib.metadata.version('llvmlite')}"
+    versions = [importlib.metadata.version(each) for each in ("numba", "llvmlite")]
+    # Objects do not depend on this file, nor on the door.
+    name = "-".join([_digest_of("emit.py", "targets.py"), *versions])
     try:
         work: Path = PRIVATE["private_folder"](Path(keep), name)
         for path in work.rglob("*"):
@@ -352,8 +354,8 @@ def _emit_foreign(work: Path, targets: list[str]) -> None:
     """Have everything lowered once, and machine code made for every target."""
     places = [(work / name, level) for name in targets for level in TARGETS[name].levels]
     _take_up(places, [])
-    asked = {"NUMBA_OPT": "0", "NUMBA_CPU_NAME": "generic", "PYTHONWARNINGS": "ignore"}
-    running = _start([str(work), *targets], _environment(work, asked), os.cpu_count() or 1)
+    environment = _environment(work, MACHINES["COMPILING_FOR_OTHERS"])
+    running = _start([str(work), *targets], environment, os.cpu_count() or 1)
     _wait(running, places, [])
 
 
@@ -379,15 +381,11 @@ def _environment(work: Path, asked: dict[str, str]) -> dict[str, str]:
     return (
         os.environ
         | {
-            "KINSEEK_JIT": "1",
-            "NUMBA_CPU_FEATURES": "",
-            "NUMBA_DISABLE_JIT": "0",
             "NUMBA_CACHE_DIR": str(work / "cache"),
             # A build in an environment of its own finds Numba by this path too.
             "PYTHONPATH": os.pathsep.join(filter(None, (str(SOURCE), os.environ.get("PYTHONPATH")))),
-            "PYTHONDONTWRITEBYTECODE": "1",
-            "PYTHONHASHSEED": "0",  # Else sets of Numba have another order each time, and so has the code.
         }
+        | COMPILING
         | asked
     )
 

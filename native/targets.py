@@ -10,6 +10,18 @@ LEVELS = {
 }
 """Names that LLVM has for the levels of each kind of processor."""
 
+COMPILING = {
+    "KINSEEK_JIT": "1",
+    "NUMBA_CPU_FEATURES": "",
+    "NUMBA_DISABLE_JIT": "0",
+    "PYTHONDONTWRITEBYTECODE": "1",
+    "PYTHONHASHSEED": "0",  # Else sets of Numba have another order each time, and so has the code.
+}
+"""Environment of a process that compiles, for this machine."""
+
+COMPILING_FOR_OTHERS = {"NUMBA_OPT": "0", "NUMBA_CPU_NAME": "generic", "PYTHONWARNINGS": "ignore"}
+"""What is added to it, or replaced, for other machines."""
+
 
 @dataclass(frozen=True)
 class Target:

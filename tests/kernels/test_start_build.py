@@ -236,7 +236,7 @@ def test_objects_are_kept_apart_for_each_compiler(tmp_path: Path) -> None:
     assert objects("", str(tmp_path)) == tmp_path
     kept = objects(str(tmp_path), "elsewhere")
     assert kept.is_dir()
-    assert BUILD["_own_digest"]() in kept.name
+    assert BUILD["_digest_of"]("emit.py", "targets.py") in kept.name
     assert objects(tmp_path, "elsewhere") == kept
 
 
