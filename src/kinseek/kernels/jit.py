@@ -90,11 +90,6 @@ def noinline(function: Callable[P, R]) -> Callable[P, R]:
     return _compiled(function, no_cpython_wrapper=True)
 
 
-def ir_inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """Inline a long function into the one kernel that calls it before compilation, which saves compiling it separately."""
-    return _compiled(function, inline="always")
-
-
 def exact(function: Callable[P, R]) -> Callable[P, R]:
     """Compile an inner kernel that never fuses a product with a sum.
 

@@ -11,7 +11,7 @@ from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
 from kinseek.kernels.arm.range_error import range_weighted
 from kinseek.kernels.arrays import Array, GoalArrays, Limits
-from kinseek.kernels.jit import inlined, ir_inlined
+from kinseek.kernels.jit import inlined
 from kinseek.kernels.pointers import call, routine
 
 from . import descent, seeds
@@ -108,7 +108,7 @@ def ending_routine(job: Job, target: Target) -> int:
     return spent
 
 
-@ir_inlined
+@inlined
 def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, steps: int) -> int:
     """Minimise the weighted error from the eight best by a number of reweighted steps; return FK evaluations.
 
@@ -177,7 +177,7 @@ def walk_down(task: Task, scratch: Scratch, target: Array, row: int) -> int:
     return spent
 
 
-@ir_inlined
+@inlined
 def polish(job: Job, task: Task, scratch: Scratch, target: Array) -> int:
     """Minimise the weighted error from the eight best; return FK evaluations.
 
@@ -237,7 +237,7 @@ def promise(task: Task) -> float:
     return limit
 
 
-@ir_inlined
+@inlined
 def look_around(job: Job, task: Task, scratch: Scratch, target: Array) -> int:
     """Reach the best pose found from other starts, one of which may lead to a better pose; return FK evaluations.
 

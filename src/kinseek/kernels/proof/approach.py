@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kinseek.kernels.arm.division import TURN, nearest_copy
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.jit import inlined, ir_inlined
+from kinseek.kernels.jit import inlined
 
 from .box import LEAST, BoxScratch, Form, ProofGoal, place, turn_goal
 from .last_joint import best_roll
@@ -45,7 +45,7 @@ def complete(question: Question, scratch: BoxScratch, q: Array) -> None:
         q[i] = min(max(value, lower), upper)
 
 
-@ir_inlined
+@inlined
 def approach(question: Question, scratch: BoxScratch, steps: int, q: Array) -> None:
     """Make Gauss-Newton steps from the middle of the box; write the resulting joint values, (n,), within the limits."""
     form, proof_goal, chain = question.form, question.proof_goal, question.chain

@@ -7,7 +7,7 @@ import math
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import inlined, ir_inlined
+from kinseek.kernels.jit import inlined
 
 from .approach import complete
 from .box import turn_goal, widths
@@ -90,7 +90,7 @@ def improve(error: float, tuning: Tuning, figures: Array) -> None:
     figures[UPPER], figures[CEILING] = error, (1.0 - tuning.gap) * error
 
 
-@ir_inlined
+@inlined
 def enclose(
     question: Question, tuning: Tuning, memory: Memory, work: SearchScratch, first: float
 ) -> tuple[bool, float]:

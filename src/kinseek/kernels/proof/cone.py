@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from kinseek.kernels.arm.vectors import column, dot
-from kinseek.kernels.jit import inlined, ir_inlined
+from kinseek.kernels.jit import inlined
 
 from .box import TINY, BoxScratch, Form, ProofGoal, place, turn_goal, widths
 from .form import Expansion, Slacks, cut_box, sizes, touch, weigh
@@ -32,7 +32,7 @@ def steepness(form: Form, scratch: BoxScratch) -> None:
         scratch.slope[form.leader[k]] -= form.multiplier[k] * slope
 
 
-@ir_inlined
+@inlined
 def separate_cone(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes: int) -> bool:
     """Look for a form that separates the box from the goal's point and cone; cut the box; return False if nothing is left.
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arm.vectors import column, norm, plus, scaled
-from kinseek.kernels.jit import inlined, ir_inlined
+from kinseek.kernels.jit import inlined
 
 from .box import TINY, BoxScratch, Form, ProofGoal, rounding, turn_goal, widths
 from .dual import gain_of_side, support
@@ -86,7 +86,7 @@ def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> Expansion:
     return Expansion(middle, seen, three_b)
 
 
-@ir_inlined
+@inlined
 def underestimate(
     form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float
 ) -> tuple[bool, float]:
@@ -110,7 +110,7 @@ def underestimate(
     return True, bound
 
 
-@ir_inlined
+@inlined
 def separate(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes: int) -> bool:
     """Look for a form that separates box and tolerances; cut the box where it excludes an end; False if nothing is left.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from kinseek.kernels.jit import ir_inlined
+from kinseek.kernels.jit import inlined
 
 from .bounds import wide
 from .box import BoxScratch
@@ -22,7 +22,7 @@ STEPS = 8
 0.5 % fewer boxes. Not examined further."""
 
 
-@ir_inlined
+@inlined
 def exclude(question: Question, scratch: BoxScratch, passes: int) -> tuple[bool, bool]:
     """Cut off the parts of the current box that miss a tolerance, to second order.
 

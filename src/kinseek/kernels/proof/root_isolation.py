@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kinseek.kernels.jit import inlined, ir_inlined
+from kinseek.kernels.jit import inlined
 
 from .approach import step
 from .box import BoxScratch, rounding, short_way
@@ -67,7 +67,7 @@ def inside(scratch: BoxScratch, places: Places, begin: int, end: int, width: flo
     return -1
 
 
-@ir_inlined
+@inlined
 def admit(question: Question, memory: Memory, work: SearchScratch) -> None:
     """Create a neighbourhood around the solution in ``work.trial`` unless the solution is in another one."""
     form, proof_goal, places, counts = question.form, question.proof_goal, memory.places, memory.counts

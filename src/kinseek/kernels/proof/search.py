@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
-from kinseek.kernels.jit import entry, inlined, ir_inlined
+from kinseek.kernels.jit import entry, inlined
 
 from . import progress
 from .approach import approach
@@ -111,7 +111,7 @@ def search(call: Call, question: Question, tuning: Tuning, memory: Memory, work:
                 return progress.FOUND
 
 
-@ir_inlined
+@inlined
 def next_trial(call: Call, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch) -> int:
     """Process boxes until steps from the middle of one lead to joint values worth judging, and write these to `work`.
 
