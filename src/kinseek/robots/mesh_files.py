@@ -1,7 +1,7 @@
 """Limits for mesh files: which formats are read, and how large their unpacked content may be.
 
-`stl`, `obj` and `ply` read their formats. trimesh reads the others, and trusts the sizes that a file declares. So this module
-adds up the declared sizes before trimesh reads the file: a few bytes must not become gigabytes.
+`stl`, `obj` and `ply` read their formats. trimesh reads the others, and trusts the sizes that a file declares. So this
+module adds up the declared sizes before trimesh reads the file: a few bytes must not become gigabytes.
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ MOST_LINE = 2**16
 MOST_JSON = 2**22
 """Most bytes of the description at the beginning of a GLB file."""
 MOST_LINES = 2**22
-"""Most lines of OBJ and text PLY, and vertices with normals of text STL. An empty line takes as much memory as a full one."""
+"""Most lines of OBJ and text PLY, and vertices with normals of text STL. An empty line takes as much memory as a full
+one."""
 MOST_HEADER = 1_000
 """Most lines in the header of PLY."""
 MOST_PROPERTIES = 256

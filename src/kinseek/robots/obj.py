@@ -70,7 +70,7 @@ def read(text: bytes, take: Callable[[Size], None]) -> tuple[list[Body], list[st
             indices = [*map(int, face[form].replace(b"/", b" ").split())]
             step = _WIDTHS[form - 1]
             own, other = indices[::step], indices[1::step] if form in _TEXTURED else []
-            if b"-" in face[form]:
+            if b"-" in face[form] or 0 in other:  # 0 stands for no texture here.
                 own = _absolute(own, len(widths), number, line)
                 other = _absolute(other, len(textures) // 2, number, line)
             corners.extend(own)
