@@ -1,8 +1,7 @@
 """Limits for mesh files: which formats are read, and how large their unpacked content may be.
 
-trimesh chooses a reader by the extension of a file, archives among them, and trusts the sizes that a file declares. So this
-module lists the extensions, and adds up the declared sizes before trimesh reads the file: a few bytes must not become
-gigabytes.
+`stl`, `obj` and `ply` read their formats. trimesh reads the others, and trusts the sizes that a file declares. So this
+module adds up the declared sizes before trimesh reads the file: a few bytes must not become gigabytes.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ import json
 import re
 import struct
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
 from math import prod
@@ -37,10 +36,12 @@ from .collada import (
 )
 from .files import file_bytes
 
+ENDINGS = ("dae", "glb", "obj", "ply", "stl")
+"""Extensions of the formats that are read, without the dot."""
 MOST_BODIES = 10_000
 """Most bodies of one file: each takes some kilobytes, however few triangles it has."""
 MOST_GROUPS = 1_000
-"""Most solids of text STL and materials of OBJ: trimesh counts up from 1 to find a free name for each."""
+"""Most materials of OBJ, each of which is a body."""
 LEAST_BODIES = 4
 """Least number of bodies that a file counts as, in the budget of a robot: reading a file takes as long as some eight
 bodies."""
@@ -48,8 +49,6 @@ MOST_REPEATED = 2**26
 """Most bytes of files that are read again because a robot refers to them more than once."""
 MOST_STEPS = 100_000
 """Most steps from the nodes of a file to its root, added up."""
-MOST_MASKED = 2**30
-"""Largest product of lines and materials of OBJ: each body has a mask over all vertices."""
 MOST_NAMES = 1_000
 """Most references of a mesh to other files; two references to one file count twice."""
 MOST_PIXELS = 2**26
@@ -61,14 +60,14 @@ MOST_LINE = 2**16
 MOST_JSON = 2**22
 """Most bytes of the description at the beginning of a GLB file."""
 MOST_LINES = 2**22
-"""Most lines of OBJ and text PLY, and vertices with normals of text STL. An empty line takes as much memory as a full one,
-up to 400 bytes."""
+"""Most lines of OBJ and text PLY, and vertices with normals of text STL. An empty line takes as much memory as a full
+one."""
 MOST_HEADER = 1_000
 """Most lines in the header of PLY."""
 MOST_PROPERTIES = 256
-"""Most properties in the header of PLY: 1,000 lists take trimesh ten seconds, whatever they contain."""
+"""Most properties in the header of PLY."""
 MOST_VALUES = 3 * 2**22
-"""Most values of text PLY, rows times properties: trimesh may create an array of some 130 bytes for each."""
+"""Most values of text PLY, rows times properties."""
 MOST_CORNERS = 3 * 2**22
 """Most triangle corners of COLLADA and GLB, with each instance counted, and of all meshes of a robot. Larger meshes can be
 read as binary STL or PLY."""
@@ -79,45 +78,12 @@ MOST_COLUMNS = 4
 MOST_SHARED = 2**27
 """Most bytes of a GLB file that bodies may share; each body has its own copy in memory."""
 
-_LINE_ENDS = (
-    *(bytes([each]) for each in b"\n\r\v\f\x1c\x1d\x1e"),
-    b"\xc2\x85",
-    b"\xe2\x80\xa8",
-    b"\xe2\x80\xa9",
-)
-"""Line ends of `str.splitlines`, in UTF-8."""
-_LINE_START = re.compile(rb"^[ \t]*(vt|vn|v|f|usemtl)[ \t]+", re.MULTILINE)
-"""Beginning of a line of OBJ that is read, with its keyword."""
-_FACE = re.compile(rb"^f [^\n]*", re.MULTILINE)
-"""A face of OBJ."""
-_NO_FACE = re.compile(rb"^f(?:[ \t]+[^ \t\n]+){0,2}[ \t]*$", re.MULTILINE)
-"""A face of OBJ with fewer than three corners."""
-_NO_TRIANGLES = re.compile(rb"^[ \t]*(surf|call|fo|bzp|cdp|bsp)[ \t]", re.MULTILINE)
-"""A line of OBJ that is a surface of another kind, or that includes another file."""
-_BREAK = re.compile(rb"[\0\v\f]")
-"""A character of OBJ that ends a line for some readers and not for trimesh, which would skip a vertex after it."""
-_FACET = re.compile(rb"^[ \t]*facet\b", re.MULTILINE)
-"""Beginning of a triangle of text STL, in lower case."""
-_NO_INDEX = re.compile(rb"^f[^\n]*?[ \t/](-[0-9]*|0+|(?<=[ \t])/[^ \t\n]*)(?=[ \t\r\n/]|\Z)", re.MULTILINE)
-"""A face of OBJ with an index that does not count from 1 on, or a corner without one, up to that."""
 _COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of one number of a GLB accessor, by its component type."""
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 """Numbers in one item of it, by its name."""
 _FLOAT = 5126
 """The code of numbers with a point, of which positions are."""
-_PLY_TYPES = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
-    **{"int64": "i8", "uint64": "u8", "float16": "f2"},
-}
-"""Types of numbers in PLY."""
 _MODES = {0: "points", 1: "lines", 4: "triangles", 5: "a strip of triangles"}
 """Of GLB bodies: trimesh passes over others, and over the place of a node that has no other body."""
 _STRIP = 5
@@ -139,67 +105,7 @@ _IMAGES = ("BMP", "GIF", "JPEG", "PNG", "TIFF", "WEBP")
 """Image formats that are decoded: other formats start programs, or are not used for textures."""
 
 
-def require_mesh(path: Path, text: bytes) -> Size:
-    """Check that a file is a mesh, and that its unpacked content is not much larger than the file.
-
-    Returns:
-        Size of the unpacked content.
-
-    Raises:
-        InvalidRobot: The extension is not supported, or the file has too many bodies, lines, corners or bytes.
-    """
-    try:
-        return CHECKS[ending(path)](text)
-    except InvalidRobot as error:
-        raise InvalidRobot(f"{str(path)!r}: {error}") from None
-    except Exception as error:  # A broken file may cause any exception in the checks.
-        raise_of_handler(error)
-        raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from None
-
-
-def readable(kind: str, text: bytes) -> bytes:
-    """Convert a text format such that the checks and trimesh read the same characters.
-
-    Text becomes UTF-8: trimesh guesses any other encoding, also one in which no byte has the value of an ASCII line end. In
-    OBJ, each line begins with its keyword and one space, otherwise trimesh skips it; and indices are absolute.
-    """
-    if kind == "obj":
-        return _absolute(_LINE_START.sub(rb"\1 ", _joined(_utf8(text))))
-    return _utf8(text) if kind == "stl" and not _is_binary_stl(text) else text
-
-
-def _joined(text: bytes) -> bytes:
-    """End all lines of OBJ alike, and join those that end with a backslash to the next one."""
-    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\\\n", b"")
-
-
-def _absolute(text: bytes) -> bytes:
-    """Replace negative indices of OBJ, which count back from the last vertex before the face: trimesh counts from the end.
-
-    Indices that name no vertex before the face stay as they are, for `_obj` to reject.
-    """
-    if _NO_INDEX.search(text) is None:
-        return text
-    before = {b"v": 0, b"vt": 0, b"vn": 0}
-
-    def absolute(corner: bytes) -> bytes:
-        indices = corner.split(b"/")
-        for place, (index, count) in enumerate(zip(indices, before.values(), strict=False)):
-            if re.fullmatch(rb"-[0-9]{1,18}", index) and 0 < -int(index) <= count:
-                indices[place] = b"%d" % (count + 1 + int(index))
-        return b"/".join(indices)
-
-    lines = text.split(b"\n")
-    for number, line in enumerate(lines):
-        word = line.partition(b" ")[0]
-        if word in before:
-            before[word] += 1
-        elif word == b"f":
-            lines[number] = b" ".join(map(absolute, line.split()))
-    return b"\n".join(lines)
-
-
-def _utf8(text: bytes) -> bytes:
+def utf8(text: bytes) -> bytes:
     """Return UTF-8 without a byte order mark, which would hide the first keyword; convert anything else from Latin-1."""
     try:
         text.decode()
@@ -215,8 +121,8 @@ def ending(path: Path) -> str:
         InvalidRobot: The extension is not supported.
     """
     found = path.suffix[1:].lower()
-    if found not in CHECKS:
-        *first, last = (f".{each}" for each in sorted(CHECKS))
+    if found not in ENDINGS:
+        *first, last = (f".{each}" for each in ENDINGS)
         raise InvalidRobot(
             f"{str(path)!r} is not read as a mesh: the name must end in {', '.join(first)} or {last}"
         )
@@ -281,18 +187,15 @@ class Budget:
         if min(self.bodies_left, self.corners_left) < 0:
             raise InvalidRobot("the meshes before it and this one have too many bodies or triangles together")
 
-    def copy(self, scene: Any) -> list[Any]:
-        """Create the bodies of a scene, each with a copy of its images.
+    def take_images(self, bodies: Iterable[Any]) -> None:
+        """Subtract the pixels of the images of bodies; an image counts for each body that has it.
 
         Raises:
             InvalidRobot: The images have too many pixels.
         """
-        shown = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
-        pixels = sum(_pixels_of(getattr(each, "visual", None)) for each in shown)
-        _at_most(pixels, self.pixels_left, "pixels in the images of its bodies")
+        pixels = sum(_pixels_of(getattr(each, "visual", None)) for each in bodies)
+        at_most(pixels, self.pixels_left, "pixels in the images of its bodies")
         self.pixels_left -= pixels
-        bodies: list[Any] = scene.dump()
-        return bodies
 
 
 def _pixels_of(visual: Any) -> int:
@@ -317,7 +220,7 @@ class Beside:
                 before.
         """
         self._names += 1
-        _at_most(self._names, MOST_NAMES, "names of other files")
+        at_most(self._names, MOST_NAMES, "names of other files")
         named = name.strip().replace("\\", "/")
         places = [(self._folder / each).resolve() for each in (named, named.rpartition("/")[2])]
         found = next((each for each in places if each.is_relative_to(self._folder) and each.is_file()), None)
@@ -327,12 +230,12 @@ class Beside:
         self._left -= len(text)
         pixels = _pixels(text)
         self._pixels += pixels
-        _at_most(self._pixels, MOST_PIXELS, "pixels in its images")
+        at_most(self._pixels, MOST_PIXELS, "pixels in its images")
         if pixels:
             return text
-        text = _utf8(text)
-        _at_most(_lines(text), MOST_LINES, "lines")
-        _at_most(text.lower().count(b"newmtl"), MOST_BODIES, "materials")
+        text = utf8(text)
+        at_most(len(text.splitlines()), MOST_LINES, "lines")
+        at_most(text.lower().count(b"newmtl"), MOST_BODIES, "materials")
         return text
 
     __getitem__ = get
@@ -362,217 +265,16 @@ def _pixels(text: bytes) -> int:
     return count
 
 
-def _at_most(count: int, most: int, noun: str) -> None:
+def at_most(count: int, most: int, noun: str) -> None:
+    """Reject more of something than a mesh may have."""
     if count > most:
         raise InvalidRobot(f"{count:,} {noun}, expected at most {most:,}: a mesh of an arm is smaller")
-
-
-def _stl(text: bytes) -> Size:
-    if _is_binary_stl(text):
-        return Size(1, 0, (len(text) - 84) // 50)
-    lower = text.lower()
-    solids, vertices = lower.count(b"endsolid"), lower.count(b"vertex")
-    lines = vertices + lower.count(b"normal")
-    _at_most(solids, MOST_GROUPS, "solids")
-    _at_most(lines, MOST_LINES, "vertices and normals")
-    facets = sum(1 for _ in _FACET.finditer(lower))
-    if vertices % 3 or facets not in (0, vertices // 3):
-        raise InvalidRobot(f"it has {vertices:,} vertices in {facets:,} facets, expected three in each")
-    return Size(solids, lines, vertices // 3)
-
-
-def _is_binary_stl(text: bytes) -> bool:
-    """Return whether a file has the length that it declares; otherwise trimesh reads it as text."""
-    return len(text) >= 84 and len(text) == 84 + 50 * struct.unpack_from("<I", text, 80)[0]
-
-
-def _obj(text: bytes) -> Size:
-    lines = _lines(text)
-    _at_most(lines, MOST_LINES, "lines")
-    joined = _joined(text) + b"\n"
-    if found := _BREAK.search(joined):
-        raise InvalidRobot(
-            f"it has the character {found[0].decode()!r}, which is a line end to some readers; end lines with '\\n'"
-        )
-    whole = np.frombuffer(joined, dtype=np.uint8)
-    _at_most(int(np.diff(np.flatnonzero(whole == ord("\n")), prepend=-1).max()), MOST_LINE, "bytes in a line")
-    materials = len(set(re.findall(rb"usemtl[^\n]*", joined)))
-    _at_most(materials, MOST_GROUPS, "materials")
-    _at_most(lines * materials, MOST_MASKED, "lines times materials")
-    if found := _NO_INDEX.search(joined):
-        raise InvalidRobot(
-            f"a face has the index {found[1].decode()}, expected one from 1 on, or a negative one that counts back from the "
-            f"last vertex before the face: {found[0].decode(errors='replace')!r:.100}"
-        )
-    if found := _NO_FACE.search(joined):
-        raise InvalidRobot(f"a face has fewer than three corners: {found[0].decode(errors='replace')!r:.100}")
-    if found := _NO_TRIANGLES.search(joined):
-        raise InvalidRobot(
-            f"it has a line {found[1].decode()!r}, which is not read; write surfaces as faces, in one file"
-        )
-    faces = _FACE.findall(joined)
-    words = count_words(b"\n".join(faces).decode("latin-1"))
-    return Size(
-        materials, lines, words - 3 * len(faces)
-    )  # Each line has a keyword, and two triangles fewer than corners.
-
-
-def _ply(text: bytes) -> Size:
-    """Check the header word by word, as trimesh reads it, and reject declarations that trimesh would trust."""
-    (_, form, *header), begin = _ply_header(text)
-    if form[0] != "format":  # trimesh takes the second line as the format, whatever it is.
-        raise InvalidRobot(f"its second line is {' '.join(form)!r:.100}, expected the format")
-    is_text = "ascii" in " ".join(form).lower()
-    if is_text:
-        _at_most(_lines(text), MOST_LINES, "lines")
-    elements = dict[str, _Element]()
-    name, properties, values = "", 0, 0
-    for words in header:
-        if "element" in words[0]:
-            if len(words) != 3 or re.fullmatch("[0-9]{1,18}", words[2]) is None:
-                raise InvalidRobot(
-                    f"its header has {' '.join(words)!r}, expected an element with a name and a count"
-                )
-            name = words[1]
-            if name == "edge":
-                raise InvalidRobot("it has edges that belong to no triangle; remove them")
-            if name in ("tristrips", "trifans"):
-                raise InvalidRobot(f"it has {name}, expected the element face; write each triangle as a face")
-            if name in elements:
-                raise InvalidRobot(f"it has two elements {name!r:.100}, expected one; write them as one")
-            elements[name] = _Element(int(words[2]), [])
-        elif "property" in words[0]:
-            if not elements:
-                raise InvalidRobot("its header has a property before the first element")
-            properties, values = properties + 1, values + elements[name].rows
-            if name == "vertex" and "list" in words[1]:  # trimesh copies it for each corner of a triangle.
-                raise InvalidRobot("its vertices have lists; remove them")
-            if words[-1] in (other[-1] for other in elements[name].properties):
-                raise InvalidRobot(
-                    f"its element {name!r:.100} has two properties {words[-1]!r:.100}, expected one"
-                )
-            elements[name].properties.append(words[1:])
-    _at_most(properties, MOST_PROPERTIES, "properties in its header")
-    if not is_text:
-        return Size(1, 0, _triangles_of_bytes(text, begin, elements, "big" in " ".join(form).lower()))
-    _at_most(values, MOST_VALUES, "values")
-    triangles = _triangles_of_lines(text[begin:].decode().splitlines(), elements)
-    return Size(1, max(values, _lines(text)), triangles)
-
-
-class _Element(NamedTuple):
-    """An element of PLY."""
-
-    rows: int
-    properties: list[list[str]]
-    """Words of each: the type and the name; or ``list``, the types of the count and of the numbers, and the name."""
-
-    def corners(self) -> int:
-        """Return which property is the corners of faces.
-
-        Raises:
-            InvalidRobot: None is, or several are.
-        """
-        named = [
-            n for n, words in enumerate(self.properties) if words[-1] in ("vertex_index", "vertex_indices")
-        ]
-        named = named or ([0] if len(self.properties) == 1 else [])
-        if len(named) != 1 or self.properties[named[0]][0] != "list":
-            raise InvalidRobot("its faces must have one list of corners, vertex_index or vertex_indices")
-        return named[0]
-
-
-def _triangles_of_lines(lines: list[str], elements: Mapping[str, _Element]) -> int:
-    """Count the triangles of text PLY, and check that each face has as many numbers as it says.
-
-    trimesh takes the number of corners from the first face if all lines have as many words, and ignores that lines are
-    missing at the end.
-    """
-    begin, triangles = 0, 0
-    for name, element in elements.items():
-        rows = lines[begin : begin + element.rows]
-        if len(rows) < element.rows:
-            raise InvalidRobot(
-                f"it has {len(rows):,} lines of the element {name!r:.100}, expected {element.rows:,}"
-            )
-        begin += element.rows
-        if name != "face" or not rows:
-            continue
-        which, lists = element.corners(), [words[0] == "list" for words in element.properties]
-        for row in rows:
-            words, at = row.split(), 0
-            for number, is_list in enumerate(lists):
-                size = int(words[at]) if is_list else 0
-                if number == which:
-                    triangles += _triangles_of_face(size)
-                at += 1 + size
-            if at != len(words):
-                raise InvalidRobot(f"a face has {len(words)} numbers, expected {at}: {row!r:.100}")
-    return triangles
-
-
-def _triangles_of_bytes(text: bytes, begin: int, elements: Mapping[str, _Element], is_big: bool) -> int:
-    """Count the triangles of binary PLY, and check that the lists of an element are as long as in its first row.
-
-    trimesh takes the lengths from the first row.
-    """
-    triangles, order = 0, ">" if is_big else "<"
-    for name, element in elements.items():
-        if not element.rows:
-            continue
-        fields = list[tuple[str, Any]]()
-        sizes = dict[int, int]()
-        for number, (*types, _) in enumerate(element.properties):
-            if types[0] == "list":
-                place = begin + np.dtype(fields).itemsize
-                fields.append((f"count {number}", order + _PLY_TYPES[types[1]]))
-                sizes[number] = int(np.frombuffer(text, fields[-1][1], 1, place)[0])
-                fields.append((str(number), f"V{sizes[number] * np.dtype(_PLY_TYPES[types[2]]).itemsize}"))
-            else:
-                fields.append((str(number), order + _PLY_TYPES[types[0]]))
-        kind = np.dtype(fields)
-        rows = np.frombuffer(text, kind, element.rows, begin)
-        begin += element.rows * kind.itemsize
-        if any((rows[f"count {number}"] != size).any() for number, size in sizes.items()):
-            raise InvalidRobot(
-                f"the lists of its element {name!r:.100} have different lengths; write each face as triangles"
-            )
-        if name == "face":
-            triangles += element.rows * _triangles_of_face(sizes[element.corners()])
-    return triangles
-
-
-def _triangles_of_face(corners: int) -> int:
-    if corners < 3:
-        raise InvalidRobot(f"a face has {corners} corners, expected at least 3")
-    return corners - 2
-
-
-def _ply_header(text: bytes) -> tuple[list[list[str]], int]:
-    """Return the words of each line of the header, without its end, and where that ends."""
-    file, header = io.BytesIO(text), list[list[str]]()
-    while len(header) < MOST_HEADER:
-        line = file.readline(MOST_LINE + 1)
-        _at_most(len(line), MOST_LINE, "bytes in a line of its header")
-        words = line.decode().split()
-        if not words:
-            break
-        if "end_header" in words and len(header) > 1:
-            return header, file.tell()
-        header.append(words)
-    raise InvalidRobot(
-        f"its header must end with end_header, within {MOST_HEADER:,} lines and without an empty one"
-    )
-
-
-def _lines(text: bytes) -> int:
-    return sum(map(text.count, _LINE_ENDS)) - text.count(b"\r\n") + 1
 
 
 def _glb(text: bytes) -> Size:
     """Add up the sizes of accessors, views, primitives and nodes, each of which may be referred to many times."""
     size = struct.unpack_from("<I", text, 12)[0]
-    _at_most(size, MOST_JSON, "bytes of JSON")
+    at_most(size, MOST_JSON, "bytes of JSON")
     document: dict[str, Any] = json.loads(text[20 : 20 + size].decode())
     views, images = document.get("bufferViews", []), document.get("images", [])
     if any("uri" in each for each in [*document.get("buffers", []), *images]) or any(
@@ -584,8 +286,8 @@ def _glb(text: bytes) -> Size:
         _count(each["count"]) * _COMPONENT[each["componentType"]] * _NUMBERS[each["type"]]
         for each in accessors
     ]
-    _at_most(sum(bytes_of), 2 * len(text), "bytes in its accessors")
-    _at_most(sum(_count(each["byteLength"]) for each in views), 2 * len(text), "bytes in its views")
+    at_most(sum(bytes_of), 2 * len(text), "bytes in its accessors")
+    at_most(sum(_count(each["byteLength"]) for each in views), 2 * len(text), "bytes in its views")
     bodies, weights, corners, triangles = [], [], [], []
     for mesh in document.get("meshes", []):
         parts = mesh["primitives"]
@@ -618,22 +320,22 @@ def _glb(text: bytes) -> Size:
             "trimesh computes new images for its glossy materials; write them as metallic ones"
         )
     nodes = document.get("nodes", [])
-    _at_most(len(nodes) + sum(bodies) + len(images), MOST_BODIES, "nodes, bodies and images")
+    at_most(len(nodes) + sum(bodies) + len(images), MOST_BODIES, "nodes, bodies and images")
     named_as_child = [child for node in nodes for child in node.get("children", [])]
     roots = [root for scene in document.get("scenes", []) for root in scene.get("nodes", [])]
-    _at_most(_steps(nodes, roots), MOST_STEPS, "steps from its nodes to the root")
+    at_most(_steps(nodes, roots), MOST_STEPS, "steps from its nodes to the root")
     meshes = [nodes[each]["mesh"] for each in [*named_as_child, *roots] if "mesh" in nodes[each]]
     shown = sum(bodies[mesh] for mesh in meshes)
-    _at_most(shown, MOST_BODIES, "bodies")
+    at_most(shown, MOST_BODIES, "bodies")
     shared = max(sum(weights), sum(weights[mesh] for mesh in meshes))
-    _at_most(shared, max(2 * len(text), MOST_SHARED), "bytes in its bodies")
+    at_most(shared, max(2 * len(text), MOST_SHARED), "bytes in its bodies")
     drawn = _drawn(sum(corners[mesh] for mesh in meshes), text)
     pixels = 0
     for image in images:
         view = views[image["bufferView"]]
         start = view.get("byteOffset", 0)
         pixels += _pixels(_buffer(text, 20 + size)[start : start + view["byteLength"]])
-    _at_most(pixels, MOST_PIXELS, "pixels in its images")
+    at_most(pixels, MOST_PIXELS, "pixels in its images")
     in_scene = _shown(document, nodes)
     return Size(
         max(len(nodes), sum(bodies), shown),
@@ -702,7 +404,7 @@ def _require_its_shape(document: dict[str, Any]) -> None:
 def _drawn(corners: int, text: bytes) -> int:
     """Count corners; those beyond three per byte of the file count four times, since only instances create so many."""
     counted = corners + 3 * max(0, corners - 3 * len(text))
-    _at_most(counted, MOST_CORNERS, "corners of triangles, with those of instances counted four times")
+    at_most(counted, MOST_CORNERS, "corners of triangles, with those of instances counted four times")
     return counted
 
 
@@ -738,7 +440,7 @@ def _dae(text: bytes) -> Size:
     if zipfile.is_zipfile(io.BytesIO(text)):
         raise InvalidRobot("it is an archive; unpack it")
     _require_no_doctype(text)
-    _at_most(text.count(b"<"), MOST_TAGS, "tags")
+    at_most(text.count(b"<"), MOST_TAGS, "tags")
     from lxml import etree
 
     root = etree.fromstring(text, etree.XMLParser(huge_tree=True, no_network=True))
@@ -749,14 +451,14 @@ def _dae(text: bytes) -> Size:
             raise InvalidRobot("the numbers of corners of polygons are not whole numbers")
         if count_words(each.text):
             corners = float(np.fromstring(each.text, sep=" ").sum())
-            _at_most(int(min(corners, 2.0**62)), MOST_CORNERS, "corners of polygons")
+            at_most(int(min(corners, 2.0**62)), MOST_CORNERS, "corners of polygons")
     columns = max((len(each.findall("{*}param")) for each in root.iter("{*}accessor")), default=0)
-    _at_most(columns, MOST_COLUMNS, "columns in a source")
+    at_most(columns, MOST_COLUMNS, "columns in a source")
     named = [f"{{*}}{each}" for each in ("node", "geometry", "material", "effect", "image")]
-    _at_most(sum(1 for _ in root.iter(*named)), MOST_BODIES, "nodes, geometries, materials and images")
+    at_most(sum(1 for _ in root.iter(*named)), MOST_BODIES, "nodes, geometries, materials and images")
     require_units(root)
     bodies, corners, triangles = _unfolded(root)
-    _at_most(bodies, MOST_BODIES, "nodes and bodies")
+    at_most(bodies, MOST_BODIES, "nodes and bodies")
     return Size(bodies, _drawn(corners, text), triangles)
 
 
@@ -850,8 +552,5 @@ def _require_no_doctype(text: bytes) -> None:
 CHECKS: Mapping[str, Callable[[bytes], Size]] = {
     "dae": _dae,
     "glb": _glb,
-    "obj": _obj,
-    "ply": _ply,
-    "stl": _stl,
 }
-"""Checks of the supported formats, by extension."""
+"""Checks of the formats that other libraries read, by extension."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,9 @@ from kinseek.interrupts import raise_of_handler
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.transforms import rotation, transform
 
-from .mesh_files import LEAST_BODIES, Beside, Budget, ending, readable, require_mesh
+from . import obj, ply, stl
+from .mesh_files import CHECKS, LEAST_BODIES, Beside, Budget, Size, ending
+from .polygons import Body
 
 Array = NDArray[np.float64]
 
@@ -42,7 +46,7 @@ def mesh_parts(path: Path, most: int = MOST_MESH, *, budget: Budget | None = Non
     if real in budget.refused:
         raise InvalidRobot(budget.refused[real])
     try:
-        return _parts(path, kind, readable(kind, text), most, budget)
+        return _parts(path, kind, text, most, budget)
     except InvalidRobot as error:
         budget.refused[real] = str(error)
         raise
@@ -51,40 +55,25 @@ def mesh_parts(path: Path, most: int = MOST_MESH, *, budget: Budget | None = Non
 def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> list[Any]:
     """Check a mesh and read it, as `mesh_parts` does."""
     with importing:
-        import logging
+        pass
 
-        import trimesh
+    def take(size: Size) -> None:
+        budget.take(size._replace(bodies=max(size.bodies, LEAST_BODIES)))
 
-    # Without any handler, Python would print trimesh's log message about a missing material, with a traceback.
-    log = logging.getLogger("trimesh")
-    if not log.handlers:
-        log.addHandler(logging.NullHandler())
-    size = require_mesh(path, text)
-    budget.take(size._replace(bodies=max(size.bodies, LEAST_BODIES)))
+    beside = Beside(path, most, budget)
     try:
-        load = trimesh.exchange.load.mesh_loaders[kind]
-        found = load(file_obj=io.BytesIO(text), file_type=kind, resolver=Beside(path, most, budget))
-        # Otherwise trimesh leaves out triangles with NaN, and makes one of vertices within 1e-8 before they are scaled.
-        for each in found["geometry"].values() if "geometry" in found else [found]:
-            each["process"] = False
-        # Frames have the names of bodies: one with the name of the root, "world", would lose its place.
-        for number, edge in enumerate(found["graph"] if kind == "dae" else []):
-            edge["frame_to"] = number
-        scene = trimesh.load_scene(found)
-        scene.graph.repair_rigid = None  # Otherwise scales within 1e-5 of 1 are left out.
-        bodies = budget.copy(scene)
+        if kind in CHECKS:
+            parts = _of_scene(kind, text, beside, budget, take)
+        elif kind == "obj":
+            parts = _painted(*obj.read(text, take), beside)
+            budget.take_images(parts)
+        else:
+            parts = _painted((ply if kind == "ply" else stl).read(text, take), [], beside)
+    except InvalidRobot as error:
+        raise InvalidRobot(f"{str(path)!r}: {error}") from None
     except Exception as error:  # Mesh readers raise whatever their parsers raise.
         raise_of_handler(error)
         raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from None
-    parts = [part for part in bodies if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-    read = sum(len(part.faces) for part in parts)
-    if read != size.triangles:
-        raise InvalidRobot(
-            f"{str(path)!r} has {size.triangles:,} triangles, of which {read:,} can be read. In COLLADA, look for materials "
-            "that are missing, sources with another number of columns, and instances of nodes in other nodes"
-            if kind == "dae"
-            else f"{str(path)!r} has {size.triangles:,} triangles, of which {read:,} can be read; write it anew"
-        )
     if not parts:
         raise InvalidRobot(f"{str(path)!r} holds no triangles")
     for part in parts:
@@ -98,6 +87,65 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
         word = str(part.metadata.get("units", "")).partition(" * meters")
         if word[1]:
             part.apply_scale(float(word[0]))
+    return parts
+
+
+def _of_scene(
+    kind: str, text: bytes, beside: Beside, budget: Budget, take: Callable[[Size], None]
+) -> list[Any]:
+    """Read COLLADA or GLB."""
+    import trimesh
+
+    size = CHECKS[kind](text)
+    take(size)
+    found = trimesh.exchange.load.mesh_loaders[kind](
+        file_obj=io.BytesIO(text), file_type=kind, resolver=beside
+    )
+    # Otherwise trimesh leaves out triangles with NaN, and makes one of vertices within 1e-8 before they are scaled.
+    for each in found["geometry"].values() if "geometry" in found else [found]:
+        each["process"] = False
+    # Frames have the names of bodies: one with the name of the root, "world", would lose its place.
+    for number, edge in enumerate(found["graph"] if kind == "dae" else []):
+        edge["frame_to"] = number
+    scene = trimesh.load_scene(found)
+    scene.graph.repair_rigid = None  # Otherwise scales within 1e-5 of 1 are left out.
+    budget.take_images(scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry)
+    parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    if (read := sum(len(part.faces) for part in parts)) != size.triangles:
+        raise InvalidRobot(
+            f"it has {size.triangles:,} triangles, of which {read:,} can be read. "
+            + (
+                "In COLLADA, look for materials that are missing, sources with another number of columns, and instances of "
+                "nodes in other nodes"
+                if kind == "dae"
+                else "Write it anew"
+            )
+        )
+    return parts
+
+
+def _painted(bodies: list[Body], libraries: list[str], beside: Beside) -> list[Any]:
+    """Give bodies their looks; materials that cannot be read are left out."""
+    import trimesh
+
+    materials = dict[str, Any]()
+    for name in libraries:
+        with suppress(InvalidRobot):
+            found = trimesh.exchange.obj.parse_mtl(beside[name], resolver=beside)
+            materials |= {key: trimesh.visual.material.SimpleMaterial(**look) for key, look in found.items()}
+    parts = []
+    for body in bodies:
+        if not len(body.faces):
+            continue
+        vertices, faces, visual = body.vertices, body.faces, None
+        if material := materials.get(body.material):
+            uv = None
+            if body.uv is not None:  # A vertex may have several places in the image.
+                vertices, uv = vertices[faces].reshape(-1, 3), body.uv.reshape(-1, 2)
+                faces = np.arange(len(vertices)).reshape(-1, 3)
+            visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+        colours = {} if visual else {"vertex_colors": body.vertex_colours, "face_colors": body.face_colours}
+        parts.append(trimesh.Trimesh(vertices, faces, process=False, visual=visual, **colours))
     return parts
 
 

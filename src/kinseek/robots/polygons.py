@@ -1,0 +1,107 @@
+"""Triangles of the polygons in mesh files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidRobot
+
+from .mesh_files import at_most
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_FLAT = 1e-6
+"""Area of a polygon that is a line, for a length of 1."""
+_ROUNDING = 1e-9
+"""Area of a triangle that counts as zero, for a polygon with an area of 1."""
+_MOST_TURNS = 2**24
+"""Most corners, squared for each polygon, of polygons that are not convex: trying their diagonals takes some seconds."""
+_AT_ONCE = 2**20
+"""Corners of polygons that are examined together."""
+
+
+class Body(NamedTuple):
+    """Triangles of a mesh file with one look."""
+
+    vertices: Array
+    """(n, 3), in the unit of the file."""
+    faces: Indices
+    """(m, 3), counted from 0."""
+    vertex_colours: NDArray[Any] | None = None
+    face_colours: NDArray[Any] | None = None
+    material: str = ""
+    """Name of the material in OBJ; empty without one."""
+    uv: Array | None = None
+    """(m, 3, 2), coordinates of the corners in the image of the material."""
+
+
+def triangulated(
+    vertices: Array, corners: Indices, sizes: Indices, place: Callable[[int], str], first: int = 0
+) -> tuple[Indices, Indices]:
+    """Divide polygons into triangles, by the diagonals from one of their corners.
+
+    It is the first corner from which all diagonals lie inside the polygon: the first one of a convex polygon.
+
+    Args:
+        vertices: (n, 3).
+        corners: Vertices of all polygons, one after the other.
+        sizes: Number of corners of each polygon.
+        place: Returns where the polygon is in the file, for errors.
+        first: Number of the first vertex in the file.
+
+    Returns:
+        Positions in `corners` of the triangles, (m, 3); and the polygon of each triangle, (m,).
+
+    Raises:
+        InvalidRobot: A polygon has fewer than 3 corners, names a vertex that does not exist, or has no such corner, as
+            polygons that cross themselves.
+    """
+    if len(few := np.flatnonzero(sizes < 3)):
+        raise InvalidRobot(f"{place(few[0])}: a face has {sizes[few[0]]} corners, expected at least 3")
+    starts = np.cumsum(sizes) - sizes
+    if len(wrong := np.flatnonzero((corners < 0) | (corners >= len(vertices)))):
+        face = int(np.searchsorted(starts, wrong[0], side="right")) - 1
+        raise InvalidRobot(
+            f"{place(face)}: a face has the index {corners[wrong[0]] + first}, expected one from {first} to "
+            f"{len(vertices) - 1 + first}: a vertex that does not exist"
+        )
+    turns, triangles, owners = 0, [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
+    order = np.argsort(sizes, kind="stable")
+    for same in np.split(order, np.flatnonzero(np.diff(sizes[order])) + 1):
+        size = int(sizes[same[0]]) if len(same) else 3
+        fan = np.stack([np.zeros(size - 2, np.int64), np.arange(1, size - 1), np.arange(2, size)], axis=1)
+        for part in np.array_split(same, len(same) * size // _AT_ONCE + 1):
+            begin = starts[part][:, None, None]
+            places = begin + fan
+            left = np.flatnonzero(~_inside(vertices[corners[places]])) if size > 3 else part[:0]
+            turns += len(left) * size**2
+            at_most(turns, _MOST_TURNS, "corners of polygons that are not convex, squared for each,")
+            for turn in range(1, size) if len(left) else ():
+                places[left] = begin[left] + (fan + turn) % size
+                left = left[~_inside(vertices[corners[places[left]]])]
+            if len(left):
+                raise InvalidRobot(
+                    f"{place(part[left[0]])}: a polygon of {size} corners crosses itself, or no corner of it sees all "
+                    "others; write it as triangles"
+                )
+            triangles.append(places.reshape(-1, 3))
+            owners.append(np.repeat(part, size - 2))
+    return np.concatenate(triangles), np.concatenate(owners)
+
+
+def _inside(points: Array) -> NDArray[np.bool_]:
+    """Return which polygons have all their triangles, (k, m, 3, 3), on one side: then none reaches out of the polygon."""
+    edges = points[:, :, 1:] - points[:, :, :1]
+    normals = np.cross(edges[:, :, 0], edges[:, :, 1])
+    whole = normals.sum(axis=1)  # The normal of the polygon, by Newell.
+    length = np.linalg.norm(whole, axis=1)
+    lowest = np.einsum("kmi,ki->km", normals, whole).min(axis=1, initial=np.inf)
+    areas = np.linalg.norm(normals, axis=2).sum(axis=1)
+    is_flat = areas <= _FLAT * np.square(edges).sum(axis=3).max(axis=(1, 2), initial=0)
+    found: NDArray[np.bool_] = is_flat | ((lowest >= -_ROUNDING * length**2) & (length > _FLAT * areas))
+    return found
