@@ -268,8 +268,8 @@ def machine_table(results: Results) -> str:
     """Where the numbers come from, in Markdown."""
     lines = ["| experiment | rows | seconds | commit | processor |", "| --- | --- | --- | --- | --- |"]
     for name in EXPERIMENTS:
-        told = json.loads((results.folder / f"{name}.json").read_text())
-        cells = (name, told["rows"], told["seconds"], told["commit"][:10], told["processor"])
+        run = json.loads((results.folder / f"{name}.json").read_text())
+        cells = (name, run["rows"], run["seconds"], run["commit"][:10], run["processor"])
         lines.append("| " + " | ".join(map(str, cells)) + " |")
     return "\n".join(lines)
 

@@ -25,7 +25,7 @@ Verdict = tuple[str, str]
 
 
 class Results:
-    """The rows of every experiment, read when they are first asked for."""
+    """The rows of every experiment, read on first access."""
 
     def __init__(self, folder: Path) -> None:
         """Look in this folder."""
