@@ -2,8 +2,8 @@
 
     python -m benchmarks.atlas_cost            # writes docs/pictures/atlas_joints.png and atlas_tolerance.png
 
-Arms of n turning joints about random axes, 1 m long, three of each n, ±2 rad. One pose: `arm.ik`, 500 calls. Batch: 20,000
-poses on one thread, processor time. Medians of nine rounds.
+The arms have n revolute joints about random axes, 1 m long, with limits of ±2 rad; there are three arms for each n. One
+pose: 500 calls of `arm.ik`. Batch: 20,000 poses on one thread, processor time. Times are medians of nine rounds.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Does memory grow? A million calls of `arm.ik`, one pose each, and a hundred batches; resident memory as they go.
+"""Does memory grow? Resident memory during a million calls of `arm.ik` with one pose, and during a hundred batches.
 
 python -m benchmarks.atlas_memory [CALLS]
 """

@@ -1,4 +1,4 @@
-"""The two pictures of docs/atlas.md: where the samples lie in hand space, and the path of one query.
+"""The two pictures of docs/atlas.md: the samples in the space of hand positions, and the path of one query.
 
 python -m benchmarks.atlas_pictures        # writes docs/pictures/atlas_samples.png and atlas_query.png
 """

@@ -1,10 +1,10 @@
-"""Out of reach: is the best effort of one call as good as the best of many random restarts?
+"""Out of reach: does one call find a pose as near as the best of many random restarts?
 
     python -m benchmarks.atlas_reach [TARGETS] [RESTARTS]
 
-Targets at 1 to 2 times the arm's length, in three weightings. A restart is `CoordinateDescent`, which shares no search with
-the atlas, from joint values uniform inside the limits; the best weighted error of all of them counts. Asked for: the atlas
-no worse, to 1e-6, in at least 99 % of the cases.
+Targets are at 1 to 2 times the arm's length, in three weightings. A restart is `CoordinateDescent`, which shares no search
+with the atlas, from joint values uniform inside the limits; the best weighted error of all restarts is compared. The target
+is that the error of the atlas is no larger, to 1e-6, in at least 99 % of the cases.
 """
 
 from __future__ import annotations

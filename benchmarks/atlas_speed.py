@@ -1,7 +1,7 @@
-"""The atlas: one pose through the front door, its kernel alone, batches, out of reach, and the build.
+"""The atlas: one pose by `arm.ik`, its kernel alone, batches, out of reach, and building.
 
-Compares kinseek with the figures asked of it in README.md beside this file. Single calls go through 1,000 targets in turn;
-`extra_info` holds the median and the 99th percentile [µs] of 5,000 calls timed one by one, or the cost of one pose.
+Compares kinseek with the targets in benchmarks/README.md. Single calls go through 1,000 targets in order. `extra_info`
+holds the median and the 99th percentile [µs] of 5,000 calls that are timed one by one, or the cost of one pose.
 Run: pytest benchmarks/atlas_speed.py --benchmark-only
 """
 

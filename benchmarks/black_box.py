@@ -1,11 +1,11 @@
-"""Arms given as functions: how many reachable targets are solved, what one costs, and how many poses it asks for.
+"""Black-box kinematics: share of reachable targets solved, time of a call, and number of poses that the function computes.
 
-Every arm of the list is wrapped as a function of which nothing else is known, `Arm.from_fk`: vectorised NumPy, the same one
-row at a time, and compiled by Numba one row at a time; a continuum robot and a five-bar linkage come from the examples. An
-answer counts only if plain NumPy forward kinematics finds it within 1e-6 m and 1e-6 rad, and every joint inside its limits.
-Times are those of single calls, `arm.ik(T)` from Python. Every miss is listed by name.
+Every arm of the list is wrapped by `Arm.from_fk` as a function: vectorised NumPy, the same function one row at a time, and
+a Numba function one row at a time. A continuum robot and a five-bar linkage come from the examples. A target is solved if
+plain NumPy forward kinematics confirms the result within 1e-6 m and 1e-6 rad, and every joint is inside its limits. Times
+are those of single calls `arm.ik(T)` from Python. Every miss is listed by name.
 
-    python -m benchmarks.black_box                 # writes black_box.md beside this file
+    python -m benchmarks.black_box                 # writes benchmarks/black_box.md
     python -m benchmarks.black_box ur5e --random 200 --output /dev/stdout
 """
 

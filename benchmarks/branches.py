@@ -1,15 +1,16 @@
-"""Every branch: is the set complete, and what does it cost?
+"""Branches: is the list complete, and how long does it take?
 
-Arms with a closed form are held against EAIK, filtered by the limits: 20,000 targets from joint values uniform inside the
-limits. Arms without one are held against 1,000 random restarts of a Levenberg-Marquardt walk for each of the first 1,000.
-Answers count only if plain NumPy forward kinematics finds them within 1e-6 m and 1e-6 rad and inside the limits. Two
-are the same if no joint differs by 1e-3 rad modulo 2π. Times are wall times of single calls from Python, and processor time
-of batches. All who are timed get a part of the targets after each other, with nothing between the calls, and then the next
-part: so a machine that changes its speed is fair to all. Ratios are those of the parts.
+Arms with a closed form are compared with EAIK, filtered by the limits, at 20,000 targets from joint values uniform inside
+the limits. Other arms are compared with 1,000 random restarts of a Levenberg-Marquardt search at each of the first 1,000
+targets. Solutions count only if plain NumPy forward kinematics confirms them within 1e-6 m and 1e-6 rad and inside the
+limits. Two solutions are the same if no joint differs by 1e-3 rad modulo 2π. Times are wall times of single calls from
+Python, and processor time of batches. The targets are divided into parts. All solvers are timed on the same part, one
+directly after the other, and then on the next part, so that a change of the machine's speed affects all of them. Ratios are
+those of the parts.
 
 ssik is timed in an environment of its own, see `benchmarks.field`, which is made at the first run.
 
-    python -m benchmarks.branches                 # writes branches.md beside this file; EAIK where installed
+    python -m benchmarks.branches                 # writes benchmarks/branches.md; uses EAIK if it is installed
     python -m benchmarks.branches ur5e jaco2_6 --targets 1000
     python -m benchmarks.branches jaco2_6 irb5400 mpx3500 --targets 2500 --output random.md
     python -m benchmarks.branches jaco2_6 irb5400 mpx3500 --targets 1300 --singular --output singular.md
@@ -58,7 +59,7 @@ SAME = 1e-3
 """[rad]"""
 
 SEARCHED = 40
-"""FK evaluations that no closed form needs: eight candidates, a step or four each."""
+"""Evaluations of FK above which a target was searched. A closed form needs fewer: eight candidates, up to 4 steps each."""
 
 
 PASSES = 7
@@ -66,19 +67,19 @@ PASSES = 7
 
 
 CALLS = 3
-"""Calls of each target, of which the least tells what it takes by itself, and the first what one waits for."""
+"""Calls for each target. The least time is that of the call itself; the first is what a user waits for."""
 
 
 PARTS = 5
-"""Parts of the targets: kinseek and its peers are timed by turns."""
+"""Parts of the targets: kinseek and its peers are timed alternately."""
 
 
 SWEPT = 120
-"""Those that no search of one joint needs: twelve answers at most, a step or four each, and twins of them."""
+"""The same for a search of one joint: at most twelve solutions with up to four steps each, and twins of them."""
 
 
 AROUND = 400
-"""Those that no arm needs which is near to a closed form and is asked for poses around the target."""
+"""The same for arms that nearly have a closed form, which is solved for poses around the target."""
 
 
 @dataclass(frozen=True)
@@ -87,10 +88,10 @@ class Row:
 
     arm: str
     cells: dict[str, object]
-    lacking: list[int]
-    """Targets where the witness has an answer that is lacking."""
+    missing: list[int]
+    """Targets at which the witness has a solution that kinseek misses."""
     extra: list[str]
-    """Targets with an answer that the witness lacks, and the least singular value of the Jacobian at all their answers."""
+    """Targets at which the witness misses a solution, with the least singular value of the Jacobian at their solutions."""
 
 
 def apart(a: Array, b: Array) -> Array:
@@ -173,7 +174,7 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
     numbers = np.empty(count, dtype=int)
     found: list[Array] = []
     endless = np.zeros(count, dtype=bool)
-    lacking: list[int] = []
+    missing: list[int] = []
     extra: list[str] = []
     searched = false = 0
     enough = SWEPT if name in ONE_JOINT else SEARCHED if name in CLOSED else AROUND
@@ -197,7 +198,7 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
             other = told[strict(arm.chain, told, np.broadcast_to(targets[i], (len(told), 4, 4)))]
             gap = apart(other, found[i])
             if len(other) and (not len(found[i]) or gap.min(axis=1).max() > SAME):
-                lacking.append(int(i))
+                missing.append(int(i))
             if len(found[i]) and (not len(other) or gap.min(axis=0).max() > SAME):
                 values = np.linalg.svd(arm.jacobian(found[i]), compute_uv=False)
                 extra.append(f"{i} ({values.min():.1g})")
@@ -233,7 +234,7 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
         cells = (
             {"arm": name, ">targets": f"{count:,}", ">fewest solutions": int(numbers.min())} | figures | index
         )
-        return Row(name, cells, lacking, extra)
+        return Row(name, cells, missing, extra)
     if witness is not None and witnessed < count:
         label = f"{label}, first {witnessed:,}"
     cells = {
@@ -241,7 +242,7 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
         "structure": arm.structure.word,
         "witness": label,
         ">targets": f"{count:,}",
-        ">complete %": percent(witnessed - len(lacking), witnessed) if witness else "–",
+        ">complete %": percent(witnessed - len(missing), witnessed) if witness else "–",
         ">extra": len(extra),
         ">false": false,
         ">solutions, mean": f"{numbers.mean():.2f}",
@@ -251,7 +252,7 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
         ">EAIK µs": beside_of(theirs, medians, parts),
         ">ssik µs": beside_of(beside, medians, parts),
     }
-    return Row(name, cells | figures | beside_ours | {">batch µs": f"{batch:.1f}"} | index, lacking, extra)
+    return Row(name, cells | figures | beside_ours | {">batch µs": f"{batch:.1f}"} | index, missing, extra)
 
 
 def beside_of(peer: Array, medians: Array, parts: list[NDArray[np.int64]]) -> str:
@@ -290,7 +291,7 @@ def page(rows: list[Row], singular: bool = False) -> Page:
         page.say("Redundant arms: a sample of 50 solutions that are spread over the self-motion.")
         page.rows(spare)
     page.head("Missing solutions")
-    page.items((f"{row.arm}: numbers {row.lacking}" for row in rows if row.lacking), "Nothing.")
+    page.items((f"{row.arm}: numbers {row.missing}" for row in rows if row.missing), "Nothing.")
     page.head("Extra solutions")
     page.say(
         "Numbers of the targets at which the witness misses a solution. In brackets: the least singular value of the "

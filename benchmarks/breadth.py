@@ -1,6 +1,7 @@
-"""Tuned against constant breadth (the paper's BT and CB) at the same budget of leaves a window.
+"""Tuned against constant breadth (the paper's BT and CB) with the same budget of leaves in a window.
 
-For each of the paper's arms and each constant breadth: its window is the budget that tuning gets.
+For each of the paper's arms and each constant breadth, tuning may use as many leaves as the window of the constant breadth
+has.
 python -m benchmarks.breadth [TARGETS]
 """
 

@@ -1,20 +1,21 @@
-"""Scenes: what a check costs beside coal called by hand, and how many poses in a cell get an answer that is free.
+"""Scenes: time of a check compared with coal called by hand, and poses in a cell that get a free solution.
 
-Checks: the hulls of an arm's collision meshes against each other and twenty boxes, random joint values. "By hand" is what a
-user of pinocchio writes: the same hulls and pairs in a model that pinocchio reads from the file itself, its tree of boxes,
-one call of ``computeCollisions`` a check, FK included. Verdicts are compared, and so are those of the first pass alone with
-coal's. It needs a URDF with meshes, as the package example-robot-data has them; without one this part is left out.
+Checks: the hulls of an arm's collision meshes against each other and against twenty boxes, at random joint values. "By
+hand" is what a user of pinocchio writes: the same hulls and pairs in a model that pinocchio reads from the file, its tree
+of boxes, and one call of ``computeCollisions`` for each check, with forward kinematics. Verdicts are compared, and those of
+the first pass alone with coal's. This part needs a URDF with meshes, such as those of the package example-robot-data;
+without one it is skipped.
 
-Answers: targets are the poses of random joint values that are free, so that each has a free answer. Capsules stand in for
-the links of bundled arms, in a shelf of five boards. Every answer is checked by hand, points along the capsules in NumPy,
-and by MuJoCo with the same shapes and pairs, itself against itself too.
+Solutions: targets are the poses of random joint values that are free, so each has a free solution. Capsules stand for the
+links of bundled arms, in a shelf of five boards. Every solution is checked with points along the capsules in NumPy, and by
+MuJoCo with the same shapes and pairs, including those of the arm with itself.
 
-Beside VAMP and PyRoki: see `benchmarks.scene_peers`; a peer that cannot be installed is said to be so.
+Beside VAMP and PyRoki: see `benchmarks.scene_peers`. A peer that cannot be installed is named on the page.
 
-Motions: random motions between free joint values, until so many of them are called free. Of each of these MuJoCo looks at
-ten thousand points, with the same shapes and pairs, its own forward kinematics and its own collisions.
+Motions: random motions between free joint values, until the requested number is reported as free. MuJoCo checks ten
+thousand points of each of these, with the same shapes and pairs, and with its own forward kinematics and collisions.
 
-    python -m benchmarks.collisions --urdf panda.urdf --tip panda_hand --meshes FOLDER   # writes collisions.md
+    python -m benchmarks.collisions --urdf panda.urdf --tip panda_hand --meshes FOLDER   # writes benchmarks/collisions.md
     python -m benchmarks.collisions --targets 50 --motions 20 --output /dev/stdout
 """
 
@@ -178,7 +179,7 @@ def checks(page: Page, options: Any) -> None:
 
 
 def proofs(page: Page, options: Any) -> None:
-    """How many joint values the first pass tells of, and whether it is right."""
+    """How many joint values the first pass decides, and whether it is right."""
     arm = kinseek.load(options.urdf, tip=options.tip)
     scene = kinseek.Scene.of(arm, meshes=options.meshes)
     add_boxes(scene)

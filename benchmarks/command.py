@@ -1,4 +1,4 @@
-"""What the scripts here have in common at the command line. Reading it writes nothing and loads nothing that is heavy."""
+"""The command line that the scripts of this folder share. Importing it writes nothing and imports nothing large."""
 
 from __future__ import annotations
 

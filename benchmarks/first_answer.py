@@ -1,10 +1,10 @@
-"""What a newcomer waits for and gives room to: a wheel in an environment of its own, without Numba.
+"""The first seconds and megabytes of a new user: a wheel in an environment of its own, without Numba.
 
 python -m benchmarks.first_answer [ROUNDS] [--wheel FILE]
 
-Builds a wheel, or takes one, installs it where nothing else is, and prints: megabytes on disk beyond NumPy's; seconds from
-the start of a process to its first answer, beside `import numpy` and in turns with it; the most memory that such a process
-held. A target that is missed is a failure. Linux and macOS; pip needs PyPI.
+Builds a wheel, or takes the given one, and installs it in a new environment. Prints the megabytes on disk without those of
+NumPy, the seconds from the start of a process to its first answer, measured alternately with `import numpy`, and the most
+memory that such a process held. A missed target is a failure. Linux and macOS; pip needs PyPI.
 """
 
 from __future__ import annotations

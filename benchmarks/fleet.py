@@ -1,13 +1,13 @@
-"""The whole fleet: how many reachable targets are solved, and what one costs.
+"""The fleet of arms: share of reachable targets solved, and time of a target.
 
-Every arm gets 100,000 targets from joint values uniform inside its limits, and 5,000 near singularities and limits
-(each joint one of {0, lower, upper, ±π/2, random}), in batches, without a seed. An answer counts only if plain NumPy
-forward kinematics finds it within 1e-6 m and 1e-6 rad, and every joint inside its limits. Times are medians of several
-runs. Every miss is listed by name.
+Every arm gets 100,000 targets from joint values uniform inside its limits, and 5,000 near singularities and limits (each
+joint one of {0, lower, upper, ±π/2, random}), in batches, without a starting guess. A target is solved if plain NumPy
+forward kinematics confirms the result within 1e-6 m and 1e-6 rad, and every joint is inside its limits. Times are medians
+of several runs. Every miss is listed by name.
 
-    python -m benchmarks.fleet                 # writes fleet.md and fleet_misses.csv beside this file
+    python -m benchmarks.fleet                 # writes benchmarks/fleet.md and fleet_misses.csv
     python -m benchmarks.fleet panda ur5e --random 10000
-    python -m benchmarks.fleet --seeds 5       # near-singular targets alone, of so many seeds; prints, and writes nothing
+    python -m benchmarks.fleet --seeds 5       # near-singular targets alone, with five seeds; printed and not written
 """
 
 from __future__ import annotations

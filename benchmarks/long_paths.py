@@ -1,10 +1,10 @@
-"""Long paths: what a pose takes in time and in memory, at once and as a stream.
+"""Long paths: time and memory for each pose, in one call and as a stream.
 
-Random smooth curves of joint values, those of `benchmarks.paths`: the more poses, the finer. Times are wall times of one
-thread, without the tracing of memory. Memory is what Python and NumPy hold at most: of half of the poses and of all of them,
-the difference, a pose; of a stream, all of it.
+The paths are the random smooth curves of joint values of `benchmarks.paths`; more poses sample a curve more finely. Times
+are wall times of one thread, measured without tracing of memory. Memory is the maximum that Python and NumPy hold. For one
+call it is the difference between all poses and half of them, for each pose; for a stream it is the total.
 
-    python -m benchmarks.long_paths                 # writes long_paths.md beside this file
+    python -m benchmarks.long_paths                 # writes benchmarks/long_paths.md
     python -m benchmarks.long_paths --quick         # few poses, printed and not written
 """
 

@@ -1,11 +1,11 @@
-"""Where the time of one `arm.ik(T)` goes: Python, the entry into compiled code, the look-up, the steps, the judgement.
+"""Where the time of one `arm.ik(T)` is spent: Python, the entry into compiled code, the look-up, the steps, the final check.
 
     python -m benchmarks.one_pose
     python -m benchmarks.one_pose panda --targets 5000
 
-Targets from joint values uniform inside the limits, each asked several times; of each the least counts, and of those the
-median is printed, in microseconds, less what the clock takes. The steps are a straight line through time against
-evaluations. An arm with a closed form is asked both ways: by it, and as if it had none.
+Targets come from joint values uniform inside the limits. Each target is solved several times and the least time counts; the
+median over the targets is printed, in microseconds, without the time of the clock. The time of the steps is a straight line
+through time against evaluations. An arm with a closed form is measured with it and without it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What MuJoCo says of a scene: the same shapes and pairs, its own forward kinematics, its own collisions.
+"""MuJoCo's verdicts on a scene: the same shapes and pairs, its own forward kinematics and collisions.
 
-A check from outside for what kinseek calls free. Every pair that counts is named to MuJoCo, so that none of its own rules
-leaves one out.
+An independent check of what kinseek reports as free. Every pair that counts is named to MuJoCo, so that its own rules skip
+none.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The one writer of pages: title, machine and load, paragraphs, tables, lists; every page here is made of these."""
+"""Writes all pages of this folder: title, machine and load, paragraphs, tables and lists."""
 
 from __future__ import annotations
 

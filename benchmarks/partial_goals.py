@@ -1,13 +1,12 @@
-"""Goals that fix only what matters: how many reachable ones are solved, and what one costs.
+"""Partial goals: share of reachable goals solved, and time of a goal.
 
-Arms of three to five joints are asked for positions and for directions of the tool (its z and its x axis): 10,000 targets
-each from joint values uniform inside the limits, and 2,000 near singularities and limits. Some arms are asked for goals
-with free axes and ranges: the wanted pose is off a pose of the arm by a deviation drawn from the ranges. An answer counts
-only if plain NumPy forward kinematics finds it within 1e-6 m and 1e-6 rad of what was asked, and every joint inside its
-limits. Every miss is listed by name. What it takes to write a place or a direction down and ask for it is measured of all
-arms.
+Arms of three to five joints get positions, and directions of the tool (its z and its x axis): 10,000 targets each from
+joint values uniform inside the limits, and 2,000 near singularities and limits. Some arms get goals with free axes and
+ranges: the goal differs from a pose of the arm by a deviation drawn from the ranges. A goal is solved if plain NumPy
+forward kinematics confirms the result within 1e-6 m and 1e-6 rad, and every joint is inside its limits. Every miss is
+listed by name. The time to make a `Goal` of a position or a direction, and to solve it at once, is measured for all arms.
 
-    python -m benchmarks.partial_goals                 # writes partial_goals.md beside this file
+    python -m benchmarks.partial_goals                 # writes benchmarks/partial_goals.md
     python -m benchmarks.partial_goals so101 --targets 1000
 """
 
@@ -38,7 +37,7 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 REPEATS = 3
 
 RANGED = ("so101", "m430ia2f", "scara4", "ur5e", "panda", "ur10e_rail")
-"""Arms that are asked for goals with ranges."""
+"""Arms that are measured on goals with ranges."""
 
 CASES: dict[str, tuple[tuple[str, ...], dict[str, tuple[float, float]]]] = {
     "free z, rx, ry": (("z", "rx", "ry"), {}),
@@ -163,7 +162,7 @@ def within(off: Array, free: tuple[str, ...], box: dict[str, tuple[float, float]
 
 
 def whole_calls(name: str, targets: int, seed: int) -> tuple[str, ...]:
-    """What a goal takes that is written down and asked at once, medians [µs]: the goal alone, and the whole of it."""
+    """Median times [µs] to make a goal, and to make it and solve it at once."""
     arm = kinseek.load(name)
     T = plain_fk(arm.chain, random_joints(arm.chain, targets, seed))
     ways: tuple[Callable[[Array], object], ...] = (
@@ -224,7 +223,7 @@ def main() -> None:
         "--whole",
         type=at_least_one,
         default=500,
-        help="targets an arm that are written down and asked at once",
+        help="targets an arm whose goals are made and solved at once",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
     writes(parser, "--output", HERE / "partial_goals.md", "page to write")

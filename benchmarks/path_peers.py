@@ -1,17 +1,17 @@
-"""kinseek against its peers on paths: the same tasks, the same run, each peer from its wheel, one judge.
+"""kinseek and its peers on paths: the same tasks, the same run, each peer from its wheel, one judge.
 
-Lines of 0.4 m and circles of 0.15 m of 500 poses, rasters of 2,000 poses whose turn about the tool is free, somewhere in
-the arm's reach so that every pose can be reached. kinseek gets no start; a peer that goes from pose to pose gets the joint
-values that made the task. A path is followed if every pose is met within 1e-4 m and 1e-3 rad by plain NumPy forward
-kinematics, inside the limits, and no joint goes 0.2 rad or farther between two poses. Times are of the processor: a path is
-long enough for its clock, and others who use the machine do not count.
+Tasks are lines of 0.4 m and circles of 0.15 m with 500 poses, and rasters of 2,000 poses with a free turn about the tool
+axis, placed so that every pose can be reached. kinseek gets no start. A peer that goes from pose to pose gets the joint
+values that made the task. A path is followed if plain NumPy forward kinematics confirms every pose within 1e-4 m and 1e-3
+rad, inside the limits, and no joint moves 0.2 rad or farther between two poses. Times are processor times, which other
+processes affect less.
 
-What kinseek does not follow is named, with its reason, and every peer tries it again from eight starts. Where one joint is
-to spare it is looked, besides, how far any answer leads: all answers to every pose over a grid of the last joint, each of
-which follows from those of the pose before that are within a step.
+Tasks that kinseek does not follow are listed with the reason, and every peer tries them again from eight starts. For arms
+with one redundant joint the page also says how far any solution leads: all solutions of every pose over a grid of the last
+joint, where each continues from those of the pose before that are within a step.
 
-A cell, one peer on one kind of task of one arm, is kept in path_peers.csv as soon as it is measured, and a run that was
-stopped goes on from there; `--again` measures anew.
+A cell (one peer on one kind of task of one arm) is written to path_peers.csv as soon as it is measured. An interrupted run
+continues from there; `--again` measures again.
 
     python -m benchmarks.path_peers                      # makes the environments, measures, writes path_peers.md
     python -m benchmarks.path_peers --again kinseek pink

@@ -1,13 +1,13 @@
-"""Proofs of paths: how many are certified, at what cost, and is any path certified that has a jump?
+"""Proofs of paths: how many are certified, how long it takes, and is a path with a jump ever certified?
 
-Made paths: random smooth curves of joint values, four harmonics, 1,000 poses, drawn together until the least singular value
-of the Jacobian stays above 0.05 of the largest; followed anew, and every step proved. Planted jumps: at one pose of such a
-path the joint values are those of another branch, on half of the paths the nearest other branch of all poses, which may be
-nearer than any `max_step`; on others that of any pose. Made paths of 90 % of the ranges, which come near singularities and
-limits, are there to be jumped from as well. With joints to spare a jump is another answer more than 1 rad away in some
-joint. Times are wall times of one thread.
+Made paths: random smooth curves of joint values, four harmonics, 1,000 poses, drawn until the least singular value of the
+Jacobian stays above 0.05 of the largest. They are followed from their poses, and every step is proved. Planted jumps: at
+one pose of such a path the joint values are replaced by those of another branch. On half of the paths this is the nearest
+other branch of all poses, which may be nearer than any `max_step`; on the others it is one of any pose. Further paths for
+jumps use 90 % of the ranges and come near singularities and limits. For redundant arms a jump is another solution more than
+1 rad away in some joint. Times are wall times of one thread.
 
-    python -m benchmarks.path_proofs                      # writes path_proofs.md beside this file
+    python -m benchmarks.path_proofs                      # writes benchmarks/path_proofs.md
     python -m benchmarks.path_proofs ur5e panda --paths 10 --jumps 20
     python -m benchmarks.path_proofs --quick              # a few of each, printed and not written
 """

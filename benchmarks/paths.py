@@ -1,12 +1,12 @@
-"""Paths: are they followed without a break, with what steps, and at what cost?
+"""Paths: are they followed without a break, with which steps, and how fast?
 
 Made paths: random smooth curves of joint values, four harmonics over 98 % of every range, 1,000 poses; so a motion without
-a break exists, and its largest step is known. Tasks of the field: lines of 0.4 m and circles of 0.15 m of 500 poses, rasters
-of 11 rows and 2,000 poses whose turn about the tool is free; random placements whose poses are all reachable, followed with
-steps below 0.2 rad from no start at all. Times are of the processor, one thread; memory is what a path of 4,000 poses adds
-to the process beyond one of 1,000, per pose.
+a break exists, and its largest step is known. Tasks: lines of 0.4 m and circles of 0.15 m with 500 poses, and rasters of 11
+rows and 2,000 poses with a free turn about the tool axis. They have random placements whose poses are all reachable, and
+are followed without a start, with steps below 0.2 rad. Times are processor times of one thread. Memory is what a path of
+4,000 poses adds to the process beyond one of 1,000, for each pose.
 
-    python -m benchmarks.paths                      # writes paths.md beside this file
+    python -m benchmarks.paths                      # writes benchmarks/paths.md
     python -m benchmarks.paths ur5e panda --paths 10 --placements 5
     python -m benchmarks.paths --quick              # a few of each, printed and not written
 """
@@ -78,7 +78,7 @@ def measure_made(name: str, paths: int, poses: int) -> Row:
         travels.append(path.length / float(np.linalg.norm(steps, axis=1).sum()))
         if not (path.success and holds(arm, path, T)):
             misses.append(
-                f"{name} {seed}: {path.status.name}, {len(path.breaks)} breaks; {'; '.join(path.why[:2])}"
+                f"{name} {seed}: {path.status.name}, breaks: {len(path.breaks)}; {'; '.join(path.why[:2])}"
             )
     return {
         "arm": name,

@@ -1,11 +1,11 @@
-"""Proofs: how often, how fast, and are they ever wrong?
+"""Proofs: how often do they succeed, how fast are they, and are they ever wrong?
 
-Unreachable goals come from reachable poses by one of three changes in turn: a random orientation, a position pushed out by
-30 %, and a shift of about 0.15 m with a turn of about 0.5 rad. A goal counts if the nearest pose that the atlas finds misses
-it by at least 1 cm or 1°. Times are CPU times of `prove` alone, the atlas' answer handed in, one thread, after a first call.
-"gate %" are the goals that lengths and angles decide before any box; the columns after it are about the others.
-With ``--sound N`` every arm instead gets N goals that are in reach, random, singular and at limits, at tolerances from 1e-6
-to 1e-2, and the search of boxes, without the atlas' help, must not call one unreachable.
+Unreachable goals come from reachable poses by one of three changes, applied alternately: a random orientation, a position
+pushed out by 30 %, and a shift of about 0.15 m with a turn of about 0.5 rad. A goal counts if the nearest pose that the
+atlas finds misses it by at least 1 cm or 1°. Times are CPU times of `prove` on one thread, after a first call; the result
+of the atlas is given to it. "gate %" is the share of goals that lengths and angles decide before any box; the columns after
+it are about the others. With ``--sound N`` every arm instead gets N reachable goals, random, singular and at limits, at
+tolerances from 1e-6 to 1e-2. The search of boxes, without help from the atlas, must not call one unreachable.
 
     python -m benchmarks.proof                       # every arm of the catalog
     python -m benchmarks.proof ur5e panda --goals 300 --gap 0.01
@@ -13,9 +13,9 @@ to 1e-2, and the search of boxes, without the atlas' help, must not call one unr
     python -m benchmarks.proof --sound 3000
     python -m benchmarks.proof ur5e puma560 --branches 1000
 
-With ``--branches N`` every arm gets N goals in reach, and `isolate` must prove the list of their answers complete: the time
-is that of the proof with all answers given. "Regular" are the goals of which no answer found, nor the joint values that the
-goal was made of, have a Jacobian with a singular value below 0.02 (lengths in units of the arm's).
+With ``--branches N`` every arm gets N reachable goals, and `isolate` must prove that the list of their solutions is
+complete. The time is that of the proof with all solutions given. A goal is "regular" if the Jacobian has no singular value
+below 0.02 (lengths in units of the arm's), neither at a solution found nor at the joint values that made the goal.
 """
 
 from __future__ import annotations

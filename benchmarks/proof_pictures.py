@@ -1,7 +1,7 @@
 """The pictures of the pages on proofs: boxes of a two-link arm, tightness of bounds, cost against gap and joints.
 
-python -m benchmarks.proof_pictures            # writes docs/proof_*.png, and the boxes counted to proof_cost.csv
-python -m benchmarks.proof_pictures --redraw   # the same pictures, the cost from the CSV
+python -m benchmarks.proof_pictures            # writes docs/proof_*.png, and the numbers of boxes to proof_cost.csv
+python -m benchmarks.proof_pictures --redraw   # the same pictures, with the cost from the CSV
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How many of 1,000 random reachable targets the beam reaches to 1 mm: the paper's arms, one setting for all.
+"""How many of 1,000 random reachable targets the beam reaches within 1 mm, on the paper's arms with one setting.
 
 python -m benchmarks.reach [TARGETS]
 """

@@ -1,8 +1,8 @@
-"""Scenes beside VAMP and PyRoki: the Panda with itself and twenty capsules, the one kind of obstacle that all of them know.
+"""Scenes beside VAMP and PyRoki: the Panda with itself and twenty capsules, the obstacles that all of them support.
 
-Each peer has a model of its own, and is judged by coal on the hulls of the collision meshes: a *false alarm* is free to coal
-and touches to the peer, a *miss* touches to coal and is free to the peer. Either may come from another shape of the arm, not
-from an error of the peer; who uses it gets the verdict all the same. A part of `benchmarks.collisions`.
+Each peer has its own model of the arm, and is compared with coal on the hulls of the collision meshes. A *false alarm* is
+free for coal and touching for the peer; a *miss* is touching for coal and free for the peer. Either may come from another
+shape of the arm and not from an error of the peer, but a user gets this verdict. Part of `benchmarks.collisions`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Arms with a joint to spare: which curves of the self-motion the sample of `arm.branches` lacks.
+"""Redundant arms: which curves of the self-motion does the sample of `arm.branches` miss?
 
-Walks from random starts (`near=`) find answers all over. One that is far from every answer of the sample is followed along
-its curve, both ways until a limit or once round: if no answer of the sample lies there, the sample lacks this curve. It is
-followed by plain steps in the null space, each brought back onto the pose by plain Newton steps.
+Searches from random starts (`near=`) find solutions everywhere. A solution that is far from every solution of the sample is
+followed along its curve, both ways, until a limit or once around. If no solution of the sample lies on it, the sample
+misses this curve. The curve is followed by plain steps in the null space, each brought back onto the pose by plain Newton
+steps.
 
     python -m benchmarks.self_motion
     python -m benchmarks.self_motion panda --targets 20 --restarts 400
@@ -56,7 +57,7 @@ def along(arm: kinseek.Arm, q: Array, target: Array, way: int) -> Array:
     return np.array(rows)
 
 
-def lacking(arm: kinseek.Arm, target: Array, sample: Array, restarts: int, seed: int) -> list[Array]:
+def missed_curves(arm: kinseek.Arm, target: Array, sample: Array, restarts: int, seed: int) -> list[Array]:
     """Curves that restarts find and the sample, (k, n), has no answer on."""
     starts = np.random.default_rng(seed).uniform(arm.lower, arm.upper, (restarts, arm.dof))
     found = arm.ik(np.broadcast_to(target, (restarts, 4, 4)), near=starts, threads=1)
@@ -79,14 +80,14 @@ def main() -> None:
     parser.add_argument("--restarts", type=at_least_one, default=1000)
     parser.add_argument("--seed", type=int, default=9)
     given = parser.parse_args()
-    print("arm       targets  lacking a curve  curves lacked  shortest and longest [rad]")
+    print("arm       targets  missing a curve  curves missed  shortest and longest [rad]")
     for name in given.arms or ARMS:
         arm, whole, lengths = kinseek.load(name), 0, list[float]()
         targets = plain_fk(arm.chain, random_joints(arm.chain, given.targets, given.seed))
         for i, target in enumerate(targets):
             sample = arm.branches(target)
             assert isinstance(sample, kinseek.Branches)
-            curves = lacking(arm, target, sample.q, given.restarts, given.seed + i)
+            curves = missed_curves(arm, target, sample.q, given.restarts, given.seed + i)
             whole += not curves
             lengths += [STEP * len(curve) for curve in curves]
         span = f"{min(lengths):.2f} to {max(lengths):.2f}" if lengths else "–"

@@ -1,16 +1,16 @@
-"""Servoing: what one step costs, whether joints stay within their speeds, and whether an end of the way is told in time.
+"""Servoing: time of a step, whether joints keep to their speeds, and whether the end of a branch is predicted in time.
 
-Lines of 0.4 m and circles of 0.15 m at 100 Hz, 5 s each, somewhere in the arm's reach so that every pose can be reached;
-joints at most 1.5 rad/s; every tracker begins at the joint values that made the task and knows one pose at a time. A task is
-lost where the hand is first farther off than 1 mm or 0.01 rad, by plain NumPy forward kinematics.
+Lines of 0.4 m and circles of 0.15 m at 100 Hz, 5 s each, placed so that every pose can be reached. Joints move at most 1.5
+rad/s. Every tracker begins at the joint values that made the task and gets one pose at a time. A task is lost where the
+hand is first farther off than 1 mm or 0.01 rad, by plain NumPy forward kinematics.
 
-Foresight: `foresee()` is asked ten times a second, and knows no more than the poses so far. What it tells is right if the
-hand begins to fall behind within 0.25 s of when it said. A task that was lost was announced if something right was told at
-least 0.5 s before; one that was lost in its first 0.6 s cannot be, and is not counted. A false alarm is a task in which
-something was told that did not come, unless it was told for a time after the end of the task. The branch that `continuing()`
-names is tried: a tracker that stands there goes along the true poses, half a second past where the hand was lost.
+Foresight: `foresee()` is called ten times a second, and knows only the poses so far. A prediction is right if the hand
+begins to fall behind within 0.25 s of the predicted time. A lost task was announced if a right prediction was made at least
+0.5 s before. Tasks that are lost in their first 0.6 s cannot be announced, and are not counted. A false alarm is a task
+with a prediction that did not come true, unless it was for a time after the end of the task. The branch that `continuing()`
+returns is tried: a tracker on it follows the true poses until half a second after the place where the hand was lost.
 
-    python -m benchmarks.servoing                 # writes servoing.md beside this file
+    python -m benchmarks.servoing                 # writes benchmarks/servoing.md
     python -m benchmarks.servoing --quick         # ten tasks an arm, printed and not written
 """
 
@@ -57,22 +57,22 @@ NOISES = (0.0, 1e-4)
 
 
 @dataclass(frozen=True)
-class Told:
-    """What was foreseen in one task."""
+class Prediction:
+    """What was predicted in one task."""
 
     lost: int | None
-    """At which period the hand was lost."""
+    """The period at which the hand was lost."""
     behind: int | None
-    """At which period it had begun to fall behind."""
+    """The period at which it began to fall behind."""
     right: int | None
-    """When that was first told rightly."""
+    """The first period at which this was predicted rightly."""
     false: int
-    """How often something was told that did not come."""
+    """Number of predictions that did not come true."""
     status: str
-    """Of the first that was right."""
+    """The status of the first right prediction."""
     branch: str
-    """Of the branch that was named then: `goes on` or `ends`; where none was, `overlooked` if an answer to the pose does go
-    on, else `none`."""
+    """The branch that was returned then: `goes on` or `ends`. If none was, `overlooked` if a solution of the pose continues,
+    otherwise `none`."""
 
 
 def summary(arm: kinseek.Arm, who: str, q: Array, times: Array, paths: Array, starts: Array) -> Row:
@@ -128,7 +128,7 @@ def measure_peer(arm: kinseek.Arm, peer: str, paths: Array, starts: Array) -> tu
     return summary(arm, peer, q, times, paths, starts), found["version"]
 
 
-def foresight(arm: kinseek.Arm, T: Array, start: Array) -> tuple[Told, list[float], list[float]]:
+def foresight(arm: kinseek.Arm, T: Array, start: Array) -> tuple[Prediction, list[float], list[float]]:
     """Track one task, and ask what comes; also what the questions cost [µs]: of `foresee`, and of `continuing`."""
     tracker, tracked, q = arm.track(start, period=PERIOD, velocity=VELOCITY), [], []
     told: list[tuple[int, float, TrackStatus, Array | None]] = []
@@ -157,14 +157,14 @@ def foresight(arm: kinseek.Arm, T: Array, start: Array) -> tuple[Told, list[floa
     good = [one for one in told if behind is not None and abs(one[1] - behind) * PERIOD <= RIGHT]
     false = [one for one in told if one[0] < until and one not in good and one[1] < len(T)]
     if not good or lost is None:
-        return Told(lost, behind, None, len(false), "", ""), costs, more
+        return Prediction(lost, behind, None, len(false), "", ""), costs, more
     k, _, status, branch = good[0]
     verdict = judged(arm, branch, T[k : lost + round(0.5 / PERIOD)])
-    return Told(lost, behind, k, len(false), status.name, verdict), costs, more
+    return Prediction(lost, behind, k, len(false), status.name, verdict), costs, more
 
 
 def judged(arm: kinseek.Arm, branch: Array | None, T: Array) -> str:
-    """Was the right branch named for poses, (N, 4, 4)? See `Told.branch`."""
+    """Was the right branch returned for poses, (N, 4, 4)? See `Prediction.branch`."""
     if branch is not None:
         return "goes on" if goes_on(arm, branch, T) else "ends"
     return "overlooked" if any(goes_on(arm, q, T) for q in arm.branches(T[0], count=60).q) else "none"

@@ -1,8 +1,8 @@
-"""What an answer takes, against an earlier commit: is it faster by now, arm by arm?
+"""Time of calls compared with an earlier commit, arm by arm.
 
-The commit is cloned, its kernels are compiled for this processor, and both versions answer alternately, each in a process
-of its own, so that a machine that changes its speed is fair to both. Plain NumPy forward kinematics counts the targets that
-each has solved, within 1e-6 m and 1e-6 rad and inside the limits.
+The commit is cloned, its kernels are compiled for this processor, and both versions are measured alternately, each in a
+process of its own, so that a change of the machine's speed affects both. Plain NumPy forward kinematics counts the targets
+that each has solved, within 1e-6 m and 1e-6 rad and inside the limits.
 
     python -m benchmarks.since 510bdab
     python -m benchmarks.since HEAD~1 ur5e panda --output since.md
@@ -100,7 +100,7 @@ def side(source: Path, arm: str, targets: Array, log: Path) -> Worker:
 
 
 def measure(name: str, sources: tuple[Path, Path], turns: int, seed: int) -> Row:
-    """Ask both about one arm, by turns."""
+    """Measure both on one arm, alternately."""
     arm = kinseek.load(name)
     targets = plain_fk(arm.chain, random_joints(arm.chain, turns * MANY, seed))
     times, q = np.empty((len(QUESTIONS), turns, 2)), np.empty((2, len(targets), arm.dof))

@@ -1,6 +1,6 @@
 """Reachable targets, and a judge that shares nothing with the library: plain NumPy forward kinematics.
 
-Nobody's answer is judged by its own forward kinematics, and no target is made by a kernel.
+No solver judges its own results, and no target is made by a kernel.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ STRICT = 1e-6
 """[m] and [rad]"""
 
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"
-"""The robot files, where they lie beside the repository; the catalog holds the same arms."""
+"""An optional folder beside the checkout: ``NAME.urdf`` files, and ``robots.json`` with the base and the tip link of each.
+
+The repository does not contain it. With it, exactly its arms are measured; without it, all bundled arms are."""
 
 
 def plain_fk(chain: SerialChain, q: Array) -> Array:
@@ -79,7 +81,7 @@ def singular_joints(chain: SerialChain, count: int, seed: int) -> Array:
 
 
 def fleet_names() -> tuple[str, ...]:
-    """Names of the arms to measure: those of the robot files if they are there, else the whole catalog."""
+    """Names of the arms to measure: those of the optional folder `ROBOTS` if it exists, otherwise all bundled arms."""
     if ROBOTS.is_dir():
         return tuple(sorted(path.stem for path in ROBOTS.glob("*.urdf")))
     from kinseek.robots import catalog_names
@@ -88,7 +90,7 @@ def fleet_names() -> tuple[str, ...]:
 
 
 def fleet_arm(name: str) -> kinseek.Arm:
-    """Load an arm by its name: the robot file if it is there, else the bundled one."""
+    """Load an arm by its name: from the optional folder `ROBOTS` if it has the arm, otherwise the bundled arm."""
     path = ROBOTS / f"{name}.urdf"
     if not path.is_file():
         return kinseek.load(name)
@@ -115,5 +117,5 @@ def machine() -> str:
 
 
 def load() -> str:
-    """Load of the machine over the last fifteen minutes, where the system tells."""
+    """Load of the machine over the last fifteen minutes, if the system reports it."""
     return f"{os.getloadavg()[2]:.1f}" if hasattr(os, "getloadavg") else "unknown"

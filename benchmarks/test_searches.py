@@ -1,6 +1,6 @@
-"""The paper's searches on the paper's arms: nodes a second, time an answer, growth with the branching factor.
+"""The paper's searches on the paper's arms: nodes a second, time of a solution, growth with the branching factor.
 
-Compares kinseek with the figures asked of it in README.md beside this file, one core, kernels warm.
+Compares kinseek with the targets in benchmarks/README.md, on one core, after the kernels are loaded.
 Run: pytest benchmarks/test_searches.py --benchmark-only
 """
 

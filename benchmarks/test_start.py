@@ -1,7 +1,7 @@
-"""A user's first seconds: import, a process's first answer, and a first run that compiles.
+"""A user's first seconds: import, the first solution of a process, and a first run that compiles.
 
-Each figure is one of fresh processes, started with a cache folder of their own. Kernels run from the library that was built
-with the package, where there is one, and are compiled by Numba.
+Each figure is that of new processes with a cache folder of their own. Kernels run from the library that was built with the
+package, if there is one, and are compiled by Numba.
 Run: pytest benchmarks/test_start.py --benchmark-only
 """
 

@@ -1,8 +1,8 @@
-"""A drag in the viewer: 1,000 goals at 60 a second, on one core, and what the server's memory does meanwhile.
+"""A drag in the viewer: 1,000 goals at 60 a second, on one core, and the memory of the server.
 
-The server is a process of its own, held on one core. The browser is a stand-in that speaks viser's protocol: it opens the
-page, drags the gizmo as a mouse would, and takes everything that is sent; so what is measured is the server, not how fast a
-machine draws. Run: pytest benchmarks/test_viewer.py --benchmark-only -s
+The server is a process of its own on one core. A program that speaks viser's protocol takes the place of the browser: it
+opens the page, drags the gizmo as a mouse would, and receives everything that is sent. So the server is measured, and not
+how fast a machine draws. Run: pytest benchmarks/test_viewer.py --benchmark-only -s
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""What peers say of goals that are proved out of reach, in one table.
+"""What other solvers return for goals that are proved out of reach, in one table.
 
 The goals are those of `benchmarks.proof`: reachable poses with another orientation, pushed out or shifted. They count if it
-is proved that no pose of the arm comes within 1 cm and 1°. kinseek says so (`ik(prove=True)`), and encloses the nearest pose
-(`prove(gap=0.05)`). Solvers of `benchmarks.field` get the same goals, each in its own environment, with the settings named
-in `SETTINGS`.
+is proved that no pose of the arm comes within 1 cm and 1°. kinseek proves this (`ik(prove=True)`), and bounds the error of
+the nearest pose (`prove(gap=0.05)`). Solvers of `benchmarks.field` get the same goals, each in its own environment, with
+the settings named in `SETTINGS`.
 
     python -m benchmarks.unreachable                     # writes benchmarks/unreachable.md
     python -m benchmarks.unreachable --arms ur5e --goals 60

@@ -16,7 +16,7 @@ RESULTS = HERE / "results"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what was asked for; return 0, or 2 for a mistake in the call, or 130 when interrupted."""
+    """Run the requested experiments; return 0, or 2 for a mistake in the call, or 130 if interrupted."""
     asked = parser().parse_args(arguments)
     try:
         names = chosen(asked.names)

@@ -128,7 +128,7 @@ def measure(case: Row, effort: Effort) -> Row:
     points = effort.pick({2: 1000, 3: 1000, 4: 300, 6: 100}[arm.dof], 3)
     goals = random_goals(arm, points, effort.seed)
     solution = arm.ik(kinseek.Goal.pose(goals, position_weight=float(case["position_weight"])), solver=solver)
-    # Of Blind Search nothing is asked: it walks from where it is.
+    # Blind Search has no windows: it moves from its start.
     short = () if isinstance(solver, kinseek.BlindSearch) else solver.reach_notes(solution.problem)
     return {
         "points": points,

@@ -1,4 +1,4 @@
-"""Claim 19: is breadth-first search impossible? It finds the same node; and shallow nodes can be judged by bounds."""
+"""Claim 19: is breadth-first search impossible? It finds the same node, and bounds judge partial nodes."""
 
 from __future__ import annotations
 

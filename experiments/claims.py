@@ -22,8 +22,8 @@ class Claim:
     sentence: str
     source: str
     judge: Callable[[Results], Verdict]
-    turns: str
-    """What would turn the verdict: a test changes the rows so, and looks."""
+    reversal: str
+    """What would change the verdict. A test changes the rows in this way."""
 
 
 CLAIMS = (
@@ -180,7 +180,7 @@ CLAIMS = (
     Claim(
         19,
         "2.1",
-        "breadth-first search is not possible; shallow solutions make no sense",
+        "breadth-first search is not possible; nodes with only some joints set make no sense",
         "claim_19",
         judges.claim_19,
         "holds if breadth first finds the best node of no grid",
@@ -245,10 +245,10 @@ def claims_table(results: Results) -> str:
     return "\n".join(lines)
 
 
-def turns_table(results: Results) -> str:
-    """What would turn each verdict, in Markdown."""
+def reversals_table(results: Results) -> str:
+    """What would change each verdict, in Markdown."""
     lines = ["| # | verdict | what would change it |", "| --- | --- | --- |"]
-    lines += [f"| {claim.number} | {claim.judge(results)[1]} | {claim.turns} |" for claim in CLAIMS]
+    lines += [f"| {claim.number} | {claim.judge(results)[1]} | {claim.reversal} |" for claim in CLAIMS]
     return "\n".join(lines)
 
 
@@ -268,8 +268,8 @@ def machine_table(results: Results) -> str:
     """Where the numbers come from, in Markdown."""
     lines = ["| experiment | rows | seconds | commit | processor |", "| --- | --- | --- | --- | --- |"]
     for name in EXPERIMENTS:
-        told = json.loads((results.folder / f"{name}.json").read_text())
-        cells = (name, told["rows"], told["seconds"], told["commit"][:10], told["processor"])
+        run = json.loads((results.folder / f"{name}.json").read_text())
+        cells = (name, run["rows"], run["seconds"], run["commit"][:10], run["processor"])
         lines.append("| " + " | ".join(map(str, cells)) + " |")
     return "\n".join(lines)
 
@@ -277,11 +277,16 @@ def machine_table(results: Results) -> str:
 def rewritten(text: str, folder: Path) -> str:
     """The README with every table between its markers made anew."""
     results = Results(folder)
-    tables = {"figures": figures_table, "claims": claims_table, "turns": turns_table, "runs": machine_table}
+    tables = {
+        "figures": figures_table,
+        "claims": claims_table,
+        "reversals": reversals_table,
+        "runs": machine_table,
+    }
     for name, table in tables.items():
         begin, end = f"<!-- {name}: made by python -m experiments claims -->", f"<!-- end of {name} -->"
         if begin not in text or end not in text:
-            raise ExperimentError(f"README.md lacks the markers of the table {name!r}")
+            raise ExperimentError(f"README.md has no markers of the table {name!r}")
         head, rest = text.split(begin, 1)
         tail = rest.split(end, 1)[1]
         text = f"{head}{begin}\n\n{table(results)}\n\n{end}{tail}"

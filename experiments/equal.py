@@ -88,7 +88,7 @@ def solver_of(search: str, dof: int, budget: int) -> tuple[kinseek.Solver, int]:
 
 
 def measure(case: Row, effort: Effort) -> Row:
-    """Errors; the budget is also told to the search, so that none goes beyond."""
+    """Errors; the search also gets the budget, so that none exceeds it."""
     arm, search, budget = kinseek.load(str(case["arm"])), str(case["search"]), int(case["budget"])
     points = effort.pick(200 if budget < 10**5 else 40, 2)
     solver, parameter = solver_of(search, arm.dof, budget)

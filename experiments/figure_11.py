@@ -38,7 +38,7 @@ def cases(effort: Effort) -> list[Row]:
 def measure(case: Row, effort: Effort) -> Row:
     """Time per point once everything is prepared, and the preparation apart.
 
-    The static tree is made once per batch. Two batch sizes tell the two shares apart.
+    The static tree is made once per batch. Two batch sizes separate the two shares.
     """
     arm = kinseek.load("elbow6")
     points = effort.pick(100, 5)

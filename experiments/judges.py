@@ -25,7 +25,7 @@ Verdict = tuple[str, str]
 
 
 class Results:
-    """The rows of every experiment, read when they are first asked for."""
+    """The rows of every experiment, read on first access."""
 
     def __init__(self, folder: Path) -> None:
         """Look in this folder."""
@@ -464,8 +464,8 @@ def claim_19(results: Results) -> Verdict:
     held = max(int(row["most_held"]) for row in rows)
     text = (
         f"breadth first finds the best node of {found} of {len(rows)} grids, with as many nodes as depth first, but "
-        f"holds up to {held:,} at once; and bounds give shallow nodes a meaning: with them "
-        f"{span(shares)} % of the nodes do, for the same answer"
+        f"holds up to {held:,} at once; bounds judge nodes with only some joints set: with them {span(shares)} % of the "
+        f"nodes are enough, for the same answer"
     )
     return text, FAILS if found == len(rows) else IN_PART if found else HOLDS
 

@@ -54,9 +54,9 @@ class Walk:
     turn: Array
     """Orientation errors [rad]."""
     mirrored_first: Flags
-    """Is the first pass's winner nearer to the mirrored elbow than to the true one?"""
+    """Is the best node of the first pass nearer to the mirrored elbow than to the true one?"""
     out_of_reach: Flags
-    """Is the true answer farther from that winner than all later passes can go?"""
+    """Is the true answer farther from that node than all later passes can go?"""
     mirrored_last: Flags
     """Is the final answer nearer to the mirrored elbow?"""
 

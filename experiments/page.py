@@ -1,4 +1,4 @@
-"""The tables of docs/paper.md, made from the CSVs: ``python -m experiments.page`` rewrites them."""
+"""The tables of docs/paper.md and docs/paper_questions.md, made from the CSVs: ``python -m experiments.page``."""
 
 from __future__ import annotations
 
@@ -10,20 +10,25 @@ from .effort import Row
 from .judges import Results
 
 RESULTS = Path(__file__).resolve().parent / "results"
-PAGE = RESULTS.parents[1] / "docs" / "paper.md"
-TABLES: dict[str, tuple[str, Callable[[Sequence[Row]], str]]] = {
-    "breadths": ("question_08", question_08.table),
-    "fractions": ("fraction", fraction.table),
-    "mixtures": ("fraction", fraction.mixtures_table),
-    "choices": ("choices", choices.table),
-    "walks": ("choices", choices.walks_table),
+DOCS = RESULTS.parents[1] / "docs"
+PAGES: dict[Path, dict[str, tuple[str, Callable[[Sequence[Row]], str]]]] = {
+    DOCS / "paper.md": {
+        "fractions": ("fraction", fraction.table),
+        "mixtures": ("fraction", fraction.mixtures_table),
+    },
+    DOCS / "paper_questions.md": {
+        "breadths": ("question_08", question_08.table),
+        "choices": ("choices", choices.table),
+        "walks": ("choices", choices.walks_table),
+    },
 }
-"""Of each table the experiment and the function that makes it of its rows."""
+"""For each table of a page: the experiment, and the function that makes the table from its rows."""
 
 
-def rewritten(text: str, results: Results) -> str:
-    """The page with every table made anew."""
-    for name, (source, table) in TABLES.items():
+def rewritten(page: Path, results: Results) -> str:
+    """The text of a page with all of its tables made again."""
+    text = page.read_text()
+    for name, (source, table) in PAGES[page].items():
         begin, end = f"<!-- {name}: made by python -m experiments.page -->", f"<!-- end of {name} -->"
         head, rest = text.split(begin, 1)
         text = f"{head}{begin}\n\n{table(results(source))}\n\n{end}{rest.split(end, 1)[1]}"
@@ -31,5 +36,6 @@ def rewritten(text: str, results: Results) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(rewritten(PAGE.read_text(), Results(RESULTS)))
-    print(f"{PAGE}: tables rewritten")
+    for page in PAGES:
+        page.write_text(rewritten(page, Results(RESULTS)))
+        print(f"{page}: tables rewritten")

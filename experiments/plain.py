@@ -1,7 +1,7 @@
-"""The paper's searches in plain Python: once with node objects as Sec. 3.1 tells it, and twice with bare numbers.
+"""The paper's searches in plain Python: once with node objects as in Sec. 3.1, and twice with bare numbers.
 
 Nothing here is compiled and nothing is NumPy. All three programs visit the same nodes in the same order and
-share the forward kinematics; they differ in what Sec. 5 asks about, in how a joint value is kept.
+share the forward kinematics; they differ in how a joint value is stored, the question of Sec. 5.
 """
 
 from __future__ import annotations

@@ -75,7 +75,8 @@ def table(rows: Sequence[Row]) -> str:
     some = sorted(where(rows, dof=6, position_weight=1.0), key=lambda row: float(row["evaluations_mean"]))
     leaves = {str(row["method"]): float(row["evaluations_mean"]) - DIVISIONS**6 for row in some}
     lines = [
-        "| method | breadths | evaluations | later leaves over CB(1)'s | CB(3)'s over them | position [mm] | "
+        "| method | breadths | evaluations | leaves of later passes, divided by those of CB(1) "
+        "| those of CB(3), divided by them | position [mm] | "
         "orientation [mrad] |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]

@@ -113,7 +113,7 @@ class Store:
 
 
 def key_of(row: Row, keys: Sequence[str]) -> tuple[str, ...]:
-    """What tells a row from the others, as the CSV spells it."""
+    """The values that identify a row, as they are written in the CSV."""
     return tuple(str(_short(row[key])) for key in keys)
 
 
@@ -170,7 +170,7 @@ def describe(name: str, effort: Effort, rows: int, seconds: float) -> dict[str, 
 
 
 def processor() -> str:
-    """The processor's name, as far as the system tells it."""
+    """The processor's name, if the system reports it."""
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):

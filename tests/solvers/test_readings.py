@@ -87,7 +87,7 @@ def test_a_turned_lattice_is_that_of_an_arm_whose_joint_begins_elsewhere(divisio
 
 
 def test_half_a_cell_at_the_elbow_ends_the_spike_at_four() -> None:
-    """Orientation weighs little, D is 4 and Br is 4: question 6 of docs/paper.md."""
+    """Orientation weighs little, D is 4 and Br is 4: question 6 of docs/paper_questions.md."""
     arm = kinseek.load("planar2")
     goal = Goal.pose(arm.fk(random_joints(arm, 400)), position_weight=20.0)
     spike, turned, reach = (
@@ -331,10 +331,11 @@ def test_fixed_changes_end_where_none_helps() -> None:
 
 
 def test_the_page_tells_what_was_measured() -> None:
-    """The tables of docs/paper.md are those of the rows, and the sentences below them hold."""
+    """The tables of the pages about the paper are those of the rows, and the sentences below them hold."""
     results = Results(page.RESULTS)
-    rows, text = results("choices"), page.PAGE.read_text()
-    assert page.rewritten(text, results) == text, "run python -m experiments.page"
+    rows = results("choices")
+    for each in page.PAGES:
+        assert page.rewritten(each, results) == each.read_text(), "run python -m experiments.page"
 
     def error(choice: str, dof: int, breadth: int, divisions: int = 3, weight: float = 1.0) -> float:
         (row,) = [
