@@ -352,6 +352,7 @@ def test_intervals_hold_what_they_are_of() -> None:
     assert 2950 < low < 2970 < high < 2990
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_ratio_knows_that_a_slice_shares_its_luck() -> None:
     rng, hits, narrow = np.random.default_rng(0), [], []
     for _ in range(200):

@@ -63,6 +63,7 @@ def polygons(draw: st.DrawFn, most: int = 12) -> Polygons:
     return np.array(vertices), draw(st.permutations(faces))
 
 
+@pytest.mark.slow
 @given(polygons(), st.data())
 def test_obj_is_read_in_every_form(mesh: Polygons, data: st.DataObject) -> None:
     vertices, faces = mesh

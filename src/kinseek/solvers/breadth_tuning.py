@@ -2,9 +2,9 @@
 
 The paper examines the arm by hand and widens the joints that move the hand farthest. In measurements this is worse than a
 breadth of 2 for all joints if the wrist keeps a breadth of 1 (docs/paper_questions.md, question 8): it widens the shoulder.
-But breadth helps at joints whose errors other joints also hide, such as the elbow and the wrist of a SCARA arm. So this module
-runs the search itself. It solves a fixed set of reachable probe targets. It widens the joint that lowers the mean weighted
-error most per additional leaf, and continues while the window fits the budget.
+But breadth helps at joints whose errors other joints also hide, such as the elbow and the wrist of a SCARA arm. So this
+module runs the search itself. It solves a fixed set of reachable probe targets. It widens the joint that lowers the mean
+weighted error most per additional leaf, and continues while the window fits the budget.
 """
 
 from __future__ import annotations
