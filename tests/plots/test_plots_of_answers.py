@@ -200,6 +200,18 @@ def test_samples_have_the_coordinates_they_are_sorted_by(arm: kinseek.Arm) -> No
     assert (found == np.arange(index.samples)[::50] // LEAF_SIZE).mean() > 0.98
 
 
+def test_the_leaves_beside_that_of_a_pose_are_drawn() -> None:
+    from kinseek.kernels.atlas.tree import BESIDE, LEAF_SIZE
+
+    near = (BESIDE - 1) * LEAF_SIZE
+    for pose in UR5E.fk(np.random.default_rng(1).uniform(UR5E.lower, UR5E.upper, (3, 6))):
+        texts = [text.get_text() for text in plots.samples(UR5E, pose).legends[0].get_texts()]
+        assert texts[:2] == [
+            f"{near} samples of the leaves beside it",
+            f"{LEAF_SIZE} samples of the pose's leaf",
+        ]
+
+
 def test_axes_of_ones_own_are_drawn_on() -> None:
     figure, (left, right) = plots.plane(2)
     solution = PLANAR.ik(POINT)

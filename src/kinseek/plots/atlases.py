@@ -11,7 +11,7 @@ from kinseek.arm import Arm
 from kinseek.errors import InvalidUse
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import TURN, Division
-from kinseek.kernels.atlas.tree import BESIDE, LEAF_SIZE, Tree
+from kinseek.kernels.atlas.tree import LEAF_SIZE, Tree
 from kinseek.kinds import POSE
 from kinseek.robots.geometry import divide
 from kinseek.solvers.atlas.index import AtlasIndex, atlas_of
@@ -61,7 +61,7 @@ def samples(arm: Arm, pose: ArrayLike, *, size: tuple[float, float] = (9.4, 5.0)
     every = coordinates(index.sorted.poses, division)
     leaf = leaf_of(tree, query)
     own = np.arange(leaf * LEAF_SIZE, (leaf + 1) * LEAF_SIZE)
-    beside = tree.beside[leaf * BESIDE : (leaf + 1) * BESIDE]
+    beside = tree.beside[leaf]
     near = (beside[(beside >= 0) & (beside != leaf)][:, None] * LEAF_SIZE + np.arange(LEAF_SIZE)).ravel()
     figure, (left, right) = plane(2, size=size)
     left.hexbin(every[:, 0], every[:, 1], gridsize=60, mincnt=1, bins="log", cmap="Greys", linewidths=0.1)
