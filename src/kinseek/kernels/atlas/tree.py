@@ -21,9 +21,9 @@ from .lanes import LANES
 LEAF_SIZE = 8
 """Points in a leaf, which are measured in parallel; a multiple of LANES."""
 
-if LEAF_SIZE % LANES != 0:
+if LEAF_SIZE < LANES or LEAF_SIZE % LANES != 0:
     raise TypeError(
-        f"the number of points in a leaf of the atlas must be a multiple of {LANES}, got {LEAF_SIZE}"
+        f"LEAF_SIZE, the number of points in a leaf of the atlas, must be a positive multiple of {LANES}, got {LEAF_SIZE}"
     )
 
 MOST_LEVELS = 64
