@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+import time
 from pathlib import Path
 from typing import Any
 
@@ -185,6 +186,25 @@ def test_rows_of_vertices_may_differ() -> None:
     """A reader took every third number, so that a colour became a vertex."""
     text = b"v 0 0 0 1\nv 1 0 0 0.1 0.2 0.3\nv 0 1 0\nf 1 2 3\n"
     assert read("obj", text).tolist() == [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]
+
+
+@pytest.mark.parametrize(
+    ("kind", "begin"),
+    [("stl", b"solid\nfacet normal 0 0 1 outer loop vertex "), ("obj", b"v "), ("obj", b"vt ")],
+)
+def test_long_numbers_take_time_in_proportion(kind: str, begin: bytes) -> None:
+    start = time.perf_counter()
+    for digits in (b"1" * 20_000 + b"x", b"." + b"1" * 20_000 + b"x", b"1e" + b"1" * 20_000 + b"x"):
+        with pytest.raises(InvalidRobot, match="expected"):
+            read(kind, begin + digits + b" 0 0\n")
+    assert time.perf_counter() - start < 2  # It was a minute for each.
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_errors_of_text_stl_count_each_line_once(end: str) -> None:
+    text = "solid\nfacet normal 0 0 1\nouter loop\n" + 3 * "vertex 0 0 0\n" + "endloop\nendfacet\nfacet bad\n"
+    with pytest.raises(InvalidRobot, match=r"^line 9: "):
+        read("stl", text.replace("\n", end).encode())
 
 
 U = [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)]
