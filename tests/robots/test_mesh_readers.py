@@ -207,6 +207,38 @@ def test_errors_of_text_stl_count_each_line_once(end: str) -> None:
         read("stl", text.replace("\n", end).encode())
 
 
+def ply_header(form: str, faces: int, lists: int = 0) -> bytes:
+    header = f"ply\nformat {form} 1.0\nelement vertex 4\n" + "".join(
+        f"property char {axis}\n" for axis in "xyz"
+    )
+    header += f"element face {faces}\nproperty list uchar uchar vertex_index\n"
+    return (
+        header + "".join(f"property list uchar uchar a{i}\n" for i in range(lists)) + "end_header\n"
+    ).encode()
+
+
+SQUARE = bytes([0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0])
+
+
+def test_lists_of_ply_have_limits() -> None:
+    """A list takes one byte of a file, and as long as many numbers."""
+    rows = 20_000
+    text = ply_header("binary_little_endian", rows, 250) + SQUARE
+    text += b"\3\0\1\2\1\0".ljust(255, b"\0") + (rows - 1) * b"\3\0\1\2".ljust(254, b"\0")
+    with pytest.raises(InvalidRobot, match="values and lists in rows of different lengths"):
+        read("ply", text)
+    text = ply_header("ascii", 1) + b"0 0 0\n1 0 0\n1 1 0\n0 1 0\n" + b"40000" + 40_000 * b" 1" + b"\n"
+    with pytest.raises(InvalidRobot, match="bytes in a row"):
+        read("ply", text)
+
+
+def test_rows_of_ply_in_one_line_are_named() -> None:
+    with pytest.raises(
+        InvalidRobot, match=r"row 1 of its element 'vertex' does not have the numbers of one line"
+    ):
+        read("ply", ply_header("ascii", 1) + b"0 0 0 1 0 0 1 1 0\n0 1 0\n4 0 1 2 3\n")
+
+
 U = [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)]
 CORNER = [(2, 0), (2, 1), (1, 1), (1, 2), (0, 2), (0, 0)]
 DART = [(1, 0), (0, 3), (-1, 0), (0, 1)]
