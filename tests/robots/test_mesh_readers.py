@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import struct
 import time
@@ -200,6 +201,14 @@ def test_long_numbers_take_time_in_proportion(kind: str, begin: bytes) -> None:
     assert time.perf_counter() - start < 2  # It was a minute for each.
 
 
+def test_wrong_length_of_bytes_is_named_after_the_word_solid() -> None:
+    binary = b"solid of bytes".ljust(80) + struct.pack("<I", 1) + bytes(50)
+    with pytest.raises(
+        InvalidRobot, match=r"has 136 bytes, expected .* 1 triangles that it declares, 134 bytes"
+    ):
+        read("stl", binary + b"\0\0")
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_errors_of_text_stl_count_each_line_once(end: str) -> None:
     text = "solid\nfacet normal 0 0 1\nouter loop\n" + 3 * "vertex 0 0 0\n" + "endloop\nendfacet\nfacet bad\n"
@@ -270,6 +279,36 @@ def test_no_triangle_reaches_out_of_its_polygon(shape: list[tuple[float, float]]
             triangles, owners = triangulated(vertices, corners, given_sizes, "face {}".format)
             u, v = (vertices[corners[triangles]][:, k] - vertices[corners[triangles]][:, 0] for k in (1, 2))
             assert np.linalg.norm(np.cross(u, v), axis=1)[owners == 1].sum() / 2 == pytest.approx(area)
+
+
+def test_many_small_dents_are_one_large_dent() -> None:
+    """Triangles from (0, 0) to an arc that bends inwards reach out by little each."""
+    angle = np.linspace(0, 1, 5000)[::-1]
+    arc = np.stack([1 - 0.2 * np.sin(np.pi * angle), angle, 0 * angle], axis=1)
+    notch = np.array([(0, 0, 0), (0, -1, 0), (2, -1, 0), (2, 2, 0), (-1, 2, 0), (-1, 1.5, 0), (0.5, 1.5, 0)])
+    points = np.concatenate([notch, arc])
+    with pytest.raises(InvalidRobot):
+        triangulated(points, np.arange(len(points)), np.array([len(points)]), str)
+
+
+def test_rounded_points_of_straight_edges_are_no_dents() -> None:
+    rng = np.random.default_rng(2)
+    ends = np.array([(0, 0, 0), (0.1, 0, 0), (0.1, 0.1, 0), (0, 0.1, 0), (0, 0, 0)])
+    part = np.arange(20)[:, None] / 20
+    square = np.concatenate([a + (b - a) * part for a, b in itertools.pairwise(ends)])
+    for _ in range(20):
+        points = np.round(square @ np.linalg.qr(rng.normal(size=(3, 3)))[0], 6)
+        triangles, _ = triangulated(points, np.arange(80), np.array([80]), str)
+        u, v = (points[triangles][:, k] - points[triangles][:, 0] for k in (1, 2))
+        assert np.linalg.norm(np.cross(u, v), axis=1).sum() / 2 == pytest.approx(0.01, rel=1e-3)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-90, 1e90, 1e307])
+def test_size_does_not_change_the_triangles_of_a_polygon(scale: float) -> None:
+    points = np.array([(x, y, 0.0) for x, y in DART])
+    corners, sizes = np.arange(4), np.array([4])
+    expected = triangulated(points, corners, sizes, str)[0]
+    assert np.array_equal(triangulated(points * scale, corners, sizes, str)[0], expected)
 
 
 def test_polygons_that_are_not_convex_take_seconds_at_most() -> None:

@@ -41,14 +41,14 @@ def read(text: bytes, take: Callable[[Size], None]) -> list[Body]:
     if len(text) == 84 + _TRIANGLE.itemsize * declared:
         take(Size(1, 0))
         corners = np.frombuffer(text, _TRIANGLE, offset=84)["corners"].reshape(-1, 3).astype(np.float64)
-    elif re.match(rb"\s*solid\b", utf8(text), re.I):
+    elif b"\0" not in text and re.match(rb"\s*solid\b", utf8(text), re.I):
         corners = np.frombuffer(
             _text(utf8(text).replace(b"\r\n", b"\n").replace(b"\r", b"\n"), take)
         ).reshape(-1, 3)
     else:
         raise InvalidRobot(
-            f"it begins with {text[:5]!r} and has {len(text):,} bytes, expected 'solid' or, for the {declared:,} triangles "
-            f"that it declares, {84 + _TRIANGLE.itemsize * declared:,} bytes"
+            f"it begins with {text[:5]!r} and has {len(text):,} bytes, expected text that begins with 'solid' or, for the "
+            f"{declared:,} triangles that it declares, {84 + _TRIANGLE.itemsize * declared:,} bytes"
         )
     return [Body(corners, np.arange(len(corners)).reshape(-1, 3))]
 
