@@ -282,13 +282,13 @@ def test_no_triangle_reaches_out_of_its_polygon(shape: list[tuple[float, float]]
 
 
 def test_many_small_dents_are_one_large_dent() -> None:
-    """Triangles from (0, 0) to an arc that bends inwards reach out by little each."""
-    angle = np.linspace(0, 1, 5000)[::-1]
-    arc = np.stack([1 - 0.2 * np.sin(np.pi * angle), angle, 0 * angle], axis=1)
-    notch = np.array([(0, 0, 0), (0, -1, 0), (2, -1, 0), (2, 2, 0), (-1, 2, 0), (-1, 1.5, 0), (0.5, 1.5, 0)])
-    points = np.concatenate([notch, arc])
-    with pytest.raises(InvalidRobot):
-        triangulated(points, np.arange(len(points)), np.array([len(points)]), str)
+    """Each of the triangles from the first corner to a long falling edge reaches out by little."""
+    way = np.linspace(0, 1, 1500)
+    edge = np.stack([1 + way, -0.2 * way, 0 * way], axis=1)
+    points = np.concatenate([[(0, 0, 0)], edge, [(2, 3, 0), (0, 3, 0)]])
+    triangles, _ = triangulated(points, np.arange(len(points)), np.array([len(points)]), str)
+    u, v = (points[triangles][:, k] - points[triangles][:, 0] for k in (1, 2))
+    assert np.linalg.norm(np.cross(u, v), axis=1).sum() / 2 == pytest.approx(6.1, rel=1e-3)
 
 
 def test_rounded_points_of_straight_edges_are_no_dents() -> None:
