@@ -241,6 +241,18 @@ def test_lists_of_ply_have_limits() -> None:
         read("ply", text)
 
 
+@pytest.mark.parametrize("number", ["0.5", "128", "-129"])
+def test_coordinates_of_ply_have_the_declared_type(number: str) -> None:
+    with pytest.raises(InvalidRobot, match="expected a whole one of type int8"):
+        read("ply", ply_header("ascii", 1) + f"0 0 0\n{number} 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n".encode())
+
+
+@pytest.mark.filterwarnings("error")
+def test_infinite_corners_of_polygons_are_named() -> None:
+    with pytest.raises(InvalidRobot, match="line 5: a vertex is not of three finite numbers"):
+        read("obj", b"v 0 0 0\nv 1e400 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+
+
 def test_rows_of_ply_in_one_line_are_named() -> None:
     with pytest.raises(
         InvalidRobot, match=r"row 1 of its element 'vertex' does not have the numbers of one line"

@@ -73,7 +73,9 @@ def read(text: bytes, take: Callable[[Size], None]) -> list[Body]:
     if text[rows.begin :].strip() if order else rows.begin < len(rows.content):
         raise InvalidRobot(f"it has more rows than its header declares, after {rows.place()}")
     vertex, face = found["vertex"], found["face"]
-    vertices = np.stack([vertex[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    kinds = {axis: elements["vertex"].properties[axis].kind for axis in "xyz"}
+    whole = {axis: _whole(vertex[axis], kind) for axis, kind in kinds.items() if kind[0] != "f"}
+    vertices = np.stack([(vertex | whole)[axis].astype(np.float64) for axis in "xyz"], axis=1)
     kind, length = elements["face"].properties[corners]
     sizes, indices = _whole(face[f"{corners} length"], length), _whole(face[corners], kind)
     triangles, owners = triangulated(vertices, indices, sizes, lambda row: f"face {row + 1:,}")
@@ -286,7 +288,7 @@ def _whole(values: NDArray[Any], kind: str) -> Indices:
         whole = values.astype(kind)
     if len(wrong := np.flatnonzero(whole != values)):
         raise InvalidRobot(
-            f"a list of a face has the number {values[wrong[0]]}, expected a whole one of type {np.dtype(kind)}"
+            f"a vertex or a list of a face has the number {values[wrong[0]]}, expected a whole one of type {np.dtype(kind)}"
         )
     return whole.astype(np.int64)
 

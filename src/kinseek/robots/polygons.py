@@ -58,8 +58,8 @@ def triangulated(
         Positions in `corners` of the triangles, (m, 3); and the polygon of each triangle, (m,).
 
     Raises:
-        InvalidRobot: A polygon has fewer than 3 corners, names a vertex that does not exist, or has no such corner, as
-            polygons that cross themselves.
+        InvalidRobot: A polygon has fewer than 3 corners, names a vertex that does not exist or is not finite, or has no
+            such corner, as polygons that cross themselves.
     """
     if len(few := np.flatnonzero(sizes < 3)):
         raise InvalidRobot(f"{place(few[0])}: a face has {sizes[few[0]]} corners, expected at least 3")
@@ -70,6 +70,9 @@ def triangulated(
             f"{place(face)}: a face has the index {corners[wrong[0]] + first}, expected one from {first} to "
             f"{len(vertices) - 1 + first}: a vertex that does not exist"
         )
+    if len(wrong := np.flatnonzero(~np.isfinite(vertices).all(axis=1)[corners])):
+        face = int(np.searchsorted(starts, wrong[0], side="right")) - 1
+        raise InvalidRobot(f"{place(face)}: a vertex is not of three finite numbers")
     turns, triangles, owners = 0, [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
     order = np.argsort(sizes, kind="stable")
     for same in np.split(order, np.flatnonzero(np.diff(sizes[order])) + 1):
