@@ -70,7 +70,8 @@ def triangulated(
             f"{place(face)}: a face has the index {corners[wrong[0]] + first}, expected one from {first} to "
             f"{len(vertices) - 1 + first}: a vertex that does not exist"
         )
-    if len(wrong := np.flatnonzero(~np.isfinite(vertices).all(axis=1)[corners])):
+    is_finite: NDArray[np.bool_] = np.isfinite(vertices).all(axis=1)
+    if len(wrong := np.flatnonzero(~is_finite[corners])):
         face = int(np.searchsorted(starts, wrong[0], side="right")) - 1
         raise InvalidRobot(f"{place(face)}: a vertex is not of three finite numbers")
     turns, triangles, owners = 0, [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
