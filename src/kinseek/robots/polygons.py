@@ -70,7 +70,7 @@ def triangulated(
             f"{place(face)}: a face has the index {corners[wrong[0]] + first}, expected one from {first} to "
             f"{len(vertices) - 1 + first}: a vertex that does not exist"
         )
-    is_finite: NDArray[np.bool_] = np.isfinite(vertices).all(axis=1)
+    is_finite = np.asarray(np.isfinite(vertices).all(axis=1))
     if len(wrong := np.flatnonzero(~is_finite[corners])):
         face = int(np.searchsorted(starts, wrong[0], side="right")) - 1
         raise InvalidRobot(f"{place(face)}: a vertex is not of three finite numbers")
