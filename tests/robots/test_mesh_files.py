@@ -198,7 +198,7 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     ),
     "mainframe.stl": (
         lambda: f"solid {WORDS * 12}\nendsolid\n{SOLID * 9}".encode("cp037"),
-        "expected 'solid' or, for the 2,728,626,496 triangles that it declares, 136,431,324,884 bytes",
+        "expected text that begins with 'solid' or, for the 2,728,626,496 triangles that it declares, 136,431,324,884 bytes",
     ),
     "edges.ply": (
         lambda: b"ply\nformat binary_little_endian 1.0\nelement edge 9\nproperty int vertex1\nend_header\n",

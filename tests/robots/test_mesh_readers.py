@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import struct
+import time
 from pathlib import Path
 from typing import Any
 
@@ -187,6 +189,77 @@ def test_rows_of_vertices_may_differ() -> None:
     assert read("obj", text).tolist() == [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]
 
 
+@pytest.mark.parametrize(
+    ("kind", "begin"),
+    [("stl", b"solid\nfacet normal 0 0 1 outer loop vertex "), ("obj", b"v "), ("obj", b"vt ")],
+)
+def test_long_numbers_take_time_in_proportion(kind: str, begin: bytes) -> None:
+    start = time.perf_counter()
+    for digits in (b"1" * 20_000 + b"x", b"." + b"1" * 20_000 + b"x", b"1e" + b"1" * 20_000 + b"x"):
+        with pytest.raises(InvalidRobot, match="expected"):
+            read(kind, begin + digits + b" 0 0\n")
+    assert time.perf_counter() - start < 2  # It was a minute for each.
+
+
+def test_wrong_length_of_bytes_is_named_after_the_word_solid() -> None:
+    binary = b"solid of bytes".ljust(80) + struct.pack("<I", 1) + bytes(50)
+    with pytest.raises(
+        InvalidRobot, match=r"has 136 bytes, expected .* 1 triangles that it declares, 134 bytes"
+    ):
+        read("stl", binary + b"\0\0")
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_errors_of_text_stl_count_each_line_once(end: str) -> None:
+    text = "solid\nfacet normal 0 0 1\nouter loop\n" + 3 * "vertex 0 0 0\n" + "endloop\nendfacet\nfacet bad\n"
+    with pytest.raises(InvalidRobot, match=r"^line 9: "):
+        read("stl", text.replace("\n", end).encode())
+
+
+def ply_header(form: str, faces: int, lists: int = 0) -> bytes:
+    header = f"ply\nformat {form} 1.0\nelement vertex 4\n" + "".join(
+        f"property char {axis}\n" for axis in "xyz"
+    )
+    header += f"element face {faces}\nproperty list uchar uchar vertex_index\n"
+    return (
+        header + "".join(f"property list uchar uchar a{i}\n" for i in range(lists)) + "end_header\n"
+    ).encode()
+
+
+SQUARE = bytes([0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0])
+
+
+def test_lists_of_ply_have_limits() -> None:
+    """A list takes one byte of a file, and as long as many numbers."""
+    rows = 20_000
+    text = ply_header("binary_little_endian", rows, 250) + SQUARE
+    text += b"\3\0\1\2\1\0".ljust(255, b"\0") + (rows - 1) * b"\3\0\1\2".ljust(254, b"\0")
+    with pytest.raises(InvalidRobot, match="values and lists in rows of different lengths"):
+        read("ply", text)
+    text = ply_header("ascii", 1) + b"0 0 0\n1 0 0\n1 1 0\n0 1 0\n" + b"40000" + 40_000 * b" 1" + b"\n"
+    with pytest.raises(InvalidRobot, match="bytes in a row"):
+        read("ply", text)
+
+
+@pytest.mark.parametrize("number", ["0.5", "128", "-129"])
+def test_coordinates_of_ply_have_the_declared_type(number: str) -> None:
+    with pytest.raises(InvalidRobot, match="expected a whole one of type int8"):
+        read("ply", ply_header("ascii", 1) + f"0 0 0\n{number} 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n".encode())
+
+
+@pytest.mark.filterwarnings("error")
+def test_infinite_corners_of_polygons_are_named() -> None:
+    with pytest.raises(InvalidRobot, match="line 5: a vertex is not of three finite numbers"):
+        read("obj", b"v 0 0 0\nv 1e400 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+
+
+def test_rows_of_ply_in_one_line_are_named() -> None:
+    with pytest.raises(
+        InvalidRobot, match=r"row 1 of its element 'vertex' does not have the numbers of one line"
+    ):
+        read("ply", ply_header("ascii", 1) + b"0 0 0 1 0 0 1 1 0\n0 1 0\n4 0 1 2 3\n")
+
+
 U = [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)]
 CORNER = [(2, 0), (2, 1), (1, 1), (1, 2), (0, 2), (0, 0)]
 DART = [(1, 0), (0, 3), (-1, 0), (0, 1)]
@@ -218,6 +291,36 @@ def test_no_triangle_reaches_out_of_its_polygon(shape: list[tuple[float, float]]
             triangles, owners = triangulated(vertices, corners, given_sizes, "face {}".format)
             u, v = (vertices[corners[triangles]][:, k] - vertices[corners[triangles]][:, 0] for k in (1, 2))
             assert np.linalg.norm(np.cross(u, v), axis=1)[owners == 1].sum() / 2 == pytest.approx(area)
+
+
+def test_many_small_dents_are_one_large_dent() -> None:
+    """Each of the triangles from the first corner to a long falling edge reaches out by little."""
+    way = np.linspace(0, 1, 1500)
+    edge = np.stack([1 + way, -0.2 * way, 0 * way], axis=1)
+    points = np.concatenate([[(0, 0, 0)], edge, [(2, 3, 0), (0, 3, 0)]])
+    triangles, _ = triangulated(points, np.arange(len(points)), np.array([len(points)]), str)
+    u, v = (points[triangles][:, k] - points[triangles][:, 0] for k in (1, 2))
+    assert np.linalg.norm(np.cross(u, v), axis=1).sum() / 2 == pytest.approx(6.1, rel=1e-3)
+
+
+def test_rounded_points_of_straight_edges_are_no_dents() -> None:
+    rng = np.random.default_rng(2)
+    ends = np.array([(0, 0, 0), (0.1, 0, 0), (0.1, 0.1, 0), (0, 0.1, 0), (0, 0, 0)])
+    part = np.arange(20)[:, None] / 20
+    square = np.concatenate([a + (b - a) * part for a, b in itertools.pairwise(ends)])
+    for _ in range(20):
+        points = np.round(square @ np.linalg.qr(rng.normal(size=(3, 3)))[0], 6)
+        triangles, _ = triangulated(points, np.arange(80), np.array([80]), str)
+        u, v = (points[triangles][:, k] - points[triangles][:, 0] for k in (1, 2))
+        assert np.linalg.norm(np.cross(u, v), axis=1).sum() / 2 == pytest.approx(0.01, rel=1e-3)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-90, 1e90, 1e307])
+def test_size_does_not_change_the_triangles_of_a_polygon(scale: float) -> None:
+    points = np.array([(x, y, 0.0) for x, y in DART])
+    corners, sizes = np.arange(4), np.array([4])
+    expected = triangulated(points, corners, sizes, str)[0]
+    assert np.array_equal(triangulated(points * scale, corners, sizes, str)[0], expected)
 
 
 def test_polygons_that_are_not_convex_take_seconds_at_most() -> None:

@@ -56,7 +56,7 @@ MOST_PIXELS = 2**26
 MOST_COPIED = 2**27
 """Most pixels of the images of all bodies together: each body has a copy of its images."""
 MOST_LINE = 2**16
-"""Most bytes of a line of OBJ: no valid polygon needs more."""
+"""Most bytes of a line of OBJ and PLY: no polygon needs more."""
 MOST_JSON = 2**22
 """Most bytes of the description at the beginning of a GLB file."""
 MOST_LINES = 2**22
@@ -67,7 +67,7 @@ MOST_HEADER = 1_000
 MOST_PROPERTIES = 256
 """Most properties in the header of PLY."""
 MOST_VALUES = 3 * 2**22
-"""Most values of text PLY, rows times properties."""
+"""Most values of text PLY, rows times properties, and most numbers in its rows."""
 MOST_CORNERS = 3 * 2**22
 """Most triangle corners of COLLADA and GLB, with each instance counted, and of all meshes of a robot. Larger meshes can be
 read as binary STL or PLY."""

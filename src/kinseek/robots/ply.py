@@ -73,7 +73,9 @@ def read(text: bytes, take: Callable[[Size], None]) -> list[Body]:
     if text[rows.begin :].strip() if order else rows.begin < len(rows.content):
         raise InvalidRobot(f"it has more rows than its header declares, after {rows.place()}")
     vertex, face = found["vertex"], found["face"]
-    vertices = np.stack([vertex[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    kinds = {axis: elements["vertex"].properties[axis].kind for axis in "xyz"}
+    whole = {axis: _whole(vertex[axis], kind) for axis, kind in kinds.items() if kind[0] != "f"}
+    vertices = np.stack([(vertex | whole)[axis].astype(np.float64) for axis in "xyz"], axis=1)
     kind, length = elements["face"].properties[corners]
     sizes, indices = _whole(face[f"{corners} length"], length), _whole(face[corners], kind)
     triangles, owners = triangulated(vertices, indices, sizes, lambda row: f"face {row + 1:,}")
@@ -174,6 +176,7 @@ class _Rows:
         """Read the numbers of all lines; blank lines are skipped."""
         numbers, ends = array("d"), list[int]()
         for line in text[begin:].split(b"\n"):
+            at_most(len(line), MOST_LINE, "bytes in a row")
             if words := line.split():
                 try:
                     if b"_" in line:  # Python alone would read 1_000.
@@ -183,6 +186,7 @@ class _Rows:
                     raise InvalidRobot(
                         f"row {len(ends) + 1:,} is {line.decode(errors='replace')!r:.100}, expected numbers"
                     ) from None
+                at_most(len(numbers), MOST_VALUES, "numbers in its rows")
                 ends.append(8 * len(numbers))
         return cls(numbers.tobytes(), 0, "", ends)
 
@@ -198,7 +202,7 @@ class _Rows:
             size = 1
             if length:
                 fields.append((f"{column} length", self._kind(length), 1))
-                size = self._length(length, at, name)
+                size = self._length(self._kind(length), at, name)
                 at += np.dtype(self._kind(length)).itemsize
             fields.append((column, self._kind(kind), size))
             at += size * np.dtype(self._kind(kind)).itemsize
@@ -216,6 +220,9 @@ class _Rows:
         if not self.order:
             lines = np.array(self.lines[: element.rows])
             del self.lines[: element.rows]
+            lines = np.pad(
+                lines, (0, element.rows - len(lines))
+            )  # Rows of one line leave fewer lines than rows.
             if len(wrong := np.flatnonzero(ends != lines)):
                 raise InvalidRobot(
                     f"row {wrong[0] + 1:,} of its element {name!r:.100} does not have the numbers of one line: expected as "
@@ -226,37 +233,45 @@ class _Rows:
 
     def _walked(self, name: str, element: _Element) -> tuple[dict[str, NDArray[Any]], Indices]:
         """Return the columns of an element with lists of different lengths, and where its rows end."""
-        at_most(element.rows, MOST_LINES, "rows with lists of different lengths")
-        parts, kinds = defaultdict[str, list[bytes]](list), dict[str, str]()
-        at, ends = self.begin, list[int]()
+        values = element.rows * len(element.properties)
+        at_most(values, MOST_LINES, "values and lists in rows of different lengths")
+        parts = defaultdict[str, list[bytes]](list)
+        kinds = {
+            column: self._kind(kind)
+            for each, (own, length) in element.properties.items()
+            for column, kind in ([(f"{each} length", length)] if length else []) + [(each, own)]
+        }
+        steps = [
+            (parts[column].append, column.endswith(" length"), np.dtype(kind).itemsize, kind)
+            for column, kind in kinds.items()
+        ]
+        content, at, size, ends = self.content, self.begin, 1, list[int]()
+        known = dict[tuple[str, bytes], int]()
         for _ in range(element.rows):
-            for column, (kind, length) in element.properties.items():
+            for append, is_length, bytes_of, kind in steps:
+                end = at + size * bytes_of
+                part = content[at:end]
+                append(part)
                 size = 1
-                if length:
-                    size = self._length(length, at, name)
-                    at = self._take(parts[f"{column} length"], self._kind(length), 1, at)
-                at = self._take(parts[column], self._kind(kind), size, at)
-            if at > len(self.content):
+                if is_length:
+                    if (kind, part) not in known:
+                        known[kind, part] = self._length(kind, at, name)
+                    size = known[kind, part]
+                at = end
+            if at > len(content):
                 raise self._missing(name)
             ends.append(at)
-        for column, (kind, length) in element.properties.items():
-            kinds |= {column: self._kind(kind), f"{column} length": self._kind(length or kind)}
         columns = {column: np.frombuffer(b"".join(each), kinds[column]) for column, each in parts.items()}
         return columns, np.array(ends)
-
-    def _take(self, parts: list[bytes], kind: str, size: int, at: int) -> int:
-        end = at + size * np.dtype(kind).itemsize
-        parts.append(self.content[at:end])
-        return end
 
     def _kind(self, kind: str) -> str:
         return self.order + kind if self.order else "=f8"
 
     def _length(self, kind: str, at: int, name: str) -> int:
         """Return the length of a list."""
-        if at + np.dtype(self._kind(kind)).itemsize > len(self.content):
+        if at + np.dtype(kind).itemsize > len(self.content):
             raise self._missing(name)
-        length = np.frombuffer(self.content, self._kind(kind), 1, at)[0]
+        length = np.frombuffer(self.content, kind, 1, at)[0]
         if not 0 <= length <= len(self.content) or length % 1:
             raise InvalidRobot(
                 f"its element {name!r:.100} has a list of {length} numbers, expected a whole number in the file"
@@ -273,7 +288,7 @@ def _whole(values: NDArray[Any], kind: str) -> Indices:
         whole = values.astype(kind)
     if len(wrong := np.flatnonzero(whole != values)):
         raise InvalidRobot(
-            f"a list of a face has the number {values[wrong[0]]}, expected a whole one of type {np.dtype(kind)}"
+            f"a vertex or a list of a face has the number {values[wrong[0]]}, expected a whole one of type {np.dtype(kind)}"
         )
     return whole.astype(np.int64)
 

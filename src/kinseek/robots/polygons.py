@@ -17,8 +17,8 @@ Indices = NDArray[np.int64]
 
 _FLAT = 1e-6
 """Area of a polygon that is a line, for a length of 1."""
-_ROUNDING = 1e-9
-"""Area of a triangle that counts as zero, for a polygon with an area of 1."""
+_ROUNDING = 1e-4
+"""How far triangles may reach out of a polygon, for a length of 1: rounding moves the points of a straight edge."""
 _MOST_TURNS = 2**24
 """Most corners, squared for each polygon, of polygons that are not convex: trying their diagonals takes some seconds."""
 _AT_ONCE = 2**20
@@ -58,8 +58,8 @@ def triangulated(
         Positions in `corners` of the triangles, (m, 3); and the polygon of each triangle, (m,).
 
     Raises:
-        InvalidRobot: A polygon has fewer than 3 corners, names a vertex that does not exist, or has no such corner, as
-            polygons that cross themselves.
+        InvalidRobot: A polygon has fewer than 3 corners, names a vertex that does not exist or is not finite, or has no
+            such corner, as polygons that cross themselves.
     """
     if len(few := np.flatnonzero(sizes < 3)):
         raise InvalidRobot(f"{place(few[0])}: a face has {sizes[few[0]]} corners, expected at least 3")
@@ -70,6 +70,10 @@ def triangulated(
             f"{place(face)}: a face has the index {corners[wrong[0]] + first}, expected one from {first} to "
             f"{len(vertices) - 1 + first}: a vertex that does not exist"
         )
+    is_finite = np.asarray(np.isfinite(vertices).all(axis=1))
+    if len(wrong := np.flatnonzero(~is_finite[corners])):
+        face = int(np.searchsorted(starts, wrong[0], side="right")) - 1
+        raise InvalidRobot(f"{place(face)}: a vertex is not of three finite numbers")
     turns, triangles, owners = 0, [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
     order = np.argsort(sizes, kind="stable")
     for same in np.split(order, np.flatnonzero(np.diff(sizes[order])) + 1):
@@ -96,12 +100,17 @@ def triangulated(
 
 def _inside(points: Array) -> NDArray[np.bool_]:
     """Return which polygons have all their triangles, (k, m, 3, 3), on one side: then none reaches out of the polygon."""
-    edges = points[:, :, 1:] - points[:, :, :1]
+    edges = points[:, :, 1:] / 2 - points[:, :, :1] / 2  # Halves do not overflow.
+    largest = np.abs(edges).max(axis=(1, 2, 3), keepdims=True, initial=0)
+    edges /= np.where(largest > 0, largest, 1)  # Neither do the squares then, nor do they vanish.
     normals = np.cross(edges[:, :, 0], edges[:, :, 1])
     whole = normals.sum(axis=1)  # The normal of the polygon, by Newell.
     length = np.linalg.norm(whole, axis=1)
-    lowest = np.einsum("kmi,ki->km", normals, whole).min(axis=1, initial=np.inf)
+    others = np.maximum(-np.einsum("kmi,ki->km", normals, whole), 0)  # Of triangles on the other side.
+    sides = np.concatenate([edges, edges[:, :, 1:] - edges[:, :, :1]], axis=2)
+    bases = np.linalg.norm(sides, axis=3).max(axis=2)
+    beyond = (others / np.where(bases > 0, bases, 1)).sum(axis=1)  # Sum of their heights, times `length`.
     areas = np.linalg.norm(normals, axis=2).sum(axis=1)
     is_flat = areas <= _FLAT * np.square(edges).sum(axis=3).max(axis=(1, 2), initial=0)
-    found: NDArray[np.bool_] = is_flat | ((lowest >= -_ROUNDING * length**2) & (length > _FLAT * areas))
+    found: NDArray[np.bool_] = is_flat | ((beyond <= _ROUNDING * length) & (length > _FLAT * areas))
     return found

@@ -13,8 +13,8 @@ from kinseek.errors import InvalidRobot
 from .mesh_files import MOST_LINES, Size, at_most, utf8
 from .polygons import Body
 
-NUMBER = rb"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-"""A finite number in text."""
+NUMBER = rb"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
+"""A finite number in text. Digits are matched once (``++``): dividing n of them again and again takes n² steps."""
 
 _VERTEX = rb"vertex\s+(%s\s+%s\s+%s)\s+" % ((NUMBER,) * 3)
 _FACET = re.compile(
@@ -41,12 +41,14 @@ def read(text: bytes, take: Callable[[Size], None]) -> list[Body]:
     if len(text) == 84 + _TRIANGLE.itemsize * declared:
         take(Size(1, 0))
         corners = np.frombuffer(text, _TRIANGLE, offset=84)["corners"].reshape(-1, 3).astype(np.float64)
-    elif re.match(rb"\s*solid\b", utf8(text), re.I):
-        corners = np.frombuffer(_text(utf8(text).replace(b"\r", b"\n"), take)).reshape(-1, 3)
+    elif b"\0" not in text and re.match(rb"\s*solid\b", utf8(text), re.I):
+        corners = np.frombuffer(
+            _text(utf8(text).replace(b"\r\n", b"\n").replace(b"\r", b"\n"), take)
+        ).reshape(-1, 3)
     else:
         raise InvalidRobot(
-            f"it begins with {text[:5]!r} and has {len(text):,} bytes, expected 'solid' or, for the {declared:,} triangles "
-            f"that it declares, {84 + _TRIANGLE.itemsize * declared:,} bytes"
+            f"it begins with {text[:5]!r} and has {len(text):,} bytes, expected text that begins with 'solid' or, for the "
+            f"{declared:,} triangles that it declares, {84 + _TRIANGLE.itemsize * declared:,} bytes"
         )
     return [Body(corners, np.arange(len(corners)).reshape(-1, 3))]
 
