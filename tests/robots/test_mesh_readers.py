@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -387,7 +387,6 @@ def test_trimesh_reads_the_same_triangles_of_real_files() -> None:
         )
 
 
-@settings(deadline=None)
 @given(polygons(most=4), st.sampled_from(["obj", "ply", "stl"]), st.booleans())
 def test_what_trimesh_writes_is_read(mesh: Polygons, kind: str, is_text: bool) -> None:
     made = trimesh.Trimesh(mesh[0], [face[:3] for face in mesh[1]], process=False)
