@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 import os
 import struct
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -394,3 +396,28 @@ def test_what_trimesh_writes_is_read(mesh: Polygons, kind: str, is_text: bool) -
     text = made.export(file_type="stl_ascii" if kind == "stl" and is_text else kind, **how)
     own = read(kind, text.encode() if isinstance(text, str) else text)
     np.testing.assert_allclose(own, made.triangles, atol=1e-3)
+
+
+IMPORTING = """
+import logging, sys
+from pathlib import Path
+from kinseek.forks import importing
+from kinseek.robots.meshes import mesh_parts
+
+class Seen:
+    def find_spec(self, name, path, target=None):
+        if name == "trimesh":
+            held.append(importing._is_owned())
+
+held = []
+sys.meta_path.insert(0, Seen())
+mesh_parts(Path(sys.argv[1]))
+assert held == [True], held
+assert logging.getLogger("trimesh").handlers
+"""
+
+
+def test_trimesh_is_imported_where_a_fork_waits_for_it(tmp_path: Path) -> None:
+    (tmp_path / "one.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    command = [sys.executable, "-c", IMPORTING, str(tmp_path / "one.obj")]
+    assert subprocess.run(command, check=False, capture_output=True, text=True).stderr == ""

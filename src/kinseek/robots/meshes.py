@@ -54,8 +54,7 @@ def mesh_parts(path: Path, most: int = MOST_MESH, *, budget: Budget | None = Non
 
 def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> list[Any]:
     """Check a mesh and read it, as `mesh_parts` does."""
-    with importing:
-        pass
+    _import_trimesh()
 
     def take(size: Size) -> None:
         budget.take(size._replace(bodies=max(size.bodies, LEAST_BODIES)))
@@ -88,6 +87,18 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
         if word[1]:
             part.apply_scale(float(word[0]))
     return parts
+
+
+def _import_trimesh() -> None:
+    """Import trimesh before it is used here: a forked child could not finish an import that another thread has begun."""
+    with importing:
+        import logging
+
+        import trimesh  # noqa: F401
+    # Without any handler, Python would print trimesh's log messages about files, with tracebacks.
+    log = logging.getLogger("trimesh")
+    if not log.handlers:
+        log.addHandler(logging.NullHandler())
 
 
 def _of_scene(
