@@ -657,6 +657,8 @@ FACET = "facet normal 0 0 1\nouter loop\nvertex {0} 0 0\nvertex 1 0 0\nvertex 0 
 POINTS = ["element vertex 4", *(f"property float {axis}" for axis in "xyz"), "element face 2"]
 FACES = [*POINTS, "property list uchar int vertex_indices"]
 PLACES = b"0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
+TEXT_FACES = ply_header(*FACES, encoding="ascii") + PLACES
+"""Text PLY up to its two faces."""
 BYTES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "<f4").tobytes()
 BYTE_FACES = [*POINTS, "property list uchar uchar vertex_indices"]
 LOST: dict[str, tuple[str, bytes, str]] = {
@@ -720,12 +722,12 @@ LOST: dict[str, tuple[str, bytes, str]] = {
     "a curved surface": ("obj", f"{TRIANGLE}f 1 2 3\nsurf 0 1 0 1 1 2 3\n".encode(), "line 5: it has 'surf"),
     "a longer face of PLY": (
         "ply",
-        ply_header(*FACES, encoding="ascii") + PLACES + b"3 0 1 2 0\n4 0 1 3 2\n",
+        TEXT_FACES + b"3 0 1 2 0\n4 0 1 3 2\n",
         "row 1 of its element 'face' does not have the numbers of one line",
     ),
     "too few faces of PLY": (
         "ply",
-        ply_header(*FACES, encoding="ascii") + PLACES + b"3 0 1 2\n",
+        TEXT_FACES + b"3 0 1 2\n",
         "it ends in the element 'face'",
     ),
     "two lists of corners": (
@@ -747,12 +749,12 @@ LOST: dict[str, tuple[str, bytes, str]] = {
     ),
     "a fraction": (
         "ply",
-        ply_header(*FACES, encoding="ascii") + PLACES + b"3 0 1 2\n3 0 1 2.5\n",
+        TEXT_FACES + b"3 0 1 2\n3 0 1 2.5\n",
         "the number 2.5, expected a whole one",
     ),
     "a length with an underscore": (
         "ply",
-        ply_header(*FACES, encoding="ascii") + PLACES + b"3 0 1 2\n3 0 1 0_2\n",
+        TEXT_FACES + b"3 0 1 2\n3 0 1 0_2\n",
         "row 6 is '3 0 1 0_2', expected numbers",
     ),
     "a comment between corners": (
