@@ -402,9 +402,9 @@ MANY: dict[str, tuple[str, int, dict[str, Any]]] = {
     "ik, scene": ("ur5e", 40_000, {"scene": boxed}),
     "ik, scene, proved": ("ur5e", 40_000, {"scene": boxed, "prove": True}),
     "ik, proved": ("ur5e", 60_000, {"prove": True}),
-    "branches, proved": ("ur5e", 2000, {"prove": True}),
+    "branches, proved": ("ur5e", 40_000, {"prove": True}),
     "branches, cost": ("ur5e", 20_000, {"cost": lambda q: (q**2).sum(axis=1)}),
-    "branches, scene, proved": ("ur5e", 2000, {"scene": boxed, "prove": True}),
+    "branches, scene, proved": ("ur5e", 40_000, {"scene": boxed, "prove": True}),
 }
 
 
