@@ -215,7 +215,7 @@ def _objects(keep: str | Path | None, place: str) -> Path:
         return Path(place)
     versions = [importlib.metadata.version(each) for each in ("numba", "llvmlite")]
     # Objects do not depend on this file, nor on the door.
-    name = "-".join([_digest_of("emit.py", "targets.py"), *versions])
+    name = "-".join([_digest_of("emit.py", "shortcuts.py", "targets.py"), *versions])
     try:
         work: Path = PRIVATE["private_folder"](Path(keep), name)
         for path in work.rglob("*"):

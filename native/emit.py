@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src"))
 import kinseek.kernels.away  # Before Numba, which would obey a file of settings in the working folder.  # noqa: F401, I001
 
 import llvmlite.binding as llvm
+import shortcuts
 from numba.core.registry import cpu_target as typed_cpu_target
 from targets import TARGETS, Target
 
@@ -43,6 +44,7 @@ def main() -> None:
     folder, first, *rest = Path(sys.argv[1]), *sys.argv[2:]
     backwards = rest[-1:] == ["backwards"]
     never_run()
+    shortcuts.take()
     for path in kernel_sources():
         importlib.import_module(".".join(["kinseek", *path.relative_to(PACKAGE).with_suffix("").parts]))
     # Compiling makes millions of objects that stay, and going through them again and again takes a tenth of the time.

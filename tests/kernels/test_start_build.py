@@ -194,12 +194,14 @@ sys.path.insert(0, sys.argv[1])
 import emit
 
 emit.never_run()
+if sys.argv[2] == "shortcuts":
+    emit.shortcuts.take()
 import kinseek.kernels.ranges.steps
 from kinseek.kernels.entry import ENTRIES
 from kinseek.kernels.jit import ROUTINES
 
 known = {**ENTRIES, **ROUTINES}
-for name in sys.argv[2:]:
+for name in sys.argv[3:]:
     made = emit.compiled(known[name])
     whole = emit.linked(made, emit.wrapper_of(known[name], made, name), name)
     data = emit._native_object(whole)
@@ -213,10 +215,11 @@ def test_an_object_has_the_same_bytes_whatever_was_compiled_before(tmp_path: Pat
     """Numba lets a function take options from whichever kernel calls it first, and counts what it compiles in names."""
     pytest.importorskip("numba")
 
-    def bytes_of(*names: str) -> dict[str, str]:
-        environment = os.environ | {"KINSEEK_JIT": "1", "NUMBA_CACHE_DIR": str(tmp_path / names[0])}
+    def bytes_of(*names: str, how: str = "shortcuts") -> dict[str, str]:
+        cache = tmp_path / f"{how} {names[0]}"
+        environment = os.environ | {"KINSEEK_JIT": "1", "NUMBA_CACHE_DIR": str(cache)}
         done = subprocess.run(
-            [sys.executable, "-c", SOME, str(ROOT / "native"), *names],
+            [sys.executable, "-c", SOME, str(ROOT / "native"), how, *names],
             env=environment | {"PYTHONHASHSEED": "0", "NUMBA_DISABLE_JIT": "0"},
             capture_output=True,
             text=True,
@@ -229,6 +232,7 @@ def test_an_object_has_the_same_bytes_whatever_was_compiled_before(tmp_path: Pat
     first, second = bytes_of(one, other), bytes_of(other, one)
     assert first == second
     assert bytes_of(other, one) == first  # With what the caches hold by now.
+    assert bytes_of(one, other, how="as Numba does it") == first
 
 
 def test_objects_are_kept_apart_for_each_compiler(tmp_path: Path) -> None:
@@ -236,7 +240,7 @@ def test_objects_are_kept_apart_for_each_compiler(tmp_path: Path) -> None:
     assert objects("", str(tmp_path)) == tmp_path
     kept = objects(str(tmp_path), "elsewhere")
     assert kept.is_dir()
-    assert BUILD["_digest_of"]("emit.py", "targets.py") in kept.name
+    assert BUILD["_digest_of"]("emit.py", "shortcuts.py", "targets.py") in kept.name
     assert objects(tmp_path, "elsewhere") == kept
 
 

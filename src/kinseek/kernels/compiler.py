@@ -99,6 +99,13 @@ VERDICTS = tuple(
 """Modules of kernels that compute a bound or a verdict, or parts of one: compiled without assuming that NaN is absent."""
 
 
+VECTORIZED = tuple(
+    f"kinseek.kernels.{room}." for room in ("arm", "atlas", "branches", "collision", "paths", "structure")
+)
+"""Modules of kernels whose loops LLVM vectorizes. In the others this makes nothing faster and takes a sixth of the time to
+compile: look with `python -m benchmarks.since` before a room is added or taken away."""
+
+
 def numerics(function: Callable[..., Any]) -> dict[str, Any]:
     """Floating-point options for a function, by its module."""
     if f"{function.__module__}.".startswith(VERDICTS):
@@ -127,9 +134,14 @@ def bare(function: Callable[..., Any], exact: bool, counted: bool) -> Any:
         counted: True if references to arrays are counted, which a kernel that allocates needs.
     """
     options = numerics(function) | ({"fastmath": False} if exact else {})
-    return _njit(nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True, _nrt=counted, **options)(
-        function
-    )
+    return _njit(
+        nogil=True,
+        no_cfunc_wrapper=True,
+        no_cpython_wrapper=True,
+        _nrt=counted,
+        pipeline_class=_compiler_of(function),
+        **options,
+    )(function)
 
 
 class Compiled:
@@ -191,7 +203,19 @@ _models: Any = typed_models
 _Compiler: Any = numba_compiler.Compiler
 
 
-class _Simplified(_JITCodeLibrary):  # type: ignore[misc]
+class _Library(_JITCodeLibrary):  # type: ignore[misc]
+    """LLVM code of a function."""
+
+    def _optimize_functions(self, module: Any) -> None:
+        """Simplify every function, as Numba does, but make the passes once and leave declarations out."""
+        module.data_layout = self._codegen._data_layout
+        passes, builder = self._codegen._function_pass_manager()
+        for function in module.functions:
+            if not function.is_declaration:
+                passes.run(function, builder)
+
+
+class _Part(_Library):
     """LLVM code of a part, ready to be inlined; the kernel that contains it is optimised as a whole, once.
 
     Numba would run all LLVM passes on every part, again on all its callers, and so on up to the kernel. Only functions
@@ -206,24 +230,53 @@ class _Simplified(_JITCodeLibrary):  # type: ignore[misc]
         passes.run(self._final_module, builder)
 
 
-class _PartCompiler(_Compiler):  # type: ignore[misc]
-    """Compile into `_Simplified`."""
+class _Whole(_Library):
+    """LLVM code of a kernel.
 
-    def define_pipelines(self) -> Any:
-        """Numba's own pipelines, with our type of library."""
-        self.state.library = _Simplified(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
-        self.state.library.enable_object_caching()
-        return super().define_pipelines()
+    Numba would optimise it twice and remove pairs of reference counts in between. Kernels hardly count references.
+    """
+
+    vectorizes = False
+
+    def _optimize_final_module(self) -> None:
+        passes, builder = self._codegen._module_pass_manager(loop_vectorize=self.vectorizes)
+        passes.run(self._final_module, builder)
+
+
+class _Vectorized(_Whole):
+    """LLVM code of a kernel of `VECTORIZED`."""
+
+    vectorizes = True
+
+
+def _compiler_into(kind: type[_Library]) -> type[Any]:
+    """Numba's compiler, with our type of library."""
+
+    class Compiler(_Compiler):  # type: ignore[misc]
+        def define_pipelines(self) -> Any:
+            self.state.library = kind(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+            self.state.library.enable_object_caching()
+            return super().define_pipelines()
+
+    return Compiler
+
+
+_COMPILERS = {kind: _compiler_into(kind) for kind in (_Part, _Whole, _Vectorized)}
+
+
+def _compiler_of(function: Callable[..., Any]) -> type[Any]:
+    """The compiler for a kernel that is no part, by its module."""
+    return _COMPILERS[_Vectorized if f"{function.__module__}.".startswith(VECTORIZED) else _Whole]
 
 
 def part(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     """Compile a function that is always inlined."""
-    return compiled(function, pipeline_class=_PartCompiler, **options)
+    return compiled(function, pipeline_class=_COMPILERS[_Part], **options)
 
 
 def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     """Compile a function when it is first called."""
-    options = _FIXED | _SHIPPED | numerics(function) | options
+    options = {"pipeline_class": _compiler_of(function)} | _FIXED | _SHIPPED | numerics(function) | options
     made = _njit(nogil=True, no_cfunc_wrapper=True, **options)(function)
     with _cached(function) as folder:
         if folder is not None:
