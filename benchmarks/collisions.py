@@ -173,8 +173,9 @@ def checks(page: Page, options: Any) -> None:
         [(what, f"{taken / len(q) * 1e6:.2f}", f"{taken / bare:.3f}") for what, taken in rows],
     )
     page.say(
-        f"Two threads check a batch of {len(many):,} joint values {alone / both:.2f} times as fast as one thread. For",
-        f"comparison, two processes of one thread each do {2 * alone / machine:.2f} times the work of one in the same time.",
+        f"The row of two threads is from a larger batch, of {len(many):,} joint values. Two threads check this batch",
+        f"{alone / both:.2f} times as fast as one thread. For comparison, two processes of one thread each do",
+        f"{2 * alone / machine:.2f} times the work of one in the same time.",
     )
 
 
@@ -282,6 +283,10 @@ def answers(page: Page, count: int) -> None:
         )
         print(*rows[-1], flush=True)
     page.head("Solutions in a shelf")
+    page.say(
+        "Targets are poses of random joint values at which the arm is free. *Cut a board* counts solutions in which the",
+        "line through the joints comes nearer to a board than the capsules are thick.",
+    )
     page.table(
         "arm | >targets | >solved | >by the first branch | >cut a board | >touch, by MuJoCo | >median ms | >largest ms",
         rows,

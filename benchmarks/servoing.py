@@ -218,7 +218,10 @@ def page(steps: list[Row], foreseen: list[Row], versions: dict[str, str]) -> Pag
     page.say(
         f"Lines and circles at {1 / PERIOD:.0f} Hz. The joints may move at {VELOCITY} rad/s, and each tracker makes one",
         "step a period, beginning at the joint values from which the task was made. A task is followed if the hand is",
-        f"never farther off than {1e3 * PLACE:g} mm and {TURN:g} rad, by plain NumPy forward kinematics.",
+        f"never farther off than {1e3 * PLACE:g} mm and {TURN:g} rad, by plain NumPy forward kinematics. Every pose can",
+        "be reached, but the branch on which a task begins may end at a joint limit or at a singularity, or a joint may be",
+        "too slow. *Too fast* and *outside limits* count the tasks in which a joint exceeds its speed limit or leaves its",
+        "range.",
     )
     page.rows(steps)
     page.head("Foresight")

@@ -66,8 +66,8 @@ CLAIMS = (
         "the error tends to rise with D in 3 … 32; D = 3 is best",
         "figure_07, question_05",
         judges.claim_5,
-        "holds if for one breadth all three arms surely rise and no D is surely better than 3; fails if fewer than half "
-        "of these six conditions are met",
+        "holds if for one breadth the error rises on all three arms, and no D is better than 3 on any of them, both beyond "
+        "the intervals; fails if fewer than half of these six conditions are met",
     ),
     Claim(
         6,
@@ -75,8 +75,8 @@ CLAIMS = (
         "a spike at D = 4, for 2 DOF alone",
         "question_06",
         judges.claim_6,
-        "holds if it stands 1.2 times above its neighbours with K_P = K_A, and on no other arm; fails if the other arms "
-        "have it under every weight where this one has",
+        "holds if with K_P = K_A the error at D = 4 is 1.2 times that of its neighbours on this arm and on no other; fails "
+        "if, under every weight that gives this arm a spike, another arm has one too",
     ),
     Claim(
         7,
@@ -101,8 +101,8 @@ CLAIMS = (
         "CB(1) is fastest by nearly ten times, CB(3) slowest by ten or more",
         "figure_09",
         judges.claim_9,
-        "holds if CB(1) is first and CB(3) last on every arm and each factor is met on one arm, for the paper names none; "
-        "fails if none of these four is so",
+        "holds if CB(1) is fastest and CB(3) slowest on every arm, and each of the two factors is met on one arm (the paper "
+        "does not say on which); fails if none of these four conditions is met",
     ),
     Claim(
         10,
@@ -110,7 +110,8 @@ CLAIMS = (
         "CB(2) and CB(3) show extreme errors at 2 DOF",
         "question_10, question_10_exchanged",
         judges.claim_10,
-        "holds if under one reading they do while the other arms stay below 1.5 mm; fails if they do under none",
+        "holds if under one reading CB(2) and CB(3) have extreme errors on two joints, and errors below 1.5 mm on the other "
+        "arms; fails if they have extreme errors on two joints under no reading",
     ),
     Claim(
         11,
@@ -142,7 +143,8 @@ CLAIMS = (
         "6 DOF below 1 mm on average, in under 2 s",
         "figure_08, figure_09, question_08, objects",
         judges.claim_14,
-        "holds if CB(3) or DT + BT has both at K_P = K_A; fails if no weight and breadth has, or at 2 s a point",
+        "holds if CB(3) or DT + BT is below both limits at K_P = K_A; fails if no weight and breadth gives an error below "
+        "1 mm, or if all that do take 2 s a point",
     ),
     Claim(
         15,
@@ -158,7 +160,7 @@ CLAIMS = (
         "an unreachable goal makes the arm point towards it",
         "claim_16",
         judges.claim_16,
-        "holds if whole poses too stay within 5° on the mean, fails if positions do not",
+        "holds if the mean angle is below 5° for whole poses too; fails if positions are not within 5°",
     ),
     Claim(
         17,
@@ -191,7 +193,7 @@ CLAIMS = (
         "brute force on 2 DOF can handle B = 720 in a few seconds",
         "objects",
         judges.claim_20,
-        "in part if node objects need ten seconds, fails if bare numbers do too",
+        "in part if node objects take ten seconds; fails if bare numbers take ten seconds too",
     ),
     Claim(
         21,
@@ -199,8 +201,8 @@ CLAIMS = (
         "Blind Search only works very close to its start",
         "claim_21",
         judges.claim_21,
-        "holds if with fixed changes more than a tenth of the starts anywhere are stuck, and five times as many as near, on "
-        "every arm; in part if on one",
+        "holds if with fixed changes more than a tenth of the starts anywhere are stuck, and five times as many as of the "
+        "near ones, on every arm; in part if on one arm",
     ),
     Claim(
         22,
@@ -208,8 +210,8 @@ CLAIMS = (
         "DaC can be improved by breaking up the arm into separate chains, in certain cases",
         "separate",
         judges.claim_22,
-        "in part if on one arm, for one breadth, one of both errors or the evaluations are more than the whole arm's; fails "
-        "if they are everywhere",
+        "in part if for one arm and breadth one of the two errors, or the evaluations, are above those of the whole arm; "
+        "fails if this is so for every arm and breadth",
     ),
     Claim(
         23,

@@ -74,7 +74,7 @@ def claim_1(results: Results) -> Verdict:
     text = (
         f"nodes: each factor of 3 in B adds {'exactly ' if logarithmic else 'up to '}{max(steps):,}; "
         f"from B = 9 to 3^16, 4.8 million times as many, ×{nodes[14] / nodes[0]:.2g} nodes (the paper: ×7 in time; "
-        f"from B = 27 it is ×{nodes[15] / nodes[1]:.2g} nodes); ×{times[14] / times[0]:.2g} compiled time, for at "
+        f"from B = 27 it is ×{nodes[15] / nodes[1]:.2g} nodes); ×{times[14] / times[0]:.2g} compiled time, because at "
         f"B = 9 {100 * fixed / (fixed + slope * nodes[0]):.0f} % of it is the call itself; best solution: found for "
         f"{span(found['CB(3)'])} % of the points with CB(3), {span(found['CB(1)'])} % with CB(1)"
     )
@@ -228,7 +228,7 @@ def claim_9(results: Results) -> Verdict:
                 fast.append(first)
                 slow.append(last)
         parts.append(f"{dof} DOF {words[0]} in nodes, {words[1]} in time")
-    text = "next best over CB(1), and CB(3) over the next slowest: " + "; ".join(parts)
+    text = "the next fastest divided by CB(1), and CB(3) divided by the next slowest: " + "; ".join(parts)
     text += (
         f". In nodes CB(1) is first on {sum(value > 1 for value in fast)} and CB(3) last on "
         f"{sum(value > 1 for value in slow)} of {len(ARMS)} arms; the factors (7 and 10 or more) are met on "
@@ -325,7 +325,7 @@ def claim_13(results: Results) -> Verdict:
     text = (
         f"time with DT over time without, node objects in plain Python: median {middle:.2f}, quartiles {low:.2f} to "
         f"{high:.2f}; bare numbers need {np.median(bare):.2f} of the objects' time; compiled: {np.median(compiled):.2f}, "
-        f"for there a node made anew costs one multiplication"
+        f"because there making a node costs one multiplication"
     )
     return text, HOLDS if low > 1.02 else IN_PART if middle > 1.02 else FAILS
 
@@ -399,7 +399,7 @@ def claim_16(results: Results) -> Verdict:
     poses = [float(row["angle_mean_deg"]) for row in results("claim_16", goal="pose")]
     text = (
         f"position goals: 95 % within {max(position):.2g}° on every arm at every distance; whole poses with "
-        f"K_P = K_A: mean angle {min(poses):.2g}° to {max(poses):.2g}°, for the hand's turn is weighed too"
+        f"K_P = K_A: mean angle {min(poses):.2g}° to {max(poses):.2g}°, because the orientation of the hand counts too"
     )
     if max(position) > 5:
         return text, FAILS
@@ -413,8 +413,8 @@ def claim_17(results: Results) -> Verdict:
     twists = results.one("objects", "ms_per_point", dof=7, program="twists, NumPy")
     ratio = search / twists
     text = (
-        f"their program and computer are not to be had. Twists and exponentials in NumPy: {0.5 * twists:.2g} s for 500 "
-        f"points; DaC + DT + BT with node objects on the same arm {search / 1e3:.2g} s a point, {ratio:,.0f} times as "
+        f"the paper's program and computer are not available. Twists and exponentials in NumPy: {0.5 * twists:.2g} s for "
+        f"500 points; DaC + DT + BT with node objects on the same arm {search / 1e3:.2g} s a point, {ratio:,.0f} times as "
         f"much; kinseek's default answers {row['points']} points of the Panda in {row['seconds']:.2g} s, "
         f"{100 * float(row['solved']):.1f} % of them to 1 µm and 1 µrad"
     )
@@ -441,7 +441,7 @@ def claim_18(results: Results) -> Verdict:
     text = (
         f"brute force: the mean error fell in {fell} of {of} steps to a larger B; divide and conquer, from B = 810 to a "
         f"million: fell by more than a tenth for {gain} of {len(gains)} arms and breadths, ×{max(gains.values()):.2g} at "
-        f"most; BT on six joints ×{gains[6, 'BT']:.2f}, for there it is not the grid that is too coarse"
+        f"most; BT on six joints ×{gains[6, 'BT']:.2f}, because its errors come from wrong first cells and not from the grid"
     )
     return text, HOLDS if fell == of and gain == len(gains) else IN_PART if fell == of else FAILS
 
@@ -501,15 +501,16 @@ def claim_21(results: Results) -> Verdict:
         if changes == "fixed 0.01":
             worse = sum(far > 0.1 and far > 5 * near for near, far in shares)
         parts.append(
-            f"{changes}: up to {100 * max(near for near, _ in shares):.2g} % from within 0.1 and up to "
-            f"{100 * max(far for _, far in shares):.2g} % from anywhere, median error {mm(min(errors))} to {mm(max(errors))}"
+            f"{changes}: at most {100 * max(near for near, _ in shares):.2g} % of the starts within 0.1 of a solution and "
+            f"at most {100 * max(far for _, far in shares):.2g} % of the starts anywhere, median error {mm(min(errors))} to "
+            f"{mm(max(errors))}"
         )
     text = (
         "stuck more than 5 cm off, by changes: "
         + "; ".join(parts)
         + (
-            f"; with fixed changes a start anywhere is stuck for more than a tenth, and five times as often as near, on "
-            f"{worse} of {len(ARMS)} arms"
+            f"; with fixed changes more than a tenth of the starts anywhere are stuck, and five times as many as of the "
+            f"near ones, on {worse} of {len(ARMS)} arms"
         )
     )
     return text, judged(worse, len(ARMS))

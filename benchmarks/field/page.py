@@ -193,8 +193,8 @@ def _read(made: Page) -> None:
             "**µs**: wall time of one call from Python, on one thread. All solvers are measured by turns, each on an "
             f"{SLICES}th of the targets and then each on the next, so that a machine that changes its speed does so for "
             "all. A solver that needs a start and gets none begins in the middle of the ranges.",
-            "**× kinseek**: each time divided by kinseek's median time for the same slice; of these ratios the median, with "
-            "its interval. It depends on the machine far less than microseconds do.",
+            "**× kinseek**: each time is divided by kinseek's median time for the same slice; the number is the median of "
+            "these ratios, with its interval. It depends on the machine far less than microseconds do.",
             "Arms that a solver refuses do not count against it in shares; **arms** says how many it took.",
             "A difference that is smaller than the intervals is none.",
         ]

@@ -51,7 +51,8 @@ def measure(page: Page, poses: int, rings: bool) -> None:
             f"and {COUNT} orientations. One thread computes them in blocks of the default size. Times are CPU times",
             "for a pose. `arm.ik` solves a hundredth of the poses; it looks for the nearest pose if it finds no",
             "solution. *Missed* counts the poses that only `arm.ik` reaches. The gate is the first check of a proof:",
-            "lengths and angles alone.",
+            "lengths and angles alone. All poses, those that are reached and the others are timed in separate runs, between",
+            "which the clock of the machine can change.",
         )
         mixed = {name: _plain(name, poses) for name in ARMS}
         page.table(

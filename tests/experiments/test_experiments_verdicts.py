@@ -321,7 +321,7 @@ def test_fractions_fill_the_gaps_as_the_page_says() -> None:
 
 
 def test_the_story_quotes_the_rows() -> None:
-    """Numbers of the two pages that no clock made, from the rows and looked for in the text."""
+    """Numbers of the two pages, from the rows and looked for in the text."""
     pages = ("paper.md", "paper_questions.md")
     told = " ".join(" ".join((RESULTS.parents[1] / "docs" / page).read_text() for page in pages).split())
 
@@ -370,7 +370,45 @@ def test_the_story_quotes_the_rows() -> None:
         f"falls from {one('separate', 'position_mean_mm', arm='irb120', search='whole arm', breadth=4):.1f} to "
         f"{one('separate', 'position_mean_mm', arm='irb120', search='chains', breadth=4):.1f} mm",
     ]
+    quotes += times_quoted()
     assert [quote for quote in quotes if quote not in told] == []
+
+
+def times_quoted() -> list[str]:
+    """Times of the pages: from one run of `objects`, and of `separate`."""
+    results = Results(RESULTS)
+
+    def quartiles(program: str) -> tuple[int, list[float]]:
+        ratios = judges.paired(results, program, "objects")
+        return len(ratios), np.percentile(ratios, [25, 50, 75]).tolist()
+
+    def six(program: str, **wanted: Any) -> dict[tuple[Any, Any], float]:
+        rows = rows_of("objects", dof=6, program=program, **wanted)
+        return {(row["method"], row["branching_factor"]): float(row["ms_per_point"]) for row in rows}
+
+    def separate(**wanted: Any) -> list[float]:
+        return [float(row["ms_per_point"]) for row in rows_of("separate", **wanted)]
+
+    count, (low, middle, high) = quartiles("objects, DT")
+    bare, (least, half, most) = quartiles("numbers")
+    objects, frames = six("objects"), six("numbers, frames carried")
+    kernels, fine = six("kernels", branching_factor=7200), six("objects, DT", method="BT")
+    faster = [f"{float(f'{objects[key] / ms:.2g}'):,.0f}" for key, ms in kernels.items()]
+    faster.sort(key=lambda number: float(number.replace(",", "")))
+    whole = [separate(arm=arm, search="whole arm", breadth=4)[0] for arm in ("elbow6", "scara4", "planar2")]
+    chains = [ms for arm in ("elbow6", "scara4", "planar2") for ms in separate(arm=arm, search="chains")]
+    return [
+        f"{100 * middle - 100:.0f} % longer in the median of {count} searches (quartiles {100 * low - 100:.0f} and "
+        f"{100 * high - 100:.0f} %)",
+        f"{half:.2f} of the time of objects in the median of {bare} searches (quartiles {least:.2f} and {most:.2f})",
+        f"{np.median([frames[key] / objects[key] for key in objects]):.2f} of the time of objects on six joints",
+        f"{faster[0]} to {faster[-1]} times faster than objects on six joints",
+        f"{kernels['BT', 7200]:.2f} ms a point instead of {objects['BT', 7200]:.0f} ms",
+        f"| ×{fine['BT', 3**16] / fine['BT', 9]:.0f} |",
+        f"| ×{fine['BT', 3**17] / fine['BT', 27]:.1f} |",
+        f"{whole[0]:.0f} ms with a breadth of 4 on six joints, but {whole[1]:.2f} ms on four and {whole[2]:.2f} ms on two",
+        f"some {min(chains):.1f} to {max(chains):.1f} ms",
+    ]
 
 
 def test_separate_chains_do_what_was_asked_of_them() -> None:

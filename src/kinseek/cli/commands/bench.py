@@ -36,8 +36,9 @@ def command(arm: str, chain: Chain, poses: int, seconds: float, as_json: bool) -
 
     The poses belong to random postures inside the limits. A pose is reached if the solution is inside the limits and within
     1e-6 m and 1e-6 rad by kinseek's plain forward kinematics; if every solution is requested, each has to be. A peer that
-    needs a start gets the middle of the ranges, or, near a start, a posture about 0.05 rad or m a joint away. Unreachable
-    poses are farther away than the links together are long: solvers look for the nearest pose, or prove that none exists.
+    needs a start gets the middle of the ranges, or, near a start, a posture about 0.05 rad or m away in each joint.
+    Unreachable poses are farther away than the links together are long: solvers look for the nearest pose, or prove that
+    none exists.
     """
     loaded, rows = chain.load(arm), []
     for row in bench.measure(loaded, poses, seconds):

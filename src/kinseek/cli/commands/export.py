@@ -90,7 +90,7 @@ def command(
 ) -> int:
     """Write an arm as C and machine code for a small controller: forward kinematics, and a search.
 
-    The program solves the goal that is given, or a pose that the arm can reach.
+    The program solves the goal of --at, or without --at a pose that the arm can reach.
     """
     if to != "c":
         raise InvalidExport(suggest(to, ["c"], "language"))

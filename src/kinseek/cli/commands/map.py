@@ -52,7 +52,8 @@ _GRID, _WORK = "The grid", "The computation"
     "ranges",
     metavar="X X Y Y Z Z",
     group=_GRID,
-    help="Lower and upper value along x, y and z, m; with --rings of radius and height. Default: the arm's reach.",
+    help="Lower and upper value along x, y and z, m. With --rings: lower and upper radius and height, four values. "
+    "Default: the arm's reach.",
 )
 @option(
     "--orientations",

@@ -24,7 +24,7 @@ from kinseek.cli.output import direct_output
     metavar="N",
     type=click.IntRange(0, 65535),
     default=8080,
-    help="Port to listen at; if it is taken, the next free one is. Default: 8080.",
+    help="Port to listen at; if it is taken, the next free one is used. Default: 8080.",
 )
 @option("--share", is_flag=True, help="Also make a public address, through a relay of viser's authors.")
 @option("--browser/--no-browser", default=None, help="Open a browser, or only print the address of the page.")
