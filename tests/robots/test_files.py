@@ -209,6 +209,23 @@ def test_a_namespace_hides_nothing(extra: str, body: str, refused: str | None, t
             read(path)
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+@pytest.mark.parametrize("attached", [False, True])
+@pytest.mark.parametrize("word", ["Include", "INCLUDE"])
+def test_an_include_in_capitals_is_not_opened_by_mujoco(
+    word: str, attached: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MuJoCo took it for an include, and waited for a pipe in the working folder."""
+    pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo(tmp_path / "pipe.xml")
+    path = write(tmp_path, "m.xml", MODEL.format(f"<{word} file='pipe.xml'/>", ""))
+    if attached:
+        path = write(tmp_path, "n.xml", MODEL.format("<asset><model name='m' file='m.xml'/></asset>", ""))
+    with pytest.raises(InvalidRobot, match=f"m.xml: <{word}> in line 1, expected <include> in small letters"):
+        read(path)
+
+
 def test_models_that_attach_each_other_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     asset = "<asset><model name='m' file='{}'/></asset>"
