@@ -667,6 +667,16 @@ LOST: dict[str, tuple[str, bytes, str]] = {
         f"solid endsolid\n{FACET.format(0)}solid b\n{FACET.format(5)}endsolid\n".encode(),
         "line 9: it has 'solid b",
     ),
+    "a facet in the line of a name": (
+        "stl",
+        f"solid a {' '.join(FACET.format(5).split())}\n{FACET.format(0)}endsolid\n".encode(),
+        "line 1: it has 'solid a facet",
+    ),
+    "a solid in the line of an end": (
+        "stl",
+        f"solid a\n{FACET.format(0)}endsolid a solid b {' '.join(FACET.format(5).split())} endsolid\n".encode(),
+        "line 9: it has 'endsolid a solid b",
+    ),
     "a solid without an end": (
         "stl",
         f"solid a\n{FACET.format(0)}endsolid\nsolid b\n{FACET.format(5)}".encode(),
