@@ -417,6 +417,14 @@ def test_base_and_tip_must_exist_and_be_in_order(tmp_path: Path) -> None:
         read_urdf(path, base="c", tip="b")
 
 
+@pytest.mark.parametrize("root", ["", ' xmlns="http://www.ros.org"', ' xmlns:x="http://www.ros.org"'])
+def test_a_namespace_of_its_own_hides_no_element(root: str, tmp_path: Path) -> None:
+    """The origin was left out; readers of ROS know no namespaces."""
+    text = joint(inside='<origin xmlns="u" xyz="0 0 0.5"/><limit lower="-1" upper="1"/>')
+    path = write(tmp_path, f'<robot name="r"{root}><link name="a"/><link name="b"/>{text}</robot>')
+    assert read_urdf(path).fixed[0, 2, 3] == 0.5
+
+
 # Xacro
 
 XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'

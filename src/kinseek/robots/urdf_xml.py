@@ -71,7 +71,9 @@ _REQUIRED = {"parent": "link", "child": "link", "axis": "xyz", "mimic": "joint"}
 
 
 def root_element(text: bytes, where: str) -> Any:
-    """Parse XML without comments, processing instructions and the namespace of its root.
+    """Parse XML without comments, processing instructions, default namespaces and the namespace of its root.
+
+    Readers of ROS know no namespaces: an element without a prefix means the same in each of them.
 
     Raises:
         InvalidRobot: The XML is broken, or uses an entity that is another file; the message contains the parser's own, with
@@ -88,10 +90,11 @@ def root_element(text: bytes, where: str) -> Any:
         root = etree.fromstring(text, parser)
     except (etree.XMLSyntaxError, LookupError) as error:  # An unknown encoding raises LookupError.
         raise InvalidRobot(f"{where}: broken XML: {getattr(error, 'msg', None) or error}") from None
-    space, begins, _ = root.tag.rpartition("}")
-    if begins:
-        for element in root.iter("*"):
-            element.tag = element.tag.removeprefix(space + begins)
+    own = etree.QName(root).namespace
+    for element in root.xpath("descendant-or-self::*[namespace-uri()]"):
+        name = etree.QName(element)
+        if name.namespace == own or (element.prefix is None and name.namespace != _XACRO):
+            element.tag = name.localname
     return root
 
 
