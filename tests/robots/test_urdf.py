@@ -430,6 +430,17 @@ def test_a_namespace_of_its_own_hides_no_element(root: str, tmp_path: Path) -> N
 XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
 
 
+@pytest.mark.parametrize("trusted", [True, False])
+def test_xacro_names_elements(trusted: bool, tmp_path: Path) -> None:
+    """``xacro:element`` raised a TypeError of kinseek's own."""
+    body = (
+        '<xacro:property name="noun" value="link"/><xacro:element xacro:name="${noun}" name="a"/>'
+        '<link><xacro:attribute name="name" value="b"/></link>'
+    )
+    path = write(tmp_path, XACRO.format(body + joint(inside='<limit lower="-1" upper="1"/>')), "r.xacro")
+    assert read_urdf(path, trusted=trusted).tip == "b"
+
+
 def test_xacro_finds_includes_beside_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -231,10 +231,10 @@ def _restricted_xacro(path: Path) -> Iterator[_Spend]:
             spend(_units_of(node), "copies of blocks")
         return own.eval_all(node, *rest)
 
-    def eval_text(text: str, *rest: Any) -> Any:
+    def eval_text(text: str, symbols: Any) -> Any:
         # For each dollar sign xacro copies the rest of the text.
         spend(_TEXT + len(text) * (1 + text.count("$")), "values")
-        value = own.eval_text(text, *rest)
+        value = own.eval_text(text, symbols)
         if isinstance(value, str):
             require_few(len(value), "letters in one value", _MOST_LETTERS, f"{path}: xacro")
             spend(len(value), "values")
