@@ -340,7 +340,7 @@ BUSY = {
     ),
     "many dollars": ('<link name="' + "${1}" * 2000 + '"/>', "values"),
     "lists of parameters": (f'<xacro:macro name="m" params="{"a " * 3000}"/>', "parameters of macros"),
-    "many beside each other": ("<a/>" * 1500 + '<xacro:if value="0"/>' * 1500, "elements of one parent"),
+    "many beside each other": ("<a/>" * 1600 + '<xacro:if value="0"/>' * 1500, "elements of one parent"),
     "many elements": ("<a/>" * 8000, "elements, attributes and comments"),
     "many comments": ("<!---->" * 8000, "elements, attributes and comments"),
     "many files": ('<xacro:include filename="none.xacro" optional="true"/>' * 100, "files that are opened"),

@@ -441,6 +441,15 @@ def test_xacro_names_elements(trusted: bool, tmp_path: Path) -> None:
     assert read_urdf(path, trusted=trusted).tip == "b"
 
 
+@pytest.mark.parametrize("trusted", [True, False])
+def test_xacro_evaluates_a_file_once(trusted: bool, tmp_path: Path) -> None:
+    """xacrodoc did so until nothing changed, and so looked for a property of the name that $${…} stands for."""
+    names = '<link name="a"/><link name="b$${unknown}"/>'
+    text = joint(ends="a b$${unknown}", inside='<limit lower="-1" upper="1"/>')
+    path = write(tmp_path, XACRO.format(names + text), "r.xacro")
+    assert read_urdf(path, trusted=trusted).tip == "b${unknown}"
+
+
 def test_xacro_finds_includes_beside_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -155,7 +155,8 @@ def _folders(packages: Mapping[str, str | Path]) -> dict[str, str]:
 
 def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], trusted: bool) -> bytes:
     with importing:
-        from xacrodoc import XacroDoc, packages
+        from xacrodoc import packages
+        from xacrodoc.xacrodoc import xacro
 
     # xacro and xacrodoc keep their state in modules, so only one file is expanded at a time.
     with _XACRO_LOCK, _restricted_xacro(path) as spend, contextlib.ExitStack() as stack:
@@ -167,8 +168,11 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
             packages._finder = packages.PackageFinder()
             packages._finder.finder_funcs[:] = before.finder_funcs
             packages._finder.package_cache.update(before.package_cache | folders)
-            document = XacroDoc.from_file(str(path), subargs=arguments, resolve_packages=False)
-            return bytes(document.dom.toxml(encoding="utf-8"))
+            packages.walk_up_from(str(path))
+            # Once: xacrodoc repeats it until nothing changes, and so would evaluate $${…}, which stands for ${…}.
+            document = xacro.parse(None, str(path))
+            xacro.process_doc(document, mappings=arguments)
+            return bytes(document.toxml(encoding="utf-8"))
         except InvalidRobot:
             raise
         except Exception as error:  # xacro evaluates expressions of the file, which may raise anything.
