@@ -225,11 +225,11 @@ def _check_numbers(element: Any, where: str) -> None:
     for name, value in element.items():
         for word in value.split() if name not in _WORDS else ():
             try:
-                number = float(word)
+                number = float(word.partition("(")[0])  # C also reads nan(1).
             except ValueError:
                 continue  # Not a number: MuJoCo reports it.
             # In attributes that kinematics does not use, MuJoCo accepts infinity. For NaN it prints a warning on the
-            # terminal, past Python.
+            # terminal, past Python, and writes it to a file in the working folder.
             if math.isnan(number) or (name in _NUMBERS and math.isinf(number)):
                 raise InvalidRobot(
                     f"{where}: <{element.tag}> in line {element.sourceline}: {name}={value!r}: {word!r} is not finite"
