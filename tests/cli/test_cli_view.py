@@ -142,6 +142,17 @@ def test_a_name_that_a_shell_would_act_on_is_not_completed(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
+def test_completion_prints_no_warning(tmp_path: Path) -> None:
+    """A shell shows it below the line that is being typed."""
+    text = (
+        '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
+        '<child link="b"/><limit lower="-90" upper="90"/></joint></robot>'
+    )
+    (tmp_path / "in.urdf").write_text(text, encoding="utf-8")
+    assert completed(["kinseek", "solve", f"{tmp_path / 'in.urdf'}", "--near", ""]) == "plain,j=\n"
+
+
+@pytest.mark.slow
 def test_completion_trusts_no_xacro_file(tmp_path: Path) -> None:
     """`--untrusted` may follow on the line, and a key is no consent."""
     text = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="a"/><link name="b"/>

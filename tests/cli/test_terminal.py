@@ -245,6 +245,17 @@ def test_ctrl_c_during_the_import_ends_without_a_traceback(monkeypatch: pytest.M
     assert ended.value.code == 130
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("address", ["tls://127.0.0.1:1", "ucx://127.0.0.1:1", "tcp://127.0.0.1"])
+def test_a_scheduler_that_cannot_be_reached_is_said_to_be_so(
+    address: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without certificates, Dask raised a TypeError."""
+    pytest.importorskip("distributed")
+    assert run(["map", "panda", "--step", "0.5", "--scheduler", address]) == 2
+    assert f"cannot connect to a Dask scheduler at '{address}': " in capsys.readouterr().err
+
+
 def test_a_picture_without_a_folder_is_refused_before_the_map_is_made(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

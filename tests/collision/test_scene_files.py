@@ -186,6 +186,13 @@ def test_meshes_of_a_scene_are_solid(tmp_path: Path, arm: kinseek.Arm, scene: Sc
 SHAPE = "0 0 0\n0 0 0 1\n1\nbox\n{0} {0} {0}\n0 0 0\n0 0 0 1\n0 0 0 0\n0\n.\n"
 
 
+@pytest.mark.parametrize("text", [MOVEIT, OLD])
+def test_the_name_of_a_scene_may_begin_with_a_star(text: str, tmp_path: Path, scene: Scene) -> None:
+    """The line below decided on the version of the file."""
+    text = f"* my cell{text[text.index(chr(10)) :]}"
+    assert scene.add_file(written(tmp_path, "cell.scene", text)) == ("table", "the pole")
+
+
 def test_a_line_of_a_scene_ends_where_that_of_moveit_does(tmp_path: Path, scene: Scene) -> None:
     """A name could have another object in it, and the end of the file, which hid its own shape."""
     hidden = SHAPE.format(0.01).replace("\n", " ")

@@ -162,6 +162,16 @@ def test_a_level_can_be_chosen_and_an_unknown_one_is_refused() -> None:
 
 @pytest.mark.slow
 @library
+def test_the_command_line_says_in_a_sentence_that_there_is_no_such_level(tmp_path: Path) -> None:
+    for words in ("fk panda 0 0 0 -1 0 1 0", "solve panda --at 0.4 0.1 0.5 --position-only", "kernels"):
+        done = run(f"from kinseek.cli import main; main({words.split()})", KINSEEK_LEVEL="x")
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.startswith("kinseek: KINSEEK_LEVEL='x': the library of kernels has the levels")
+        assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+@library
 def test_numba_is_left_alone_unless_it_is_asked_for() -> None:
     code = "import sys, kinseek; a = kinseek.load('panda'); a.ik(a.fk(a.lower + 0.3)); print('numba' in sys.modules)"
     assert run(code).stdout == "False\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -181,6 +182,19 @@ def test_a_block_that_cannot_be_written_interrupts_the_map(
     monkeypatch.setattr(make, "store_of", in_the_way)
     with pytest.raises(kinseek.MapInterrupted, match="a block cannot be written"):
         maps.reach(ARM, GRID, store=tmp_path / "map.zarr", **SMALL)
+
+
+def test_a_process_prints_nothing_if_the_one_that_started_it_has_ended() -> None:
+    """It printed a traceback, for nobody read its first line."""
+    command, pipe = [sys.executable, "-P", "-c", processes.PROGRAM], subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        pickle.dump(sys.path, process.stdin)
+        process.stdin.close()
+        assert process.stderr.read() == b""
 
 
 def test_what_a_process_prints_does_not_come_between_its_answers(

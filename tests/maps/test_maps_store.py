@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import itertools
 import json
 import math
 import os
@@ -512,8 +513,13 @@ def test_a_store_that_is_no_path_is_refused(place: Any) -> None:
             call(**{"store": place})
 
 
-@pytest.mark.parametrize("text", ["", None, '{"attributes": {"_FillValue": "x"}}'])
-@pytest.mark.parametrize("name", ["radius", "orientation", "rotation"])
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        *itertools.product(["radius", "orientation", "rotation"], ["", None]),
+        ("rotation", '{"attributes": {"_FillValue": "x"}}'),
+    ],
+)
 def test_a_map_with_damaged_places_is_refused_before_it_is_gone_on_with(
     name: str, text: str | None, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -691,6 +697,31 @@ def test_a_pipe_among_the_metadata_is_not_opened(written: Path, tmp_path: Path) 
     os.mkfifo(tmp_path / "map" / "reached" / "zarr.json")
     with pytest.raises(kinseek.InvalidMap, match="is not a regular file"):
         maps.open(tmp_path / "map")
+
+
+def as_a_pipe(place: Path) -> None:
+    (place / "c" / "0").unlink()
+    os.mkfifo(place / "c" / "0")
+
+
+def as_texts(place: Path) -> None:
+    name = place / "zarr.json"
+    text = {"data_type": "string", "fill_value": "", "codecs": [{"name": "vlen-utf8"}]}
+    name.write_text(json.dumps(json.loads(name.read_text()) | text))
+    (place / "c" / "0").write_bytes(b"\xff" * 4)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+@pytest.mark.parametrize("change", [as_a_pipe, as_texts])
+@pytest.mark.parametrize("name", ["x", "orientation"])
+def test_the_places_of_a_map_are_not_read(
+    name: str, change: Callable[[Path], None], written: Path, tmp_path: Path
+) -> None:
+    """xarray read arrays with the names of dimensions, whatever their type and codecs, when a map was opened."""
+    shutil.copytree(written / "grid", tmp_path / "map")
+    change(tmp_path / "map" / name)
+    found, expected = maps.open(tmp_path / "map"), maps.open(written / "grid")
+    assert found.identical(expected)
 
 
 @pytest.fixture(name="client", scope="module")

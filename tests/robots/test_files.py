@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import time
 from collections.abc import Iterator
@@ -209,6 +210,23 @@ def test_a_namespace_hides_nothing(extra: str, body: str, refused: str | None, t
             read(path)
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+@pytest.mark.parametrize("attached", [False, True])
+@pytest.mark.parametrize("word", ["Include", "INCLUDE"])
+def test_an_include_in_capitals_is_not_opened_by_mujoco(
+    word: str, attached: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MuJoCo took it for an include, and waited for a pipe in the working folder."""
+    pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo(tmp_path / "pipe.xml")
+    path = write(tmp_path, "m.xml", MODEL.format(f"<{word} file='pipe.xml'/>", ""))
+    if attached:
+        path = write(tmp_path, "n.xml", MODEL.format("<asset><model name='m' file='m.xml'/></asset>", ""))
+    with pytest.raises(InvalidRobot, match=f"m.xml: <{word}> in line 1, expected <include> in small letters"):
+        read(path)
+
+
 def test_models_that_attach_each_other_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     asset = "<asset><model name='m' file='{}'/></asset>"
@@ -323,7 +341,7 @@ BUSY = {
     ),
     "many dollars": ('<link name="' + "${1}" * 2000 + '"/>', "values"),
     "lists of parameters": (f'<xacro:macro name="m" params="{"a " * 3000}"/>', "parameters of macros"),
-    "many beside each other": ("<a/>" * 1500 + '<xacro:if value="0"/>' * 1500, "elements of one parent"),
+    "many beside each other": ("<a/>" * 1600 + '<xacro:if value="0"/>' * 1500, "elements of one parent"),
     "many elements": ("<a/>" * 8000, "elements, attributes and comments"),
     "many comments": ("<!---->" * 8000, "elements, attributes and comments"),
     "many files": ('<xacro:include filename="none.xacro" optional="true"/>' * 100, "files that are opened"),
@@ -425,10 +443,12 @@ def test_another_encoding_that_says_so_is_read(tmp_path: Path) -> None:
     assert read(write(tmp_path, "m.xml", (head + text).encode("iso-8859-1"))).tip == "Händchen"
 
 
-@pytest.mark.parametrize("word", ["nan", "1e400"])
+@pytest.mark.parametrize("word", ["nan", "nan(1)", "-NaN(x_1)", "1e400"])
 def test_numbers_that_are_none_are_named(word: str, tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
-    with pytest.raises(InvalidRobot, match=f"<body> in line 1: pos='0 {word} 0': '{word}' is not finite"):
+    with pytest.raises(
+        InvalidRobot, match=re.escape(f"<body> in line 1: pos='0 {word} 0': '{word}' is not finite")
+    ):
         read(write(tmp_path, "m.xml", MODEL.format("", f"<body pos='0 {word} 0'/>")))
 
 

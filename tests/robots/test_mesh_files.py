@@ -358,6 +358,20 @@ SHOWN = dae(
             "of NORMAL from '#gone'",
         ),
         ('semantic="VERTEX"', 'semantic="NORMAL"', "without an <input> of VERTEX"),
+        (
+            '<input semantic="POSITION"',
+            '<input semantic="POSITION" source="#s"/><input semantic="POSITION"',
+            "two <input> of POSITION, expected one",
+        ),
+        ("<vertices", '<vertices id="w"/><vertices', "has 2 <vertices>, expected one"),
+        ("<vertices", '<source id="s"/><vertices', "has two sources 's', expected one"),
+        ("<asset>", "<asset/><asset>", "2 <asset> elements, expected one"),
+        (
+            "<translate>",
+            '<translate xmlns="u">',
+            "a <translate> of another namespace than its root",
+        ),
+        ("<mesh>", '<x:mesh xmlns:x="u"/><mesh>', "a <mesh> of another namespace than its root"),
         ('offset="0"', 'offset="x"', "the offset 'x', expected a whole number"),
         ('source="#s"', 'source="#t"', "an <input> of POSITION from '#t', which is not in its mesh"),
         ('stride="3"', 'stride="4"', "3 params, stride 4 and offset 0; expected 3, 3 and 0"),
@@ -403,6 +417,43 @@ def test_what_the_reader_of_collada_would_pass_over_is_refused(
             text = text.replace("<triangles", f"<{name}")
     (tmp_path / "a.dae").write_text(text)
     with pytest.raises(InvalidRobot, match=why):
+        mesh_parts(tmp_path / "a.dae")
+
+
+L_SHAPED = "0 0 0 2 0 0 2 1 0 1 1 0 1 2 0 0 2 0"
+
+
+@pytest.mark.parametrize("kind", ["polylist", "polygons"])
+@pytest.mark.parametrize("first", range(6))
+def test_no_polygon_of_collada_is_filled_beyond_its_sides(first: int, kind: str, tmp_path: Path) -> None:
+    """The reader divides each polygon by the diagonals from its first corner, and filled the notch of an L."""
+    pytest.importorskip("collada")
+    corners = " ".join(str((first + i) % 6) for i in range(6))
+    counts = "<vcount>6</vcount>" if kind == "polylist" else ""
+    text = dae(ONE.replace("triangles", kind).replace("<p>0 1 2", f"{counts}<p>{corners}")).decode()
+    text = text.replace('count="9">0 0 0 1 0 0 0 1 0<', f'count="18">{L_SHAPED}<').replace(
+        'count="3" s', 'count="6" s'
+    )
+    (tmp_path / "a.dae").write_text(text)
+    if first in (0, 3):  # These corners see all others.
+        assert sum(part.area for part in mesh_parts(tmp_path / "a.dae")) == pytest.approx(3)
+        return
+    with pytest.raises(
+        InvalidRobot, match=f"has a <{kind}> with a polygon of 6 corners, not all of which its first"
+    ):
+        mesh_parts(tmp_path / "a.dae")
+
+
+def test_a_polygon_of_collada_that_crosses_itself_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("collada")
+    text = dae(ONE.replace("triangles", "polygons").replace("0 1 2", "0 3 1 2")).decode()
+    text = (
+        text.replace('count="9">', 'count="12">')
+        .replace("0 1 0<", "0 1 0 1 1 0<")
+        .replace('count="3" s', 'count="4" s')
+    )
+    (tmp_path / "a.dae").write_text(text)
+    with pytest.raises(InvalidRobot, match="a polygon of 4 corners crosses itself"):
         mesh_parts(tmp_path / "a.dae")
 
 
@@ -666,6 +717,16 @@ LOST: dict[str, tuple[str, bytes, str]] = {
         "stl",
         f"solid endsolid\n{FACET.format(0)}solid b\n{FACET.format(5)}endsolid\n".encode(),
         "line 9: it has 'solid b",
+    ),
+    "a facet in the line of a name": (
+        "stl",
+        f"solid a {' '.join(FACET.format(5).split())}\n{FACET.format(0)}endsolid\n".encode(),
+        "line 1: it has 'solid a facet",
+    ),
+    "a solid in the line of an end": (
+        "stl",
+        f"solid a\n{FACET.format(0)}endsolid a solid b {' '.join(FACET.format(5).split())} endsolid\n".encode(),
+        "line 9: it has 'endsolid a solid b",
     ),
     "a solid without an end": (
         "stl",

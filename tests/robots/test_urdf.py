@@ -417,9 +417,37 @@ def test_base_and_tip_must_exist_and_be_in_order(tmp_path: Path) -> None:
         read_urdf(path, base="c", tip="b")
 
 
+@pytest.mark.parametrize("root", ["", ' xmlns="http://www.ros.org"', ' xmlns:x="http://www.ros.org"'])
+def test_a_namespace_of_its_own_hides_no_element(root: str, tmp_path: Path) -> None:
+    """The origin was left out; readers of ROS know no namespaces."""
+    text = joint(inside='<origin xmlns="u" xyz="0 0 0.5"/><limit lower="-1" upper="1"/>')
+    path = write(tmp_path, f'<robot name="r"{root}><link name="a"/><link name="b"/>{text}</robot>')
+    assert read_urdf(path).fixed[0, 2, 3] == 0.5
+
+
 # Xacro
 
 XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
+
+
+@pytest.mark.parametrize("trusted", [True, False])
+def test_xacro_names_elements(trusted: bool, tmp_path: Path) -> None:
+    """``xacro:element`` raised a TypeError of kinseek's own."""
+    body = (
+        '<xacro:property name="noun" value="link"/><xacro:element xacro:name="${noun}" name="a"/>'
+        '<link><xacro:attribute name="name" value="b"/></link>'
+    )
+    path = write(tmp_path, XACRO.format(body + joint(inside='<limit lower="-1" upper="1"/>')), "r.xacro")
+    assert read_urdf(path, trusted=trusted).tip == "b"
+
+
+@pytest.mark.parametrize("trusted", [True, False])
+def test_xacro_evaluates_a_file_once(trusted: bool, tmp_path: Path) -> None:
+    """xacrodoc did so until nothing changed, and so looked for a property of the name that $${…} stands for."""
+    names = '<link name="a"/><link name="b$${unknown}"/>'
+    text = joint(ends="a b$${unknown}", inside='<limit lower="-1" upper="1"/>')
+    path = write(tmp_path, XACRO.format(names + text), "r.xacro")
+    assert read_urdf(path, trusted=trusted).tip == "b${unknown}"
 
 
 def test_xacro_finds_includes_beside_itself(

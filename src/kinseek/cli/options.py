@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
+import warnings
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
@@ -68,7 +69,9 @@ def complete_joints(ctx: click.Context, param: click.Parameter, incomplete: str)
     arm = ctx.params.get("arm") or next(iter(ctx.args), "")
     try:
         given: dict[str, Any] = {name: ctx.params.get(name) for name in Chain._fields}
-        names = Chain(**given | {"untrusted": True}).load(arm).joint_names
+        with warnings.catch_warnings():  # Printed below what is being typed.
+            warnings.simplefilter("ignore")
+            names = Chain(**given | {"untrusted": True}).load(arm).joint_names
     except KinseekError:
         return []
     plain = filter(_PLAIN.fullmatch, names)

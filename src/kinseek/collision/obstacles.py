@@ -93,7 +93,9 @@ class _Words:
     def __init__(self, text: str, where: str) -> None:
         self._where = where
         lines = text.split("\n")  # As MoveIt: other line ends are part of a name.
-        starts = [n for n, line in enumerate(lines) if line.startswith("*")]
+        starts = [
+            n for n, line in enumerate(lines) if n and line.startswith("*")
+        ]  # Line 0 is the scene's name.
         # A file with poses of objects, besides those of shapes, has a pose in the line below the first name; otherwise that
         # line has a number of shapes (moveit_core, PlanningScene::loadGeometryFromStream).
         below = lines[starts[0] + 1] if starts and starts[0] + 1 < len(lines) else ""

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
+from kinseek.errors import InvalidUse
 from kinseek.forks import Lock
 
 from .entry import Bundle, Entry, Leaf
@@ -30,10 +31,25 @@ class Library:
     compiles that folder, and the process then uses the larger library.
     """
 
-    def __init__(self, door: Any, level: int) -> None:
-        """Use the extension module that contains it."""
-        self._door, self.level = door, level
+    def __init__(self, door: Any, level: int, refused: str = "") -> None:
+        """Use the extension module that contains it.
+
+        Args:
+            door: The module.
+            level: The level of processors.
+            refused: Why no kernel may be called; empty if they may.
+        """
+        self._door, self.level, self._refused = door, level, refused
         self._growing = Lock()
+
+    def require_level(self) -> None:
+        """Check that the library has the level that was chosen: its first use raises, not the import of kinseek.
+
+        Raises:
+            InvalidUse: It has not.
+        """
+        if self._refused:
+            raise InvalidUse(self._refused)
 
     @property
     def rooms(self) -> list[str]:
@@ -47,7 +63,7 @@ class Library:
         Raises:
             ImportError: The library does not contain it.
         """
-        if not self._has(entry.room):
+        if self._refused or not self._has(entry.room):
             return self._later(entry)
         results = _bytes([_OF[leaf.element] for leaf in entry.returns])
         explain = _Explanation(entry)
@@ -61,6 +77,7 @@ class Library:
 
     def address(self, name: str, room: str) -> int:
         """Address of the machine code of a routine."""
+        self.require_level()
         self._grow(room)
         found: int = self._door.address(name, self.level)
         return found
@@ -70,6 +87,7 @@ class Library:
 
         @functools.cache
         def compiled() -> Callable[..., Any]:
+            self.require_level()
             self._grow(entry.room)
             return self.caller(entry)
 
@@ -205,10 +223,11 @@ def _at_level(door: Any) -> tuple[Library | None, str]:
     usable = [level for level in levels if level <= best]
     if wanted := os.environ.get("KINSEEK_LEVEL"):
         if wanted not in map(str, usable):
-            raise ImportError(
+            refused = (
                 f"KINSEEK_LEVEL={wanted!r}: the library of kernels has the levels {', '.join(map(str, levels))}, of which "
                 f"this processor runs {', '.join(map(str, usable)) or 'none'}"
             )
+            return Library(door, 0, refused), ""
         return Library(door, int(wanted)), ""
     if not usable:
         return None, f"it needs a processor of level {min(levels)} at least, this one has {best}"
@@ -226,8 +245,13 @@ if LIBRARY is None and not PLAIN and find_spec("numba") is None:
 
 
 def describe_backend() -> str:
-    """Describe in a sentence how kernels run."""
+    """Describe in a sentence how kernels run.
+
+    Raises:
+        InvalidUse: KINSEEK_LEVEL is not a level of the library.
+    """
     if LIBRARY is not None:
+        LIBRARY.require_level()
         rest = f" It has {', '.join(LIBRARY.rooms)}; the rest is compiled when it is first called."
         whole = LIBRARY.rooms == [ALL]
         return f"Kernels run from the library built with the package, level {LIBRARY.level}.{'' if whole else rest}"

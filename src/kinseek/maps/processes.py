@@ -188,8 +188,6 @@ def serve() -> None:
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Printed text must not mix with the results.
 
-    replies.write(READY)
-    replies.flush()
     blocks = SimpleQueue[Index]()
 
     def read() -> None:
@@ -202,6 +200,7 @@ def serve() -> None:
             os._exit(1)
 
     with suppress(EOFError, OSError):  # As in `read`.
+        os.write(replies.fileno(), READY)  # At its end Python would try again to write what a buffer holds.
         work: Work = pickle.load(sys.stdin.buffer)
         threading.Thread(target=read, daemon=True).start()
         while True:

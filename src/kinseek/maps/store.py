@@ -220,10 +220,11 @@ class Store(Lazy):
         source = self._group.store
         with _quiet():
             attributes = {name: dict(self._group[name].attrs) for name in places}
-            if self._folder is not None:  # Zarr opens all that it finds at once, and prints each failure.
+            # Zarr opens all that it finds at once, and prints each failure; xarray reads arrays named like dimensions.
+            if self._folder is not None:
                 from .local_files import LocalFiles
 
-                source = LocalFiles(self._folder, shown=frozenset({*places, *self._arrays, _ROTATION}))
+                source = LocalFiles(self._folder, shown=frozenset({*self._arrays, _ROTATION}))
             dataset = xarray.open_zarr(
                 source,
                 zarr_format=3,

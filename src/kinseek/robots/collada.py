@@ -46,6 +46,8 @@ def require_units(root: Any) -> None:
     Raises:
         InvalidRobot: It is not a number above 0, or a part of the file has another one.
     """
+    if (assets := len(root.findall("{*}asset"))) > 1:
+        raise InvalidRobot(f"it has {assets} <asset> elements, expected one: only the first one is read")
     units = [each.get("meter", "1") for each in root.iterfind("{*}asset/{*}unit")]
     whole = _number(units[0]) if units else 1.0
     if not 0 < whole < np.inf:
@@ -56,6 +58,21 @@ def require_units(root: Any) -> None:
                 f"a part of it has a unit of {each.get('meter')!r:.100} m, expected {whole:g} m as in the whole file; "
                 "write it with one unit"
             )
+
+
+def require_one_namespace(root: Any) -> None:
+    """Check that all elements outside of extensions are of the namespace of the root.
+
+    Raises:
+        InvalidRobot: They are not; the reader ignores others, and readers that know no namespaces do not.
+    """
+    own, left = root.tag.rpartition("}")[0], [root]
+    while left:
+        each = left.pop()
+        if each.tag.rpartition("}")[0] != own:
+            raise InvalidRobot(f"it has a <{name_of(each)}> of another namespace than its root")
+        if name_of(each) not in ("extra", "technique"):
+            left.extend(each.iterchildren("*"))
 
 
 def require_numbers_alone(root: Any) -> None:
@@ -122,10 +139,17 @@ def require_geometry(geometry: Any) -> int:
     for each in mesh:
         if name_of(each) not in _IN_MESHES:
             raise InvalidRobot(f"{who} has a <{name_of(each)}>, expected only {_listed(_IN_MESHES)}")
-    sources = {f"#{each.get('id')}": each for each in mesh.iterfind("{*}source")}
+    sources: dict[str, Any] = {}
+    for each in mesh.iterfind("{*}source"):
+        if sources.setdefault(f"#{each.get('id')}", each) is not each:
+            raise InvalidRobot(f"{who} has two sources {each.get('id')!r:.100}, expected one")
+    if (several := len(mesh.findall("{*}vertices"))) > 1:
+        raise InvalidRobot(f"{who} has {several} <vertices>, expected one")
     for vertices in mesh.iterfind("{*}vertices"):
         for each in vertices.iterfind("{*}input"):
             source = _source_of(each, sources, who)
+            if each.get("semantic") == "POSITION" and f"#{vertices.get('id')}" in sources:
+                raise InvalidRobot(f"{who} has two <input> of POSITION, expected one")
             if each.get("semantic") == "POSITION":
                 _require_positions(source, who)
                 sources[f"#{vertices.get('id')}"] = source
@@ -152,6 +176,9 @@ def _triangles(part: Any, sources: dict[str, Any], who: str) -> int:
     if name == "polylist" and (len(parts), len(part.findall("{*}vcount"))) != (1, 1):
         raise InvalidRobot(f"{who} has a <polylist>, expected it to have one <vcount> and one <p>")
     width = max(offset for offset, _ in found) + 1
+    place, positions = next(
+        one for one, each in zip(found, inputs, strict=True) if each.get("semantic") == "VERTEX"
+    )
     triangles = 0
     for each in parts:
         indices = _indices(each, who)
@@ -165,8 +192,10 @@ def _triangles(part: Any, sources: dict[str, Any], who: str) -> int:
                     f"{who} has polygons of {counts.sum():.0f} corners together, but <p> has {corners}"
                 )
             triangles += int(np.maximum(counts - 2, 0).sum())
+            sizes = counts.astype(np.int64)
         else:
             triangles += corners // 3 if name == "triangles" else max(corners - 2, 0)
+            sizes = np.array([corners] if name == "polygons" else [], dtype=np.int64)
         for offset, source in found:
             rows, largest = _rows(source), indices[offset::width].max(initial=-1)
             if rows is not None and largest >= rows:
@@ -174,7 +203,37 @@ def _triangles(part: Any, sources: dict[str, Any], who: str) -> int:
                     f"{who} has the index {largest:.0f} in a <{name}>, but its source {source.get('id')!r:.100} has {rows} "
                     "rows"
                 )
+        _require_fans(positions, indices[place::width].astype(np.int64), sizes, f"{who} has a <{name}>")
     return triangles
+
+
+def _require_fans(source: Any, corners: NDArray[np.int64], sizes: NDArray[np.int64], what: str) -> None:
+    """Check that the diagonals of polygons from their first corner lie inside: the reader divides all polygons by these.
+
+    Args:
+        source: The positions.
+        corners: Vertices of all polygons, one after the other.
+        sizes: Number of corners of each polygon.
+        what: What has the polygons, for errors.
+
+    Raises:
+        InvalidRobot: A polygon has other diagonals, or crosses itself.
+    """
+    from .polygons import triangulated  # It imports what imports this module.
+
+    floats, large = source.find("{*}float_array"), sizes > 3
+    if floats is None or not large.any():
+        return
+    vertices = np.fromstring(floats.text, sep=" ")
+    vertices = vertices[: len(vertices) // 3 * 3].reshape(-1, 3)
+    corners, sizes = corners[np.repeat(large, sizes)], sizes[large]
+    triangles, owners = triangulated(vertices, corners, sizes, lambda number: what)
+    wrong = np.flatnonzero(triangles[:, 0] != (np.cumsum(sizes) - sizes)[owners])
+    if len(wrong):
+        raise InvalidRobot(
+            f"{what} with a polygon of {sizes[owners[wrong[0]]]} corners, not all of which its first corner sees; write it "
+            "as triangles"
+        )
 
 
 def _source_of(element: Any, sources: dict[str, Any], who: str) -> Any:

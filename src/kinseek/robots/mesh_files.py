@@ -32,6 +32,7 @@ from .collada import (
     require_geometry,
     require_node,
     require_numbers_alone,
+    require_one_namespace,
     require_units,
 )
 from .files import file_bytes
@@ -444,6 +445,7 @@ def _dae(text: bytes) -> Size:
     from lxml import etree
 
     root = etree.fromstring(text, etree.XMLParser(huge_tree=True, no_network=True))
+    require_one_namespace(root)
     require_numbers_alone(root)
     etree.strip_tags(root, etree.Comment, etree.ProcessingInstruction)
     for each in root.iter("{*}vcount"):

@@ -54,6 +54,9 @@ _DROPPED = {
 }
 """Removed children of each element: those that kinematics does not need."""
 
+_INCLUDE = "include"
+"""The element that stands for the content of another file."""
+
 _NUMBERS = ("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "range", "ref", "offset")
 """Attributes that define a pose or a limit."""
 _WORDS = {"name", "class", "childclass", "model", "body", "file", "prefix", "content_type"}
@@ -126,11 +129,18 @@ class _Reader:
         root = root_element(text, str(path))
         for element in root.iter("*"):
             element.tag = element.tag.rpartition("}")[2]  # MuJoCo does not support namespaces.
+            if element.tag != _INCLUDE and element.tag.lower() == _INCLUDE:
+                # MuJoCo itself would open the file, whatever it is.
+                raise InvalidRobot(
+                    f"{path}: <{element.tag}> in line {element.sourceline}, expected <{_INCLUDE}> in small letters"
+                )
         return root
 
     def _include(self, root: Any, path: Path, seen: set[Path]) -> None:
         """Replace every <include> by the children of the included file."""
-        for element in list(root.iterfind(".//include")):  # The root of an included file is only a container.
+        for element in list(
+            root.iterfind(f".//{_INCLUDE}")
+        ):  # The root of an included file is only a container.
             name = element.get("file")
             if not name:
                 raise InvalidRobot(f"{path}: <include> in line {element.sourceline} has no file")
@@ -215,11 +225,11 @@ def _check_numbers(element: Any, where: str) -> None:
     for name, value in element.items():
         for word in value.split() if name not in _WORDS else ():
             try:
-                number = float(word)
+                number = float(word.partition("(")[0])  # C also reads nan(1).
             except ValueError:
                 continue  # Not a number: MuJoCo reports it.
             # In attributes that kinematics does not use, MuJoCo accepts infinity. For NaN it prints a warning on the
-            # terminal, past Python.
+            # terminal, past Python, and writes it to a file in the working folder.
             if math.isnan(number) or (name in _NUMBERS and math.isinf(number)):
                 raise InvalidRobot(
                     f"{where}: <{element.tag}> in line {element.sourceline}: {name}={value!r}: {word!r} is not finite"

@@ -22,8 +22,10 @@ _FACET = re.compile(
     re.I,
 )
 _SOLID, _END = (
-    re.compile(rb"\s*%s(?:[ \t][^\n]*)?(?:\n|$)\s*" % word, re.I) for word in (b"solid", b"endsolid")
+    re.compile(rb"\s*%s(?:[ \t](?![^\n]*endfacet)[^\n]*)?(?:\n|$)\s*" % word, re.I)
+    for word in (b"solid", b"endsolid")
 )
+"""Each with a name up to the end of the line. A facet in that line would be lost with the name."""
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 

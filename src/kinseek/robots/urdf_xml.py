@@ -71,7 +71,9 @@ _REQUIRED = {"parent": "link", "child": "link", "axis": "xyz", "mimic": "joint"}
 
 
 def root_element(text: bytes, where: str) -> Any:
-    """Parse XML without comments, processing instructions and the namespace of its root.
+    """Parse XML without comments, processing instructions, default namespaces and the namespace of its root.
+
+    Readers of ROS know no namespaces: an element without a prefix means the same in each of them.
 
     Raises:
         InvalidRobot: The XML is broken, or uses an entity that is another file; the message contains the parser's own, with
@@ -88,10 +90,11 @@ def root_element(text: bytes, where: str) -> Any:
         root = etree.fromstring(text, parser)
     except (etree.XMLSyntaxError, LookupError) as error:  # An unknown encoding raises LookupError.
         raise InvalidRobot(f"{where}: broken XML: {getattr(error, 'msg', None) or error}") from None
-    space, begins, _ = root.tag.rpartition("}")
-    if begins:
-        for element in root.iter("*"):
-            element.tag = element.tag.removeprefix(space + begins)
+    own = etree.QName(root).namespace
+    for element in root.xpath("descendant-or-self::*[namespace-uri()]"):
+        name = etree.QName(element)
+        if name.namespace == own or (element.prefix is None and name.namespace != _XACRO):
+            element.tag = name.localname
     return root
 
 
@@ -152,7 +155,8 @@ def _folders(packages: Mapping[str, str | Path]) -> dict[str, str]:
 
 def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], trusted: bool) -> bytes:
     with importing:
-        from xacrodoc import XacroDoc, packages
+        from xacrodoc import packages
+        from xacrodoc.xacrodoc import xacro
 
     # xacro and xacrodoc keep their state in modules, so only one file is expanded at a time.
     with _XACRO_LOCK, _restricted_xacro(path) as spend, contextlib.ExitStack() as stack:
@@ -164,8 +168,11 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
             packages._finder = packages.PackageFinder()
             packages._finder.finder_funcs[:] = before.finder_funcs
             packages._finder.package_cache.update(before.package_cache | folders)
-            document = XacroDoc.from_file(str(path), subargs=arguments, resolve_packages=False)
-            return bytes(document.dom.toxml(encoding="utf-8"))
+            packages.walk_up_from(str(path))
+            # Once: xacrodoc repeats it until nothing changes, and so would evaluate $${…}, which stands for ${…}.
+            document = xacro.parse(None, str(path))
+            xacro.process_doc(document, mappings=arguments)
+            return bytes(document.toxml(encoding="utf-8"))
         except InvalidRobot:
             raise
         except Exception as error:  # xacro evaluates expressions of the file, which may raise anything.
@@ -228,10 +235,10 @@ def _restricted_xacro(path: Path) -> Iterator[_Spend]:
             spend(_units_of(node), "copies of blocks")
         return own.eval_all(node, *rest)
 
-    def eval_text(text: str, *rest: Any) -> Any:
+    def eval_text(text: str, symbols: Any) -> Any:
         # For each dollar sign xacro copies the rest of the text.
         spend(_TEXT + len(text) * (1 + text.count("$")), "values")
-        value = own.eval_text(text, *rest)
+        value = own.eval_text(text, symbols)
         if isinstance(value, str):
             require_few(len(value), "letters in one value", _MOST_LETTERS, f"{path}: xacro")
             spend(len(value), "values")

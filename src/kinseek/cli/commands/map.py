@@ -17,6 +17,7 @@ from kinseek.cli.options import ARM, Chain, arm_argument, chain_options, json_op
 from kinseek.cli.output import complain, on_terminal
 from kinseek.cli.scenes import Cell, scene_options
 from kinseek.errors import InvalidMap
+from kinseek.interrupts import raise_of_handler
 from kinseek.maps import Grid, Rings, capability, estimate, orientations, reach, volume
 
 _GRID, _WORK = "The grid", "The computation"
@@ -225,5 +226,6 @@ def _client(scheduler: str | None) -> Any:
     connect: Any = distributed.Client
     try:
         return connect(scheduler, timeout=10)
-    except (OSError, ValueError) as error:
+    except Exception as error:  # Dask raises TypeError if TLS is not configured, and others.
+        raise_of_handler(error)
         raise InvalidMap(f"cannot connect to a Dask scheduler at {scheduler!r}: {error}") from None
