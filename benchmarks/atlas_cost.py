@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import plots
-from kinseek.robots.chain import Joint, serial_chain
+from kinseek.robots.joints import Joint, serial_chain
 from kinseek.transforms import rotation, transform
 
 from .command import PICTURES, command, writes

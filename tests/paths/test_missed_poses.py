@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal, PathStatus
 from kinseek.paths.runs import SHARE
-from kinseek.robots.chain import Joint, serial_chain
+from kinseek.robots.joints import Joint, serial_chain
 from kinseek.transforms import transform
 
 Array = NDArray[np.float64]

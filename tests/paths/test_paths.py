@@ -22,7 +22,7 @@ from kinseek.paths import redundant
 from kinseek.paths.joints import opened
 from kinseek.paths.layers import Follower, Loss
 from kinseek.problem import Problem
-from kinseek.robots.chain import Joint, serial_chain
+from kinseek.robots.joints import Joint, serial_chain
 from kinseek.transforms import transform
 
 Array = NDArray[np.float64]

@@ -16,8 +16,9 @@ from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.robots import read
 from kinseek.robots.adapters import is_text
-from kinseek.robots.chain import Frame, Mimics, SerialChain
+from kinseek.robots.chain import Frame, SerialChain
 from kinseek.robots.files import file_bytes
+from kinseek.robots.joints import Mimics
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, no_axes
 from kinseek.robots.mesh_files import Budget
 from kinseek.robots.meshes import numbers_of, origin_of

@@ -22,7 +22,8 @@ from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.poses import one_pose
 from kinseek.transforms import rotation, transform
 
-from .chain import Array, Frame, Joint, SerialChain, serial_chain
+from .chain import Array, Frame, SerialChain
+from .joints import Joint, serial_chain
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .named import in_order
 

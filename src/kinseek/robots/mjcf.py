@@ -22,8 +22,9 @@ from kinseek.interrupts import raise_of_handler
 from kinseek.transforms import rotation, transform
 from kinseek.units import warn_of_joints
 
-from .chain import Array, Frame, Joint, SerialChain, serial_chain
+from .chain import Array, Frame, SerialChain
 from .files import MOST_JOINTS, require_few
+from .joints import Joint, serial_chain
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path
 

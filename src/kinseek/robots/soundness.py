@@ -24,8 +24,9 @@ from kinseek.errors import InvalidRobot, UnitWarning, suggest, unknown
 from kinseek.turns import TURN, holds_a_turn
 from kinseek.units import TURNS_OF_A_JOINT
 
-from .chain import Mimics, SerialChain
+from .chain import SerialChain
 from .files import MOST_LINKS, file_bytes, require_few
+from .joints import Mimics
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .mjcf import read_mjcf
 from .packages import in_package, mesh_path

@@ -21,8 +21,9 @@ from kinseek.interrupts import raise_of_handler
 from kinseek.transforms import rotation, transform
 from kinseek.units import warn_of_joints
 
-from .chain import Array, Frame, Joint, Mimics, SerialChain, serial_chain
+from .chain import Array, Frame, SerialChain
 from .files import MOST_JOINTS, file_bytes, require_few
+from .joints import Joint, Mimics, serial_chain
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path
 from .urdf_xml import expand_xacro, joint_velocities, kinematic_part, root_element, soft_limits
