@@ -24,9 +24,10 @@ from .proof.certificate import Certificate, Verdict
 from .robots import Mechanism, SerialChain, read
 from .shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
 from .solution import Solution, Status, quick_solution
-from .solvers import Atlas, Solver
 from .solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
 from .solvers.atlas.quick import can_solve_quickly, solve_quickly
+from .solvers.atlas.solver import Atlas
+from .solvers.base import Solver
 from .solvers.black_box.samples import Samples, samples_of
 from .solvers.checks import as_solver, warn_if_far, with_progress
 from .units import warn_of_distance

@@ -15,7 +15,8 @@ from kinseek.kernels.collision.gaps import DOUBT, FREE
 from kinseek.robots.chain import SerialChain
 
 from .broad import Broad
-from .shapes import Mesh, Points, Shape, library
+from .geometry import library
+from .shapes import Mesh, Points, Shape
 from .share import share
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline, TimeUp
 from kinseek.problem import Problem
-from kinseek.solvers import Atlas
+from kinseek.solvers.atlas.solver import Atlas
 
 from .joints import Turning
 from .layers import SAME, Layers

@@ -19,8 +19,8 @@ from kinseek.kernels.paths.trace import Leg, trace
 from kinseek.kernels.paths.viterbi import BranchEnds, Layer, Sideways, viterbi_step
 from kinseek.problem import Problem
 from kinseek.robots.geometry import arm_length
-from kinseek.solvers import Atlas
 from kinseek.solvers.atlas.index import tolerances_of
+from kinseek.solvers.atlas.solver import Atlas
 from kinseek.solvers.threads import GoOn, parallel_for
 
 from .between import apart

@@ -22,7 +22,7 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.projection import project_onto_poses
 from kinseek.kernels.paths.viterbi import STRAIGHT
 from kinseek.problem import Problem
-from kinseek.solvers import Atlas
+from kinseek.solvers.atlas.solver import Atlas
 from kinseek.turns import TURN
 
 from .intervals import intervals

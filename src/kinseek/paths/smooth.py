@@ -24,8 +24,8 @@ from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.projection import project_onto_poses
 from kinseek.problem import Problem
 from kinseek.robots.geometry import RADIAN_PART, arm_length
-from kinseek.solvers import Atlas
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
+from kinseek.solvers.atlas.solver import Atlas
 
 from .allowed import Allowed
 from .joints import Turning

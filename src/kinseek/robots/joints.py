@@ -1,4 +1,4 @@
-"""A serial chain from the joints that a reader has found, checked. The limits of a mimic joint narrow those of its leader."""
+"""A serial chain from the joints that a reader found, checked. The limits of a mimic joint narrow those of its leader."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from kinseek.solution import Solution
 from kinseek.transforms import rotations
 
 from .index import atlas_of, tolerances_of
-from .solver import batch_solution
+from .rows import batch_solution
 
 if TYPE_CHECKING:
     from kinseek.solvers.threads import GoOn
