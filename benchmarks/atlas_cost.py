@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import plots
 from kinseek.robots.joints import Joint, serial_chain
-from kinseek.transforms import rotation, transform
+from kinseek.support.transforms import rotation, transform
 
 from .command import PICTURES, command, writes
 from .targets import machine, plain_fk, pose_errors, random_joints

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.joints import Joint, serial_chain
-from kinseek.transforms import rotation, transform
+from kinseek.support.transforms import rotation, transform
 
 Array = NDArray[np.float64]
 

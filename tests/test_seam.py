@@ -12,7 +12,7 @@ import kinseek
 from kinseek import Goal
 from kinseek.problem import Problem
 from kinseek.robots.joints import Joint, serial_chain
-from kinseek.transforms import rotation, transform
+from kinseek.support.transforms import rotation, transform
 
 Array = NDArray[np.float64]
 

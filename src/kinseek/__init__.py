@@ -30,7 +30,6 @@ from .errors import (
     UnitWarning,
 )
 from .goal import Goal
-from .lazy_imports import lazy_names as _lazy_names
 from .poses import pose
 from .problem import Problem
 from .proof.certificate import Certificate, Verdict
@@ -38,6 +37,7 @@ from .solution import Solution, Status
 from .solvers import MODULES as _SEARCHES
 from .solvers.atlas.solver import Atlas
 from .solvers.base import Solver
+from .support.lazy_imports import lazy_names as _lazy_names
 from .trace import Trace
 
 if typing.TYPE_CHECKING:

@@ -28,7 +28,7 @@ from kinseek.proof.reduce import error_question, question, start_boxes
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.joints import Joint, serial_chain
 from kinseek.solution import conclude
-from kinseek.transforms import rotation, transform
+from kinseek.support.transforms import rotation, transform
 
 Array = NDArray[np.float64]
 

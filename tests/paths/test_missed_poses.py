@@ -14,7 +14,7 @@ import kinseek
 from kinseek import Goal, PathStatus
 from kinseek.paths.runs import SHARE
 from kinseek.robots.joints import Joint, serial_chain
-from kinseek.transforms import transform
+from kinseek.support.transforms import transform
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from kinseek.paths.joints import opened
 from kinseek.paths.layers import Follower, Loss
 from kinseek.problem import Problem
 from kinseek.robots.joints import Joint, serial_chain
-from kinseek.transforms import transform
+from kinseek.support.transforms import transform
 
 Array = NDArray[np.float64]
 

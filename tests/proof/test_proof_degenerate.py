@@ -28,7 +28,7 @@ from kinseek.proof.root_isolation import isolate
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.joints import Joint, serial_chain
 from kinseek.solution import Solution, conclude
-from kinseek.transforms import rotation, transform
+from kinseek.support.transforms import rotation, transform
 from reference import fk, weighted_error
 
 pytestmark = pytest.mark.slow

@@ -21,7 +21,7 @@ from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import SerialChain, files, read, read_urdf, urdf_xml
 from kinseek.robots.chain import Array
 from kinseek.robots.joints import Mimics
-from kinseek.transforms import rotation, transform
+from kinseek.support.transforms import rotation, transform
 from places import SHARED
 
 NEEDS_SHARED = pytest.mark.skipif(not SHARED.is_dir(), reason="the shared robots are not here")

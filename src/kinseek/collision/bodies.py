@@ -25,7 +25,7 @@ from kinseek.robots.meshes import numbers_of, origin_of
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf import read_urdf_text
 from kinseek.robots.urdf_xml import expand_xacro, root_element
-from kinseek.transforms import rotation, transform
+from kinseek.support.transforms import rotation, transform
 
 from .shapes import MOST_BYTES, Box, Capsule, Cylinder, Mesh, Shape, Sphere, length
 

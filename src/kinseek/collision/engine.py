@@ -10,9 +10,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.forks import Lock
 from kinseek.kernels.collision.gaps import DOUBT, FREE
 from kinseek.robots.chain import SerialChain
+from kinseek.support.forks import Lock
 
 from .broad import Broad
 from .geometry import library

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import MissingExtra
-from kinseek.forks import importing
+from kinseek.support.forks import importing
 
 Array = NDArray[np.float64]
 

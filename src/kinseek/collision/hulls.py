@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidScene
-from kinseek.interrupts import uninterrupted
+from kinseek.support.interrupts import uninterrupted
 
 from .geometry import library
 

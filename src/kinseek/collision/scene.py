@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import as_joints
 from kinseek.robots.mechanism import Mechanism
-from kinseek.validation import arrays_equal, as_float_array, as_integer
+from kinseek.support.validation import arrays_equal, as_float_array, as_integer
 
 from .assembly import digest
 from .bodies import arm_bodies, chain_of, package_folders

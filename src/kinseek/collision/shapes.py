@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidRobot, InvalidScene
-from kinseek.interrupts import uninterrupted
-from kinseek.lazy import Lazy, lazy
+from kinseek.support.interrupts import uninterrupted
+from kinseek.support.lazy import Lazy, lazy
 
 from .geometry import library, triangles
 from .hulls import convex_hull

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.caching import WeakCache
-from kinseek.lazy import lazy
+from kinseek.support.caching import WeakCache
+from kinseek.support.lazy import lazy
 
 from .geometry import library
 from .hulls import farthest_beyond

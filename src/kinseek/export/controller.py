@@ -17,7 +17,7 @@ from kinseek.problem import Problem
 from kinseek.robots.mechanism import no_axes
 from kinseek.solvers.atlas.solver import Atlas
 from kinseek.solvers.divide_and_conquer import DivideAndConquer
-from kinseek.validation import as_integer
+from kinseek.support.validation import as_integer
 
 from .atlas import atlas_design
 from .c_calls import c_declarations, c_definitions

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot, suggest
-from kinseek.interrupts import in_chunks
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arrays import ChainArrays, chain_arrays
-from kinseek.lazy import lazy
-from kinseek.transforms import rotation, square, transform
-from kinseek.turns import TURN
+from kinseek.support.interrupts import in_chunks
+from kinseek.support.lazy import lazy
+from kinseek.support.transforms import rotation, square, transform
+from kinseek.support.turns import TURN
 
 from .mechanism import CONTINUOUS, REVOLUTE, Mechanism, Variables
 

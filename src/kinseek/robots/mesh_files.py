@@ -23,8 +23,8 @@ from xml.parsers import expat
 import numpy as np
 
 from kinseek.errors import InvalidRobot
-from kinseek.forks import importing
-from kinseek.interrupts import raise_of_handler
+from kinseek.support.forks import importing
+from kinseek.support.interrupts import raise_of_handler
 
 from .collada import (
     count_words,

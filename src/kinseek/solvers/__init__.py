@@ -6,7 +6,7 @@ Every search is a frozen dataclass of its parameters with one method, ``solve(pr
 file here and a line to `MODULES`; the tests and the command line then include it.
 """
 
-from kinseek.lazy_imports import lazy_names as _lazy_names
+from kinseek.support.lazy_imports import lazy_names as _lazy_names
 
 MODULES = {
     "Atlas": ".atlas.solver",

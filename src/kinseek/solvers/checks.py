@@ -11,7 +11,7 @@ import numpy as np
 from kinseek.errors import InvalidSolver
 from kinseek.ranges import PINNED
 from kinseek.solution import Solution
-from kinseek.units import warn_of_distance
+from kinseek.support.units import warn_of_distance
 
 from . import MODULES
 from .base import Solver

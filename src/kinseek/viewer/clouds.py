@@ -18,9 +18,9 @@ from kinseek.robots.geometry import divide
 from kinseek.robots.sampling import weyl
 from kinseek.solvers.atlas.solver import Atlas
 from kinseek.solvers.black_box.samples import Samples
+from kinseek.support.transforms import inverse, square
+from kinseek.support.turns import TURN as TURNS
 from kinseek.trace import Pass
-from kinseek.transforms import inverse, square
-from kinseek.turns import TURN as TURNS
 
 from .options import ViewerOptions
 

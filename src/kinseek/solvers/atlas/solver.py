@@ -14,7 +14,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.deadline import Deadline
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.batch import solve_many, solve_some
@@ -28,6 +27,7 @@ from kinseek.solvers.base import Found, require_whole, solve_each
 from kinseek.solvers.recording import Recorder, require_room
 from kinseek.solvers.threads import GoOn, parallel_for, progress_bar
 from kinseek.solvers.traits import Near, Traits
+from kinseek.support.deadline import Deadline
 
 from .index import SAMPLES, atlas_of, tolerance_numbers, tolerances_of
 from .rows import batch_solution
