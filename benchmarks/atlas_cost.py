@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import plots
-from kinseek.robots.chain import Joint, serial_chain
-from kinseek.transforms import rotation, transform
+from kinseek.robots.joints import Joint, serial_chain
+from kinseek.support.transforms import rotation, transform
 
 from .command import PICTURES, command, writes
 from .targets import machine, plain_fk, pose_errors, random_joints

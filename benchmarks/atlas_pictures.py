@@ -28,7 +28,7 @@ from kinseek.kinds import POSE
 from kinseek.robots.geometry import divide, open_limits
 from kinseek.robots.sampling import middle_samples
 from kinseek.solvers.atlas.index import SAMPLES
-from kinseek.transforms import inverse
+from kinseek.support.transforms import inverse
 
 from .command import PICTURES, command, writes
 

@@ -25,7 +25,7 @@ import kinseek
 from kinseek import Goal, Problem
 from kinseek.branches.index import constraint_jacobian
 from kinseek.paths.certify import prove_rows
-from kinseek.turns import TURN
+from kinseek.support.turns import TURN
 
 from .command import at_least_one, command, writes
 from .page import Page

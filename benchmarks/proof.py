@@ -29,7 +29,6 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import Goal, Problem
-from kinseek.deadline import Deadline
 from kinseek.kernels.proof.progress import ENDED, FOUND
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
@@ -38,6 +37,7 @@ from kinseek.robots.catalog import catalog_names
 from kinseek.robots.geometry import arm_length
 from kinseek.solution import Solution
 from kinseek.solvers.atlas.solver import Atlas
+from kinseek.support.deadline import Deadline
 
 from .command import arm_name, at_least_one, command
 

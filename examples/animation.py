@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import plots
-from kinseek.shapes import Pose
+from kinseek.support.shapes import Pose
 
 Array = NDArray[np.float64]
 

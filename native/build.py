@@ -48,7 +48,7 @@ COMPILING: dict[str, str] = MACHINES["COMPILING"]
 OUTSIDE: dict[str, Any] = runpy.run_path(str(HERE / "outside.py"))
 SOURCES: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "kernels" / "sources.py"))
 ALL: str = SOURCES["ALL"]
-PRIVATE: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "private.py"))
+PRIVATE: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "support" / "private.py"))
 PRINTABLE: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "printable.py"))
 
 FIRST = ("arm", "structure", "atlas")

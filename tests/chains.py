@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.robots.chain import Joint, SerialChain, serial_chain
-from kinseek.transforms import rotation, transform
+from kinseek.robots.chain import SerialChain
+from kinseek.robots.joints import Joint, serial_chain
+from kinseek.support.transforms import rotation, transform
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.caching import LRUCache, WeakCache
 from kinseek.solvers.atlas.index import SAMPLES
 from kinseek.solvers.black_box import coordinates, samples
+from kinseek.support.caching import LRUCache, WeakCache
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import kinseek
-from kinseek import forks
+from kinseek.support import forks
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
 
@@ -188,7 +188,7 @@ def test_a_fork_waits_until_another_thread_has_imported(tmp_path: Path) -> None:
     told = script(
         """
 sys.path.insert(0, sys.argv[1])
-from kinseek.forks import importing
+from kinseek.support.forks import importing
 
 def work():
     with importing:
@@ -213,7 +213,7 @@ with importing: pass
 @pytest.mark.slow
 def test_what_the_first_fork_imports_registers_no_pairs_of_functions() -> None:
     told = script("""
-from kinseek import forks
+from kinseek.support import forks
 pairs = []
 os.register_at_fork = lambda **functions: pairs.append(functions)
 threading.Thread(target=lambda: time.sleep(0.5)).start()

@@ -18,9 +18,9 @@ import pytest
 
 import kinseek
 from kinseek.collision.shapes import Box, Mesh
-from kinseek.lazy import Lazy, Made, lazy
 from kinseek.maps.orientations import orientations
 from kinseek.problem import Problem
+from kinseek.support.lazy import Lazy, Made, lazy
 
 
 class Thing(Lazy):

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from kinseek import private
-from kinseek.private import NotPrivate, private_folder, read_private, user_cache
+from kinseek.support import private
+from kinseek.support.private import NotPrivate, private_folder, read_private, user_cache
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal
 from kinseek.problem import Problem
-from kinseek.robots.chain import Joint, serial_chain
-from kinseek.transforms import rotation, transform
+from kinseek.robots.joints import Joint, serial_chain
+from kinseek.support.transforms import rotation, transform
 
 Array = NDArray[np.float64]
 

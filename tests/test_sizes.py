@@ -16,8 +16,8 @@ from kinseek.errors import InvalidGoal, InvalidProblem, InvalidRobot
 from kinseek.kernels.arm.pose_error import LARGEST, ROUNDING, judge_poses
 from kinseek.kernels.arm.range_error import judge_ranges
 from kinseek.poses import as_pose
-from kinseek.robots.chain import Joint, serial_chain
-from kinseek.transforms import transform
+from kinseek.robots.joints import Joint, serial_chain
+from kinseek.support.transforms import transform
 from reference import weighted_error as plain_weighted_error
 
 Array = NDArray[np.float64]

@@ -19,8 +19,9 @@ from kinseek.errors import InvalidProblem, InvalidUse
 from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.problem import Problem
 from kinseek.solution import Solution
-from kinseek.solvers import ALL_SOLVERS, Solver
 from kinseek.solvers.atlas import tracing
+from kinseek.solvers.base import Solver
+from kinseek.solvers.every import ALL_SOLVERS
 from kinseek.trace import SHOWN, WIDTH, Pass, Trace
 
 NUMBERS = (

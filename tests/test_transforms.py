@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from kinseek.maps.last_joint import LastJoint
 from kinseek.robots.geometry import open_limits
-from kinseek.transforms import (
+from kinseek.support.transforms import (
     from_quaternion,
     from_rpy,
     inverse,
@@ -23,7 +23,7 @@ from kinseek.transforms import (
     square,
     transform,
 )
-from kinseek.turns import TURN, ends_meet, holds_a_turn, nearest_turns, one_turn, shortest
+from kinseek.support.turns import TURN, ends_meet, holds_a_turn, nearest_turns, one_turn, shortest
 
 Array = NDArray[np.float64]
 RNG = np.random.default_rng(7)

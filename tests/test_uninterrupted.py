@@ -15,8 +15,8 @@ import pytest
 
 import kinseek
 from kinseek import maps
-from kinseek.interrupts import chunks, in_chunks, raise_of_handler, uninterrupted
-from kinseek.validation import arrays_equal
+from kinseek.support.interrupts import chunks, in_chunks, raise_of_handler, uninterrupted
+from kinseek.support.validation import arrays_equal
 
 
 def test_it_gives_what_the_work_gives_in_a_thread_of_its_own() -> None:
@@ -63,7 +63,7 @@ def test_chunks_hold_every_row_once(count: int, expected: list[tuple[int, int]])
 
 
 def test_what_is_done_in_chunks_is_what_is_done_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("kinseek.interrupts.CHUNK", 4)
+    monkeypatch.setattr("kinseek.support.interrupts.CHUNK", 4)
     sizes = list[int]()
 
     def work(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -108,9 +108,9 @@ def test_chunks_change_no_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     rings = maps.Rings((0.0, 1.0, 0.25), (-1.0, 1.0, 0.25), maps.orientations(72))
     found = maps.reach(arm, rings)
     whole = list(of_many_rows(arm, found))
-    for module in ("interrupts", "poses"):
+    for module in ("support.interrupts", "poses"):
         monkeypatch.setattr(f"kinseek.{module}.CHUNK", 7)
-    monkeypatch.setattr("kinseek.validation._NUMBERS", 7)
+    monkeypatch.setattr("kinseek.support.validation._NUMBERS", 7)
     parts = list(of_many_rows(arm, found))
     assert len(whole) == len(parts) > 15
     for one, other in zip(whole, parts, strict=True):
@@ -120,7 +120,7 @@ def test_chunks_change_no_bits(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_poses_that_are_none_are_named_in_long_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("interrupts", "poses"):
+    for module in ("support.interrupts", "poses"):
         monkeypatch.setattr(f"kinseek.{module}.CHUNK", 7)
     T = np.tile(np.eye(4), (20, 1, 1))
     T[17, 0, 0] = 2.0

@@ -30,12 +30,14 @@ from .errors import (
     UnitWarning,
 )
 from .goal import Goal
-from .lazy_imports import lazy_names as _lazy_names
 from .poses import pose
 from .problem import Problem
 from .proof.certificate import Certificate, Verdict
 from .solution import Solution, Status
-from .solvers import Atlas, Solver
+from .solvers import MODULES as _SEARCHES
+from .solvers.atlas.solver import Atlas
+from .solvers.base import Solver
+from .support.lazy_imports import lazy_names as _lazy_names
 from .trace import Trace
 
 if typing.TYPE_CHECKING:
@@ -43,15 +45,13 @@ if typing.TYPE_CHECKING:
     from .collision import Scene
     from .paths.path import Path, PathStatus
     from .paths.tracker import TrackStatus
-    from .solvers import (
-        ALL_SOLVERS,
-        BlindSearch,
-        BruteForce,
-        CoordinateDescent,
-        DivideAndConquer,
-        Polished,
-        SeparateChains,
-    )
+    from .solvers.blind_search import BlindSearch
+    from .solvers.brute_force import BruteForce
+    from .solvers.coordinate_descent import CoordinateDescent
+    from .solvers.divide_and_conquer import DivideAndConquer
+    from .solvers.every import ALL_SOLVERS
+    from .solvers.polished import Polished
+    from .solvers.separate_chains import SeparateChains
 
 __version__ = "0.1.0"
 
@@ -103,21 +103,16 @@ __all__ = [
 __getattr__, __dir__ = _lazy_names(
     globals(),
     {
-        "ALL_SOLVERS": ".solvers",
-        "BlindSearch": ".solvers",
+        "ALL_SOLVERS": ".solvers.every",
         "Branches": ".branches.result",
         "BranchesBatch": ".branches.result",
-        "BruteForce": ".solvers",
-        "CoordinateDescent": ".solvers",
-        "DivideAndConquer": ".solvers",
         "Path": ".paths.path",
         "PathStatus": ".paths.path",
-        "Polished": ".solvers",
         "Scene": ".collision",
-        "SeparateChains": ".solvers",
         "TrackStatus": ".paths.tracker",
         "branches": ".branches",
         "collision": ".collision",
         "paths": ".paths",
+        **{name: f".solvers{module}" for name, module in _SEARCHES.items()},
     },
 )

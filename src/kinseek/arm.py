@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, cast, o
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .deadline import Deadline
 from .errors import InvalidProblem
 from .goal import Goal
 from .invalid_targets import without_invalid
@@ -22,15 +21,17 @@ from .poses import plain_array
 from .problem import Problem, as_joints
 from .proof.certificate import Certificate, Verdict
 from .robots import Mechanism, SerialChain, read
-from .shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
 from .solution import Solution, Status, quick_solution
-from .solvers import Atlas, Solver
 from .solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
 from .solvers.atlas.quick import can_solve_quickly, solve_quickly
+from .solvers.atlas.solver import Atlas
+from .solvers.base import Solver
 from .solvers.black_box.samples import Samples, samples_of
 from .solvers.checks import as_solver, warn_if_far, with_progress
-from .units import warn_of_distance
-from .validation import as_integer
+from .support.deadline import Deadline
+from .support.shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
+from .support.units import warn_of_distance
+from .support.validation import as_integer
 
 if TYPE_CHECKING:
     from .branches.index import BranchIndex

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, InvalidProblem
-from .interrupts import in_chunks
 from .kernels.arm.pose_error import judge
 from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_ranges
 from .kernels.arrays import ChainArrays, GoalArrays
 from .kinds import BOX, KINDS, PLAIN_KINDS, POINTING, POSE, POSITION, Kind
-from .lazy import Lazy, lazy
 from .poses import _at, _unit, _x_onto, as_pose, one_pose, plain_place, row_of, rpy_of
 from .ranges import (
     AXES,
@@ -29,6 +27,9 @@ from .ranges import (
     read_ranges,
     unit,
 )
+from .support.interrupts import in_chunks
+from .support.lazy import Lazy, lazy
+from .support.transforms import inverse, rotation_onto
 from .tolerances import (
     DEFAULT_TOLERANCE,
     DEFAULT_WEIGHT,
@@ -39,7 +40,6 @@ from .tolerances import (
     check_weight,
     said,
 )
-from .transforms import inverse, rotation_onto
 
 Array = NDArray[np.float64]
 

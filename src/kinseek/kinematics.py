@@ -14,20 +14,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidProblem, suggest
 from .goal import Goal
-from .interrupts import chunks, in_chunks
 from .kernels.arm.forward import forward_many
 from .kernels.arm.jacobian import jacobian_many
-from .lazy import Lazy
 from .poses import one_pose
 from .printable import printable
 from .problem import Problem, as_joints
 from .robots import Mechanism, SerialChain, as_mechanism, black_box, read_dh
+from .robots.chain import with_limits, with_locked, with_tool
 from .robots.geometry import arm_length
 from .robots.mechanism import no_axes
-from .robots.variants import with_limits, with_locked, with_tool
-from .shapes import Joints, Matrix, Pose, Poses, Rows, Unshaped, Vector
 from .structure.structure import FUNCTION, Structure, structure_of
-from .validation import as_integer
+from .support.interrupts import chunks, in_chunks
+from .support.lazy import Lazy
+from .support.shapes import Joints, Matrix, Pose, Poses, Rows, Unshaped, Vector
+from .support.validation import as_integer
 
 Array = NDArray[np.float64]
 

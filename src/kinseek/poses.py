@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, RepairWarning
-from .interrupts import CHUNK, chunks, in_chunks
 from .kernels.arm.pose_error import LARGEST, all_rigid
-from .shapes import Pose
-from .transforms import from_quaternion, from_rpy, rotation_onto, rotations
-from .units import warn_of_angles
-from .validation import as_float_array
+from .support.interrupts import CHUNK, chunks, in_chunks
+from .support.shapes import Pose
+from .support.transforms import from_quaternion, from_rpy, rotation_onto, rotations
+from .support.units import warn_of_angles
+from .support.validation import as_float_array
 
 Array = NDArray[np.float64]
 

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .deadline import Deadline
 from .errors import InvalidProblem
 from .goal import Goal
-from .interrupts import chunks
 from .kernels.arm.pose_error import LARGEST
 from .kernels.arrays import ChainArrays
-from .lazy import Lazy, Made, lazy
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism, no_axes
 from .robots.named import in_order
-from .turns import TURN, nearest_turns
-from .validation import as_float_array, as_integer
+from .support.deadline import Deadline
+from .support.interrupts import chunks
+from .support.lazy import Lazy, Made, lazy
+from .support.turns import TURN, nearest_turns
+from .support.validation import as_float_array, as_integer
 
 Array = NDArray[np.float64]
 

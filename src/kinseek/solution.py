@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from .errors import InvalidUse, NotReached
 from .goal import Goal
 from .kernels.arm.pose_error import judge_poses
-from .lazy import Lazy, Made
 from .problem import DeferredProblem, Problem
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism
 from .robots.named import by_name
+from .support.lazy import Lazy, Made
 from .trace import Trace
 
 if TYPE_CHECKING:  # Python 3.13 introduces defaults of type variables; type checkers always support them.

@@ -12,7 +12,7 @@ import kinseek
 from cells import FACES, TETRAHEDRON, write_arm
 from kinseek import Scene
 from kinseek.collision import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere
-from kinseek.collision.spheres import COUNT, FEW, cover_of_many, pieces_of
+from kinseek.collision.spheres import COUNT, FEW, cover_of, cover_of_many, pieces_of
 from kinseek.kernels.collision.gaps import DOUBT, FREE, TOUCH
 
 pytest.importorskip("coal")
@@ -59,7 +59,7 @@ def inside(shape: Shape) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)
 def test_outer_spheres_and_core_hold_the_shape(shape: Shape) -> None:
-    cover, points = shape.cover, inside(shape)
+    cover, points = cover_of(shape), inside(shape)
     assert (cover.rough.shape, cover.outer.shape) == ((4, FEW), (4, COUNT))
     for spheres in (cover.rough, cover.outer):
         away = np.linalg.norm(points[:, None] - spheres[:3].T, axis=2) - spheres[3]
@@ -77,7 +77,7 @@ def test_outer_spheres_and_core_hold_the_shape(shape: Shape) -> None:
 
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)
 def test_inner_spheres_lie_in_the_shape(shape: Shape) -> None:
-    inner = shape.cover.inner
+    inner = cover_of(shape).inner
     real = inner[:, inner[3] > 0]
     assert real.shape[1] or isinstance(shape, Points | Mesh)
     if isinstance(shape, Points) or (isinstance(shape, Mesh) and not shape.hull):

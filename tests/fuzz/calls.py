@@ -33,8 +33,8 @@ from kinseek import Goal
 from kinseek.branches.order import ORDERS
 from kinseek.errors import InternalError, InvalidRobot, KinseekError
 from kinseek.ranges import AXES
-from kinseek.robots.chain import Joint, serial_chain
-from kinseek.transforms import rotation, transform
+from kinseek.robots.joints import Joint, serial_chain
+from kinseek.support.transforms import rotation, transform
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 plain: Any = importlib.import_module("reference")

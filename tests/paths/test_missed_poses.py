@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal, PathStatus
 from kinseek.paths.runs import SHARE
-from kinseek.robots.chain import Joint, serial_chain
-from kinseek.transforms import transform
+from kinseek.robots.joints import Joint, serial_chain
+from kinseek.support.transforms import transform
 
 Array = NDArray[np.float64]
 

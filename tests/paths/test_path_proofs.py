@@ -22,7 +22,7 @@ from kinseek.paths.missed import judge_missed
 from kinseek.problem import Problem
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
-from kinseek.transforms import rotations
+from kinseek.support.transforms import rotations
 
 Array = NDArray[np.float64]
 

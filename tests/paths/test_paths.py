@@ -22,8 +22,8 @@ from kinseek.paths import redundant
 from kinseek.paths.joints import opened
 from kinseek.paths.layers import Follower, Loss
 from kinseek.problem import Problem
-from kinseek.robots.chain import Joint, serial_chain
-from kinseek.transforms import transform
+from kinseek.robots.joints import Joint, serial_chain
+from kinseek.support.transforms import transform
 
 Array = NDArray[np.float64]
 

@@ -12,11 +12,11 @@ import pytest
 
 import kinseek
 from kinseek import ALL_SOLVERS, BruteForce, DivideAndConquer, Goal, PathStatus, Problem, Solver, Status
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, InvalidSolver
 from kinseek.paths import impossible
 from kinseek.proof import root_isolation
 from kinseek.solvers import blind_search, coordinate_descent, grid_search
+from kinseek.support.deadline import Deadline
 from reference import errors, fk
 
 pytestmark = pytest.mark.slow
@@ -307,13 +307,13 @@ def test_what_the_user_says_of_a_long_path_keeps_the_time(name: str, monkeypatch
 
 def processor_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make deadlines of processor time: other programs on a busy machine take none of it."""
-    monkeypatch.setattr("kinseek.deadline.time", SimpleNamespace(monotonic=time.process_time))
+    monkeypatch.setattr("kinseek.support.deadline.time", SimpleNamespace(monotonic=time.process_time))
 
 
 def stopped_clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """A clock for all deadlines, which stands still unless `now` is set."""
     clock = SimpleNamespace(now=0.0)
-    monkeypatch.setattr("kinseek.deadline.time", SimpleNamespace(monotonic=lambda: clock.now))
+    monkeypatch.setattr("kinseek.support.deadline.time", SimpleNamespace(monotonic=lambda: clock.now))
     return clock
 
 

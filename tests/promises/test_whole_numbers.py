@@ -15,7 +15,7 @@ import kinseek
 from kinseek import KinseekError, maps
 from kinseek.maps.orientations import orientations
 from kinseek.problem import Problem
-from kinseek.validation import as_integer
+from kinseek.support.validation import as_integer
 from verbs import arm_of, asked, scene_of
 
 ARM = kinseek.load("planar2")

@@ -25,9 +25,10 @@ from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.look import holds, look
 from kinseek.proof.reduce import error_question, question, start_boxes
 from kinseek.proof.root_isolation import isolate
-from kinseek.robots.chain import Joint, SerialChain, serial_chain
+from kinseek.robots.chain import SerialChain
+from kinseek.robots.joints import Joint, serial_chain
 from kinseek.solution import Solution, conclude
-from kinseek.transforms import rotation, transform
+from kinseek.support.transforms import rotation, transform
 from reference import fk, weighted_error
 
 pytestmark = pytest.mark.slow

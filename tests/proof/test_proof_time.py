@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, Problem, Verdict
-from kinseek.deadline import Deadline
 from kinseek.kernels.entry import ENTRIES
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.root_isolation import isolate, prove_complete
 from kinseek.solution import Solution, conclude
+from kinseek.support.deadline import Deadline
 
 pytestmark = pytest.mark.slow
 

@@ -19,7 +19,8 @@ from kinseek.proof.boxes import FIRST, excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Verdict
 from kinseek.proof.wrist import WRIST, without_wrist
-from kinseek.robots.chain import Joint, SerialChain, serial_chain
+from kinseek.robots.chain import SerialChain
+from kinseek.robots.joints import Joint, serial_chain
 from reference import errors, fk
 from test_bounds import moved
 

@@ -11,9 +11,9 @@ import pytest
 
 import kinseek
 from kinseek import Goal, InvalidProblem, Problem
-from kinseek.deadline import Deadline
 from kinseek.robots import Mechanism, SerialChain, black_box
 from kinseek.solvers.black_box.atlas import solve_target
+from kinseek.support.deadline import Deadline
 
 SOURCE = Path(kinseek.__file__).parent
 MEMBERS = {name for name in vars(Mechanism) if not name.startswith("_")}

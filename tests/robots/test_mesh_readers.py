@@ -401,7 +401,7 @@ def test_what_trimesh_writes_is_read(mesh: Polygons, kind: str, is_text: bool) -
 IMPORTING = """
 import logging, sys
 from pathlib import Path
-from kinseek.forks import importing
+from kinseek.support.forks import importing
 from kinseek.robots.meshes import mesh_parts
 
 class Seen:

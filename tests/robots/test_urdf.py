@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike
 from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import SerialChain, files, read, read_urdf, urdf_xml
-from kinseek.robots.chain import Array, Mimics
-from kinseek.transforms import rotation, transform
+from kinseek.robots.chain import Array
+from kinseek.robots.joints import Mimics
+from kinseek.support.transforms import rotation, transform
 from places import SHARED
 
 NEEDS_SHARED = pytest.mark.skipif(not SHARED.is_dir(), reason="the shared robots are not here")

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 import kinseek
 from benchmarks.targets import plain_fk, pose_errors, random_joints
 from kinseek.kernels.atlas.one_goal import solve_plain
-from kinseek.robots.chain import Joint, serial_chain
+from kinseek.robots.joints import Joint, serial_chain
 from kinseek.solvers.atlas.index import AtlasIndex, atlas_of
-from kinseek.transforms import rotation, transform
+from kinseek.support.transforms import rotation, transform
 from reference import errors, weighted_error
 
 Array = NDArray[np.float64]

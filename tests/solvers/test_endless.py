@@ -22,9 +22,9 @@ from kinseek.kernels.atlas import lanes as eight
 from kinseek.kernels.atlas import newton as newton
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.jit import exposed
-from kinseek.robots.chain import Joint, serial_chain
+from kinseek.robots.joints import Joint, serial_chain
 from kinseek.solvers.black_box.refine import bounded_step
-from kinseek.transforms import rotation, transform
+from kinseek.support.transforms import rotation, transform
 
 pytestmark = pytest.mark.slow
 

@@ -14,7 +14,6 @@ import kinseek
 from chains import serial_chains
 from experiments.arms import equation_1
 from inlined import inlined
-from kinseek.deadline import Deadline
 from kinseek.kernels.grid.memory import (
     LAYOUT,
     LINE,
@@ -31,6 +30,7 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solvers.grid_search import GridSearch, Plan, passes_of
 from kinseek.solvers.nodes import joint_grid
+from kinseek.support.deadline import Deadline
 from reference import exhaustive
 
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
@@ -20,8 +19,9 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import open_limits
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, parallel_for
-from kinseek.turns import TURN
-from kinseek.validation import as_integer
+from kinseek.support.deadline import Deadline
+from kinseek.support.turns import TURN
+from kinseek.support.validation import as_integer
 
 from .index import SPREAD, BranchIndex, index_of
 from .order import ORDERS, Cost, Selection, scores, which_valid

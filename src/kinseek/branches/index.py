@@ -7,7 +7,6 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.caching import WeakCache
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.arm.forward import forward_many
@@ -25,7 +24,8 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import weyl
 from kinseek.solvers.atlas.index import MOST_CACHED, PLAIN, AtlasIndex, atlas_of, tolerances_of
-from kinseek.turns import shortest
+from kinseek.support.caching import WeakCache
+from kinseek.support.turns import shortest
 
 from .one_joint import NOTHING, one_joint_of
 from .result import Branches, quick_branches, solutions_of

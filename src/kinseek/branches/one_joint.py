@@ -21,7 +21,7 @@ from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.branches import one_joint_residual as search
 from kinseek.kernels.structure import candidates as form
 from kinseek.structure.axes import meeting, nearest_on, slant
-from kinseek.transforms import inverse, rotation, square, transform
+from kinseek.support.transforms import inverse, rotation, square, transform
 
 NEARLY = 1e-3
 """Largest deviation of an arm from this structure [rad], lengths relative to the arm's size."""

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidProblem
-from kinseek.interrupts import raise_of_handler
 from kinseek.kernels.arrays import Array
 from kinseek.problem import Problem
-from kinseek.turns import shortest
+from kinseek.support.interrupts import raise_of_handler
+from kinseek.support.turns import shortest
 
 from .index import constraint_jacobian, index_of
 

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.near import solve_goal
@@ -16,6 +15,7 @@ from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.atlas.solver import Atlas
+from kinseek.support.deadline import Deadline
 
 from .find import LAST, SEARCHING, branches_of
 from .index import BranchIndex, constraint_jacobian, index_of

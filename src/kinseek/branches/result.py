@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
 from kinseek.kernels.branches.refine_all import ANSWERS, CONTINUUM, SPENT
-from kinseek.lazy import Lazy, lazy
 from kinseek.problem import DeferredProblem, Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.named import by_name
+from kinseek.support.lazy import Lazy, lazy
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidGoal, UnitWarning, suggest
 from kinseek.poses import as_pose, pose
-from kinseek.units import warn_of_angles
+from kinseek.support.units import warn_of_angles
 
 from .goals import IN_DEGREES
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidGoal, UnitWarning
 from kinseek.goal import Frame, Goal
 from kinseek.poses import pose
+from kinseek.support.units import warn_of_angles
 from kinseek.tolerances import GoalOptions
-from kinseek.units import warn_of_angles
 
 from .words import LENGTHS, numbers
 

@@ -15,7 +15,7 @@ import numpy as np
 from kinseek.branches.result import Branches
 from kinseek.errors import InvalidGoal, InvalidProblem, KinseekError, UnitWarning, suggest
 from kinseek.poses import one_pose, pose
-from kinseek.units import warn_of_angles
+from kinseek.support.units import warn_of_angles
 
 from .goals import IN_DEGREES, TURNS
 from .output import direct_output, write_out

@@ -14,8 +14,8 @@ from typing import Any
 from click.exceptions import Exit
 
 from kinseek.errors import UnitWarning
-from kinseek.notices import notice
 from kinseek.printable import printable
+from kinseek.support.notices import notice
 
 CANNOT_WRITE, BROKEN_PIPE = 2, 141
 """Exit codes; 141 is what a shell reports for a program that was ended by a closed pipe (128 + SIGPIPE)."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
-from kinseek.transforms import square
+from kinseek.support.transforms import square
 
 Array = NDArray[np.float64]
 Solve = Callable[[Array], Array | None]

@@ -21,8 +21,8 @@ from kinseek.proof.certificate import Certificate
 from kinseek.robots import catalog_entry, catalog_names
 from kinseek.robots.soundness import Checkup, Severity
 from kinseek.solution import Solution
-from kinseek.solvers import Solver
-from kinseek.transforms import quaternion
+from kinseek.solvers.base import Solver
+from kinseek.support.transforms import quaternion
 
 from .scenes import (
     branches_facts_of_scene,

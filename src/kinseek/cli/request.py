@@ -16,7 +16,7 @@ from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.proof.certificate import Certificate, Verdict
 from kinseek.solution import Solution
-from kinseek.solvers import Solver
+from kinseek.solvers.base import Solver
 
 from .goals import GoalSpec
 

@@ -13,7 +13,8 @@ from types import NoneType, UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from kinseek.errors import InvalidSolver, suggest
-from kinseek.solvers import ALL_SOLVERS, Solver
+from kinseek.solvers.base import Solver
+from kinseek.solvers.every import ALL_SOLVERS
 from kinseek.solvers.traits import OwnSolver, summary
 
 from .help import option, together

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.errors import InvalidProblem, suggest
-from kinseek.units import warn_of_angles
+from kinseek.support.units import warn_of_angles
 
 LENGTHS = {
     "--at": 3,

@@ -9,8 +9,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from kinseek.errors import InvalidScene
-from kinseek.lazy import Lazy, lazy
 from kinseek.robots.chain import SerialChain
+from kinseek.support.lazy import Lazy, lazy
 
 from .bodies import Body
 from .engine import Engine, Solid

@@ -16,15 +16,16 @@ from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.robots import read
 from kinseek.robots.adapters import is_text
-from kinseek.robots.chain import Frame, Mimics, SerialChain
+from kinseek.robots.chain import Frame, SerialChain
 from kinseek.robots.files import file_bytes
+from kinseek.robots.joints import Mimics
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, no_axes
 from kinseek.robots.mesh_files import Budget
 from kinseek.robots.meshes import numbers_of, origin_of
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf import read_urdf_text
 from kinseek.robots.urdf_xml import expand_xacro, root_element
-from kinseek.transforms import rotation, transform
+from kinseek.support.transforms import rotation, transform
 
 from .shapes import MOST_BYTES, Box, Capsule, Cylinder, Mesh, Shape, Sphere, length
 

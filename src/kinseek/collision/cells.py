@@ -14,7 +14,7 @@ from kinseek.kernels.collision.gaps import NUMBERS
 from kinseek.kernels.collision.model import BLOCK, LANES, CollisionModel
 
 from .shapes import GRAIN, Points
-from .spheres import COUNT, Cover, cover_of_many
+from .spheres import COUNT, Cover, cover_of, cover_of_many
 
 if TYPE_CHECKING:
     from .engine import Solid
@@ -50,7 +50,7 @@ class Member(NamedTuple):
         """Return the cover of a part in the frame of its joint."""
         # coal represents a point as a small triangle; a pair reported as free must be free of it, too.
         thick = solid.shape.thickness + GRAIN * isinstance(solid.shape, Points)
-        return cls.placed(solid.joint, solid.pose, solid.shape.cover, thick)
+        return cls.placed(solid.joint, solid.pose, cover_of(solid.shape), thick)
 
     @classmethod
     def inside(cls, solid: Solid) -> Self:

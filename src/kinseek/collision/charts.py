@@ -21,6 +21,7 @@ from kinseek.kernels.pointers import handle_of
 
 from .cells import NEVER_APART, Charts, Meeting, Member, make_collision_model
 from .shapes import Shape
+from .spheres import cover_of
 
 if TYPE_CHECKING:
     from .engine import Solid
@@ -55,7 +56,7 @@ class Carried(NamedTuple):
     def member(self, joint: int) -> Member:
         """Return its cover, carried by the given joint."""
         pose = np.frombuffer(self.pose).reshape(4, 4)
-        return Member.placed(joint, pose, self.shape.cover, self.shape.thickness)
+        return Member.placed(joint, pose, cover_of(self.shape), self.shape.thickness)
 
 
 class Chart(NamedTuple):

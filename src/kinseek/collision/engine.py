@@ -10,12 +10,13 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.forks import Lock
 from kinseek.kernels.collision.gaps import DOUBT, FREE
 from kinseek.robots.chain import SerialChain
+from kinseek.support.forks import Lock
 
 from .broad import Broad
-from .shapes import Mesh, Points, Shape, library
+from .geometry import library
+from .shapes import Mesh, Points, Shape
 from .share import share
 
 Array = NDArray[np.float64]

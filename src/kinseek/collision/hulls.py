@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from .shapes import library
+from kinseek.errors import InvalidScene
+from kinseek.support.interrupts import uninterrupted
+
+from .geometry import library
 
 Array = NDArray[np.float64]
 
@@ -29,6 +34,41 @@ _HELPS = 0.9
 
 _DEEP = 1e-9
 """Depth below all sides of a hull beyond which a point is inside despite rounding, relative to the hull's size."""
+
+
+def convex_hull(vertices: Array, name: str) -> Any:
+    """Return the convex hull of points that span all directions, (k, 3), as coal takes it.
+
+    Raises:
+        InvalidScene: It has too many corners, or cannot be made; the error names the shape.
+    """
+    coal = library("coal")
+    outer = outermost(np.unique(vertices, axis=0))
+    if len(outer) > MOST_CORNERS:
+        raise InvalidScene(
+            f"{name}: {len(outer):,} of its points may be corners of its convex hull, expected at most "
+            f"{MOST_CORNERS:,}: simplify the mesh, so that it has fewer vertices where it is curved"
+        )
+    spatial = library("scipy.spatial")
+    try:  # Where Qhull fails, coal, which uses it too, may end the process. And coal is not interrupted.
+        hull = uninterrupted(lambda: spatial.ConvexHull(outer))
+    except spatial.QhullError as error:
+        raise InvalidScene(
+            f"{name}: Qhull cannot make its convex hull: {str(error).strip().partition(chr(10))[0]}"
+        ) from None
+    if (most := corners_of_sides(hull.equations)) > MOST_ON_SIDE:
+        raise InvalidScene(
+            f"{name}: a flat side of its convex hull has {most:,} corners, expected at most {MOST_ON_SIDE:,}: "
+            f"simplify the mesh, so that it has fewer vertices where it is round"
+        )
+    points = coal.StdVec_Vec3s()
+    for vertex in outer:
+        points.append(vertex)
+    try:  # Flat sides stay whole: if cut into triangles, a corner may have more neighbours than coal accepts.
+        return coal.ConvexBase.convexHull(points, False, "")
+    except RuntimeError as error:
+        why = str(error).rpartition("message:")[2].strip()
+        raise InvalidScene(f"{name}: coal cannot make its convex hull: {why}") from error
 
 
 def corners_of_sides(planes: Array) -> int:

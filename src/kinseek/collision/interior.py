@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .shapes import library, triangles
+from .geometry import library, triangles
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

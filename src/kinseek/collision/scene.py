@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import as_joints
 from kinseek.robots.mechanism import Mechanism
-from kinseek.validation import arrays_equal, as_float_array, as_integer
+from kinseek.support.validation import arrays_equal, as_float_array, as_integer
 
 from .assembly import digest
 from .bodies import arm_bodies, chain_of, package_folders
 from .contents import Contents, read_missing
 from .engine import TOUCH, Engine, Near
+from .geometry import library
 from .motion import FINEST, stops, surely_hits
 from .pairs import NEIGHBOURS, Contact, disabled_by, key
-from .shapes import length_or_zero, library
+from .shapes import length_or_zero
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -9,23 +9,24 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.errors import InvalidRobot, InvalidScene, MissingExtra
-from kinseek.forks import importing
-from kinseek.interrupts import uninterrupted
-from kinseek.lazy import Lazy, lazy
+from kinseek.errors import InvalidRobot, InvalidScene
+from kinseek.support.interrupts import uninterrupted
+from kinseek.support.lazy import Lazy, lazy
+
+from .geometry import library, triangles
+from .hulls import convex_hull
+from .interior import Interior
+from .simplify import simplified
 
 if TYPE_CHECKING:
     from kinseek.robots.mesh_files import Budget
 
-    from .interior import Interior
-    from .spheres import Cover
 
 Array = NDArray[np.float64]
 
@@ -43,27 +44,8 @@ MOST_LENGTH, LEAST_LENGTH = 1e6, 1e-9
 """Largest coordinate and size of a shape, and its least size [m]. Distances from boxes, hulls and triangles of the largest
 size are right to 1e-9 m, and at ten times that size some are 0 for bodies that are metres apart."""
 
-SLIVER = 1e-7
-"""Width of triangles that replace a line or a point [m]."""
-
-_FLAT = 1e-9
-"""Height of a triangle up to which it counts as a line [m]."""
-
 _SIDES = 16
 """Number of sides of the prism around a cylinder."""
-
-
-def library(name: str) -> Any:
-    """Import a package of the extra.
-
-    Raises:
-        MissingExtra: It is not installed.
-    """
-    try:
-        with importing:
-            return import_module(name)
-    except ImportError:
-        raise MissingExtra("A scene with collisions", "collision") from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,13 +71,6 @@ class Shape(Lazy, ABC):
     def inner_corners(self) -> Array:
         """Points whose hull, made thicker by `thickness`, lies inside the shape, (k, 3) [m]; empty if none are known."""
         return self.corners if self.is_hull else np.zeros((0, 3))
-
-    @lazy
-    def cover(self) -> Cover:
-        """Outer and inner bounds of the shape for the broad phase, fitted once."""
-        from .spheres import cover_of
-
-        return cover_of(self)
 
     @abstractmethod
     def geometry(self) -> Any:
@@ -327,8 +302,6 @@ class Mesh(Shape):
         vertices, faces = _merged(vertices, faces)
         if simplify is None:
             return cls(vertices, faces, hull, repr(str(path)))
-        from .simplify import simplified
-
         whole, tolerance = cls(vertices, faces, True, repr(str(path))), length("simplify", simplify)
         # Simplifying keeps a surface closed if its triangles are oriented alike.
         vertices, faces, moved = uninterrupted(
@@ -371,8 +344,6 @@ class Mesh(Shape):
     @lazy
     def interior(self) -> Interior:
         """Its closed surfaces, which are solid or cavities."""
-        from .interior import Interior
-
         return Interior(self.vertices, self.faces)
 
     def holds(self, point: Array) -> bool:
@@ -402,37 +373,9 @@ class Mesh(Shape):
 
     @lazy
     def _hull(self) -> Any:
-        coal = library("coal")
         if not self._is_solid:
             raise InvalidScene(f"{self.name} is flat: it has no convex hull; use its triangles, hull=False")
-        from .hulls import MOST_CORNERS, MOST_ON_SIDE, corners_of_sides, outermost
-
-        outer = outermost(np.unique(self.vertices, axis=0))
-        if len(outer) > MOST_CORNERS:
-            raise InvalidScene(
-                f"{self.name}: {len(outer):,} of its points may be corners of its convex hull, expected at most "
-                f"{MOST_CORNERS:,}: simplify the mesh, so that it has fewer vertices where it is curved"
-            )
-        spatial = library("scipy.spatial")
-        try:  # Where Qhull fails, coal, which uses it too, may end the process. And coal is not interrupted.
-            hull = uninterrupted(lambda: spatial.ConvexHull(outer))
-        except spatial.QhullError as error:
-            raise InvalidScene(
-                f"{self.name}: Qhull cannot make its convex hull: {str(error).strip().partition(chr(10))[0]}"
-            ) from None
-        if (most := corners_of_sides(hull.equations)) > MOST_ON_SIDE:
-            raise InvalidScene(
-                f"{self.name}: a flat side of its convex hull has {most:,} corners, expected at most {MOST_ON_SIDE:,}: "
-                f"simplify the mesh, so that it has fewer vertices where it is round"
-            )
-        points = coal.StdVec_Vec3s()
-        for vertex in outer:
-            points.append(vertex)
-        try:  # Flat sides stay whole: if cut into triangles, a corner may have more neighbours than coal accepts.
-            return coal.ConvexBase.convexHull(points, False, "")
-        except RuntimeError as error:
-            why = str(error).rpartition("message:")[2].strip()
-            raise InvalidScene(f"{self.name}: coal cannot make its convex hull: {why}") from error
+        return convex_hull(self.vertices, self.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -521,40 +464,6 @@ def box_corners(points: Array) -> Array:
     """Return the corners of the bounding box of points, (k, 3) -> (8, 3)."""
     ends = np.stack([points.min(axis=0), points.max(axis=0)])
     return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
-
-
-def triangles(vertices: Array, faces: NDArray[np.int64]) -> Any:
-    """Convert triangles to coal's tree of boxes; those without area become `SLIVER` wide."""
-    vertices, faces = _with_area(vertices, faces)
-    model = library("coal").BVHModelOBBRSS()
-    model.beginModel(len(faces), len(vertices))
-    model.addVertices(np.ascontiguousarray(vertices))
-    model.addTriangles(np.ascontiguousarray(faces))
-    model.endModel()
-    return model
-
-
-def _with_area(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
-    """Replace triangles without area, but for rounding, by slivers that contain their longest side.
-
-    coal measures the distance between a sphere and a triangle along the normal of the triangle, and a line has none.
-    """
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    sides = np.stack([b - a, c - b, a - c])
-    long = np.linalg.norm(sides, axis=2)
-    doubled = np.linalg.norm(np.cross(sides[0], sides[2]), axis=1)
-    flat = np.flatnonzero(doubled <= _FLAT * long.max(axis=0))
-    if not len(flat):
-        return vertices, faces
-    sides, longest = sides[:, flat], long[:, flat].argmax(axis=0)
-    begin, way = faces[flat, longest], sides[longest, np.arange(len(flat))]
-    # Across the side, along the axis to which it is least parallel; for a point along two axes.
-    across = SLIVER * np.eye(3)[np.abs(way).argmin(axis=1)]
-    point = np.linalg.norm(way, axis=1) < SLIVER
-    end = vertices[begin] + np.where(point[:, None], np.roll(across, 1, axis=1), way)
-    faces, added = faces.copy(), len(vertices) + np.arange(2 * len(flat)).reshape(2, -1)
-    faces[flat] = np.stack([begin, *added], axis=1)
-    return np.concatenate([vertices, end, vertices[begin] + across]), faces
 
 
 def _merged(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:

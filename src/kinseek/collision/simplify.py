@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .shapes import SLIVER
+from .geometry import SLIVER
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

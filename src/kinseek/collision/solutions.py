@@ -13,13 +13,13 @@ from kinseek.branches.index import SPREAD, BranchIndex, index_of
 from kinseek.branches.order import ORDERS, Cost, ManyAtOnce, Selection, Valid, is_valid
 from kinseek.branches.prefer import preferred, slide
 from kinseek.branches.result import Branches, BranchesBatch, OfEachGoal
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import Problem
 from kinseek.proof.root_isolation import isolate
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.solver import Atlas
+from kinseek.support.deadline import Deadline
 
 from .pairs import Contact
 from .scene import Scene

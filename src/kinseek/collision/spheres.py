@@ -16,10 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.lazy import lazy
+from kinseek.support.caching import WeakCache
+from kinseek.support.lazy import lazy
 
+from .geometry import library
 from .hulls import farthest_beyond
-from .shapes import Box, Capsule, Shape, Sphere, library
+from .shapes import Box, Capsule, Shape, Sphere
 
 Array = NDArray[np.float64]
 
@@ -64,8 +66,15 @@ class Cover(NamedTuple):
     """A small sphere around the corners: x, y, z, radius, (4,)."""
 
 
+_COVERS: WeakCache[Shape, str, Cover] = WeakCache()
+
+
 def cover_of(shape: Shape) -> Cover:
-    """Fit spheres and a box to a shape."""
+    """Return spheres and a box around a shape, fitted once."""
+    return _COVERS.of(shape).get("cover", lambda: _fitted(shape))
+
+
+def _fitted(shape: Shape) -> Cover:
     solid = shape.is_hull
     hull = _hull(shape.corners)
     corners = shape.corners if hull is None else hull.points[hull.vertices]
@@ -94,7 +103,7 @@ def cover_of(shape: Shape) -> Cover:
 
 def cover_of_many(points: Array, thickness: float) -> Cover:
     """Fit spheres and a box to the thickened hull of points; the cover has no inner spheres."""
-    cover = cover_of(_Thick(points, thickness))
+    cover = _fitted(_Thick(points, thickness))
     return cover._replace(inner=_padded(np.zeros((4, 0))), exact=False, solid=False)
 
 

@@ -12,8 +12,8 @@ from kinseek.kernels.atlas.task import ROUTINE, ROUTINES
 from kinseek.kernels.entry import ENTRIES
 from kinseek.kernels.pointers import ROW
 from kinseek.problem import Problem
-from kinseek.solvers import Atlas
 from kinseek.solvers.atlas.index import atlas_of
+from kinseek.solvers.atlas.solver import Atlas
 
 from .c_calls import prototype
 from .c_text import guarded

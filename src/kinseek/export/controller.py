@@ -15,8 +15,9 @@ from kinseek.goal import Goal
 from kinseek.kernels.entry import ENTRIES
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import no_axes
-from kinseek.solvers import Atlas, DivideAndConquer
-from kinseek.validation import as_integer
+from kinseek.solvers.atlas.solver import Atlas
+from kinseek.solvers.divide_and_conquer import DivideAndConquer
+from kinseek.support.validation import as_integer
 
 from .atlas import atlas_design
 from .c_calls import c_declarations, c_definitions

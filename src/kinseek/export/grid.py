@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidExport
 from kinseek.kernels.entry import ENTRIES
 from kinseek.kernels.grid.descent import BEGINNING, LEAVES, NODES
 from kinseek.kernels.grid.memory import A_LANE, MOST_LANES, memory_size
 from kinseek.kernels.grid.window import PART, PAUSED, split_depth
 from kinseek.problem import Problem
-from kinseek.solvers import DivideAndConquer
+from kinseek.solvers.divide_and_conquer import DivideAndConquer
 from kinseek.solvers.grid_search import Plan
+from kinseek.support.deadline import Deadline
 
 from .c_text import array, guarded, number, structure
 from .design import Design, room_for

@@ -34,8 +34,8 @@ from kinseek.proof.boxes import Run, tuning_of
 from kinseek.proof.reduce import question, start_boxes
 from kinseek.robots.mechanism import no_axes
 from kinseek.robots.sampling import low_discrepancy_steps
-from kinseek.transforms import inverse, square
-from kinseek.turns import one_turn
+from kinseek.support.transforms import inverse, square
+from kinseek.support.turns import one_turn
 
 from .folder import own_folder, write_files
 from .wasm import CALLED, PLACES, wasm_module

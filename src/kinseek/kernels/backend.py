@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from kinseek.errors import InvalidUse
-from kinseek.forks import Lock
+from kinseek.support.forks import Lock
 
 from .entry import Bundle, Entry, Leaf
 from .sources import ALL, source_digest

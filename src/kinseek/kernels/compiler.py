@@ -35,10 +35,10 @@ from numba.extending import intrinsic
 from numba.np import arrayobj
 from numba.np.numpy_support import as_dtype
 
-from kinseek.forks import finish_first
-from kinseek.interrupts import uninterrupted
-from kinseek.notices import notice
-from kinseek.private import private_folder, user_cache
+from kinseek.support.forks import finish_first
+from kinseek.support.interrupts import uninterrupted
+from kinseek.support.notices import notice
+from kinseek.support.private import private_folder, user_cache
 
 from .kept_code import c_function, keep_code, report_unwritten
 from .sources import module_digest

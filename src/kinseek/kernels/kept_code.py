@@ -3,7 +3,7 @@
 A crash or a full disk leaves files that are truncated or full of zeros. Numba trusts the files it finds, so every file
 here begins with a digest of the rest. Machine code also names its call signature, since two processes that begin together
 may give two signatures the same file. The digest has no key: it detects damage, not intent. A file is therefore read only
-if it and all folders above it are private (`kinseek.private`).
+if it and all folders above it are private (`kinseek.support.private`).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import Any
 from numba.core import caching
 from numba.core.ccallback import CFunc
 
-from kinseek.notices import notice
-from kinseek.private import NotPrivate, private_folder, read_private
+from kinseek.support.notices import notice
+from kinseek.support.private import NotPrivate, private_folder, read_private
 
 _DIGEST = hashlib.sha256().digest_size
 

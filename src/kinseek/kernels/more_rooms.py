@@ -9,7 +9,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from typing import Any
 
 from kinseek.errors import KinseekError
-from kinseek.notices import notice
+from kinseek.support.notices import notice
 
 from .sources import ALL, PACKAGE
 

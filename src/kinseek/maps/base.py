@@ -12,7 +12,7 @@ from kinseek.errors import InvalidMap
 from kinseek.goal import Goal
 from kinseek.poses import as_pose
 from kinseek.printable import printable
-from kinseek.transforms import inverse, square
+from kinseek.support.transforms import inverse, square
 
 from .measures import DEXTERITY, LIMITS, REACHED, measured
 

@@ -16,10 +16,10 @@ import kinseek
 from kinseek.arm import Arm
 from kinseek.collision import Scene
 from kinseek.errors import InvalidMap
-from kinseek.forks import Lock
 from kinseek.goal import Goal
 from kinseek.kernels.sources import source_digest
 from kinseek.robots import SerialChain
+from kinseek.support.forks import Lock
 
 from .cells import REACHED as TOUCHED
 from .cells import UNDECIDED, Judge, cells_of_block

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.turns import shortest
+from kinseek.support.turns import shortest
 
 from .grid import Grid, Rings, azimuths
 from .orientations import about_z, ball, direction, farthest, shortest_turn, twist

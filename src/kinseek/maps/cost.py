@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.errors import InvalidMap
-from kinseek.validation import as_integer, as_number
+from kinseek.support.validation import as_integer, as_number
 
 from .block import BlockScratch, answered
 from .cells import SHARES

@@ -13,7 +13,7 @@ from kinseek.arm import Arm
 from kinseek.errors import InvalidMap
 from kinseek.goal import Goal
 from kinseek.robots import SerialChain
-from kinseek.transforms import square
+from kinseek.support.transforms import square
 
 from .measures import STEP, all_solutions
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidMap
-from kinseek.lazy import Lazy, lazy
+from kinseek.support.lazy import Lazy, lazy
 
 from .orientations import Orientations, about_z, orientations_of
 

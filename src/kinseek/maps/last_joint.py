@@ -11,7 +11,7 @@ from kinseek.kernels.arm.division import TURN
 from kinseek.kinds import POSE
 from kinseek.robots import SerialChain
 from kinseek.robots.geometry import divide
-from kinseek.turns import holds_a_turn
+from kinseek.support.turns import holds_a_turn
 
 from .cell import Cell
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from zarr.core.buffer.core import default_buffer_prototype
 from zarr.storage import LocalStore
 
-from kinseek.private import OTHERS_WRITE
+from kinseek.support.private import OTHERS_WRITE
 
 if TYPE_CHECKING:
     from zarr.abc.store import ByteRequest

@@ -15,8 +15,8 @@ from kinseek.arm import Arm
 from kinseek.collision import Scene
 from kinseek.collision.solutions import judge_of
 from kinseek.errors import InvalidMap, MissingExtra, suggest
+from kinseek.support.validation import as_integer
 from kinseek.tolerances import DEFAULT_TOLERANCE, TOLERANCES, check_tolerance
-from kinseek.validation import as_integer
 
 from .block import Work, digest, slim, version
 from .cells import ATTRIBUTES, SHARES

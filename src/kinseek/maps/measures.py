@@ -13,7 +13,7 @@ from kinseek.branches.result import BranchesBatch
 from kinseek.collision import Scene
 from kinseek.errors import InvalidMap, suggest
 from kinseek.goal import Goal
-from kinseek.turns import shortest
+from kinseek.support.turns import shortest
 
 from .free import reached_freely
 from .search import PATIENCE, reached

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidMap
-from kinseek.lazy import Lazy, lazy
-from kinseek.validation import as_integer
+from kinseek.support.lazy import Lazy, lazy
+from kinseek.support.validation import as_integer
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

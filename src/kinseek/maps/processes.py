@@ -13,7 +13,7 @@ from contextlib import suppress
 from queue import SimpleQueue
 from typing import IO, Any, cast
 
-from kinseek.interrupts import SignalSafeThread, next_item
+from kinseek.support.interrupts import SignalSafeThread, next_item
 
 from .block import Index, Work, do
 

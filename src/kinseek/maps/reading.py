@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidGoal, InvalidMap
-from kinseek.interrupts import chunks, in_chunks, raise_of_handler
 from kinseek.poses import as_pose
-from kinseek.transforms import inverse, square
-from kinseek.validation import as_number
+from kinseek.support.interrupts import chunks, in_chunks, raise_of_handler
+from kinseek.support.transforms import inverse, square
+from kinseek.support.validation import as_number
 
 from .cells import EMPTY, SHARES
 from .cells import REACHED as TOUCHED

@@ -24,7 +24,7 @@ from kinseek.problem import Problem
 from kinseek.proof.reduce import LARGEST, question
 from kinseek.robots.geometry import divide
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
-from kinseek.transforms import inverse, square
+from kinseek.support.transforms import inverse, square
 
 from .last_joint import LastJoint
 from .wrist import circles

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidMap
-from kinseek.interrupts import raise_of_handler
-from kinseek.lazy import Lazy, lazy
 from kinseek.printable import printable
-from kinseek.private import OTHERS_WRITE, NotPrivate, require_private
+from kinseek.support.interrupts import raise_of_handler
+from kinseek.support.lazy import Lazy, lazy
+from kinseek.support.private import OTHERS_WRITE, NotPrivate, require_private
 
 from .grid import grid_of
 

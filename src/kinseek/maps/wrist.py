@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.caching import WeakCache
 from kinseek.robots import SerialChain
-from kinseek.transforms import inverse
+from kinseek.support.caching import WeakCache
+from kinseek.support.transforms import inverse
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.order import Valid, is_valid
-from kinseek.deadline import Deadline
+from kinseek.support.deadline import Deadline
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.problem import Problem
 from kinseek.robots import SerialChain
-from kinseek.transforms import rotations
+from kinseek.support.transforms import rotations
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

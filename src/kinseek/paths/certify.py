@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import constraint_jacobian
-from kinseek.deadline import Deadline
 from kinseek.kernels.paths.motion import Margins
 from kinseek.kernels.paths.steps import INSIDE, Moves, prove_steps
 from kinseek.problem import Problem
 from kinseek.proof.reduce import margins, question
 from kinseek.solvers.threads import GoOn, parallel_for
+from kinseek.support.deadline import Deadline
 
 from .between import rotation_vectors
 from .joints import Turning

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.deadline import Deadline, TimeUp
 from kinseek.problem import Problem
-from kinseek.solvers import Atlas
+from kinseek.solvers.atlas.solver import Atlas
+from kinseek.support.deadline import Deadline, TimeUp
 
 from .joints import Turning
 from .layers import SAME, Layers

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.poses import as_pose
-from kinseek.transforms import rotations
+from kinseek.support.transforms import rotations
 
 Array = NDArray[np.float64]
 

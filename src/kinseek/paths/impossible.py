@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import freedom
-from kinseek.deadline import Deadline
 from kinseek.kernels.paths.steps import INSIDE, LEAVES, OUTSIDE, SOMEWHERE
 from kinseek.problem import Problem
 from kinseek.proof.root_isolation import isolate
 from kinseek.robots.chain import SerialChain
-from kinseek.turns import TURN
+from kinseek.support.deadline import Deadline
+from kinseek.support.turns import TURN
 
 from .certify import prove_rows
 from .intervals import intervals

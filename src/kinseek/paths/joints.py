@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.caching import WeakCache
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.paths.viterbi import COPIED, ENDLESS, ROOM, STRAIGHT, Turns
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import CONTINUOUS, REVOLUTE
-from kinseek.turns import TURN
+from kinseek.support.caching import WeakCache
+from kinseek.support.turns import TURN
 
 Array = NDArray[np.float64]
 

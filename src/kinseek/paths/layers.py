@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import BranchIndex, index_of
 from kinseek.branches.result import solutions_of
-from kinseek.deadline import Deadline
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.trace import JOINED, TAKEN, Leg, part_ways, trace
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, parallel_for
-from kinseek.turns import shortest
+from kinseek.support.deadline import Deadline
+from kinseek.support.turns import shortest
 
 from .joints import opened
 

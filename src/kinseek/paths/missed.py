@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.deadline import Deadline
 from kinseek.kernels.proof.progress import ENDED
 from kinseek.problem import Problem
 from kinseek.proof.boxes import Watch, excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Verdict
+from kinseek.support.deadline import Deadline
 
 from .intervals import intervals
 from .path import Path

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.order import cost_of
-from kinseek.deadline import TimeUp
 from kinseek.kernels.paths import viterbi
 from kinseek.kernels.paths.viterbi import DISTANCE, ENDLESS, GIVEN, TIME
+from kinseek.support.deadline import TimeUp
 
 from .joints import Turning
 from .layers import Layers

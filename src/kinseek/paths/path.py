@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import NotReached
-from kinseek.lazy import Lazy, lazy
 from kinseek.problem import Problem
+from kinseek.support.lazy import Lazy, lazy
 
 from .between import deviation_between
 from .intervals import intervals

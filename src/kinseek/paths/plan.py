@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from kinseek.branches.index import BranchIndex, freedom, index_of
 from kinseek.branches.order import cost_of
 from kinseek.branches.result import solutions_of
-from kinseek.deadline import TimeUp
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.propagation import Given, propagate_layer, spread_solutions
 from kinseek.kernels.paths.trace import Leg, trace
 from kinseek.kernels.paths.viterbi import BranchEnds, Layer, Sideways, viterbi_step
 from kinseek.problem import Problem
 from kinseek.robots.geometry import arm_length
-from kinseek.solvers import Atlas
 from kinseek.solvers.atlas.index import tolerances_of
+from kinseek.solvers.atlas.solver import Atlas
 from kinseek.solvers.threads import GoOn, parallel_for
+from kinseek.support.deadline import TimeUp
 
 from .between import apart
 from .joints import Turning

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from kinseek.branches.index import index_of
 from kinseek.branches.order import cost_of
 from kinseek.branches.result import solutions_of
-from kinseek.deadline import TimeUp
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, parallel_for
+from kinseek.support.deadline import TimeUp
 
 from .between import apart, beyond_a_step
 from .joints import Turning

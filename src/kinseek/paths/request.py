@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.branches.order import Cost, Valid
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidGoal, InvalidProblem
 from kinseek.goal import Goal
-from kinseek.interrupts import raise_of_handler
 from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import Mechanism
-from kinseek.validation import arrays_equal
+from kinseek.support.deadline import Deadline
+from kinseek.support.interrupts import raise_of_handler
+from kinseek.support.validation import arrays_equal
 
 from .allowed import Allowed, Obstacles
 

@@ -16,14 +16,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.deadline import TimeUp
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.projection import project_onto_poses
 from kinseek.kernels.paths.viterbi import STRAIGHT
 from kinseek.problem import Problem
-from kinseek.solvers import Atlas
-from kinseek.turns import TURN
+from kinseek.solvers.atlas.solver import Atlas
+from kinseek.support.deadline import TimeUp
+from kinseek.support.turns import TURN
 
 from .intervals import intervals
 from .joints import Turning

@@ -18,7 +18,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
 from kinseek.structure.axes import lean
-from kinseek.transforms import rotation
+from kinseek.support.transforms import rotation
 
 ONE_LINE = 1e-3
 """Axes coincide if their distance is at most this fraction of the arm's length, and their angle at most this [rad]. Not

@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import constraint_jacobian
-from kinseek.deadline import Deadline, TimeUp
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.arrays import Limits
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.projection import project_onto_poses
 from kinseek.problem import Problem
 from kinseek.robots.geometry import RADIAN_PART, arm_length
-from kinseek.solvers import Atlas
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
+from kinseek.solvers.atlas.solver import Atlas
+from kinseek.support.deadline import Deadline, TimeUp
 
 from .allowed import Allowed
 from .joints import Turning

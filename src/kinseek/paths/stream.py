@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidGoal
 from kinseek.goal import Goal
-from kinseek.interrupts import raise_of_handler
 from kinseek.robots.mechanism import Mechanism
+from kinseek.support.interrupts import raise_of_handler
 
 from .follow import follow
 from .path import Path

@@ -20,7 +20,7 @@ from kinseek.poses import as_pose, one_pose, plain_array
 from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import PLAIN, atlas_of
-from kinseek.validation import as_integer, as_number
+from kinseek.support.validation import as_integer, as_number
 
 from .extrapolate import extrapolated
 from .joints import Turning

@@ -21,11 +21,10 @@ from kinseek.kernels.paths.projection import project_onto_poses
 from kinseek.kinds import POINTING, POSE, POSITION
 from kinseek.problem import Problem
 from kinseek.ranges import AXES, FREE_TURN, PINNED
-from kinseek.robots.chain import SerialChain
+from kinseek.robots.chain import SerialChain, with_tool
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
-from kinseek.robots.variants import with_tool
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
-from kinseek.transforms import rotation_onto, rotations, square
+from kinseek.support.transforms import rotation_onto, rotations, square
 
 from .between import rotation_vectors
 from .joints import Turning

@@ -15,7 +15,7 @@ from kinseek.kernels.atlas.tree import LEAF_SIZE, Tree
 from kinseek.kinds import POSE
 from kinseek.robots.geometry import divide
 from kinseek.solvers.atlas.index import AtlasIndex, atlas_of
-from kinseek.transforms import square
+from kinseek.support.transforms import square
 
 from .figures import COLOURS, drawn, plane, text_of
 

@@ -15,7 +15,7 @@ from kinseek.problem import Problem
 from kinseek.proof.boxes import Run, Watch, tuning_of
 from kinseek.proof.certificate import Certificate
 from kinseek.proof.reduce import question, start_boxes
-from kinseek.turns import nearest_turns
+from kinseek.support.turns import nearest_turns
 
 from .figures import COLOURS, drawn, given_or_new
 from .shown import axis_label, count_of, two_joints

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidUse
 from kinseek.solution import Solution
+from kinseek.support.validation import as_integer
 from kinseek.trace import Pass, Trace
-from kinseek.validation import as_integer
 
 from .figures import COLOURS, drawn, given_or_new, plane, text_of
 from .landscapes import LEAST_ERROR, MARKS, errors_at

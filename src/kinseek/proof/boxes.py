@@ -11,8 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinseek.deadline import Deadline
-from kinseek.interrupts import uninterrupted
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array, Flags
 from kinseek.kernels.proof.box import Form, ProofGoal
@@ -39,6 +37,8 @@ from kinseek.kernels.proof.progress import (
 from kinseek.kernels.proof.search import search_boxes
 from kinseek.problem import Problem
 from kinseek.solvers.threads import in_threads
+from kinseek.support.deadline import Deadline
+from kinseek.support.interrupts import uninterrupted
 
 from .reduce import error_question, question, start_boxes
 from .shoulder import bounded_by_ball

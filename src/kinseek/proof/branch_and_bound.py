@@ -14,7 +14,6 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from kinseek.deadline import Deadline
 from kinseek.errors import InternalError, InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
@@ -23,7 +22,8 @@ from kinseek.kernels.proof.progress import ENDED, FOUND
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.solver import Atlas
-from kinseek.validation import as_integer
+from kinseek.support.deadline import Deadline
+from kinseek.support.validation import as_integer
 
 from .boxes import ENDLESS, Watch, enclosed, excluded
 from .certificate import Certificate, Verdict

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from kinseek.caching import WeakCache
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.arm.division import NONE, TURN
 from kinseek.kernels.arm.forward import forward_many
@@ -17,7 +16,8 @@ from kinseek.kernels.proof.last_joint import LastJoint
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length, divide
-from kinseek.transforms import inverse, square
+from kinseek.support.caching import WeakCache
+from kinseek.support.transforms import inverse, square
 
 from . import rounding
 from .rounding import Sizes, defect_of

@@ -14,15 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.proof.progress import COUNT, KNOWN, LEFT
 from kinseek.kernels.proof.root_isolation import MOST, OFTEN, STEPS
 from kinseek.problem import Problem, as_joints
-from kinseek.turns import shortest
-from kinseek.validation import as_integer
+from kinseek.support.deadline import Deadline
+from kinseek.support.turns import shortest
+from kinseek.support.validation import as_integer
 
 from .boxes import ENDLESS, Run, Watch, places_for, tuning_of
 from .reduce import question, start_boxes

@@ -30,8 +30,8 @@ from kinseek.kernels.proof.progress import (
 )
 from kinseek.kernels.proof.shoulder import enclose_ball
 from kinseek.problem import Problem
-from kinseek.transforms import rotation
-from kinseek.validation import arrays_equal
+from kinseek.support.transforms import rotation
+from kinseek.support.validation import arrays_equal
 
 from .reduce import ON_AXIS, question_without_last, start_boxes
 from .rounding import Sizes, defect_of, gamma, of_points

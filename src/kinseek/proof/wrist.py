@@ -21,7 +21,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.problem import Problem
 from kinseek.robots.geometry import arm_length
 from kinseek.structure.axes import lean, meeting, nearest_on
-from kinseek.transforms import inverse, square
+from kinseek.support.transforms import inverse, square
 
 from .reduce import margins
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from kinseek.errors import InvalidRobot, near_names
-from kinseek.forks import importing
-from kinseek.interrupts import raise_of_handler
+from kinseek.support.forks import importing
+from kinseek.support.interrupts import raise_of_handler
 
 from .chain import SerialChain
 from .mjcf import read_mjcf, read_model

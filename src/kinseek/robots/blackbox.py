@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import FailedKinematics, InvalidRobot, suggest
-from kinseek.interrupts import raise_of_handler
 from kinseek.kernels.arm.pose_error import LARGEST, first_loose
-from kinseek.lazy import lazy
+from kinseek.support.interrupts import raise_of_handler
+from kinseek.support.lazy import lazy
 
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, Variables
 from .named import in_order

@@ -1,4 +1,4 @@
-"""The serial chain that every reader returns and every kernel takes.
+"""The serial chain that every reader returns and every kernel takes, and its variants: locked joints, limits and tools.
 
 ``T_base_tip(q) = A_1 J_1 A_2 J_2 … A_m J_m A_tip``: each ``A_k`` is fixed, and each ``J_k`` is a rotation about, or a
 translation along, its own z axis. So kernels need no case distinction for axes. A mimic joint is one more ``J_k`` driven by
@@ -7,56 +7,26 @@ the same variable: ``J_k = J(multiplier · q[leader] + offset)``.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidRobot
-from kinseek.interrupts import in_chunks
+from kinseek.errors import InvalidRobot, suggest
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.arrays import ChainArrays, chain_arrays
-from kinseek.lazy import lazy
-from kinseek.transforms import rotation, square
+from kinseek.support.interrupts import in_chunks
+from kinseek.support.lazy import lazy
+from kinseek.support.transforms import rotation, square, transform
+from kinseek.support.turns import TURN
 
-from .files import MOST_JOINTS, require_few
-from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, Variables
+from .mechanism import CONTINUOUS, REVOLUTE, Mechanism, Variables
 
 Array = NDArray[np.float64]
-
-_AXIS_ROUNDING = 1e-3
-"""Largest deviation of an axis from unit length that is accepted as rounding."""
-
-_RIGID = 1e-5
-"""Largest deviation of RRᵀ of an origin from the identity; a rotation written with six digits passes."""
-
-
-@dataclass(frozen=True)
-class Joint:
-    """One moving joint of a chain, mimic joints included, in base-to-tip order."""
-
-    name: str
-    kind: str
-    """``"revolute"``, ``"continuous"`` or ``"prismatic"``."""
-    origin: Array
-    """Pose of the joint frame in the preceding frame, (4, 4), lengths in [m]."""
-    axis: Array
-    """Axis of motion in the joint frame, (3,)."""
-    lower: float
-    """Lower limit, [rad] or [m], at most 1e7; ignored for continuous joints. The limits of a mimic joint narrow the range of
-    its leader."""
-    upper: float
-    mimic: str | None = None
-    """Name of the joint that this one follows by ``multiplier`` and ``offset``."""
-    multiplier: float = 1.0
-    offset: float = 0.0
-    velocity: float = np.nan
-    """Speed limit, [rad/s] or [m/s], above 0; NaN if unknown. The limit of a mimic joint also bounds its leader."""
 
 
 class Frame(NamedTuple):
@@ -153,8 +123,6 @@ class SerialChain(Variables):
 
     def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> SerialChain:
         """Return the same chain in which only some joints move; see `Mechanism`."""
-        from .variants import with_locked, with_tool
-
         locked = {name: float(q[i]) for i, name in enumerate(self.joint_names) if i not in joints}
         chain = with_locked(self, locked)
         return chain if tool is None else with_tool(chain, tool)
@@ -176,94 +144,143 @@ class SerialChain(Variables):
         )
 
 
-def serial_chain(
-    joints: Sequence[Joint],
-    tip_pose: Array,
-    *,
-    name: str,
-    base: str,
-    tip: str,
-    source: str = "",
-    links: Sequence[tuple[str, Frame]] = (),
-) -> SerialChain:
-    """Check the joints and convert them into the kernels' form.
+def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
+    """Lock joints: each of their physical joints, mimic joints included, becomes part of a fixed transform.
 
     Args:
-        joints: The moving joints from base to tip; fixed joints are already part of the origins.
-        tip_pose: Pose of the tip in the last joint's frame, (4, 4), lengths in [m].
-        name: Name of the arm.
-        base: Name of the base link.
-        tip: Name of the tip link.
-        source: Source of the description.
-        links: Further frames by name, with their poses in the frame of the last joint before them. Base, tip and joints are
-            added.
+        chain: The arm.
+        values: Value of each joint to lock, by name, [rad] or [m].
 
     Raises:
-        InvalidRobot: No movable joint, a missing or inverted limit, an invalid axis, a mimic joint without its leader, or a
-            number that is too large for floating-point arithmetic.
+        InvalidRobot: A joint is unknown, a value is invalid or outside the limits, or every joint would be locked.
     """
-    variables = [joint for joint in joints if joint.mimic is None]
-    if not joints:
-        raise InvalidRobot(f"{name}: no movable joint between base {base!r} and tip {tip!r}")
-    require_few(len(joints), "moving joints between base and tip", MOST_JOINTS, name)
-    if twice := {joint for joint, count in Counter(joint.name for joint in joints).items() if count > 1}:
-        raise InvalidRobot(f"{name}: joint names must be unique, these are not: {', '.join(sorted(twice))}")
-    # Mimic joints are physical joints without a variable of their own.
-    drive = _drive(joints, {joint.name: i for i, joint in enumerate(variables)})
-    leader, multiplier, offset = zip(*drive, strict=True)
-    variables = _narrowed(variables, joints, drive)
-    lower, upper = np.array([_limits(joint) for joint in variables]).T
-    for joint, (i, scale, shift) in zip(joints, drive, strict=True):
-        farthest = abs(shift) + abs(scale) * max(abs(lower[i]), abs(upper[i]))
-        if not max(farthest, abs(scale)) <= LARGEST:
+    locked: dict[int, float] = {}
+    for name, value in _named(chain, values, "value"):
+        i = chain.joint_names.index(name)
+        number = _number(value, f"the value of locked joint {name!r}")
+        if chain.kinds[i] != CONTINUOUS and not chain.lower[i] <= number <= chain.upper[i]:
             raise InvalidRobot(
-                f"joint {joint.name!r} has limits up to {farthest:g} rad or m, and a mimic multiplier of "
-                f"{abs(scale):g}; both must be at most {LARGEST:g}: farther off, joint values are rounded by more "
-                "than 1e-9"
+                f"joint {name!r} cannot be locked at {number:g}: its limits are "
+                f"[{chain.lower[i]:g}, {chain.upper[i]:g}]"
             )
+        locked[i] = number
+    if not locked:
+        return replace(chain)
+    left = [i for i in range(chain.dof) if i not in locked]
+    if not left:
+        raise InvalidRobot(f"{chain.name}: every joint is locked; at least one joint must be able to move")
 
-    fixed = np.empty((len(joints) + 1, 3, 4))
-    undo = np.eye(4)
-    undone = [undo]
-    for k, joint in enumerate(joints):
-        align = np.eye(4)
-        # Kernels rotate about z and slide along z only; the fixed transforms turn every axis there and back.
-        align[:3, :3] = _z_to(_unit_axis(joint))
-        fixed[k] = (undo @ _rigid_pose(joint.origin, f"origin of joint {joint.name!r}") @ align)[:3]
-        undo = align.T
-        undone.append(undo)
-    fixed[-1] = (undo @ _rigid_pose(tip_pose, "tip pose"))[:3]
-    if not np.isfinite(fixed).all():
-        raise InvalidRobot(f"{name}: a length overflows: lengths are in metres")
-
-    frames: dict[str, Frame] = {}
-    moved = [(joint.name, Frame(k + 1, np.eye(4))) for k, joint in enumerate(joints)]
-    for called, (k, pose) in [
-        (base, Frame(0, np.eye(4))),
-        *links,
-        (tip, Frame(len(joints), tip_pose)),
-        *moved,
-    ]:
-        # A link may have the name of a joint: the link comes first in the list and wins.
-        frames.setdefault(called, Frame(k, undone[k] @ pose))
-
-    return SerialChain(
-        name=name,
-        base=base,
-        tip=tip,
-        joint_names=tuple(joint.name for joint in variables),
-        kinds=tuple(joint.kind for joint in variables),
-        lower=np.ascontiguousarray(lower),
-        upper=np.ascontiguousarray(upper),
-        fixed=fixed,
-        prismatic=np.array([joint.kind == PRISMATIC for joint in joints]),
-        leader=np.array(leader, dtype=np.int64),
-        multiplier=np.array(multiplier, dtype=float),
-        offset=np.array(offset, dtype=float),
-        velocity=_velocities(joints, drive, len(variables)),
-        source=source,
-        frames=frames,
+    fixed: list[Array] = []
+    moving: list[int] = []
+    pending = np.eye(4)
+    ends = [Frame(0, pending)]
+    """For each physical joint of the arm: the number of kept joints up to it, and the transform since the last of them."""
+    for k, i in enumerate(chain.leader):
+        # Transforms of locked joints are collected until the next joint that moves.
+        pending = pending @ square(chain.fixed[k])
+        if i in locked:
+            pending = pending @ _moved(
+                bool(chain.prismatic[k]), chain.multiplier[k] * locked[i] + chain.offset[k]
+            )
+            ends.append(Frame(len(moving), pending))
+            continue
+        fixed.append(pending[:3])
+        moving.append(k)
+        pending = np.eye(4)
+        ends.append(Frame(len(moving), pending))
+    fixed.append((pending @ square(chain.fixed[-1]))[:3])
+    return replace(
+        chain,
+        joint_names=tuple(chain.joint_names[i] for i in left),
+        kinds=tuple(chain.kinds[i] for i in left),
+        lower=chain.lower[left],
+        upper=chain.upper[left],
+        velocity=chain.velocity[left],
+        fixed=np.array(fixed),
+        prismatic=chain.prismatic[moving],
+        leader=np.array([left.index(i) for i in chain.leader[moving]], dtype=np.int64),
+        multiplier=chain.multiplier[moving],
+        offset=chain.offset[moving],
+        frames={
+            name: Frame(ends[frame.joints].joints, ends[frame.joints].pose @ frame.pose)
+            for name, frame in chain.frames.items()
+        },
+        locked=(*chain.locked, *((chain.joint_names[i], value) for i, value in locked.items())),
     )
+
+
+def with_limits(chain: Mechanism, limits: Mapping[str, tuple[float, float]]) -> Mechanism:
+    """Narrow the limits of joints; a continuous joint with limits becomes a revolute one.
+
+    Args:
+        chain: The arm.
+        limits: Lower and upper limit of each joint to narrow, by name, [rad] or [m].
+
+    Raises:
+        InvalidRobot: A joint is unknown, or limits are invalid, inverted, or wider than those of the arm; for a continuous
+            joint, wider than a full turn.
+    """
+    lower, upper, kinds = chain.lower.copy(), chain.upper.copy(), list(chain.kinds)
+    for name, pair in _named(chain, limits, "limits (lower, upper)"):
+        i = chain.joint_names.index(name)
+        try:
+            low, high = (_number(end, f"a limit of joint {name!r}") for end in pair)
+        except (TypeError, ValueError, OverflowError) as error:
+            if isinstance(error, InvalidRobot):
+                raise
+            raise InvalidRobot(
+                f"limits of joint {name!r} must be a pair (lower, upper), got {pair!r}"
+            ) from None
+        if low > high:
+            raise InvalidRobot(f"joint {name!r}: lower limit {low:g} is above upper limit {high:g}")
+        # Such limits would admit several turns of a joint that is defined modulo one turn.
+        if kinds[i] == CONTINUOUS and high - low > TURN:
+            raise InvalidRobot(
+                f"joint {name!r} is continuous, so limits [{low:g}, {high:g}] wider than a full turn have no effect"
+            )
+        if kinds[i] != CONTINUOUS and not chain.lower[i] <= low <= high <= chain.upper[i]:
+            raise InvalidRobot(
+                f"joint {name!r}: limits [{low:g}, {high:g}] are wider than those of the arm, "
+                f"[{chain.lower[i]:g}, {chain.upper[i]:g}]"
+            )
+        lower[i], upper[i] = low, high
+        kinds[i] = REVOLUTE if kinds[i] == CONTINUOUS else kinds[i]
+    return chain.limited(lower, upper, tuple(kinds))
+
+
+def with_tool(chain: SerialChain, tool: Array) -> SerialChain:
+    """Move the tip: ``A_tip`` becomes ``A_tip · tool``, where tool, (4, 4), is a rigid transform, lengths in [m].
+
+    The link at the tip keeps its pose; only the frame of `fk` and goals moves.
+    """
+    fixed = chain.fixed.copy()
+    fixed[-1] = (square(fixed[-1]) @ tool)[:3]
+    return replace(chain, fixed=fixed, tooled=True)
+
+
+def _named(chain: Mechanism, given: Any, noun: str) -> list[tuple[str, Any]]:
+    if not isinstance(given, Mapping):
+        raise InvalidRobot(f"expected a mapping from joint names to {noun}, got {given!r}")
+    for name in given:
+        if name not in chain.joint_names:
+            raise InvalidRobot(suggest(str(name), chain.joint_names, "joint"))
+    return list(given.items())
+
+
+def _number(value: Any, what: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InvalidRobot(f"{what} must be a finite number, got {value!r}")
+    return number
+
+
+def _moved(prismatic: bool, value: float) -> Array:
+    if prismatic:
+        return transform(np.eye(3), [0.0, 0.0, value])
+    return transform(rotation(np.array([0.0, 0.0, 1.0]), value), [0.0, 0.0, 0.0])
 
 
 def joint_points(chain: SerialChain, q: Array) -> Array:
@@ -287,158 +304,3 @@ def joint_points(chain: SerialChain, q: Array) -> Array:
         else:
             T[:3, :3] = T[:3, :3] @ rotation(np.array([0.0, 0.0, 1.0]), value)
     return np.array([*points, (T @ square(chain.fixed[-1]))[:3, 3]])
-
-
-class Mimics:
-    """Mimic joints, possibly of other mimic joints; each is visited once."""
-
-    def __init__(self, leaders: Mapping[str, tuple[str, float, float]]) -> None:
-        """Take for each mimic joint: the joint it follows, multiplier, offset [rad] or [m]."""
-        self._leaders = leaders
-        self._drivers: dict[str, tuple[str, float, float]] = {}
-
-    def __contains__(self, joint: str) -> bool:
-        """Return whether a joint follows another one."""
-        return joint in self._leaders
-
-    def driver(self, joint: str) -> tuple[str, float, float]:
-        """Return the joint that drives a mimic joint: its name, and the composed multiplier and offset [rad] or [m].
-
-        Raises:
-            InvalidRobot: The mimic joints form a loop.
-        """
-        way: dict[str, None] = {}  # In the order in which they were visited.
-        last = joint
-        while last in self._leaders and last not in self._drivers:
-            if last in way:
-                raise InvalidRobot(f"mimic joints form a loop: {' -> '.join([*way, last])}")
-            way[last] = None
-            last = self._leaders[last][0]
-        # From the leader outwards, so that each mimic joint is composed once, however long the chain of leaders is.
-        for name in reversed(way):
-            leader, factor, shift = self._leaders[name]
-            first, multiplier, offset = self._drivers.get(leader, (leader, 1.0, 0.0))
-            self._drivers[name] = first, factor * multiplier, shift + factor * offset
-        return self._drivers.get(joint, (joint, 1.0, 0.0))
-
-
-def _drive(joints: Sequence[Joint], index: Mapping[str, int]) -> list[tuple[int, float, float]]:
-    """Return index of the variable, multiplier and offset for each physical joint."""
-    mimics = Mimics({j.name: (j.mimic, j.multiplier, j.offset) for j in joints if j.mimic is not None})
-    drive = []
-    for joint in joints:
-        leader, multiplier, offset = mimics.driver(joint.name)
-        if leader not in index:
-            raise InvalidRobot(
-                f"joint {joint.name!r} mimics {leader!r}, which does not move between base and tip. "
-                f"Joints there: {', '.join(index) or 'none'}"
-            )
-        if not (np.isfinite(multiplier) and np.isfinite(offset)):
-            raise InvalidRobot(f"mimic joint {joint.name!r}: multiplier and offset must be finite")
-        drive.append((index[leader], multiplier, offset))
-    return drive
-
-
-def _narrowed(
-    variables: Sequence[Joint], joints: Sequence[Joint], drive: Sequence[tuple[int, float, float]]
-) -> list[Joint]:
-    """Narrow the range of each variable so that its mimic joints stay inside their own limits."""
-    cut = list(variables)
-    for joint, (leader, multiplier, offset) in zip(joints, drive, strict=True):
-        # Files contain 0 0 for limits that nobody specified, so equal limits of a mimic joint are ignored.
-        limited = joint.kind != CONTINUOUS and np.isfinite([joint.lower, joint.upper]).all()
-        if joint.mimic is None or not limited or joint.lower >= joint.upper:
-            continue
-        if multiplier == 0:
-            if not joint.lower <= offset <= joint.upper:
-                raise InvalidRobot(
-                    f"mimic joint {joint.name!r} with limits [{joint.lower}, {joint.upper}] always stands at {offset}, "
-                    f"outside of them: its multiplier is 0"
-                )
-            continue
-        ends = sorted((bound - offset) / multiplier for bound in (joint.lower, joint.upper))
-        old = cut[leader]
-        if old.kind == CONTINUOUS:  # The joint itself is continuous, but its mimic joint has limits.
-            cut[leader] = replace(old, kind=REVOLUTE, lower=ends[0], upper=ends[1])
-            continue
-        lower, upper = max(old.lower, ends[0]), min(old.upper, ends[1])
-        if old.lower <= old.upper and lower > upper:
-            raise InvalidRobot(
-                f"mimic joint {joint.name!r} with limits [{joint.lower}, {joint.upper}] leaves no value for "
-                f"joint {old.name!r} in [{old.lower}, {old.upper}]"
-            )
-        cut[leader] = replace(old, lower=lower, upper=upper)
-    return cut
-
-
-def _limits(joint: Joint) -> tuple[float, float]:
-    if joint.kind == CONTINUOUS:
-        return -np.pi, np.pi
-    if not (np.isfinite(joint.lower) and np.isfinite(joint.upper)):
-        raise InvalidRobot(
-            f"joint {joint.name!r}: lower and upper limits must be finite, got [{joint.lower}, {joint.upper}]"
-        )
-    if joint.lower > joint.upper:
-        raise InvalidRobot(
-            f"joint {joint.name!r}: lower limit {joint.lower} is above upper limit {joint.upper}"
-        )
-    return joint.lower, joint.upper
-
-
-def _velocities(joints: Sequence[Joint], drive: Sequence[tuple[int, float, float]], variables: int) -> Array:
-    """Return the speed limit of each variable, (n,): that of its slowest joint; NaN if none is known."""
-    velocity = np.full(variables, np.nan)
-    for joint, (leader, multiplier, _) in zip(joints, drive, strict=True):
-        if multiplier != 0:
-            # `fmin` ignores NaN, the value of an unknown speed.
-            velocity[leader] = np.fmin(velocity[leader], joint.velocity / abs(multiplier))
-    return velocity
-
-
-def _unit_axis(joint: Joint) -> Array:
-    axis = np.asarray(joint.axis, dtype=float)
-    length = float(np.linalg.norm(axis)) if np.isfinite(axis).all() else float("nan")
-    if abs(length - 1.0) <= _AXIS_ROUNDING:
-        return np.asarray(axis / length)
-    meant = (
-        f"write {' '.join(f'{value:.9g}' for value in axis / length)}"
-        if length > 0
-        else "write a unit vector"
-    )
-    raise InvalidRobot(
-        f"joint {joint.name!r}: axis {' '.join(f'{v:g}' for v in axis)} has length {length:g}, expected 1; "
-        f"{meant}"
-    )
-
-
-def _z_to(axis: Array) -> Array:
-    """Return the shortest rotation from z to `axis`, (3, 3)."""
-    x, y, z = axis
-    if z < 0:  # Use the other hemisphere, so that the formula never divides by almost zero.
-        half_turn = np.diag([-1.0, 1.0, -1.0])
-        return np.asarray(half_turn @ _z_to(half_turn @ axis))
-    return np.array(
-        [
-            [1 - x * x / (1 + z), -x * y / (1 + z), x],
-            [-x * y / (1 + z), 1 - y * y / (1 + z), y],
-            [-x, -y, z],
-        ]
-    )
-
-
-def _rigid_pose(pose: Array, what: str) -> Array:
-    pose = np.asarray(pose, dtype=float)
-    if pose.shape != (4, 4):
-        raise InvalidRobot(f"{what}: expected shape (4, 4), got {pose.shape}")
-    if not np.isfinite(pose).all():
-        raise InvalidRobot(f"{what}: contains NaN or infinity")
-    if (farthest := float(np.abs(pose).max())) > LARGEST:
-        raise InvalidRobot(
-            f"{what}: expected lengths of at most {LARGEST:g} m, got {farthest:g} m: farther off, rounding of positions "
-            f"comes close to 1e-6 m. Are these other units?"
-        )
-    turn = pose[:3, :3]
-    off = float(np.abs(turn @ turn.T - np.eye(3)).max())
-    if off > _RIGID:
-        raise InvalidRobot(f"{what}: not a rotation: RRᵀ differs from the identity by {off:.3g}")
-    return pose

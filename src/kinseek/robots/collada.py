@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 
+from .polygons import triangulated
+
 _NUMBERS = {"translate": 3, "rotate": 4, "scale": 3, "matrix": 16}
 """Elements that move a node, and how many numbers each has."""
 _IN_NODES = {
@@ -219,8 +221,6 @@ def _require_fans(source: Any, corners: NDArray[np.int64], sizes: NDArray[np.int
     Raises:
         InvalidRobot: A polygon has other diagonals, or crosses itself.
     """
-    from .polygons import triangulated  # It imports what imports this module.
-
     floats, large = source.find("{*}float_array"), sizes > 3
     if floats is None or not large.any():
         return

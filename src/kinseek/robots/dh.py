@@ -20,9 +20,10 @@ from numpy.typing import ArrayLike
 from kinseek.errors import InvalidGoal, InvalidRobot, suggest
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.poses import one_pose
-from kinseek.transforms import rotation, transform
+from kinseek.support.transforms import rotation, transform
 
-from .chain import Array, Frame, Joint, SerialChain, serial_chain
+from .chain import Array, Frame, SerialChain
+from .joints import Joint, serial_chain
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .named import in_order
 

@@ -8,8 +8,8 @@ from kinseek.kernels.arm.division import NONE, SLIDE, TURN, Division
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.atlas.task import OPEN
 from kinseek.kinds import Kind
-from kinseek.transforms import inverse
-from kinseek.turns import holds_a_turn
+from kinseek.support.transforms import inverse
+from kinseek.support.turns import holds_a_turn
 
 from .chain import SerialChain
 

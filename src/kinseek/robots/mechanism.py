@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.lazy import Lazy, lazy
-from kinseek.turns import TURN, ends_meet, holds_a_turn
+from kinseek.support.lazy import Lazy, lazy
+from kinseek.support.turns import TURN, ends_meet, holds_a_turn
 
 if TYPE_CHECKING:
     from .chain import SerialChain

@@ -23,8 +23,8 @@ from xml.parsers import expat
 import numpy as np
 
 from kinseek.errors import InvalidRobot
-from kinseek.forks import importing
-from kinseek.interrupts import raise_of_handler
+from kinseek.support.forks import importing
+from kinseek.support.interrupts import raise_of_handler
 
 from .collada import (
     count_words,
@@ -36,6 +36,7 @@ from .collada import (
     require_units,
 )
 from .files import file_bytes
+from .polygons import at_most
 
 ENDINGS = ("dae", "glb", "obj", "ply", "stl")
 """Extensions of the formats that are read, without the dot."""
@@ -264,12 +265,6 @@ def _pixels(text: bytes) -> int:
     if known not in _IMAGES:
         raise InvalidRobot(f"an image is {known}, expected one of {', '.join(_IMAGES)}")
     return count
-
-
-def at_most(count: int, most: int, noun: str) -> None:
-    """Reject more of something than a mesh may have."""
-    if count > most:
-        raise InvalidRobot(f"{count:,} {noun}, expected at most {most:,}: a mesh of an arm is smaller")
 
 
 def _glb(text: bytes) -> Size:

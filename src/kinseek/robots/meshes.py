@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
-from kinseek.forks import importing
-from kinseek.interrupts import raise_of_handler
 from kinseek.kernels.arm.pose_error import LARGEST
-from kinseek.transforms import rotation, transform
+from kinseek.support.forks import importing
+from kinseek.support.interrupts import raise_of_handler
+from kinseek.support.transforms import rotation, transform
 
 from . import obj, ply, stl
 from .mesh_files import CHECKS, LEAST_BODIES, Beside, Budget, Size, ending

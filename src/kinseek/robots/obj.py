@@ -10,8 +10,8 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 
-from .mesh_files import MOST_CORNERS, MOST_GROUPS, MOST_LINE, MOST_LINES, Size, at_most, utf8
-from .polygons import Array, Body, Indices, triangulated
+from .mesh_files import MOST_CORNERS, MOST_GROUPS, MOST_LINE, MOST_LINES, Size, utf8
+from .polygons import Array, Body, Indices, at_most, triangulated
 from .stl import NUMBER
 
 _INDEX = rb"-?[0-9]{1,18}"

@@ -15,8 +15,9 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 
-from .chain import Array, Frame, Joint, SerialChain, serial_chain
+from .chain import Array, Frame, SerialChain
 from .files import MOST_JOINTS, require_few
+from .joints import Joint, serial_chain
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path
 

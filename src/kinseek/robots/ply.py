@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 
-from .mesh_files import MOST_HEADER, MOST_LINE, MOST_LINES, MOST_PROPERTIES, MOST_VALUES, Size, at_most
-from .polygons import Body, Indices, triangulated
+from .mesh_files import MOST_HEADER, MOST_LINE, MOST_LINES, MOST_PROPERTIES, MOST_VALUES, Size
+from .polygons import Body, Indices, at_most, triangulated
 
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),

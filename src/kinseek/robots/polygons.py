@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 
-from .mesh_files import at_most
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -38,6 +36,12 @@ class Body(NamedTuple):
     """Name of the material in OBJ; empty without one."""
     uv: Array | None = None
     """(m, 3, 2), coordinates of the corners in the image of the material."""
+
+
+def at_most(count: int, most: int, noun: str) -> None:
+    """Reject more of something than a mesh may have."""
+    if count > most:
+        raise InvalidRobot(f"{count:,} {noun}, expected at most {most:,}: a mesh of an arm is smaller")
 
 
 def triangulated(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kinseek.kernels.arm.division import NONE, Division
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.tree import LEAF_SIZE
-from kinseek.turns import one_turn
+from kinseek.support.turns import one_turn
 
 from .chain import SerialChain
 

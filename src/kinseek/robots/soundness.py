@@ -21,11 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot, UnitWarning, suggest, unknown
-from kinseek.turns import TURN, holds_a_turn
-from kinseek.units import TURNS_OF_A_JOINT
+from kinseek.support.turns import TURN, holds_a_turn
+from kinseek.support.units import TURNS_OF_A_JOINT
 
-from .chain import Mimics, SerialChain
+from .chain import SerialChain
 from .files import MOST_LINKS, file_bytes, require_few
+from .joints import Mimics
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .mjcf import read_mjcf
 from .packages import in_package, mesh_path

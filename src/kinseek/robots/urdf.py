@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 
 from kinseek.errors import InvalidRobot
-from kinseek.forks import importing
-from kinseek.interrupts import raise_of_handler
-from kinseek.transforms import rotation, transform
-from kinseek.units import warn_of_joints
+from kinseek.support.forks import importing
+from kinseek.support.interrupts import raise_of_handler
+from kinseek.support.transforms import rotation, transform
+from kinseek.support.units import warn_of_joints
 
-from .chain import Array, Frame, Joint, Mimics, SerialChain, serial_chain
+from .chain import Array, Frame, SerialChain
 from .files import MOST_JOINTS, file_bytes, require_few
+from .joints import Joint, Mimics, serial_chain
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path
 from .urdf_xml import expand_xacro, joint_velocities, kinematic_part, root_element, soft_limits

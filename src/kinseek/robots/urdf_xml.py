@@ -19,8 +19,8 @@ from typing import Any
 from xml.parsers import expat
 
 from kinseek.errors import InvalidRobot, suggest
-from kinseek.forks import finish_first, importing
-from kinseek.interrupts import raise_of_handler
+from kinseek.support.forks import finish_first, importing
+from kinseek.support.interrupts import raise_of_handler
 
 from .expressions import MOST_DIGITS, MOST_ENTRIES, MOST_LETTERS, Refused, entries, evaluate
 from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few

@@ -8,11 +8,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.deadline import Deadline
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude, with_traces
+from kinseek.support.deadline import Deadline
+from kinseek.support.validation import NO_BOUND, as_integer
 from kinseek.trace import Trace
-from kinseek.validation import NO_BOUND, as_integer
 
 from .threads import Watch, progress_bar, unwatched
 

@@ -8,7 +8,6 @@ from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
@@ -19,6 +18,7 @@ from kinseek.kernels.grid.window import PART, PAUSED, Limits, leaf_count, nodes_
 from kinseek.kernels.jit import entry, inlined
 from kinseek.problem import Problem
 from kinseek.solution import Solution
+from kinseek.support.deadline import Deadline
 
 from .base import Found, require_whole, watch_each
 from .nodes import require_memory, require_patience

@@ -8,12 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arrays import Indices
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution
+from kinseek.support.deadline import Deadline
 
 from .base import Found, require_whole, watch_each
 from .grid_search import GridSearch, Plan, passes_of

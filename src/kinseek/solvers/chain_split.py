@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.caching import WeakCache
 from kinseek.goal import Goal
 from kinseek.robots.mechanism import Mechanism
+from kinseek.support.caching import WeakCache
 
 Array = NDArray[np.float64]
 Joints = tuple[int, ...]

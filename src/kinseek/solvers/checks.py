@@ -11,8 +11,9 @@ import numpy as np
 from kinseek.errors import InvalidSolver
 from kinseek.ranges import PINNED
 from kinseek.solution import Solution
-from kinseek.units import warn_of_distance
+from kinseek.support.units import warn_of_distance
 
+from . import MODULES
 from .base import Solver
 
 
@@ -28,9 +29,7 @@ def as_solver(value: Any, what: str = "solver") -> Solver:
     """
     if not isinstance(value, type) and callable(getattr(value, "solve", None)):
         return cast(Solver, value)
-    from . import ALL_SOLVERS
-
-    names = [cls.__name__ for cls in ALL_SOLVERS]
+    names = list(MODULES)
     if isinstance(value, type):
         own = value.__name__
         got = (

@@ -14,7 +14,6 @@ from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import chordal_error, errors
@@ -25,6 +24,7 @@ from kinseek.kernels.grid.sinusoid import TURN, Motion, fit_of, minimise_pair, m
 from kinseek.kernels.jit import entry, inlined_with_wrapper, kernel
 from kinseek.problem import Problem
 from kinseek.solution import Solution
+from kinseek.support.deadline import Deadline
 
 from .base import Found, require_whole, watch_each
 from .recording import Recorder, bytes_of, require_room

@@ -20,7 +20,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
 from kinseek.kernels.arm.forward import forward_many
@@ -30,7 +29,8 @@ from kinseek.kernels.grid.window import FINISHED
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
-from kinseek.validation import is_finite_number
+from kinseek.support.deadline import Deadline
+from kinseek.support.validation import is_finite_number
 
 from .base import Found, require_whole, solve_each, watch_each
 from .breadth_tuning import Walk, probe_joints, widen_by_trial, window_leaves

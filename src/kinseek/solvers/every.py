@@ -1,22 +1,15 @@
-"""All searches."""
+"""All searches, imported."""
 
 from __future__ import annotations
 
-from .atlas.solver import Atlas
-from .blind_search import BlindSearch
-from .brute_force import BruteForce
-from .coordinate_descent import CoordinateDescent
-from .divide_and_conquer import DivideAndConquer
-from .polished import Polished
-from .separate_chains import SeparateChains
-from .traits import OwnSolver
+import importlib
+from typing import TYPE_CHECKING
 
-ALL_SOLVERS: tuple[type[OwnSolver], ...] = (
-    Atlas,
-    BruteForce,
-    DivideAndConquer,
-    SeparateChains,
-    BlindSearch,
-    CoordinateDescent,
-    Polished,
+from . import MODULES
+
+if TYPE_CHECKING:
+    from .traits import OwnSolver
+
+ALL_SOLVERS: tuple[type[OwnSolver], ...] = tuple(
+    getattr(importlib.import_module(module, __package__), name) for name, module in MODULES.items()
 )

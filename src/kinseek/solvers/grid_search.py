@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinseek.deadline import Deadline
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.grid.descent import (
     BEGINNING,
@@ -29,6 +28,7 @@ from kinseek.kernels.grid.descent import (
 from kinseek.kernels.grid.memory import memory_size
 from kinseek.kernels.grid.window import FINISHED, PART, PAUSED, STOPPED
 from kinseek.problem import Problem
+from kinseek.support.deadline import Deadline
 
 from .base import Found
 from .black_box.evaluator import Evaluator

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arrays import Indices
 from kinseek.kernels.grid.descent import CLIPS, SLIDES, WRAPS, Grid, nodes_around
-from kinseek.notices import notice
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
-from kinseek.validation import is_finite_number
+from kinseek.support.deadline import Deadline
+from kinseek.support.notices import notice
+from kinseek.support.validation import is_finite_number
 
 from .base import Found
 

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from kinseek.deadline import Deadline
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude, with_traces
-from kinseek.validation import arrays_equal
+from kinseek.support.deadline import Deadline
+from kinseek.support.validation import arrays_equal
 
 from .base import Solver
 from .checks import as_solver

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinseek.problem import Problem
 from kinseek.solution import Solution, judge
+from kinseek.support.validation import arrays_equal
 from kinseek.trace import Pass, Trace, require_memory
-from kinseek.validation import arrays_equal
 
 from .base import Found
 

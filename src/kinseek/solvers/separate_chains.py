@@ -16,13 +16,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, with_traces
-from kinseek.validation import arrays_equal
+from kinseek.support.deadline import Deadline
+from kinseek.support.validation import arrays_equal
 
 from .base import Found, solve_each, watch_each
 from .breadth_tuning import window_leaves

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from queue import SimpleQueue
 from typing import TypeVar
 
-from kinseek.deadline import Deadline
 from kinseek.errors import MissingExtra
-from kinseek.interrupts import SignalSafeThread, next_item
+from kinseek.support.deadline import Deadline
+from kinseek.support.interrupts import SignalSafeThread, next_item
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -52,7 +52,7 @@ class OwnSolver(Solver, Protocol):
 
 def named(condition: Callable[[Traits], bool]) -> list[str]:
     """Return the names of the searches with requested traits; composed searches come last and are marked."""
-    from . import ALL_SOLVERS
+    from .every import ALL_SOLVERS
 
     own = [cls.__name__ for cls in ALL_SOLVERS if condition(cls.traits) and not cls.traits.made_of]
     return own + [
@@ -87,7 +87,7 @@ def require(search: OwnSolver, problem: Problem) -> None:
 
 def table() -> str:
     """Return all searches and their traits as a Markdown table."""
-    from . import ALL_SOLVERS
+    from .every import ALL_SOLVERS
 
     head = ("search", "from", "finds", "`near=`", "needs axes", "free axes, ranges", "work")
     rows = [_row(cls) for cls in ALL_SOLVERS]

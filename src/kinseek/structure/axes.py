@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.transforms import square
+from kinseek.support.transforms import square
 
 
 class Axes(NamedTuple):

@@ -11,7 +11,7 @@ import numpy as np
 from kinseek.kernels.arm.vectors import Matrix, Transform, Vector
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.structure import candidates as form
-from kinseek.transforms import inverse
+from kinseek.support.transforms import inverse
 
 from .axes import Axes, axes_of, meeting, nearest_on, slant
 

@@ -16,11 +16,11 @@ from kinseek.problem import Problem, within_limits
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import divide
 from kinseek.robots.sampling import weyl
-from kinseek.solvers import Atlas
+from kinseek.solvers.atlas.solver import Atlas
 from kinseek.solvers.black_box.samples import Samples
+from kinseek.support.transforms import inverse, square
+from kinseek.support.turns import TURN as TURNS
 from kinseek.trace import Pass
-from kinseek.transforms import inverse, square
-from kinseek.turns import TURN as TURNS
 
 from .options import ViewerOptions
 

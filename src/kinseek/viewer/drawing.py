@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.robots.chain import Frame, SerialChain
-from kinseek.transforms import square
+from kinseek.support.transforms import square
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.transforms import from_quaternion, quaternion, square, transform
+from kinseek.support.transforms import from_quaternion, quaternion, square, transform
 
 from .clouds import Cloud
 from .drawing import Figure

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import fields
 
 from kinseek.errors import InvalidSolver
-from kinseek.solvers import ALL_SOLVERS, Solver
+from kinseek.solvers.base import Solver
+from kinseek.solvers.every import ALL_SOLVERS
 from kinseek.solvers.traits import Near, OwnSolver
 
 SEARCHES: dict[str, type[OwnSolver]] = {cls.__name__: cls for cls in ALL_SOLVERS}

@@ -19,7 +19,7 @@ import numpy as np
 from kinseek.arm import Arm
 from kinseek.errors import InvalidUse, MissingExtra
 from kinseek.printable import printable
-from kinseek.validation import as_integer
+from kinseek.support.validation import as_integer
 
 from .door import Door, is_loopback
 from .meshes import meshes_of

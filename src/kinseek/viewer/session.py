@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.branches.result import Branches
-from kinseek.deadline import Deadline
 from kinseek.errors import KinseekError
 from kinseek.goal import Goal
 from kinseek.problem import Problem
 from kinseek.proof.certificate import Certificate, Verdict
 from kinseek.solution import Solution, Status
+from kinseek.support.deadline import Deadline
+from kinseek.support.turns import TURN
+from kinseek.support.units import FAR
 from kinseek.trace import Trace
-from kinseek.turns import TURN
-from kinseek.units import FAR
 
 from .options import ViewerOptions, first_selection
 from .searches import DEFAULT, make_search, needs_start, takes_seconds

@@ -19,7 +19,8 @@ from kinseek.errors import InvalidExport, suggest
 from kinseek.export import TARGETS, checked_folder, prepare
 
 if TYPE_CHECKING:
-    from kinseek.solvers import Atlas, DivideAndConquer
+    from kinseek.solvers.atlas.solver import Atlas
+    from kinseek.solvers.divide_and_conquer import DivideAndConquer
 
 _EXPORTED = ("divide-and-conquer", "atlas")
 """The searches that can be exported; the first is the default."""

@@ -17,8 +17,8 @@ from kinseek.cli.options import ARM, Chain, arm_argument, chain_options, json_op
 from kinseek.cli.output import complain, on_terminal
 from kinseek.cli.scenes import Cell, scene_options
 from kinseek.errors import InvalidMap
-from kinseek.interrupts import raise_of_handler
 from kinseek.maps import Grid, Rings, capability, estimate, orientations, reach, volume
+from kinseek.support.interrupts import raise_of_handler
 
 _GRID, _WORK = "The grid", "The computation"
 

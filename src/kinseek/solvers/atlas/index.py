@@ -7,7 +7,6 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from kinseek.caching import WeakCache
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.arm.links import links_of
@@ -35,15 +34,16 @@ from kinseek.kernels.ranges.search import range_routines
 from kinseek.kernels.ranges.steps import POSES
 from kinseek.kernels.structure.one_answer import closed_routine
 from kinseek.kinds import POSE, Kind
-from kinseek.lazy import Lazy, lazy
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, open_limits, span_of
 from kinseek.robots.sampling import middle_samples
 from kinseek.structure.structure import NO_STRUCTURE, Structure, structure_of, with_tip
 from kinseek.structure.swept_values import choose_swept_values
+from kinseek.support.caching import WeakCache
+from kinseek.support.lazy import Lazy, lazy
+from kinseek.support.transforms import inverse
 from kinseek.tolerances import DEFAULT_TOLERANCE
-from kinseek.transforms import inverse
 
 SAMPLES = 16_384
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kinseek.deadline import Deadline
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
@@ -23,10 +22,11 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import low_discrepancy
 from kinseek.solution import Solution
-from kinseek.transforms import rotations
+from kinseek.support.deadline import Deadline
+from kinseek.support.transforms import rotations
 
 from .index import atlas_of, tolerances_of
-from .solver import batch_solution
+from .rows import batch_solution
 
 if TYPE_CHECKING:
     from kinseek.solvers.threads import GoOn

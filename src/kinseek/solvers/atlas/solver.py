@@ -14,7 +14,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.deadline import Deadline
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.batch import solve_many, solve_some
@@ -23,13 +22,15 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
 from kinseek.robots.mechanism import Mechanism
-from kinseek.solution import Solution, reported
+from kinseek.solution import Solution
 from kinseek.solvers.base import Found, require_whole, solve_each
 from kinseek.solvers.recording import Recorder, require_room
 from kinseek.solvers.threads import GoOn, parallel_for, progress_bar
 from kinseek.solvers.traits import Near, Traits
+from kinseek.support.deadline import Deadline
 
 from .index import SAMPLES, atlas_of, tolerance_numbers, tolerances_of
+from .rows import batch_solution
 
 CHUNK = 1024
 """Targets that a thread takes at a time: some milliseconds, so that Ctrl-C takes effect soon."""
@@ -219,19 +220,3 @@ def retries_missed(goal: Goal, chain: SerialChain) -> bool:
     position, orientation = goal.position_tolerance, goal.orientation_tolerance
     both = 0.0 < position < math.inf and 0.0 < orientation < math.inf
     return both and max(position / arm_length(chain), orientation) >= WIDE
-
-
-def batch_solution(problem: Problem, results: Array, done: NDArray[np.bool_]) -> Solution:
-    """Create a solution from rows that the kernels write, (k, n + 4).
-
-    Rows that are not done, by the flags (k,), get the start of a search.
-    """
-    goal, dof = problem.goal, problem.chain.dof
-    late = ~done
-    if late.any():
-        starts = np.broadcast_to(problem.start, (*goal.shape, dof)).reshape(-1, dof)[late]
-        measured = goal.at(goal.target.reshape(-1, 4, 4)[late]).measure(problem.arrays, starts)
-        results[late] = np.column_stack([starts, measured, np.zeros(len(starts))])
-    work = np.zeros((len(results), 3), dtype=np.int64)
-    work[:, 0] = results[:, dof + 3]
-    return reported(problem, results[:, :dof].copy(), results[:, dof : dof + 3], work, late)

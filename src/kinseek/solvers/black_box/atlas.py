@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.deadline import Deadline
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.base import Found
 from kinseek.solvers.recording import Recorder
-from kinseek.turns import nearest_turns, shortest
+from kinseek.support.deadline import Deadline
+from kinseek.support.turns import nearest_turns, shortest
 
 from .evaluator import Evaluator
 from .refine import Ends, into_range, squared, walk

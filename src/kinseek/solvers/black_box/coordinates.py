@@ -12,8 +12,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.caching import WeakCache
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arm.vectors import Vector
 from kinseek.kernels.grid.sinusoid import Motion, minimise_pair, minimiser
@@ -23,7 +21,9 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.base import Found
 from kinseek.solvers.recording import Recorder
 from kinseek.solvers.traits import listed
-from kinseek.turns import TURN
+from kinseek.support.caching import WeakCache
+from kinseek.support.deadline import Deadline
+from kinseek.support.turns import TURN
 
 from .evaluator import Evaluator, features
 from .samples import spread

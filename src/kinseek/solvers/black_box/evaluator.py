@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidGoal
 from kinseek.kinds import PLAIN_KINDS
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
+from kinseek.support.deadline import Deadline
 
 Array = NDArray[np.float64]
 

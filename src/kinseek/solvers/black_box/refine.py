@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.robots.mechanism import Mechanism
-from kinseek.turns import TURN
+from kinseek.support.turns import TURN
 
 from .evaluator import Evaluator
 

@@ -11,12 +11,12 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.caching import LRUCache, WeakCache
 from kinseek.errors import InvalidRobot
 from kinseek.goal import Goal
 from kinseek.kinds import Kind
 from kinseek.robots.mechanism import Mechanism
 from kinseek.robots.sampling import spread_inside
+from kinseek.support.caching import LRUCache, WeakCache
 
 from .evaluator import features
 

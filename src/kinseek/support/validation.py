@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InvalidSolver, KinseekError
+from kinseek.errors import InvalidSolver, KinseekError
+
 from .interrupts import chunks
 
 _NUMBERS = 2**20

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import UnitWarning
+from kinseek.errors import UnitWarning
+
 from .turns import TURN
 
 Array = NDArray[np.float64]

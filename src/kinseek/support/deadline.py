@@ -6,7 +6,7 @@ import math
 import time
 from numbers import Real
 
-from .errors import InvalidProblem
+from kinseek.errors import InvalidProblem
 
 MOST = 1e300
 """A longer time limit counts as no limit [s]."""

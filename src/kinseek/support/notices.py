@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from contextlib import suppress
 
-from .printable import printable
+from kinseek.printable import printable
 
 
 def notice(line: str) -> None:

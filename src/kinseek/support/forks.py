@@ -101,7 +101,7 @@ def _load() -> None:
     if _loaded or len(sys._current_frames()) == 1:
         return
     for room in _ROOMS:
-        package = import_module(f"{__package__}.{room}")
+        package = import_module(f"kinseek.{room}")
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             with suppress(ImportError):  # The module belongs to an extra that is not installed.
                 import_module(module.name)
