@@ -25,7 +25,6 @@ COMMANDS = (
     "view",
     "robots",
     "check",
-    "bench",
     "export",
     "kernels",
     "completion",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +34,6 @@ from .tables import sentence, table, terminal_width
 if TYPE_CHECKING:
     from kinseek.export import Parts
 
-    from .bench import Row
 
 Array = NDArray[np.float64]
 
@@ -84,27 +82,6 @@ def print_arm(arm: Arm, limits: str = "") -> None:
     least, most = reach(arm)
     _print(f"reach: at least {least:.3f} m from base to tip (the farthest of {_POSTURES:,} random postures)")
     _print(f"reach: at most {most:.3f} m from base to tip (the sum of all links and slides)")
-
-
-def print_bench(arm: Arm, rows: Sequence[Row], machine: str, as_json: bool) -> None:
-    """Print the measurements."""
-    if as_json:
-        _print_json({**_arm_facts(arm), "machine": machine, "rows": [asdict(row) for row in rows]})
-        return
-
-    def cells(row: Row) -> tuple[str, ...]:
-        figures = [
-            "-" if x is None else f"{x:,.0f}" if x >= 1000 else f"{x:.1f}" for x in (row.median, row.slow)
-        ]
-        good = "-" if row.good is None else f"{row.good * 100:.1f} %"
-        return (row.what, row.who, *figures, good, f"{row.poses:,}")
-
-    _print(f"{arm.name}, {arm.dof} joints; {machine}")
-    columns = ("", "", ">median\nµs a pose", ">p99\nµs", ">reached\n/proved", ">poses")
-    _print_table(columns, [cells(row) for row in rows if not row.why_not])
-    for row in rows:
-        if row.why_not:
-            _print(f"{row.who}: {row.why_not}")
 
 
 def print_checkup(name: str, found: Checkup, as_json: bool) -> None:
