@@ -334,13 +334,13 @@ def test_the_story_quotes_the_rows() -> None:
     exchanged = {"lengths": "0.25, 0.5", "position_weight": 1.0}
     quotes = [
         f"mirrored elbow for {100 * one('question_06_walk', 'mirrored_first', divisions=4, **four):.0f} % of all goals",
-        f"but for {100 * one('question_06_walk', 'mirrored_of_lost', divisions=4, **four):.0f} % of those",
+        f"these are {100 * one('question_06_walk', 'mirrored_of_lost', divisions=4, **four):.0f} %",
         f"out of reach for {100 * one('question_06_walk', 'out_of_reach', divisions=4, **four):.0f} % of the goals",
         f"{100 * one('question_06_walk', 'lost_of_out', divisions=4, **four):.0f} % of those are lost",
         f"against {100 * one('question_06_walk', 'lost_of_in', divisions=4, **four):.1f} % of the others",
         f"{one('question_06_walk', 'position_mean_mm', divisions=4, **four):.1f} → "
         f"{one('question_06_walk', 'position_mean_mm', divisions=4, breadth=5, **walk):.2g} mm",
-        f"{100 * one('question_06_walk', 'settled_of_mirrored', divisions=3, **four):.1f} % of them at D = 3",
+        f"{100 * one('question_06_walk', 'settled_of_mirrored', divisions=3, **four):.1f} % of such searches at D = 3",
         f"{100 * one('question_06_walk', 'settled_of_mirrored', divisions=4, **four):.0f} % at D = 4",
         f"CB(2) has {one('question_10_exchanged', 'position_mean_mm', breadth=2, divisions=3, **exchanged):.0f} mm",
         f"CB(3) {one('question_10_exchanged', 'position_mean_mm', breadth=3, divisions=3, **exchanged):.1f} mm",

@@ -277,9 +277,9 @@ class Proof {
     const held = arm.proof;
     machine.view(held.given["question.goal.target"]).set(pose.slice(0, 12));
     const target = product(product(data.proof.left.flat(), pose), data.proof.right.flat());
-    machine.view(held.given["question.wanted.target"]).set(target);
+    machine.view(held.given["question.proof_goal.target"]).set(target);
     const far = Math.hypot(target[3], target[7], target[11]);
-    held.given["question.wanted.margin"] = held.given["question.wanted.margin_a"] * (data.proof.reach + far);
+    held.given["question.proof_goal.margin"] = held.given["question.proof_goal.margin_a"] * (data.proof.reach + far);
     this.#memory("boxes").set(machine.view(held.start));
     this.#memory("q").fill(0.0);
     this.#memory("counts").fill(0n)[count] = 1n;
