@@ -8,10 +8,10 @@ The sources of starts are tried in order, until the solutions are complete as fa
 4. one start that the fine atlas leads to, if none was found.
 
 A coarse atlas is better here: the nearest sixty of a thousand samples lie all over the joint space, but those of sixteen
-thousand crowd around the solutions where the map is steep. After each source the siblings of the new solutions are
-refined, see `twins`. They cost almost nothing, and close to a singularity no start would distinguish a solution from its
-twin. Mirror images are those of a spherical wrist, which has every pose at (…, q_4 + π, -q_5, q_6 + π) too. They are
-found once per arm (see `branches.find`).
+thousand crowd around the solutions that are closest to a singularity, where many joint values have nearly one pose. After
+each source the siblings of the new solutions are refined, see `twins`. They cost almost nothing, and close to a singularity
+no start would distinguish a solution from its twin. Mirror images are those of a spherical wrist, which has every pose at
+(…, q_4 + π, -q_5, q_6 + π) too. They are found once per arm (see `branches.find`).
 
 Three cases call for more samples: a solution that is found late, a solution close to a singularity, and an odd number of
 solutions if all joints turn fully. Away from singularities solutions appear and vanish in pairs, and only limits make
