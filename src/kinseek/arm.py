@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, cast, overload
@@ -208,80 +209,46 @@ class Arm(ForwardArm):
         if threads is not None:
             threads = as_integer("threads", threads, 1)
         selects = prefer is not None or cost is not None or valid is not None or scene is not None
-        plain = (
-            solver is None
-            and not prove
-            and not selects
-            and time_limit is None
-            and not trace
-            and not clearance
-        )
-        if plain and (axes := self._axes) is not None and (T := plain_array(goal, (4, 4))) is not None:
-            # A short path for one plain pose: the kernel itself rejects a matrix that is not a rigid transform.
-            q, index = np.empty(axes.dof), self._index or self._atlas_along(axes)
-            if near is None:
-                report = solve_plain(index.address, T, q)
-                if report[3] >= 0:
-                    if not report[4]:
-                        warn_of_distance(hypot(*T[:3, 3]), axes.reach, 2)
-                    return quick_solution(axes, T.tobytes(), None, q, report)
-            elif (start := plain_array(near, q.shape)) is not None:
-                report = solve_goal(index.address, index.plain, T, start, True, q)
-                if report[3] >= 0:
-                    if not report[4]:
-                        warn_of_distance(hypot(*T[:3, 3]), axes.reach, 2)
-                    return quick_solution(axes, T.tobytes(), start, q, report)
+        plain = not (solver is not None or selects or prove or time_limit is not None or trace or clearance)
+        if plain and (quick := self._one_pose(goal, near)) is not None:
+            return quick
         _require_scene(scene, clearance)
         if bad != "error" and not isinstance(goal, Goal):  # A goal has no invalid matrices.
-            options: dict[str, Any] = {
-                "solver": solver,
-                "threads": threads,
-                "progress": progress,
-                "prove": prove,
-            }
-            options |= {
-                "prefer": prefer,
-                "cost": cost,
-                "valid": valid,
-                "scene": scene,
-                "clearance": clearance,
-                "time_limit": time_limit,
-                "trace": trace,
-            }
-            return without_invalid(
-                bad, goal, near, self._mechanism, lambda T, q: self.ik(T, near=q, **options)
+            solve = partial(
+                self.ik,
+                solver=solver,
+                threads=threads,
+                progress=progress,
+                prove=prove,
+                prefer=prefer,
+                cost=cost,
+                valid=valid,
+                scene=scene,
+                clearance=clearance,
+                time_limit=time_limit,
+                trace=trace,
             )
+            return without_invalid(bad, goal, near, self._mechanism, solve)
         deadline = Deadline(time_limit)
         if prove:
             self._require_axes(_NO_PROOF)
         requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
-        if plain and (axes := self._axes) is not None and can_solve_quickly(requested, start):
-            quick = solve_quickly(axes, self._atlas_for(axes, requested), requested, start)
-            if quick is not None:
-                if not quick.success:
-                    warn_if_far(quick)
-                return quick
+        if plain and (quick := self._one_goal(requested, start)) is not None:
+            if not quick.success:
+                warn_if_far(quick)
+            return quick
         problem = Problem(self._mechanism, requested, start, time_limit=time_limit, trace=trace)
-        if selects and trace:
-            raise InvalidProblem(
-                "trace=True cannot be combined with prefer=, cost=, valid= or scene=: these choose among all "
-                "branches, a search that records no trace"
-            )
-        if selects and solver is not None:
-            raise InvalidProblem(
-                "solver= cannot be combined with prefer=, cost=, valid= or scene=: these choose among all branches"
-            )
         if selects:
-            requested.require_plain("prefer=, cost=, valid= and scene= are not supported for")
-        if scene is not None:
-            from .collision.solutions import free_solution
+            _require_choice(problem, solver)
+            if scene is not None:
+                from .collision.solutions import free_solution
 
-            solution = free_solution(problem, scene, clearance, prefer, cost, valid, threads, prove)
-        elif selects:
-            from .branches.prefer import preferred
+                solution = free_solution(problem, scene, clearance, prefer, cost, valid, threads, prove)
+            else:
+                from .branches.prefer import preferred
 
-            solution = preferred(problem, prefer, cost, valid, threads)
+                solution = preferred(problem, prefer, cost, valid, threads)
         else:
             search = (
                 Atlas(threads=threads, progress=progress)
@@ -291,6 +258,30 @@ class Arm(ForwardArm):
             solution = search.solve(problem)
             warn_if_far(solution)
         return self._with_proofs(solution, deadline) if prove else solution
+
+    def _one_pose(self, goal: Any, near: Any) -> Solution | None:
+        """Solve one plain pose by the shortest way; None for anything else, and for a pose that this does not reach."""
+        if (axes := self._axes) is None or (T := plain_array(goal, (4, 4))) is None:
+            return None
+        # The kernel itself rejects a matrix that is not a rigid transform.
+        q, index, start = np.empty(axes.dof), self._index or self._atlas_along(axes), None
+        if near is None:
+            report = solve_plain(index.address, T, q)
+        elif (start := plain_array(near, q.shape)) is not None:
+            report = solve_goal(index.address, index.plain, T, start, True, q)
+        else:
+            return None
+        if report[3] < 0:
+            return None
+        if not report[4]:
+            warn_of_distance(hypot(*T[:3, 3]), axes.reach, 3)
+        return quick_solution(axes, T.tobytes(), start, q, report)
+
+    def _one_goal(self, goal: Goal, near: Array | None) -> Solution | None:
+        """Solve one goal without the checks that only other goals need; None for those."""
+        if (axes := self._axes) is None or not can_solve_quickly(goal, near):
+            return None
+        return solve_quickly(axes, self._atlas_for(axes, goal), goal, near)
 
     @overload
     def branches(  # type: ignore[overload-overlap]  # Wanted: of an array without a shape neither answer is promised.
@@ -603,6 +594,20 @@ class Arm(ForwardArm):
 
 
 _NO_PROOF = "nothing can be proved without axes"
+
+
+def _require_choice(problem: Problem, solver: Solver | None) -> None:
+    """Reject what cannot be combined with a choice among all branches."""
+    if problem.trace:
+        raise InvalidProblem(
+            "trace=True cannot be combined with prefer=, cost=, valid= or scene=: these choose among all "
+            "branches, a search that records no trace"
+        )
+    if solver is not None:
+        raise InvalidProblem(
+            "solver= cannot be combined with prefer=, cost=, valid= or scene=: these choose among all branches"
+        )
+    problem.goal.require_plain("prefer=, cost=, valid= and scene= are not supported for")
 
 
 def _require_scene(scene: Scene | None, clearance: float) -> None:

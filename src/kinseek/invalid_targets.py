@@ -23,7 +23,7 @@ WAYS = ("error", "skip")
 
 
 def without_invalid(
-    bad: str, target: Any, near: Any, mechanism: Mechanism, solve_valid: Callable[[Array, Any], Solution]
+    bad: str, target: Any, near: Any, mechanism: Mechanism, solve_valid: Callable[..., Solution]
 ) -> Solution:
     """Solve the targets that are poses, and mark the others as invalid.
 
@@ -32,7 +32,7 @@ def without_invalid(
         target: As `as_pose` takes it, (..., 4, 4).
         near: As `Arm.ik` takes it.
         mechanism: The arm.
-        solve_valid: Solves a batch, (k, 4, 4), close to joint values, (n,), (k, n) or None.
+        solve_valid: Solves a batch, (k, 4, 4), with `near` as joint values, (n,), (k, n) or None.
 
     Raises:
         InvalidProblem: `bad` is another word.
@@ -41,7 +41,7 @@ def without_invalid(
         raise InvalidProblem(suggest(str(bad), WAYS, "value of bad="))
     matrix, good = good_and_bad(target)
     if good.all():
-        return solve_valid(matrix, near)
+        return solve_valid(matrix, near=near)
     shape, chosen = good.shape, good.ravel()
     start = None if near is None else as_joints(mechanism, near, "near")
     # As for a whole batch: a row of values for every target, unless one row is shared by all.
@@ -49,7 +49,7 @@ def without_invalid(
     starts = Problem(mechanism, Goal.pose(poses), start).near
     if starts is not None and starts.ndim > 1:
         starts = np.broadcast_to(starts, (*shape, mechanism.dof)).reshape(-1, mechanism.dof)[chosen]
-    return _scatter(solve_valid(poses.reshape(-1, 4, 4)[chosen], starts), poses, good, start)
+    return _scatter(solve_valid(poses.reshape(-1, 4, 4)[chosen], near=starts), poses, good, start)
 
 
 def _scatter(solved: Solution, poses: Array, good: NDArray[np.bool_], near: Array | None) -> Solution:
