@@ -34,7 +34,6 @@ from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.root_isolation import isolate
 from kinseek.robots.catalog import catalog_names
-from kinseek.robots.geometry import arm_length
 from kinseek.solution import Solution
 from kinseek.solvers.atlas.solver import Atlas
 from kinseek.support.deadline import Deadline
@@ -119,7 +118,7 @@ def sound(arm: kinseek.Arm, count: int, budget: int, seed: int = 0) -> tuple[int
 
 def least_singular(arm: kinseek.Arm, q: Array) -> float:
     """The least singular value of the Jacobian at q, (n,), lengths in units of the arm's reach."""
-    step, length = 1e-6, arm_length(arm.chain)
+    step, length = 1e-6, arm.chain.length
     T, ahead, behind = arm.fk(q), arm.fk(q + step * np.eye(arm.dof)), arm.fk(q - step * np.eye(arm.dof))
     slope = (ahead - behind) / (2 * step)
     turn = slope[:, :3, :3] @ T[:3, :3].T

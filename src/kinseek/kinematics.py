@@ -21,7 +21,6 @@ from .printable import printable
 from .problem import Problem, as_joints
 from .robots import Mechanism, SerialChain, as_mechanism, black_box, read_dh
 from .robots.chain import with_limits, with_locked, with_tool
-from .robots.geometry import arm_length
 from .robots.mechanism import no_axes
 from .structure.structure import FUNCTION, Structure, structure_of
 from .support.interrupts import chunks, in_chunks
@@ -141,7 +140,7 @@ class ForwardArm(Lazy):
         If this gives a closed form, `branches` does not search. If it gives one once a joint is fixed, `ik` seldom searches.
         """
         axes = self._axes
-        return FUNCTION if axes is None else structure_of(axes.arrays, arm_length(axes))
+        return FUNCTION if axes is None else structure_of(axes.arrays, axes.length)
 
     @property
     def name(self) -> str:

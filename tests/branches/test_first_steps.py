@@ -12,7 +12,7 @@ from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.branches import seeding
 from kinseek.kernels.branches.distance import MOST_JOINTS
 from kinseek.kernels.jit import exposed
-from kinseek.robots.geometry import RADIAN_PART, arm_length
+from kinseek.robots.geometry import RADIAN_PART
 
 radius, sort_samples = exposed(seeding.radius), exposed(seeding.sort_samples)
 is_alike, keep_start = exposed(seeding.is_alike), exposed(seeding.keep_start)
@@ -24,7 +24,7 @@ def test_the_table_of_first_steps_is_a_damped_inverse(name: str) -> None:
     arm = kinseek.load(name)
     index = index_of(Problem(arm.chain, Goal.pose(np.eye(4))))
     atlas, first = index.coarse.sorted, int(index.coarse.division.head != NONE)
-    length = arm_length(arm.chain) / RADIAN_PART
+    length = arm.chain.length / RADIAN_PART
     for k in (0, 17, len(atlas.middle) - 1):
         q = np.zeros(arm.dof)
         q[first : first + atlas.middle.shape[1]] = atlas.middle[k]

@@ -21,7 +21,6 @@ from kinseek.kernels.structure.candidates import NONE, STRUCTURE
 from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import weyl
 from kinseek.solvers.atlas.index import MOST_CACHED, PLAIN, AtlasIndex, atlas_of, tolerances_of
 from kinseek.support.caching import WeakCache
@@ -66,7 +65,7 @@ class BranchIndex:
         joint = NOTHING
         # The search of one joint is slower than a closed form, so it is prepared for arms without one only.
         if kind is POSE and not self.freedom and STRUCTURE.value(self.structure.numbers).kind == NONE:
-            joint = one_joint_of(problem.arrays, arm_length(chain))
+            joint = one_joint_of(problem.arrays, chain.length)
         steps = np.zeros((0 if self.freedom else self.coarse.samples, 6, LANES))
         if not self.freedom:
             fill_steps(self.coarse.handle, steps, LANES)

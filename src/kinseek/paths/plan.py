@@ -17,7 +17,6 @@ from kinseek.kernels.paths.propagation import Given, propagate_layer, spread_sol
 from kinseek.kernels.paths.trace import Leg, trace
 from kinseek.kernels.paths.viterbi import BranchEnds, Layer, Sideways, viterbi_step
 from kinseek.problem import Problem
-from kinseek.robots.geometry import arm_length
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.atlas.solver import Atlas
 from kinseek.solvers.threads import GoOn, parallel_for
@@ -374,7 +373,7 @@ def path_parameter(problem: Problem) -> Array:
     poses = np.zeros((len(problem.goal.targets), 4, 4))
     poses[:, :3], poses[:, 3, 3] = problem.goal.targets, 1.0
     distance, turn = apart(poses[:-1], poses[1:])
-    return np.asarray(np.concatenate([[0.0], np.cumsum(distance / arm_length(problem.chain) * 3 + turn)]))
+    return np.asarray(np.concatenate([[0.0], np.cumsum(distance / problem.chain.length * 3 + turn)]))
 
 
 def rows_of(parameter: Array, way: float) -> Indices:

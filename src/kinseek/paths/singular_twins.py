@@ -16,7 +16,6 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.geometry import arm_length
 from kinseek.structure.axes import lean
 from kinseek.support.transforms import rotation
 
@@ -56,7 +55,7 @@ def folds_of(chain: SerialChain) -> list[Fold]:
             value = (v - float(chain.offset[k])) / float(chain.multiplier[k])
             value += 2.0 * math.pi * math.ceil((float(chain.lower[i]) - value) / (2.0 * math.pi))
             inside = chain.lower[i] + ONE_LINE < value < chain.upper[i] - ONE_LINE
-            if inside and leaning <= ONE_LINE and apart <= ONE_LINE * arm_length(chain):
+            if inside and leaning <= ONE_LINE and apart <= ONE_LINE * chain.length:
                 found.append(Fold(i, value))
     return found
 

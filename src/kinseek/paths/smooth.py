@@ -22,7 +22,7 @@ from kinseek.kernels.arrays import Limits
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.projection import project_onto_poses
 from kinseek.problem import Problem
-from kinseek.robots.geometry import RADIAN_PART, arm_length
+from kinseek.robots.geometry import RADIAN_PART
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
 from kinseek.solvers.atlas.solver import Atlas
 from kinseek.support.deadline import Deadline, TimeUp
@@ -108,7 +108,7 @@ class Smoother:
         self.lower, self.upper = turning.open_lower, turning.open_upper
         self.limits = Limits(self.lower, self.upper)
         self.index, self.tolerances = atlas_of(problem.chain, problem.goal), tolerances_of(problem.goal)
-        self.scale = arm_length(problem.chain) / RADIAN_PART
+        self.scale = problem.chain.length / RADIAN_PART
 
     def project(self, q: Array, targets: Array) -> Flags:
         """Project joint values, (k, n), onto targets, (k, 3, 4), in place.

@@ -15,7 +15,7 @@ from kinseek.kernels.proof.gate import CROSSED
 from kinseek.kernels.proof.last_joint import LastJoint
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.geometry import arm_length, divide
+from kinseek.robots.geometry import divide
 from kinseek.support.caching import WeakCache
 from kinseek.support.transforms import inverse, square
 
@@ -135,7 +135,7 @@ def _without_last(problem: Problem, fixed: Array, target: Array, trust: float) -
     proof_goal = _tolerances(problem, axis, 1, trust)
     proof_goal = proof_goal._replace(margin=proof_goal.margin + 2.0 * float(np.hypot(*tip[:2, 3])))
     back = float(tip[2, 3]) - _foot(fixed, chain)
-    return cut, proof_goal._replace(back=back) if abs(back) < arm_length(chain) else proof_goal
+    return cut, proof_goal._replace(back=back) if abs(back) < chain.length else proof_goal
 
 
 def _last_at_limit(chain: SerialChain, q: Array) -> bool:
@@ -254,7 +254,7 @@ def _tolerances(problem: Problem, target: Array, columns: int, trust: float, foo
         margin=margin,
         margin_a=margin_a,
         trust=float(trust),
-        length=_AXIS_COUNTS * arm_length(chain),
+        length=_AXIS_COUNTS * chain.length,
         offset=0.0,
         back=0.0,
         side_y=0.0,

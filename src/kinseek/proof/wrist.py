@@ -19,7 +19,6 @@ import numpy as np
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
 from kinseek.problem import Problem
-from kinseek.robots.geometry import arm_length
 from kinseek.structure.axes import lean, meeting, nearest_on
 from kinseek.support.transforms import inverse, square
 
@@ -48,7 +47,7 @@ def without_wrist(problem: Problem) -> Problem | None:
     if not (alone & own).all():
         return None
     centre, off = _centre(fixed[remaining:])
-    if off > ASTRAY * arm_length(chain):
+    if off > ASTRAY * chain.length:
         return None
     angle = min(goal.orientation_tolerance, math.pi)
     last = inverse(fixed[-1])  # The frame of the last joint, in the hand's frame.

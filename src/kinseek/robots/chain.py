@@ -96,6 +96,15 @@ class SerialChain(Variables):
         return float(np.linalg.norm(self.fixed[:, :, 3], axis=1).sum()) + slides
 
     @lazy
+    def length(self) -> float:
+        """Length of the stretched arm from its first axis on [m]: links, and the longer half of each slide."""
+        links = float(np.linalg.norm(self.fixed[1:, :, 3], axis=1).sum())
+        for k in np.flatnonzero(self.prismatic):
+            i = self.leader[k]
+            links += max(abs(self.lower[i]), abs(self.upper[i])) * abs(float(self.multiplier[k])) / 2
+        return max(links, 1e-3)
+
+    @lazy
     def arrays(self) -> ChainArrays:
         """The chain in the form that kernels take."""
         return chain_arrays(

@@ -43,16 +43,7 @@ def divide(chain: SerialChain, kind: Kind) -> Division:
     ):
         tail = TURN
     columns = min(kind.columns, 1 if tail == TURN else 2)
-    return Division(head, tail, columns, arm_length(chain) / RADIAN_PART)
-
-
-def arm_length(chain: SerialChain) -> float:
-    """Length of the stretched arm from its first axis on [m]: links, and the longer half of each slide."""
-    links = float(np.linalg.norm(chain.fixed[1:, :, 3], axis=1).sum())
-    for k in np.flatnonzero(chain.prismatic):
-        i = chain.leader[k]
-        links += max(abs(chain.lower[i]), abs(chain.upper[i])) * abs(float(chain.multiplier[k])) / 2
-    return max(links, 1e-3)
+    return Division(head, tail, columns, chain.length / RADIAN_PART)
 
 
 ROUNDS = 8

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,10 @@ def weyl(count: int, dimensions: int) -> Array:
 
     They are spread less well than `low_discrepancy`, but no two coordinates of few points are close to a simple ratio.
     """
-    primes = [p for p in range(2, 400) if all(p % i for i in range(2, int(p**0.5) + 1))]
-    steps = np.sqrt(np.resize(np.array(primes, dtype=float), dimensions))
+    steps = np.sqrt(np.resize(np.array(_primes(), dtype=float), dimensions))
     return np.asarray((np.arange(1, count + 1)[:, None] * steps) % 1.0)
+
+
+@cache
+def _primes() -> tuple[int, ...]:
+    return tuple(p for p in range(2, 400) if all(p % i for i in range(2, int(p**0.5) + 1)))

@@ -36,7 +36,7 @@ from kinseek.kernels.structure.one_answer import closed_routine
 from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, open_limits, span_of
+from kinseek.robots.geometry import RADIAN_PART, divide, open_limits, span_of
 from kinseek.robots.sampling import middle_samples
 from kinseek.structure.structure import NO_STRUCTURE, Structure, structure_of, with_tip
 from kinseek.structure.swept_values import choose_swept_values
@@ -78,7 +78,7 @@ class AtlasIndex(Lazy):
             self.sorted = of_tip.sorted._replace(inverse_tip=tip)
         lower, upper = open_limits(chain)
         columns = (np.arange(3) < kind.columns).astype(float) * kind.column_weight
-        calls, size = routines(), arm_length(chain)
+        calls, size = routines(), chain.length
         known = structure is not None or of_tip is not None
         if structure is None and of_tip is not None:
             structure = with_tip(of_tip.structure, arrays)

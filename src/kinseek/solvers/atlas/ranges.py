@@ -19,7 +19,6 @@ from kinseek.kernels.ranges.steps import POSES
 from kinseek.problem import Problem
 from kinseek.ranges import Ranges
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import low_discrepancy
 from kinseek.solution import Solution
 from kinseek.support.deadline import Deadline
@@ -109,7 +108,7 @@ def place_ranges(chain: SerialChain, goal: Goal, about: Array, frames: Array) ->
     """Return ranges of x, y and z about targets, (k, 3, 4), cut to the arm's reach: lower and upper ends, (k, 3) each."""
     ends = np.array(goal.ranges)[:3]
     tool = 0.0 if goal.tool is None else float(np.linalg.norm(goal.tool[:3, 3]))
-    reach = arm_length(chain) + tool
+    reach = chain.length + tool
     away = chain.fixed[0, :, 3] - about[:, :, 3]
     shoulder = _product(np.swapaxes(frames, 1, 2), away[..., None])[..., 0]
     low, high = np.maximum(ends[:, 0], shoulder - reach), np.minimum(ends[:, 1], shoulder + reach)

@@ -20,7 +20,6 @@ from kinseek.kernels.atlas.batch import solve_many, solve_some
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.geometry import arm_length
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution
 from kinseek.solvers.base import Found, require_whole, solve_each
@@ -219,4 +218,4 @@ def retries_missed(goal: Goal, chain: SerialChain) -> bool:
     """Return whether both tolerances of a goal are above 0 and one is so wide that missed goals are searched again."""
     position, orientation = goal.position_tolerance, goal.orientation_tolerance
     both = 0.0 < position < math.inf and 0.0 < orientation < math.inf
-    return both and max(position / arm_length(chain), orientation) >= WIDE
+    return both and max(position / chain.length, orientation) >= WIDE
