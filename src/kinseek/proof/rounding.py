@@ -9,6 +9,7 @@ model holds if nothing underflows or overflows: lengths and angles are bounded e
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 from kinseek.kernels.arrays import Array
@@ -28,6 +29,7 @@ PREPARED = 4
 """Transforms that are multiplied on the goal's side before any box is tested; they count as as many additional joints."""
 
 
+@cache
 def gamma(k: float) -> float:
     """Return γ_k."""
     return k * UNIT / (1.0 - k * UNIT)
