@@ -252,6 +252,24 @@ def test_locks_stand_in_one_place() -> None:
     }
 
 
+def test_a_fork_waits_for_an_import_that_asks_for_a_logger() -> None:
+    told = script("""
+import logging  # After kinseek.
+from kinseek.support import forks
+taken = threading.Event()
+def imports():
+    with forks.importing:
+        taken.set()
+        time.sleep(0.2)
+        logging.getLogger("of the package that is imported")
+threading.Thread(target=imports).start()
+taken.wait()
+signal.alarm(10)
+print(ended(child(lambda: None)))
+""")
+    assert told == "0"
+
+
 @pytest.mark.jit
 @pytest.mark.slow
 def test_a_fork_waits_until_another_thread_has_compiled(

@@ -11,6 +11,7 @@ and work that another thread had begun is never finished. There are two remedies
 
 from __future__ import annotations
 
+import logging  # noqa: F401  # See `_before`.
 import os
 import pkgutil
 import sys
@@ -68,6 +69,11 @@ _acquired: list[_ReentrantLock] = []
 
 
 def _before() -> None:
+    """Wait for what other threads are doing, and hold their locks during the fork.
+
+    Python calls last what was registered first. `logging`, which locks its own names during a fork, is imported above: it
+    would otherwise lock them before other threads could finish imports that ask for a logger.
+    """
     _load()
     for lock in reversed(_waited_for):
         lock.acquire()
