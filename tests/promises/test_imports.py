@@ -23,7 +23,7 @@ HEAVY = (
         "numba",
         "pandas",
     ),
-    *("xml.sax", "urllib.request", "http.client", "ssl", "logging", "tempfile", "numpy.f2py", "numpy.random"),
+    *("xml.sax", "urllib.request", "http.client", "ssl", "tempfile", "numpy.f2py", "numpy.random"),
 )
 
 PROGRAM = """
