@@ -187,6 +187,38 @@ def test_copies_and_classes_count_also_if_they_are_empty(tmp_path: Path) -> None
         read(tmp_path / "0.xml")
 
 
+@pytest.mark.parametrize(
+    ("extra", "body", "message"),
+    [
+        ("", "<replicate count='500' sep='{0}'><body name='x'/></replicate>", "10,000 letters in 'sep'"),
+        ("<default><default class='{0}'/></default>", "", "10,000 letters in 'class'"),
+        ("", "<replicate count='4000' sep='{1}'><body name='x'/></replicate>", "letters in names"),
+        ("", "<replicate sep='{1}'>" * 200 + "<body name='x'/>" + "</replicate>" * 200, "letters in names"),
+        (
+            "<asset><model name='m' file='a.xml'/></asset>",
+            "<attach model='m' body='b' prefix='{1}{1}'/>" * 5,
+            "letters in names",
+        ),
+    ],
+)
+def test_long_names_that_multiply_are_refused(extra: str, body: str, message: str, tmp_path: Path) -> None:
+    """MuJoCo takes gigabytes for the copies, and compares each name with all others."""
+    pytest.importorskip("mujoco")
+    letters = "a" * 10_000, "a" * 150
+    write(tmp_path, "a.xml", MODEL.format("", "<body/>" * 1000))
+    text = MODEL.format(extra.format(*letters), body.format(*letters))
+    with soon(), pytest.raises(InvalidRobot, match=rf"{message}.*, expected at most"):
+        read(write(tmp_path, "m.xml", text))
+
+
+def test_numbers_of_the_user_are_not_copied(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    numbers = "1 " * 100_000
+    text = MODEL.format(f"<default><joint user='{numbers}'/></default>", f"<site user='{numbers}'/>")
+    assert "user" not in reduced(path := write(tmp_path, "m.xml", text)).text
+    assert read(path).joint_names == ("j",)
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
 @pytest.mark.parametrize(
     ("extra", "body", "refused"),
