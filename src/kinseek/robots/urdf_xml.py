@@ -38,7 +38,7 @@ finish_first(_XACRO_LOCK)
 _LOST_PACKAGE = re.compile(r"Package not found: (\S+)")
 """Message of xacrodoc, wrapped by xacro."""
 _MOST_STEPS, _MOST_LETTERS, _MOST_NESTED = 50_000, 2**20, 32
-"""Most elements that xacro may expand, longest value, and deepest nesting of includes."""
+"""Most elements that xacro may expand, longest value, and deepest nesting of includes and of brackets in YAML."""
 _MOST_PARAMETERS = 256
 """Most parameters of one macro: xacro searches for each of them among all."""
 _MOST_WORK = 2**25
@@ -377,13 +377,19 @@ def _yaml_content(text: bytes, units: Any, where: str) -> Any:
         where: The file, for messages.
 
     Raises:
-        InvalidRobot: The file has a number with too many digits, or too many entries when expanded.
+        InvalidRobot: The file has a number with too many digits, too many entries when expanded, or too many brackets
+            around one value.
         yaml.YAMLError: The text is not YAML.
     """
     import yaml  # type: ignore[import-untyped]
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
         """A separate class, so that the tags for units are not added to the loader of other programs."""
+
+        def fetch_flow_collection_start(self, token: Any) -> None:
+            # At each word PyYAML goes through all brackets around it.
+            require_few(self.flow_level + 1, "brackets around one value", _MOST_NESTED, where)
+            super().fetch_flow_collection_start(token)
 
     for unit in units:
         Loader.add_constructor(unit.value.tag, unit.constructor)
