@@ -515,7 +515,8 @@ def kinematic_part(root: Any, name: str, where: str) -> Any:
 
     if root.tag != "robot":
         raise InvalidRobot(f"{where}: not a robot: the root tag is <{root.tag}>, expected <robot>")
-    if next(root.iter(f"{{{_XACRO}}}*"), None) is not None:
+    # xacro knows its commands by their prefix, and many files name another address than it does.
+    if root.xpath(f"descendant::*[namespace-uri() = '{_XACRO}' or starts-with(name(), 'xacro:')]"):
         raise InvalidRobot(f"{where}: the file has xacro commands; rename it to .xacro to expand them")
     # urdfdom reads it in files of version 1.1 and later.
     for origin in root.iter("origin"):
