@@ -17,6 +17,7 @@ from kinseek.errors import InvalidRobot
 from kinseek.robots import read, read_dh, urdf_xml
 from kinseek.robots.files import MOST_BYTES, MOST_JOINTS, MOST_LINKS
 from kinseek.robots.mjcf_xml import reduced
+from kinseek.robots.packages import mesh_path
 
 SUFFIXES = (".urdf", ".xacro", ".xml")
 XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
@@ -49,6 +50,42 @@ def test_a_pipe_is_refused(suffix: str, tmp_path: Path) -> None:
     os.mkfifo(path)
     with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
         read(path)
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "getuid") or os.getuid() != 0, reason="only root makes files of other users"
+)
+@pytest.mark.parametrize("manifest", ["package.xml", "manifest.xml"])
+def test_a_package_that_another_user_planted_is_not_used(
+    manifest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a folder like /tmp anybody could give a file's package another content, and xacro runs Python."""
+    shared, real = tmp_path / "shared", tmp_path / "ros" / "pack"
+    (shared / "own").mkdir(parents=True)
+    real.mkdir(parents=True)
+    for folder, upper in ((shared, "1"), (shared / "pack", "1"), (real, "2")):
+        folder.mkdir(exist_ok=True)
+        write(folder, "part.xacro", XACRO.format(f'<xacro:property name="up" value="{upper}"/>'))
+        write(folder, manifest, "<package><name>pack</name></package>")
+        write(folder, "a.stl", "")
+    body = (
+        '<xacro:include filename="$(find pack)/part.xacro"/><link name="a"/><link name="b"/>'
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><limit lower="0" upper="${up}"/></joint>'
+    )
+    path = write(shared / "own", "r.xacro", XACRO.format(body))
+    shared.chmod(0o1777)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))
+    mesh = "package://pack/a.stl"
+    assert (read(path).upper[0], mesh_path(mesh, path, {})) == (1.0, shared / "pack" / "a.stl")
+    for each in (shared / manifest, shared / "pack"):
+        os.chown(each, 65534, 65534)
+    assert (read(path).upper[0], mesh_path(mesh, path, {})) == (2.0, real / "a.stl")
+    # A shared folder that only a group can write to is not such a folder, and neither are the owner's own files.
+    shared.chmod(0o775)
+    assert (read(path).upper[0], mesh_path(mesh, path, {})) == (1.0, shared / "pack" / "a.stl")
+    shared.chmod(0o1777)
+    os.chown(path, 65534, 65534)
+    assert (read(path).upper[0], mesh_path(mesh, path, {})) == (1.0, shared / "pack" / "a.stl")
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no such device here")

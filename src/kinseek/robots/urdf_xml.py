@@ -24,6 +24,7 @@ from kinseek.interrupts import raise_of_handler
 
 from .expressions import MOST_DIGITS, MOST_ENTRIES, MOST_LETTERS, Refused, entries, evaluate
 from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few
+from .packages import is_planted
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
@@ -168,7 +169,7 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
             packages._finder = packages.PackageFinder()
             packages._finder.finder_funcs[:] = before.finder_funcs
             packages._finder.package_cache.update(before.package_cache | folders)
-            packages.walk_up_from(str(path))
+            packages._finder.finder_funcs.insert(0, (_finder_above(path), packages.PackageNotFoundError))
             # Once: xacrodoc repeats it until nothing changes, and so would evaluate $${…}, which stands for ${…}.
             document = xacro.parse(None, str(path))
             xacro.process_doc(document, mappings=arguments)
@@ -187,6 +188,32 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
             raise InvalidRobot(f"{path}: xacro failed: {why}") from None
         finally:
             packages._finder = before
+
+
+def _finder_above(path: Path) -> Callable[[str], str]:
+    """Return a function that finds a package in the folders above a file.
+
+    It does what `packages.walk_up_from` of xacrodoc does, but leaves out manifests that another user may have planted:
+    files of a package may be run.
+    """
+    from xacrodoc import packages
+
+    def find(package: str) -> str:
+        for folder in path.resolve().parents[:-1]:
+            manifest, old = folder / "package.xml", folder / "manifest.xml"
+            if manifest.exists() and not is_planted(manifest, path):
+                with packages.open(manifest) as file:
+                    names = packages.minidom.parse(file).getElementsByTagName("name")
+                if len(names) != 1:
+                    raise InvalidRobot(f"{manifest}: {len(names)} <name> elements, expected one")
+                if names[0].firstChild is not None and names[0].firstChild.data == package:
+                    return str(folder)
+            # Manifests of rosbuild contain no name.
+            if old.exists() and not is_planted(old, path):
+                return str(folder)
+        raise packages.PackageNotFoundError(package)
+
+    return find
 
 
 @contextlib.contextmanager
