@@ -62,8 +62,9 @@ _NUMBERS = ("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "ran
 _WORDS = {"name", "class", "childclass", "model", "body", "file", "prefix", "content_type"}
 """Attributes that are names: a name may be "nan"."""
 
-_UNUSED = "user"
-"""Attribute with any number of numbers, of which MuJoCo makes a copy for each copy of its element."""
+_UNUSED = {"user", "material"}
+"""Removed attributes: any number of numbers, which MuJoCo copies with their element; and the material of a site, whose asset
+is removed too."""
 
 _COUNTED = {"body", "joint", "freejoint", "site", "frame", "replicate", "attach", "default", "model"}
 """Elements that take memory in MuJoCo, even if they are empty."""
@@ -206,7 +207,7 @@ def _size(root: Any, attached: dict[str, _Size]) -> _Size:
         if element.tag == "replicate":
             times *= _count(element.get("count"))
             added += len(element.get("sep", ""))  # It becomes a part of each name inside.
-        own = added + sum(len(value) for name, value in element.items() if name != _UNUSED)
+        own = added + sum(len(value) for name, value in element.items() if name not in _UNUSED)
         if element.tag in _COUNTED:
             elements, letters = elements + times, letters + times * own
         if element.tag == "attach":
@@ -239,7 +240,7 @@ def _write(element: Any, parent: str | None, where: str, out: list[str], line: l
     _check_numbers(element, where)
     out.append(f"<{element.tag}")
     for name, value in element.items():
-        if "{" in name or name == _UNUSED:
+        if "{" in name or name in _UNUSED:
             continue
         require_few(
             len(value),
