@@ -80,6 +80,8 @@ def test_a_package_that_another_user_planted_is_not_used(
     for each in (shared / manifest, shared / "pack"):
         os.chown(each, 65534, 65534)
     assert (read(path).upper[0], mesh_path(mesh, path, {})) == (2.0, real / "a.stl")
+    monkeypatch.chdir(path.parent)
+    assert mesh_path(mesh, Path("the URDF text"), {}) == real / "a.stl"
     # A shared folder that only a group can write to is not such a folder, and neither are the owner's own files.
     shared.chmod(0o775)
     assert (read(path).upper[0], mesh_path(mesh, path, {})) == (1.0, shared / "pack" / "a.stl")

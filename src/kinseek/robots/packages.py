@@ -73,7 +73,8 @@ def is_planted(entry: Path, robot: Path) -> bool:
     try:
         if not entry.parent.stat().st_mode & stat.S_IWOTH:
             return False
-        return entry.lstat().st_uid not in {0, os.getuid(), robot.stat().st_uid}
+        known = {0, os.getuid(), *([robot.stat().st_uid] if robot.exists() else [])}  # It may be a text.
+        return entry.lstat().st_uid not in known
     except (OSError, ValueError):  # It is not there, or its name cannot be a file's.
         return False
 
