@@ -63,9 +63,9 @@ def test_a_package_that_another_user_planted_is_not_used(
     shared, real = tmp_path / "shared", tmp_path / "ros" / "pack"
     (shared / "own").mkdir(parents=True)
     real.mkdir(parents=True)
-    for folder, upper in ((shared, "1"), (shared / "pack", "1"), (real, "2")):
+    for folder in (shared, shared / "pack", real):
         folder.mkdir(exist_ok=True)
-        write(folder, "part.xacro", XACRO.format(f'<xacro:property name="up" value="{upper}"/>'))
+        write(folder, "part.xacro", XACRO.format('<xacro:property name="up" value="1"/>'))
         write(folder, manifest, "<package><name>pack</name></package>")
         write(folder, "a.stl", "")
     body = (
@@ -74,12 +74,14 @@ def test_a_package_that_another_user_planted_is_not_used(
     )
     path = write(shared / "own", "r.xacro", XACRO.format(body))
     shared.chmod(0o1777)
-    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))
     mesh = "package://pack/a.stl"
     assert (read(path).upper[0], mesh_path(mesh, path, {})) == (1.0, shared / "pack" / "a.stl")
     for each in (shared / manifest, shared / "pack"):
         os.chown(each, 65534, 65534)
-    assert (read(path).upper[0], mesh_path(mesh, path, {})) == (2.0, real / "a.stl")
+    with pytest.raises(InvalidRobot, match="package 'pack' is not found"):
+        read(path)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))
+    assert mesh_path(mesh, path, {}) == real / "a.stl"
     monkeypatch.chdir(path.parent)
     assert mesh_path(mesh, Path("the URDF text"), {}) == real / "a.stl"
     # A shared folder that only a group can write to is not such a folder, and neither are the owner's own files.
