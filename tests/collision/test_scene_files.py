@@ -545,3 +545,17 @@ def test_the_number_of_shapes_is_counted_as_they_are_read(monkeypatch: pytest.Mo
     monkeypatch.setattr("kinseek.collision.bodies.neighbours_of", lambda *_: pytest.fail("it went on"))
     with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
         Scene.of(kinseek.load(urdf))
+
+
+def test_an_arm_of_many_joints_is_sampled_in_time(tmp_path: Path) -> None:
+    """The joints were made anew for each pair, which took half a minute."""
+    link = '<link name="l{}"><collision><geometry><box size="0.01 0.01 0.01"/></geometry></collision></link>'
+    joint = (
+        '<joint name="j{0}" type="revolute"><parent link="l{0}"/><child link="l{1}"/><origin xyz="0 0 0.1"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="1"/></joint>'
+    )
+    parts = [*map(link.format, range(91)), *(joint.format(i, i + 1) for i in range(90))]
+    path = written(tmp_path, "long.urdf", f'<robot name="long">{"".join(parts)}</robot>')
+    begin = time.process_time()
+    assert len(Scene.of(path, samples=20).bodies) == 91
+    assert time.process_time() - begin < 5
