@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from functools import partial
 from pathlib import Path
 from xml.etree.ElementTree import Element, fromstring
 
@@ -239,6 +240,23 @@ def test_a_xacro_file_is_expanded(tmp_path: Path, scene: Scene) -> None:
     text = CELL.replace('name="cell">', 'name="cell" xmlns:xacro="http://www.ros.org/wiki/xacro">')
     path = written(tmp_path, "cell.urdf.xacro", text.replace('radius="0.03"', 'radius="${0.01 * 3}"'))
     assert scene.add_file(path, trusted=False) == ("table", "pole")
+
+
+def test_a_file_that_is_not_trusted_does_not_run(tmp_path: Path) -> None:
+    """`Scene.of` had no `trusted=`, so it let Python evaluate a xacro file."""
+    text = (
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<link name="a"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
+        '<link name="b"><collision><geometry><sphere radius="${list(0.1 for _ in [1])[0]}"/></geometry></collision></link>'
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><limit lower="-1" upper="1"/></joint></robot>'
+    )
+    path = written(tmp_path, "arm.xacro", text)
+    arm = kinseek.load(path)
+    for scene in (Scene.of(path), Scene.of(arm, urdf=path), Scene.of(arm, trusted=False)):
+        assert scene.bodies == ("a", "b")
+    for call in (partial(Scene.of, path), partial(Scene.of, arm, urdf=path)):
+        with pytest.raises(kinseek.InvalidRobot, match="not trusted"):
+            call(trusted=False)
 
 
 @pytest.mark.parametrize(
@@ -527,3 +545,17 @@ def test_the_number_of_shapes_is_counted_as_they_are_read(monkeypatch: pytest.Mo
     monkeypatch.setattr("kinseek.collision.bodies.neighbours_of", lambda *_: pytest.fail("it went on"))
     with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
         Scene.of(kinseek.load(urdf))
+
+
+def test_an_arm_of_many_joints_is_sampled_in_time(tmp_path: Path) -> None:
+    """The joints were made anew for each pair, which took half a minute."""
+    link = '<link name="l{}"><collision><geometry><box size="0.01 0.01 0.01"/></geometry></collision></link>'
+    joint = (
+        '<joint name="j{0}" type="revolute"><parent link="l{0}"/><child link="l{1}"/><origin xyz="0 0 0.1"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="1"/></joint>'
+    )
+    parts = [*map(link.format, range(91)), *(joint.format(i, i + 1) for i in range(90))]
+    path = written(tmp_path, "long.urdf", f'<robot name="long">{"".join(parts)}</robot>')
+    begin = time.process_time()
+    assert len(Scene.of(path, samples=20).bodies) == 91
+    assert time.process_time() - begin < 5

@@ -247,6 +247,26 @@ def test_a_name_of_robot_descriptions(monkeypatch: pytest.MonkeyPatch) -> None:
         kinseek.load("broken_description")
 
 
+def test_a_file_of_robot_descriptions_need_not_be_trusted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python evaluated it whatever `trusted` was."""
+    package, described = ModuleType("robot_descriptions"), ModuleType("robot_descriptions.one_description")
+    package.__dict__["DESCRIPTIONS"] = {"one_description": None}
+    path = tmp_path / "one.xacro"
+    path.write_text(
+        EVERYTHING.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"').replace(
+            'upper="2"', 'upper="${list(2 for _ in [1])[0]}"'
+        )
+    )
+    described.__dict__["XACRO_PATH"] = str(path)
+    monkeypatch.setitem(sys.modules, "robot_descriptions", package)
+    monkeypatch.setitem(sys.modules, "robot_descriptions.one_description", described)
+    assert kinseek.load("one_description").upper[-1] == 2.0
+    with pytest.raises(InvalidRobot, match="not trusted"):
+        kinseek.load("one_description", trusted=False)
+
+
 def test_where_robot_descriptions_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "robot_descriptions", None)
     with pytest.raises(InvalidRobot, match="not installed: pip install robot_descriptions"):

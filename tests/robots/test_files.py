@@ -17,6 +17,7 @@ from kinseek.errors import InvalidRobot
 from kinseek.robots import read, read_dh, urdf_xml
 from kinseek.robots.files import MOST_BYTES, MOST_JOINTS, MOST_LINKS
 from kinseek.robots.mjcf_xml import reduced
+from kinseek.robots.packages import mesh_path
 
 SUFFIXES = (".urdf", ".xacro", ".xml")
 XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
@@ -49,6 +50,46 @@ def test_a_pipe_is_refused(suffix: str, tmp_path: Path) -> None:
     os.mkfifo(path)
     with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
         read(path)
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "getuid") or os.getuid() != 0, reason="only root makes files of other users"
+)
+@pytest.mark.parametrize("manifest", ["package.xml", "manifest.xml"])
+def test_a_package_that_another_user_planted_is_not_used(
+    manifest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a folder like /tmp anybody could give a file's package another content, and xacro runs Python."""
+    shared, real = tmp_path / "shared", tmp_path / "ros" / "pack"
+    (shared / "own").mkdir(parents=True)
+    real.mkdir(parents=True)
+    for folder in (shared, shared / "pack", real):
+        folder.mkdir(exist_ok=True)
+        write(folder, "part.xacro", XACRO.format('<xacro:property name="up" value="1"/>'))
+        write(folder, manifest, "<package><name>pack</name></package>")
+        write(folder, "a.stl", "")
+    body = (
+        '<xacro:include filename="$(find pack)/part.xacro"/><link name="a"/><link name="b"/>'
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><limit lower="0" upper="${up}"/></joint>'
+    )
+    path = write(shared / "own", "r.xacro", XACRO.format(body))
+    shared.chmod(0o1777)
+    mesh = "package://pack/a.stl"
+    assert (read(path).upper[0], mesh_path(mesh, path, {})) == (1.0, shared / "pack" / "a.stl")
+    for each in (shared / manifest, shared / "pack"):
+        os.chown(each, 65534, 65534)
+    with pytest.raises(InvalidRobot, match="package 'pack' is not found"):
+        read(path)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))
+    assert mesh_path(mesh, path, {}) == real / "a.stl"
+    monkeypatch.chdir(path.parent)
+    assert mesh_path(mesh, Path("the URDF text"), {}) == real / "a.stl"
+    # A shared folder that only a group can write to is not such a folder, and neither are the owner's own files.
+    shared.chmod(0o775)
+    assert (read(path).upper[0], mesh_path(mesh, path, {})) == (1.0, shared / "pack" / "a.stl")
+    shared.chmod(0o1777)
+    os.chown(path, 65534, 65534)
+    assert (read(path).upper[0], mesh_path(mesh, path, {})) == (1.0, shared / "pack" / "a.stl")
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no such device here")
@@ -185,6 +226,38 @@ def test_copies_and_classes_count_also_if_they_are_empty(tmp_path: Path) -> None
     write(tmp_path, "13.xml", "<mujoco><worldbody/></mujoco>")
     with soon(), pytest.raises(InvalidRobot, match=r"copies counted, expected at most"):
         read(tmp_path / "0.xml")
+
+
+@pytest.mark.parametrize(
+    ("extra", "body", "message"),
+    [
+        ("", "<replicate count='500' sep='{0}'><body name='x'/></replicate>", "10,000 letters in 'sep'"),
+        ("<default><default class='{0}'/></default>", "", "10,000 letters in 'class'"),
+        ("", "<replicate count='4000' sep='{1}'><body name='x'/></replicate>", "letters in names"),
+        ("", "<replicate sep='{1}'>" * 200 + "<body name='x'/>" + "</replicate>" * 200, "letters in names"),
+        (
+            "<asset><model name='m' file='a.xml'/></asset>",
+            "<attach model='m' body='b' prefix='{1}{1}'/>" * 5,
+            "letters in names",
+        ),
+    ],
+)
+def test_long_names_that_multiply_are_refused(extra: str, body: str, message: str, tmp_path: Path) -> None:
+    """MuJoCo takes gigabytes for the copies, and compares each name with all others."""
+    pytest.importorskip("mujoco")
+    letters = "a" * 10_000, "a" * 150
+    write(tmp_path, "a.xml", MODEL.format("", "<body/>" * 1000))
+    text = MODEL.format(extra.format(*letters), body.format(*letters))
+    with soon(), pytest.raises(InvalidRobot, match=rf"{message}.*, expected at most"):
+        read(write(tmp_path, "m.xml", text))
+
+
+def test_numbers_of_the_user_are_not_copied(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    numbers = "1 " * 100_000
+    text = MODEL.format(f"<default><joint user='{numbers}'/></default>", f"<site user='{numbers}'/>")
+    assert "user" not in reduced(path := write(tmp_path, "m.xml", text)).text
+    assert read(path).joint_names == ("j",)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")

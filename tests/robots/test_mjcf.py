@@ -115,6 +115,17 @@ def test_poses_are_mujocos_own(tmp_path: Path, angle: str, base: str | None, tip
             np.testing.assert_array_equal([chain.lower[i], chain.upper[i]], model.joint(name).range)
 
 
+@pytest.mark.parametrize(
+    ("default", "own"), [("", 'material="red"'), ('<default><site material="red"/></default>', "")]
+)
+def test_a_site_may_have_a_material(default: str, own: str, tmp_path: Path) -> None:
+    """MuJoCo looked for it among the assets, which had been left out."""
+    body = f'<body name="b"><joint name="j"/><site name="s" pos="0 0 1" {own}/></body>'
+    asset = '<asset><material name="red" rgba="1 0 0 1"/></asset>'
+    text = f"<mujoco>{asset}{default}<worldbody>{body}</worldbody></mujoco>"
+    assert read(write(tmp_path, text), tip="s").frames["s"].pose[2, 3] == 1.0
+
+
 def test_kinds_and_name(tmp_path: Path) -> None:
     chain = read_mjcf(write(tmp_path, TREE.format(angle="radian")))
     assert chain.name == "small"

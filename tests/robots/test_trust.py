@@ -125,6 +125,8 @@ MAPS = "a0: &a0 {x: 1, y: 2}\n" + "\n".join(
         ("a: 1" + ":1" * 400, "801 digits of one number"),
         (f"a: !!int {'1' * 401}", "401 digits of one number"),
         ("a: [" + "1, " * 70_000 + "]", "too much to do, at last with YAML files"),
+        (f"- {'[' * 450 + '1,' * 280 + ']' * 450}\n" * 100, "33 brackets around one value"),
+        (f"- {'{' * 33 + '}' * 33}", "33 brackets around one value"),
     ],
 )
 def test_yaml_that_takes_long_is_refused(content: str, message: str, tmp_path: Path) -> None:

@@ -310,6 +310,12 @@ BAD_FILES = {
         '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="x"/></robot>',
         "xacro commands; rename it to .xacro",
     ),
+    "xacro of another address in a .urdf": (  # As many files have it: the command was left out.
+        robot(joint(inside='<limit lower="-1" upper="1"/>'), '<xacro:hand parent="b"/>', links="a b").replace(
+            "<robot", '<robot xmlns:xacro="http://ros.org/wiki/xacro"'
+        ),
+        "xacro commands; rename it to .xacro",
+    ),
     "no links": ("<robot/>", "no links"),
     "nameless link": ("<robot><link/></robot>", "<link> in line 1 has no name"),
     "nameless joint": ('<robot><link name="a"/><joint/></robot>', "<joint> in line 1 has no name"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from kinseek.robots.chain import SerialChain
 from kinseek.support.lazy import Lazy, lazy
 
 from .bodies import Body
-from .engine import Engine, Solid
+from .engine import Engine, Solid, joints_of
 from .motion import Speeds
 from .pairs import Pair, key
 
@@ -49,8 +50,10 @@ class Assembly(Lazy):
             )
 
 
-def assemble(chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair]) -> Assembly:
-    """Build the engine of the checked pairs, with the bodies that occur in one.
+def assemble(
+    chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair], joints: tuple[Any, Any] | None = None
+) -> Assembly:
+    """Build the engine of the checked pairs, with the bodies that occur in one; `joints` are those of `Engine`.
 
     Raises:
         InvalidScene: Too many pairs of shapes.
@@ -73,7 +76,7 @@ def assemble(chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair]) 
     counted = [
         ((i, j), (pair.a, pair.b)) for pair in counting for i in numbers[pair.a] for j in numbers[pair.b]
     ]
-    engine = Engine(chain, solids, [pair for pair, _ in counted])
+    engine = Engine(chain, solids, [pair for pair, _ in counted], joints)
     return Assembly(chain, engine, [names for _, names in counted], numbers)
 
 
@@ -99,8 +102,9 @@ def sampled(
     """Return the pairs that touch at all random joint values, or with `skip_never` at none of them, with the reason."""
     bodies, found = list(bodies), dict[tuple[str, str], str]()
     q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (samples, chain.dof))
+    joints = joints_of(chain)
     for pair in pairs:
-        engine = assemble(chain, bodies, [pair]).engine
+        engine = assemble(chain, bodies, [pair], joints).engine
         if skip_never:
             count = samples - int(engine.exactly_free(q, 0.0).sum())
         else:  # The first sample without contact ends it.

@@ -81,8 +81,12 @@ class ArmBodies:
     """Name of the robot in the file."""
 
 
-def chain_of(arm: Any) -> SerialChain:
+def chain_of(arm: Any, trusted: bool) -> SerialChain:
     """Return the axes and links of an arm, or of anything that `kinseek.load` takes.
+
+    Args:
+        arm: The arm.
+        trusted: May Python evaluate the expressions of a xacro file?
 
     Raises:
         InvalidProblem: The arm has black-box kinematics.
@@ -93,7 +97,7 @@ def chain_of(arm: Any) -> SerialChain:
             raise InvalidProblem(no_axes(mechanism, "a scene needs the links of an arm"))
         chain: SerialChain = mechanism.axes
         return chain
-    return read(arm)
+    return read(arm, trusted=trusted)
 
 
 def arm_bodies(
@@ -103,13 +107,14 @@ def arm_bodies(
     urdf: str | Path | None,
     joints: Mapping[str, float],
     skip: bool,
+    trusted: bool = True,
 ) -> ArmBodies:
     """Return the bodies of an arm: those of its file, or capsules if it has none; see `Scene.of`.
 
     Raises:
         InvalidScene: Neither geometry nor `capsules`, or both, or an error of `read_bodies`.
     """
-    file = described(chain, urdf)
+    file = described(chain, urdf, trusted)
     known = {name: Path(folder).expanduser().resolve() for name, folder in chain.packages.items()}
     found = None if file is None else read_bodies(chain, *file, {**known, **folders}, skip, joints)
     if found is not None and found.bodies:
@@ -129,7 +134,9 @@ def arm_bodies(
     )
 
 
-def described(chain: SerialChain, urdf: str | Path | bytes | None) -> tuple[bytes, Path] | None:
+def described(
+    chain: SerialChain, urdf: str | Path | bytes | None, trusted: bool
+) -> tuple[bytes, Path] | None:
     """Return the text of an arm's URDF, and the path to which its references are relative; None if there is no URDF.
 
     Raises:
@@ -143,9 +150,8 @@ def described(chain: SerialChain, urdf: str | Path | bytes | None) -> tuple[byte
     if path.suffix.lower() not in (".urdf", ".xacro", ".xml") or not path.is_file():
         file_bytes(path)  # Raises an error that describes the problem.
         raise InvalidScene(f"urdf must be a .urdf or .xacro file, or the text of one, got {str(urdf)!r}")
-    text = (
-        expand_xacro(path, packages=chain.packages) if path.suffix.lower() == ".xacro" else file_bytes(path)
-    )
+    is_xacro = path.suffix.lower() == ".xacro"
+    text = expand_xacro(path, None, chain.packages, trusted) if is_xacro else file_bytes(path)
     return text, path
 
 

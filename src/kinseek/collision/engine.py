@@ -61,6 +61,18 @@ class Near(NamedTuple):
     """Nearest points on each of them, in the base, (3,) each [m]."""
 
 
+def joints_of(chain: SerialChain) -> tuple[Any, Any]:
+    """Return the joints of an arm for pinocchio, and its memory for them; the time grows with the cube of their number."""
+    pin = library("pinocchio")
+    model, joint = pin.Model(), 0
+    for k, slides in enumerate(chain.prismatic):
+        kind = pin.JointModelPZ() if slides else pin.JointModelRZ()
+        place = pin.SE3(chain.fixed[k, :, :3].copy(), chain.fixed[k, :, 3].copy())
+        # The model has one joint per physical joint, so that mimic joints and offsets need no support by pinocchio.
+        joint = model.addJoint(joint, kind, place, f"joint{k + 1}")
+    return model, model.createData()
+
+
 class Engine:
     """Collision checks of the checked pairs of a scene, used by one thread at a time, ``with engine:``.
 
@@ -68,20 +80,20 @@ class Engine:
         chain: The arm.
         solids: All parts.
         pairs: Numbers of the two parts of each checked pair.
+        joints: What `joints_of` returns, if several engines share it and are used one after the other.
     """
 
-    def __init__(self, chain: SerialChain, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]) -> None:
+    def __init__(
+        self,
+        chain: SerialChain,
+        solids: Sequence[Solid],
+        pairs: Sequence[tuple[int, int]],
+        joints: tuple[Any, Any] | None = None,
+    ) -> None:
         """Build the models of pinocchio and coal."""
         self._pin = pin = library("pinocchio")
         self._chain, self.solids, self.pairs = chain, list(solids), pairs
-        self._model = pin.Model()
-        joint = 0
-        for k, slides in enumerate(chain.prismatic):
-            kind = pin.JointModelPZ() if slides else pin.JointModelRZ()
-            place = pin.SE3(chain.fixed[k, :, :3].copy(), chain.fixed[k, :, 3].copy())
-            # The model has one joint per physical joint, so that mimic joints and offsets need no support by pinocchio.
-            joint = self._model.addJoint(joint, kind, place, f"joint{k + 1}")
-        self._data = self._model.createData()
+        self._model, self._data = joints_of(chain) if joints is None else joints
         self._geometry = pin.GeometryModel()
         for number, solid in enumerate(solids):
             place = pin.SE3(solid.pose[:3, :3].copy(), solid.pose[:3, 3].copy())

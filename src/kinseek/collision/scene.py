@@ -61,6 +61,7 @@ class Scene(Contents):
         missing: Literal["error", "skip"] = "error",
         samples: int = 1000,
         never: Literal["check", "skip"] = "check",
+        trusted: bool = True,
     ) -> Self:
         """Make the scene of an arm without obstacles.
 
@@ -79,6 +80,8 @@ class Scene(Contents):
             samples: Number of random joint values inside the limits that determine which links always touch each other.
             never: How to treat links that touch at none of these: ``"check"`` checks them; ``"skip"`` leaves them out, as
                 MoveIt's assistant does. This is faster, but samples cannot prove that it is right.
+            trusted: May Python evaluate the expressions of a xacro file that is given as `urdf` or `arm`? An arm that is
+                loaded already has the text of its file.
 
         Raises:
             InvalidScene: No geometry and no `capsules`; a mesh that is missing, empty or broken; folders, an SRDF or joints
@@ -87,7 +90,7 @@ class Scene(Contents):
             MissingExtra: pinocchio or trimesh is not installed.
         """
         library("pinocchio")
-        chain = chain_of(arm)
+        chain = chain_of(arm, trusted)
         meshes, skip = read_missing(meshes, missing)
         if never not in ("check", "skip"):
             raise InvalidScene(suggest(str(never), ("check", "skip"), "value of never"))
@@ -95,7 +98,8 @@ class Scene(Contents):
         padding = length_or_zero("padding", padding)
         if not isinstance(joints, Mapping | None):
             raise InvalidScene(f"joints must be a mapping from names to values, got {joints!r:.80}")
-        found = arm_bodies(chain, package_folders(meshes), capsules, urdf, dict(joints or {}), skip)
+        folders = package_folders(meshes)
+        found = arm_bodies(chain, folders, capsules, urdf, dict(joints or {}), skip, trusted)
         for body in found.bodies:
             body.padding = padding
         left_out = {key(a, b): NEIGHBOURS for a, b in found.neighbours}

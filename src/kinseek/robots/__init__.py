@@ -77,7 +77,7 @@ def read(
     if isinstance(source, str) and source in catalog_names():
         return _read_bundled(source, base, tip)
     if is_described(source):
-        return read_described(str(source), base, tip)
+        return read_described(str(source), base, tip, trusted)
     if path.suffix.lower() == ".urdf" or (path.suffix.lower() == ".xml" and _is_urdf(path)):
         return read_urdf(path, base, tip)
     if path.suffix.lower() == ".xml":

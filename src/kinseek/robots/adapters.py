@@ -91,8 +91,14 @@ def is_described(name: object) -> bool:
     return isinstance(name, str) and name.isidentifier() and name.endswith(_DESCRIPTION)
 
 
-def read_described(name: str, base: str | None, tip: str | None) -> SerialChain:
+def read_described(name: str, base: str | None, tip: str | None, trusted: bool) -> SerialChain:
     """Read a robot of the package robot_descriptions, which downloads its files at the first request.
+
+    Args:
+        name: Its name there.
+        base: As in `kinseek.load`.
+        tip: As in `kinseek.load`.
+        trusted: Whether Python may evaluate the expressions of a xacro file.
 
     Raises:
         InvalidRobot: The package is not installed, has no such robot, or cannot download it; or the robot cannot be used.
@@ -118,7 +124,7 @@ def read_described(name: str, base: str | None, tip: str | None) -> SerialChain:
     if path := getattr(described, "URDF_PATH", None):
         return read_urdf(path, base, tip)
     if path := getattr(described, "XACRO_PATH", None):
-        return read_urdf(path, base, tip, args=getattr(described, "XACRO_ARGS", None))
+        return read_urdf(path, base, tip, args=getattr(described, "XACRO_ARGS", None), trusted=trusted)
     return read_mjcf(described.MJCF_PATH, base, tip)
 
 

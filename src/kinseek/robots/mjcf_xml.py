@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from kinseek.errors import InvalidRobot
@@ -62,8 +62,16 @@ _NUMBERS = ("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "ran
 _WORDS = {"name", "class", "childclass", "model", "body", "file", "prefix", "content_type"}
 """Attributes that are names: a name may be "nan"."""
 
+_UNUSED = {"user", "material"}
+"""Removed attributes: any number of numbers, which MuJoCo copies with their element; and the material of a site, whose asset
+is removed too."""
+
 _COUNTED = {"body", "joint", "freejoint", "site", "frame", "replicate", "attach", "default", "model"}
 """Elements that take memory in MuJoCo, even if they are empty."""
+
+MOST_LETTERS, MOST_OF_ALL = 1_000, 2**20
+"""Most letters of one attribute, and of the attributes of all counted elements, copies counted. MuJoCo compares each name
+with all others, letter by letter."""
 
 
 @dataclass
@@ -87,8 +95,18 @@ def reduced(path: Path) -> Reduced:
         text, size = reader.model(path, ())
     except RecursionError:
         raise InvalidRobot(f"{path}: elements or files are nested too deeply") from None
-    require_few(size, "bodies, joints and other elements, copies counted", MOST_LINKS, str(path))
+    require_few(size.elements, "bodies, joints and other elements, copies counted", MOST_LINKS, str(path))
+    require_few(size.letters, "letters in names and other attributes, copies counted", MOST_OF_ALL, str(path))
     return Reduced(text, reader.attached)
+
+
+class _Size(NamedTuple):
+    """What a model takes in MuJoCo, with all copies."""
+
+    elements: int
+    """Number of elements of `_COUNTED`."""
+    letters: int
+    """Letters of their attributes, with what copies add to names."""
 
 
 MOST_MODELS = 1000
@@ -105,8 +123,8 @@ class _Reader:
         self.models = 0
         """Number of models that were read; each attachment counts."""
 
-    def model(self, path: Path, above: tuple[Path, ...]) -> tuple[str, int]:
-        """Return the text of a model, and its number of elements of `_COUNTED`, including copies."""
+    def model(self, path: Path, above: tuple[Path, ...]) -> tuple[str, _Size]:
+        """Return the text of a model, and its size."""
         if path.resolve() in above:
             raise InvalidRobot(f"{path}: the model attaches itself")
         self.models += 1
@@ -153,7 +171,7 @@ class _Reader:
             parent, place = element.getparent(), element.getparent().index(element)
             parent[place : place + 1] = list(inner)
 
-    def _attach(self, root: Any, path: Path, above: tuple[Path, ...]) -> dict[str, int]:
+    def _attach(self, root: Any, path: Path, above: tuple[Path, ...]) -> dict[str, _Size]:
         """Read the models that the file attaches, and return the size of each."""
         sizes = {}
         for element in root.iterfind("asset/model"):
@@ -179,18 +197,25 @@ class _Reader:
             raise InvalidRobot(f"{beside}: {name!r} is not a valid file name: {error}") from None
 
 
-def _size(root: Any, attached: dict[str, int]) -> int:
-    """Return the number of elements of `_COUNTED`, including those that `replicate` and `attach` create."""
-    total, stack = sum(attached.values()), [(root, 1)]  # MuJoCo also reads models that are never attached.
+def _size(root: Any, attached: dict[str, _Size]) -> _Size:
+    """Return the size of a model, with the copies that `replicate` and `attach` make."""
+    # MuJoCo also reads models that are never attached.
+    elements, letters = (sum(each[i] for each in attached.values()) for i in range(2))
+    stack = [(root, 1, 0)]
     while stack:
-        element, times = stack.pop()
+        element, times, added = stack.pop()
         if element.tag == "replicate":
             times *= _count(element.get("count"))
-        total += times * (element.tag in _COUNTED)
+            added += len(element.get("sep", ""))  # It becomes a part of each name inside.
+        own = added + sum(len(value) for name, value in element.items() if name not in _UNUSED)
+        if element.tag in _COUNTED:
+            elements, letters = elements + times, letters + times * own
         if element.tag == "attach":
-            total += times * attached.get(element.get("model"), 0)
-        stack += [(child, times) for child in _elements(element)]
-    return total
+            inner = attached.get(element.get("model"), _Size(0, 0))
+            elements += times * inner.elements
+            letters += times * (inner.letters + own * inner.elements)
+        stack += [(child, times, added) for child in _elements(element)]
+    return _Size(elements, letters)
 
 
 def _count(text: str | None) -> int:
@@ -214,7 +239,16 @@ def _write(element: Any, parent: str | None, where: str, out: list[str], line: l
         line[0] = element.sourceline
     _check_numbers(element, where)
     out.append(f"<{element.tag}")
-    out.extend(f" {name}={quoteattr(value)}" for name, value in element.items() if "{" not in name)
+    for name, value in element.items():
+        if "{" in name or name in _UNUSED:
+            continue
+        require_few(
+            len(value),
+            f"letters in {name!r:.100} of <{element.tag}> in line {element.sourceline}",
+            MOST_LETTERS,
+            where,
+        )
+        out.append(f" {name}={quoteattr(value)}")
     out.append(">")
     for child in _elements(element):
         _write(child, element.tag, where, out, line)

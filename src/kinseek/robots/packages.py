@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Iterator, Mapping
 from itertools import accumulate
 from pathlib import Path, PureWindowsPath
@@ -57,6 +58,27 @@ def in_package(name: str) -> tuple[str, str] | None:
     return package, inside
 
 
+def is_planted(entry: Path, robot: Path) -> bool:
+    """Return whether another user may have put an entry into a folder above a robot's file.
+
+    In a folder like ``/tmp`` everyone can make a package of any name. What the user, root or the owner of the file has made
+    there is accepted.
+
+    Args:
+        entry: A file or folder.
+        robot: The robot's file.
+    """
+    if not hasattr(os, "getuid"):
+        return False
+    try:
+        if not entry.parent.stat().st_mode & stat.S_IWOTH:
+            return False
+        known = {0, os.getuid(), *([robot.stat().st_uid] if robot.exists() else [])}  # It may be a text.
+        return entry.lstat().st_uid not in known
+    except (OSError, ValueError):  # It is not there, or its name cannot be a file's.
+        return False
+
+
 def _stays_inside(path: str) -> bool:
     """Return whether a path never leaves its start folder. It is parsed as on Windows, so with both kinds of slashes."""
     way = PureWindowsPath(path)
@@ -71,7 +93,8 @@ def _folders(package: str, robot: Path, packages: Mapping[str, str | Path]) -> I
     for parent in robot.resolve().parents:
         if parent.name == package:
             yield parent
-        yield parent / package
+        if not is_planted(parent / package, robot):
+            yield parent / package
     for variable, inner in (
         ("ROS_PACKAGE_PATH", ""),
         ("AMENT_PREFIX_PATH", "share"),

@@ -24,6 +24,7 @@ from kinseek.support.interrupts import raise_of_handler
 
 from .expressions import MOST_DIGITS, MOST_ENTRIES, MOST_LETTERS, Refused, entries, evaluate
 from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few
+from .packages import is_planted
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
@@ -38,7 +39,7 @@ finish_first(_XACRO_LOCK)
 _LOST_PACKAGE = re.compile(r"Package not found: (\S+)")
 """Message of xacrodoc, wrapped by xacro."""
 _MOST_STEPS, _MOST_LETTERS, _MOST_NESTED = 50_000, 2**20, 32
-"""Most elements that xacro may expand, longest value, and deepest nesting of includes."""
+"""Most elements that xacro may expand, longest value, and deepest nesting of includes and of brackets in YAML."""
 _MOST_PARAMETERS = 256
 """Most parameters of one macro: xacro searches for each of them among all."""
 _MOST_WORK = 2**25
@@ -168,7 +169,7 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
             packages._finder = packages.PackageFinder()
             packages._finder.finder_funcs[:] = before.finder_funcs
             packages._finder.package_cache.update(before.package_cache | folders)
-            packages.walk_up_from(str(path))
+            packages._finder.finder_funcs.insert(0, (_finder_above(path), packages.PackageNotFoundError))
             # Once: xacrodoc repeats it until nothing changes, and so would evaluate $${…}, which stands for ${…}.
             document = xacro.parse(None, str(path))
             xacro.process_doc(document, mappings=arguments)
@@ -187,6 +188,32 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
             raise InvalidRobot(f"{path}: xacro failed: {why}") from None
         finally:
             packages._finder = before
+
+
+def _finder_above(path: Path) -> Callable[[str], str]:
+    """Return a function that finds a package in the folders above a file.
+
+    It does what `packages.walk_up_from` of xacrodoc does, but leaves out manifests that another user may have planted:
+    files of a package may be run.
+    """
+    from xacrodoc import packages
+
+    def find(package: str) -> str:
+        for folder in path.resolve().parents[:-1]:
+            manifest, old = folder / "package.xml", folder / "manifest.xml"
+            if manifest.exists() and not is_planted(manifest, path):
+                with packages.open(manifest) as file:
+                    names = packages.minidom.parse(file).getElementsByTagName("name")
+                if len(names) != 1:
+                    raise InvalidRobot(f"{manifest}: {len(names)} <name> elements, expected one")
+                if names[0].firstChild is not None and names[0].firstChild.data == package:
+                    return str(folder)
+            # Manifests of rosbuild contain no name.
+            if old.exists() and not is_planted(old, path):
+                return str(folder)
+        raise packages.PackageNotFoundError(package)
+
+    return find
 
 
 @contextlib.contextmanager
@@ -377,13 +404,19 @@ def _yaml_content(text: bytes, units: Any, where: str) -> Any:
         where: The file, for messages.
 
     Raises:
-        InvalidRobot: The file has a number with too many digits, or too many entries when expanded.
+        InvalidRobot: The file has a number with too many digits, too many entries when expanded, or too many brackets
+            around one value.
         yaml.YAMLError: The text is not YAML.
     """
     import yaml  # type: ignore[import-untyped]
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
         """A separate class, so that the tags for units are not added to the loader of other programs."""
+
+        def fetch_flow_collection_start(self, token: Any) -> None:
+            # At each word PyYAML goes through all brackets around it.
+            require_few(self.flow_level + 1, "brackets around one value", _MOST_NESTED, where)
+            super().fetch_flow_collection_start(token)
 
     for unit in units:
         Loader.add_constructor(unit.value.tag, unit.constructor)
@@ -509,7 +542,8 @@ def kinematic_part(root: Any, name: str, where: str) -> Any:
 
     if root.tag != "robot":
         raise InvalidRobot(f"{where}: not a robot: the root tag is <{root.tag}>, expected <robot>")
-    if next(root.iter(f"{{{_XACRO}}}*"), None) is not None:
+    # xacro knows its commands by their prefix, and many files name another address than it does.
+    if root.xpath(f"descendant::*[namespace-uri() = '{_XACRO}' or starts-with(name(), 'xacro:')]"):
         raise InvalidRobot(f"{where}: the file has xacro commands; rename it to .xacro to expand them")
     # urdfdom reads it in files of version 1.1 and later.
     for origin in root.iter("origin"):
