@@ -292,6 +292,32 @@ def _moved(prismatic: bool, value: float) -> Array:
     return transform(rotation(np.array([0.0, 0.0, 1.0]), value), [0.0, 0.0, 0.0])
 
 
+def joint_frames(chain: SerialChain, q: Array) -> tuple[Array, Array]:
+    """Return frames of the physical joints before and after they move, for pictures.
+
+    Args:
+        chain: The arm, with m physical joints.
+        q: Joint values, (k, n), [rad] or [m].
+
+    Returns:
+        The frames before and after, in the base, (k, m, 4, 4) each, lengths in [m]. A joint moves about or along its z axis.
+    """
+    values = chain.multiplier * q[:, chain.leader] + chain.offset
+    T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    before, after = [], []
+    for k, value in enumerate(values.T):
+        move = np.zeros((len(q), 4, 4)) + np.eye(4)
+        if chain.prismatic[k]:
+            move[:, 2, 3] = value
+        else:
+            move[:, 0, 0] = move[:, 1, 1] = np.cos(value)
+            move[:, 1, 0] = np.sin(value)
+            move[:, 0, 1] = -move[:, 1, 0]
+        before.append(T @ square(chain.fixed[k]))
+        after.append(T := before[-1] @ move)
+    return np.stack(before, axis=1), np.stack(after, axis=1)
+
+
 def joint_points(chain: SerialChain, q: Array) -> Array:
     """Return positions of the base, of both ends of every slide, of every other joint and of the tip, for pictures.
 
@@ -302,14 +328,8 @@ def joint_points(chain: SerialChain, q: Array) -> Array:
     Returns:
         Positions from base to tip, (m + s + 2, 3), [m].
     """
-    T, points = np.eye(4), [np.zeros(3)]
-    for k in range(len(chain.leader)):
-        value = chain.multiplier[k] * q[chain.leader[k]] + chain.offset[k]
-        T = T @ square(chain.fixed[k])
-        points.append(T[:3, 3].copy())
-        if chain.prismatic[k]:
-            T[:3, 3] += value * T[:3, 2]
-            points.append(T[:3, 3].copy())
-        else:
-            T[:3, :3] = T[:3, :3] @ rotation(np.array([0.0, 0.0, 1.0]), value)
-    return np.array([*points, (T @ square(chain.fixed[-1]))[:3, 3]])
+    before, after = (frames[0] for frames in joint_frames(chain, q[None]))
+    points = [np.zeros(3)]
+    for k, slides in enumerate(chain.prismatic):
+        points += [before[k, :3, 3], after[k, :3, 3]] if slides else [before[k, :3, 3]]
+    return np.array([*points, (after[-1] @ square(chain.fixed[-1]))[:3, 3]])

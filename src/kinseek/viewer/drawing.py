@@ -7,9 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.kernels.arm.forward import forward_many
-from kinseek.kernels.arrays import ChainArrays
-from kinseek.robots.chain import Frame, SerialChain
+from kinseek.robots.chain import SerialChain, joint_frames
 from kinseek.support.transforms import square
 
 Array = NDArray[np.float64]
@@ -36,14 +34,8 @@ class Figure:
     """The shape of an arm at any joint values."""
 
     def __init__(self, chain: SerialChain) -> None:
-        """Find the positions of its joints."""
-        self._before: list[ChainArrays] = []
-        self._after: list[ChainArrays] = []
-        for k in range(len(chain.leader)):
-            self._before.append(chain.arrays_to(Frame(k, square(chain.fixed[k]))))
-            self._after.append(chain.arrays_to(Frame(k + 1, np.eye(4))))
-        self._tip = chain.arrays
-        self._slides = chain.prismatic
+        """Take the arm."""
+        self._chain = chain
         self.size = max(chain.reach, 1e-3)
         """Approximate reach [m]."""
         self.joints = len(chain.leader)
@@ -57,31 +49,20 @@ class Figure:
         Args:
             q: Joint values, (k, n), [rad] or [m].
         """
-        q = np.ascontiguousarray(q, dtype=float)
-        before = [forward_many(arrays, q) for arrays in self._before]
-        after = [
-            forward_many(arrays, q) if slides else moved
-            for arrays, slides, moved in zip(self._after, self._slides, before, strict=True)
-        ]
-        tip = forward_many(self._tip, q)[:, :3, 3]
-        here = [np.zeros_like(tip), *(T[:, :3, 3] for T in after)]
-        there = [*(T[:, :3, 3] for T in before), tip]
-        start, end = np.stack(here, axis=1), np.stack(there, axis=1)
-        ends = [self._barrel(*each) for each in zip(before, after, self._slides, strict=True)]
+        chain, slides = self._chain, self._chain.prismatic
+        before, after = joint_frames(chain, np.asarray(q, dtype=float))
+        base = np.zeros((len(before), 1, 3))
+        tip = (after[:, -1] @ square(chain.fixed[-1]))[:, None, :3, 3]
+        # A slide is drawn along its way, any other joint as a barrel around its axis.
+        half = self.size * BARREL / 2 * before[..., :3, 2]
+        here, there = before[..., :3, 3], after[..., :3, 3]
+        one = np.where(slides[:, None], here, here - half)
+        other = np.where(slides[:, None], there, here + half)
         radius = np.full(self.links + self.joints, self.size * LINK)
-        radius[self.links :] = self.size * np.where(self._slides, 1.3 * LINK, JOINT)
+        radius[self.links :] = self.size * np.where(slides, 1.3 * LINK, JOINT)
         return between(
-            np.concatenate([start, np.stack([one for one, _ in ends], axis=1)], axis=1),
-            np.concatenate([end, np.stack([other for _, other in ends], axis=1)], axis=1),
-            radius,
+            np.concatenate([base, there, one], axis=1), np.concatenate([here, tip, other], axis=1), radius
         )
-
-    def _barrel(self, before: Array, after: Array, slides: bool) -> tuple[Array, Array]:
-        """Return both ends of a joint: along the axis of a revolute joint, along the slide of a prismatic joint."""
-        if slides:
-            return before[:, :3, 3], after[:, :3, 3]
-        half = self.size * BARREL / 2 * before[:, :3, 2]
-        return before[:, :3, 3] - half, before[:, :3, 3] + half
 
 
 def between(start: Array, end: Array, radius: Array) -> Cylinders:
