@@ -1,4 +1,4 @@
-"""Answer what Numba asks itself again and again while it compiles: an eighth of the time of a build.
+"""Answer what Numba asks itself again and again while it compiles: a tenth of the time of a build.
 
 Every object file is the same to the byte with these shortcuts and without them, which `tests/kernels/test_start_build.py`
 checks. They change Numba for the whole process, so only `emit.py` takes them.
@@ -28,7 +28,7 @@ def take() -> None:
 
 
 def _report_no_calls_of_llvm() -> None:
-    """Let no event be made at the begin and the end of every call of LLVM; nobody listens."""
+    """Make no events when a call of LLVM begins and ends; nobody listens."""
     for acquired, released in tuple(ffi.lib._lock._cblist):
         ffi.unregister_lock_callback(acquired, released)
 
