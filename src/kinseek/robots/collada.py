@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
+from kinseek.support.lazy import Lazy, lazy
 
 from .polygons import triangulated
 
@@ -141,10 +142,11 @@ def require_geometry(geometry: Any) -> int:
     for each in mesh:
         if name_of(each) not in _IN_MESHES:
             raise InvalidRobot(f"{who} has a <{name_of(each)}>, expected only {_listed(_IN_MESHES)}")
-    sources: dict[str, Any] = {}
+    sources: dict[str, _Source] = {}
     for each in mesh.iterfind("{*}source"):
-        if sources.setdefault(f"#{each.get('id')}", each) is not each:
+        if (url := f"#{each.get('id')}") in sources:
             raise InvalidRobot(f"{who} has two sources {each.get('id')!r:.100}, expected one")
+        sources[url] = _Source(each)
     if (several := len(mesh.findall("{*}vertices"))) > 1:
         raise InvalidRobot(f"{who} has {several} <vertices>, expected one")
     for vertices in mesh.iterfind("{*}vertices"):
@@ -158,7 +160,26 @@ def require_geometry(geometry: Any) -> int:
     return sum(_triangles(part, sources, who) for part in mesh if name_of(part) in _TRIANGLES)
 
 
-def _triangles(part: Any, sources: dict[str, Any], who: str) -> int:
+class _Source(Lazy):
+    """An array of a mesh. Each of its polygons may refer to it, so what is read of it is read once."""
+
+    def __init__(self, element: Any) -> None:
+        self.element, self.floats = element, element.find("{*}float_array")
+
+    @lazy
+    def rows(self) -> int | None:
+        """Number of rows; None if it has no floats."""
+        columns = len(self.element.findall("{*}technique_common/{*}accessor/{*}param"))
+        return None if self.floats is None or not columns else count_words(self.floats.text) // columns
+
+    @lazy
+    def positions(self) -> NDArray[np.float64]:
+        """Rows of three floats, (k, 3)."""
+        numbers = np.fromstring(self.floats.text, sep=" ")
+        return numbers[: len(numbers) // 3 * 3].reshape(-1, 3)
+
+
+def _triangles(part: Any, sources: dict[str, _Source], who: str) -> int:
     """Check a primitive, and return the number of its triangles."""
     name = name_of(part)
     for each in part:
@@ -181,7 +202,7 @@ def _triangles(part: Any, sources: dict[str, Any], who: str) -> int:
     place, positions = next(
         one for one, each in zip(found, inputs, strict=True) if each.get("semantic") == "VERTEX"
     )
-    triangles = 0
+    triangles, corners_of_all, sizes_of_all = 0, [], []
     for each in parts:
         indices = _indices(each, who)
         if len(indices) % (3 * width if name == "triangles" else width):
@@ -199,17 +220,22 @@ def _triangles(part: Any, sources: dict[str, Any], who: str) -> int:
             triangles += corners // 3 if name == "triangles" else max(corners - 2, 0)
             sizes = np.array([corners] if name == "polygons" else [], dtype=np.int64)
         for offset, source in found:
-            rows, largest = _rows(source), indices[offset::width].max(initial=-1)
-            if rows is not None and largest >= rows:
+            largest = indices[offset::width].max(initial=-1)
+            if source.rows is not None and largest >= source.rows:
                 raise InvalidRobot(
-                    f"{who} has the index {largest:.0f} in a <{name}>, but its source {source.get('id')!r:.100} has {rows} "
-                    "rows"
+                    f"{who} has the index {largest:.0f} in a <{name}>, but its source "
+                    f"{source.element.get('id')!r:.100} has {source.rows} rows"
                 )
-        _require_fans(positions, indices[place::width].astype(np.int64), sizes, f"{who} has a <{name}>")
+        corners_of_all.append(indices[place::width].astype(np.int64))
+        sizes_of_all.append(sizes)
+    if parts:
+        _require_fans(
+            positions, np.concatenate(corners_of_all), np.concatenate(sizes_of_all), f"{who} has a <{name}>"
+        )
     return triangles
 
 
-def _require_fans(source: Any, corners: NDArray[np.int64], sizes: NDArray[np.int64], what: str) -> None:
+def _require_fans(source: _Source, corners: NDArray[np.int64], sizes: NDArray[np.int64], what: str) -> None:
     """Check that the diagonals of polygons from their first corner lie inside: the reader divides all polygons by these.
 
     Args:
@@ -221,13 +247,11 @@ def _require_fans(source: Any, corners: NDArray[np.int64], sizes: NDArray[np.int
     Raises:
         InvalidRobot: A polygon has other diagonals, or crosses itself.
     """
-    floats, large = source.find("{*}float_array"), sizes > 3
-    if floats is None or not large.any():
+    large = sizes > 3
+    if source.floats is None or not large.any():
         return
-    vertices = np.fromstring(floats.text, sep=" ")
-    vertices = vertices[: len(vertices) // 3 * 3].reshape(-1, 3)
     corners, sizes = corners[np.repeat(large, sizes)], sizes[large]
-    triangles, owners = triangulated(vertices, corners, sizes, lambda number: what)
+    triangles, owners = triangulated(source.positions, corners, sizes, lambda number: what)
     wrong = np.flatnonzero(triangles[:, 0] != (np.cumsum(sizes) - sizes)[owners])
     if len(wrong):
         raise InvalidRobot(
@@ -236,7 +260,7 @@ def _require_fans(source: Any, corners: NDArray[np.int64], sizes: NDArray[np.int
         )
 
 
-def _source_of(element: Any, sources: dict[str, Any], who: str) -> Any:
+def _source_of(element: Any, sources: dict[str, _Source], who: str) -> _Source:
     url = element.get("source")
     if url not in sources:
         raise InvalidRobot(
@@ -260,16 +284,9 @@ def _indices(element: Any, who: str) -> NDArray[np.float64]:
     return np.fromstring(element.text, sep=" ") if count_words(element.text) else np.zeros(0)
 
 
-def _rows(source: Any) -> int | None:
-    """Return the number of rows of a source; None if it has no floats."""
-    floats = source.find("{*}float_array")
-    columns = len(source.findall("{*}technique_common/{*}accessor/{*}param"))
-    return None if floats is None or not columns else count_words(floats.text) // columns
-
-
-def _require_positions(source: Any, who: str) -> None:
+def _require_positions(source: _Source, who: str) -> None:
     """Check that positions are rows of three numbers, without any between them: the reader ignores stride and offset."""
-    floats, accessor = source.find("{*}float_array"), source.find("{*}technique_common/{*}accessor")
+    floats, accessor = source.floats, source.element.find("{*}technique_common/{*}accessor")
     if floats is None or accessor is None:
         raise InvalidRobot(f"{who} has positions without a <float_array> and an <accessor>")
     if re.fullmatch(r"[0-9eE+\-. \t\r\n]*", floats.text or "") is None:
