@@ -1,16 +1,16 @@
-"""Compile the kernels before they are shipped: one library that needs neither Numba nor a compiler where it runs.
+"""Build the library of compiled kernels, which needs neither Numba nor a compiler where it runs.
 
-Numba types, lowers and optimises every entry (`kinseek.kernels.entry`) and every routine for one level of processors, as it
-does when it compiles them for this machine. A wrapper that takes all arguments from a table of numbers goes beside each,
-the object file is written as it is, and a C compiler links all of them with the door (``door.c``) and the little that
-kernels ask of Numba's runtime (``runtime.c``). No optimisation runs a second time: the same bits as compiled on the spot.
+Processes of ``emit.py`` compile every entry (`kinseek.kernels.entry`) and every routine for one level of processors, and
+write an object file of each. A C compiler links these files with ``door.c``, which Python calls, and with ``runtime.c``, the
+part of Numba's runtime that kernels need. It optimises nothing, so results have the same bits as with kernels that Numba
+compiles on first call.
 
-    python native/build.py src/kinseek/kernels          # the library, for the level of this very processor
-    python native/build.py OUT --levels 2 3             # for other levels; for all of them if none is named
+    python native/build.py src/kinseek/kernels          # the library, for the level of this processor
+    python native/build.py OUT --levels 2 3             # for other levels; for all levels if none is named
     python native/build.py OUT --rooms paths            # some folders of kernels, and those that the library there has
-    python native/build.py OUT --target aarch64-linux-gnu arm64-apple-darwin    # for other machines, each in a folder
+    python native/build.py OUT --target aarch64-linux-gnu arm64-apple-darwin    # for other machines, a folder for each
 
-For other machines LLVM optimises what Numba lowered, and ``zig cc`` (PyPI's ziglang) links: see docs/building.md.
+Libraries for other machines are linked by ``zig cc`` (ziglang on PyPI), see docs/building.md.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ PRIVATE: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "support" / "p
 PRINTABLE: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "printable.py"))
 
 FIRST = ("arm", "structure", "atlas")
-"""Rooms (folders of kernels) that `Arm.fk` and `Arm.ik` need. An editable install has these, and compiles others when they
-are first called."""
+"""Folders of kernels that `Arm.fk` and `Arm.ik` need. An editable install has only these, and compiles others on their first
+call."""
 
 MONTH = 30 * 24 * 3600.0
-"""Objects are kept so long, in seconds."""
+"""How long unused object files are kept [s]."""
 
 ALIASES = {"amd64": "x86_64", "x64": "x86_64", "arm64": "aarch64"}
 
@@ -69,7 +69,7 @@ def main() -> None:
         "--levels",
         type=int,
         nargs="*",
-        help="levels of the processor: by default its own, all if none is named",
+        help="levels of the processor: the level of this one by default, all if none is named",
     )
     parser.add_argument("--rooms", nargs="*", default=(), help="folders of kernels; all by default")
     parser.add_argument("--target", nargs="+", choices=TARGETS, help="build for other machines, every level")
@@ -88,13 +88,13 @@ def main() -> None:
 
 
 def machine() -> str:
-    """The kind of processor."""
+    """Return the kind of this processor."""
     name = platform.machine().lower()
     return ALIASES.get(name, name)
 
 
 def this_level() -> list[int]:
-    """The highest level that this very processor runs; all where it cannot be told."""
+    """Return the highest level that this processor runs, or all levels if its features are unknown."""
     known = LEVELS.get(machine(), {})
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
@@ -108,9 +108,9 @@ def this_level() -> list[int]:
 
 
 def platform_tag(library: Path, target: str = "") -> str:
-    """Of a wheel with this library: the oldest glibc that has all it asks for, else the platform's own.
+    """Return the platform tag of a wheel with this library.
 
-    It is manylinux_2_17 at least: older systems are told apart by nobody any more.
+    On Linux it names the oldest glibc that has all symbols of the library, but at least 2.17, the oldest still in use.
     """
     platform_name = sysconfig.get_platform().replace("-", "_").replace(".", "_")
     processor = machine()
@@ -124,7 +124,7 @@ def platform_tag(library: Path, target: str = "") -> str:
 
 
 def rooms_in(library: Path, levels: list[int]) -> set[str]:
-    """Rooms of the library that is there; none if it was made from other sources, or for other levels."""
+    """Return the folders of kernels in an existing library; none if it has other sources or other levels."""
     if not library.exists():
         return set()
     found = re.search(re.escape(made_of(levels).encode()) + rb" rooms ([a-z ]+);", library.read_bytes())
@@ -132,34 +132,34 @@ def rooms_in(library: Path, levels: list[int]) -> set[str]:
 
 
 def has_rooms(there: set[str], rooms: Iterable[str]) -> bool:
-    """Is each of some rooms there, or every one if none is named?"""
+    """Return whether a library has some folders of kernels, or all of them if none is named."""
     return ALL in there or (bool(rooms) and there.issuperset(rooms))
 
 
 def made_of(levels: list[int]) -> str:
-    """What a library for some levels is made of: the kernels, and what stands in this folder."""
+    """Return a text that identifies the sources of a library: digests of the kernels and of this folder, and the levels."""
     own = _digest_of(*sorted(path.name for path in HERE.glob("*.[cph]*")))
     return f"kinseek kernels {source_digest()} by {own} levels {' '.join(map(str, levels))}"
 
 
 def _digest_of(*names: str) -> str:
-    """Of some files of this folder."""
+    """Return the digest of some files of this folder."""
     return hashlib.sha256(b"".join((HERE / name).read_bytes() for name in names)).hexdigest()[:16]
 
 
 def _cache() -> str:
-    """Where objects for this machine are kept: KINSEEK_OBJECTS, else the user's cache."""
+    """Return where object files for this machine are kept: KINSEEK_OBJECTS, else the user's cache."""
     user: str = PRIVATE["user_cache"]()
     return os.environ.get("KINSEEK_OBJECTS") or os.path.join(os.path.expanduser(user), "kinseek", "objects")
 
 
 @contextmanager
 def _alone(work: Path) -> Iterator[None]:
-    """Let a second build wait for the first one: it would miss what that has taken and not finished."""
+    """Let a second build wait for the first one, which has marked kernels as taken that are not finished yet."""
     if fcntl is None:
         yield
         return
-    # With some umasks others may write to a new file, and then `_objects` would reject the folder.
+    # With some umasks others could write to a new file, and then `_objects` would reject the folder.
     with open(os.open(work / "lock", os.O_WRONLY | os.O_CREAT, 0o600), "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
@@ -181,12 +181,14 @@ def _alone_into(folder: Path) -> Iterator[None]:
 
 
 def _put(new: Path, library: Path) -> None:
-    """Replace a library as a whole, even if another build does the same at this moment: not every system has locks."""
+    """Replace a library atomically: on systems without locks another build may do the same at this moment."""
     descriptor, name = tempfile.mkstemp(suffix=".new", prefix=f"{library.name}.", dir=library.parent)
     os.close(descriptor)
     try:
         shutil.copyfile(new, name)
-        os.chmod(name, 0o755)  # Whatever the umask: nobody else may write to what every process loads.
+        os.chmod(
+            name, 0o755
+        )  # Despite the umask, no other user may write to a file that every process loads.
         os.replace(name, library)
     except BaseException:  # Includes Ctrl-C.
         os.unlink(name)
@@ -194,7 +196,7 @@ def _put(new: Path, library: Path) -> None:
 
 
 def _forget(work: Path) -> None:
-    """Remove what no build has made or taken for a month; what these sources are made of counts as taken."""
+    """Remove files that no build has written or used for a month; files of the present sources count as used."""
     for level in {path.name.split(".")[1] for path in work.glob("*.names")}:
         for path in _wanted(work, int(level), []):
             for one in (path, path.with_suffix(".taken")):
@@ -206,15 +208,15 @@ def _forget(work: Path) -> None:
 
 
 def _objects(keep: str | Path | None, place: str) -> Path:
-    """Where object files go: below the folder where they are kept, one of this compiler, else a place.
+    """Return the folder for object files: a folder of this compiler below `keep`, or `place`.
 
-    What is found there ends up in the library. So a folder in which others can change something is not used, and one line
-    says so.
+    Files in it become part of the library. So a folder in which other users can change something is not used; one line on
+    stderr reports that.
     """
     if not keep:
         return Path(place)
     versions = [importlib.metadata.version(each) for each in ("numba", "llvmlite")]
-    # Objects do not depend on this file, nor on the door.
+    # Object files depend neither on this file nor on door.c.
     name = "-".join([_digest_of("emit.py", "shortcuts.py", "targets.py"), *versions])
     try:
         work: Path = PRIVATE["private_folder"](Path(keep), name)
@@ -231,21 +233,21 @@ def _objects(keep: str | Path | None, place: str) -> Path:
 
 @functools.cache
 def source_digest() -> str:
-    """Of the sources as they were when first asked for, see `kinseek.kernels.sources`."""
+    """Return the digest of the kernels' sources at the time of the first call, see `kinseek.kernels.sources`."""
     digest: str = SOURCES["source_digest"](SOURCE / "kinseek")
     return digest
 
 
 def build(folder: Path, levels: list[int] | None = None, rooms: Iterable[str] = ()) -> Path:
-    """Compile and link, unless the library that is there is current; return where it is.
+    """Compile and link, unless the existing library is current; return its path.
 
     Args:
         folder: Where the library goes.
         levels: Levels of the processor; all by default.
-        rooms: Folders of kernels, all by default. Those that a library from these sources has already stay in it.
+        rooms: Folders of kernels, all by default. An existing library of the same sources keeps its other folders.
 
     Raises:
-        BuildError: There is no C compiler, this kind of processor or a room is not known, or a step failed.
+        BuildError: There is no C compiler, the kind of processor or a folder is unknown, or a step failed.
     """
     known = LEVELS.get(machine())
     if known is None:
@@ -268,7 +270,7 @@ def build(folder: Path, levels: list[int] | None = None, rooms: Iterable[str] = 
         _alone(work := _objects(_cache(), place)),
         _alone_into(folder),
     ):
-        if has_rooms(there := rooms_in(library, wanted), rooms):  # Another build made it meanwhile.
+        if has_rooms(there := rooms_in(library, wanted), rooms):  # Another build has made it in the meantime.
             return library
         some = sorted({*rooms, *there}) if rooms else []
         _emit_all(work, wanted, known, some)
@@ -290,9 +292,9 @@ def build(folder: Path, levels: list[int] | None = None, rooms: Iterable[str] = 
 
 
 def build_for(folder: Path, targets: list[str], keep: Path | None = None) -> list[Path]:
-    """Compile for other machines and link; return where the libraries are, each in a folder named after its target.
+    """Compile for other machines and link; return the libraries, each in a folder named after its target.
 
-    Where nothing can link for a target (``x86_64-pc-windows-msvc``), its objects and the table of them stay there instead.
+    If no linker for a target is known (``x86_64-pc-windows-msvc``), its folder gets the object files and their table.
 
     Raises:
         BuildError: A step failed.
@@ -318,7 +320,7 @@ def build_for(folder: Path, targets: list[str], keep: Path | None = None) -> lis
 
 
 def _link_foreign(library: Path, target: Any, table: Path, objects: list[Path], work: Path) -> Path:
-    """Compile the door for another machine and link, with the C compiler that is in PyPI's ziglang."""
+    """Compile ``door.c`` for another machine and link, with the C compiler of ziglang."""
     zig = [sys.executable, "-m", "ziglang"]
     include = [
         "-include",
@@ -328,7 +330,7 @@ def _link_foreign(library: Path, target: Any, table: Path, objects: list[Path], 
     ]
     new, against = work / f"{target.linker}{target.suffix}", []
     if target.windows:
-        # Only names matter, so the library to link against needs no Python for Windows.
+        # Linking needs only the names, and no Python for Windows.
         data = [f"    {name} DATA" for name in OUTSIDE["PYTHON_DATA"]]
         names = ["LIBRARY python3.dll", "EXPORTS", *(f"    {name}" for name in OUTSIDE["PYTHON"]), *data, ""]
         (work / "python3.def").write_text("\n".join(names))
@@ -351,7 +353,7 @@ def _link_foreign(library: Path, target: Any, table: Path, objects: list[Path], 
 
 
 def _emit_foreign(work: Path, targets: list[str]) -> None:
-    """Have everything lowered once, and machine code made for every target."""
+    """Run processes that lower every kernel once and write its machine code for every target."""
     places = [(work / name, level) for name in targets for level in TARGETS[name].levels]
     _take_up(places, [])
     environment = _environment(work, MACHINES["COMPILING_FOR_OTHERS"])
@@ -360,14 +362,14 @@ def _emit_foreign(work: Path, targets: list[str]) -> None:
 
 
 def _wanted(place: Path, level: int, rooms: list[str]) -> list[Path]:
-    """The objects of some rooms for a level, there by now or not; none where their names are not known yet."""
+    """Return the paths of the object files of some folders for a level, none before their names are known."""
     names = place / f"{source_digest()}.{level}.names"
     known = [line.split() for line in names.read_text().splitlines()] if names.exists() else []
     return [place / f"{stem}.{level}.o" for room, stem in known if not rooms or room in rooms]
 
 
 def _take_up(places: list[tuple[Path, int]], rooms: list[str]) -> bool:
-    """Let what an earlier run began and did not finish be taken again; is anything left to do?"""
+    """Unmark kernels that an earlier run took and did not finish; return whether any kernel is left to compile."""
     first, level = places[0]
     for mark in first.glob(f"*.{level}.taken"):
         if not all((place / f"{mark.name.split('.')[0]}.{each}.o").exists() for place, each in places):
@@ -377,12 +379,12 @@ def _take_up(places: list[tuple[Path, int]], rooms: list[str]) -> bool:
 
 
 def _environment(work: Path, asked: dict[str, str]) -> dict[str, str]:
-    """Of a process that compiles."""
+    """Return the environment of a process that compiles."""
     return (
         os.environ
         | {
             "NUMBA_CACHE_DIR": str(work / "cache"),
-            # A build in an environment of its own finds Numba by this path too.
+            # An isolated build environment also finds Numba by this path.
             "PYTHONPATH": os.pathsep.join(filter(None, (str(SOURCE), os.environ.get("PYTHONPATH")))),
         }
         | COMPILING
@@ -391,7 +393,7 @@ def _environment(work: Path, asked: dict[str, str]) -> dict[str, str]:
 
 
 def _emit_all(work: Path, levels: list[int], known: dict[int, str], rooms: list[str]) -> None:
-    """Have every entry and routine of some rooms compiled for each level that is not there yet."""
+    """Compile every entry and routine of some folders for each level that is not complete yet."""
     undone = [level for level in levels if _take_up([(work, level)], rooms)]
     share = max(1, (os.cpu_count() or 1) // max(1, len(undone)))
     running = []
@@ -402,9 +404,10 @@ def _emit_all(work: Path, levels: list[int], known: dict[int, str], rooms: list[
 
 
 def _start(words: list[str], environment: dict[str, str], count: int) -> list[subprocess.Popen[bytes]]:
-    """Start processes, each of which compiles the next kernel that nobody has taken.
+    """Start processes, each of which compiles the next kernel that none has taken.
 
-    Every second one begins at the other end: neighbours are made of the same parts, which are then compiled by one alone.
+    Every second process begins at the end of the list. Neighbours have many parts in common, and so most parts are compiled
+    by one process only.
     """
     command = [sys.executable, str(HERE / "emit.py"), *words]
     ends: tuple[list[str], ...] = ([], ["backwards"])
@@ -412,7 +415,7 @@ def _start(words: list[str], environment: dict[str, str], count: int) -> list[su
 
 
 def _wait(running: list[subprocess.Popen[bytes]], places: list[tuple[Path, int]], rooms: list[str]) -> None:
-    """Wait until all have ended, and show how far they are where there is a terminal."""
+    """Wait until all processes have ended, and show their progress if there is a terminal."""
     began = time.monotonic()
     with _screen() as screen:
         try:
@@ -432,19 +435,19 @@ def _wait(running: list[subprocess.Popen[bytes]], places: list[tuple[Path, int]]
 
 
 def _screen() -> TextIO:
-    """The terminal that this was started from. pip keeps what a build says to itself, and this takes a minute."""
+    """Return the terminal of this process, or the null device. pip does not show the output of a build."""
     try:
-        screen = open("/dev/tty", "w", encoding="utf-8")  # noqa: SIM115  # Its caller closes it.
+        screen = open("/dev/tty", "w", encoding="utf-8")  # noqa: SIM115  # The caller closes it.
         if os.tcgetpgrp(screen.fileno()) == os.getpgrp():
             return screen
-        screen.close()  # Of another job than the one in front.
+        screen.close()  # This is a background job.
     except OSError:
         pass
     return open(os.devnull, "w", encoding="utf-8")
 
 
 def _show(screen: TextIO, wanted: list[Path], seconds: float) -> None:
-    """Draw how many are done, in place."""
+    """Show how many object files are finished, in place."""
     total, done = len(wanted), sum(path.exists() for path in wanted)
     if total:
         bar = "#" * (30 * done // total)
@@ -453,15 +456,15 @@ def _show(screen: TextIO, wanted: list[Path], seconds: float) -> None:
 
 
 def _table(work: Path, levels: list[int], rooms: list[str], into: Path) -> Path:
-    """Write down the symbols of the objects of some rooms as C, into another folder."""
+    """Write a C file with the table of the symbols of some folders' object files; return its path."""
     names = {level: [path.name.partition("-")[0] for path in _wanted(work, level, rooms)] for level in levels}
     digest, named = source_digest(), " ".join(rooms or [ALL])
     lines = ['#include "door.h"', ""]
     lines += [f"extern void {name}_l{level}(void);" for level in levels for name in names[level]]
     rows = [f'    {{"{name}", {level}, {name}_l{level}}},' for level in levels for name in names[level]]
     lines += ["", "const Symbol symbols[] = {", *rows, "    {0, 0, 0}};"]
-    told = " ".join(map(str, levels))
-    lines += [f'const char digest[] = "{digest}";', f'const char levels_built[] = "{told}";']
+    built = " ".join(map(str, levels))
+    lines += [f'const char digest[] = "{digest}";', f'const char levels_built[] = "{built}";']
     lines += [f'const char rooms_built[] = "{named}";']
     lines += [f'const char made_of[] = "{made_of(levels)} rooms {named};";', ""]
     path = into / "table.c"
@@ -477,7 +480,7 @@ def _run(command: list[str]) -> None:
 
 
 class BuildError(RuntimeError):
-    """There is no library, and the message says why."""
+    """The library was not built; the message says why."""
 
 
 if __name__ == "__main__":

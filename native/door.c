@@ -1,4 +1,5 @@
-/* The door of the library: callables that check what they are given, hand it over by address, and give the GIL back meanwhile. */
+/* The module that Python imports: callables that check their arguments, pass them to a kernel by address, and release the
+   GIL while it runs. */
 #define Py_LIMITED_API 0x030B0000
 #include <Python.h>
 #include <stdint.h>
@@ -17,7 +18,7 @@ enum { FLOAT, INTEGER, FLAG, ARRAY, BUNDLE };  /* As src/kinseek/kernels/backend
 
 typedef struct {
     int32_t (*code)(int64_t *);
-    PyObject *explain;  /* Called with the arguments where they do not fit: it raises a TypeError that says why. */
+    PyObject *explain;  /* Called with arguments that do not fit; raises a TypeError that says why. */
     int arguments, results;
     int32_t result_kind[MOST_RESULTS];
     int32_t program[];
@@ -166,14 +167,14 @@ static PyObject *make_entry(PyObject *self, PyObject *args) {
     int arguments;
     Py_ssize_t length, results;
     PyObject *explain, *code, *returned;
-    /* No "#": what that needs was another function before Python 3.13, and a library has to run where it was not built. */
+    /* Not "#": before Python 3.13 that called another function, and the library has to run with all versions. */
     if (!PyArg_ParseTuple(args, "sliSSO", &name, &level, &arguments, &code, &returned, &explain)) return NULL;
     if (PyBytes_AsStringAndSize(code, &program, &length) || PyBytes_AsStringAndSize(returned, &kinds, &results)) return NULL;
     const Symbol *symbol = find(name, level);
     if (!symbol) return NULL;
     if (results > (Py_ssize_t)sizeof(int32_t) * MOST_RESULTS) return PyErr_Format(PyExc_ValueError, "%s returns too much", name);
     int32_t slots = 0, arrays = 0, highest = -1;
-    for (Py_ssize_t i = 0; i < length / 4;) {  /* Does the longest call fit into `Call`? */
+    for (Py_ssize_t i = 0; i < length / 4;) {  /* The longest call has to fit into `Call`. */
         int32_t op = ((const int32_t *)program)[i++];
         if (op == BUNDLE) i++;
         else slots++;
@@ -214,7 +215,7 @@ static PyObject *address(PyObject *self, PyObject *args) {
 }
 
 #if defined(__x86_64__) || defined(_M_X64)
-/* Asked of the processor itself: `__builtin_cpu_supports` says no to everything where zig links. */
+/* The highest level of this processor. `__builtin_cpu_supports` always returns 0 in a library that zig links. */
 static int level(void) {
     unsigned a, b, c, d, low, high;
     const unsigned v2 = bit_SSE3 | bit_SSSE3 | bit_CMPXCHG16B | bit_SSE4_1 | bit_SSE4_2 | bit_POPCNT;
@@ -223,7 +224,7 @@ static int level(void) {
     if (!__get_cpuid(1, &a, &b, &c, &d) || (c & v2) != v2) return 0;
     if ((c & v3) != v3) return 2;
     __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
-    const unsigned kept = low & 0xe6;  /* Wide registers that the system keeps. */
+    const unsigned kept = low & 0xe6;  /* Wide registers that the system saves. */
     if ((kept & 6) != 6) return 2;
     if (!__get_cpuid_count(7, 0, &a, &b, &c, &d) || (b & v3_too) != v3_too) return 2;
     const int fourth = (b & v4) == v4 && kept == 0xe6;

@@ -1,4 +1,4 @@
-/* What native/build.py writes down of the kernels it compiled. */
+/* The table of compiled kernels that native/build.py writes. */
 #include <stdint.h>
 
 typedef struct {
@@ -8,7 +8,7 @@ typedef struct {
 } Symbol;
 
 extern const Symbol symbols[];   /* Ends with a name of NULL. */
-extern const char digest[];      /* Of the sources that it was made from, see src/kinseek/kernels/sources.py. */
+extern const char digest[];      /* Digest of its sources, see src/kinseek/kernels/sources.py. */
 extern const char levels_built[];
-extern const char rooms_built[]; /* Folders of kernels that are in it. */
-extern const char made_of[];     /* All of these, for native/build.py to find in the file. */
+extern const char rooms_built[]; /* Folders of kernels in the library. */
+extern const char made_of[];     /* All of these; native/build.py looks for it in the file. */

@@ -1,4 +1,4 @@
-"""What a library of kernels may leave to others, and nothing else: tests look, and Windows links against this very list."""
+"""All symbols that a library of kernels may import; tests check it, and on Windows the linker gets this list."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ PYTHON = [
 """Functions of Python that `door.c` calls; all are in the stable ABI of 3.11."""
 
 PYTHON_DATA = ["PyExc_LookupError", "PyExc_TypeError", "PyExc_ValueError", "_Py_NoneStruct"]
-"""Its variables, likewise."""
+"""Variables of Python that it uses; also in the stable ABI."""
 
 MATHEMATICS = ["acos", "asin", "atan2", "cos", "pow", "sin", "sincos"]
-"""Functions that kernels call. LLVM makes one `sincos` of a sine and a cosine, where the system has it."""
+"""Functions that kernels call. LLVM replaces a sine and a cosine by one `sincos` if the system has it."""
 
 MEMORY = ["free", "malloc", "memcpy", "memset", "strcmp"]
-"""Functions of the C library that kernels, the door and the runtime call."""
+"""Functions of the C library that kernels, `door.c` and `runtime.c` call."""
 
 SYSTEM = [
     "__cxa_finalize",
@@ -60,6 +60,6 @@ SYSTEM = [
     "bzero",
     "memset_pattern16",
 ]
-"""What compilers and linkers add by themselves."""
+"""Symbols that compilers and linkers add."""
 
 ALLOWED = frozenset([*PYTHON, *PYTHON_DATA, *MATHEMATICS, *MEMORY, *SYSTEM])

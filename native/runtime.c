@@ -1,4 +1,4 @@
-/* What compiled kernels ask of Numba's runtime: memory that counts its references. */
+/* The part of Numba's runtime that compiled kernels call: memory with a count of its references. */
 #include <stdint.h>
 #include <stdlib.h>
 
@@ -7,7 +7,7 @@ typedef struct {
     void *destructor, *context, *data;
     int64_t size;
     void *allocator;
-} Memory;  /* The first four stand where Numba's own has them: kernels count references in the first. */
+} Memory;  /* The first four fields are laid out as in Numba: kernels count references in the first. */
 
 void *NRT_MemInfo_alloc_aligned(size_t size, uint32_t alignment) {
     Memory *made = malloc(sizeof(Memory) + size + alignment);
@@ -25,8 +25,8 @@ void *NRT_Allocate(size_t size) { return malloc(size); }
 void NRT_Free(void *memory) { free(memory); }
 
 #if defined(WRAP_POW) && defined(__GLIBC__) && (defined(__x86_64__) || defined(__aarch64__))
-/* What is linked today asks for the `pow` of glibc 2.29, which differs from the one of before only in that it leaves out a
-   handler of errors, removed since. For the oldest one every system has what the library asks for: `-Wl,--wrap=pow`. */
+/* A program linked today imports the `pow` of glibc 2.29, which differs from the older one only in an error handler that it
+   no longer calls. `-Wl,--wrap=pow` and these lines import the oldest `pow`, which every system has. */
 double oldest_pow(double, double);
 #if defined(__x86_64__)
 __asm__(".symver oldest_pow, pow@GLIBC_2.2.5");

@@ -1,7 +1,7 @@
-"""Answer what Numba asks itself again and again while it compiles: a tenth of the time of a build.
+"""Shortcuts through computations that Numba repeats while it compiles; they save a tenth of the time of a build.
 
 Every object file is the same to the byte with these shortcuts and without them, which `tests/kernels/test_start_build.py`
-checks. They change Numba for the whole process, so only `emit.py` takes them.
+checks. They change Numba for the whole process, so only `emit.py` uses them.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ targetconfig: Any = typed_targetconfig
 functions: Any = typed_functions
 
 
-def take() -> None:
-    """Take all shortcuts."""
+def apply() -> None:
+    """Apply all shortcuts to Numba."""
     _report_no_calls_of_llvm()
     _compare_flags_by_what_is_set()
     _list_variables_by_type()
@@ -28,15 +28,15 @@ def take() -> None:
 
 
 def _report_no_calls_of_llvm() -> None:
-    """Make no events when a call of LLVM begins and ends; nobody listens."""
+    """Create no events when calls of LLVM begin and end; nothing listens to them."""
     for acquired, released in tuple(ffi.lib._lock._cblist):
         ffi.unregister_lock_callback(acquired, released)
 
 
 def _compare_flags_by_what_is_set() -> None:
-    """Take flags as equal if the same ones are set to the same values, before all values are compared, defaults too.
+    """Compare only the flags that are set, and the defaults of all flags only if these differ.
 
-    Numba's hash of flags goes through all their names, which are the same for all.
+    Numba's hash of flags is computed from their names, which are always the same.
     """
     flags = targetconfig.TargetConfig
     compare = flags.__eq__
@@ -50,7 +50,7 @@ def _compare_flags_by_what_is_set() -> None:
 
 
 def _list_variables_by_type() -> None:
-    """See by its type that a field of a statement, such as its place in the file, contains no variable."""
+    """Skip fields of statements whose type shows that they contain no variable, such as the line in the file."""
     list_variables = ir.Inst._rec_list_vars
     nothing = {ir.Loc, str, int, float, bool, type(None)}
 
@@ -64,9 +64,9 @@ def _list_variables_by_type() -> None:
 
 
 def _remember_types_of_operations() -> None:
-    """Find the result of an operation of Numba's own, such as a product of two floats, once for each type of operands.
+    """Cache the type of the result of Numba's own operations, such as a product of two floats, by the types of operands.
 
-    Not of what Numba compiles when it is called: such results depend on the flags of the caller.
+    Operations that Numba compiles when they are called are not cached: their results depend on the flags of the caller.
     """
     operation = functions.BaseFunction
     find, known = operation.get_call_type, dict[tuple[Any, Any], Any]()

@@ -1,4 +1,4 @@
-"""Machines that a library can be built for from another one: what LLVM, the linker and wheels call each of them."""
+"""Machines for which a library can be built on another one, with their names in LLVM, the linker and wheels."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ LEVELS = {
     "x86_64": {2: "x86-64-v2", 3: "x86-64-v3", 4: "x86-64-v4"},
     "aarch64": {1: "generic"},
 }
-"""Names that LLVM has for the levels of each kind of processor."""
+"""LLVM's names of the levels of each kind of processor."""
 
 COMPILING = {
     "KINSEEK_JIT": "1",
     "NUMBA_CPU_FEATURES": "",
     "NUMBA_DISABLE_JIT": "0",
     "PYTHONDONTWRITEBYTECODE": "1",
-    "PYTHONHASHSEED": "0",  # Else sets of Numba have another order each time, and so has the code.
+    "PYTHONHASHSEED": "0",  # Otherwise the order of Numba's sets, and with it the code, would differ each time.
 }
-"""Environment of a process that compiles, for this machine."""
+"""Environment of a process that compiles for this machine."""
 
 COMPILING_FOR_OTHERS = {"NUMBA_OPT": "0", "NUMBA_CPU_NAME": "generic", "PYTHONWARNINGS": "ignore"}
-"""What is added to it, or replaced, for other machines."""
+"""Additions and changes to it for other machines."""
 
 
 @dataclass(frozen=True)
@@ -29,27 +29,27 @@ class Target:
 
     processor: str
     triple: str
-    """As LLVM takes it."""
+    """Target triple in LLVM."""
     linker: str
-    """As ``zig cc -target`` takes it; empty where it cannot link for it."""
+    """Target of ``zig cc``; empty if it cannot link for this one."""
     suffix: str
-    """Of the library's file name."""
+    """Suffix of the library's file name."""
     tag: str
-    """Of a wheel: the oldest system that runs what is linked so. On Linux it follows from the library."""
+    """Platform tag of a wheel: the oldest system that runs the library. On Linux it depends on the library's symbols."""
     cpu: str = ""
-    """As LLVM calls the oldest processor of the system, where that is more than the level asks for."""
+    """LLVM's name of the oldest processor of the system, if that is newer than the level requires."""
     options: tuple[str, ...] = field(default=())
-    """For the linker."""
+    """Options for the linker."""
 
     @property
     def levels(self) -> dict[int, str]:
-        """Names that LLVM has for the levels of its processor."""
+        """LLVM's names of the levels of its processor."""
         known = LEVELS[self.processor]
         return dict.fromkeys(known, self.cpu) if self.cpu else known
 
     @property
     def windows(self) -> bool:
-        """Is it for Windows?"""
+        """Whether it is for Windows."""
         return "windows" in self.triple
 
 
@@ -76,4 +76,4 @@ TARGETS = {
     ),
     "x86_64-pc-windows-msvc": Target("x86_64", "x86_64-pc-windows-msvc", "", ".pyd", "win_amd64", "", ()),
 }
-"""By the names that ``native/build.py --target`` takes."""
+"""All targets by their names for ``native/build.py --target``."""

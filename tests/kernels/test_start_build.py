@@ -195,16 +195,14 @@ import emit
 
 emit.never_run()
 if sys.argv[2] == "shortcuts":
-    emit.shortcuts.take()
+    emit.shortcuts.apply()
 import kinseek.kernels.ranges.steps
 from kinseek.kernels.entry import ENTRIES
 from kinseek.kernels.jit import ROUTINES
 
 known = {**ENTRIES, **ROUTINES}
 for name in sys.argv[3:]:
-    made = emit.compiled(known[name])
-    whole = emit.linked(made, emit.wrapper_of(known[name], made, name), name)
-    data = emit._native_object(whole)
+    data = emit._object_of(emit.module_of({name: known[name]}), name, None, 0)
     print(emit.hashlib.sha256(data).hexdigest())
 """
 

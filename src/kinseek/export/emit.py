@@ -78,80 +78,41 @@ def main() -> None:
     from kinseek.kernels.grid.memory import memory_size
 
     never_run()
-    module, host = _lowered(job["entries"], job["routines"])
-    report = _written(module, host, job, path.parent)
+    report = _written(*_module(job), job, path.parent)
     report["memory"] = memory_size(*job["sizes"])
     (path.parent / "report.json").write_text(json.dumps(report), encoding="utf-8")
 
 
-def _lowered(entries: list[str], routines: list[str]) -> tuple[Any, tuple[str, str]]:
-    """Return one module with all entries and routines, and the processor and features that Numba compiled for."""
+def _module(job: dict[str, Any]) -> tuple[Any, Any]:
+    """Return the module with the wrappers of all kernels of a job, optimised, and the machine that writes its code."""
     import llvmlite.binding as llvm
 
     from kinseek.kernels import jit  # Not by name: naming its decorators marks a file of kernels.
     from kinseek.kernels.entry import ENTRIES
-
-    whole: Any = None
-    names = [*entries, *routines]
-    for name in names:
-        parts, codegen = _with_wrapper(ENTRIES[name] if name in entries else jit.ROUTINES[name])
-        for part in parts:
-            one = llvm.parse_bitcode(part)
-            for each in [*one.functions, *one.global_variables]:  # Shared parts of two entries come twice.
-                if not each.is_declaration and each.linkage == llvm.Linkage.external and each.name != name:
-                    each.linkage = "linkonce_odr"
-            if whole is None:
-                whole = one
-            else:
-                whole.link_in(one)
-    for each in [*whole.functions, *whole.global_variables]:
-        if not each.is_declaration and each.name not in names:
-            each.linkage = "internal"
-    return whole, (codegen._get_host_cpu_name(), codegen._get_host_cpu_features())
-
-
-def _with_wrapper(one: Any) -> tuple[list[bytes], Any]:
-    """Return a wrapper and the function that it calls as bitcode, and Numba's code generator."""
-    import llvmlite.binding as llvm
-
-    from kinseek.kernels.wrapper import compiled, wrapper_of
-
-    made = compiled(one)
-    code = made.library
-    final = code._final_module
-    wrapper = llvm.parse_assembly(wrapper_of(one, made, one.name))
-    wrapper.triple, wrapper.data_layout = final.triple, final.data_layout
-    # The wrapper goes first: of duplicate functions only those are linked that are referenced.
-    return [wrapper.as_bitcode(), final.as_bitcode()], code._codegen
-
-
-def _written(module: Any, host: tuple[str, str], job: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Optimise for the target; write the object file, and if requested the assembly of the processor or of LLVM."""
-    import llvmlite.binding as llvm
+    from kinseek.kernels.machine_code import (
+        machine_for,
+        module_of,
+        optimised_for,
+        this_machine,
+        without_unused,
+    )
 
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    target = llvm.Target.from_triple(job["triple"])
-    machine = target.create_target_machine(
-        cpu=job["cpu"],
-        features=host[1] if job["optimised"] else job["features"],
-        opt=3,
-        reloc=job["relocation"],
-        codemodel="default",
-        abiname=job["abi"],
-    )
-    module.triple, module.data_layout = job["triple"], str(machine.target_data)
-    tuning = llvm.create_pipeline_tuning_options(speed_level=2 if job["optimised"] else 3)
-    builder = llvm.create_pass_builder(machine, tuning)
-    passes = llvm.create_new_module_pass_manager()
-    if not job["optimised"]:
-        # Only reference counts are atomic, and a controller without threads needs no atomic operations.
-        passes.add_lower_atomic_pass()
-        passes.run(module, builder)
-        passes = builder.getModulePassManager()
-    passes.add_global_dead_code_eliminate_pass()
-    passes.run(module, builder)
-    module.verify()
+    named = {name: ENTRIES[name] for name in job["entries"]}
+    module = module_of(named | {name: jit.ROUTINES[name] for name in job["routines"]})
+    if job["optimised"]:
+        machine = this_machine(job["triple"])
+    else:
+        machine = machine_for(job["triple"], job["cpu"], job["features"], job["relocation"], job["abi"])
+        module = optimised_for(module, job["triple"], machine, threads=False)
+    return without_unused(module, machine), machine
+
+
+def _written(module: Any, machine: Any, job: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Write the object file, and if requested the assembly of the processor or of LLVM."""
+    import llvmlite.binding as llvm
+
     data = machine.emit_object(module)
     (folder / "kernels.o").write_bytes(data)
     # The others are written on request, because writing machine code again takes as long as the first time.

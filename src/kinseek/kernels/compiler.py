@@ -230,6 +230,11 @@ class _Part(_Library):
         passes.run(self._final_module, builder)
 
 
+EFFORT = 2
+"""LLVM's level of optimisation for whole kernels and for their machine code. Level 3, Numba's default, took a tenth longer,
+gave the same bits and made no kind of call faster (`benchmarks.since`)."""
+
+
 class _Whole(_Library):
     """LLVM code of a kernel.
 
@@ -239,7 +244,7 @@ class _Whole(_Library):
     vectorizes = False
 
     def _optimize_final_module(self) -> None:
-        passes, builder = self._codegen._module_pass_manager(loop_vectorize=self.vectorizes)
+        passes, builder = self._codegen._module_pass_manager(loop_vectorize=self.vectorizes, opt=EFFORT)
         passes.run(self._final_module, builder)
 
 
