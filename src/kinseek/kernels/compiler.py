@@ -244,7 +244,9 @@ class _Whole(_Library):
     vectorizes = False
 
     def _optimize_final_module(self) -> None:
-        passes, builder = self._codegen._module_pass_manager(loop_vectorize=self.vectorizes, opt=EFFORT)
+        # NUMBA_OPT is 0 if the kernel is optimised later, for a machine with another layout of memory.
+        effort = min(EFFORT, int(vars(config)["OPT"]))
+        passes, builder = self._codegen._module_pass_manager(loop_vectorize=self.vectorizes, opt=effort)
         passes.run(self._final_module, builder)
 
 
