@@ -379,9 +379,9 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         Raises:
             MissingExtra: pandas is not installed.
         """
-        from .notebook.frames import solution_frame
+        from .tables import solution_table
 
-        return solution_frame(self)
+        return solution_table(self).to_frame()
 
     def _repr_html_(self) -> str:
         """HTML for notebooks: a table and a picture; for a batch, of its first rows."""

@@ -22,8 +22,10 @@ from kinseek.cli import files
 from kinseek.cli.columns import MATRIX
 from kinseek.cli.parquet_pages import unpacked_bytes
 from kinseek.cli.program import run
+from kinseek.tables import Table
 
 ARM = "planar2"
+TABLE = Table([], np.zeros((1, 0)), {"a": np.zeros(1)}, {})
 
 
 @pytest.fixture(name="poses")
@@ -99,12 +101,12 @@ def test_a_file_that_a_killed_process_left_is_not_in_the_way(
     with monkeypatch.context() as patch:
         patch.setattr(files, "_write_csv", killed)
         with pytest.raises(KeyboardInterrupt):
-            files.write_columns(out, {"a": np.zeros(1)}, [])
+            files.write_table(out, TABLE)
     (tmp_path / cut[0]).touch()
-    files.write_columns(out, {"a": np.zeros(1)}, [])  # By a process of the same id, as in a container.
+    files.write_table(out, TABLE)  # By a process of the same id, as in a container.
     assert out.read_text() == "a\n0.0\n"
     longest = tmp_path / f"{'a' * 251}.csv"
-    files.write_columns(longest, {"a": np.zeros(1)}, [])
+    files.write_table(longest, TABLE)
     assert longest.exists()
 
 

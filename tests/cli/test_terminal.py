@@ -15,8 +15,8 @@ import pytest
 
 import kinseek
 from kinseek import cli
+from kinseek.cli.layout import sentence, table
 from kinseek.cli.program import run
-from kinseek.cli.tables import sentence, table
 from kinseek.robots import catalog_names
 
 pytestmark = pytest.mark.slow

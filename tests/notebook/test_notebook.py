@@ -1,8 +1,7 @@
-"""What notebooks show: well-formed, escaped, inside its frame, of every kind of result; and tables for pandas."""
+"""What notebooks show: well-formed, escaped, inside its frame, of every kind of result."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from typing import Any
 from xml.etree import ElementTree
@@ -102,52 +101,3 @@ def test_all_branches_are_drawn_and_only_what_counts_of_a_target() -> None:
         for name in ("position", "direction", "answer")
     }
     assert axes == {"position": 0, "direction": 1, "answer": 3}
-
-
-# --- pandas ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_an_answer_as_a_table() -> None:
-    pd = pytest.importorskip("pandas")
-    solution = UR5E.ik(SPOILT, bad="skip")
-    table = solution.to_frame()
-    facts = ["status", "success", "position_error", "orientation_error", "weighted_error", "evaluations"]
-    assert list(table.columns) == [*UR5E.joint_names, *facts]
-    np.testing.assert_array_equal(table[list(UR5E.joint_names)].to_numpy(), solution.q)
-    assert table.index.name == "target"
-    assert table["status"].value_counts().to_dict() == {"SOLVED": 29, "INVALID": 1}
-    assert (table.dtypes["success"], table.dtypes["evaluations"]) == (np.dtype(bool), np.dtype(np.int64))
-    one = UR5E.ik(TARGETS[0]).to_frame()
-    assert (one.shape, one["status"][0]) == ((1, 12), "SOLVED")
-    grid = UR5E.ik(TARGETS.reshape(5, 6, 4, 4)).to_frame()
-    assert isinstance(grid.index, pd.MultiIndex)
-    assert grid.loc[(1, 2), "elbow_joint"] == UR5E.ik(TARGETS.reshape(5, 6, 4, 4)).q[1, 2, 2]
-    assert UR5E.ik(np.zeros((0, 4, 4))).to_frame().shape == (0, 12)
-
-
-def test_branches_as_a_table() -> None:
-    pytest.importorskip("pandas")
-    branches = UR5E.branches(TARGETS[0])
-    table = branches.to_frame()
-    np.testing.assert_array_equal(table[list(UR5E.joint_names)].to_numpy(), branches.q)
-    many = UR5E.branches(TARGETS[:3])
-    assert isinstance(many, kinseek.BranchesBatch)
-    table = many.to_frame()
-    assert table.index.names == ["target", "branch"]
-    np.testing.assert_array_equal(table.loc[1, "elbow_joint"].to_numpy(), many[1].q[:, 2])
-    empty = UR5E.branches(np.zeros((0, 4, 4)))
-    with pytest.raises(kinseek.InvalidUse, match="a batch of no goals has no table"):
-        empty.to_frame()
-
-
-def test_a_joint_called_as_a_column_is() -> None:
-    pytest.importorskip("pandas")
-    arm = kinseek.Arm.from_dh([(0.5, 0, 0, 0)] * 2, [-1, -1], [1, 1], names=["status", "b"])
-    assert list(arm.ik(arm.fk([0.1, 0.2])).to_frame().columns[:3]) == ["joint status", "b", "status"]
-
-
-def test_without_pandas_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(kinseek.MissingExtra, match=r"pip install 'kinseek\[frame\]'"):
-        UR5E.ik(TARGETS[0]).to_frame()

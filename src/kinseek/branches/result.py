@@ -82,9 +82,9 @@ class Branches(Lazy):
         Raises:
             MissingExtra: pandas is not installed.
         """
-        from kinseek.notebook.frames import branches_frame
+        from kinseek.tables import branches_table
 
-        return branches_frame(self)
+        return branches_table(self).to_frame()
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the first solutions and a picture of them."""
@@ -155,9 +155,9 @@ class BranchesBatch(Sequence[Branches]):
             MissingExtra: pandas is not installed.
             InvalidUse: The batch is empty, so the joints are not known.
         """
-        from kinseek.notebook.frames import branches_batch_frame
+        from kinseek.tables import branches_batch_table
 
-        return branches_batch_frame(self)
+        return branches_batch_table(self).to_frame()
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the numbers of solutions of the first goals."""

@@ -8,7 +8,7 @@ import io
 import uuid
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidGoal, InvalidProblem, MissingExtra
 from kinseek.robots.files import instead_of_a_file
+from kinseek.tables import Table
 
 from .columns import VALID, kind_of_rotation, poses_of, rigid
 from .parquet_pages import MOST_FOOTER, require_small_footer, unpacked_bytes
@@ -98,13 +99,12 @@ def writable(path: Path, source: Path, option: str = "--out", read: str = "--bat
     return place
 
 
-def write_columns(path: Path, columns: Mapping[str, NDArray[Any]], joints: Sequence[str]) -> None:
-    """Write a table completely, or not at all.
+def write_table(path: Path, table: Table) -> None:
+    """Write a table completely, or not at all; a .npy file has the joint values in one field ``q``, (N, n).
 
     Args:
         path: A path from `writable`.
-        columns: Values of each name, (N,).
-        joints: Names of the columns with joint values; a .npy file has them in one field ``q``, (N, n).
+        table: The table.
 
     Raises:
         InvalidProblem: It cannot be written.
@@ -113,12 +113,12 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[Any]], joints: Seque
         with _whole(path) as file:
             match path.suffix.lower():
                 case ".npy":
-                    np.save(file, _records(columns, joints))
+                    np.save(file, _records({"q": table.q, **table.columns}))
                 case ".parquet":
                     pyarrow, parquet = _pyarrow()
-                    parquet.write_table(pyarrow.table(dict(columns)), file)
+                    parquet.write_table(pyarrow.table(table.by_name()), file)
                 case _:
-                    _write_csv(file, columns)
+                    _write_csv(file, table.by_name())
     except OSError as error:
         reason = error.strerror or error
         raise InvalidProblem(f"cannot write {str(path)!r}: {reason}; nothing was written") from None
@@ -284,10 +284,8 @@ def _pyarrow() -> tuple[Any, Any]:
     return pyarrow, pyarrow.parquet
 
 
-def _records(columns: Mapping[str, NDArray[Any]], joints: Sequence[str]) -> NDArray[Any]:
-    """Return one record per row, with the joint values in its field ``q``."""
-    fields = {"q": np.stack([columns[name] for name in joints], axis=1)}
-    fields |= {name: values for name, values in columns.items() if name not in joints}
+def _records(fields: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    """Return one record per row."""
     records = np.empty(
         len(fields["q"]), [(name, values.dtype, values.shape[1:]) for name, values in fields.items()]
     )

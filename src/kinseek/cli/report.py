@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -22,14 +23,9 @@ from kinseek.robots.soundness import Checkup, Severity
 from kinseek.solution import Solution
 from kinseek.solvers.base import Solver
 from kinseek.support.transforms import quaternion
+from kinseek.tables import branches_table, solution_table
 
-from .scenes import (
-    branches_facts_of_scene,
-    branches_line_of_scene,
-    solution_facts_of_scene,
-    solution_lines_of_scene,
-)
-from .tables import sentence, table, terminal_width
+from .layout import sentence, table, terminal_width
 
 if TYPE_CHECKING:
     from kinseek.export import Parts
@@ -42,7 +38,7 @@ _POSTURES = 20_000
 _ENDLESS = 100_000
 """Line length that fits any table."""
 _LISTED = 10
-"""Maximum number of missed rows that are listed for people."""
+"""Maximum number of rows, reasons or contacts that are listed for people."""
 
 
 def print_robots() -> None:
@@ -56,17 +52,13 @@ def print_arm(arm: Arm, limits: str = "") -> None:
     _print(f"{arm.name}: {arm.dof} joints, base {arm.base}, tip {arm.tip}")
     small, large = _units(arm.kinds)
     rows = []
-    for name, kind, lower, upper in zip(arm.joint_names, arm.kinds, arm.lower, arm.upper, strict=True):
-        scale, digits = (1000.0, 3) if kind == "prismatic" else (float(np.rad2deg(1.0)), 3)
-        values = [
-            f"{lower:.6f}",
-            f"{upper:.6f}",
-            f"{lower * scale:.{digits}f}",
-            f"{upper * scale:.{digits}f}",
-        ]
-        rows.append((name, kind, *(["none"] * 4 if kind == "continuous" else values)))
-    speeds = [f"{speed:.4g}" if np.isfinite(speed) else "-" for speed in arm.velocity]
-    rows = [(*row, speed) for row, speed in zip(rows, speeds, strict=True)]
+    for name, kind, lower, upper, speed in zip(
+        arm.joint_names, arm.kinds, arm.lower, arm.upper, arm.velocity, strict=True
+    ):
+        scale = 1000.0 if kind == "prismatic" else float(np.rad2deg(1.0))
+        ends = [f"{lower:.6f}", f"{upper:.6f}", f"{lower * scale:.3f}", f"{upper * scale:.3f}"]
+        limits_of_it = ["none"] * 4 if kind == "continuous" else ends
+        rows.append((name, kind, *limits_of_it, f"{speed:.4g}" if np.isfinite(speed) else "-"))
     columns = (
         "joint",
         "kind",
@@ -88,20 +80,20 @@ def print_checkup(name: str, found: Checkup, as_json: bool) -> None:
     """Print the findings about a file, the most severe first."""
     order = list(Severity)
     findings = sorted(found.findings, key=lambda finding: order.index(finding.severity))
-    counts = {severity: sum(each.severity is severity for each in findings) for severity in order}
     if as_json:
         listed = [{"severity": f.severity.value, "part": f.part, "what": f.what} for f in findings]
         _print_json({"file": name, "sound": found.sound, "findings": listed})
         return
     for finding in findings:
         _print(f"{finding.severity.value}: {finding.part}{': ' if finding.part else ''}{finding.what}")
-    said = [
-        f"{count} {severity.value}{'s' if count > 1 else ''}" for severity, count in counts.items() if count
-    ]
+    counts = Counter(
+        finding.severity.value for finding in findings
+    )  # The most severe first, as they are sorted.
+    verdict = ["sound" if found.sound else "not sound", *(_count(n, kind) for kind, n in counts.items())]
     size = (
         f" ({found.links} links, {found.joints} joints, {found.moving} of them move)" if found.links else ""
     )
-    _print(f"{name}{size}: {'sound' if found.sound else 'not sound'}{', ' if said else ''}{', '.join(said)}")
+    _print(f"{name}{size}: {', '.join(verdict)}")
 
 
 def print_parts(folder: FilePath, parts: Parts) -> None:
@@ -149,30 +141,27 @@ def print_solution(
     in_scene: bool = False,
 ) -> None:
     """Print a solution and its errors."""
-    facts = solution_facts(arm, solution, search, seconds, proof)
     if as_json:
-        facts |= solution_facts_of_scene(solution) if in_scene else {}
+        facts = solution_facts(arm, solution, search, seconds, proof, in_scene)
         _print_json(facts | ({"trace": solution.trace.to_dict()} if solution.problem.trace else {}))
         return
     if solution.problem.trace:
         print(solution.trace)
-    goal = solution.problem.goal
     rows = []
-    for joint in facts["joints"]:
-        room = (
-            "no limit" if joint["to_limit"] is None else " = ".join(_both(joint["kind"], joint["to_limit"]))
-        )
-        rows.append((joint["name"], *_both(joint["kind"], joint["value"]), room))
+    for joint in _joint_facts(arm, solution.q):
+        kind, room = joint["kind"], joint["to_limit"]
+        left = "no limit" if room is None else " = ".join(_both(kind, room))
+        rows.append((joint["name"], *_both(kind, joint["value"]), left))
     _print_table(("joint", ">rad or m", ">deg or mm", ">to the nearer limit"), rows)
     _print(f"{solution.status}")
-    for line in solution_lines_of_scene(solution) if in_scene else []:
-        _print(line)
+    if in_scene:
+        _print_contacts(solution)
+    goal = solution.problem.goal
     place = ("position", f"{solution.position_error:.3g} m", f"{goal.position_tolerance:g} m")
-    turn = (
-        ("orientation", "any", "any")
-        if not goal.form.columns
-        else ("orientation", f"{solution.orientation_error:.3g} rad", f"{goal.orientation_tolerance:g} rad")
-    )
+    turn = ("orientation", "any", "any")
+    if goal.form.columns:
+        error, tolerance = solution.orientation_error, goal.orientation_tolerance
+        turn = ("orientation", f"{error:.3g} rad", f"{tolerance:g} rad")
     _print_table(("", ">error", ">tolerance"), [place, turn])
     if proof is not None:
         _print(
@@ -185,38 +174,32 @@ def print_solution(
     _print(f"{', '.join(work)}, {seconds:.3g} s (loading compiled kernels included)")
 
 
+def _print_contacts(solution: Solution) -> None:
+    """Print how many solutions collide, and the contacts of a blocked one."""
+    blocked = _count(int(solution.blocked), "solution")
+    if solution.success and solution.blocked:
+        _print(f"{blocked} with collisions were rejected before this one")
+    elif solution.contacts:
+        _print(f"{blocked} with collisions; contacts of the one that collides least:")
+        _print_list(solution.contacts)
+
+
 def solution_facts(
-    arm: Arm, solution: Solution, search: Solver | None, seconds: float, proof: Certificate | None = None
+    arm: Arm,
+    solution: Solution,
+    search: Solver | None,
+    seconds: float,
+    proof: Certificate | None = None,
+    in_scene: bool = False,
 ) -> dict[str, Any]:
     """Return the full report of `solve` as JSON takes it: lengths in m, angles in rad, time in s."""
-    goal = solution.problem.goal
-    room = np.minimum(solution.q - arm.lower, arm.upper - solution.q)
-    joints = [
-        {
-            "name": name,
-            "kind": kind,
-            "value": float(value),
-            "lower": None if kind == "continuous" else float(lower),
-            "upper": None if kind == "continuous" else float(upper),
-            "to_limit": None if kind == "continuous" else float(left),
-        }
-        for name, kind, value, lower, upper, left in zip(
-            arm.joint_names, arm.kinds, solution.q, arm.lower, arm.upper, room, strict=True
-        )
-    ]
     return {
         **_arm_facts(arm),
-        "goal": _goal_facts(goal),
+        "goal": _goal_facts(solution.problem.goal),
         "solver": "default" if search is None else repr(search),
-        "success": bool(solution.success),
-        "status": solution.status.name,
         "sentence": str(solution.status),
-        "q": solution.q.tolist(),
-        "joints": joints,
-        "position_error": float(solution.position_error),
-        "orientation_error": float(solution.orientation_error) if goal.form.columns else None,
-        "weighted_error": float(solution.weighted_error),
-        "evaluations": int(solution.evaluations),
+        "joints": _joint_facts(arm, solution.q),
+        **line_facts(solution, in_scene),
         "nodes_created": int(solution.nodes_created),
         "nodes_expanded": int(solution.nodes_expanded),
         "seconds": seconds,
@@ -224,29 +207,39 @@ def solution_facts(
     }
 
 
+def _joint_facts(arm: Arm, q: Array) -> list[dict[str, Any]]:
+    """Return each joint's value, limits and distance to the nearer limit; None for a limit that it does not have."""
+    facts = []
+    for name, kind, value, lower, upper in zip(
+        arm.joint_names, arm.kinds, q.tolist(), arm.lower.tolist(), arm.upper.tolist(), strict=True
+    ):
+        ends: dict[str, float | None] = {"lower": None, "upper": None, "to_limit": None}
+        if kind != "continuous":
+            ends = {"lower": lower, "upper": upper, "to_limit": min(value - lower, upper - value)}
+        facts.append({"name": name, "kind": kind, "value": value, **ends})
+    return facts
+
+
 def line_facts(solution: Solution, in_scene: bool = False) -> dict[str, Any]:
     """Return the report of a solution in a line of JSON."""
-    turns = bool(solution.problem.goal.form.columns)
-    facts = {
-        "success": bool(solution.success),
-        "status": solution.status.name,
-        "q": solution.q.tolist(),
-        "position_error": float(solution.position_error),
-        "orientation_error": float(solution.orientation_error) if turns else None,
-        "evaluations": int(solution.evaluations),
-    }
-    return facts | (solution_facts_of_scene(solution) if in_scene else {})
+    (facts,) = solution_table(solution).records()
+    if not in_scene:
+        return facts
+    contacts = [{"a": each.a, "b": each.b, "depth": each.depth} for each in solution.contacts]
+    return {**facts, "blocked": int(solution.blocked), "contacts": contacts}
 
 
 def branches_facts(found: Branches, in_scene: bool = False) -> dict[str, Any]:
     """Return all solutions of a goal, as JSON takes them."""
-    turns = bool(found.problem.goal.form.columns)
-    solutions = [
-        {"q": q.tolist(), "position_error": float(place), "orientation_error": float(turn) if turns else None}
-        for q, place, turn in zip(found.q, found.position_error, found.orientation_error, strict=True)
-    ]
-    facts = {"complete": found.complete, "sampled": found.sampled, "evaluations": int(found.evaluations)}
-    return {"branches": solutions, **facts, **(branches_facts_of_scene(found) if in_scene else {})}
+    facts = {
+        "branches": branches_table(found).records(),
+        "complete": found.complete,
+        "sampled": found.sampled,
+        "evaluations": int(found.evaluations),
+    }
+    if not in_scene:
+        return facts
+    return {**facts, "blocked": int(found.rejected), "proved_blocked": bool(found.proved_blocked)}
 
 
 def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool, in_scene: bool = False) -> None:
@@ -265,8 +258,10 @@ def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool, in_
     if rows:
         _print_solutions(arm, rows)
     _print(_how_many(found))
-    if in_scene and found.rejected:
-        _print(branches_line_of_scene(found))
+    if in_scene and found.proved_blocked:
+        _print("proved: the arm collides in every solution")
+    elif in_scene and found.rejected:
+        _print(f"{_count(int(found.rejected), 'solution')} with collisions left out")
     if rows:
         worst = [f"position {found.position_error.max():.3g} m"]
         worst += [f"orientation {found.orientation_error.max():.3g} rad"] * bool(goal.form.columns)
@@ -328,10 +323,7 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
     _print(f"{len(path):,} poses, {seconds:.3g} s. {path.status}")
     if path.why:
         _print("poses are counted from 0:")
-    for reason in path.why[:_LISTED]:
-        _print(f"- {reason}")
-    if len(path.why) > _LISTED:
-        _print(f"- and {len(path.why) - _LISTED} more")
+    _print_list(path.why)
     rows = [
         (name, *_both(kind, float(step)))
         for name, kind, step in zip(arm.joint_names, arm.kinds, path.largest_step, strict=True)
@@ -348,7 +340,7 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
 
 
 def _how_many(found: Branches) -> str:
-    count = f"{len(found)} solution{'s' if len(found) != 1 else ''}"
+    count = _count(len(found), "solution")
     if found.sampled:
         return f"{count}, a well-spread sample of infinitely many"
     if found.complete:
@@ -357,21 +349,18 @@ def _how_many(found: Branches) -> str:
 
 
 def _goal_facts(goal: Goal) -> dict[str, Any]:
+    ranges = {axis: [end if np.isfinite(end) else None for end in pair] for axis, pair in goal.within.items()}
     return {
         "kind": goal.kind,
         "target": goal.target.tolist(),
-        **_openness(goal),
+        "free": list(goal.free),
+        "ranges": ranges,
+        "frame": goal.frame,
         "position_tolerance": goal.position_tolerance,
         "orientation_tolerance": goal.orientation_tolerance,
         "position_weight": goal.position_weight,
         "orientation_weight": goal.orientation_weight,
     }
-
-
-def _openness(goal: Goal) -> dict[str, Any]:
-    """Return the open part of a goal: free axes, ranges of others, and the frame of all these axes."""
-    ranges = {axis: [end if np.isfinite(end) else None for end in pair] for axis, pair in goal.within.items()}
-    return {"free": list(goal.free), "ranges": ranges, "frame": goal.frame}
 
 
 def _proof_facts(proof: Certificate) -> dict[str, Any]:
@@ -401,6 +390,10 @@ def _both(kind: str, value: float) -> tuple[str, str]:
     return f"{value:.6f} rad", f"{np.rad2deg(value):.3f} deg"
 
 
+def _count(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' if count != 1 else ''}"
+
+
 def _row(values: Array) -> str:
     return " ".join(f"{round(value, 9) + 0.0:12.9f}" for value in values)  # Adding zero turns -0 into 0.
 
@@ -413,6 +406,14 @@ def _print_table(
 
 def _print(text: str) -> None:
     print(sentence(text, terminal_width()))
+
+
+def _print_list(items: Sequence[object]) -> None:
+    """Print the first items, one per line, and the number of the others."""
+    for item in items[:_LISTED]:
+        _print(f"- {item}")
+    if len(items) > _LISTED:
+        _print(f"- and {len(items) - _LISTED} more")
 
 
 def _print_json(facts: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""``--scene`` and its options: the collision scene from files, and the report of collisions."""
+"""``--scene`` and its options: the collision scene from files."""
 
 from __future__ import annotations
 
@@ -7,13 +7,10 @@ from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import click
-import numpy as np
 
 from kinseek.arm import Arm
-from kinseek.branches.result import Branches
 from kinseek.collision import Scene
 from kinseek.errors import InvalidProblem, InvalidScene
-from kinseek.solution import Solution
 
 from .help import option, together
 
@@ -29,9 +26,6 @@ _OPTIONS = {
     "prefix=": "name the bodies of one of the files otherwise",
 }
 """Terms of Python in messages, and their equivalents on the command line."""
-
-_LISTED = 10
-"""Maximum number of colliding pairs that are listed for people."""
 
 
 class Cell(NamedTuple):
@@ -129,40 +123,3 @@ def scene_options(command: Callable[..., Any]) -> Callable[..., Any]:
         return command(cell=Cell(**given, untrusted=options["chain"].untrusted), **options)
 
     return _scene_options(called)
-
-
-def solution_facts_of_scene(solution: Solution) -> dict[str, Any]:
-    """Return the collision report of one solution, as JSON takes it: lengths in m."""
-    contacts = [{"a": each.a, "b": each.b, "depth": each.depth} for each in solution.contacts]
-    return {"blocked": int(solution.blocked), "contacts": contacts}
-
-
-def solution_lines_of_scene(solution: Solution) -> list[str]:
-    """Return the same for people."""
-    if solution.success and solution.blocked:
-        return [f"{_solutions(int(solution.blocked))} with collisions were rejected before this one"]
-    lines = [f"{_solutions(int(solution.blocked))} with collisions; contacts of the one that collides least:"]
-    lines += [f"- {contact}" for contact in solution.contacts[:_LISTED]]
-    lines += [f"- and {len(solution.contacts) - _LISTED} more"] * (len(solution.contacts) > _LISTED)
-    return lines if solution.contacts else []
-
-
-def branches_facts_of_scene(found: Branches) -> dict[str, Any]:
-    """Return the collision report of all solutions, as JSON takes it."""
-    return {"blocked": int(found.rejected), "proved_blocked": bool(found.proved_blocked)}
-
-
-def branches_line_of_scene(found: Branches) -> str:
-    """Return the same for people."""
-    if found.proved_blocked:
-        return "proved: the arm collides in every solution"
-    return f"{_solutions(int(found.rejected))} with collisions left out"
-
-
-def contacts_column(solution: Solution) -> np.ndarray[Any, Any]:
-    """Return the colliding pairs of each pose of a batch as text, (N,)."""
-    return np.array(["; ".join(map(str, each)) for each in np.atleast_1d(solution.contacts)], dtype=str)
-
-
-def _solutions(count: int) -> str:
-    return f"{count} solution{'s' if count != 1 else ''}"

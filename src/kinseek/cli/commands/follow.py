@@ -9,9 +9,8 @@ import click
 import numpy as np
 
 from kinseek.cli import report
-from kinseek.cli.batch import beside
 from kinseek.cli.columns import VALID
-from kinseek.cli.files import read_poses, writable, write_columns
+from kinseek.cli.files import read_poses, writable, write_table
 from kinseek.cli.goals import GoalSpec
 from kinseek.cli.help import Command, option
 from kinseek.cli.options import ARM, GOAL, Chain, arm_argument, chain_options, complete_joints, json_option
@@ -19,6 +18,7 @@ from kinseek.cli.output import on_terminal
 from kinseek.cli.scenes import Cell, scene_options
 from kinseek.cli.words import joint_values
 from kinseek.errors import InvalidProblem
+from kinseek.tables import path_table
 
 _MOTION = "The motion"
 _POSES, _OUT = "POSES", "OUT"
@@ -149,18 +149,6 @@ def command(
         time_limit=time_limit,
     )
     seconds = time.perf_counter() - clock
-    anew = np.zeros(len(path), dtype=bool)
-    anew[path.breaks] = True
-    columns = beside(
-        dict(zip(loaded.joint_names, path.q.T, strict=True)),
-        {
-            "reached": path.reached,
-            "position_error": path.position_error,
-            "orientation_error": path.orientation_error,
-            "break_after": anew,
-        }
-        | ({"proved_after": np.append(path.proved, False)[: len(path)]} if prove else {}),
-    )
-    write_columns(place, columns, loaded.joint_names)
+    write_table(place, path_table(path))
     report.print_path(loaded, path, str(out), seconds, as_json)
     return 0 if path.success else 1

@@ -1,0 +1,106 @@
+"""Results as tables, and what each writer makes of the same columns."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek.cli.files import write_table
+from kinseek.tables import branches_table, path_table, solution_table
+
+UR5E = kinseek.load("ur5e")
+TARGETS = UR5E.fk(UR5E.sample(30, seed=2))
+SPOILT = np.where(np.arange(30)[:, None, None] == 2, np.nan, TARGETS)
+FACTS = ["success", "status", "position_error", "orientation_error", "weighted_error", "evaluations"]
+
+
+@pytest.mark.slow
+def test_a_solution_as_a_data_frame() -> None:
+    pd = pytest.importorskip("pandas")
+    solution = UR5E.ik(SPOILT, bad="skip")
+    table = solution.to_frame()
+    assert list(table.columns) == [*UR5E.joint_names, *FACTS]
+    np.testing.assert_array_equal(table[list(UR5E.joint_names)].to_numpy(), solution.q)
+    assert table.index.name == "target"
+    assert table["status"].value_counts().to_dict() == {"SOLVED": 29, "INVALID": 1}
+    assert (table.dtypes["success"], table.dtypes["evaluations"]) == (np.dtype(bool), np.dtype(np.int64))
+    one = UR5E.ik(TARGETS[0]).to_frame()
+    assert (one.shape, one["status"][0]) == ((1, 12), "SOLVED")
+    grid = UR5E.ik(TARGETS.reshape(5, 6, 4, 4)).to_frame()
+    assert isinstance(grid.index, pd.MultiIndex)
+    assert grid.loc[(1, 2), "elbow_joint"] == UR5E.ik(TARGETS.reshape(5, 6, 4, 4)).q[1, 2, 2]
+    assert UR5E.ik(np.zeros((0, 4, 4))).to_frame().shape == (0, 12)
+
+
+def test_branches_as_a_data_frame() -> None:
+    pytest.importorskip("pandas")
+    branches = UR5E.branches(TARGETS[0])
+    table = branches.to_frame()
+    np.testing.assert_array_equal(table[list(UR5E.joint_names)].to_numpy(), branches.q)
+    many = UR5E.branches(TARGETS[:3])
+    assert isinstance(many, kinseek.BranchesBatch)
+    table = many.to_frame()
+    assert table.index.names == ["target", "branch"]
+    np.testing.assert_array_equal(table.loc[1, "elbow_joint"].to_numpy(), many[1].q[:, 2])
+    empty = UR5E.branches(np.zeros((0, 4, 4)))
+    with pytest.raises(kinseek.InvalidUse, match="a batch of no goals has no table"):
+        empty.to_frame()
+
+
+def test_a_path_as_rows() -> None:
+    path = UR5E.follow(np.array([kinseek.pose([0.4, y, 0.3], rpy=[np.pi, 0, 0]) for y in (0.0, 0.01, 5.0)]))
+    rows = path_table(path).records()
+    assert list(rows[0]) == ["q", "reached", "position_error", "orientation_error", "break_after"]
+    assert [row["reached"] for row in rows] == [True, True, False]
+    assert rows[1]["q"] == path.q[1].tolist()
+
+
+def test_a_joint_called_as_a_column_is(tmp_path: Path) -> None:
+    arm = kinseek.Arm.from_dh([(0.5, 0, 0, 0)] * 2, [-1, -1], [1, 1], names=["status", "b"])
+    table = solution_table(arm.ik(arm.fk([0.1, 0.2])))
+    assert list(table.by_name()) == ["joint status", "b", *FACTS]
+    write_table(tmp_path / "q.csv", table)
+    assert (tmp_path / "q.csv").read_text().startswith("joint status,b,success,")
+
+
+@pytest.mark.parametrize("every", [False, True])
+def test_every_writer_has_the_same_columns(every: bool, tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = branches_table(UR5E.branches(TARGETS[0])) if every else solution_table(UR5E.ik(TARGETS))
+    names = list(table.by_name())
+    for ending in ("csv", "npy", "parquet"):
+        write_table(tmp_path / f"q.{ending}", table)
+    with (tmp_path / "q.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    written = parquet.read_table(tmp_path / "q.parquet")
+    records = np.load(tmp_path / "q.npy")
+    assert list(rows[0]) == written.column_names == list(table.to_frame().columns) == names
+    assert list(records.dtype.names) == list(table.records()[0]) == ["q", *names[6:]]
+    np.testing.assert_array_equal(records["q"], table.q)
+    for name, values in table.columns.items():
+        np.testing.assert_array_equal(records[name], values)
+        assert written.column(name).to_pylist() == values.tolist()
+        assert [row[name] for row in rows] == [
+            str(value).replace("True", "true") for value in values.tolist()
+        ]
+
+
+def test_an_error_that_the_goal_does_not_have() -> None:
+    goal = kinseek.Goal.position([0.4, 0.2, 0.3])
+    (solution,) = solution_table(UR5E.ik(goal)).records()
+    (branch, *_) = branches_table(UR5E.branches(goal, count=2)).records()
+    assert solution["orientation_error"] is branch["orientation_error"] is None
+    assert json.loads(json.dumps(solution, allow_nan=False)) == solution
+
+
+def test_without_pandas_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(kinseek.MissingExtra, match=r"pip install 'kinseek\[frame\]'"):
+        UR5E.ik(TARGETS[0]).to_frame()
