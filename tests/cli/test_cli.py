@@ -15,8 +15,8 @@ import pytest
 
 import kinseek
 from kinseek.cli import main
-from kinseek.cli.searches import make_search, option_of, parameters, searches
-from kinseek.cli.words import join_lists
+from kinseek.cli.searches import make_search, parameters, searches
+from kinseek.cli.words import join_lists, option_of
 from kinseek.kernels.backend import describe_backend
 
 REACHABLE = ("--at", "-0.3", "0.4", "0")

@@ -132,6 +132,17 @@ def test_misuse_is_one_line(
 
 
 @pytest.mark.usefixtures("line")
+def test_the_options_of_a_goal_are_those_of_solve(tmp_path: Path) -> None:
+    words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(tmp_path / "joints.npy")]
+    assert run([*words, "--free", "x,rz", "--frame", "base", "--position-tolerance", "0.001"]) == 0
+    poses = np.load(tmp_path / "line.npy")
+    goal = kinseek.Goal.pose(poses, free=("x", "rz"), frame="base", position_tolerance=0.001)
+    np.testing.assert_array_equal(
+        np.load(tmp_path / "joints.npy")["q"], kinseek.load("ur5e").follow(goal, max_step=0.3).q
+    )
+
+
+@pytest.mark.usefixtures("line")
 def test_a_time_limit_leaves_poses_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(tmp_path / "joints.npy"), "--time-limit"]
     assert run([*words, "1e-9", "--json"]) == 1

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidGoal, UnitWarning, suggest
-from kinseek.poses import as_pose, pose
-from kinseek.support.units import warn_of_angles
+from kinseek.errors import InvalidGoal, suggest
+from kinseek.poses import as_pose
 
-from .goals import IN_DEGREES
+from .goals import silent_pose, suspect_degrees
 
 Array = NDArray[np.float64]
 
@@ -52,17 +50,12 @@ def poses_of(columns: Mapping[str, Array], where: str, position_only: bool, deg:
         raise InvalidGoal(f"{where}: row {row + 1:,}: {names[column]} is {table[row, column]}")
     if turn == "matrix":
         return rigid(table.reshape(-1, 4, 4), where)
-    if deg and turn in IN_DEGREES:
-        table[:, 3:] = np.deg2rad(table[:, 3:])
-    elif turn in IN_DEGREES:
-        warn_of_angles(table[:, 3:], f"{where}: {', '.join(ROTATIONS[turn])}", "add --deg", 1)
+    suspect_degrees({turn: table[:, 3:]}, deg, f"{where}: {', '.join(ROTATIONS.get(turn, ()))}")
 
     def made(rows: Array) -> Array:
-        return pose(rows[:, :3], **({turn: rows[:, 3:]} if turn else {"quat_wxyz": [1.0, 0.0, 0.0, 0.0]}))
+        return silent_pose(rows[:, :3], {turn: rows[:, 3:]} if turn else {}, deg)
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnitWarning)  # Reported above in terms of the command line.
-        return _row_by_row(made, table, where)
+    return _row_by_row(made, table, where)
 
 
 def rigid(matrices: Array, where: str) -> Array:

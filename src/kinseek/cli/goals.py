@@ -1,11 +1,10 @@
-"""Conversion of command-line options to a goal."""
+"""Conversion of the pose and the tolerances of a command line to a goal."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, cast
+from collections.abc import Mapping
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,10 @@ from kinseek.errors import InvalidGoal, UnitWarning
 from kinseek.goal import Frame, Goal
 from kinseek.poses import pose
 from kinseek.support.units import warn_of_angles
-from kinseek.tolerances import GoalOptions
 
-from .words import LENGTHS, numbers
+from .words import LENGTHS, numbers, option_of, split
+
+Array = NDArray[np.float64]
 
 TURNS = ("rpy", "quat_wxyz", "quat_xyzw", "rotvec")
 """Forms of a rotation: the names of arguments of `kinseek.pose`, and of the options."""
@@ -24,50 +24,79 @@ IN_DEGREES = ("rpy", "rotvec")
 """Forms that ``--deg`` applies to."""
 
 
-@dataclass(frozen=True)
-class GoalSpec:
-    """The constrained part of a pose, and its tolerances."""
+class GoalSpec(NamedTuple):
+    """The options for the constrained part of a pose, and for its tolerances."""
 
-    position_only: bool = False
-    free: Sequence[str] = ()
-    frame: str = "tool"
-    tolerances: GoalOptions = field(default_factory=GoalOptions)
+    position_only: bool
+    free: str | None
+    frame: str
+    position_tolerance: float
+    orientation_tolerance: float
+    position_weight: float
+    orientation_weight: float
 
-    def goal(self, targets: NDArray[np.float64]) -> Goal:
+    def goal(self, targets: Array) -> Goal:
         """Return the goal of one pose, (4, 4), or of many, (..., 4, 4)."""
+        free, options = split(self.free or ""), dict(zip(self._fields[3:], self[3:], strict=True))
         if self.position_only:
-            return Goal.position(targets[..., :3, 3], free=self.free, **self.tolerances)
-        return Goal.pose(targets, free=self.free, frame=cast("Frame", self.frame), **self.tolerances)
+            return Goal.position(targets[..., :3, 3], free=free, **cast(Any, options))
+        return Goal.pose(targets, free=free, frame=cast("Frame", self.frame), **cast(Any, options))
 
 
-def take_turns(words: dict[str, Any]) -> dict[str, str]:
-    """Remove the rotations from the options of a command, and return those that were given."""
-    taken = {name: words.pop(name) for name in TURNS}
-    return {name: text for name, text in taken.items() if text is not None}
+class PoseWords(NamedTuple):
+    """The options that give one pose, as text."""
+
+    at: str | None
+    rpy: str | None
+    quat_wxyz: str | None
+    quat_xyzw: str | None
+    rotvec: str | None
+
+    @property
+    def given(self) -> dict[str, str]:
+        """The options that are given, by field."""
+        return {name: text for name, text in self._asdict().items() if text is not None}
+
+    def target(self, position_only: bool, deg: bool) -> Array:
+        """Read the target pose, (4, 4).
+
+        Raises:
+            InvalidGoal: No position, no rotation, or more than one.
+        """
+        if self.at is None:
+            raise InvalidGoal("a goal needs --at X Y Z, the target position in metres")
+        turns = {name: text for name, text in self.given.items() if name in TURNS}
+        chosen = [*map(option_of, turns), *(["--position-only"] if position_only else [])]
+        if len(chosen) != 1:
+            valid = f"{', '.join(map(option_of, TURNS))} or --position-only"
+            raise InvalidGoal(f"a goal needs exactly one of {valid}; got {' and '.join(chosen) or 'none'}")
+        position = numbers(self.at, "--at", LENGTHS["--at"])
+        turn = {}
+        for name, text in turns.items():
+            option = option_of(name)
+            turn[name] = numbers(text, option, LENGTHS[option])
+            suspect_degrees(turn, deg, f"{option} {text}")
+        return silent_pose(position, turn, deg)
 
 
-def target_of(
-    at: str | None, turns: Mapping[str, str], position_only: bool, deg: bool
-) -> NDArray[np.float64]:
-    """Read the target pose, (4, 4).
+def silent_pose(position: Any, turn: Mapping[str, Any], deg: bool) -> Array:
+    """Make poses as `kinseek.pose`, without its warning about angles; `suspect_degrees` has that of the command line.
+
+    Args:
+        position: Positions, (..., 3), [m].
+        turn: At most one rotation, by its name in `TURNS`.
+        deg: Are the angles of `IN_DEGREES` in degrees?
 
     Raises:
-        InvalidGoal: No position, no rotation, or more than one.
+        InvalidGoal: As `kinseek.pose`.
     """
-    if at is None:
-        raise InvalidGoal("a goal needs --at X Y Z, the target position in metres")
-    options = {name: f"--{name.replace('_', '-')}" for name in TURNS}
-    chosen = [*(options[name] for name in turns), *(["--position-only"] if position_only else [])]
-    if len(chosen) != 1:
-        valid = f"{', '.join(options.values())} or --position-only"
-        raise InvalidGoal(f"a goal needs exactly one of {valid}; got {' and '.join(chosen) or 'none'}")
-    position = numbers(at, "--at", LENGTHS["--at"])
-    turn: dict[str, Any] = {}
-    for name, text in turns.items():
-        values = np.array(numbers(text, options[name], LENGTHS[options[name]]))
-        turn[name] = np.deg2rad(values) if deg and name in IN_DEGREES else values
-        if name in IN_DEGREES and not deg:
-            warn_of_angles(values, f"{options[name]} {text}", "add --deg", 1)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnitWarning)  # Reported above in terms of the command line.
-        return pose(position, **turn)
+        warnings.simplefilter("ignore", UnitWarning)
+        return pose(position, **turn, degrees=deg and any(name in turn for name in IN_DEGREES))
+
+
+def suspect_degrees(turn: Mapping[str, Any], deg: bool, where: str) -> None:
+    """Warn of angles, valid ones, that look like degrees if `deg` is not given; `where` is their name in the message."""
+    for name in IN_DEGREES:
+        if name in turn and not deg:
+            warn_of_angles(np.asarray(turn[name], dtype=np.float64), where, "add --deg", 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import shutil
 import textwrap
@@ -10,22 +11,25 @@ from typing import Any, TypeVar
 
 import click
 
-_WIDEST, _TWO_COLUMNS = 100, 70
-"""Maximum width of a line, and width from which names and their meaning are side by side."""
+from .layout import table, wrapped
+
+_NARROWEST, _WIDEST = 40, 100
+"""Range of the width of a line."""
 _NAMES = 28
-"""Width of the column of names."""
+"""Least width of the column of names, so that the columns of most groups stand below each other."""
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
+Declaration = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 class Option(click.Option):
-    """An option that belongs to a group, and whose help may be made at its first use."""
+    """An option that belongs to a group, shows its default, and whose help may be made at its first use."""
 
     def __init__(
         self, *args: Any, group: str = "Options", lazy_help: Callable[[], str] | None = None, **rest: Any
     ) -> None:
         """Store the group, and the function that makes the help."""
-        super().__init__(*args, **rest)
+        super().__init__(*args, **{"show_default": True, **rest})
         self.group, self._lazy_help = group, lazy_help
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
@@ -52,23 +56,20 @@ class Command(click.Command):
 
     def get_help(self, ctx: click.Context) -> str:
         """Format the help for the width of the terminal."""
-        width = help_width()
-        parts = [paragraph(f"Usage: {' '.join([ctx.command_path, *self.collect_usage_pieces(ctx)])}", width)]
-        parts += [paragraph(text, width) for text in (self.help or "").split("\n\n")]
-        if self._arguments:
-            parts.append("Arguments:\n" + definitions(self._arguments, width))
-        groups: dict[str, list[tuple[str, str]]] = {}
+        groups: dict[str, list[tuple[str, str]]] = {
+            "Arguments": [(name.ljust(_NAMES), text) for name, text in self._arguments]
+        }
         for each in self.get_params(ctx):
             if isinstance(each, click.Option) and (record := each.get_help_record(ctx)):
-                groups.setdefault(getattr(each, "group", "Options"), []).append(record)
-        parts += [
-            f"{paragraph(name, width - 1)}:\n{definitions(rows, width)}" for name, rows in groups.items()
-        ]
-        parts += [paragraph(text, width) for text in self._more]
-        if self.examples:
-            lines = "\n".join(_command_line(example, width) for example in self.examples)
-            parts.append(f"{'Examples' if len(self.examples) > 1 else 'Example'}:\n{lines}")
-        return "\n\n".join(parts)
+                name, text = record
+                groups.setdefault(getattr(each, "group", "Options"), []).append((name.ljust(_NAMES), text))
+        usage = f"Usage: {' '.join([ctx.command_path, *self.collect_usage_pieces(ctx)])}"
+        title = "Examples" if len(self.examples) > 1 else "Example"
+        lines = "\n".join(_command_line(example, help_width()) for example in self.examples)
+        parts = [paragraph(text) for text in (usage, *(self.help or "").split("\n\n"))]
+        parts += [definitions(name, rows) for name, rows in groups.items() if rows]
+        parts += [paragraph(text) for text in self._more]
+        return "\n\n".join([*parts, f"{title}:\n{lines}"])
 
 
 def option(*names: str, **rest: Any) -> Callable[[Decorated], Decorated]:
@@ -76,9 +77,7 @@ def option(*names: str, **rest: Any) -> Callable[[Decorated], Decorated]:
     return click.option(*names, cls=Option, **rest)
 
 
-def together(
-    *options: Callable[[Callable[..., Any]], Callable[..., Any]],
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def together(*options: Declaration) -> Declaration:
     """Declare several options at once, in this order."""
 
     def declare(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -89,41 +88,37 @@ def together(
     return declare
 
 
+def bundle(name: str, kind: Any, *options: Declaration) -> Declaration:
+    """Declare the options that are the fields of a named tuple; the command gets them as one argument of that name."""
+
+    def declare(command: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(command)
+        def called(**given: Any) -> Any:
+            values = {field: given.pop(field) for field in kind._fields}
+            return command(**{name: kind(**values)}, **given)
+
+        return together(*options)(called)
+
+    return declare
+
+
 def help_width() -> int:
-    """Return the width of help; on a pipe the value of COLUMNS, or 80."""
-    return min(shutil.get_terminal_size().columns, _WIDEST)
+    """Return the width of help; on a pipe it follows the value of COLUMNS, or 80."""
+    return min(max(shutil.get_terminal_size().columns, _NARROWEST), _WIDEST)
 
 
-def paragraph(text: str, width: int) -> str:
+def paragraph(text: str) -> str:
     """Wrap a text into lines."""
-    return _filled(" ".join(text.split()), width, "", "")
+    return wrapped(" ".join(text.split()), help_width())
 
 
-def definitions(rows: Sequence[tuple[str, str]], width: int) -> str:
-    """Format names and their meaning: side by side if there is space, otherwise the meaning below the name."""
-    side_by_side = width >= _TWO_COLUMNS
-    lines, gap = [], " " * (_NAMES + 4 if side_by_side else 6)
-    for name, text in rows:
-        if side_by_side and len(name) <= _NAMES:
-            lines.append(_filled(text, width, f"  {name:{_NAMES}}  ", gap))
-        else:
-            lines += [_filled(name, width, "  ", "    "), _filled(text, width, gap, gap)]
-    return "\n".join(lines)
+def definitions(title: str, rows: Sequence[tuple[str, str]]) -> str:
+    """Format names and their meaning below a title: side by side if there is space, otherwise the meaning below the name."""
+    lines = table(("", ""), rows, help_width() - 2)
+    return f"{wrapped(title, help_width() - 1)}:\n{textwrap.indent(lines, '  ')}"
 
 
 def _command_line(words: str, width: int) -> str:
     """Format a command for copying: it is wrapped before options, with line continuations."""
-    unbroken = re.sub(r" (?!--)", "\N{NO-BREAK SPACE}", words)
-    lines = _filled(unbroken, width - 2, "  ", "      ").splitlines()
-    return " \\\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")
-
-
-def _filled(text: str, width: int, first: str, rest: str) -> str:
-    return textwrap.fill(
-        text,
-        max(width, 1),
-        initial_indent=first,
-        subsequent_indent=rest,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    unbroken = re.sub(r" (?!--)", "\N{NO-BREAK SPACE}", f"  {words}")
+    return wrapped(unbroken, width - 2, " " * 6).replace("\n", " \\\n").replace("\N{NO-BREAK SPACE}", " ")

@@ -5,19 +5,15 @@ from __future__ import annotations
 import json
 import math
 import sys
-import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, cast
 
-import numpy as np
-
 from kinseek.branches.result import Branches
-from kinseek.errors import InvalidGoal, InvalidProblem, KinseekError, UnitWarning, suggest
-from kinseek.poses import one_pose, pose
-from kinseek.support.units import warn_of_angles
+from kinseek.errors import InvalidGoal, InvalidProblem, KinseekError, suggest
+from kinseek.poses import one_pose
 
-from .goals import IN_DEGREES, TURNS
+from .goals import TURNS, silent_pose, suspect_degrees
 from .output import direct_output, write_out
 from .report import branches_facts, line_facts
 from .request import SolveRequest
@@ -123,14 +119,9 @@ def _target(fields: dict[str, Any], number: int, position_only: bool, deg: bool)
         )
         raise InvalidGoal(f"a line needs {expected}; got {' and '.join(turns) or 'none'}")
     turn = {name: fields[name] for name in turns}
-    for name in (name for name in turns if name in IN_DEGREES and _are_numbers(turn[name])):
-        if deg:
-            turn[name] = np.deg2rad(turn[name])
-        else:
-            warn_of_angles(turn[name], f"line {number:,}: {name}", "add --deg", 1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnitWarning)  # Reported above in terms of the command line.
-        return one_pose(pose(fields["position"], **turn), "position")
+    target = one_pose(silent_pose(fields["position"], turn, deg), "position")
+    suspect_degrees(turn, deg, f"line {number:,}: {' '.join(turn)}")
+    return target
 
 
 def _are_numbers(value: Any) -> bool:

@@ -62,7 +62,7 @@ def table(
 def sentence(text: str, width: int | None) -> str:
     """Wrap a sentence at its blanks."""
     text = printable(text)
-    return text if width is None else _wrapped(text, width, _INDENT)
+    return text if width is None else wrapped(text, width, _INDENT)
 
 
 def _groups(wide: Sequence[int], width: int | None, blocks: Sequence[int]) -> list[list[int]]:
@@ -92,11 +92,11 @@ def _broken(text: str, before: int, width: int | None) -> str:
     """Wrap a line, with the rest of its last cell below the cell's beginning if there is space."""
     if width is None or len(text) <= width:
         return text
-    return _wrapped(text, width, " " * before if width - before >= 30 else _INDENT)
+    return wrapped(text, width, " " * before if width - before >= 30 else _INDENT)
 
 
-def _wrapped(text: str, width: int, indent: str) -> str:
-    """Wrap a line at blanks; blanks inside it stay."""
+def wrapped(text: str, width: int, indent: str = "") -> str:
+    """Wrap a line at blanks, the further lines indented; blanks inside it stay."""
     return textwrap.fill(
         text,
         width,

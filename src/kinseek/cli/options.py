@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import re
 import warnings
 from collections.abc import Callable, Iterable
@@ -14,13 +13,14 @@ from click.shell_completion import CompletionItem
 from kinseek.arm import Arm, load
 from kinseek.errors import InvalidProblem, KinseekError
 
-from .help import option, together
+from .goals import GoalSpec, PoseWords
+from .help import bundle, option
 
 ARM = ("ARM", "A bundled arm (see: kinseek robots), or a .urdf, .xacro or MJCF .xml file.")
 """The first argument of most commands, for their help."""
 
-GOAL = "The goal"
-
+GOAL, TOLERANCES = "The goal", "Tolerances and weights"
+"""Groups of options."""
 
 Completion = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
@@ -102,7 +102,9 @@ def _pairs(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -
     return pairs
 
 
-_chain_options = together(
+chain_options = bundle(
+    "chain",
+    Chain,
     option("--base", metavar="LINK", group="The arm", help="Base link. Default: the root of the file."),
     option("--tip", metavar="LINK", group="The arm", help="Tip link. Default: the only leaf of the file."),
     option(
@@ -132,18 +134,9 @@ _chain_options = together(
 )
 
 
-def chain_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Declare the options of `Chain`; the command gets all of them as `chain`."""
-
-    @functools.wraps(command)
-    def called(**options: Any) -> Any:
-        chain = Chain(**{name: options.pop(name) for name in Chain._fields})
-        return command(chain=chain, **options)
-
-    return _chain_options(called)
-
-
-pose_options = together(
+pose_options = bundle(
+    "words",
+    PoseWords,
     option("--at", metavar="X Y Z", group=GOAL, help="Target position of the tip in the base, m."),
     option(
         "--rpy", metavar="R P Y", group=GOAL, help="Roll, pitch, yaw about fixed x, y, z, as in URDF, rad."
@@ -151,6 +144,58 @@ pose_options = together(
     option("--quat-wxyz", metavar="W X Y Z", group=GOAL, help="Quaternion, real part first."),
     option("--quat-xyzw", metavar="X Y Z W", group=GOAL, help="Quaternion, real part last."),
     option("--rotvec", metavar="X Y Z", group=GOAL, help="Axis times angle, rad."),
+)
+
+goal_options = bundle(
+    "goal_spec",
+    GoalSpec,
+    option("--position-only", is_flag=True, group=GOAL, help="Any orientation is allowed."),
+    option(
+        "--free",
+        metavar="AXES",
+        group=GOAL,
+        help="Free axes: their deviation does not matter, e.g. rz or z,rx,ry.",
+    ),
+    option(
+        "--frame",
+        metavar="WORD",
+        default="tool",
+        shell_complete=complete(lambda: ("tool", "base")),
+        group=GOAL,
+        help="Frame of the axes of --free: tool (that of the target pose) or base.",
+    ),
+    option(
+        "--position-tolerance",
+        type=float,
+        metavar="M",
+        default=1e-6,
+        group=TOLERANCES,
+        help="Largest position error that counts as reached, m.",
+    ),
+    option(
+        "--orientation-tolerance",
+        type=float,
+        metavar="RAD",
+        default=1e-6,
+        group=TOLERANCES,
+        help="Largest orientation error that counts as reached, rad.",
+    ),
+    option(
+        "--position-weight",
+        type=float,
+        metavar="X",
+        default=1.0,
+        group=TOLERANCES,
+        help="K_P of the weighted error, per m.",
+    ),
+    option(
+        "--orientation-weight",
+        type=float,
+        metavar="X",
+        default=1.0,
+        group=TOLERANCES,
+        help="K_A of the weighted error.",
+    ),
 )
 
 json_option = option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")

@@ -12,7 +12,7 @@ import click
 import kinseek
 from kinseek.errors import KinseekError, suggest
 
-from .help import Option, definitions, help_width, paragraph
+from .help import Option, definitions, paragraph
 from .output import buffered_output, complain, warnings_in_one_line, write_out
 from .words import join_lists
 
@@ -62,24 +62,19 @@ class Program(click.Group):
 
     def get_help(self, ctx: click.Context) -> str:
         """Format the help for the width of the terminal."""
-        width = help_width()
         commands = [self.get_command(ctx, name) for name in COMMANDS]
-        rows = [
-            (name, each.get_short_help_str(200))
-            for name, each in zip(COMMANDS, commands, strict=True)
-            if each
-        ]
+        rows = [(each.name or "", each.get_short_help_str(200)) for each in commands if each]
         options = [record for each in self.get_params(ctx) if (record := each.get_help_record(ctx))]
-        parts = [
-            paragraph("Usage: kinseek COMMAND ...", width),
-            paragraph(self.help or "", width),
-            "Commands:\n" + definitions(rows, width),
-            "Options:\n" + definitions(options, width),
-            paragraph(
-                "kinseek COMMAND --help shows the arguments, options and examples of a command.", width
-            ),
-        ]
-        return "\n\n".join(parts)
+        more = "kinseek COMMAND --help shows the arguments, options and examples of a command."
+        return "\n\n".join(
+            [
+                paragraph("Usage: kinseek COMMAND ..."),
+                paragraph(self.help or ""),
+                definitions("Commands", rows),
+                definitions("Options", options),
+                paragraph(more),
+            ]
+        )
 
 
 def _version(ctx: click.Context, option: Any, requested: bool) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import click
 
@@ -12,7 +10,8 @@ from kinseek.arm import Arm
 from kinseek.collision import Scene
 from kinseek.errors import InvalidProblem, InvalidScene
 
-from .help import option, together
+from .help import bundle, option
+from .options import Chain
 
 SELF, SKIP = "self", "skip"
 """Words in place of a file: the arm alone; and in place of a folder: leave out meshes that are not found."""
@@ -38,11 +37,9 @@ class Cell(NamedTuple):
     capsules: float | None
     """Radius of capsules that replace links [m]."""
     meshes: tuple[str, ...]
-    untrusted: bool
-    """Is a xacro file from an untrusted source?"""
 
-    def of(self, arm: Arm) -> Scene | None:
-        """Make the scene of an arm; None if no scene is requested.
+    def of(self, arm: Arm, chain: Chain) -> Scene | None:
+        """Make the scene of an arm, which was loaded with `chain`; None if no scene is requested.
 
         Raises:
             InvalidProblem: Options without --scene.
@@ -62,7 +59,7 @@ class Cell(NamedTuple):
             scene = Scene.of(arm, folders, self.srdf, capsules=self.capsules, missing=missing)
             for name in self.scene:
                 if name != SELF:
-                    scene.add_file(name, meshes=folders, missing=missing, trusted=not self.untrusted)
+                    scene.add_file(name, meshes=folders, missing=missing, trusted=not chain.untrusted)
         except InvalidScene as error:
             said = [option for word, option in _OPTIONS.items() if word in str(error)]
             if not said:
@@ -71,7 +68,9 @@ class Cell(NamedTuple):
         return scene
 
 
-_scene_options = together(
+scene_options = bundle(
+    "cell",
+    Cell,
     option(
         "--scene",
         metavar="FILE",
@@ -87,7 +86,7 @@ _scene_options = together(
         type=float,
         default=0.0,
         group=GROUP,
-        help="Minimum distance of bodies, m. Default: 0.",
+        help="Minimum distance of bodies, m.",
     ),
     option(
         "--srdf",
@@ -112,14 +111,3 @@ _scene_options = together(
         help=f"Folder of packages for package:// addresses; repeat it for each. {SKIP}: skip meshes that are not found.",
     ),
 )
-
-
-def scene_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Declare the options of `Cell`; the command gets all of them as `cell`. Apply it below `chain_options`."""
-
-    @functools.wraps(command)
-    def called(**options: Any) -> Any:
-        given = {name: options.pop(name) for name in Cell._fields if name != "untrusted"}
-        return command(cell=Cell(**given, untrusted=options["chain"].untrusted), **options)
-
-    return _scene_options(called)

@@ -18,6 +18,7 @@ from kinseek.solvers.every import ALL_SOLVERS
 from kinseek.solvers.traits import OwnSolver, summary
 
 from .help import option, together
+from .words import option_of
 
 READABLE = (bool, int, float, str, NoneType)
 
@@ -42,11 +43,6 @@ class Parameter:
     def option(self) -> str:
         """Its form on the command line."""
         return option_of(self.name)
-
-
-def option_of(field: str) -> str:
-    """Return a field's name as an option."""
-    return "--" + field.replace("_", "-")
 
 
 @cache

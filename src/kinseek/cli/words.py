@@ -58,13 +58,23 @@ def numbers(text: str, option: str, count: int | None = None) -> list[float]:
     Raises:
         InvalidProblem: Another number of values than `count`, or words that are not numbers.
     """
-    words = text.replace(",", " ").split()
+    words = split(text)
     for word in words:
         if not is_number(word):
             raise InvalidProblem(f"{option}: {word!r} is not a number")
     if count is not None and len(words) != count:
         raise InvalidProblem(f"{option} needs {count} numbers, got {len(words)}: {text or 'none'}")
     return [float(word) for word in words]
+
+
+def split(text: str) -> list[str]:
+    """Return the words of a list, which are separated by blanks or commas."""
+    return text.replace(",", " ").split()
+
+
+def option_of(field: str) -> str:
+    """Return a field's name as an option."""
+    return "--" + field.replace("_", "-")
 
 
 def size(text: str | None, option: str) -> int | None:
@@ -89,7 +99,7 @@ def named_values(text: str, option: str) -> dict[str, float]:
         InvalidProblem: Something else, a repeated joint, or no value.
     """
     found: dict[str, float] = {}
-    for word in text.replace(",", " ").split():
+    for word in split(text):
         name, equals, value = word.rpartition("=")
         if not (equals and name):
             raise InvalidProblem(f"{option} takes JOINT=VALUE, got {word!r}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from kinseek.cli import report
-from kinseek.cli.goals import GoalSpec, take_turns, target_of
+from kinseek.cli.goals import PoseWords
 from kinseek.cli.help import Command, option
 from kinseek.cli.options import ARM, GOAL, Chain, arm_argument, chain_options, complete, pose_options
 from kinseek.cli.output import complain
@@ -17,6 +17,7 @@ from kinseek.cli.searches import make_search, search_options
 from kinseek.cli.words import size
 from kinseek.errors import InvalidExport, suggest
 from kinseek.export import TARGETS, checked_folder, prepare
+from kinseek.goal import Goal
 
 if TYPE_CHECKING:
     from kinseek.solvers.atlas.solver import Atlas
@@ -45,14 +46,14 @@ _EXPORTED = ("divide-and-conquer", "atlas")
     metavar="NAME",
     default="x86-64",
     shell_complete=complete(lambda: TARGETS),
-    help=f"Kind of processor: {', '.join(TARGETS)}. Default: x86-64.",
+    help=f"Kind of processor: {', '.join(TARGETS)}.",
 )
 @option("--cpu", metavar="NAME", help="Processor of that kind, by its name in LLVM.")
 @option(
     "--form",
     metavar="WORD",
     default="object",
-    help="Form of the kernels: object, assembly or llvm (LLVM assembly). Default: object.",
+    help="Form of the kernels: object, assembly or llvm (LLVM assembly).",
 )
 @option("--ram", metavar="BYTES", help="Limit of static memory, e.g. 65536, 64k or 1M.")
 @option("--flash", metavar="BYTES", help="Limit of the size of kernels and constants.")
@@ -61,7 +62,7 @@ _EXPORTED = ("divide-and-conquer", "atlas")
     metavar="NAME",
     default=_EXPORTED[0],
     shell_complete=complete(lambda: _EXPORTED),
-    help=f"Search: {' or '.join(_EXPORTED)}; the atlas needs 3 to 4 MB of flash. Default: {_EXPORTED[0]}.",
+    help=f"Search: {' or '.join(_EXPORTED)}; the atlas needs 3 to 4 MB of flash.",
 )
 @pose_options
 @option(
@@ -83,7 +84,7 @@ def command(
     ram: str | None,
     flash: str | None,
     solver: str,
-    at: str | None,
+    words: PoseWords,
     position_only: bool,
     deg: bool,
     chain: Chain,
@@ -96,9 +97,10 @@ def command(
     if to != "c":
         raise InvalidExport(suggest(to, ["c"], "language"))
     loaded = chain.load(arm)
-    goal, turns = None, take_turns(more)
-    if at is not None or turns or position_only:
-        goal = GoalSpec(position_only).goal(target_of(at, turns, position_only, deg))
+    goal = None
+    if words.given or position_only:
+        pose = words.target(position_only, deg)
+        goal = Goal.position(pose[:3, 3]) if position_only else Goal.pose(pose)
     if solver not in _EXPORTED:
         raise InvalidExport(suggest(solver, _EXPORTED, "search for a controller"))
     search = cast("DivideAndConquer | Atlas", make_search(solver, more))

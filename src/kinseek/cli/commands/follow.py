@@ -13,7 +13,16 @@ from kinseek.cli.columns import VALID
 from kinseek.cli.files import read_poses, writable, write_table
 from kinseek.cli.goals import GoalSpec
 from kinseek.cli.help import Command, option
-from kinseek.cli.options import ARM, GOAL, Chain, arm_argument, chain_options, complete_joints, json_option
+from kinseek.cli.options import (
+    ARM,
+    GOAL,
+    Chain,
+    arm_argument,
+    chain_options,
+    complete_joints,
+    goal_options,
+    json_option,
+)
 from kinseek.cli.output import on_terminal
 from kinseek.cli.scenes import Cell, scene_options
 from kinseek.cli.words import joint_values
@@ -53,8 +62,6 @@ _POSES, _OUT = "POSES", "OUT"
 @click.argument("out", metavar=_OUT, type=click.Path(path_type=Path))
 @chain_options
 @scene_options
-@option("--position-only", is_flag=True, group=GOAL, help="Any orientation is allowed.")
-@option("--free", metavar="AXES", group=GOAL, help="Axes whose deviation does not matter, such as rz.")
 @option("--deg", is_flag=True, group=GOAL, help="Angles of the poses, --start and --end are in degrees.")
 @option(
     "--start",
@@ -82,7 +89,7 @@ _POSES, _OUT = "POSES", "OUT"
     type=float,
     default=0.3,
     group=_MOTION,
-    help="Largest motion of a joint between two poses, rad or m, also with --deg; more is a break. Default: 0.3.",
+    help="Largest motion of a joint between two poses, rad or m, also with --deg; more is a break.",
 )
 @option(
     "--period",
@@ -105,6 +112,7 @@ _POSES, _OUT = "POSES", "OUT"
     group=_MOTION,
     help="Time limit, s: no further part of the work is begun after it; poses that are not planned by then are missed.",
 )
+@goal_options
 @json_option
 def command(
     arm: str,
@@ -112,8 +120,7 @@ def command(
     out: Path,
     chain: Chain,
     cell: Cell,
-    position_only: bool,
-    free: str | None,
+    goal_spec: GoalSpec,
     deg: bool,
     start: str | None,
     end: str | None,
@@ -127,13 +134,12 @@ def command(
     """Find one continuous motion through many poses, with as few breaks as possible."""
     loaded = chain.load(arm)
     place = writable(out, poses, _OUT, _POSES)  # Before any work is done.
-    goal_spec = GoalSpec(position_only, free.replace(",", " ").split() if free is not None else [])
-    goal = goal_spec.goal(read_poses(poses, position_only, deg, _POSES))
+    goal = goal_spec.goal(read_poses(poses, goal_spec.position_only, deg, _POSES))
     first = None if start is None else joint_values(loaded, start, "--start", deg)
     last = None if end is None else joint_values(loaded, end, "--end", deg)
     if period is not None and not 0 < period < np.inf:
         raise InvalidProblem(f"--period must be above 0 [s], got {period:g}")
-    scene = cell.of(loaded)
+    scene = cell.of(loaded, chain)
     clock = time.perf_counter()
     path = loaded.follow(
         goal,

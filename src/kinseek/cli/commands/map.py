@@ -16,6 +16,7 @@ from kinseek.cli.help import Command, option
 from kinseek.cli.options import ARM, Chain, arm_argument, chain_options, json_option
 from kinseek.cli.output import complain, on_terminal
 from kinseek.cli.scenes import Cell, scene_options
+from kinseek.cli.words import split
 from kinseek.errors import InvalidMap
 from kinseek.maps import Grid, Rings, capability, estimate, orientations, reach, volume
 from kinseek.support.interrupts import raise_of_handler
@@ -63,7 +64,7 @@ _GRID, _WORK = "The grid", "The computation"
     type=int,
     default=576,
     group=_GRID,
-    help="Approximate number of orientations, evenly spread. Default: 576.",
+    help="Approximate number of orientations, evenly spread.",
 )
 @option(
     "--rings",
@@ -76,7 +77,7 @@ _GRID, _WORK = "The grid", "The computation"
     metavar="WORDS",
     default="reached",
     group=_WORK,
-    help="Measures separated by commas: reached, branches, dexterity, limit_distance. Default: reached.",
+    help="Measures separated by commas: reached, branches, dexterity, limit_distance.",
 )
 @option(
     "--prove",
@@ -90,7 +91,7 @@ _GRID, _WORK = "The grid", "The computation"
     type=int,
     default=2,
     group=_WORK,
-    help="Number of halvings of an undecided cell. Default: 2.",
+    help="Number of halvings of an undecided cell.",
 )
 @option(
     "--store",
@@ -146,9 +147,9 @@ def command(
         raise InvalidMap(f"--picture {str(picture)!r}: folder {str(picture.parent)!r} does not exist")
     if picture is not None and not only:
         _load_matplotlib()
-    words = tuple(what.replace(",", " ").split())
+    words = tuple(split(what))
     options: dict[str, Any] = {"prove": prove, "depth": depth}
-    options |= {"scene": cell.of(loaded), "clearance": cell.clearance}
+    options |= {"scene": cell.of(loaded, chain), "clearance": cell.clearance}
     client = _client(scheduler)
     cores = None if client is None else sum(client.nthreads().values()) or 1
     cost = estimate(loaded, grid, words, seconds=0.5, cores=cores, **options)
@@ -204,7 +205,7 @@ def _grid(arm: Arm, step: float | None, ranges: str | None, count: int, rings: b
         pairs = [(low + middle, high + middle) for (low, high), middle in zip(ends, middles, strict=True)]
     else:
         try:
-            numbers = [float(word) for word in ranges.replace(",", " ").split()]
+            numbers = [float(word) for word in split(ranges)]
         except ValueError:
             raise InvalidMap(f"--range must be numbers, got {ranges!r}") from None
         if len(numbers) != 2 * len(names):

@@ -13,7 +13,7 @@ from kinseek.branches.result import Branches
 from kinseek.cli import report
 from kinseek.cli.batch import solve_file
 from kinseek.cli.columns import VALID
-from kinseek.cli.goals import GoalSpec, take_turns, target_of
+from kinseek.cli.goals import GoalSpec, PoseWords
 from kinseek.cli.help import Command, option
 from kinseek.cli.json_lines import solve_lines
 from kinseek.cli.options import (
@@ -24,13 +24,14 @@ from kinseek.cli.options import (
     chain_options,
     complete,
     complete_joints,
+    goal_options,
     json_option,
     pose_options,
 )
 from kinseek.cli.request import SolveRequest
 from kinseek.cli.scenes import Cell, scene_options
 from kinseek.cli.searches import make_search, search_options, searches, searches_in_words
-from kinseek.cli.words import in_radians, joint_values, named_values
+from kinseek.cli.words import in_radians, joint_values, named_values, option_of
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 
@@ -62,21 +63,6 @@ _MANY = "Many poses"
 )
 @arm_argument
 @pose_options
-@option("--position-only", is_flag=True, group=GOAL, help="Any orientation is allowed.")
-@option(
-    "--free",
-    metavar="AXES",
-    group=GOAL,
-    help="Free axes: their deviation does not matter, e.g. rz or z,rx,ry.",
-)
-@option(
-    "--frame",
-    metavar="WORD",
-    default="tool",
-    shell_complete=complete(lambda: ("tool", "base")),
-    group=GOAL,
-    help="Frame of the axes of --free: tool (that of the target pose) or base. Default: tool.",
-)
 @option("--deg", is_flag=True, group=GOAL, help="--rpy, --rotvec, --near and --lock are in degrees.")
 @chain_options
 @option(
@@ -119,38 +105,7 @@ _MANY = "Many poses"
     group=_WHICH,
     help="Prove that a missed pose has no solution, or that --all found every solution.",
 )
-@option(
-    "--position-tolerance",
-    type=float,
-    metavar="M",
-    default=1e-6,
-    group="Tolerances and weights",
-    help="Largest position error that counts as reached, m. Default: 1e-6.",
-)
-@option(
-    "--orientation-tolerance",
-    type=float,
-    metavar="RAD",
-    default=1e-6,
-    group="Tolerances and weights",
-    help="Largest orientation error that counts as reached, rad. Default: 1e-6.",
-)
-@option(
-    "--position-weight",
-    type=float,
-    metavar="X",
-    default=1.0,
-    group="Tolerances and weights",
-    help="K_P of the weighted error, per m. Default: 1.",
-)
-@option(
-    "--orientation-weight",
-    type=float,
-    metavar="X",
-    default=1.0,
-    group="Tolerances and weights",
-    help="K_A of the weighted error. Default: 1.",
-)
+@goal_options
 @option(
     "--batch",
     type=click.Path(path_type=Path),
@@ -183,10 +138,8 @@ _MANY = "Many poses"
 @search_options()
 def command(
     arm: str,
-    at: str | None,
-    position_only: bool,
-    free: str | None,
-    frame: str,
+    words: PoseWords,
+    goal_spec: GoalSpec,
     deg: bool,
     chain: Chain,
     lock: tuple[str, ...],
@@ -196,10 +149,6 @@ def command(
     every: bool,
     count: int | None,
     prove: bool,
-    position_tolerance: float,
-    orientation_tolerance: float,
-    position_weight: float,
-    orientation_weight: float,
     batch: Path | None,
     out: Path | None,
     jsonl: bool,
@@ -210,18 +159,6 @@ def command(
 ) -> int:
     """Find joint values that reach a pose."""
     loaded = _locked(chain.load(arm), lock, deg)
-    turns = take_turns(more)
-    goal_spec = GoalSpec(
-        position_only,
-        free.replace(",", " ").split() if free is not None else [],
-        frame,
-        {
-            "position_tolerance": position_tolerance,
-            "orientation_tolerance": orientation_tolerance,
-            "position_weight": position_weight,
-            "orientation_weight": orientation_weight,
-        },
-    )
     request = SolveRequest(
         loaded,
         goal_spec,
@@ -230,7 +167,7 @@ def command(
         prefer=prefer,
         prove=prove,
         trace=trace,
-        scene=cell.of(loaded),
+        scene=cell.of(loaded, chain),
         clearance=cell.clearance,
     )
     if near is not None and prefer is not None:
@@ -242,12 +179,10 @@ def command(
     if batch is None and not jsonl:
         if out is not None:
             raise InvalidProblem("--out names the output file of --batch; add --batch FILE")
-        return _one(request, goal_spec.goal(target_of(at, turns, position_only, deg)), every, count, as_json)
-    single = [
-        *(["--at"] if at is not None else []),
-        *(f"--{name.replace('_', '-')}" for name in turns),
-        *(["--trace"] if trace else []),
-    ]
+        return _one(
+            request, goal_spec.goal(words.target(goal_spec.position_only, deg)), every, count, as_json
+        )
+    single = [*map(option_of, words.given), *(["--trace"] if trace else [])]
     if single:
         many = "--jsonl" if jsonl else "--batch"
         raise InvalidProblem(f"{many} reads many poses; it cannot be combined with {' or '.join(single)}")

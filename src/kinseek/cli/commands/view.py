@@ -18,13 +18,13 @@ from kinseek.cli.output import direct_output
 )
 @arm_argument
 @chain_options
-@option("--host", metavar="ADDRESS", default="127.0.0.1", help="Address to listen at. Default: 127.0.0.1.")
+@option("--host", metavar="ADDRESS", default="127.0.0.1", help="Address to listen at.")
 @option(
     "--port",
     metavar="N",
     type=click.IntRange(0, 65535),
     default=8080,
-    help="Port to listen at; if it is taken, the next free one is used. Default: 8080.",
+    help="Port to listen at; if it is taken, the next free one is used.",
 )
 @option("--share", is_flag=True, help="Also make a public address, through a relay of viser's authors.")
 @option("--browser/--no-browser", default=None, help="Open a browser, or only print the address of the page.")
