@@ -370,7 +370,7 @@ MISUSE = {
     "near": (("solve", "planar2", *REACHABLE, "--position-only", "--near", "1"), "needs 2 numbers, got 1"),
     "near: half": (
         ("solve", "planar2", *REACHABLE, "--position-only", "--near", "joint1=1"),
-        "has no value for joint2",
+        "--near: no value for joint 'joint2'; given: joint1",
     ),
     "near: unknown": (
         ("solve", "planar2", *REACHABLE, "--position-only", "--near", "joint1=1,joint_2=2"),

@@ -514,6 +514,7 @@ WRONG = {
         "x;y;z;qw;qx;qy;qz\n1;2;3;1;0;0;0\n1;2,5;3;1;0;0;0\n",
         "row 2: y is '2,5', which is not a number; numbers have a point",
     ),
+    "a number of Python": ("x,y,z\n1,2,3\n1,2_0,3\n", "row 2: y is '2_0', which is not a number"),
     "nothing": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,,3,1,0,0,0\n", "row 2: y is '', which is not a number"),
     "short row": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,2,3\n", "row 2: 3 values, expected 7"),
     "all rows short": ("x,y,z,qw,qx,qy,qz\n1,2,3\n1,2,3\n", "row 1: 3 values, expected 7"),

@@ -7,10 +7,11 @@ import csv
 import io
 import uuid
 import warnings
+from array import array
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,43 +155,41 @@ def _csv(path: Path) -> dict[str, Array]:
                 got = ", ".join(names) or "nothing"
                 raise InvalidGoal(f"{path}: the first row must name the columns, got {got}. Valid: {VALID}")
             _refuse_twice(names, str(path))
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", UserWarning)  # About missing rows, reported later.
-                    table = np.loadtxt(file, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
-            except ValueError as error:
-                file.seek(0)
-                next(file)
-                _explain(csv.reader(file, delimiter=delimiter), names, str(path), error)
+            numbers = array("d")
+            for number, row in enumerate(filter(None, csv.reader(file, delimiter=delimiter)), 1):
+                try:
+                    numbers.extend(_row(row, names))
+                except ValueError as error:
+                    raise InvalidGoal(f"{path}: row {number:,}: {error}") from None
     except UnicodeDecodeError as error:
         raise InvalidGoal(
             f"{str(path)!r} is not UTF-8 text: {error.reason} at byte {error.start:,}"
         ) from None
     except csv.Error as error:
         raise InvalidGoal(f"{str(path)!r} cannot be read as a table: {error}") from None
-    if table.size == 0:
-        table = np.empty((0, len(names)))
-    if table.shape[1] != len(names):
-        raise InvalidGoal(f"{path}: row 1: {table.shape[1]} values, expected {len(names)}, one per column")
-    return dict(zip(names, table.T, strict=True))
+    return dict(zip(names, np.array(numbers).reshape(-1, len(names)).T, strict=True))
+
+
+def _row(words: list[str], names: list[str]) -> list[float]:
+    """Read the numbers of a row.
+
+    Raises:
+        ValueError: Another number of words than of names, or one that is not a number; the message names its column.
+    """
+    if len(words) != len(names):
+        raise ValueError(f"{len(words)} values, expected {len(names)}, one per column")
+    with contextlib.suppress(ValueError):
+        if "_" not in "".join(words):  # Which float() takes inside a number.
+            return list(map(float, words))
+    wrong = (each for each in zip(names, words, strict=True) if "," in each[1] or not is_number(each[1]))
+    name, word = next(wrong)
+    hint = "; numbers have a point, not a comma" if is_number(word) else ""
+    raise ValueError(f"{name} is {word!r}, which is not a number{hint}")
 
 
 def _refuse_twice(names: list[str], where: str) -> None:
     if twice := [name for name, count in Counter(names).items() if count > 1]:
         raise InvalidGoal(f"{where}: two columns are called {twice[0]!r}")
-
-
-def _explain(rows: Iterator[list[str]], names: list[str], where: str, error: ValueError) -> NoReturn:
-    """Find the row that could not be read."""
-    for number, row in enumerate(filter(None, rows), 1):
-        here = f"{where}: row {number:,}"
-        if len(row) != len(names):
-            raise InvalidGoal(f"{here}: {len(row)} values, expected {len(names)}, one per column") from None
-        for name, word in zip(names, row, strict=True):
-            if "," in word or not is_number(word.strip()):
-                hint = "; numbers have a point, not a comma" if is_number(word.strip()) else ""
-                raise InvalidGoal(f"{here}: {name} is {word!r}, which is not a number{hint}") from None
-    raise InvalidGoal(f"{where}: {error}") from None
 
 
 def _npy(path: Path) -> Array:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.errors import InvalidProblem, suggest
+from kinseek.robots.named import in_order
 from kinseek.support.units import warn_of_angles
 
 LENGTHS = {
@@ -47,7 +48,7 @@ def join_lists(words: Sequence[str]) -> list[str]:
 def is_number(word: str) -> bool:
     """Return whether every part of the word between commas is a number, including NaN and infinity."""
     try:
-        return bool([float(part) for part in word.split(",")])
+        return "_" not in word and bool([float(part) for part in word.split(",")])
     except ValueError:
         return False
 
@@ -143,13 +144,9 @@ def joints_in_order(
     Raises:
         InvalidProblem: Not one number per joint.
     """
-    names = ", ".join(arm.joint_names)
-    if isinstance(values, Mapping):
-        named = in_radians(arm, values, option, False)
-        if missing := [name for name in arm.joint_names if name not in named]:
-            raise InvalidProblem(f"{option} has no value for {', '.join(missing)}. Joints: {names}")
-        values = [named[name] for name in arm.joint_names]
+    values = in_order(values, arm.joint_names, option, InvalidProblem)
     if len(values) != arm.dof:
+        names = ", ".join(arm.joint_names)
         raise InvalidProblem(f"{option} needs {arm.dof} numbers, got {len(values)}. Joints: {names}")
     q = np.array(values, dtype=np.float64)
     turns = np.array([kind != "prismatic" for kind in arm.kinds])
