@@ -59,8 +59,8 @@ def test_a_picture_does_not_obey_the_working_folder(tmp_path: Path) -> None:
     [
         (["--resume"], "--resume needs --store FOLDER"),
         (["--step", "0"], "positive length"),
-        (["--range", "0 1 2"], "6 numbers; got 3"),
-        (["--range", "a b c d e f"], "must be numbers"),
+        (["--range", "0 1 2"], "--range needs 6 numbers, got 3: 0 1 2"),
+        (["--range", "a b c d e f"], "--range: 'a' is not a number"),
         (["--step", "0.3", "--range", "-1 1 -1 1 0 1"], "must divide its range"),
         (["--step", "0.0005"], "too large"),
         (["--what", "speed"], "unknown measure 'speed'"),

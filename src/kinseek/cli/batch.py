@@ -17,18 +17,13 @@ from .output import on_terminal
 from .request import SolveRequest
 
 
-def solve_file(
-    request: SolveRequest, source: Path, out: Path, deg: bool, every: bool, count: int | None, as_json: bool
-) -> int:
+def solve_file(request: SolveRequest, source: Path, out: Path, as_json: bool) -> int:
     """Solve every pose of a file, and write the solutions when all are computed.
 
     Args:
         request: The arm and the options of the command line.
         source: The poses, as `read_poses` takes them.
-        out: The output file: a row per pose, or with `every` a row per solution.
-        deg: Are angles of the poses in degrees?
-        every: Is every solution requested?
-        count: Maximum number of these per pose.
+        out: The output file: a row per pose, or with ``--all`` a row per solution.
         as_json: Print the summary as JSON?
 
     Returns:
@@ -40,10 +35,10 @@ def solve_file(
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
     place = writable(out, source)  # Checked before any work is done.
-    goal = request.goal_spec.goal(read_poses(source, request.goal_spec.position_only, deg))
+    goal = request.goal_spec.goal(read_poses(source, request.goal_spec.position_only, request.deg))
     clock = time.perf_counter()
-    if every:
-        found = request.branches(goal, count)
+    if request.every:
+        found = request.branches(goal)
         assert isinstance(found, BranchesBatch)
         reached, table = found.counts > 0, branches_batch_table(found)
         table = replace(table, columns={"row": table.index["target"] + 1, **table.columns})

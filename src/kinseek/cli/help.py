@@ -39,28 +39,34 @@ class Option(click.Option):
         return super().get_help_record(ctx)
 
 
+class Argument(click.Argument):
+    """An argument with help."""
+
+    group = "Arguments"
+
+    def __init__(self, *args: Any, help: str, **rest: Any) -> None:
+        """Store the help."""
+        super().__init__(*args, **rest)
+        self._help = help
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str]:
+        """Return its name and its help."""
+        return self.metavar or "", self._help
+
+
 class Command(click.Command):
     """A command whose help has examples."""
 
-    def __init__(
-        self,
-        *args: Any,
-        examples: Sequence[str] = (),
-        arguments: Sequence[tuple[str, str]] = (),
-        more: Sequence[str] = (),
-        **rest: Any,
-    ) -> None:
-        """Store examples, arguments with their meaning, and further paragraphs for the help."""
+    def __init__(self, *args: Any, examples: Sequence[str], more: Sequence[str] = (), **rest: Any) -> None:
+        """Store examples, and further paragraphs for the help."""
         super().__init__(*args, **rest)
-        self.examples, self._arguments, self._more = tuple(examples), tuple(arguments), tuple(more)
+        self.examples, self._more = tuple(examples), tuple(more)
 
     def get_help(self, ctx: click.Context) -> str:
         """Format the help for the width of the terminal."""
-        groups: dict[str, list[tuple[str, str]]] = {
-            "Arguments": [(name.ljust(_NAMES), text) for name, text in self._arguments]
-        }
+        groups: dict[str, list[tuple[str, str]]] = {Argument.group: []}
         for each in self.get_params(ctx):
-            if isinstance(each, click.Option) and (record := each.get_help_record(ctx)):
+            if record := each.get_help_record(ctx):
                 name, text = record
                 groups.setdefault(getattr(each, "group", "Options"), []).append((name.ljust(_NAMES), text))
         usage = f"Usage: {' '.join([ctx.command_path, *self.collect_usage_pieces(ctx)])}"
@@ -70,6 +76,11 @@ class Command(click.Command):
         parts += [definitions(name, rows) for name, rows in groups.items() if rows]
         parts += [paragraph(text) for text in self._more]
         return "\n\n".join([*parts, f"{title}:\n{lines}"])
+
+
+def argument(name: str, **rest: Any) -> Callable[[Decorated], Decorated]:
+    """Declare an argument of a command, with its help."""
+    return click.argument(name, cls=Argument, **rest)
 
 
 def option(*names: str, **rest: Any) -> Callable[[Decorated], Decorated]:

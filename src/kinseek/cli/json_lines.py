@@ -22,14 +22,8 @@ from .words import joints_in_order
 _KEYS = ("id", "matrix", "position", *TURNS, "near")
 
 
-def solve_lines(request: SolveRequest, deg: bool, every: bool, count: int | None) -> int:
+def solve_lines(request: SolveRequest) -> int:
     """Solve one line after the other; a line that is not a pose gives an error line, and the next one is read.
-
-    Args:
-        request: The arm and the options of the command line.
-        deg: Are angles in degrees?
-        every: Is every solution requested?
-        count: Maximum number of these per pose.
 
     Returns:
         2 if a line was wrong or the output cannot be written, 141 if the reader is gone, 1 if a pose was not reached, else
@@ -42,7 +36,7 @@ def solve_lines(request: SolveRequest, deg: bool, every: bool, count: int | None
             try:
                 fields = _read(line)
                 facts |= {"id": fields["id"]} if "id" in fields else {}
-                found, reached = _solve_line(_nearer(request, fields, deg), fields, number, deg, every, count)
+                found, reached = _solve_line(_nearer(request, fields), fields, number)
                 facts |= found
                 code = max(code, 0 if reached else 1)
             except KinseekError as error:
@@ -91,13 +85,11 @@ def _finite(text: str) -> float:
     return number
 
 
-def _solve_line(
-    request: SolveRequest, fields: dict[str, Any], number: int, deg: bool, every: bool, count: int | None
-) -> tuple[dict[str, Any], bool]:
+def _solve_line(request: SolveRequest, fields: dict[str, Any], number: int) -> tuple[dict[str, Any], bool]:
     in_scene = request.scene is not None
-    goal = request.goal_spec.goal(_target(fields, number, request.goal_spec.position_only, deg))
-    if every:
-        found = request.branches(goal, count)
+    goal = request.goal_spec.goal(_target(fields, number, request.goal_spec.position_only, request.deg))
+    if request.every:
+        found = request.branches(goal)
         return branches_facts(cast(Branches, found), in_scene), len(found) > 0
     solution = request.solve(goal)
     return line_facts(solution, in_scene), bool(solution.success)
@@ -131,7 +123,7 @@ def _are_numbers(value: Any) -> bool:
     )
 
 
-def _nearer(request: SolveRequest, fields: dict[str, Any], deg: bool) -> SolveRequest:
+def _nearer(request: SolveRequest, fields: dict[str, Any]) -> SolveRequest:
     if "near" not in fields:
         return request
     near = fields["near"]
@@ -139,4 +131,4 @@ def _nearer(request: SolveRequest, fields: dict[str, Any], deg: bool) -> SolveRe
         raise InvalidProblem(
             f"near must be a list of numbers, or joint names with values, got {json.dumps(near)}"
         )
-    return replace(request, near=joints_in_order(request.arm, near, "near", deg))
+    return replace(request, near=joints_in_order(request.arm, near, "near", request.deg))

@@ -14,10 +14,7 @@ from kinseek.arm import Arm, load
 from kinseek.errors import InvalidProblem, KinseekError
 
 from .goals import GoalSpec, PoseWords
-from .help import bundle, option
-
-ARM = ("ARM", "A bundled arm (see: kinseek robots), or a .urdf, .xacro or MJCF .xml file.")
-"""The first argument of most commands, for their help."""
+from .help import argument, bundle, option
 
 GOAL, TOLERANCES = "The goal", "Tolerances and weights"
 """Groups of options."""
@@ -34,9 +31,11 @@ def complete(words: Callable[[], Iterable[str]]) -> Completion:
     return completed
 
 
-class Chain(NamedTuple):
-    """The part of a robot's file that is the arm, and the options for reading the file."""
+class Robot(NamedTuple):
+    """A bundled arm or the file of a robot, which part of it is the arm, and the options for reading it."""
 
+    arm: str
+    """Name of the bundled arm, or path of the file."""
     base: str | None
     tip: str | None
     args: dict[str, str]
@@ -46,14 +45,14 @@ class Chain(NamedTuple):
     untrusted: bool
     """Is the file from an untrusted source?"""
 
-    def load(self, arm: str) -> Arm:
+    def load(self) -> Arm:
         """Load the arm.
 
         Raises:
             KinseekError: As `kinseek.load`.
         """
         trusted = not self.untrusted
-        return load(arm, self.base, self.tip, args=self.args, packages=self.packages, trusted=trusted)
+        return load(self.arm, self.base, self.tip, args=self.args, packages=self.packages, trusted=trusted)
 
 
 _PLAIN = re.compile(r"[A-Za-z0-9_./:-]+")
@@ -66,12 +65,12 @@ def complete_joints(ctx: click.Context, param: click.Parameter, incomplete: str)
     A shell inserts a completion unquoted, so joints with other characters in their names are left out. ``--untrusted`` may
     still follow on the line, so no file is trusted here.
     """
-    arm = ctx.params.get("arm") or next(iter(ctx.args), "")
+    given: dict[str, Any] = {name: ctx.params.get(name) for name in Robot._fields}
+    given |= {"arm": given["arm"] or next(iter(ctx.args), ""), "untrusted": True}
     try:
-        given: dict[str, Any] = {name: ctx.params.get(name) for name in Chain._fields}
         with warnings.catch_warnings():  # Printed below what is being typed.
             warnings.simplefilter("ignore")
-            names = Chain(**given | {"untrusted": True}).load(arm).joint_names
+            names = Robot(**given).load().joint_names
     except KinseekError:
         return []
     plain = filter(_PLAIN.fullmatch, names)
@@ -84,9 +83,6 @@ def _complete_arms(ctx: click.Context, param: click.Parameter, incomplete: str) 
 
     names = [name for name in catalog_names() if name.startswith(incomplete)]
     return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
-
-
-arm_argument = click.argument("arm", metavar="ARM", shell_complete=_complete_arms)
 
 
 def _pairs(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
@@ -102,9 +98,15 @@ def _pairs(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -
     return pairs
 
 
-chain_options = bundle(
-    "chain",
-    Chain,
+robot_options = bundle(
+    "robot",
+    Robot,
+    argument(
+        "arm",
+        metavar="ARM",
+        shell_complete=_complete_arms,
+        help="A bundled arm (see: kinseek robots), or a .urdf, .xacro or MJCF .xml file.",
+    ),
     option("--base", metavar="LINK", group="The arm", help="Base link. Default: the root of the file."),
     option("--tip", metavar="LINK", group="The arm", help="Tip link. Default: the only leaf of the file."),
     option(

@@ -82,7 +82,7 @@ def print_checkup(name: str, found: Checkup, as_json: bool) -> None:
     findings = sorted(found.findings, key=lambda finding: order.index(finding.severity))
     if as_json:
         listed = [{"severity": f.severity.value, "part": f.part, "what": f.what} for f in findings]
-        _print_json({"file": name, "sound": found.sound, "findings": listed})
+        print_json({"file": name, "sound": found.sound, "findings": listed})
         return
     for finding in findings:
         _print(f"{finding.severity.value}: {finding.part}{': ' if finding.part else ''}{finding.what}")
@@ -123,7 +123,7 @@ def print_pose(arm: Arm, q: Array, T: Array, as_json: bool) -> None:
     xyzw = np.roll(wxyz, -1)
     if as_json:
         facts = {"position": T[:3, 3], "quat_wxyz": wxyz, "quat_xyzw": xyzw, "matrix": T}
-        _print_json({**_arm_facts(arm), "q": q.tolist(), **{k: v.tolist() for k, v in facts.items()}})
+        print_json({**_arm_facts(arm), "q": q.tolist(), **{k: v.tolist() for k, v in facts.items()}})
         return
     _print(f"{arm.tip} in {arm.base}")
     rows = [("position", "x y z in m", _row(T[:3, 3])), ("quaternion", "w x y z", _row(wxyz))]
@@ -143,7 +143,7 @@ def print_solution(
     """Print a solution and its errors."""
     if as_json:
         facts = solution_facts(arm, solution, search, seconds, proof, in_scene)
-        _print_json(facts | ({"trace": solution.trace.to_dict()} if solution.problem.trace else {}))
+        print_json(facts | ({"trace": solution.trace.to_dict()} if solution.problem.trace else {}))
         return
     if solution.problem.trace:
         print(solution.trace)
@@ -247,7 +247,7 @@ def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool, in_
     goal = found.problem.goal
     if as_json:
         facts = branches_facts(found, in_scene)
-        _print_json({**_arm_facts(arm), "goal": _goal_facts(goal), **facts, "seconds": seconds})
+        print_json({**_arm_facts(arm), "goal": _goal_facts(goal), **facts, "seconds": seconds})
         return
     room = np.minimum(found.q - arm.lower, arm.upper - found.q)
     room[:, [kind == "continuous" for kind in arm.kinds]] = np.inf
@@ -293,7 +293,7 @@ def print_batch(arm: Arm, reached: NDArray[np.bool_], out: str, seconds: float, 
     missed = (np.flatnonzero(~reached) + 1).tolist()
     if as_json:
         facts = {"poses": len(reached), "reached": int(reached.sum()), "not_reached": missed}
-        _print_json({**_arm_facts(arm), **facts, "out": out, "seconds": seconds})
+        print_json({**_arm_facts(arm), **facts, "out": out, "seconds": seconds})
         return
     _print(f"{len(reached):,} poses: {int(reached.sum()):,} reached, {len(missed):,} not; {seconds:.3g} s")
     if missed:
@@ -318,7 +318,7 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
         if path.proof is not None:
             facts |= {"certified": path.certified, "proved_steps": int(path.proved.sum())}
             facts |= {"impossible": [list(pair) for pair in path.impossible]}
-        _print_json({**_arm_facts(arm), **facts, "out": out, "seconds": seconds})
+        print_json({**_arm_facts(arm), **facts, "out": out, "seconds": seconds})
         return
     _print(f"{len(path):,} poses, {seconds:.3g} s. {path.status}")
     if path.why:
@@ -416,5 +416,6 @@ def _print_list(items: Sequence[object]) -> None:
         _print(f"- and {len(items) - _LISTED} more")
 
 
-def _print_json(facts: dict[str, Any]) -> None:
+def print_json(facts: dict[str, Any]) -> None:
+    """Print one JSON object."""
     print(json.dumps(facts, indent=2, allow_nan=False))

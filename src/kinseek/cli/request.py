@@ -27,6 +27,8 @@ class SolveRequest:
 
     arm: Arm
     goal_spec: GoalSpec
+    deg: bool
+    """Are angles of the poses in degrees?"""
     near: NDArray[np.float64] | None = None
     search: Solver | None = None
     prefer: str | None = None
@@ -35,6 +37,10 @@ class SolveRequest:
     scene: Scene | None = None
     clearance: float = 0.0
     """Minimum distance of bodies [m]."""
+    every: bool = False
+    """Is every solution requested?"""
+    count: int | None = None
+    """Maximum number of these per pose."""
 
     def solve(self, goal: Goal, progress: bool = False) -> Solution:
         """Solve one goal, or a batch."""
@@ -61,7 +67,7 @@ class SolveRequest:
         proof = prove(solution.problem, solution=solution)
         return replace(solution, proved_unreachable=proof.verdict is Verdict.UNREACHABLE), proof
 
-    def branches(self, goal: Goal, count: int | None = None) -> Branches | BranchesBatch:
+    def branches(self, goal: Goal) -> Branches | BranchesBatch:
         """Return every solution of one goal, or of each of a batch.
 
         Raises:
@@ -73,7 +79,7 @@ class SolveRequest:
         return self.arm.branches(
             goal,
             near=self.near,
-            count=count,
+            count=self.count,
             prove=self.prove,
             scene=self.scene,
             clearance=self.clearance,

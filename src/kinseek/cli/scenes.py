@@ -11,7 +11,7 @@ from kinseek.collision import Scene
 from kinseek.errors import InvalidProblem, InvalidScene
 
 from .help import bundle, option
-from .options import Chain
+from .options import Robot
 
 SELF, SKIP = "self", "skip"
 """Words in place of a file: the arm alone; and in place of a folder: leave out meshes that are not found."""
@@ -38,8 +38,8 @@ class Cell(NamedTuple):
     """Radius of capsules that replace links [m]."""
     meshes: tuple[str, ...]
 
-    def of(self, arm: Arm, chain: Chain) -> Scene | None:
-        """Make the scene of an arm, which was loaded with `chain`; None if no scene is requested.
+    def of(self, arm: Arm, robot: Robot) -> Scene | None:
+        """Make the scene of an arm, which was loaded from `robot`; None if no scene is requested.
 
         Raises:
             InvalidProblem: Options without --scene.
@@ -59,7 +59,7 @@ class Cell(NamedTuple):
             scene = Scene.of(arm, folders, self.srdf, capsules=self.capsules, missing=missing)
             for name in self.scene:
                 if name != SELF:
-                    scene.add_file(name, meshes=folders, missing=missing, trusted=not chain.untrusted)
+                    scene.add_file(name, meshes=folders, missing=missing, trusted=not robot.untrusted)
         except InvalidScene as error:
             said = [option for word, option in _OPTIONS.items() if word in str(error)]
             if not said:

@@ -8,7 +8,7 @@ import click
 
 from kinseek.cli import report
 from kinseek.cli.help import Command
-from kinseek.cli.options import Chain, arm_argument, chain_options, json_option
+from kinseek.cli.options import Robot, json_option, robot_options
 from kinseek.errors import InvalidRobot, suggest
 from kinseek.robots import catalog_entry, catalog_names, catalog_path
 from kinseek.robots.files import instead_of_a_description
@@ -18,20 +18,19 @@ from kinseek.robots.soundness import READABLE, check
 @click.command(
     "check",
     cls=Command,
-    arguments=[("ARM", "A .urdf, .xacro or MJCF .xml file, or a bundled arm.")],
     examples=["kinseek check ur5e"],
     more=["Exit codes: 0 sound, or only notes; 1 errors or warnings; 2 the file cannot be read."],
 )
-@arm_argument
-@chain_options
+@robot_options
 @json_option
-def command(arm: str, chain: Chain, as_json: bool) -> int:
+def command(robot: Robot, as_json: bool) -> int:
     """Check whether the description of a robot is sound, and print one line for each finding.
 
     An error is something that kinseek rejects, a warning is probably a mistake, a note is good to know. The check covers the
     tree of links, limits and soft limits, axes, mimic joints, kinds of joints, masses and inertias, and missing meshes. For
     a bundled arm, one more line gives the source of its limits and speeds.
     """
+    arm = robot.arm
     path = catalog_path(arm) if arm in catalog_names() else Path(arm).expanduser()
     if path.suffix.lower() not in READABLE:
         if instead := instead_of_a_description(path):
@@ -39,7 +38,7 @@ def command(arm: str, chain: Chain, as_json: bool) -> int:
         raise InvalidRobot(
             f"{suggest(arm, catalog_names(), 'robot')}. A path must end in {', '.join(READABLE)}"
         )
-    found = check(path, chain.base, chain.tip, chain.args, chain.packages, not chain.untrusted)
+    found = check(path, robot.base, robot.tip, robot.args, robot.packages, not robot.untrusted)
     if arm in catalog_names():
         entry = catalog_entry(arm)
         (found.warning if entry.differs else found.note)("limits", entry.limits)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 from click.shell_completion import get_completion_class
 
-from kinseek.cli.help import Command
+from kinseek.cli.help import Command, argument
 from kinseek.errors import InvalidProblem, suggest
 
 SHELLS = ("bash", "zsh", "fish")
@@ -14,7 +14,6 @@ SHELLS = ("bash", "zsh", "fish")
 @click.command(
     "completion",
     cls=Command,
-    arguments=[("SHELL", f"{', '.join(SHELLS[:-1])} or {SHELLS[-1]}.")],
     examples=["kinseek completion bash"],
     more=[
         'Load it in the file that the shell reads when it starts: eval "$(kinseek completion bash)" in ~/.bashrc, '
@@ -22,7 +21,7 @@ SHELLS = ("bash", "zsh", "fish")
         "~/.config/fish/config.fish."
     ],
 )
-@click.argument("shell", metavar="SHELL")
+@argument("shell", metavar="SHELL", help=f"{', '.join(SHELLS[:-1])} or {SHELLS[-1]}.")
 def command(shell: str) -> int:
     """Print the script for a shell to complete commands, options, and names of arms, searches and joints."""
     if shell not in SHELLS:

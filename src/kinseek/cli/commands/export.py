@@ -11,7 +11,7 @@ import click
 from kinseek.cli import report
 from kinseek.cli.goals import PoseWords
 from kinseek.cli.help import Command, option
-from kinseek.cli.options import ARM, GOAL, Chain, arm_argument, chain_options, complete, pose_options
+from kinseek.cli.options import GOAL, Robot, complete, pose_options, robot_options
 from kinseek.cli.output import complain
 from kinseek.cli.searches import make_search, search_options
 from kinseek.cli.words import size
@@ -30,10 +30,8 @@ _EXPORTED = ("divide-and-conquer", "atlas")
 @click.command(
     "export",
     cls=Command,
-    arguments=[ARM],
     examples=["kinseek export scara4 --to c --folder scara4_c --position-only --at 0.3 -0.1 0.2 --breadth 2"],
 )
-@arm_argument
 @option("--to", metavar="c", required=True, help="Language of the generated files.")
 @option(
     "--folder",
@@ -72,10 +70,9 @@ _EXPORTED = ("divide-and-conquer", "atlas")
     help="Any orientation is allowed, here and in the exported program.",
 )
 @option("--deg", is_flag=True, group=GOAL, help="--rpy and --rotvec are in degrees.")
-@chain_options
+@robot_options
 @search_options(_EXPORTED)
 def command(
-    arm: str,
     to: str,
     folder: Path | None,
     target: str,
@@ -87,7 +84,7 @@ def command(
     words: PoseWords,
     position_only: bool,
     deg: bool,
-    chain: Chain,
+    robot: Robot,
     **more: Any,
 ) -> int:
     """Write an arm as C and machine code for a small controller: forward kinematics, and a search.
@@ -96,7 +93,7 @@ def command(
     """
     if to != "c":
         raise InvalidExport(suggest(to, ["c"], "language"))
-    loaded = chain.load(arm)
+    loaded = robot.load()
     goal = None
     if words.given or position_only:
         pose = words.target(position_only, deg)

@@ -12,16 +12,14 @@ from kinseek.cli import report
 from kinseek.cli.columns import VALID
 from kinseek.cli.files import read_poses, writable, write_table
 from kinseek.cli.goals import GoalSpec
-from kinseek.cli.help import Command, option
+from kinseek.cli.help import Command, argument, option
 from kinseek.cli.options import (
-    ARM,
     GOAL,
-    Chain,
-    arm_argument,
-    chain_options,
+    Robot,
     complete_joints,
     goal_options,
     json_option,
+    robot_options,
 )
 from kinseek.cli.output import on_terminal
 from kinseek.cli.scenes import Cell, scene_options
@@ -36,14 +34,6 @@ _POSES, _OUT = "POSES", "OUT"
 @click.command(
     "follow",
     cls=Command,
-    arguments=[
-        ARM,
-        (_POSES, "Poses in a .csv or .parquet file, or an array (N, 4, 4) in a .npy file."),
-        (
-            _OUT,
-            "Output file for the joint values, .csv, .npy or .parquet; written once all are computed.",
-        ),
-    ],
     examples=[
         "kinseek follow ur5e poses.csv q.csv",
         "kinseek follow ur5e poses.csv q.npy --free rz --max-step 0.2",
@@ -57,10 +47,19 @@ _POSES, _OUT = "POSES", "OUT"
         "Exit codes: 0 one continuous motion, 1 breaks or missed poses, 2 misuse; 130 stopped with Ctrl-C.",
     ],
 )
-@arm_argument
-@click.argument("poses", metavar=_POSES, type=click.Path(path_type=Path))
-@click.argument("out", metavar=_OUT, type=click.Path(path_type=Path))
-@chain_options
+@robot_options
+@argument(
+    "poses",
+    metavar=_POSES,
+    type=click.Path(path_type=Path),
+    help="Poses in a .csv or .parquet file, or an array (N, 4, 4) in a .npy file.",
+)
+@argument(
+    "out",
+    metavar=_OUT,
+    type=click.Path(path_type=Path),
+    help="Output file for the joint values, .csv, .npy or .parquet; written once all are computed.",
+)
 @scene_options
 @option("--deg", is_flag=True, group=GOAL, help="Angles of the poses, --start and --end are in degrees.")
 @option(
@@ -115,10 +114,9 @@ _POSES, _OUT = "POSES", "OUT"
 @goal_options
 @json_option
 def command(
-    arm: str,
     poses: Path,
     out: Path,
-    chain: Chain,
+    robot: Robot,
     cell: Cell,
     goal_spec: GoalSpec,
     deg: bool,
@@ -132,14 +130,14 @@ def command(
     as_json: bool,
 ) -> int:
     """Find one continuous motion through many poses, with as few breaks as possible."""
-    loaded = chain.load(arm)
+    loaded = robot.load()
     place = writable(out, poses, _OUT, _POSES)  # Before any work is done.
     goal = goal_spec.goal(read_poses(poses, goal_spec.position_only, deg, _POSES))
     first = None if start is None else joint_values(loaded, start, "--start", deg)
     last = None if end is None else joint_values(loaded, end, "--end", deg)
     if period is not None and not 0 < period < np.inf:
         raise InvalidProblem(f"--period must be above 0 [s], got {period:g}")
-    scene = cell.of(loaded, chain)
+    scene = cell.of(loaded, robot)
     clock = time.perf_counter()
     path = loaded.follow(
         goal,

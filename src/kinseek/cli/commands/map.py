@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import time
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,11 @@ import numpy as np
 
 from kinseek.arm import Arm
 from kinseek.cli.help import Command, option
-from kinseek.cli.options import ARM, Chain, arm_argument, chain_options, json_option
+from kinseek.cli.options import Robot, json_option, robot_options
 from kinseek.cli.output import complain, on_terminal
+from kinseek.cli.report import print_json
 from kinseek.cli.scenes import Cell, scene_options
-from kinseek.cli.words import split
+from kinseek.cli.words import numbers, split
 from kinseek.errors import InvalidMap
 from kinseek.maps import Grid, Rings, capability, estimate, orientations, reach, volume
 from kinseek.support.interrupts import raise_of_handler
@@ -27,7 +27,6 @@ _GRID, _WORK = "The grid", "The computation"
 @click.command(
     "map",
     cls=Command,
-    arguments=[ARM],
     examples=[
         "kinseek map ur5e --step 0.5 --orientations 72 --store ur5e.zarr",
         "kinseek map ur5e --rings --step 0.05 --estimate",
@@ -39,8 +38,7 @@ _GRID, _WORK = "The grid", "The computation"
         "Exit codes: 0 done, 2 misuse or interrupted; 130 stopped with Ctrl-C.",
     ],
 )
-@arm_argument
-@chain_options
+@robot_options
 @scene_options
 @option(
     "--step",
@@ -117,8 +115,7 @@ _GRID, _WORK = "The grid", "The computation"
 @option("--estimate", "only", is_flag=True, group=_WORK, help="Print the estimate and stop.")
 @json_option
 def command(
-    arm: str,
-    chain: Chain,
+    robot: Robot,
     cell: Cell,
     step: float | None,
     ranges: str | None,
@@ -135,7 +132,7 @@ def command(
     as_json: bool,
 ) -> int:
     """Map which poses of an even grid an arm reaches, and with options how well."""
-    loaded = chain.load(arm)
+    loaded = robot.load()
     grid = _grid(loaded, step, ranges, count, rings)
     if resume and store is None:
         raise InvalidMap("--resume needs --store FOLDER, the folder of the map to continue")
@@ -149,30 +146,31 @@ def command(
         _load_matplotlib()
     words = tuple(split(what))
     options: dict[str, Any] = {"prove": prove, "depth": depth}
-    options |= {"scene": cell.of(loaded, chain), "clearance": cell.clearance}
+    options |= {"scene": cell.of(loaded, robot), "clearance": cell.clearance}
     client = _client(scheduler)
     cores = None if client is None else sum(client.nthreads().values()) or 1
     cost = estimate(loaded, grid, words, seconds=0.5, cores=cores, **options)
     complain(str(cost))
-    report: dict[str, Any] = {"cells": cost.cells, "estimated_seconds": cost.duration}
+    facts: dict[str, Any] = {"cells": cost.cells, "estimated_seconds": cost.duration}
     if not only:
         began = time.perf_counter()
         dataset = reach(loaded, grid, words, store=store, client=client, progress=on_terminal(), **options)
-        report |= {"seconds": time.perf_counter() - began, "reached": float((dataset.reached == 1).mean())}
-        report["places_reached"] = float((capability(dataset) > 0).mean())
+        facts |= {"seconds": time.perf_counter() - began, "reached": float((dataset.reached == 1).mean())}
+        facts["places_reached"] = float((capability(dataset) > 0).mean())
         if prove:
-            report |= {
+            facts |= {
                 "empty": float((dataset.cell == 2).mean()),
                 "undecided": float((dataset.cell == 0).mean()),
             }
-            report |= {f"volume_{name}": each for name, each in volume(dataset)._asdict().items()}
+            facts |= {f"volume_{name}": each for name, each in volume(dataset)._asdict().items()}
         if picture is not None:
             from kinseek import plots
 
             plots.save(plots.map_slice(dataset), picture)
-    print(
-        json.dumps(report) if as_json else "\n".join(f"{name}: {value:.6g}" for name, value in report.items())
-    )
+    if as_json:
+        print_json(facts)
+    else:
+        print("\n".join(f"{name}: {value:.6g}" for name, value in facts.items()))
     return 0
 
 
@@ -204,16 +202,8 @@ def _grid(arm: Arm, step: float | None, ranges: str | None, count: int, rings: b
         middles = [0.0, 0.0] if rings else [round(float(c) / width) * width for c in centre]
         pairs = [(low + middle, high + middle) for (low, high), middle in zip(ends, middles, strict=True)]
     else:
-        try:
-            numbers = [float(word) for word in split(ranges)]
-        except ValueError:
-            raise InvalidMap(f"--range must be numbers, got {ranges!r}") from None
-        if len(numbers) != 2 * len(names):
-            raise InvalidMap(
-                f"--range needs a lower and an upper value of {', '.join(names)}, {2 * len(names)} numbers; got "
-                f"{len(numbers)}"
-            )
-        pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
+        bounds = numbers(ranges, "--range", 2 * len(names))
+        pairs = list(zip(bounds[::2], bounds[1::2], strict=True))
     cells = [(float(low), float(high), width) for low, high in pairs]
     turns = orientations(count)
     return Rings(cells[0], cells[1], turns) if rings else Grid(cells[0], cells[1], cells[2], turns)

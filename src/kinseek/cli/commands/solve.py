@@ -17,16 +17,14 @@ from kinseek.cli.goals import GoalSpec, PoseWords
 from kinseek.cli.help import Command, option
 from kinseek.cli.json_lines import solve_lines
 from kinseek.cli.options import (
-    ARM,
     GOAL,
-    Chain,
-    arm_argument,
-    chain_options,
+    Robot,
     complete,
     complete_joints,
     goal_options,
     json_option,
     pose_options,
+    robot_options,
 )
 from kinseek.cli.request import SolveRequest
 from kinseek.cli.scenes import Cell, scene_options
@@ -42,7 +40,6 @@ _MANY = "Many poses"
 @click.command(
     "solve",
     cls=Command,
-    arguments=[ARM],
     examples=[
         "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg",
         "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --all",
@@ -61,10 +58,9 @@ _MANY = "Many poses"
         "Exit codes: 0 reached, 1 not reached, 2 misuse, or a wrong line of --jsonl; 130 stopped with Ctrl-C.",
     ],
 )
-@arm_argument
 @pose_options
 @option("--deg", is_flag=True, group=GOAL, help="--rpy, --rotvec, --near and --lock are in degrees.")
-@chain_options
+@robot_options
 @option(
     "--lock",
     metavar="JOINT=VALUE",
@@ -137,11 +133,10 @@ _MANY = "Many poses"
 )
 @search_options()
 def command(
-    arm: str,
     words: PoseWords,
     goal_spec: GoalSpec,
     deg: bool,
-    chain: Chain,
+    robot: Robot,
     lock: tuple[str, ...],
     cell: Cell,
     near: str | None,
@@ -158,17 +153,20 @@ def command(
     **more: Any,
 ) -> int:
     """Find joint values that reach a pose."""
-    loaded = _locked(chain.load(arm), lock, deg)
+    loaded = _locked(robot.load(), lock, deg)
     request = SolveRequest(
         loaded,
         goal_spec,
+        deg,
         near=None if near is None else joint_values(loaded, near, "--near", deg),
         search=make_search(solver, more),
         prefer=prefer,
         prove=prove,
         trace=trace,
-        scene=cell.of(loaded, chain),
+        scene=cell.of(loaded, robot),
         clearance=cell.clearance,
+        every=every,
+        count=count,
     )
     if near is not None and prefer is not None:
         raise InvalidProblem(
@@ -179,20 +177,18 @@ def command(
     if batch is None and not jsonl:
         if out is not None:
             raise InvalidProblem("--out names the output file of --batch; add --batch FILE")
-        return _one(
-            request, goal_spec.goal(words.target(goal_spec.position_only, deg)), every, count, as_json
-        )
+        return _one(request, goal_spec.goal(words.target(goal_spec.position_only, deg)), as_json)
     single = [*map(option_of, words.given), *(["--trace"] if trace else [])]
     if single:
         many = "--jsonl" if jsonl else "--batch"
         raise InvalidProblem(f"{many} reads many poses; it cannot be combined with {' or '.join(single)}")
     if batch is None:
-        return solve_lines(request, deg, every, count)
+        return solve_lines(request)
     if jsonl or out is None:
         raise InvalidProblem(
             "--batch and --jsonl cannot be combined" if jsonl else "--batch needs --out FILE"
         )
-    return solve_file(request, batch, out, deg, every, count, as_json)
+    return solve_file(request, batch, out, as_json)
 
 
 def _locked(arm: Arm, lock: tuple[str, ...], deg: bool) -> Arm:
@@ -201,17 +197,17 @@ def _locked(arm: Arm, lock: tuple[str, ...], deg: bool) -> Arm:
     return arm.with_locked(in_radians(arm, named_values(" ".join(lock), "--lock"), "--lock", deg))
 
 
-def _one(request: SolveRequest, goal: Goal, every: bool, count: int | None, as_json: bool) -> int:
-    clock, proof = time.perf_counter(), None
-    if every:
-        found = request.branches(goal, count)
+def _one(request: SolveRequest, goal: Goal, as_json: bool) -> int:
+    clock, proof, in_scene = time.perf_counter(), None, request.scene is not None
+    if request.every:
+        found = request.branches(goal)
         seconds = time.perf_counter() - clock
-        report.print_branches(request.arm, cast(Branches, found), seconds, as_json, request.scene is not None)
+        report.print_branches(request.arm, cast(Branches, found), seconds, as_json, in_scene)
         return 0 if len(found) else 1
     if request.prove:
         solution, proof = request.solve_with_proof(goal)
     else:
         solution = request.solve(goal)
-    seconds, in_scene = time.perf_counter() - clock, request.scene is not None
+    seconds = time.perf_counter() - clock
     report.print_solution(request.arm, solution, request.search, seconds, as_json, proof, in_scene)
     return 0 if solution.success else 1

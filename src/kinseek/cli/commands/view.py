@@ -5,19 +5,17 @@ from __future__ import annotations
 import click
 
 from kinseek.cli.help import Command, option
-from kinseek.cli.options import ARM, Chain, arm_argument, chain_options
+from kinseek.cli.options import Robot, robot_options
 from kinseek.cli.output import direct_output
 
 
 @click.command(
     "view",
     cls=Command,
-    arguments=[ARM],
     examples=["kinseek view panda", "kinseek view ur5e --port 9000 --no-browser"],
     more=["Without --host only this machine reaches the page; with --host 0.0.0.0 the network does."],
 )
-@arm_argument
-@chain_options
+@robot_options
 @option("--host", metavar="ADDRESS", default="127.0.0.1", help="Address to listen at.")
 @option(
     "--port",
@@ -29,8 +27,7 @@ from kinseek.cli.output import direct_output
 @option("--share", is_flag=True, help="Also make a public address, through a relay of viser's authors.")
 @option("--browser/--no-browser", default=None, help="Open a browser, or only print the address of the page.")
 def command(
-    arm: str,
-    chain: Chain,
+    robot: Robot,
     host: str,
     port: int,
     share: bool,
@@ -43,8 +40,8 @@ def command(
     from kinseek.viewer import show  # It says itself what has to be installed.
 
     # Packages of a .urdf file are for its meshes alone, and `load` has no use for them.
-    expanded = arm.lower().endswith(".xacro")
-    loaded = (chain if expanded else chain._replace(packages={})).load(arm)
+    expanded = robot.arm.lower().endswith(".xacro")
+    loaded = (robot if expanded else robot._replace(packages={})).load()
     with direct_output():
-        show(loaded, host=host, port=port, share=share, open_browser=browser, packages=chain.packages)
+        show(loaded, host=host, port=port, share=share, open_browser=browser, packages=robot.packages)
     return 0
