@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import shlex
 import subprocess
 import sys
@@ -116,16 +115,3 @@ def test_a_command_loads_no_more_than_it_needs() -> None:
     assert [name for name in loaded if name.startswith("kinseek.cli.commands.")] == [
         "kinseek.cli.commands.solve"
     ]
-
-
-@pytest.mark.slow
-def test_python_m_kinseek_is_the_same_program() -> None:
-    environment = {**os.environ, "COLUMNS": "80"}
-    done = subprocess.run(
-        [sys.executable, "-m", "kinseek", "--help"],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=environment,
-    )
-    assert done.stdout.startswith("Usage: kinseek COMMAND")
