@@ -83,11 +83,7 @@ def solution_table(solution: Any, in_scene: bool = False) -> Table:
 
 def branches_table(branches: Any) -> Table:
     """Return a row for each solution in `Branches`."""
-    problem = branches.problem
-    columns = {
-        "position_error": branches.position_error,
-        "orientation_error": _turns(problem, branches.orientation_error),
-    }
+    problem, columns = branches.problem, _branches_columns(branches, branches.problem)
     return Table(problem.mechanism.joint_names, branches.q, columns, {"branch": np.arange(len(branches))})
 
 
@@ -99,13 +95,19 @@ def branches_batch_table(batch: Any) -> Table:
     """
     if not batch.each:
         raise InvalidUse("a batch of no goals has no table")
-    tables = [branches_table(each) for each in batch.each]
-    columns = {name: np.concatenate([each.columns[name] for each in tables]) for name in tables[0].columns}
-    index = {
-        "target": np.repeat(np.arange(len(tables)), batch.counts.ravel()),
-        "branch": np.concatenate([each.index["branch"] for each in tables]),
+    problem = batch.each[0].problem  # The goals of a batch differ in their targets alone.
+    parts = [_branches_columns(one, problem) for one in batch.each]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    target = np.repeat(np.arange(len(batch)), batch.counts.ravel())
+    index = {"target": target, "branch": np.arange(len(target)) - batch.offsets[target]}
+    return Table(problem.mechanism.joint_names, batch.q, columns, index)
+
+
+def _branches_columns(branches: Any, problem: Any) -> dict[str, Column]:
+    return {
+        "position_error": branches.position_error,
+        "orientation_error": _turns(problem, branches.orientation_error),
     }
-    return Table(tables[0].joint_names, batch.q, columns, index)
 
 
 def path_table(path: Any) -> Table:
