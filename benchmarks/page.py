@@ -2,30 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import argparse
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
+from .command import ROOT
 from .targets import load, machine
+from .workers.environments import digest
+
+Row = dict[str, object]
+"""Cells of a line of a table by the names of its columns; a name that starts with > is set flush right."""
+
+KEPT = ROOT / "build" / "benchmarks"
+"""Where finished parts of a page are kept."""
 
 
 class Page:
     """A page in Markdown, written from top to bottom."""
 
-    def __init__(self, title: str, module: str, minutes: float | None = None, note: str = "") -> None:
-        """Begin with what made it and on which machine.
+    def __init__(self, title: str, module: str, doc: str | None = None) -> None:
+        """Begin with what made it.
 
         Args:
             title: Of the page.
             module: What makes it, as ``python -m`` takes it.
-            minutes: How long that took.
-            note: What else to say about the machine.
+            doc: Docstring of that module; what it says before its commands is said on the page, too.
         """
-        taken = "" if minutes is None else f" in {max(minutes, 1):.0f} minute{'s' * (minutes >= 1.5)}"
-        made = f"Made by `python -m {module}`{taken}. {machine()}."
-        busy = f"Load of the machine over the last fifteen minutes: {load()}."
-        self._parts = [f"# {title}", "\n".join([made, *([note] if note else []), busy])]
+        self._title, self._module = title, module
+        self.note = ""
+        """What else to say about the machine, in a line."""
+        self._parts = [introduction(doc)] if doc else []
 
     def say(self, *lines: str) -> None:
         """A paragraph, in lines as they stand."""
@@ -34,6 +44,15 @@ class Page:
     def head(self, title: str) -> None:
         """The title of a section."""
         self._parts.append(f"## {title}")
+
+    @contextmanager
+    def section(self, title: str) -> Iterator[None]:
+        """A section that ends with what it took, and with the machine's load after it."""
+        self.head(title)
+        began = time.perf_counter()
+        yield
+        took = time.perf_counter() - began
+        self.say(f"*Measured in {took:.0f} s; load of the machine over the last fifteen minutes: {load()}.*")
 
     def table(self, columns: str, rows: Iterable[Sequence[object]]) -> None:
         """A table.
@@ -49,10 +68,18 @@ class Page:
         ]
         self._parts.append("\n".join([*lines, *(row_of(cells) for cells in rows)]))
 
-    def rows(self, rows: Sequence[Mapping[str, object]]) -> None:
-        """A table of rows that name their cells, all the same ones; none if there are no rows."""
-        if rows:
-            self.table(" | ".join(rows[0]), [tuple(row.values()) for row in rows])
+    def rows(self, rows: Iterable[Mapping[str, object]]) -> None:
+        """A table of rows that name their cells, each printed as soon as it is measured; none if there are no rows.
+
+        All rows have the same columns.
+        """
+        kept = []
+        for row in rows:
+            kept.append(tuple(row.values()))
+            columns = " | ".join(row)
+            print(*(f"{name.lstrip('>')} {cell};" for name, cell in row.items()), flush=True)
+        if kept:
+            self.table(columns, kept)
 
     def items(self, each: Iterable[str], none: str = "None.") -> None:
         """A list; where it is empty, the words for that."""
@@ -61,17 +88,70 @@ class Page:
     @property
     def body(self) -> str:
         """All that follows its head."""
-        return "\n\n".join(self._parts[2:])
+        return "\n\n".join(self._parts)
 
     @property
     def text(self) -> str:
         """All of it."""
-        return "\n\n".join(self._parts) + "\n"
+        made = f"Made by `python -m {self._module}`. {machine()}."
+        busy = f"Load of the machine over the last fifteen minutes: {load()}."
+        head = "\n".join([made, *([self.note] if self.note else []), busy])
+        return f"# {self._title}\n\n{head}\n\n{self.body}\n"
+
+    def end(self, options: argparse.Namespace) -> None:
+        """Write it where the options say, and say so; a quick one is printed."""
+        if options.quick:
+            print(self.text)
+        else:
+            self.write(options.output)
 
     def write(self, path: Path) -> None:
         """Write it, and say so."""
         path.write_text(self.text, encoding="utf-8")
         print(f"wrote {path}")
+
+
+Part = Callable[[Page, argparse.Namespace], None]
+"""Measures a part of a page, and writes it."""
+
+
+def in_parts(
+    title: str, module: str, doc: str | None, parts: Mapping[str, Part], options: argparse.Namespace
+) -> None:
+    """Make a page part by part; a part that is done is kept, so that what is stopped goes on there.
+
+    Args:
+        title: Of the page.
+        module: What makes it, as ``python -m`` takes it.
+        doc: Docstring of that module.
+        parts: What the page consists of.
+        options: `only` names parts that are measured anew; the page is written if the others are there.
+    """
+    page = Page(title, module, doc)
+    sources = digest(*(path.read_bytes() for path in sorted(ROOT.glob("src/**/*.py"))))
+    folder, stamp = KEPT / module.rpartition(".")[2], f"<!-- {sources}, {machine()} -->\n"
+    for name, measure in parts.items():
+        place = folder / f"{name}.md"
+        text = place.read_text(encoding="utf-8") if place.is_file() and not options.quick else ""
+        if name in options.only or (not options.only and not text.startswith(stamp)):
+            one = Page(title, module)
+            measure(one, options)
+            text = stamp + one.body
+            if not options.quick:
+                folder.mkdir(parents=True, exist_ok=True)
+                place.with_suffix(".unfinished").write_text(text, encoding="utf-8")
+                place.with_suffix(".unfinished").replace(place)
+        if text.startswith(stamp):
+            page.say(text.removeprefix(stamp))
+        elif not options.quick:
+            print(f"no page yet: {name} is missing")
+            return
+    page.end(options)
+
+
+def introduction(doc: str) -> str:
+    """What a docstring says before its commands, which are set in."""
+    return doc.split("\n\n    python -m")[0].strip()
 
 
 def row_of(cells: Iterable[object]) -> str:

@@ -2,13 +2,9 @@
 
 Lines of 0.4 m and circles of 0.15 m at 100 Hz, 5 s each, placed so that every pose can be reached. Joints move at most 1.5
 rad/s. Every tracker begins at the joint values that made the task and gets one pose at a time. A task is lost where the
-hand is first farther off than 1 mm or 0.01 rad, by plain NumPy forward kinematics.
-
-Foresight: `foresee()` is called ten times a second, and knows only the poses so far. A prediction is right if the hand
-begins to fall behind within 0.25 s of the predicted time. A lost task was announced if a right prediction was made at least
-0.5 s before. Tasks that are lost in their first 0.6 s cannot be announced, and are not counted. A false alarm is a task
-with a prediction that did not come true, unless it was for a time after the end of the task. The branch that `continuing()`
-returns is tried: a tracker on it follows the true poses until half a second after the place where the hand was lost.
+hand is first farther off than 1 mm or 0.01 rad, by plain NumPy forward kinematics: the branch on which a task begins may end
+at a joint limit or at a singularity, or a joint may be too slow. *Too fast* and *outside limits* count the tasks in which a
+joint exceeds its speed limit or leaves its range.
 
     python -m benchmarks.servoing                 # writes benchmarks/servoing.md
     python -m benchmarks.servoing --quick         # ten tasks an arm, printed and not written
@@ -16,10 +12,9 @@ returns is tried: a tracker on it follows the true poses until half a second aft
 
 from __future__ import annotations
 
-import time
 from collections import Counter
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,18 +22,17 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import TrackStatus
 
-from .command import at_least_one, command, writes
+from .command import HERE, command
 from .field.adapters import path_of
 from .field.judge import bundled
-from .page import Page
-from .paths import TASK_ARMS, placement
+from .page import Page, Row
+from .paths.curves import TASK_ARMS, placements
 from .targets import plain_fk, pose_errors
+from .timing import timed
 from .workers.motion import TRACKERS
 from .workers.process import called, releases
 
 Array = NDArray[np.float64]
-
-HERE = Path(__file__).resolve().parent
 
 PERIOD, VELOCITY = 0.01, 1.5
 """[s], [rad/s]"""
@@ -49,50 +43,42 @@ PLACE, TURN = 1e-3, 1e-2
 ASKED, AHEAD, RIGHT, EARLY = 10, 0.5, 0.25, 0.6
 """Periods between two questions; how long before is in time, how exact is right, what is lost too early to count [s]."""
 
-Row = dict[str, object]
-"""Cells of a line of a table by the names of its columns."""
-
 NOISES = (0.0, 1e-4)
 """Of the places of the poses, standard deviation along each axis [m]."""
 
 
-@dataclass(frozen=True)
-class Prediction:
-    """What was predicted in one task."""
+@dataclass
+class Foresight:
+    """What was predicted in one task, and what the questions cost."""
 
-    lost: int | None
+    lost: int | None = None
     """The period at which the hand was lost."""
-    behind: int | None
+    behind: int | None = None
     """The period at which it began to fall behind."""
-    right: int | None
+    right: int | None = None
     """The first period at which this was predicted rightly."""
-    false: int
+    false: int = 0
     """Number of predictions that did not come true."""
-    status: str
+    status: str = ""
     """The status of the first right prediction."""
-    branch: str
+    branch: str = ""
     """The branch that was returned then: `goes on` or `ends`. If none was, `overlooked` if a solution of the pose continues,
     otherwise `none`."""
+    foresee: list[float] = field(default_factory=list)
+    """Times of `foresee` [µs]."""
+    continuing: list[float] = field(default_factory=list)
+    """Times of `continuing` [µs]."""
 
+    @property
+    def counts(self) -> bool:
+        """Was the hand lost, and so late that this could be announced?"""
+        return self.lost is not None and self.lost * PERIOD >= EARLY
 
-def summary(arm: kinseek.Arm, who: str, q: Array, times: Array, paths: Array, starts: Array) -> Row:
-    """Judge all tasks of one tracker: q (P, N, n), times (P, N) [µs], poses (P, N, 4, 4) and starts (P, n)."""
-    lost = [lost_at(arm, one, T) is not None for one, T in zip(q, paths, strict=True)]
-    moves = np.abs(np.diff(np.concatenate([starts[:, None], q], axis=1), axis=1)).max(axis=(1, 2))
-    outside = ((q < arm.lower - 1e-9) | (q > arm.upper + 1e-9)).any(axis=(1, 2))
-    return _steps(arm, who, len(paths)) | {
-        ">median µs": f"{np.median(times):.1f}",
-        ">p99 µs": f"{np.percentile(times, 99):.1f}",
-        ">followed": len(paths) - sum(lost),
-        ">too fast": int((moves > VELOCITY * PERIOD * (1 + 1e-9)).sum()),
-        ">outside limits": int(outside.sum()),
-    }
-
-
-def _steps(arm: kinseek.Arm, who: str, tasks: int, why: str = "") -> Row:
-    """A row without figures."""
-    columns = ">median µs", ">p99 µs", ">followed", ">too fast", ">outside limits"
-    return {"arm": arm.name, "who": who, ">tasks": tasks} | dict.fromkeys(columns, "–") | {"": why}
+    @property
+    def announced(self) -> bool:
+        """Was that predicted rightly, and in time?"""
+        in_time = self.right is not None and self.behind is not None
+        return self.counts and in_time and ((self.behind or 0) - (self.right or 0)) * PERIOD >= AHEAD
 
 
 def lost_at(arm: kinseek.Arm, q: Array, T: Array) -> int | None:
@@ -102,69 +88,83 @@ def lost_at(arm: kinseek.Arm, q: Array, T: Array) -> int | None:
     return int(away[0]) if len(away) else None
 
 
-def measure_kinseek(arm: kinseek.Arm, paths: Array, starts: Array) -> Row:
+def steps(arm: kinseek.Arm, who: str, found: dict[str, Array] | str, paths: Array, starts: Array) -> Row:
+    """A row about all tasks of one tracker: `q` (P, N, n) and `times` (P, N) [µs]; or why there is nothing."""
+    cells: Row = {"arm": arm.name, "who": who, ">tasks": len(paths)}
+    columns = ">median µs", ">p99 µs", ">followed", ">too fast", ">outside limits"
+    if isinstance(found, str):
+        return cells | dict.fromkeys(columns, "–") | {"": found}
+    q, times = np.array(found["q"]), np.array(found["times"])
+    lost = [lost_at(arm, one, T) is not None for one, T in zip(q, paths, strict=True)]
+    moves = np.abs(np.diff(np.concatenate([starts[:, None], q], axis=1), axis=1)).max(axis=(1, 2))
+    outside = ((q < arm.lower - 1e-9) | (q > arm.upper + 1e-9)).any(axis=(1, 2))
+    figures = (
+        f"{np.median(times):.1f}",
+        f"{np.percentile(times, 99):.1f}",
+        len(paths) - sum(lost),
+        int((moves > VELOCITY * PERIOD * (1 + 1e-9)).sum()),
+        int(outside.sum()),
+    )
+    return cells | dict(zip(columns, figures, strict=True)) | {"": ""}
+
+
+def by_kinseek(arm: kinseek.Arm, paths: Array, starts: Array) -> dict[str, Array]:
     """Track every task, and time every step."""
     q, times = np.empty((*paths.shape[:2], arm.dof)), np.empty(paths.shape[:2])
     for i, (T, start) in enumerate(zip(paths, starts, strict=True)):
-        tracker = arm.track(start, period=PERIOD, velocity=VELOCITY)
-        for k, row in enumerate(T):
-            began = time.perf_counter_ns()
-            answer = tracker.step(row)
-            times[i, k] = (time.perf_counter_ns() - began) / 1e3
-            q[i, k] = answer.q
-    return summary(arm, "**kinseek**", q, times, paths, starts)
+        answers, times[i] = timed(arm.track(start, period=PERIOD, velocity=VELOCITY).step, T)
+        q[i] = [answer.q for answer in answers]
+    return {"q": q, "times": times}
 
 
-def measure_peer(arm: kinseek.Arm, peer: str, paths: Array, starts: Array) -> tuple[Row, str]:
-    """Let a peer track every task in its environment; the row, and the peer's version."""
-    name = TRACKERS[peer][0]
-    place = HERE / "workers" / name if name == "placo" else path_of(name)
+def compared(
+    arm: kinseek.Arm, peers: list[str], paths: Array, starts: Array, versions: dict[str, str]
+) -> Iterator[Row]:
+    """A row of kinseek, and one of every peer, which tracks in its own environment."""
+    yield steps(arm, "**kinseek**", by_kinseek(arm, paths, starts), paths, starts)
     task = {"paths": paths, "starts": starts, "period": PERIOD, "velocity": VELOCITY}
-    arguments = {"peer": peer, "arm": asdict(bundled(arm.name).arm)} | task
-    found = called(place, "benchmarks.workers.motion", "track", 900, **arguments)
-    if isinstance(found, str):
-        return _steps(arm, peer, len(paths), found), ""
-    q, times = np.array(found["q"]), np.array(found["times"])
-    return summary(arm, peer, q, times, paths, starts), found["version"]
+    for peer in peers:
+        name = TRACKERS[peer][0]
+        place = HERE / "workers" / name if name == "placo" else path_of(name)
+        known = asdict(bundled(arm.name).arm)
+        found = called(place, "benchmarks.workers.motion", "track", 900, peer=peer, arm=known, **task)
+        versions[peer] = "" if isinstance(found, str) else found["version"]
+        yield steps(arm, peer, found, paths, starts)
 
 
-def foresight(arm: kinseek.Arm, T: Array, start: Array) -> tuple[Prediction, list[float], list[float]]:
-    """Track one task, and ask what comes; also what the questions cost [µs]: of `foresee`, and of `continuing`."""
+def foresight(arm: kinseek.Arm, T: Array, start: Array) -> Foresight:
+    """Track one task, and ask what comes."""
     tracker, tracked, q = arm.track(start, period=PERIOD, velocity=VELOCITY), [], []
     told: list[tuple[int, float, TrackStatus, Array | None]] = []
-    costs, more = [], []
+    made = Foresight()
     for k, row in enumerate(T):
         answer = tracker.step(row)
         tracked.append(answer.status is TrackStatus.TRACKING)
         q.append(answer.q)
         if k % ASKED or not k or not tracked[-1]:
             continue
-        began = time.perf_counter_ns()
-        ahead = tracker.foresee()
-        costs.append((time.perf_counter_ns() - began) / 1e3)
+        (ahead,), cost = timed(lambda _: tracker.foresee(), [0])
+        made.foresee += cost.tolist()
         if ahead.status is not TrackStatus.TRACKING:
-            began = time.perf_counter_ns()
-            branch = tracker.continuing()
-            more.append((time.perf_counter_ns() - began) / 1e3)
+            (branch,), cost = timed(lambda _: tracker.continuing(), [0])
+            made.continuing += cost.tolist()
             told.append((k, k + ahead.seconds / PERIOD, ahead.status, branch))
-    lost = lost_at(arm, np.array(q), T)
-    behind = None
-    if lost is not None:
-        behind = lost
-        while behind and not tracked[behind - 1]:
-            behind -= 1
+    lost = made.lost = made.behind = lost_at(arm, np.array(q), T)
+    while made.behind and not tracked[made.behind - 1]:
+        made.behind -= 1
+    behind = made.behind
     until = len(T) if behind is None else behind
     good = [one for one in told if behind is not None and abs(one[1] - behind) * PERIOD <= RIGHT]
-    false = [one for one in told if one[0] < until and one not in good and one[1] < len(T)]
-    if not good or lost is None:
-        return Prediction(lost, behind, None, len(false), "", ""), costs, more
-    k, _, status, branch = good[0]
-    verdict = judged(arm, branch, T[k : lost + round(0.5 / PERIOD)])
-    return Prediction(lost, behind, k, len(false), status.name, verdict), costs, more
+    made.false = sum(one[0] < until and one not in good and one[1] < len(T) for one in told)
+    if good and lost is not None:
+        made.right, _, status, branch = good[0]
+        made.status = status.name
+        made.branch = judged(arm, branch, T[made.right : lost + round(0.5 / PERIOD)])
+    return made
 
 
 def judged(arm: kinseek.Arm, branch: Array | None, T: Array) -> str:
-    """Was the right branch returned for poses, (N, 4, 4)? See `Prediction.branch`."""
+    """Was the right branch returned for poses, (N, 4, 4)? See `Foresight.branch`."""
     if branch is not None:
         return "goes on" if goes_on(arm, branch, T) else "ends"
     return "overlooked" if any(goes_on(arm, q, T) for q in arm.branches(T[0], count=60).q) else "none"
@@ -176,58 +176,53 @@ def goes_on(arm: kinseek.Arm, start: Array, T: Array) -> bool:
     return lost_at(arm, np.array([tracker.step(row).q for row in T]), T) is None
 
 
-def measure_foresight(arm: kinseek.Arm, paths: Array, starts: Array, noise: float) -> Row:
-    """Ask in every task what comes."""
-    rng, each, costs, more = np.random.default_rng(3), [], [], []
+def foreseen(arm: kinseek.Arm, paths: Array, starts: Array, noise: float) -> Row:
+    """A row about what was predicted in all tasks, with noise on the places of the poses [m]."""
+    rng, each = np.random.default_rng(3), []
     for T, start in zip(paths, starts, strict=True):
         shaken = T.copy()
         shaken[:, :3, 3] += rng.normal(scale=noise, size=(len(T), 3)) if noise else 0.0
-        told, cost, branch_cost = foresight(arm, shaken, start)
-        each.append(told)
-        costs += cost
-        more += branch_cost
-    lost = [one for one in each if one.lost is not None]
-    counted = [one for one in lost if (one.lost or 0) * PERIOD >= EARLY]
-    announced = [
-        one
-        for one in counted
-        if one.right is not None and one.behind is not None and (one.behind - one.right) * PERIOD >= AHEAD
-    ]
-    reasons = Counter(one.status for one in announced)
-    branches = [one.branch for one in announced]
+        each.append(foresight(arm, shaken, start))
+    announced = [one for one in each if one.announced]
+    reasons, branches = Counter(one.status for one in announced), [one.branch for one in announced]
+    lost, counted = sum(one.lost is not None for one in each), sum(one.counts for one in each)
+    more = [cost for one in each for cost in one.continuing]
     return {
         "arm": arm.name,
         ">noise mm": f"{1e3 * noise:g}",
         ">tasks": len(each),
-        ">lost": len(lost),
-        ">too early": len(lost) - len(counted),
-        ">announced": f"{len(announced)} of {len(counted)}",
+        ">lost": lost,
+        ">too early": lost - counted,
+        ">announced": f"{len(announced)} of {counted}",
         ">false alarms": f"{sum(one.false > 0 for one in each)} of {len(each)}",
         ">branch named": sum(branch in ("goes on", "ends") for branch in branches),
         ">goes on": branches.count("goes on"),
         ">overlooked": branches.count("overlooked"),
         "why": ", ".join(f"{count} {name}" for name, count in reasons.most_common()),
-        ">foresee µs": f"{np.median(costs):.0f}",
+        ">foresee µs": f"{np.median([cost for one in each for cost in one.foresee]):.0f}",
         ">continuing µs": f"{np.median(more) if more else np.nan:.0f}",
     }
 
 
-def page(steps: list[Row], foreseen: list[Row], versions: dict[str, str]) -> Page:
-    """The page."""
-    page = Page("Servoing", "benchmarks.servoing", note=releases(versions))
-    page.say(
-        f"Lines and circles at {1 / PERIOD:.0f} Hz. The joints may move at {VELOCITY} rad/s, and each tracker makes one",
-        "step a period, beginning at the joint values from which the task was made. A task is followed if the hand is",
-        f"never farther off than {1e3 * PLACE:g} mm and {TURN:g} rad, by plain NumPy forward kinematics. Every pose can",
-        "be reached, but the branch on which a task begins may end at a joint limit or at a singularity, or a joint may be",
-        "too slow. *Too fast* and *outside limits* count the tasks in which a joint exceeds its speed limit or leaves its",
-        "range.",
+def main() -> None:
+    """Measure and write the page."""
+    parser = command(
+        __file__, __doc__, arms=TASK_ARMS, page="servoing.md", tasks=(200, 10, "lines and circles an arm")
     )
-    page.rows(steps)
+    parser.add_argument("--peers", nargs="*", choices=TRACKERS, default=list(TRACKERS), help="names")
+    options = parser.options()
+    kinds = ["line" if i % 2 else "circle" for i in range(options.tasks)]
+    arms = [kinseek.load(name) for name in options.arms]
+    tasks = [(arm, *placements(arm, kinds, 11)) for arm in arms]
+    page, versions = Page("Servoing", "benchmarks.servoing", __doc__), dict[str, str]()
+    page.rows(
+        row for arm, paths, starts in tasks for row in compared(arm, options.peers, paths, starts, versions)
+    )
+    page.note = releases(versions)
     page.head("Foresight")
     page.say(
-        "`tracker.foresee` predicts the coming poses from those so far. On lines and circles the prediction is exact, so",
-        "the table also has rows with noise on the positions.",
+        "`foresee()` is called ten times a second, and knows only the poses so far. On lines and circles its prediction is",
+        "exact, so the table also has rows with noise on the positions.",
         "",
         f"- **lost**: tasks in which the hand loses its pose. **too early**: of these, tasks lost in the first {EARLY} s,",
         "  which cannot be announced in time.",
@@ -238,36 +233,8 @@ def page(steps: list[Row], foreseen: list[Row], versions: dict[str, str]) -> Pag
         "  true poses until half a second after the place where it was lost. **overlooked**: no branch was returned,",
         "  although one exists.",
     )
-    page.rows(foreseen)
-    return page
-
-
-def main() -> None:
-    """Measure, print as it goes, write the page."""
-    parser = command(__file__, __doc__)
-    parser.add_argument("--arms", nargs="+", choices=TASK_ARMS, default=TASK_ARMS, help="names")
-    parser.add_argument("--peers", nargs="*", choices=list(TRACKERS), default=list(TRACKERS), help="names")
-    parser.add_argument("--tasks", type=at_least_one, default=200, help="lines and circles an arm")
-    parser.add_argument("--quick", action="store_true", help="ten tasks an arm; nothing is written")
-    writes(parser, "--output", HERE / "servoing.md", "page to write")
-    options = parser.parse_args()
-    steps, foreseen, versions = [], [], {}
-    for name in options.arms:
-        arm, rng = kinseek.load(name), np.random.default_rng(11)
-        count = 10 if options.quick else options.tasks
-        tasks = [placement(arm, "line" if i % 2 else "circle", rng) for i in range(count)]
-        paths, starts = np.array([T for T, _ in tasks]), np.array([q for _, q in tasks])
-        steps.append(measure_kinseek(arm, paths, starts))
-        print(steps[-1], flush=True)
-        for peer in options.peers:
-            row, versions[peer] = measure_peer(arm, peer, paths, starts)
-            steps.append(row)
-            print(steps[-1], flush=True)
-        for noise in NOISES:
-            foreseen.append(measure_foresight(arm, paths, starts, noise))
-            print(foreseen[-1], flush=True)
-    if not options.quick:
-        page(steps, foreseen, versions).write(options.output)
+    page.rows(foreseen(arm, paths, starts, noise) for arm, paths, starts in tasks for noise in NOISES)
+    page.end(options)
 
 
 if __name__ == "__main__":

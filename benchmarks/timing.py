@@ -1,4 +1,4 @@
-"""How long calls take: one by one from Python, and as batches on one thread."""
+"""How long calls take: one by one from Python, as batches on one thread, and in processor time."""
 
 from __future__ import annotations
 
@@ -30,3 +30,15 @@ def batch_cost(work: Callable[[], Any], count: int, repeats: int = 3) -> float:
         work()
         times.append((time.thread_time_ns() - began) / 1e3 / count)
     return statistics.median(times)
+
+
+def least(work: Callable[[], Any], repeats: int = 3) -> float:
+    """Least wall time of some runs [s]."""
+    return float(min(timed(lambda _: work(), range(repeats))[1])) / 1e6
+
+
+def cpu(work: Callable[..., Any], *given: Any) -> tuple[float, Any]:
+    """CPU time of this process [s], and what came of it."""
+    began = time.process_time()
+    result = work(*given)
+    return time.process_time() - began, result

@@ -19,7 +19,8 @@ from benchmarks.workers.process import Gone, Raised, Worker
 
 
 def test_a_page_reads_as_it_was_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    page = Page("Title", "benchmarks.some", 2.4, "Peers: none.")
+    page = Page("Title", "benchmarks.some", "What is measured.\n\n    python -m benchmarks.some\n")
+    page.note = "Peers: none."
     page.say("One line,", "and another.")
     page.head("Part")
     page.table("arm | >µs |", [("panda", 5.5, "met"), ("ur5e", 6, "")])
@@ -29,10 +30,11 @@ def test_a_page_reads_as_it_was_said(tmp_path: Path, capsys: pytest.CaptureFixtu
     page.write(tmp_path / "page.md")
     title, machine, *rest = (tmp_path / "page.md").read_text(encoding="utf-8").split("\n\n")
     assert title == "# Title"
-    assert machine.startswith("Made by `python -m benchmarks.some` in 2 minutes. ")
+    assert machine.startswith("Made by `python -m benchmarks.some`. ")
     assert machine.splitlines()[1] == "Peers: none."
     assert machine.splitlines()[2].startswith("Load of the machine")
     assert rest == [
+        "What is measured.",
         "One line,\nand another.",
         "## Part",
         "| arm | µs |  |\n|---|--:|---|\n| panda | 5.5 | met |\n| ur5e | 6 |  |",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kinseek
-from benchmarks.paths import WITHIN, curve, holds
+from benchmarks.paths.curves import WITHIN, curve, holds
 from kinseek.paths.singular_twins import NEAR, Fold, folds_of, mirrored
 from kinseek.robots.catalog import catalog_names
 

@@ -1,0 +1,1 @@
+"""Paths: which are followed and proved, how fast, and how other solvers fare on the same tasks."""
