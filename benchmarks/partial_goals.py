@@ -2,9 +2,10 @@
 
 Arms of three to five joints get positions, and directions of the tool (its z and its x axis): 10,000 targets each from
 joint values uniform inside the limits, and 2,000 near singularities and limits. Some arms get goals with free axes and
-ranges: the goal differs from a pose of the arm by a deviation drawn from the ranges. A goal is solved if plain NumPy
-forward kinematics confirms the result within 1e-6 m and 1e-6 rad, and every joint is inside its limits. Every miss is
-listed by name. The time to make a `Goal` of a position or a direction, and to solve it at once, is measured for all arms.
+ranges: the goal differs from a pose of the arm by a deviation drawn from the ranges. The searches get no starting guess. A
+goal is solved if plain NumPy forward kinematics confirms the result within 1e-6 m and 1e-6 rad, and every joint is inside
+its limits. *One goal* is the median wall time of 300 calls of `arm.ik(goal)`. *Batch* is processor time on one thread, the
+median of 3.
 
     python -m benchmarks.partial_goals                 # writes benchmarks/partial_goals.md
     python -m benchmarks.partial_goals so101 --targets 1000
@@ -13,8 +14,7 @@ listed by name. The time to make a `Goal` of a position or a direction, and to s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,19 +22,16 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import Goal
-from kinseek.robots import catalog_names
 
-from .command import arm_name, at_least_one, command, writes
-from .page import Page
+from .command import command
+from .page import Page, Row
+from .reachable import Flags, list_misses, missed
 from .targets import STRICT, plain_fk, random_joints, singular_joints
 from .timing import batch_cost, timed
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
-HERE = Path(__file__).resolve().parent
 AXES = ("x", "y", "z", "rx", "ry", "rz")
-REPEATS = 3
 
 RANGED = ("so101", "m430ia2f", "scara4", "ur5e", "panda", "ur10e_rail")
 """Arms that are measured on goals with ranges."""
@@ -48,25 +45,22 @@ CASES: dict[str, tuple[tuple[str, ...], dict[str, tuple[float, float]]]] = {
 }
 
 
-Row = tuple[dict[str, object], list[str]]
-"""Cells of a line of a table, and what was missed."""
-
-
 def measure(
-    arm: kinseek.Arm, label: str, goal: Goal, good: Flags, made_from: Array, answer: kinseek.Solution
+    arm: kinseek.Arm,
+    label: str,
+    goal: Goal,
+    judge: Callable[[Array], Flags],
+    made_from: Array,
+    misses: list[str],
 ) -> Row:
-    """Count what is not reached, and take the time."""
-    false = int((np.asarray(answer.success) & ~good).sum())
-    if false:
-        print(f"  {arm.name}, {label}: {false} answers claim what outside FK denies")
-    missed = [
-        f"{arm.name}, {label}, number {i}: {answer.position_error[i]:.1e} m, {answer.orientation_error[i]:.1e} rad; "
-        f"made from q = {np.array2string(made_from[i], precision=6, max_line_width=200)}"
-        for i in np.flatnonzero(~good)
-    ]
-    batch = batch_cost(lambda: arm.ik(goal, threads=1), len(good), REPEATS)
+    """Solve the goals, count those that are not reached by plain poses, (k, 4, 4), and take the time."""
+    answer = arm.ik(goal)
+    inside = ((answer.q >= arm.lower) & (answer.q <= arm.upper)).all(axis=1)
+    good = np.asarray(inside & judge(plain_fk(arm.chain, answer.q)))
+    misses += missed(f"{arm.name}, {label}", answer, good, made_from)
+    batch = batch_cost(lambda: arm.ik(goal, threads=1), len(good))
     _, singles = timed(arm.ik, [goal.at(target) for target in goal.target[:300]])
-    row: dict[str, object] = {
+    return {
         "arm": arm.name,
         ">joints": arm.dof,
         "goal": label,
@@ -75,60 +69,58 @@ def measure(
         ">one goal µs": f"{np.median(singles):.0f}",
         ">batch µs a goal": f"{batch:.1f}",
     }
-    print(*row.values(), flush=True)
-    return row, missed
 
 
-def inside(arm: kinseek.Arm, q: Array) -> Flags:
-    """Which joint vectors, (k, n), are inside the limits."""
-    return np.asarray(((q >= arm.lower) & (q <= arm.upper)).all(axis=1))
+def at_place(T: Array, axis: str = "") -> Callable[[Array], Flags]:
+    """Judge poses by their place, and by the direction of an axis of the tool."""
+
+    def judge(reached: Array) -> Flags:
+        good = np.linalg.norm(reached[:, :3, 3] - T[:, :3, 3], axis=1) <= STRICT
+        if axis:
+            a, b = (poses[:, :3, "xyz".index(axis)] for poses in (reached, T))
+            good &= np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)) <= STRICT
+        return np.asarray(good)
+
+    return judge
 
 
-def small_arm(name: str, targets: int, singular: int, seed: int) -> list[Row]:
+def small_arm(name: str, targets: int, singular: int, seed: int, misses: list[str]) -> Iterator[Row]:
     """Positions and directions of one arm."""
     arm = kinseek.load(name)
-    rows = []
     for kind, q in (
         ("", random_joints(arm.chain, targets, seed)),
         (", near singular", singular_joints(arm.chain, singular, seed)),
     ):
         T = plain_fk(arm.chain, q)
-        goals: dict[str, tuple[Goal, int | None]] = {"position": (Goal.position(T[:, :3, 3]), None)}
-        goals |= {f"pointing {axis}": (Goal.pose(T, free=f"r{axis}"), "xyz".index(axis)) for axis in "zx"}
-        for label, (goal, column) in goals.items():
-            answer = arm.ik(goal)
-            reached = plain_fk(arm.chain, answer.q)
-            good = inside(arm, answer.q) & (np.linalg.norm(reached[:, :3, 3] - T[:, :3, 3], axis=1) <= STRICT)
-            if column is not None:
-                a, b = reached[:, :3, column], T[:, :3, column]
-                angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1))
-                good &= angle <= STRICT
-            rows.append(measure(arm, label + kind, goal, good, q, answer))
-    return rows
+        yield measure(arm, f"position{kind}", Goal.position(T[:, :3, 3]), at_place(T), q, misses)
+        for axis in "zx":
+            goal = Goal.pose(T, free=f"r{axis}")
+            yield measure(arm, f"pointing {axis}{kind}", goal, at_place(T, axis), q, misses)
 
 
-def ranged_arm(name: str, targets: int, seed: int) -> list[Row]:
+def ranged_arm(name: str, targets: int, seed: int, misses: list[str]) -> Iterator[Row]:
     """Goals with ranges of one arm, in the tool frame and in the base frame."""
-    arm, rows = kinseek.load(name), []
+    arm = kinseek.load(name)
     q = random_joints(arm.chain, targets, seed)
     T = plain_fk(arm.chain, q)
     for label, (free, box) in CASES.items():
+        ends = np.array([box.get(axis, (-0.5, 0.5) if axis in free else (0.0, 0.0)) for axis in AXES])
+        kept = np.array([(-math.inf, math.inf) if a in free else box.get(a, (0.0, 0.0)) for a in AXES])
         for frame in ("tool", "base"):
-            away = np.zeros((targets, 6))
             rng = np.random.default_rng(seed)
-            for i, axis in enumerate(AXES):
-                low, high = box.get(axis, (-0.5, 0.5) if axis in free else (0.0, 0.0))
-                away[:, i] = rng.uniform(low, high, targets)
+            away = np.stack([rng.uniform(low, high, targets) for low, high in ends], axis=1)
             lengths = np.linalg.norm(away[:, 3:], axis=1, keepdims=True)
             # A rotation vector is at most π long.
             away[:, 3:] *= np.minimum(1.0, 3.1 / np.maximum(lengths, 1e-9))
             wanted = wanted_from(T, away, frame)
+
+            def judge(
+                reached: Array, wanted: Array = wanted, frame: str = frame, kept: Array = kept
+            ) -> Flags:
+                return within(deviation(reached, wanted, frame), kept)
+
             goal = Goal.pose(wanted, free=free, box=box, frame=frame)
-            answer = arm.ik(goal)
-            off = deviation(plain_fk(arm.chain, answer.q), wanted, frame)
-            good = inside(arm, answer.q) & within(off, free, box)
-            rows.append(measure(arm, f"{label}, {frame}", goal, good, q, answer))
-    return rows
+            yield measure(arm, f"{label}, {frame}", goal, judge, q, misses)
 
 
 def wanted_from(T: Array, away: Array, frame: str) -> Array:
@@ -150,94 +142,58 @@ def deviation(T: Array, wanted: Array, frame: str) -> Array:
     return np.hstack([moved, Rotation.from_matrix(turned).as_rotvec()])
 
 
-def within(off: Array, free: tuple[str, ...], box: dict[str, tuple[float, float]]) -> Flags:
-    """Which deviations, (k, 6), are inside the ranges to 1e-6 m and 1e-6 rad."""
-    gaps = np.zeros_like(off)
-    for i, axis in enumerate(AXES):
-        low, high = (-math.inf, math.inf) if axis in free else box.get(axis, (0.0, 0.0))
-        gaps[:, i] = np.maximum(0.0, np.maximum(low - off[:, i], off[:, i] - high))
+def within(off: Array, ends: Array) -> Flags:
+    """Which deviations, (k, 6), are inside ranges, (6, 2), to 1e-6 m and 1e-6 rad."""
+    gaps = np.maximum(0.0, np.maximum(ends[:, 0] - off, off - ends[:, 1]))
     return np.asarray(
         (np.linalg.norm(gaps[:, :3], axis=1) <= STRICT) & (np.linalg.norm(gaps[:, 3:], axis=1) <= STRICT)
     )
 
 
-def whole_calls(name: str, targets: int, seed: int) -> tuple[str, ...]:
+def whole_calls(name: str, targets: int, seed: int) -> Row:
     """Median times [µs] to make a goal, and to make it and solve it at once."""
     arm = kinseek.load(name)
     T = plain_fk(arm.chain, random_joints(arm.chain, targets, seed))
-    ways: tuple[Callable[[Array], object], ...] = (
-        lambda T: Goal.position(T[:3, 3]),
-        lambda T: arm.ik(Goal.position(T[:3, 3])),
-        lambda T: Goal.pointing(T[:3, 3], T[:3, 2]),
-        lambda T: arm.ik(Goal.pointing(T[:3, 3], T[:3, 2])),
-    )
-    row = [name, str(arm.dof)]
-    for ask in ways:
+    ways: dict[str, Callable[[Array], object]] = {
+        ">position µs": lambda T: Goal.position(T[:3, 3]),
+        ">position with ik µs": lambda T: arm.ik(Goal.position(T[:3, 3])),
+        ">pointing µs": lambda T: Goal.pointing(T[:3, 3], T[:3, 2]),
+        ">pointing with ik µs": lambda T: arm.ik(Goal.pointing(T[:3, 3], T[:3, 2])),
+    }
+    row: Row = {"arm": name, ">joints": arm.dof}
+    for column, ask in ways.items():
         ask(T[0])
-        row.append(f"{np.median(timed(ask, T)[1]):.1f}")
-    print("  ".join(row), flush=True)
-    return tuple(row)
-
-
-def page(whole: list[tuple[str, ...]], small: list[Row], ranged: list[Row]) -> Page:
-    """The page."""
-    page = Page("Partial goals", "benchmarks.partial_goals")
-    page.say(
-        "Reachable goals that fix less than a whole pose. The searches get no starting guess. A goal is solved if the",
-        "result is within 1e-6 m and 1e-6 rad by plain NumPy forward kinematics, and inside the limits. *One goal* is the",
-        "median wall time of 300 calls of `arm.ik(goal)`. *Batch* is processor time on one thread, the median of",
-        f"{REPEATS}.",
-    )
-    page.head("Making a goal and solving it")
-    page.say(
-        "Median times on one thread: `Goal.position` alone, the same with `arm.ik` of the goal, and the same two times for "
-        "`Goal.pointing`."
-    )
-    page.table(
-        "arm | >joints | >position µs | >with ik µs | >pointing µs | >with ik µs",
-        whole,
-    )
-    for title, rows in (("Arms of three to five joints", small), ("Free axes and ranges", ranged)):
-        page.head(title)
-        page.rows([row for row, _ in rows])
-    misses = [miss for _, missed in [*small, *ranged] for miss in missed]
-    page.head(f"Misses: {len(misses)}")
-    page.items(misses)
-    return page
+        row[column] = f"{np.median(timed(ask, T)[1]):.1f}"
+    return row
 
 
 def main() -> None:
-    """Measure, print as it goes, write the page."""
-    parser = command(__file__, __doc__)
-    parser.add_argument(
-        "arms", nargs="*", type=arm_name, help="names; all that the tables are about by default"
-    )
-    parser.add_argument("--targets", type=at_least_one, default=10_000, help="random targets an arm and goal")
-    parser.add_argument(
-        "--singular", type=at_least_one, default=2_000, help="near-singular targets an arm and goal"
-    )
-    parser.add_argument(
-        "--ranged", type=at_least_one, default=1_000, help="targets with ranges an arm and goal"
-    )
-    parser.add_argument(
-        "--whole",
-        type=at_least_one,
-        default=500,
-        help="targets an arm whose goals are made and solved at once",
+    """Measure and write the page."""
+    parser = command(
+        __file__,
+        __doc__,
+        arms=(),
+        page="partial_goals.md",
+        targets=(10_000, 500, "random targets an arm and goal"),
+        singular=(2_000, 100, "near-singular targets an arm and goal"),
+        ranged=(1_000, 100, "targets with ranges an arm and goal"),
+        whole=(500, 50, "targets an arm whose goals are made and solved at once"),
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
-    writes(parser, "--output", HERE / "partial_goals.md", "page to write")
-    options = parser.parse_args()
-    few = [name for name in catalog_names() if 3 <= kinseek.load(name).dof <= 5]
-    whole = [whole_calls(name, options.whole, options.seed) for name in options.arms or catalog_names()]
-    small, ranged = [], []
-    for name in options.arms or few:
-        if name in few:
-            small += small_arm(name, options.targets, options.singular, options.seed)
-    for name in options.arms or RANGED:
-        ranged += ranged_arm(name, options.ranged, options.seed)
-    page(whole, small, ranged).write(options.output)
-    print(f"{sum(len(missed) for _, missed in [*small, *ranged])} misses")
+    options = parser.options()
+    few = [name for name in options.arms if 3 <= kinseek.load(name).dof <= 5]
+    ranged = [name for name in options.arms if name in RANGED]
+    page, misses, seed = Page("Partial goals", "benchmarks.partial_goals", __doc__), list[str](), options.seed
+    page.head("Making a goal and solving it")
+    page.say("Median times on one thread, of the goal alone and with `arm.ik` of it.")
+    page.rows(whole_calls(name, options.whole, seed) for name in options.arms)
+    page.head("Arms of three to five joints")
+    sizes = options.targets, options.singular, seed
+    page.rows(row for name in few for row in small_arm(name, *sizes, misses))
+    page.head("Free axes and ranges")
+    page.rows(row for name in ranged for row in ranged_arm(name, options.ranged, seed, misses))
+    list_misses(page, misses)
+    page.end(options)
 
 
 if __name__ == "__main__":
