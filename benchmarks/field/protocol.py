@@ -97,3 +97,71 @@ class Adapter(Protocol):
     load: Callable[[Arm, dict[str, Any]], Solver]
     __doc__: str | None
     __file__: str
+
+
+class Restarting:
+    """What most adapters share: they descend from a start, and then from random ones until they succeed."""
+
+    def __init__(self, arm: Arm, starts: int) -> None:
+        """Of an arm; `starts` counts all of them."""
+        self.arm, self._starts, self._rng = arm, starts, np.random.default_rng(0)
+
+    def solve(self, T: Any, start: Any) -> Answer:
+        """Descend until it succeeds."""
+        return self.descended(T, start)
+
+    def descended(self, goal: Any, start: Any) -> Answer:
+        """The answer to whatever `descend` takes as a goal."""
+        q = self.arm.middle if start is None else np.asarray(start, dtype=float)
+        for _ in range(self._starts):
+            answer = self.descend(goal, q)
+            if answer.claimed:
+                break
+            q = self._rng.uniform(self.arm.lower, self.arm.upper)
+        return answer
+
+    def descend(self, goal: Any, q: Array) -> Answer:
+        """One descent from joint values, (n,)."""
+        raise NotImplementedError
+
+
+class Steps(Protocol):
+    """A differential method: it stands somewhere, and makes one step a period towards a pose."""
+
+    def stand(self, q: Any) -> None:
+        """Begin there, (n,)."""
+
+    def aim(self, T: Any) -> Any:
+        """Take a pose for the target; how far it is, (6,)."""
+
+    def step(self) -> None:
+        """One period on."""
+
+    @property
+    def q(self) -> Array:
+        """Where it stands, (n,)."""
+
+
+class Stepping(Restarting):
+    """A differential method that makes steps until the pose is there."""
+
+    def __init__(self, arm: Arm, method: Steps, settings: dict[str, Any]) -> None:
+        """With settings `restarts`, `steps` and `tolerance`."""
+        super().__init__(arm, settings["restarts"] + 1)
+        self._method, self._steps, self._tolerance = method, settings["steps"], settings["tolerance"]
+
+    def descend(self, goal: Any, q: Array) -> Answer:
+        """Steps from joint values."""
+        self._method.stand(q)
+        for _ in range(self._steps):
+            error = np.asarray(self._method.aim(goal))
+            if max(np.linalg.norm(error[:3]), np.linalg.norm(error[3:])) < self._tolerance:
+                return Answer(self._method.q, True)
+            self._method.step()
+        return Answer(self._method.q, False)
+
+
+def without_followers(arm: Arm) -> None:
+    """Refuse an arm some of whose joints follow others."""
+    if arm.follows:
+        raise Refused("joints that follow others are not read")

@@ -10,17 +10,15 @@ from __future__ import annotations
 
 import importlib
 import itertools
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.field.adapters import adapter, path_of
-from benchmarks.field.protocol import Arm, Refused, arm_of
+from benchmarks.field.protocol import Arm, Steps, arm_of
 
 Follow = Callable[[Any, Any], Any]
 """Poses (N, 4, 4) and a start (n,) to joint values (N, n), NaN from where nothing was found."""
@@ -44,138 +42,16 @@ RESTARTING: dict[str, dict[str, Any]] = {
 free, so on a raster the rotation is held. TRAC-IK restarts by itself: then there is a jump."""
 
 
-class Pink:
-    """A frame task and limits as a quadratic programme of pinocchio."""
-
-    def __init__(self, arm: Arm, free: bool, period: float, velocity: float | None) -> None:
-        """Of an arm; `free` leaves the turn about the tool open; without `velocity` [rad/s] a step may be of any length."""
-        import pinocchio as pin
-
-        self._pin, self._module = pin, importlib.import_module("pink")
-        tasks, limits = importlib.import_module("pink.tasks"), importlib.import_module("pink.limits")
-        self._model = model = pin.buildModelFromUrdf(arm.urdf)
-        self._state = self._module.Configuration(model, model.createData(), pin.neutral(model))
-        self._root = self._state.get_transform_frame_to_world(arm.base).copy()
-        damping = 1e-9 if velocity is None else 1e-6
-        self._task = tasks.FrameTask(arm.tip, 1.0, [1.0, 1.0, 0.0] if free else 1.0, lm_damping=damping)
-        self._kept = [limits.ConfigurationLimit(model, config_limit_gain=1.0)]
-        if velocity is not None:
-            model.velocityLimit = np.full(model.nv, velocity)
-            self._kept.append(limits.VelocityLimit(model))
-        self._arm, self._period = arm, period
-
-    def stand(self, q: Any) -> None:
-        """Begin there."""
-        self._state.update(q)
-
-    def aim(self, T: Any) -> Any:
-        """Take a pose for the target; how far it is, (6,)."""
-        self._task.set_target(self._root * self._pin.SE3(T))
-        return self._task.compute_error(self._state)
-
-    def step(self) -> None:
-        """One period on."""
-        v = self._module.solve_ik(
-            self._state, [self._task], self._period, solver="daqp", limits=self._kept, safety_break=False
-        )
-        self._state.update(np.clip(self._state.q + self._period * v, self._arm.lower, self._arm.upper))
-
-    @property
-    def q(self) -> Any:
-        """Where it stands."""
-        return self._state.q
-
-
-class Mink:
-    """The same in MuJoCo."""
-
-    def __init__(self, arm: Arm, free: bool, period: float, velocity: float | None) -> None:
-        """As of `Pink`; the file knows no masses, so they are given."""
-        mujoco, self._module = importlib.import_module("mujoco"), importlib.import_module("mink")
-        text = Path(arm.urdf).read_text(encoding="utf-8")
-        compiler = 'boundmass="0.1" boundinertia="0.01" fusestatic="false" discardvisual="true"'
-        end = text.rindex("</robot>")
-        self._model = model = mujoco.MjModel.from_xml_string(
-            f"{text[:end]}<mujoco><compiler {compiler}/></mujoco>{text[end:]}"
-        )
-        self._joints = np.array([model.joint(name).qposadr[0] for name in arm.joints])
-        self._state = self._module.Configuration(model)
-        damping = 1e-9 if velocity is None else 1e-6
-        self._task = self._module.FrameTask(
-            arm.tip, "body", 1.0, [1.0, 1.0, 0.0] if free else 1.0, lm_damping=damping
-        )
-        self._kept = [self._module.ConfigurationLimit(model, gain=1.0)]
-        if velocity is not None:
-            self._kept.append(self._module.VelocityLimit(model, dict.fromkeys(arm.joints, velocity)))
-        self._root = self._state.get_transform_frame_to_world(arm.base, "body")
-        self._arm, self._period = arm, period
-
-    def stand(self, q: Any) -> None:
-        """Begin there."""
-        whole = self._state.q.copy()
-        whole[self._joints] = q
-        self._state.update(whole)
-
-    def aim(self, T: Any) -> Any:
-        """Take a pose for the target; how far it is, (6,)."""
-        self._task.set_target(self._root.multiply(self._module.SE3.from_matrix(T)))
-        return self._task.compute_error(self._state)
-
-    def step(self) -> None:
-        """One period on."""
-        v = self._module.solve_ik(self._state, [self._task], self._period, "daqp", limits=self._kept)
-        whole = self._state.q + self._period * v
-        whole[self._joints] = np.clip(whole[self._joints], self._arm.lower, self._arm.upper)
-        self._state.update(whole)
-
-    @property
-    def q(self) -> Any:
-        """Where it stands."""
-        return self._state.q[self._joints].copy()
-
-
-class Loop:
-    """The loop of pinocchio's manual, damped, with clamping; a free turn is a row left out; a fast step is scaled down."""
-
-    def __init__(self, arm: Arm, free: bool, period: float, velocity: float | None) -> None:
-        """As of `Pink`."""
-        import pinocchio as pin
-
-        self._pin, self._model = pin, pin.buildModelFromUrdf(arm.urdf)
-        self._data = self._model.createData()
-        self._frame = self._model.getFrameId(arm.tip)
-        pin.framesForwardKinematics(self._model, self._data, pin.neutral(self._model))
-        self._root = self._data.oMf[self._model.getFrameId(arm.base)].copy()
-        self._rows = np.arange(5 if free else 6)
-        self._arm, self._reach = arm, np.inf if velocity is None else velocity * period
-        self.q = arm.middle
-
-    def stand(self, q: Any) -> None:
-        """Begin there."""
-        self.q = np.asarray(q)
-
-    def aim(self, T: Any) -> Any:
-        """Take a pose for the target; how far it is, (6,)."""
-        self._pin.framesForwardKinematics(self._model, self._data, self.q)
-        self._error = self._data.oMf[self._frame].actInv(self._root * self._pin.SE3(T))
-        self._twist = self._pin.log6(self._error).vector
-        return self._twist
-
-    def step(self) -> None:
-        """One period on."""
-        pin, rows = self._pin, self._rows
-        J = pin.computeFrameJacobian(self._model, self._data, self.q, self._frame)
-        J = (pin.Jlog6(self._error.inverse()) @ J)[rows]
-        move = J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(len(rows)), self._twist[rows])
-        move *= min(1.0, self._reach / max(float(np.abs(move).max()), 1e-12))
-        self.q = np.clip(self.q + move, self._arm.lower, self._arm.upper)
+def field(name: str) -> Any:
+    """The module of an adapter of the field."""
+    return adapter(path_of(name))
 
 
 class Placo:
     """A quadratic programme of a frame task with limits of joints and speeds, solved and integrated in C++."""
 
-    def __init__(self, arm: Arm, free: bool, period: float, velocity: float) -> None:
-        """As of `Pink`, as a tracker alone."""
+    def __init__(self, arm: Arm, period: float, velocity: float) -> None:
+        """Of an arm, with a step in each period [s], and joints that are no faster than a velocity [rad/s]."""
         module = importlib.import_module("placo")
         self._robot = robot = module.RobotWrapper(arm.urdf, module.Flags.ignore_collisions)
         self._names = arm.joints
@@ -215,24 +91,18 @@ class Placo:
 class Drake:
     """Differential inverse kinematics that keeps the direction of the hand and slows it down."""
 
-    def __init__(self, arm: Arm, free: bool, period: float, velocity: float) -> None:
-        """As of `Pink`, as a tracker alone."""
-        self._module = importlib.import_module("pydrake.multibody.inverse_kinematics")
-        parsing = importlib.import_module("pydrake.multibody.parsing")
-        self._rotation = importlib.import_module("pydrake.math").RotationMatrix
-        tree = importlib.import_module("pydrake.multibody.tree")
-        self._plant = plant = importlib.import_module("pydrake.multibody.plant").MultibodyPlant(0.0)
-        parsing.Parser(plant).AddModels(arm.urdf)
-        self._base, self._tip = plant.GetFrameByName(arm.base), plant.GetFrameByName(arm.tip)
-        plant.WeldFrames(plant.world_frame(), self._base)
-        plant.Finalize()
-        self._context, self._kind = plant.CreateDefaultContext(), tree.JacobianWrtVariable.kV
-        self._columns = [plant.GetJointByName(name).position_start() for name in arm.joints]
+    def __init__(self, arm: Arm, period: float, velocity: float) -> None:
+        """As of `Placo`."""
+        from pydrake.math import RotationMatrix
+        from pydrake.multibody import inverse_kinematics
+        from pydrake.multibody.tree import JacobianWrtVariable
+
+        self._module, self._rotation, self._kind = inverse_kinematics, RotationMatrix, JacobianWrtVariable.kV
+        self._plant, self._base, self._tip, self._columns = field("drake").plant_of(arm)
+        self._context = self._plant.CreateDefaultContext()
         self._order, self._period = np.argsort(self._columns), period
-        speeds = np.full(plant.num_velocities(), velocity)
-        self._set = self._module.DifferentialInverseKinematicsParameters(
-            plant.num_positions(), plant.num_velocities()
-        )
+        speeds = np.full(self._plant.num_velocities(), velocity)
+        self._set = inverse_kinematics.DifferentialInverseKinematicsParameters(len(speeds), len(speeds))
         self._set.set_time_step(period)
         self._set.set_joint_position_limits((arm.lower[self._order], arm.upper[self._order]))
         self._set.set_joint_velocity_limits((-speeds, speeds))
@@ -285,7 +155,7 @@ def solving(name: str) -> Callable[[Arm, bool], Follow]:
     """A solver of the field, with the settings of `RESTARTING`."""
 
     def make(arm: Arm, free: bool) -> Follow:
-        solver = adapter(path_of(name)).load(arm, RESTARTING[name])
+        solver = field(name).load(arm, RESTARTING[name])
 
         def step(T: Any, q: Any) -> Any:
             answer = solver.solve(T, q)
@@ -296,11 +166,31 @@ def solving(name: str) -> Callable[[Arm, bool], Follow]:
     return make
 
 
-def differential(kind: Callable[[Arm, bool, float, None], Any]) -> Callable[[Arm, bool], Follow]:
+def loop(arm: Arm, free: bool, period: float = 1.0, velocity: float = np.inf) -> Steps:
+    """The loop of pinocchio's manual, damped, with clamping; a fast step is scaled down."""
+    made: Steps = field("pinocchio").Loop(arm, 1e-6, free=free, longest=period * velocity)
+    return made
+
+
+def pink(arm: Arm, free: bool, period: float = 1.0, velocity: float | bool = False) -> Steps:
+    """Steps of pink's quadratic programme."""
+    damping = 1e-6 if velocity else 1e-9
+    made: Steps = field("pink").Pink(arm, period, damping, velocity=velocity, free=free)
+    return made
+
+
+def mink(arm: Arm, free: bool, period: float = 1.0, velocity: float | None = None) -> Steps:
+    """Steps of mink's quadratic programme."""
+    damping = 1e-6 if velocity else 1e-9
+    made: Steps = field("mink").Mink(arm, period, damping, velocity, free=free)
+    return made
+
+
+def differential(kind: Callable[[Arm, bool], Steps]) -> Callable[[Arm, bool], Follow]:
     """Steps of a differential method, again and again at each pose."""
 
     def make(arm: Arm, free: bool) -> Follow:
-        method = kind(arm, free, 1.0, None)
+        method = kind(arm, free)
 
         def step(T: Any, q: Any) -> Any:
             method.stand(q)
@@ -326,24 +216,9 @@ def descartes(arm: Arm, free: bool) -> Follow:
     language = importlib.import_module("tesseract_robotics.tesseract_command_language")
     planners = importlib.import_module("tesseract_robotics.tesseract_motion_planners")
     module = importlib.import_module("tesseract_robotics.tesseract_motion_planners_descartes")
-    environment = importlib.import_module("tesseract_robotics.tesseract_environment").Environment()
     closed = arm.name == "ur5e"
-    solver, extra = ("URInvKin", "            model: UR5e\n") if closed else ("KDLInvKinChainLMA", "")
-    folder = Path(tempfile.mkdtemp())
-    (folder / "kinematics.yaml").write_text(
-        "kinematic_plugins:\n  inv_kin_plugins:\n    manipulator:\n"
-        f"      default: {solver}\n      plugins:\n        {solver}:\n          class: {solver}Factory\n"
-        f"          config:\n            base_link: {arm.base}\n            tip_link: {arm.tip}\n{extra}",
-        encoding="utf-8",
-    )
-    semantics = (
-        f'<robot name="{arm.name}" version="1.0.0"><group name="manipulator"><chain base_link="{arm.base}" '
-        f'tip_link="{arm.tip}"/></group>'
-        f'<kinematics_plugin_config filename="file://{folder}/kinematics.yaml"/></robot>'
-    )
-    text = Path(arm.urdf).read_text(encoding="utf-8")
-    if not environment.init(text, semantics, common.GeneralResourceLocator()):
-        raise Refused("Tesseract does not take the arm")
+    solver, told = ("URInvKin", {"model": "UR5e"}) if closed else ("KDLInvKinChainLMA", {})
+    environment = field("kdl").environment_of(arm, solver, told)
     info = common.ManipulatorInfo()
     info.manipulator, info.manipulator_ik_solver = "manipulator", solver
     info.working_frame, info.tcp_frame = arm.base, arm.tip
@@ -389,7 +264,7 @@ def ladder(arm: Arm, free: bool) -> Follow:
 
     Steps are short, so that a path is one of branches up to whole turns; those are chosen at the end, for all of it.
     """
-    solver: Any = adapter(path_of("eaik")).load(arm, {})
+    solver: Any = field("eaik").load(arm, {})
 
     def follow(targets: Any, start: Any) -> Any:
         layers = [np.array(solver.branches(T)) for T in targets]
@@ -456,21 +331,21 @@ FOLLOWERS: dict[str, tuple[str, str, Callable[[Arm, bool], Follow]]] = {
     "Robotics Toolbox": ("robotics_toolbox", "roboticstoolbox-python", solving("robotics_toolbox")),
     "OptIK": ("optik", "optik-py", solving("optik")),
     "TRAC-IK": ("trac_ik", "pytracik", solving("trac_ik")),
-    "pinocchio loop": ("pinocchio", "pin", differential(Loop)),
-    "pink": ("pink", "pin-pink", differential(Pink)),
-    "mink": ("mink", "mink", differential(Mink)),
+    "pinocchio loop": ("pinocchio", "pin", differential(loop)),
+    "pink": ("pink", "pin-pink", differential(pink)),
+    "mink": ("mink", "mink", differential(mink)),
     "Descartes": ("kdl", "tesseract-robotics", descartes),
     "EAIK, ladder": ("eaik", "EAIK", ladder),
     "ssik solve_path": ("ssik", "ssik", ssik),
 }
 """Of each the adapter of the field whose environment it has, its distribution, and what makes it."""
 
-TRACKERS: dict[str, tuple[str, str, Callable[[Arm, bool, float, float], Any]]] = {
+TRACKERS: dict[str, tuple[str, str, Callable[[Arm, float, float], Any]]] = {
     "placo": ("placo", "placo", Placo),
-    "pink": ("pink", "pin-pink", Pink),
-    "mink": ("mink", "mink", Mink),
+    "pink": ("pink", "pin-pink", lambda arm, period, velocity: pink(arm, False, period, velocity)),
+    "mink": ("mink", "mink", lambda arm, period, velocity: mink(arm, False, period, velocity)),
     "Drake": ("drake", "drake", Drake),
-    "pinocchio step": ("pinocchio", "pin", Loop),
+    "pinocchio step": ("pinocchio", "pin", lambda arm, period, velocity: loop(arm, False, period, velocity)),
 }
 
 
@@ -508,7 +383,7 @@ def track(
 ) -> dict[str, Any]:
     """Track every path, (P, N, 4, 4), from its start, (P, n): joint values, and the time of every step [µs]."""
     paths, starts = np.array(paths), np.array(starts)
-    method = TRACKERS[peer][2](arm_of(arm), False, period, velocity)
+    method = TRACKERS[peer][2](arm_of(arm), period, velocity)
     q, times = np.empty((*paths.shape[:2], starts.shape[1])), np.empty(paths.shape[:2])
     for row, (targets, start) in enumerate(zip(paths, starts, strict=True)):
         method.stand(start)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.field.protocol import Answer, Arm, Array, Refused
+from benchmarks.field.protocol import Answer, Arm, Array, Refused, Restarting, without_followers
 
 NAME = "Drake"
 PACKAGE = "drake"
@@ -22,56 +22,58 @@ SWEEP: tuple[dict[str, Any], ...] = (
 )
 
 
-class _Solver:
+class _Solver(Restarting):
     def __init__(self, arm: Arm, settings: dict[str, Any]) -> None:
         from pydrake.math import RotationMatrix
         from pydrake.multibody.inverse_kinematics import InverseKinematics
-        from pydrake.multibody.parsing import Parser
-        from pydrake.multibody.plant import MultibodyPlant
         from pydrake.solvers import SnoptSolver, SolverOptions
 
-        self._plant = plant = MultibodyPlant(time_step=0.0)
-        Parser(plant).AddModels(arm.urdf)
-        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(arm.base))
-        plant.Finalize()
-        if plant.num_positions() != len(arm.joints):
-            raise Refused(f"reads {plant.num_positions()} joints of {len(arm.joints)}")
-        self._order = [plant.GetJointByName(name).position_start() for name in arm.joints]
-        self._tip, self._base = plant.GetFrameByName(arm.tip), plant.GetFrameByName(arm.base)
-        self._context = plant.CreateDefaultContext()
+        super().__init__(arm, settings["guesses"])
+        self._plant, self._base, self._tip, self._order = plant_of(arm)
+        self._context = self._plant.CreateDefaultContext()
         self._problem, self._snopt, self._turn = InverseKinematics, SnoptSolver(), RotationMatrix
-        self._options = SolverOptions()
+        self._options, self._set = SolverOptions(), settings
         if settings["feasible"]:
             self._options.SetOption(SnoptSolver.id(), "Major feasibility tolerance", settings["feasible"])
-        self._arm, self._set, self._rng = arm, settings, np.random.default_rng(0)
 
     def solve(self, T: Any, start: Any) -> Answer:
-        return self._asked(T, T[:3, 3], start)
+        return self.descended(self._asked(T[:3, 3], T[:3, :3]), start)
 
     def position(self, place: Array, start: Array | None) -> Answer:
-        return self._asked(None, place, start)
+        return self.descended(self._asked(place, None), start)
 
-    def _asked(self, T: Any, place: Array, start: Any) -> Answer:
+    def _asked(self, place: Array, turn: Array | None) -> Any:
         asked = self._problem(self._plant, self._context)
         near = np.full(3, self._set["place"])
         asked.AddPositionConstraint(self._tip, np.zeros(3), self._base, place - near, place + near)
-        if T is not None:
-            turn = self._turn(np.array(T[:3, :3]))
-            asked.AddOrientationConstraint(self._base, turn, self._tip, self._turn(), self._set["turn"])
-        guess = self._arm.middle if start is None else np.asarray(start, dtype=float)
-        programme = asked.prog()
-        for guesses_left in reversed(range(self._set["guesses"])):
-            values = np.empty(len(guess))
-            values[self._order] = guess
-            found = self._snopt.Solve(programme, values, self._options)
-            if found.is_success() or not guesses_left:
-                break
-            guess = self._rng.uniform(self._arm.lower, self._arm.upper)
-        return Answer(found.GetSolution(asked.q())[self._order], bool(found.is_success()))
+        if turn is not None:
+            turned = self._turn(np.array(turn))
+            asked.AddOrientationConstraint(self._base, turned, self._tip, self._turn(), self._set["turn"])
+        return asked
+
+    def descend(self, goal: Any, q: Array) -> Answer:
+        guess = np.empty(len(q))
+        guess[self._order] = q
+        found = self._snopt.Solve(goal.prog(), guess, self._options)
+        return Answer(found.GetSolution(goal.q())[self._order], bool(found.is_success()))
+
+
+def plant_of(arm: Arm) -> tuple[Any, Any, Any, list[int]]:
+    """The file itself, its base welded to the world: the plant, the frames of base and tip, and the places of the joints."""
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+
+    plant = MultibodyPlant(time_step=0.0)
+    Parser(plant).AddModels(arm.urdf)
+    base, tip = plant.GetFrameByName(arm.base), plant.GetFrameByName(arm.tip)
+    plant.WeldFrames(plant.world_frame(), base)
+    plant.Finalize()
+    if plant.num_positions() != len(arm.joints):
+        raise Refused(f"reads {plant.num_positions()} joints of {len(arm.joints)}")
+    return plant, base, tip, [plant.GetJointByName(name).position_start() for name in arm.joints]
 
 
 def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
-    """The file itself, its base welded to the world."""
-    if arm.follows:
-        raise Refused("joints that follow others are not kept")
+    """The file itself."""
+    without_followers(arm)
     return _Solver(arm, settings)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.field.protocol import Answer, Arm, Array, Refused
+from benchmarks.field.protocol import Answer, Arm, Array, without_followers
 
 NAME = "ikpy"
 PACKAGE = "ikpy"
@@ -69,6 +69,5 @@ class _Solver:
 
 def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
     """The chain from base to tip, of the file."""
-    if arm.follows:
-        raise Refused("joints that follow others are not read")
+    without_followers(arm)
     return _Solver(arm, settings)

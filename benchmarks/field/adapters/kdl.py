@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.field.protocol import Answer, Arm, Refused
+from benchmarks.field.protocol import Answer, Arm, Array, Refused, Restarting, without_followers
 
 NAME = "KDL"
 PACKAGE = "tesseract-robotics"
@@ -28,50 +28,51 @@ SWEEP: tuple[dict[str, Any], ...] = (
 )
 
 
-class _Solver:
+class _Solver(Restarting):
     def __init__(self, arm: Arm, settings: dict[str, Any]) -> None:
-        from tesseract_robotics import tesseract_common, tesseract_environment, tesseract_kinematics
+        from tesseract_robotics import tesseract_common, tesseract_kinematics
 
+        super().__init__(arm, settings["starts"])
         self._common, self._kinematics = tesseract_common, tesseract_kinematics
-        self._arm, self._starts, self._rng = arm, settings["starts"], np.random.default_rng(0)
-        solver, base, tip = settings["solver"], arm.base, arm.tip
-        with tempfile.TemporaryDirectory() as folder:
-            plugins = Path(folder) / "kinematics.yaml"
-            told = "".join(f"            {key}: {value}\n" for key, value in settings["told"].items())
-            plugins.write_text(
-                "kinematic_plugins:\n  inv_kin_plugins:\n    manipulator:\n"
-                f"      default: {solver}\n      plugins:\n        {solver}:\n          class: {solver}Factory\n"
-                f"          config:\n            base_link: {base}\n            tip_link: {tip}\n{told}",
-                encoding="utf-8",
-            )
-            text = Path(arm.urdf).read_text(encoding="utf-8")
-            name = text.split('<robot name="')[1].split('"')[0]
-            semantics = (
-                f'<robot name="{name}" version="1.0.0">'
-                f'<group name="manipulator"><chain base_link="{base}" tip_link="{tip}"/></group>'
-                f'<kinematics_plugin_config filename="file://{plugins}"/></robot>'
-            )
-            self._environment = tesseract_environment.Environment()
-            if not self._environment.init(text, semantics, tesseract_common.GeneralResourceLocator()):
-                raise Refused("Tesseract does not read the arm")
-            self._group = self._environment.getKinematicGroup("manipulator", solver)
+        self._environment = environment_of(arm, settings["solver"], settings["told"])
+        self._group = self._environment.getKinematicGroup("manipulator", settings["solver"])
         if tuple(self._group.getJointNames()) != arm.joints:
             raise Refused("other joints than the arm's")
 
-    def solve(self, T: Any, start: Any) -> Answer:
-        pose = self._common.Isometry3d(np.ascontiguousarray(T))
-        asked = self._kinematics.KinGroupIKInput(pose, self._arm.base, self._arm.tip)
-        q = self._arm.middle if start is None else np.asarray(start, dtype=float)
-        for _ in range(self._starts):
-            found = self._group.calcInvKin(asked, q)
-            if len(found):
-                return Answer(np.asarray(found[0]).ravel(), True)
-            q = self._rng.uniform(self._arm.lower, self._arm.upper)
-        return Answer(None, False)
+    def descend(self, goal: Any, q: Array) -> Answer:
+        pose = self._common.Isometry3d(np.ascontiguousarray(goal))
+        asked = self._kinematics.KinGroupIKInput(pose, self.arm.base, self.arm.tip)
+        found = self._group.calcInvKin(asked, q)
+        return Answer(np.asarray(found[0]).ravel(), True) if len(found) else Answer(None, False)
+
+
+def environment_of(arm: Arm, solver: str, told: dict[str, Any]) -> Any:
+    """Tesseract's environment of an arm, with one of its solvers and what that is told."""
+    from tesseract_robotics import tesseract_common, tesseract_environment
+
+    # Tesseract reads the file of plugins when it is asked for a group, too.
+    plugins = Path(tempfile.mkdtemp()) / "kinematics.yaml"
+    more = "".join(f"            {key}: {value}\n" for key, value in told.items())
+    plugins.write_text(
+        "kinematic_plugins:\n  inv_kin_plugins:\n    manipulator:\n"
+        f"      default: {solver}\n      plugins:\n        {solver}:\n          class: {solver}Factory\n"
+        f"          config:\n            base_link: {arm.base}\n            tip_link: {arm.tip}\n{more}",
+        encoding="utf-8",
+    )
+    text = Path(arm.urdf).read_text(encoding="utf-8")
+    name = text.split('<robot name="')[1].split('"')[0]
+    semantics = (
+        f'<robot name="{name}" version="1.0.0">'
+        f'<group name="manipulator"><chain base_link="{arm.base}" tip_link="{arm.tip}"/></group>'
+        f'<kinematics_plugin_config filename="file://{plugins}"/></robot>'
+    )
+    environment = tesseract_environment.Environment()
+    if not environment.init(text, semantics, tesseract_common.GeneralResourceLocator()):
+        raise Refused("Tesseract does not read the arm")
+    return environment
 
 
 def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
     """The file itself."""
-    if arm.follows:
-        raise Refused("joints that follow others are not read")
+    without_followers(arm)
     return _Solver(arm, settings)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.field.protocol import Answer, Arm, Refused
+from benchmarks.field.protocol import Arm, Array, Refused, Stepping, without_followers
 
 NAME = "mink"
 PACKAGE = "mink"
@@ -35,8 +35,29 @@ OPTIONS = (
 """The arms' files know no masses, and MuJoCo wants some."""
 
 
-class _Solver:
-    def __init__(self, arm: Arm, settings: dict[str, Any]) -> None:
+class Mink:
+    """A frame task and limits as a quadratic programme of MuJoCo."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        dt: float,
+        damping: float,
+        speed: float | None,
+        *,
+        gain: float | None = 1.0,
+        free: bool = False,
+    ) -> None:
+        """Of an arm.
+
+        Args:
+            arm: The arm.
+            dt: Period [s].
+            damping: Of the frame task.
+            speed: Of all joints at most [rad/s]; None: a step may be of any length.
+            gain: How much of the way to a limit a step may go; None: as mink has it.
+            free: Whether the turn about the tool is left open.
+        """
         import mink
         import mujoco
 
@@ -45,45 +66,39 @@ class _Solver:
         model = mujoco.MjModel.from_xml_string(text[:end] + OPTIONS + text[end:])
         if model.nq != len(arm.joints):
             raise Refused(f"reads {model.nq} joints of {len(arm.joints)}")
-        self._mink, self._arm, self._set = mink, arm, settings
-        self._state = mink.Configuration(model)
+        self._mink, self._dt, self._state = mink, dt, mink.Configuration(model)
         self._root = self._state.get_transform_frame_to_world(arm.base, "body")
-        self._task = mink.FrameTask(arm.tip, "body", 1.0, 1.0, lm_damping=settings["lm_damping"])
-        self._limits: list[Any] = [
-            mink.ConfigurationLimit(model, **({} if settings["speed"] else {"gain": 1.0}))
-        ]
-        if settings["speed"]:
-            self._limits.append(mink.VelocityLimit(model, dict.fromkeys(arm.joints, settings["speed"])))
-        self._rng = np.random.default_rng(0)
+        turn = [1.0, 1.0, 0.0] if free else 1.0
+        self._task = mink.FrameTask(arm.tip, "body", 1.0, turn, lm_damping=damping)
+        self._limits: list[Any] = [mink.ConfigurationLimit(model, **({} if gain is None else {"gain": gain}))]
+        if speed:
+            self._limits.append(mink.VelocityLimit(model, dict.fromkeys(arm.joints, speed)))
+        bounded = np.array([kind != "continuous" for kind in arm.kinds])
+        self._ends = np.where(bounded, arm.lower, -np.inf), np.where(bounded, arm.upper, np.inf)
 
-    def solve(self, T: Any, start: Any) -> Answer:
-        q = self._arm.middle if start is None else np.asarray(start, dtype=float)
+    def stand(self, q: Any) -> None:
+        """Begin there."""
+        self._state.update(np.asarray(q, dtype=float))
+
+    def aim(self, T: Any) -> Any:
+        """Take a pose for the target; how far it is, (6,)."""
         self._task.set_target(self._root.multiply(self._mink.SE3.from_matrix(T)))
-        met = False
-        for _ in range(self._set["restarts"] + 1):
-            self._state.update(q)
-            met = self._descend()
-            if met:
-                break
-            q = self._rng.uniform(self._arm.lower, self._arm.upper)
-        return Answer(self._state.q.copy(), met)
+        return self._task.compute_error(self._state)
 
-    def _descend(self) -> bool:
-        dt = self._set["dt"]
-        bounded = np.array([kind != "continuous" for kind in self._arm.kinds])
-        lower = np.where(bounded, self._arm.lower, -np.inf)
-        upper = np.where(bounded, self._arm.upper, np.inf)
-        for _ in range(self._set["steps"]):
-            error = self._task.compute_error(self._state)
-            if max(np.linalg.norm(error[:3]), np.linalg.norm(error[3:])) < self._set["tolerance"]:
-                return True
-            v = self._mink.solve_ik(self._state, [self._task], dt, "daqp", limits=self._limits)
-            self._state.update(np.clip(self._state.q + v * dt, lower, upper))
-        return False
+    def step(self) -> None:
+        """One period on."""
+        v = self._mink.solve_ik(self._state, [self._task], self._dt, "daqp", limits=self._limits)
+        self._state.update(np.clip(self._state.q + v * self._dt, *self._ends))
+
+    @property
+    def q(self) -> Array:
+        """Where it stands."""
+        return np.array(self._state.q)
 
 
-def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
-    """The file itself, with some mass to every link."""
-    if arm.follows:
-        raise Refused("a joint that follows another is a constraint of MuJoCo's, which steps do not keep")
-    return _Solver(arm, settings)
+def load(arm: Arm, settings: dict[str, Any]) -> Stepping:
+    """The file itself, with some mass to every link; a joint that follows another is a constraint that steps do not keep."""
+    without_followers(arm)
+    gain = None if settings["speed"] else 1.0
+    method = Mink(arm, settings["dt"], settings["lm_damping"], settings["speed"], gain=gain)
+    return Stepping(arm, method, settings)

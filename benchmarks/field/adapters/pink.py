@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.field.adapters.pinocchio import configuration, values_of
-from benchmarks.field.protocol import Answer, Arm, Refused
+from benchmarks.field.protocol import Arm, Array, Stepping, without_followers
 
 NAME = "Pink"
 PACKAGE = "pin-pink"
@@ -39,59 +39,76 @@ SWEEP: tuple[dict[str, Any], ...] = tuple(
 )
 
 
-class _Solver:
-    def __init__(self, arm: Arm, settings: dict[str, Any]) -> None:
+class Pink:
+    """A frame task and limits as a quadratic programme of pinocchio."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        dt: float,
+        damping: float,
+        *,
+        posture: float = 0.0,
+        velocity: float | bool = False,
+        free: bool = False,
+    ) -> None:
+        """Of an arm.
+
+        Args:
+            arm: The arm.
+            dt: Period [s].
+            damping: Of the frame task.
+            posture: Cost of leaving the middle of the ranges.
+            velocity: Of all joints at most [rad/s], or True for those of the file; False: a step may be of any length.
+            free: Whether the turn about the tool is left open.
+        """
         import pink
         import pinocchio as pin
-        from pink.limits import ConfigurationLimit
+        from pink.limits import ConfigurationLimit, VelocityLimit
         from pink.tasks import FrameTask, PostureTask
 
-        self._pin, self._solve_ik, self._arm, self._set = pin, pink.solve_ik, arm, settings
-        self._model = pin.buildModelFromUrdf(arm.urdf)
-        self._state = pink.Configuration(self._model, self._model.createData(), pin.neutral(self._model))
+        self._pin, self._solve_ik, self._dt = pin, pink.solve_ik, dt
+        self._model = model = pin.buildModelFromUrdf(arm.urdf)
+        self._state = pink.Configuration(model, model.createData(), pin.neutral(model))
         self._root = self._state.get_transform_frame_to_world(arm.base).copy()
         self._state.get_transform_frame_to_world(arm.tip)  # raises where a joint has the tip's name, too
-        self._task = FrameTask(
-            arm.tip, position_cost=1.0, orientation_cost=1.0, lm_damping=settings["lm_damping"]
-        )
+        self._task = FrameTask(arm.tip, 1.0, [1.0, 1.0, 0.0] if free else 1.0, lm_damping=damping)
         self._tasks: list[Any] = [self._task]
-        if settings["posture"]:
-            posture = PostureTask(cost=settings["posture"])
-            posture.set_target(configuration(pin, self._model, arm.middle))
-            self._tasks.append(posture)
-        self._limits = (
-            None if settings["velocity"] else [ConfigurationLimit(self._model, config_limit_gain=1.0)]
-        )
-        self._rng = np.random.default_rng(0)
+        if posture:
+            self._tasks.append(PostureTask(cost=posture))
+            self._tasks[-1].set_target(configuration(pin, model, arm.middle))
+        self._limits = None
+        if velocity is not True:
+            self._limits = [ConfigurationLimit(model, config_limit_gain=1.0)]
+        if not isinstance(velocity, bool):
+            model.velocityLimit = np.full(model.nv, velocity)
+            self._limits = [ConfigurationLimit(model, config_limit_gain=1.0), VelocityLimit(model)]
 
-    def solve(self, T: Any, start: Any) -> Answer:
-        q = self._arm.middle if start is None else np.asarray(start, dtype=float)
+    def stand(self, q: Any) -> None:
+        """Begin there."""
+        self._state.update(configuration(self._pin, self._model, q))
+
+    def aim(self, T: Any) -> Any:
+        """Take a pose for the target; how far it is, (6,)."""
         self._task.set_target(self._root * self._pin.SE3(T))
-        met = False
-        for _ in range(self._set["restarts"] + 1):
-            self._state.update(configuration(self._pin, self._model, q))
-            met = self._descend()
-            if met:
-                break
-            q = self._rng.uniform(self._arm.lower, self._arm.upper)
-        return Answer(values_of(self._model, self._state.q), met)
+        return self._task.compute_error(self._state)
 
-    def _descend(self) -> bool:
-        dt = self._set["dt"]
-        for _ in range(self._set["steps"]):
-            error = self._task.compute_error(self._state)
-            if max(np.linalg.norm(error[:3]), np.linalg.norm(error[3:])) < self._set["tolerance"]:
-                return True
-            v = self._solve_ik(
-                self._state, self._tasks, dt, solver="daqp", limits=self._limits, safety_break=False
-            )
-            moved = self._pin.integrate(self._model, self._state.q, v * dt)
-            self._state.update(np.clip(moved, self._model.lowerPositionLimit, self._model.upperPositionLimit))
-        return False
+    def step(self) -> None:
+        """One period on."""
+        v = self._solve_ik(
+            self._state, self._tasks, self._dt, solver="daqp", limits=self._limits, safety_break=False
+        )
+        moved = self._pin.integrate(self._model, self._state.q, v * self._dt)
+        self._state.update(np.clip(moved, self._model.lowerPositionLimit, self._model.upperPositionLimit))
+
+    @property
+    def q(self) -> Array:
+        """Where it stands."""
+        return values_of(self._model, self._state.q)
 
 
-def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
+def load(arm: Arm, settings: dict[str, Any]) -> Stepping:
     """The file itself."""
-    if arm.follows:
-        raise Refused("joints that follow others are not read")
-    return _Solver(arm, settings)
+    without_followers(arm)
+    more = {name: settings[name] for name in ("posture", "velocity")}
+    return Stepping(arm, Pink(arm, settings["dt"], settings["lm_damping"], **more), settings)

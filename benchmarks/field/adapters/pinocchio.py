@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.field.protocol import Answer, Arm, Array, Refused
+from benchmarks.field.protocol import Arm, Array, Stepping, without_followers
 
 NAME = "pinocchio loop"
 PACKAGE = "pin"
@@ -28,44 +28,65 @@ SWEEP: tuple[dict[str, Any], ...] = tuple(
 )
 
 
-class _Solver:
-    def __init__(self, pin: Any, arm: Arm, settings: dict[str, Any]) -> None:
-        self._pin, self._arm, self._set = pin, arm, settings
-        self._model = pin.buildModelFromUrdf(arm.urdf)
+class Loop:
+    """Damped steps on the logarithm of the pose that is missing; a free turn is a row left out."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        damping: float,
+        part: float = 1.0,
+        *,
+        clamp: bool = True,
+        longest: float = np.inf,
+        free: bool = False,
+    ) -> None:
+        """Of an arm.
+
+        Args:
+            arm: The arm.
+            damping: Added to the diagonal.
+            part: Of every step.
+            clamp: Whether the limits are kept.
+            longest: What a joint may move in a step [rad].
+            free: Whether the turn about the tool is left open.
+        """
+        import pinocchio as pin
+
+        self._pin, self._model = pin, pin.buildModelFromUrdf(arm.urdf)
         self._data = self._model.createData()
-        body = pin.FrameType.BODY
-        self._tip = self._model.getFrameId(arm.tip, body)
+        self._tip = self._model.getFrameId(arm.tip, pin.FrameType.BODY)
         pin.framesForwardKinematics(self._model, self._data, pin.neutral(self._model))
-        self._root = self._data.oMf[self._model.getFrameId(arm.base, body)].copy()
-        self._rng = np.random.default_rng(0)
+        self._root = self._data.oMf[self._model.getFrameId(arm.base, pin.FrameType.BODY)].copy()
+        self._rows, self._damping, self._part = np.arange(5 if free else 6), damping, part
+        self._clamp, self._longest = clamp, longest
 
-    def solve(self, T: Any, start: Any) -> Answer:
-        q = self._arm.middle if start is None else np.asarray(start, dtype=float)
-        target = self._root * self._pin.SE3(T)
-        for _ in range(self._set["restarts"] + 1):
-            values, met = self._descend(target, configuration(self._pin, self._model, q))
-            if met:
-                break
-            q = self._rng.uniform(self._arm.lower, self._arm.upper)
-        return Answer(values, met)
+    def stand(self, q: Any) -> None:
+        """Begin there."""
+        self._q = configuration(self._pin, self._model, q)
 
-    def _descend(self, target: Any, q: Any) -> tuple[Array, bool]:
-        pin, model, data = self._pin, self._model, self._data
-        for _ in range(self._set["steps"]):
-            pin.framesForwardKinematics(model, data, q)
-            error = data.oMf[self._tip].actInv(target)
-            twist = pin.log6(error).vector
-            if np.linalg.norm(twist) < self._set["tolerance"]:
-                return values_of(self._model, q), True
-            J = -pin.Jlog6(error.inverse()) @ pin.computeFrameJacobian(model, data, q, self._tip)
-            v = -J.T @ np.linalg.solve(J @ J.T + self._set["damping"] * np.eye(6), twist)
-            q = pin.integrate(model, q, v * self._set["part"])
-            if self._set["clamp"]:
-                q = self._clamped(q)
-        return values_of(self._model, q), False
+    def aim(self, T: Any) -> Any:
+        """Take a pose for the target; how far it is, (6,)."""
+        self._pin.framesForwardKinematics(self._model, self._data, self._q)
+        self._error = self._data.oMf[self._tip].actInv(self._root * self._pin.SE3(T))
+        self._twist = self._pin.log6(self._error).vector
+        return self._twist
 
-    def _clamped(self, q: Any) -> Any:
-        return np.clip(q, self._model.lowerPositionLimit, self._model.upperPositionLimit)
+    def step(self) -> None:
+        """One step."""
+        pin, rows = self._pin, self._rows
+        J = pin.computeFrameJacobian(self._model, self._data, self._q, self._tip)
+        J = (pin.Jlog6(self._error.inverse()) @ J)[rows]
+        move = J.T @ np.linalg.solve(J @ J.T + self._damping * np.eye(len(rows)), self._twist[rows])
+        move *= self._part * min(1.0, self._longest / max(float(np.abs(move).max()), 1e-12))
+        self._q = pin.integrate(self._model, self._q, move)
+        if self._clamp:
+            self._q = np.clip(self._q, self._model.lowerPositionLimit, self._model.upperPositionLimit)
+
+    @property
+    def q(self) -> Array:
+        """Where it stands."""
+        return values_of(self._model, self._q)
 
 
 def configuration(pin: Any, model: Any, values: Array) -> Any:
@@ -82,10 +103,8 @@ def values_of(model: Any, q: Any) -> Array:
     return np.array([q[j.idx_q] if j.nq == 1 else np.arctan2(q[j.idx_q + 1], q[j.idx_q]) for j in joints])
 
 
-def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
+def load(arm: Arm, settings: dict[str, Any]) -> Stepping:
     """The model of the file."""
-    if arm.follows:
-        raise Refused("joints that follow others are not in the manual's loop")
-    import pinocchio as pin
-
-    return _Solver(pin, arm, settings)
+    without_followers(arm)
+    method = Loop(arm, settings["damping"], settings["part"], clamp=settings["clamp"])
+    return Stepping(arm, method, settings)

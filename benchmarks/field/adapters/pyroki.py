@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.field.protocol import Answer, Arm, Refused
+from benchmarks.field.protocol import Answer, Arm, Refused, without_followers
 
 NAME = "PyRoki"
 PACKAGE = "pyroki"
@@ -113,6 +113,5 @@ def _search(robot: Any, tip: int) -> Any:
 
 def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
     """The file itself."""
-    if arm.follows:
-        raise Refused("a joint that follows another is not among those it moves")
+    without_followers(arm)
     return _Solver(arm, settings)

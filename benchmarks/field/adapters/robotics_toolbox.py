@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.field.protocol import Answer, Arm, Array, Refused
+from benchmarks.field.protocol import Answer, Arm, Array, without_followers
 
 NAME = "Robotics Toolbox"
 PACKAGE = "roboticstoolbox-python"
@@ -64,8 +64,7 @@ def _turn_to(axis: Array) -> Array:
 
 def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
     """Axes and points as elementary transforms."""
-    if arm.follows:
-        raise Refused("joints that follow others are not read")
+    without_followers(arm)
     import roboticstoolbox
 
     return _Solver(roboticstoolbox, arm, settings)
