@@ -68,16 +68,19 @@ class Page:
         ]
         self._parts.append("\n".join([*lines, *(row_of(cells) for cells in rows)]))
 
-    def rows(self, rows: Iterable[Mapping[str, object]]) -> None:
-        """A table of rows that name their cells, each printed as soon as it is measured; none if there are no rows.
+    def rows(self, rows: Iterable[Mapping[str, object]], show: bool = True) -> None:
+        """A table of rows that name their cells; none if there are no rows.
 
-        All rows have the same columns.
+        Args:
+            rows: All have the same columns.
+            show: Whether each is printed as soon as it is measured.
         """
         kept = []
         for row in rows:
             kept.append(tuple(row.values()))
             columns = " | ".join(row)
-            print(*(f"{name.lstrip('>')} {cell};" for name, cell in row.items()), flush=True)
+            if show:
+                print(*(f"{name.lstrip('>')} {cell};" for name, cell in row.items()), flush=True)
         if kept:
             self.table(columns, kept)
 

@@ -28,8 +28,8 @@ from .pieces import Piece
 from .protocol import Adapter
 from .questions import SWEEP, Question, fits
 from .sweep import chosen, noise, swept
+from .tables import HOST
 from .tasks import Field, Task, settings_of, task
-from .wins import HOST
 
 PATIENCE, LOADING = 10.0, 240.0
 """After how long [s] beyond its time a question hangs; and what importing a solver and reading an arm may take more."""

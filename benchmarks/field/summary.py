@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from benchmarks.page import Page
+from benchmarks.command import HERE
+from benchmarks.page import Page, Row
 
 from .judge import ARMS
 from .questions import SLICES
-from .tables import summed
+from .tables import NONE, ratio, share, summed
 from .wins import BEYOND
 
-PAGE, SPEED = (Path(__file__).resolve().parents[1] / name for name in ("field.md", "speed.md"))
+PAGE, SPEED = HERE / "field.md", HERE / "speed.md"
 SHOWN = ARMS[:6]
 """Arms of the table of speed; the others are in the Parquet files that the command writes."""
+
+SHARES = {
+    "random": ">random poses, exact %",
+    "singular": ">near singularities",
+    "limits": ">at limits",
+}
 
 COLUMNS = (
     "**median µs**: the time of one call from Python for one random reachable pose, in microseconds. Half of the calls are "
@@ -56,20 +62,20 @@ def summary(made_by: str, answers: pd.DataFrame, names: dict[str, str], won: lis
     made.say(BEYOND)
     best = answers[answers["settings"] != "recommended"]
     made.head("All arms")
-    whole = summed(best, ["solver", "question"]).set_index(["solver", "question"])
-    rows, order = [], _by_time(whole, names)
-    for solver in (each for each in order if each in whole.index):
-        cells = [_share(whole, solver, question) for question in ("random", "singular", "limits")]
-        by = whole.loc[(solver, "random")] if (solver, "random") in whole.index else None
-        arms, times = (
-            (0, ("–", "–")) if by is None else (int(by["arms"]), (f"{by['median']:.1f}", _ratio(by)))
-        )
-        rows.append((names[solver], arms, *cells, *times, int(whole.loc[solver]["false"].sum())))
-    made.table(
-        "solver | >arms | >random poses, exact % | >near singularities | >at limits | >median µs | >× kinseek | "
-        ">false successes",
-        rows,
-    )
+    whole = _by(best)
+    rows: list[Row] = []
+    for solver in _by_time(whole, names):
+        by = whole.get(solver, {})
+        random = by.get("random")
+        row: Row = {"solver": names[solver], ">arms": random["arms"] if random else 0}
+        for question, column in SHARES.items():
+            row[column] = share(by[question]) if question in by else NONE
+        row[">median µs"] = f"{random['median']:.1f}" if random else NONE
+        row[">× kinseek"] = ratio(random) if random else NONE
+        row[">false successes"] = sum(each["false"] for each in by.values())
+        if by:
+            rows.append(row)
+    made.rows(rows, show=False)
     return made
 
 
@@ -91,65 +97,46 @@ def speed(
     )
     made.items(COLUMNS)
     best = answers[answers["settings"] != "recommended"]
-    order = _by_time(summed(best, ["solver", "question"]).set_index(["solver", "question"]), names)
-    made.table(
-        "arm | solver | >median µs | >× kinseek | >mean µs | >p99 µs | >exact % random | >exact % near singular | >poses | ",
-        [row for arm in SHOWN for row in _of(arm, best[best["arm"] == arm], names, order, reasons)],
-    )
+    order, rows = _by_time(_by(best), names), list[Row]()
+    for arm in SHOWN:
+        by = _by(best[best["arm"] == arm])
+        rows += [_row(arm, solver, names[solver], by.get(solver, {}), reasons) for solver in order if by]
+    made.rows(rows, show=False)
     return made
 
 
-def _ratio(row: Any) -> str:
-    digits = _digits(row["ratio"])
-    low, high = (f"{row[each]:,.{digits}f}" for each in ("ratio_low", "ratio_high"))
-    return f"{row['ratio']:,.{digits}f} ({'–' if row['ratio_high'] == float('inf') else f'{low}–{high}'})"
+def _row(arm: str, solver: str, name: str, by: dict[str, Any], reasons: dict[tuple[str, str], str]) -> Row:
+    """A solver on an arm; one without a time has the reason instead."""
+    row: Row = {"arm": arm, "solver": name}
+    columns = (
+        *(">median µs", ">× kinseek", ">mean µs", ">p99 µs"),
+        *(">exact % random", ">exact % near singular", ">poses"),
+    )
+    if "random" not in by:
+        why = reasons.get((solver, "")) or reasons.get((solver, arm), "not measured")
+        return row | dict.fromkeys(columns, NONE) | {"": why.split(":")[0]}
+    random = by["random"]
+    figures = (
+        *(f"{random['median']:.1f}", ratio(random), f"{random['mean']:.1f}", f"{random['p99']:.1f}"),
+        f"{random['exact']:.1f}",
+        f"{by['singular']['exact']:.1f}" if "singular" in by else NONE,
+        random["count"],
+    )
+    return row | dict(zip(columns, figures, strict=True)) | {"": ""}
 
 
-def _digits(ratio: float) -> int:
-    return 2 if ratio < 10.0 else 1 if ratio < 100.0 else 0
+def _by(answers: pd.DataFrame) -> dict[str, dict[str, Any]]:
+    """What `summed` gives, by solver and question."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in summed(answers, ["solver", "question"]).to_dict("records"):
+        found.setdefault(row["solver"], {})[row["question"]] = row
+    return found
 
 
-def _share(whole: pd.DataFrame, solver: str, question: str) -> str:
-    if (solver, question) not in whole.index:
-        return "–"
-    row = whole.loc[(solver, question)]
-    return f"{row['exact']:.1f} ({row['exact_low']:.1f}–{row['exact_high']:.1f})"
-
-
-def _by_time(whole: pd.DataFrame, names: dict[str, str]) -> list[str]:
+def _by_time(whole: dict[str, dict[str, Any]], names: dict[str, str]) -> list[str]:
     """Solvers, the quickest first."""
-    times = {
-        solver: whole.loc[(solver, "random"), "median"]
-        for solver in names
-        if (solver, "random") in whole.index
-    }
-    return sorted(names, key=lambda solver: (times.get(solver, float("inf")), solver))
 
+    def key(solver: str) -> tuple[float, str]:
+        return whole.get(solver, {}).get("random", {}).get("median", float("inf")), solver
 
-def _of(
-    arm: str,
-    answers: pd.DataFrame,
-    names: dict[str, str],
-    order: list[str],
-    reasons: dict[tuple[str, str], str],
-) -> list[tuple[Any, ...]]:
-    """Rows of an arm; a solver without a time has the reason instead."""
-    if answers.empty:
-        return []
-    by = summed(answers, ["solver", "question"]).set_index(["solver", "question"])
-    rows: list[tuple[Any, ...]] = []
-    for solver in order:
-        if (solver, "random") not in by.index:
-            why = reasons.get((solver, "")) or reasons.get((solver, arm), "not measured")
-            rows.append((arm, names[solver], *["–"] * 7, why.split(":")[0]))
-            continue
-        random = by.loc[(solver, "random")]
-        near = f"{by.loc[(solver, 'singular'), 'exact']:.1f}" if (solver, "singular") in by.index else "–"
-        times = (f"{random[column]:.1f}" for column in ("mean", "p99"))
-        rows.append(
-            (
-                *(arm, names[solver], f"{random['median']:.1f}", _ratio(random), *times),
-                *(f"{random['exact']:.1f}", near, int(random["count"]), ""),
-            )
-        )
-    return rows
+    return sorted(names, key=key)

@@ -1,8 +1,11 @@
-"""All pieces as two tables: every answer, judged, and what is known of every piece; and what the page makes of them."""
+"""All pieces as two tables: every answer, judged, and what is known of every piece; and what pages make of them."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +19,16 @@ from .tasks import Field
 
 ANSWERS, PIECES = "answers.parquet", "pieces.parquet"
 
+BY = ("solver", "settings", "arm", "question")
+"""What a piece is about."""
+
+HOST = "kinseek"
+"""Who makes the benchmark, and is therefore the last to be praised in it."""
+
+TITLES = {question.name: question.title for question in QUESTIONS}
+
+NONE = "–"
+
 
 def collect(field: Field) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Read and judge every piece; (answers, pieces), as they are written to Parquet."""
@@ -23,11 +36,11 @@ def collect(field: Field) -> tuple[pd.DataFrame, pd.DataFrame]:
     judges = {judge.arm.name: judge for judge in field.judges}
     wanted = {question.name: question for question in field.questions}
     for path in sorted((field.folder / "pieces").glob("*/*/*/*.npz")):
-        solver, settings, arm, question = (*path.parts[-4:-1], path.stem)
+        place = dict(zip(BY, (*path.parts[-4:-1], path.stem), strict=True))
+        arm, question = place["arm"], place["question"]
         piece = pieces.load(path)
         if piece is None or arm not in judges or question not in wanted:
             continue
-        place = {"solver": solver, "settings": settings, "arm": arm, "question": question}
         with np.load(field.asked(judges[arm], wanted[question])) as asked:
             poses, origins, starts = asked["poses"], asked["origins"], asked["starts"]
         facts = {name: fact for name, fact in piece.facts.items() if name != "host"}
@@ -45,19 +58,7 @@ def collect(field: Field) -> tuple[pd.DataFrame, pd.DataFrame]:
                 rows["moved"] = np.abs(piece.q - starts[piece.target]).max(axis=1)
                 rows["needed"] = np.abs(origins - starts)[piece.target].max(axis=1)
             answers.append(rows.assign(**place))
-    columns = [
-        "solver",
-        "settings",
-        "arm",
-        "question",
-        "target",
-        "part",
-        "microseconds",
-        "relative",
-        "claimed",
-        *Verdict._fields,
-        "q",
-    ]
+    columns = [*BY, "target", "part", "microseconds", "relative", "claimed", *Verdict._fields, "q"]
     every = pd.concat(answers, ignore_index=True) if answers else pd.DataFrame(columns=columns)
     return every[[*columns, *(name for name in every if name not in columns)]], pd.DataFrame(known)
 
@@ -194,4 +195,81 @@ def _number(known: list[Any], q: Any, turns: Any) -> int:
     return len(known) - 1
 
 
-TITLES = {question.name: question.title for question in QUESTIONS}
+@dataclass(frozen=True)
+class Shown:
+    """What pages show of a measurement: of each solver the recommended settings and the best ones."""
+
+    field: Field
+    known: pd.DataFrame
+    """Of every piece."""
+    answers: pd.DataFrame
+    """Marked, with the settings by their names on the page."""
+    about: dict[str, dict[str, Any]]
+    """What is known of each solver."""
+    names: dict[str, str]
+    """Of the solvers, as they stand on the page."""
+
+    @classmethod
+    def of(cls, field: Field, answers: pd.DataFrame, known: pd.DataFrame) -> Shown:
+        """Choose from all answers, marked."""
+        about = solvers(field.folder)
+        names = {solver: solver for solver in known["solver"].unique()}
+        names |= {solver: str(each["name"]) for solver, each in about.items()}
+        best = best_settings(answers["solver"], about)
+        plain = answers["settings"] == "recommended"
+        words = np.where(
+            plain, np.where(best == "recommended", "recommended and best", "recommended"), "best"
+        )
+        chosen = plain | (answers["settings"] == best)
+        return cls(field, known, answers.assign(settings=words)[chosen], about, names)
+
+    @cached_property
+    def facts(self) -> pd.DataFrame:
+        """What a solver weighs: `first` [s] and `memory` [MB], medians over arms; `megabytes` on disk."""
+        known = self.known
+        rows = known[(known["question"] == "first") & (known["settings"] == "recommended")]
+        facts = pd.DataFrame(index=pd.Index(known["solver"].unique()))
+        for name, column in (("first", "seconds"), ("memory", "memory")):
+            facts[name] = rows.groupby("solver")[column].median() if column in rows else np.nan
+        disk = {solver: each.get("megabytes") for solver, each in self.about.items()}
+        facts["megabytes"] = pd.Series(disk, dtype=float)
+        return facts
+
+    @cached_property
+    def branches(self) -> pd.DataFrame:
+        """How many of all answers each found."""
+        arms = [judge.arm for judge in self.field.judges]
+        return distinct(
+            self.answers, {arm.name: np.array([kind != "prismatic" for kind in arm.kinds]) for arm in arms}
+        )
+
+    def groups(self, question: str) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
+        """Of each solver and its settings what `summed` gives for a question, and its answers."""
+        rows = self.answers[self.answers["question"] == question]
+        for row in summed(rows, ["solver", "settings"]).to_dict("records") if len(rows) else ():
+            own = rows[(rows["solver"] == row["solver"]) & (rows["settings"] == row["settings"])]
+            yield {str(name): value for name, value in row.items()}, own
+
+
+def best_settings(solvers: pd.Series, about: dict[str, dict[str, Any]]) -> pd.Series:
+    """Labels of the settings that did best in the sweep, for solvers by their names."""
+    return solvers.map(lambda solver: about.get(solver, {}).get("best", "recommended")).astype(object)
+
+
+def number(value: Any, digits: int = 3) -> str:
+    """A number in few digits, without an exponent."""
+    if value is None or not np.isfinite(value):
+        return NONE
+    value = float(f"{float(value):.{digits}g}")
+    return f"{value:.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:g}"
+
+
+def share(row: Any) -> str:
+    """A share with its interval [%]."""
+    return f"{row['exact']:.1f} ({row['exact_low']:.1f}–{row['exact_high']:.1f})"
+
+
+def ratio(row: Any) -> str:
+    """A time as a multiple of kinseek's, with its interval."""
+    ends = [row["ratio_low"], row["ratio_high"]]
+    return f"{number(row['ratio'])} ({NONE if np.isinf(ends[1]) else '–'.join(map(number, ends))})"

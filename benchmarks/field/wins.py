@@ -10,10 +10,7 @@ import pandas as pd
 
 from .judge import LOOSE
 from .questions import QUESTIONS
-from .tables import TITLES, quantile_interval, summed
-
-HOST = "kinseek"
-"""Who makes the benchmark, and is therefore the last to be praised in it."""
+from .tables import HOST, TITLES, quantile_interval, summed
 
 COMPARED = tuple(
     each.name for each in QUESTIONS if each.way in ("solve", "position", "start", "batch", "branches")

@@ -24,6 +24,7 @@ from benchmarks.field.questions import QUESTIONS, SIZES, SLICES, SWEEP, WRONG, f
 from benchmarks.field.run import Solver, measure
 from benchmarks.field.summary import speed, summary
 from benchmarks.field.tables import (
+    Shown,
     collect,
     distinct,
     interval,
@@ -205,7 +206,7 @@ def test_a_solver_is_swept_measured_judged_and_not_asked_again(tmp_path: Path) -
     assert 0 < len(again) - len(asked) <= len("plane\n") * 2 * 40, "more than the piece that was missing"
     write(field, answers, known)
     assert pd.read_parquet(field.folder / "answers.parquet")["q"].map(len).eq(2).all()
-    text = page(field, marked(answers), known).text
+    text = page(Shown.of(field, marked(answers), known)).text
     assert "## Random poses" in text
     assert as_html(text).count("<table>") == len(re.findall(r"^\|(-+:?\|)+$", text, re.MULTILINE))
 
@@ -300,7 +301,7 @@ def test_what_changed_is_measured_anew(tmp_path: Path) -> None:
     pieces.save(one.piece, pieces.Piece(pieces.DONE, digest=one.digest))
     assert one.done
     answers, known = collect(field)
-    assert "not measured" in page(field, marked(answers), known).text, "a page without any answer"
+    assert "not measured" in page(Shown.of(field, marked(answers), known)).text, "a page without any answer"
     other = tasks.task(field, path, judge, question, "recommended", {"off": 0.0})
     assert not other.done
     a_solver(tmp_path, "T = T")
@@ -457,7 +458,7 @@ def test_the_page_of_speed_is_what_the_table_of_the_readme_shows() -> None:
     names = {"one": "One", "two": "Two", "three": "Three", "four": "Four"}
     text = summary("some", answers, names, ["**Two** is smaller."]).text
     assert "- **Two** is smaller." in text
-    assert "| One | 1 | 100.0 (81.6–100.0) | 100.0 (81.6–100.0) | – | 8.0 | 1.00 (0.75–1.00) | 0 |" in text
+    assert "| One | 1 | 100.0 (81.6–100.0) | 100.0 (81.6–100.0) | – | 8.0 | 1 (0.75–1) | 0 |" in text
     reasons = {("three", ""): "could not be installed: no such wheel", ("four", "panda"): "hangs"}
     text = speed("some", answers, names, reasons).text
     assert "| panda | Three | – | – | – | – | – | – | – | could not be installed |" in text

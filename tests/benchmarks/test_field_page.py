@@ -11,7 +11,6 @@ import pytest
 
 from benchmarks.field import agree
 from benchmarks.field.page import _why
-from benchmarks.field.plots import _aside
 from benchmarks.field.tables import ANSWERS, marked
 from benchmarks.field.wins import wins
 
@@ -117,12 +116,6 @@ def test_states_are_told_without_what_differs_from_arm_to_arm() -> None:
     )
     assert _why("ends with 1: Failure at some/file.cc") == "the process ends with 1"
     assert _why("revolute joints only") == "revolute joints only"
-
-
-def test_names_in_the_plot_are_moved_apart_and_stay_in_order() -> None:
-    moved = _aside([1.0, 1.0, 1.01, 2.0], 0.1)
-    assert (np.diff(moved) > 0.0998).all()
-    assert moved[-1] == 2.0
 
 
 @pytest.mark.parametrize(("exact", "ends"), [(97, 0), (60, 1)])
