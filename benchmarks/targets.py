@@ -101,19 +101,21 @@ def fleet_arm(name: str) -> kinseek.Arm:
 
 
 def processor() -> str:
-    """Name of the processor, as the system gives it, and how many of its cores this process may use."""
+    """Name of the processor, as the system gives it."""
     name = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.is_file():
         lines = info.read_text(encoding="utf-8").splitlines()
         name = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), name)
-    return f"{name}, {len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()} cores"
+    return name
 
 
 def machine() -> str:
-    """One line that every table starts with: processor, system, versions."""
+    """One line that every table starts with: processor, cores that this process may use, system, versions."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("kinseek", "numba", "numpy"))
-    return f"{processor()}; {platform.system()}, Python {platform.python_version()}, {packages}"
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    python = f"{platform.system()}, Python {platform.python_version()}"
+    return f"{processor()}, {cores} cores; {python}, {packages}"
 
 
 def load() -> str:

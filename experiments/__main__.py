@@ -117,7 +117,7 @@ def run_all(
     with Progress(*columns, console=console, disable=plain) as progress:
         for number, name in enumerate(names, start=1):
             module = experiment(name)
-            store = Store(folder, name, module.COLUMNS)
+            store = Store(folder, name)
             if redraw:
                 draw(module, store)
                 continue
@@ -173,7 +173,7 @@ def draw(module: Experiment, store: Store) -> None:
             f"{store.name} has not been run: there is no {store.csv.name} in {store.folder}"
         )
     try:
-        module.draw(store.rows(), store.picture)
+        module.draw(store.rows(module.cases(Effort())[0]), store.picture)
     except OSError as error:
         raise unwritable(store.folder, error) from error
 

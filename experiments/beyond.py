@@ -13,7 +13,6 @@ from .arms import (
     ARMS,
     BRANCHING_FACTOR,
     BY_HAND,
-    ERRORS,
     Array,
     error_columns,
     random_goals,
@@ -23,18 +22,6 @@ from .arms import (
 from .effort import Effort, Row
 from .style import NAMES, canvas, save, where
 
-COLUMNS = (
-    "dof",
-    "arm",
-    "search",
-    "points",
-    *ERRORS,
-    "mean_low_mm",
-    "mean_high_mm",
-    "below_1_mm",
-    "evaluations_mean",
-    "ms_per_point",
-)
 THRESHOLD = 0.05
 """Weighted error at which the early-stopping brute force is content."""
 

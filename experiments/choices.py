@@ -10,22 +10,10 @@ import numpy as np
 
 import kinseek
 
-from .arms import ARMS, BRANCHING_FACTOR, ERRORS, error_columns, random_goals
+from .arms import ARMS, BRANCHING_FACTOR, error_columns, random_goals
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, save, where
+from .style import LOOKS, NAMES, canvas, column, finish, lines, where
 
-COLUMNS = (
-    "dof",
-    "arm",
-    "choice",
-    "divisions",
-    "breadth",
-    "position_weight",
-    "points",
-    *ERRORS,
-    "evaluations_mean",
-    "joints_short",
-)
 AS_BUILT, REACH = "as built", "breadth to reach"
 ELBOW = {2: (None, 0.5), 4: (None, 0.5, None, None), 6: (None, None, 0.5, None, None, None)}
 """Half a cell on at the elbow alone; the cylindrical arm has none."""
@@ -159,19 +147,22 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         axis.set_yticks(range(len(names)), names if axis in (axes[0, 0], axes[1, 0]) else [""] * len(names))
         axis.invert_yaxis()
     for axis, weight in zip(axes[1, 1:], (HEAVY, 1.0), strict=True):
-        for look, choice in zip(LOOKS, SPIKE, strict=False):
-            some = where(rows, dof=2, choice=choice, position_weight=weight)
-            some = [row for row in some if choice == REACH or row["breadth"] == 4]
-            axis.plot(column(some, "divisions"), column(some, "position_mean_mm"), label=choice, **look)
+        some = where(rows, dof=2, position_weight=weight)
+        some = [row for row in some if row["choice"] == REACH or row["breadth"] == 4]
+        lines(axis, some, "divisions", "position_mean_mm", "choice", SPIKE)
         axis.set(yscale="log", ylim=(0.05, 10), xlabel="D", title=f"2 DOF, Br = 4, K_P = {weight:g} K_A")
         axis.set_xticks(
             sorted({int(row["divisions"]) for row in where(rows, dof=2, position_weight=weight)} - {0})
         )
     axes[1, 2].legend(loc="upper right")
     axes[1, 1].set_ylabel("mean position error [mm]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    figure.suptitle("What the paper leaves to the reader: D = 3, B = 7200, K_P = K_A unless said")
-    save(figure, path)
+    finish(
+        figure,
+        axes[0, 0],
+        path,
+        "What the paper leaves to the reader: D = 3, B = 7200, K_P = K_A unless said",
+        4,
+    )
 
 
 MEANS = {

@@ -14,18 +14,6 @@ from .effort import Effort, Row
 from .style import LOOKS, canvas, save, where
 from .sweep import ARMS
 
-COLUMNS = (
-    "dof",
-    "arm",
-    "branching_factor",
-    "method",
-    "points",
-    "best_found",
-    "error_over_best_median",
-    "error_over_best_p95",
-    "nodes_expanded",
-    "nodes_brute_force",
-)
 METHODS = ("CB(1)", "CB(2)", "CB(3)", "BT", "tuned", "CB(3), beam 64")
 
 

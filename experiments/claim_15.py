@@ -11,19 +11,8 @@ import kinseek
 
 from .arms import ARMS, Array, random_goals, solver_of
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, save, where
+from .style import DOTS, NAMES, canvas, lines, save
 
-COLUMNS = (
-    "dof",
-    "arm",
-    "method",
-    "points",
-    "position_mean_mm",
-    "orientation_mean_mrad",
-    "rank_correlation",
-    "far_but_aligned",
-    "near_but_turned",
-)
 METHODS = ("CB(1)", "CB(2)", "CB(3)", "DT + BT")
 FAR, NEAR = 0.05, 0.005
 """High is above the first, low below the second, in [m] and [rad]: 5 cm and 5 mm, 3° and 0.3°."""
@@ -60,12 +49,10 @@ def _rank_correlation(first: Array, second: Array) -> float:
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Mean errors against each other, and how the single points correlate."""
     figure, axes = canvas(1, 2, (10, 4.4))
-    for look, dof in zip(LOOKS, ARMS, strict=False):
-        some = where(rows, dof=dof)
-        dots = {**look, "linestyle": "none"}
-        means = column(some, "position_mean_mm"), column(some, "orientation_mean_mrad")
-        axes[0, 0].plot(*means, label=NAMES[dof], **dots)
-        axes[0, 1].plot(range(len(METHODS)), column(some, "rank_correlation"), label=NAMES[dof], **look)
+    means = "position_mean_mm", "orientation_mean_mrad"
+    lines(axes[0, 0], rows, *means, "dof", ARMS, NAMES, DOTS)
+    rows = [{**row, "place": METHODS.index(str(row["method"]))} for row in rows]
+    lines(axes[0, 1], rows, "place", "rank_correlation", "dof", ARMS, NAMES)
     axes[0, 0].set(
         xscale="log",
         yscale="log",

@@ -11,20 +11,8 @@ import kinseek
 
 from .arms import ARMS, Array, solver_of
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, save, where
+from .style import NAMES, canvas, lines, save, where
 
-COLUMNS = (
-    "dof",
-    "arm",
-    "goal",
-    "distance_over_reach",
-    "points",
-    "angle_mean_deg",
-    "angle_p95_deg",
-    "angle_max_deg",
-    "stretch_mean",
-    "excess_mean_mm",
-)
 CENTRES = {2: (0, 0, 0), 3: (0, 0, 0.25), 4: (0, 0, -0.125), 6: (0, 0, 0.25)}
 """Where the arm's direction is measured from: its first joint, at the height of the goals [m]."""
 REACH = 0.75
@@ -85,11 +73,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Angle against distance."""
     figure, axes = canvas(1, 2, (10, 4.2), sharey=True)
     for axis, goal in zip(axes[0], ("position", "pose"), strict=True):
-        for look, dof in zip(LOOKS, ARMS, strict=False):
-            some = where(rows, dof=dof, goal=goal)
-            axis.plot(
-                column(some, "distance_over_reach"), column(some, "angle_mean_deg"), label=NAMES[dof], **look
-            )
+        lines(axis, where(rows, goal=goal), "distance_over_reach", "angle_mean_deg", "dof", ARMS, NAMES)
         axis.set(
             xscale="log",
             yscale="log",

@@ -11,7 +11,6 @@ from .arms import BRANCHING_FACTOR, random_goals, timed
 from .effort import Effort, Row
 from .style import canvas, save
 
-COLUMNS = ("search", "arm", "points", "seconds", "solved", "position_median_mm", "position_mean_mm")
 SEARCHES: dict[str, kinseek.Solver | None] = {
     "default": None,
     "DaC + CB(1)": kinseek.DivideAndConquer(BRANCHING_FACTOR, 3, 1),

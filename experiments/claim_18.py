@@ -7,11 +7,10 @@ from pathlib import Path
 
 import kinseek
 
-from .arms import ARMS, BY_HAND, DIVISIONS, ERRORS, error_columns, random_goals
+from .arms import ARMS, BY_HAND, DIVISIONS, error_columns, random_goals
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, save, where
+from .style import LOOKS, NAMES, canvas, finish, lines, where
 
-COLUMNS = ("dof", "arm", "method", "branching_factor", "points", *ERRORS)
 BRUTE: dict[int, tuple[int, ...]] = {
     2: (15, 30, 60, 120, 240, 480, 960),
     3: (15, 30, 60, 120),
@@ -56,14 +55,10 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Mean error against B, one panel an arm, the median thin below it."""
     figure, axes = canvas(1, 4, (13, 4.2), sharey=True)
     for axis, dof in zip(axes[0], ARMS, strict=True):
-        for look, method in zip(LOOKS, ("brute force", *METHODS), strict=False):
-            some = where(rows, dof=dof, method=method)
-            sizes = column(some, "branching_factor")
-            axis.plot(sizes, column(some, "position_mean_mm"), label=method, **look)
-            thin = {**look, "marker": "", "linewidth": 0.8, "alpha": 0.6}
-            axis.plot(sizes, column(some, "position_median_mm"), **thin)
+        some = where(rows, dof=dof), "branching_factor"
+        lines(axis, *some, "position_mean_mm", "method", ("brute force", *METHODS))
+        thin = [{**look, "marker": "", "linewidth": 0.8, "alpha": 0.6} for look in LOOKS]
+        lines(axis, *some, "position_median_mm", "method", ("brute force", *METHODS), "_{}", thin)
         axis.set(xscale="log", yscale="log", xlabel="B, branching factor", title=NAMES[dof])
     axes[0, 0].set_ylabel("position error [mm]; thin: median")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
-    figure.suptitle("Claim 18: mean error against B, D = 3")
-    save(figure, path)
+    finish(figure, axes[0, 0], path, "Claim 18: mean error against B, D = 3", 6)

@@ -15,7 +15,6 @@ from .objects import frame_of
 from .style import LOOKS, canvas, save, where
 from .sweep import ARMS
 
-COLUMNS = ("dof", "branching_factor", "order", "points", "nodes_expanded", "most_held", "same_best")
 ORDERS = ("depth first", "breadth first", "depth first, bounds", "breadth first, bounds")
 
 

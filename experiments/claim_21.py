@@ -9,11 +9,10 @@ import numpy as np
 
 import kinseek
 
-from .arms import ARMS, ERRORS, error_columns, random_joints
+from .arms import ARMS, error_columns, random_joints
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, plain_ticks, save, where
+from .style import NAMES, canvas, finish, lines, plain_ticks, where
 
-COLUMNS = ("dof", "arm", "changes", "start_within", "points", *ERRORS, "stuck", "evaluations_mean")
 CHANGES = {
     "shrinking from 0.1": kinseek.BlindSearch(),
     "fixed 0.1": kinseek.BlindSearch(step=0.1, smallest_step=0.1),
@@ -57,16 +56,12 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Share that is stuck and mean error against the distance of the start, one column an arm."""
     figure, axes = canvas(2, 4, (13, 6.4), sharex=True, sharey="row")
     for over, under, dof in zip(axes[0], axes[1], ARMS, strict=True):
-        for look, changes in zip(LOOKS, CHANGES, strict=False):
-            some = where(rows, dof=dof, changes=changes)
-            starts = column(some, "start_within")
-            over.plot(starts, [100 * float(row["stuck"]) for row in some], label=changes, **look)
-            under.plot(starts, column(some, "position_median_mm"), label=changes, **look)
+        some = [{**row, "percent": 100 * float(row["stuck"])} for row in where(rows, dof=dof)]
+        lines(over, some, "start_within", "percent", "changes", CHANGES)
+        lines(under, some, "start_within", "position_median_mm", "changes", CHANGES)
         over.set(xscale="log", title=NAMES[dof])
         under.set(yscale="log", xlabel="start within [rad or m]; 10: anywhere")
         plain_ticks(under.xaxis, (0.03, 0.1, 0.3, 1, 10))
     axes[0, 0].set_ylabel(f"ends more than {1e3 * STUCK:g} mm off [%]")
     axes[1, 0].set_ylabel("median position error [mm]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
-    figure.suptitle("Claim 21: Blind Search against the distance of its start")
-    save(figure, path)
+    finish(figure, axes[0, 0], path, "Claim 21: Blind Search against the distance of its start", 6)

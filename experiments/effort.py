@@ -63,11 +63,8 @@ class Effort:
 class Experiment(Protocol):
     """What every file in `EXPERIMENTS` offers. `measure` and `draw` meet only in the CSV."""
 
-    COLUMNS: tuple[str, ...]
-    """Names of the columns, units included; those of a case come first."""
-
     def cases(self, effort: Effort) -> Sequence[Row]:
-        """What to measure: the leading columns of each row."""
+        """What to measure: the leading columns of each row. Names of columns include units."""
         ...
 
     def measure(self, case: Row, effort: Effort) -> Row:

@@ -9,21 +9,10 @@ import numpy as np
 
 import kinseek
 
-from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, ERRORS, error_columns, random_goals, spacings
+from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, error_columns, random_goals, spacings
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, save, where
+from .style import NAMES, canvas, finish, lines, where
 
-COLUMNS = (
-    "dof",
-    "arm",
-    "search",
-    "budget",
-    "parameter",
-    "points",
-    "evaluations_mean",
-    "evaluations_max",
-    *ERRORS,
-)
 SEARCHES = (
     "brute force, largest B",
     "DaC, widest CB",
@@ -109,16 +98,12 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     panels = ("position_mean_mm", "position_median_mm")
     for place, dof in enumerate(ARMS):
         for line, name in zip(axes, panels, strict=True):
-            for look, search in zip(LOOKS, SEARCHES, strict=True):
-                some = where(rows, dof=dof, search=search)
-                values = [max(float(value), 1e-7) for value in column(some, name)]
-                line[place].plot(column(some, "budget"), values, label=search, **look)
+            some = [{**row, name: max(float(row[name]), 1e-7)} for row in where(rows, dof=dof)]
+            lines(line[place], some, "budget", name, "search", SEARCHES)
             line[place].set(xscale="log", yscale="log")
             line[place].axhline(1, color="#777777", linewidth=1)
         axes[0, place].set_title(NAMES[dof])
         axes[1, place].set_xlabel("FK evaluations allowed per point")
     axes[0, 0].set_ylabel("mean position error [mm]")
     axes[1, 0].set_ylabel("median position error [mm]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    figure.suptitle("All searches at equal evaluations (lower edge: 1e-7 mm or less)")
-    save(figure, path)
+    finish(figure, axes[0, 0], path, "All searches at equal evaluations (lower edge: 1e-7 mm or less)", 4)

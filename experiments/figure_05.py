@@ -9,10 +9,9 @@ import kinseek
 
 from .arms import ARMS, BY_HAND, DIVISIONS, divide_and_conquer_nodes, equation_1, random_goals
 from .effort import Effort, Row
-from .style import LOOKS, canvas, column, save, where
+from .style import canvas, column, lines, save, where
 
 B = 60
-COLUMNS = ("dof", "arm", "method", "nodes_expanded", "closed_form", "equation_1")
 
 
 def cases(effort: Effort) -> list[Row]:
@@ -42,17 +41,9 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     figure, axes = canvas()
     axis = axes[0, 0]
     every = where(rows, method="DaC + DT + BT")
-    axis.plot(
-        column(every, "dof"),
-        column(every, "equation_1"),
-        color="#999999",
-        linewidth=5,
-        alpha=0.5,
-        label="Eq. 1",
-    )
-    for look, method in zip(LOOKS, ("brute force", "DaC + DT + BT"), strict=False):
-        some = where(rows, method=method)
-        axis.plot(column(some, "dof"), column(some, "nodes_expanded"), label=method, **look)
+    wide = {"color": "#999999", "linewidth": 5, "alpha": 0.5}
+    axis.plot(column(every, "dof"), column(every, "equation_1"), label="Eq. 1", **wide)
+    lines(axis, rows, "dof", "nodes_expanded", "method", ("brute force", "DaC + DT + BT"))
     axis.set(yscale="log", xlabel="degrees of freedom", ylabel="nodes expanded, one point", xticks=list(ARMS))
     axis.set_title(f"Fig. 5: nodes expanded, B = {B}")
     axis.legend()

@@ -12,18 +12,7 @@ from .arms import BRANCHING_FACTOR, divide_and_conquer_nodes, random_goals, time
 from .effort import Effort, Row
 from .sweep import cases
 
-__all__ = ["COLUMNS", "cases", "draw", "measure"]
-
-COLUMNS = (
-    "dof",
-    "arm",
-    "breadth",
-    "divisions",
-    "points",
-    "ms_per_point",
-    "nodes_expanded",
-    "closed_form",
-)
+__all__ = ["cases", "draw", "measure"]
 
 
 def measure(case: Row, effort: Effort) -> Row:

@@ -8,13 +8,11 @@ from pathlib import Path
 import kinseek
 
 from . import sweep
-from .arms import ERRORS, error_columns, random_goals
+from .arms import error_columns, random_goals
 from .effort import Effort, Row
 from .sweep import cases
 
-__all__ = ["COLUMNS", "cases", "draw", "measure"]
-
-COLUMNS = ("dof", "arm", "breadth", "divisions", "points", *ERRORS)
+__all__ = ["cases", "draw", "measure"]
 
 
 def measure(case: Row, effort: Effort) -> Row:

@@ -8,13 +8,11 @@ from pathlib import Path
 import kinseek
 
 from . import heuristics
-from .arms import ERRORS, error_columns, random_goals, solver_of
+from .arms import error_columns, random_goals, solver_of
 from .effort import Effort, Row
 from .heuristics import cases
 
-__all__ = ["COLUMNS", "cases", "draw", "measure"]
-
-COLUMNS = ("dof", "arm", "method", "points", "breadths", *ERRORS, "q_digest")
+__all__ = ["cases", "draw", "measure"]
 
 
 def measure(case: Row, effort: Effort) -> Row:

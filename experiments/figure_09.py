@@ -12,19 +12,7 @@ from .arms import BRANCHING_FACTOR, DIVISIONS, divide_and_conquer_nodes, random_
 from .effort import Effort, Row
 from .heuristics import cases
 
-__all__ = ["COLUMNS", "cases", "draw", "measure"]
-
-COLUMNS = (
-    "dof",
-    "arm",
-    "method",
-    "points",
-    "breadths",
-    "ms_per_point",
-    "nodes_expanded",
-    "closed_form",
-    "nodes_created",
-)
+__all__ = ["cases", "draw", "measure"]
 
 
 def measure(case: Row, effort: Effort) -> Row:

@@ -9,10 +9,9 @@ import kinseek
 
 from .arms import ARMS, BY_HAND, DIVISIONS, divide_and_conquer_nodes, random_goals
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, save, where
+from .style import NAMES, canvas, lines, save, where
 
 TREES = {"static": "DaC + BT", "dynamic": "DaC + DT + BT"}
-COLUMNS = ("dof", "arm", "tree", "branching_factor", "nodes_created", "closed_form")
 
 
 def cases(effort: Effort) -> list[Row]:
@@ -42,9 +41,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Nodes created against B, both logarithmic, one panel an arm."""
     figure, axes = canvas(2, 2, (9, 6.6), sharex=True, sharey=True)
     for axis, dof in zip(axes.flat, ARMS, strict=True):
-        for look, (tree, label) in zip(LOOKS, TREES.items(), strict=False):
-            some = where(rows, dof=dof, tree=tree)
-            axis.plot(column(some, "branching_factor"), column(some, "nodes_created"), label=label, **look)
+        lines(axis, where(rows, dof=dof), "branching_factor", "nodes_created", "tree", TREES, TREES)
         axis.axvline(1e4, color="#999999", linewidth=1)
         axis.set(xscale="log", yscale="log", title=NAMES[dof])
     axes[0, 0].text(1.4e4, 30, "B = 10,000", color="#555555")

@@ -10,18 +10,9 @@ import kinseek
 
 from .arms import BY_HAND, DIVISIONS, random_goals, timed
 from .effort import Effort, Row
-from .style import LOOKS, canvas, column, save, where
+from .style import canvas, lines, save
 
 LABELS = {"static": "DaC + BT", "dynamic": "DaC + DT + BT"}
-COLUMNS = (
-    "tree",
-    "branching_factor",
-    "points",
-    "ms_per_point",
-    "preparation_ms",
-    "nodes_expanded",
-    "position_mean_mm",
-)
 
 
 def cases(effort: Effort) -> list[Row]:
@@ -64,12 +55,9 @@ def measure(case: Row, effort: Effort) -> Row:
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Time against B."""
     figure, axes = canvas(1, 3, (13, 4.2))
-    for look, (tree, label) in zip(LOOKS, LABELS.items(), strict=False):
-        some = where(rows, tree=tree)
-        axes[0, 0].plot(column(some, "branching_factor"), column(some, "ms_per_point"), label=label, **look)
-        total = [row["ms_per_point"] + row["preparation_ms"] for row in some]  # type: ignore[operator]
-        axes[0, 1].plot(column(some, "branching_factor"), total, label=label, **look)
-        axes[0, 2].plot(column(some, "branching_factor"), column(some, "nodes_expanded"), label=label, **look)
+    rows = [{**row, "total": float(row["ms_per_point"]) + float(row["preparation_ms"])} for row in rows]
+    for axis, name in zip(axes[0], ("ms_per_point", "total", "nodes_expanded"), strict=True):
+        lines(axis, rows, "branching_factor", name, "tree", LABELS, LABELS)
     axes[0, 0].set(xscale="log", ylim=(0, None), ylabel="time per point [ms]", title="tree ready")
     axes[0, 1].set(xscale="log", yscale="log", ylabel="time for the first point [ms]", title="tree included")
     axes[0, 2].set(

@@ -11,11 +11,10 @@ import numpy as np
 import kinseek
 from kinseek.kernels.arrays import Indices
 
-from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, ERRORS, error_columns, random_goals
+from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, error_columns, random_goals
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, save, where
+from .style import DOTS, LOOKS, NAMES, canvas, column, finish, lines, where
 
-COLUMNS = ("dof", "arm", "mixture", "breadth", "points", *ERRORS, "evaluations_mean")
 BUILT = "passes, wide first"
 MIXTURES = (BUILT, "passes, wide last", "passes, alternating", "joints, wide first", "joints, wide last")
 """The first one is what ``DivideAndConquer(breadth=2.5)`` does."""
@@ -82,12 +81,16 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 
     figure, axes = canvas(1, 4, (14, 4.6))
     for axis, dof in zip(axes[0], ARMS, strict=True):
-        for look, mixture in zip(LOOKS, MIXTURES, strict=False):
-            some = where(rows, dof=dof, mixture=mixture)
-            shown = look if mixture == BUILT else {**look, "linestyle": "none"}
-            axis.plot(
-                column(some, "evaluations_mean"), column(some, "position_mean_mm"), label=mixture, **shown
-            )
+        some = where(rows, dof=dof)
+        lines(
+            axis,
+            some,
+            "evaluations_mean",
+            "position_mean_mm",
+            "mixture",
+            MIXTURES,
+            looks=(LOOKS[0], *DOTS[1:]),
+        )
         whole = [row for row in where(rows, dof=dof, mixture=BUILT) if row["breadth"] in WHOLE]
         names = ", ".join(f"CB({row['breadth']:.0f})" for row in whole)
         star = {"marker": "*", "markersize": 13, "linestyle": "none", "color": "black"}
@@ -96,13 +99,13 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         axis.margins(x=0.2, y=0.1)
         axis.xaxis.set_minor_formatter(NullFormatter())
     axes[0, 0].set_ylabel("mean position error [mm]")
-    figure.legend(
-        *axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(MIXTURES) + 1
+    finish(
+        figure,
+        axes[0, 0],
+        path,
+        "Fractional breadth: D = 3, B = 7200, K_P = K_A; quarters as built, halves in other mixtures",
+        len(MIXTURES) + 1,
     )
-    figure.suptitle(
-        "Fractional breadth: D = 3, B = 7200, K_P = K_A; quarters as built, halves in other mixtures"
-    )
-    save(figure, path)
 
 
 def table(rows: Sequence[Row]) -> str:

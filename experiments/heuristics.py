@@ -7,7 +7,7 @@ from pathlib import Path
 
 from .arms import ARMS, METHODS
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, mean_bars, save, where
+from .style import LOOKS, NAMES, canvas, column, finish, mean_bars, where
 
 
 def cases(effort: Effort) -> list[Row]:
@@ -30,7 +30,4 @@ def draw(rows: Sequence[Row], path: Path, quantities: dict[str, str], title: str
                 axis.set_ylim(bottom=0.05)
         axis.set(yscale="log", ylabel=label, xticks=range(len(ARMS)))
         axis.set_xticklabels([NAMES[dof].replace(" (", "\n(") for dof in ARMS])
-    handles = axes[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=len(METHODS), title="DaC +")
-    figure.suptitle(title)
-    save(figure, path)
+    finish(figure, axes[0, 0], path, title, len(METHODS), title="DaC +")

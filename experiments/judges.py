@@ -9,7 +9,7 @@ import numpy as np
 
 from . import question_06, question_10_exchanged
 from .arms import ARMS
-from .effort import Row, experiment
+from .effort import Row
 from .fraction import BUILT
 from .question_08 import TUNED
 from .store import ExperimentError, Store
@@ -35,7 +35,7 @@ class Results:
     def __call__(self, name: str, **wanted: Any) -> list[Row]:
         """Rows of one experiment whose columns have the wanted values."""
         if name not in self.read:
-            store = Store(self.folder, name, experiment(name).COLUMNS)
+            store = Store(self.folder, name)
             if not store.csv.exists():
                 raise ExperimentError(
                     f"the tables need {store.csv.name}: run python -m experiments {name} first"

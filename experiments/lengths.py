@@ -10,11 +10,10 @@ from typing import Any
 
 import kinseek
 
-from .arms import ARMS, BRANCHING_FACTOR, BY_HAND, DIVISIONS, ERRORS, error_columns, random_goals
+from .arms import ARMS, BRANCHING_FACTOR, BY_HAND, DIVISIONS, error_columns, random_goals
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, save, where
+from .style import LOOKS, NAMES, canvas, column, finish, where
 
-COLUMNS = ("dof", "arm", "fore_share", "tool_m", "method", "points", *ERRORS)
 REACH = 0.75
 """Both links together, as in the catalogue [m]."""
 METHODS = ("CB(1)", "CB(2)", "CB(3)", "BT")
@@ -71,9 +70,13 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         _line(axes[0, 3], sorted(some, key=lambda row: float(row["tool_m"])), "tool_m", method, look)
     axes[0, 3].set(title=NAMES[6], xlabel="hand beyond the wrist's centre [m]")
     axes[0, 0].set_ylabel("mean position error [mm]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
-    figure.suptitle("Other link lengths, the same reach: D = 3, B = 7200, with 95 % intervals")
-    save(figure, path)
+    finish(
+        figure,
+        axes[0, 0],
+        path,
+        "Other link lengths, the same reach: D = 3, B = 7200, with 95 % intervals",
+        6,
+    )
 
 
 def _line(axis: Any, rows: Sequence[Row], name: str, label: str, look: dict[str, Any]) -> None:

@@ -18,21 +18,6 @@ from .arms import ARMS, BRANCHING_FACTOR, BY_HAND, DIVISIONS, Array, random_goal
 from .effort import Effort, Row
 from .style import LOOKS, canvas, column, save, where
 
-COLUMNS = (
-    "dof",
-    "method",
-    "branching_factor",
-    "program",
-    "points",
-    "nodes_expanded",
-    "nodes_kernel",
-    "nodes_created",
-    "same_answers",
-    "ms_per_point",
-    "us_per_node",
-    "preparation_ms",
-    "bytes_held",
-)
 KERNELS = {"kernels": "static", "kernels, DT": "dynamic"}
 TWISTS = "twists, NumPy"
 BREADTHS = {**BY_HAND, 7: (3, 3, 3, 1, 1, 1, 1)}

@@ -10,22 +10,10 @@ import numpy as np
 
 import kinseek
 
-from .arms import BRANCHING_FACTOR, ERRORS, error_columns, random_goals
+from .arms import BRANCHING_FACTOR, error_columns, random_goals
 from .effort import Effort, Row
 from .readings import Reading, errors_of, search
-from .style import LOOKS, canvas, column, plain_ticks, save, where
-
-COLUMNS = (
-    "reading",
-    "range_deg",
-    "breadth",
-    "divisions",
-    "points",
-    "passes",
-    "last_spacing",
-    "reach_in_cells",
-    *ERRORS,
-)
+from .style import LOOKS, canvas, lines, plain_ticks, save, where
 
 LETTER = Reading()
 READINGS = {
@@ -51,6 +39,8 @@ RANGES = {
     "-180..180": (-np.pi, np.pi),
     "-150..150": (-5 * np.pi / 6, 5 * np.pi / 6),
 }
+
+SHOWN = "divisions", "position_mean_mm"
 
 
 def cases(effort: Effort) -> list[Row]:
@@ -100,7 +90,9 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     for look, breadth in zip(LOOKS, (1, 2, 3, 0), strict=False):
         reading = "as built" if breadth else "window of one old cell"
         label = f"Br = {breadth}" if breadth else "Br grows with D:\nreach = one old cell"
-        _line(axes[0, 0], where(rows, reading=reading, range_deg="0..360", breadth=breadth), label, look)
+        some = where(rows, reading=reading, range_deg="0..360", breadth=breadth)
+        lines(axes[0, 0], some, *SHOWN, "breadth", (breadth,), label, (look,))
+    three = where(rows, range_deg="0..360", breadth=3)
     one: tuple[str, ...] = (
         "as built",
         "Algorithm 2 to the letter",
@@ -109,17 +101,12 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         "fractions kept, Algorithm 2",
     )
     one += ("spacing divided by B", "orientation ignored")
-    for look, reading in zip(LOOKS, one, strict=False):
-        _line(axes[0, 1], where(rows, reading=reading, range_deg="0..360", breadth=3), reading, look)
+    lines(axes[0, 1], three, *SHOWN, "reading", one)
     two = ("as built", "no wrap", "no wrap, window slides", "K_P = 0.1", "K_P = 10", "K_P = 100")
-    for look, reading in zip(LOOKS, two, strict=False):
-        some = where(rows, reading=reading, range_deg="0..360", breadth=3)
-        _line(
-            axes[0, 2], some, f"{reading.replace('K_P', 'K_P / K_A')} /m" if "=" in reading else reading, look
-        )
-    _line(
-        axes[0, 2], where(rows, reading="no wrap", range_deg="-150..150", breadth=3), "limits ±150°", LOOKS[7]
-    )
+    names = {each: f"{each.replace('K_P', 'K_P / K_A')} /m" if "=" in each else each for each in two}
+    lines(axes[0, 2], three, *SHOWN, "reading", two, names)
+    limited = where(rows, range_deg="-150..150", breadth=3)
+    lines(axes[0, 2], limited, *SHOWN, "reading", ("no wrap",), "limits ±150°", LOOKS[7:])
     titles = (
         "as built: the breadth decides\n(D above 32 for Br = 3 alone)",
         "readings of the passes, Br = 3",
@@ -132,8 +119,3 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     axes[0, 0].set_ylabel("mean position error [mm]")
     figure.suptitle("Question 5: error of the two-link arm against D, B = 7200")
     save(figure, path)
-
-
-def _line(axis: object, rows: Sequence[Row], label: str, look: dict[str, object]) -> None:
-    values = column(rows, "divisions"), column(rows, "position_mean_mm")
-    axis.plot(*values, label=label, **look)  # type: ignore[attr-defined]

@@ -6,27 +6,14 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import kinseek
 
-from .arms import BRANCHING_FACTOR, ERRORS, error_columns, random_goals, spacings
+from .arms import BRANCHING_FACTOR, error_columns, random_goals, spacings
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, plain_ticks, save, where
+from .style import NAMES, canvas, finish, lines, plain_ticks, where
 from .sweep import ARMS
 
-COLUMNS = (
-    "dof",
-    "grid",
-    "breadth",
-    "divisions",
-    "branching_factor",
-    "points",
-    "passes",
-    "reach_in_cells",
-    "least_reach_in_cells",
-    *ERRORS,
-)
 GRIDS = ("B = 7200", "B = 10^7", "B = D^k")
 """The last one is the power of D nearest to 7200 from above: its spacings are whole, nothing is rounded."""
 
@@ -79,19 +66,12 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     figure, axes = canvas(2, 3, (13, 6.6), sharex=True, sharey="row", height_ratios=(2, 1))
     panels = ((2, 1), (2, 3), (3, 3))
     for over, under, (dof, breadth) in zip(axes[0], axes[1], panels, strict=True):
-        for look, grid in zip(LOOKS, GRIDS, strict=False):
-            some = where(rows, dof=dof, breadth=breadth, grid=grid)
-            _line(over, some, "position_mean_mm", grid, look)
-            _line(under, some, "least_reach_in_cells", grid, look)
+        some = where(rows, dof=dof, breadth=breadth)
+        lines(over, some, "divisions", "position_mean_mm", "grid", GRIDS)
+        lines(under, some, "divisions", "least_reach_in_cells", "grid", GRIDS)
         over.set(xscale="log", yscale="log", title=f"{NAMES[dof]}, Br = {breadth}")
         plain_ticks(under.xaxis, (3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32))
         under.set(xlabel="D", ylim=(0, 1.1))
     axes[0, 0].set_ylabel("mean position error [mm]")
     axes[1, 0].set_ylabel("least reach of a pass\n[cells of the one before]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
-    figure.suptitle("Question 5, the grid's part: what rounding the spacing does")
-    save(figure, path)
-
-
-def _line(axis: Any, rows: Sequence[Row], name: str, label: str, look: dict[str, Any]) -> None:
-    axis.plot(column(rows, "divisions"), column(rows, name), label=label, **look)
+    finish(figure, axes[0, 0], path, "Question 5, the grid's part: what rounding the spacing does", 6)

@@ -9,23 +9,11 @@ import numpy as np
 
 import kinseek
 
-from .arms import BRANCHING_FACTOR, ERRORS, error_columns, random_joints
+from .arms import BRANCHING_FACTOR, error_columns, random_joints
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, plain_ticks, save, where
+from .style import LOOKS, NAMES, canvas, lines, plain_ticks, save, where
 from .sweep import ARMS
 
-COLUMNS = (
-    "dof",
-    "arm",
-    "breadth",
-    "position_weight",
-    "divisions",
-    "points",
-    *ERRORS,
-    "above_1_mm",
-    "other_elbow",
-    "first_joint_between",
-)
 WEIGHTS = (0.1, 1.0, 2.0, 5.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0, 50.0, 100.0, 1000.0)
 BREADTHS = (1, 2, 3, 4)
 """Up to four, which is what breadth tuning gives the two-link arm here."""
@@ -73,29 +61,23 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     chosen = [
         weight for weight in (1.0, 5.0, 10.0, 20.0, 50.0, 1000.0) if where(rows, position_weight=weight)
     ]
-    for look, weight in zip(LOOKS, chosen, strict=False):
-        some = where(rows, dof=2, breadth=4, position_weight=weight)
-        axes[0, 0].plot(
-            column(some, "divisions"),
-            column(some, "position_mean_mm"),
-            label=f"K_P / K_A = {weight:g} /m",
-            **look,
-        )
+    shown = "divisions", "position_mean_mm"
+    two = where(rows, dof=2, breadth=4)
+    lines(axes[0, 0], two, *shown, "position_weight", chosen, "K_P / K_A = {:g} /m")
     axes[0, 0].set(
         yscale="log",
         xlabel="D, joint space divisions per pass",
         ylabel="mean position error [mm]",
         title="two-link arm, Br = 4",
     )
-    shown = 20.0
-    for look, dof in zip(LOOKS, ARMS, strict=False):
-        some = where(rows, dof=dof, breadth=4, position_weight=shown)
-        axes[0, 1].plot(column(some, "divisions"), column(some, "position_mean_mm"), label=NAMES[dof], **look)
+    heavy = 20.0
+    some = where(rows, breadth=4, position_weight=heavy)
+    lines(axes[0, 1], some, *shown, "dof", ARMS, NAMES)
     axes[0, 1].set(
         yscale="log",
         xlabel="D, joint space divisions per pass",
         ylabel="mean position error [mm]",
-        title=f"Br = 4, K_P / K_A = {shown:g} /m\n(3 and 4 DOF: D up to 5 alone)",
+        title=f"Br = 4, K_P / K_A = {heavy:g} /m\n(3 and 4 DOF: D up to 5 alone)",
     )
     for look, breadth in zip(LOOKS, BREADTHS, strict=False):
         weights = sorted({float(row["position_weight"]) for row in rows})

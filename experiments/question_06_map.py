@@ -12,16 +12,6 @@ from .mirror import arm_with_lattice, walk
 from .question_06_walk import WEIGHT
 from .style import canvas, save, where
 
-COLUMNS = (
-    "divisions",
-    "first_of_cell",
-    "second_deg",
-    "points",
-    "lost",
-    "mirrored_first",
-    "out_of_reach",
-    "settled",
-)
 BREADTH = 4
 
 

@@ -9,13 +9,12 @@ import numpy as np
 
 import kinseek
 
-from .arms import BRANCHING_FACTOR, ERRORS, error_columns, random_joints
+from .arms import BRANCHING_FACTOR, error_columns, random_joints
 from .effort import Effort, Row
 from .readings import Reading, errors_of, search
-from .style import LOOKS, NAMES, canvas, column, save, where
+from .style import NAMES, canvas, finish, lines, where
 from .sweep import ARMS
 
-COLUMNS = ("dof", "arm", "reading", "breadth", "divisions", "points", *ERRORS)
 AS_BUILT = "as built"
 RIVAL = "±180°, no wrap, formula"
 LETTER = "limited joints to the letter"
@@ -68,12 +67,15 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     figure, axes = canvas(1, 3, (13, 4.6), sharey=True)
     breadth = 2
     for axis, dof in zip(axes[0], ARMS, strict=True):
-        for look, reading in zip(LOOKS, (AS_BUILT, *READINGS), strict=False):
-            some = where(rows, dof=dof, reading=reading, breadth=breadth)
-            axis.plot(column(some, "divisions"), column(some, "position_mean_mm"), label=reading, **look)
+        some = where(rows, dof=dof, breadth=breadth)
+        lines(axis, some, "divisions", "position_mean_mm", "reading", (AS_BUILT, *READINGS))
         axis.set(yscale="log", xlabel="D", title=f"{NAMES[dof]}, Br = {breadth}")
         axis.set_xticks(sorted({int(row["divisions"]) for row in where(rows, dof=dof)}))
     axes[0, 0].set_ylabel("mean position error [mm]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    figure.suptitle("Questions 6 and 10, the rivals: readings that need no special weights, K_P = K_A")
-    save(figure, path)
+    finish(
+        figure,
+        axes[0, 0],
+        path,
+        "Questions 6 and 10, the rivals: readings that need no special weights, K_P = K_A",
+        3,
+    )

@@ -9,20 +9,10 @@ import numpy as np
 
 import kinseek
 
-from .arms import BRANCHING_FACTOR, ERRORS, error_columns, random_goals, random_joints, spacings
+from .arms import BRANCHING_FACTOR, error_columns, random_goals, random_joints, spacings
 from .effort import Effort, Row
-from .style import LOOKS, canvas, column, save, where
+from .style import canvas, finish, lines
 
-COLUMNS = (
-    "divisions",
-    "breadths",
-    "points",
-    *ERRORS,
-    "lost",
-    "wrong_cell",
-    "wrong_cell_of_lost",
-    "comes_up_to",
-)
 ARM, PLAIN = "cylindrical3", "3 3 3"
 BREADTHS = {
     PLAIN: "3 on all joints",
@@ -73,14 +63,17 @@ def comes_up_to(divisions: int, breadth: int) -> float:
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Mean error and the share that is lost, against D."""
     figure, axes = canvas(1, 2, (10, 4.2))
-    for look, (breadths, label) in zip(LOOKS, BREADTHS.items(), strict=False):
-        some = where(rows, breadths=breadths)
-        axes[0, 0].plot(column(some, "divisions"), column(some, "position_mean_mm"), label=label, **look)
-        axes[0, 1].plot(column(some, "divisions"), [100 * float(row["lost"]) for row in some], **look)
+    some = [{**row, "percent": 100 * float(row["lost"])} for row in rows]
+    for axis, name in zip(axes[0], ("position_mean_mm", "percent"), strict=True):
+        lines(axis, some, "divisions", name, "breadths", BREADTHS, BREADTHS)
     axes[0, 0].set(yscale="log", xlabel="D", ylabel="mean position error [mm]")
     axes[0, 1].set(xlabel="D", ylabel="more than 1 mm off [% of goals]")
     for axis in axes[0]:
         axis.set_xticks(sorted({int(row["divisions"]) for row in rows}))
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(BREADTHS))
-    figure.suptitle("Question 6: the bump of the cylindrical arm comes from its reach")
-    save(figure, path)
+    finish(
+        figure,
+        axes[0, 0],
+        path,
+        "Question 6: the bump of the cylindrical arm comes from its reach",
+        len(BREADTHS),
+    )

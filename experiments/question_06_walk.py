@@ -7,28 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .arms import ERRORS, error_columns, random_joints
+from .arms import error_columns, random_joints
 from .effort import Effort, Row
 from .mirror import arm_with_lattice, share, travel, walk
-from .style import LOOKS, canvas, column, save, where
+from .style import LOOKS, canvas, column, lines, save, where
 
-COLUMNS = (
-    "position_weight",
-    "lattice_deg",
-    "breadth",
-    "divisions",
-    "points",
-    "travel_deg",
-    *ERRORS,
-    "lost",
-    "mirrored_first",
-    "mirrored_of_lost",
-    "out_of_reach",
-    "lost_of_out",
-    "lost_of_in",
-    "settled",
-    "settled_of_mirrored",
-)
 WEIGHT = 20.0
 """K_P / K_A at which the spike of question 6 is highest [1/m]."""
 WIDE = {4: (7, 8), 5: (7, 8, 9, 10), 6: (8, 10, 12, 13), 8: (16, 24, 25)}
@@ -80,11 +63,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     figure, axes = canvas(1, 3, (13, 4.4))
     plain = where(rows, position_weight=WEIGHT, lattice_deg=0)
     divisions = sorted({int(row["divisions"]) for row in plain})
-    for look, d in zip(LOOKS, divisions, strict=False):
-        some = sorted(where(plain, divisions=d), key=lambda row: float(row["travel_deg"]))
-        axes[0, 0].plot(
-            column(some, "travel_deg"), column(some, "position_mean_mm"), label=f"D = {d}", **look
-        )
+    some = sorted(plain, key=lambda row: float(row["travel_deg"]))
+    lines(axes[0, 0], some, "travel_deg", "position_mean_mm", "divisions", divisions, "D = {}")
     axes[0, 0].axvline(180, color="#777777", linewidth=1)
     axes[0, 0].set(
         xscale="log",
@@ -108,12 +88,9 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     axes[0, 1].set(
         xlabel="D", ylabel="share of goals [%]", title="Br = 4: who is lost, who settles", ylim=(0, 50)
     )
-    for look, d in zip(LOOKS, (3, 4, 5, 6), strict=False):
-        some = where(rows, position_weight=WEIGHT, breadth=4, divisions=d)
-        some = sorted(some, key=lambda row: float(row["lattice_deg"]))
-        axes[0, 2].plot(
-            column(some, "lattice_deg"), column(some, "position_mean_mm"), label=f"D = {d}", **look
-        )
+    some = where(rows, position_weight=WEIGHT, breadth=4)
+    some = sorted(some, key=lambda row: float(row["lattice_deg"]))
+    lines(axes[0, 2], some, "lattice_deg", "position_mean_mm", "divisions", (3, 4, 5, 6), "D = {}")
     axes[0, 2].set(
         yscale="log",
         xlabel="lattice of the elbow turned by [°]",

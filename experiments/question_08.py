@@ -7,21 +7,10 @@ from pathlib import Path
 
 import kinseek
 
-from .arms import ARMS, BRANCHING_FACTOR, BY_HAND, DIVISIONS, ERRORS, error_columns, random_goals
+from .arms import ARMS, BRANCHING_FACTOR, BY_HAND, DIVISIONS, error_columns, random_goals
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, save, where
+from .style import NAMES, canvas, finish, lines, where
 
-COLUMNS = (
-    "dof",
-    "arm",
-    "method",
-    "breadths",
-    "position_weight",
-    "points",
-    *ERRORS,
-    "nodes_expanded",
-    "evaluations_mean",
-)
 BREADTHS: dict[str, dict[int, tuple[int, ...]]] = {
     "CB(1)": {dof: (1,) * dof for dof in ARMS},
     "CB(2)": {dof: (2,) * dof for dof in ARMS},
@@ -99,16 +88,12 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Position error, and orientation error below, against the weight; one panel an arm."""
     figure, axes = canvas(2, 4, (13, 7.6), sharex=True, sharey="row")
     for over, under, dof in zip(axes[0], axes[1], ARMS, strict=True):
-        for look, method in zip(LOOKS, BREADTHS, strict=False):
-            some = where(rows, dof=dof, method=method)
-            for axis, name in ((over, "position_mean_mm"), (under, "orientation_mean_mrad")):
-                axis.plot(column(some, "position_weight"), column(some, name), label=method, **look)
+        for axis, name in ((over, "position_mean_mm"), (under, "orientation_mean_mrad")):
+            lines(axis, where(rows, dof=dof), "position_weight", name, "method", BREADTHS)
         over.set(xscale="log", yscale="log", title=NAMES[dof])
         over.axhline(1, color="#777777", linewidth=1)
         under.set(yscale="log", xlabel="K_P / K_A [1/m]")
     axes[0, 0].set_ylabel("mean position error [mm]")
     axes[1, 0].set_ylabel("mean orientation error [mrad]")
-    handles = axes[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=len(BREADTHS), title="DaC +")
-    figure.suptitle("Question 8: the weights decide which error is small, D = 3, B = 7200")
-    save(figure, path)
+    title = "Question 8: the weights decide which error is small, D = 3, B = 7200"
+    finish(figure, axes[0, 0], path, title, len(BREADTHS), title="DaC +")

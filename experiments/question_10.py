@@ -10,24 +10,11 @@ import numpy as np
 
 import kinseek
 
-from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, ERRORS, error_columns, random_joints
+from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, error_columns, random_joints
 from .effort import Effort, Row
 from .readings import Reading, errors_of, search
-from .style import LOOKS, canvas, column, save, where
+from .style import LOOKS, canvas, lines, save, where
 
-COLUMNS = (
-    "dof",
-    "arm",
-    "reading",
-    "breadth",
-    "points",
-    *ERRORS,
-    "goals_near_end",
-    "mean_near_end_mm",
-    "mean_elsewhere_mm",
-    "above_10_mm",
-    "share_of_error_near_end",
-)
 READINGS = {
     "wrap": Reading(),
     "no wrap": Reading(ends="clip"),
@@ -83,10 +70,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Mean error against DOF for each breadth, one panel a reading."""
     figure, axes = canvas(1, 4, (13, 5.2), sharey=True)
     for axis, reading in zip(axes[0], SHOWN, strict=False):
-        for look, breadth in zip(LOOKS, (1, 2, 3), strict=False):
-            some = where(rows, reading=reading, breadth=breadth)
-            places = [list(ARMS).index(int(row["dof"])) for row in some]
-            axis.plot(places, [row["position_mean_mm"] for row in some], label=f"CB({breadth})", **look)
+        some = [{**row, "place": list(ARMS).index(int(row["dof"]))} for row in where(rows, reading=reading)]
+        lines(axis, some, "place", "position_mean_mm", "breadth", (1, 2, 3), "CB({})")
         axis.set(yscale="log", title=reading, xlabel="degrees of freedom")
         axis.set_xticks(range(len(ARMS)), list(map(str, ARMS)))
         axis.set_xlim(-0.3, len(ARMS) - 0.7)
@@ -95,9 +80,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
                 axis.text(place, 1.0, "not run", ha="center", va="center", rotation=90, color="#555555")
     axes[0, 1].legend(loc="upper center", bbox_to_anchor=(0.5, -0.15))
     # Other looks than beside it, where a line is a breadth.
-    for look, reading in zip(LOOKS[3:], SHOWN, strict=False):
-        some = where(rows, reading=reading, dof=2)
-        axes[0, 3].plot(column(some, "breadth"), column(some, "position_mean_mm"), label=reading, **look)
+    two = where(rows, dof=2)
+    lines(axes[0, 3], two, "breadth", "position_mean_mm", "reading", SHOWN, looks=LOOKS[3:])
     axes[0, 3].set(title="two-link arm", xlabel="Br, breadth of both joints")
     axes[0, 3].legend(loc="upper center", bbox_to_anchor=(0.5, -0.15))
     axes[0, 0].set(ylabel="mean position error [mm]", ylim=(0.05, 200))

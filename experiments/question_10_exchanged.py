@@ -9,12 +9,11 @@ import numpy as np
 
 import kinseek
 
-from .arms import BRANCHING_FACTOR, ERRORS, error_columns, random_goals
+from .arms import BRANCHING_FACTOR, error_columns, random_goals
 from .effort import Effort, Row
 from .mirror import travel
-from .style import LOOKS, canvas, column, plain_ticks, save, where
+from .style import canvas, lines, plain_ticks, save, where
 
-COLUMNS = ("lengths", "position_weight", "breadth", "divisions", "points", "travel_deg", *ERRORS)
 LENGTHS = {"0.5, 0.25": (0.5, 0.25), "0.375, 0.375": (0.375, 0.375), "0.25, 0.5": (0.25, 0.5)}
 """First and second link [m]. The paper prints the first pair."""
 EXCHANGED = "0.25, 0.5"
@@ -50,18 +49,12 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Error against D for each pair of lengths; and against the breadth at D = 3."""
     figure, axes = canvas(1, 4, (13, 4.2), sharey=True)
     for axis, lengths in zip(axes[0], LENGTHS, strict=False):
-        for look, breadth in zip(LOOKS, (1, 2, 3, 4), strict=False):
-            some = where(rows, lengths=lengths, breadth=breadth, position_weight=1.0)
-            axis.plot(
-                column(some, "divisions"), column(some, "position_mean_mm"), label=f"Br = {breadth}", **look
-            )
+        some = where(rows, lengths=lengths, position_weight=1.0)
+        lines(axis, some, "divisions", "position_mean_mm", "breadth", (1, 2, 3, 4), "Br = {}")
         axis.set(xscale="log", yscale="log", xlabel="D", title=f"links of {lengths} m")
         plain_ticks(axis.xaxis, (3, 4, 5, 6, 8, 12, 16, 32))
-    for look, lengths in zip(LOOKS, LENGTHS, strict=False):
-        some = where(rows, lengths=lengths, divisions=3, position_weight=1.0)
-        axes[0, 3].plot(
-            column(some, "breadth"), column(some, "position_mean_mm"), label=f"{lengths} m", **look
-        )
+    some = where(rows, divisions=3, position_weight=1.0)
+    lines(axes[0, 3], some, "breadth", "position_mean_mm", "lengths", LENGTHS, "{} m")
     axes[0, 3].set(xlabel="Br, breadth of both joints", title="D = 3")
     axes[0, 3].set_xticks([1, 2, 3, 4])
     axes[0, 0].set_ylabel("mean position error [mm]")

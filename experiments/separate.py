@@ -8,23 +8,10 @@ from pathlib import Path
 
 import kinseek
 
-from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, ERRORS, error_columns, random_goals, timed
+from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, error_columns, random_goals, timed
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, save, where
+from .style import NAMES, canvas, finish, lines, where
 
-COLUMNS = (
-    "arm",
-    "search",
-    "breadth",
-    "dof",
-    "first",
-    "second",
-    "points",
-    *ERRORS,
-    "evaluations_mean",
-    "split_evaluations",
-    "ms_per_point",
-)
 SEARCHES = ("whole arm", "chains, once", "chains")
 """The last one searches again where an error is left; see `kinseek.SeparateChains`."""
 LIMITED = "irb120"
@@ -75,12 +62,10 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     figure, axes = canvas(2, len(PANELS), (15, 6.8), sharex="col", sharey="row")
     for place, (arm, title) in enumerate(PANELS.items()):
         for axis, name in zip(axes[:, place], ("position_mean_mm", "orientation_mean_mrad"), strict=True):
-            for look, search in zip(LOOKS, SEARCHES, strict=False):
-                some = where(rows, arm=arm, search=search)
-                axis.plot(column(some, "evaluations_mean"), column(some, name), label=search, **look)
-                for row in some if search == "whole arm" else ():
-                    at = (float(row["evaluations_mean"]), float(row[name]))
-                    axis.annotate(f" {row['breadth']}", at, va="bottom")
+            lines(axis, where(rows, arm=arm), "evaluations_mean", name, "search", SEARCHES)
+            for row in where(rows, arm=arm, search="whole arm"):
+                at = (float(row["evaluations_mean"]), float(row[name]))
+                axis.annotate(f" {row['breadth']}", at, va="bottom")
             axis.set(xscale="log", yscale="log")
             axis.margins(x=0.15, y=0.1)
             axis.xaxis.set_minor_formatter(NullFormatter())
@@ -92,6 +77,10 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         axes[1, place].set_xlabel("FK evaluations per point")
     axes[0, 0].set_ylabel("mean position error [mm]")
     axes[1, 0].set_ylabel("mean orientation error [mrad]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(SEARCHES))
-    figure.suptitle("Separate chains: D = 3, B = 7200; the numbers are the breadths")
-    save(figure, path)
+    finish(
+        figure,
+        axes[0, 0],
+        path,
+        "Separate chains: D = 3, B = 7200; the numbers are the breadths",
+        len(SEARCHES),
+    )

@@ -7,12 +7,14 @@ import json
 import os
 import platform
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+
+from benchmarks.targets import processor
 
 from .effort import Effort, Row, Value
 
@@ -29,7 +31,6 @@ class Store:
 
     folder: Path
     name: str
-    columns: tuple[str, ...]
 
     @property
     def csv(self) -> Path:
@@ -66,7 +67,7 @@ class Store:
             self.folder.mkdir(parents=True, exist_ok=True)
             rows: list[Row] = []
             if self.partial.exists() and _arguments(self.partial_manifest) == asdict(effort):
-                rows = read_rows(self.partial, self.columns, torn=True)
+                rows = read_rows(self.partial, torn=True)
             self._rewrite(rows)
             self.partial_manifest.write_text(json.dumps({"arguments": asdict(effort)}))
         except OSError as error:
@@ -74,10 +75,13 @@ class Store:
         return rows
 
     def append(self, row: Row) -> None:
-        """Write one row so that it survives whatever comes next."""
+        """Write one row so that it survives whatever comes next; the first one brings the names of the columns."""
         try:
-            with self.partial.open("a", newline="") as file:
-                csv.writer(file, lineterminator="\n").writerow(self._fields(row))
+            with self.partial.open("a+", newline="") as file:
+                writer = csv.writer(file, lineterminator="\n")
+                if not file.tell():
+                    writer.writerow(row)
+                writer.writerow(map(_short, row.values()))
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
@@ -87,7 +91,7 @@ class Store:
         """Put the rows in the order of the cases and give them their final name, all at once."""
         keys = tuple(cases[0])
         place = {key_of(case, keys): number for number, case in enumerate(cases)}
-        rows = read_rows(self.partial, self.columns)
+        rows = read_rows(self.partial)
         self._rewrite(sorted(rows, key=lambda row: place[key_of(row, keys)]))
         described = describe(self.name, effort, len(rows), seconds)
         self.partial_manifest.write_text(json.dumps(described, indent=2) + "\n")
@@ -96,20 +100,26 @@ class Store:
         self.partial.replace(self.csv)
         self.partial_manifest.replace(self.manifest)
 
-    def rows(self) -> list[Row]:
-        """The finished rows."""
-        return read_rows(self.csv, self.columns)
+    def rows(self, keys: Iterable[str] = ()) -> list[Row]:
+        """The finished rows.
+
+        Raises:
+            ExperimentError: The first columns are not the wanted ones, or a row is not whole.
+        """
+        rows, wanted = read_rows(self.csv), tuple(keys)
+        if not rows or tuple(rows[0])[: len(wanted)] != wanted:
+            raise ExperimentError(
+                f"{self.csv.name} has other columns than this version writes; run again with --force"
+            )
+        return rows
 
     def _rewrite(self, rows: Sequence[Row]) -> None:
         fresh = self.partial.with_suffix(".new")
         with fresh.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(self.columns)
-            writer.writerows(self._fields(row) for row in rows)
+            writer.writerows(rows[:1])
+            writer.writerows(map(_short, row.values()) for row in rows)
         fresh.replace(self.partial)
-
-    def _fields(self, row: Row) -> list[Value]:
-        return [_short(row[name]) for name in self.columns]
 
 
 def key_of(row: Row, keys: Sequence[str]) -> tuple[str, ...]:
@@ -117,33 +127,24 @@ def key_of(row: Row, keys: Sequence[str]) -> tuple[str, ...]:
     return tuple(str(_short(row[key])) for key in keys)
 
 
-def read_rows(path: Path, columns: tuple[str, ...], torn: bool = False) -> list[Row]:
+def read_rows(path: Path, torn: bool = False) -> list[Row]:
     """Read a CSV; numbers come back as numbers.
 
     Args:
         path: The CSV.
-        columns: The header it must have.
         torn: Leave out a last line that was cut short, instead of refusing it.
 
     Raises:
-        ExperimentError: The header or a row does not fit.
+        ExperimentError: A row does not fit the header.
     """
     text = path.read_text()
-    if torn and not text.endswith("\n"):
+    if torn:
         text = text[: text.rfind("\n") + 1]
-    lines = list(csv.reader(text.splitlines()))
-    if torn and (not lines or tuple(lines[0]) != columns):
-        return []
-    if not lines or tuple(lines[0]) != columns:
-        raise ExperimentError(
-            f"{path.name} has other columns than this version writes; run again with --force"
-        )
-    rows: list[Row] = []
-    for number, line in enumerate(lines[1:], start=2):
+    columns, *lines = list(csv.reader(text.splitlines())) or [[]]
+    for number, line in enumerate(lines, start=2):
         if len(line) != len(columns):
             raise ExperimentError(f"{path.name}, line {number}: {len(line)} fields, expected {len(columns)}")
-        rows.append({name: _value(field) for name, field in zip(columns, line, strict=True)})
-    return rows
+    return [dict(zip(columns, map(_value, line), strict=True)) for line in lines]
 
 
 def describe(name: str, effort: Effort, rows: int, seconds: float) -> dict[str, Any]:
@@ -167,17 +168,6 @@ def describe(name: str, effort: Effort, rows: int, seconds: float) -> dict[str, 
         "system": f"{platform.system()} {platform.machine()}",
         "commit": commit(),
     }
-
-
-def processor() -> str:
-    """The processor's name, if the system reports it."""
-    try:
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()
 
 
 def commit() -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ LOOKS: tuple[dict[str, Any], ...] = (
     {"color": "#009e73", "marker": "X", "linestyle": (0, (3, 1, 1, 1))},
     {"color": "#999999", "marker": "*", "linestyle": "-"},
 )
+DOTS: tuple[dict[str, Any], ...] = tuple({**look, "linestyle": "none"} for look in LOOKS)
+"""The same without lines."""
 NAMES = {2: "2 DOF (planar)", 3: "3 DOF (cylindrical)", 4: "4 DOF (SCARA)", 6: "6 DOF (elbow)"}
 
 
@@ -52,6 +54,42 @@ def where(rows: Sequence[Row], **wanted: Any) -> list[Row]:
 def column(rows: Sequence[Row], name: str) -> list[Any]:
     """One column."""
     return [row[name] for row in rows]
+
+
+def lines(
+    axis: Any,
+    rows: Sequence[Row],
+    x: str,
+    y: str,
+    key: str,
+    values: Iterable[Any],
+    label: str | Mapping[Any, str] = "{}",
+    looks: Sequence[dict[str, Any]] = LOOKS,
+) -> None:
+    """A line for each value of a column.
+
+    Args:
+        axis: Where.
+        rows: Of the CSV.
+        x: Column across.
+        y: Column upwards.
+        key: Column whose values have a line each.
+        values: In the order of the looks.
+        label: Of each value, or one with {} for it.
+        looks: Of the lines.
+    """
+    for look, value in zip(looks, values, strict=False):
+        some = where(rows, **{key: value})
+        told = label.format(value) if isinstance(label, str) else label[value]
+        axis.plot(column(some, x), column(some, y), label=told, **look)
+
+
+def finish(figure: Any, axis: Any, path: Path, heading: str, ncols: int = 6, **legend: Any) -> None:
+    """Put the legend of one panel below the figure and a title above it, and write it."""
+    handles = axis.get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=ncols, **legend)
+    figure.suptitle(heading)
+    save(figure, path)
 
 
 def plain_ticks(axis: Any, values: Sequence[float]) -> None:

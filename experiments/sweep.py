@@ -9,7 +9,7 @@ import kinseek
 
 from .arms import BRANCHING_FACTOR
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, mean_bars, plain_ticks, save, where
+from .style import LOOKS, NAMES, canvas, column, finish, lines, mean_bars, plain_ticks, where
 
 ARMS = {2: "planar2", 3: "cylindrical3", 4: "scara4"}
 BREADTHS = (1, 2, 3)
@@ -39,18 +39,16 @@ def draw(rows: Sequence[Row], path: Path, quantities: dict[str, str], title: str
     for line, (quantity, label) in zip(axes, quantities.items(), strict=True):
         line[0].set_ylabel(label)
         for axis, breadth in zip(line, BREADTHS, strict=True):
-            for look, dof in zip(LOOKS, ARMS, strict=False):
-                some = where(rows, dof=dof, breadth=breadth)
-                axis.plot(column(some, "divisions"), column(some, quantity), label=NAMES[dof], **look)
-                if quantity == "position_mean_mm":
-                    mean_bars(axis, column(some, "divisions"), some, look)
-                    axis.set_ylim(0.05, 100)
+            some = where(rows, breadth=breadth)
+            lines(axis, some, "divisions", quantity, "dof", ARMS, NAMES)
+            if quantity == "position_mean_mm":
+                for look, dof in zip(LOOKS, ARMS, strict=False):
+                    mean_bars(axis, column(where(some, dof=dof), "divisions"), where(some, dof=dof), look)
+                axis.set_ylim(0.05, 100)
             axis.set(xscale="log", yscale="log")
             plain_ticks(axis.xaxis, (3, 4, 6, 10, 16, 32, 100, 360))
     for axis, breadth in zip(axes[0], BREADTHS, strict=True):
         axis.set_title(f"CB({breadth})")
     for axis in axes[-1]:
         axis.set_xlabel("D, joint space divisions per pass")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(ARMS))
-    figure.suptitle(title)
-    save(figure, path)
+    finish(figure, axes[0, 0], path, title, len(ARMS))

@@ -14,7 +14,7 @@ import kinseek
 from experiments import __main__ as command
 from experiments import claim_19, claims, fraction, judges, mirror, objects, plain, twists
 from experiments.arms import ARMS, BY_HAND, random_goals
-from experiments.effort import Row, experiment
+from experiments.effort import Row
 from experiments.judges import FAILS, HOLDS, IN_PART, Results
 from experiments.store import read_rows
 
@@ -202,7 +202,7 @@ def test_twists_come_home() -> None:
 
 
 def test_the_committed_programs_expanded_the_kernels_nodes() -> None:
-    rows = read_rows(RESULTS / "objects.csv", experiment("objects").COLUMNS)
+    rows = read_rows(RESULTS / "objects.csv")
     for row in rows:
         assert row["nodes_expanded"] == row["nodes_kernel"], row
         # Rounding decides ties, which the elbow arm's wrist has, and a tie may lead elsewhere: a few points differ.
@@ -210,7 +210,7 @@ def test_the_committed_programs_expanded_the_kernels_nodes() -> None:
 
 
 def test_equal_evaluations_are_not_exceeded() -> None:
-    for row in read_rows(RESULTS / "equal.csv", experiment("equal").COLUMNS):
+    for row in read_rows(RESULTS / "equal.csv"):
         assert float(row["evaluations_max"]) <= float(row["budget"]), row
 
 

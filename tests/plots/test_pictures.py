@@ -44,7 +44,7 @@ def found(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_pictures_of_the_experiments(name: str, found: list[str], tmp_path: Path) -> None:
     module = experiment(name)
-    rows = Store(ROOT / "experiments" / "results", name, module.COLUMNS).rows()
+    rows = Store(ROOT / "experiments" / "results", name).rows()
     module.draw(rows, tmp_path / "picture.png")
     assert found == []
 
@@ -120,9 +120,7 @@ def test_an_arm_that_is_missing_is_explained(tmp_path: Path, monkeypatch: pytest
 
     monkeypatch.setattr(Figure, "savefig", note)
     module = experiment("question_10")
-    module.draw(
-        Store(ROOT / "experiments" / "results", "question_10", module.COLUMNS).rows(), tmp_path / "one.png"
-    )
+    module.draw(Store(ROOT / "experiments" / "results", "question_10").rows(), tmp_path / "one.png")
     assert seen == [(4, []), (4, []), (3, ["not run"])]
 
 
