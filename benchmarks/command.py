@@ -51,7 +51,7 @@ class Command(argparse.ArgumentParser):
         for name, (full, quick, what) in counts.items():
             self.add_argument(f"--{name}", type=at_least_one, help=f"{what}; {full:,} if left out")
             self._counts[name] = full, quick
-        if counts and page:
+        if page:
             self.add_argument("--quick", action="store_true", help="small numbers; printed and not written")
         if page:
             writes(self, "--output", HERE / page, "page to write")

@@ -1,26 +1,18 @@
-"""Grids around an arm, cells and poses drawn from them, and time."""
+"""Grids around an arm, and cells and poses drawn from them."""
 
 from __future__ import annotations
 
-import os
-import time
-from collections.abc import Callable
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
-from benchmarks.page import Page
 from kinseek import maps
 from kinseek.maps import make
 from kinseek.maps.block import Work, compute
 from kinseek.maps.orientations import about_z, direction, shortest_turn
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -28,26 +20,6 @@ Index = tuple[int, ...]
 
 WIDTH, COUNT = 0.1, 576
 """Of cells [m], and orientations, where nothing else is said."""
-
-
-def cpu(work: Callable[..., Any], *given: Any) -> tuple[float, Any]:
-    """CPU time of this process [s], and what came of it."""
-    began = time.process_time()
-    result = work(*given)
-    return time.process_time() - began, result
-
-
-@contextmanager
-def section(page: Page, title: str) -> Iterator[None]:
-    """A section of the page that ends with what it took, and with the machine's load before and after it."""
-    page.head(title)
-    began, before = time.perf_counter(), os.getloadavg()[0]
-    yield
-    took = time.perf_counter() - began
-    page.say(
-        f"*Measured in {took:.0f} s; load of the machine {before:.1f} at the beginning, "
-        f"{os.getloadavg()[0]:.1f} at the end.*"
-    )
 
 
 def half_of(arm: kinseek.Arm, width: float) -> float:

@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 import kinseek
-from benchmarks.page import Page
+from benchmarks.page import Page, Row
+from benchmarks.timing import cpu
 from kinseek import maps
-from kinseek.maps.block import BlockScratch, answered
+from kinseek.maps.block import BlockScratch, Work, answered
 from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED
 
-from .cells import Array, Numbers, cpu, half_of, rings_around, section, work_of
+from .cells import Array, Numbers, half_of, rings_around, work_of
 
 BILLION = (0.05, 12_000)
 """Rings of an arm as long as the UR5e [m, orientations] that stand for a billion cells of a `Grid`."""
@@ -36,7 +37,7 @@ Cells = tuple[slice, ...]
 """Of each dimension of a grid, which."""
 
 
-class Row(NamedTuple):
+class Judged(NamedTuple):
     """All cells of one place and direction, as they were judged."""
 
     cost: float
@@ -72,30 +73,30 @@ class Rows:
         first = row * int(self.rng.integers(self.rings.shape[-1] // row))
         return (*(slice(i, i + 1) for i in place), slice(first, first + row))
 
-    def judge(self, depth: int) -> Callable[[Cells], Row]:
+    def judge(self, depth: int) -> Callable[[Cells], Judged]:
         """What judges a row, so deep."""
         work = work_of(self.arm, self.rings, None, prove=True, depth=depth)
         scratch = BlockScratch(work)
         scratch.arm.ik(np.eye(4))  # Builds the atlas.
 
-        def judged(part: Cells) -> Row:
+        def judged(part: Cells) -> Judged:
             took, values = cpu(answered, work, scratch, self.rings.poses(part), part)
             reached, empty, undecided = (
                 float((values["cell"] == word).mean()) for word in (REACHED, EMPTY, UNDECIDED)
             )
-            return Row(took / self.rings.orientations.arcs, reached, empty, undecided)
+            return Judged(took / self.rings.orientations.arcs, reached, empty, undecided)
 
         return judged
 
 
-def in_turn(judge: Callable[[Cells], Row], parts: Iterable[Cells], seconds: float) -> Array:
+def in_turn(judge: Callable[[Cells], Judged], parts: Iterable[Cells], seconds: float) -> Array:
     """Judge one row after the other for so long [s] of CPU time, four at least, (k, 4)."""
-    until, rows = time.process_time() + seconds, list[Row]()
+    until, rows = time.process_time() + seconds, list[Judged]()
     for part in parts:
         rows.append(judge(part))
         if len(rows) >= 4 and time.process_time() > until:
             break
-    return np.array(rows).reshape(-1, len(Row._fields))
+    return np.array(rows).reshape(-1, len(Judged._fields))
 
 
 def two_phases(shallow: Array, groups: Sequence[tuple[Numbers, Array]]) -> Told:
@@ -128,7 +129,7 @@ def two_phases(shallow: Array, groups: Sequence[tuple[Numbers, Array]]) -> Told:
 def looked_at(
     arm: kinseek.Arm, rings: maps.Rings, seconds: float, long: float
 ) -> Iterator[tuple[int, int, int, list[Told]]]:
-    """Of each depth how many rows were drawn, how many had a deep look, and the means of all that a `Row` has.
+    """Of each depth how many rows were drawn, how many had a deep look, and the means of all that a `Judged` has.
 
     A row that is decided without a cut stays as it is: the others, one in twenty, make nearly all that differs.
     """
@@ -140,7 +141,7 @@ def looked_at(
             yield parts[-1]
 
     shallow = in_turn(rows.judge(0), draw(), 2 * seconds)
-    undecided = shallow[:, Row._fields.index("undecided")] > 0.0
+    undecided = shallow[:, Judged._fields.index("undecided")] > 0.0
     every, groups = np.arange(len(parts)), [np.flatnonzero(undecided), np.flatnonzero(~undecided)]
     yield 0, len(parts), len(parts), [two_phases(each, [(every, each)]) for each in shallow.T]
     for depth in DEPTHS:
@@ -158,7 +159,7 @@ def looked_at(
 
 def measure(page: Page, seconds: float) -> None:
     """Write the section."""
-    with section(page, "Time of proofs about whole cells"):
+    with page.section("Time of proofs about whole cells"):
         page.say(
             "Maps of `Rings` with `prove=True`. A row of a map is all cells of one position and direction. For each arm",
             f"and size, random rows are classified with depth 0 for {2 * seconds:g} s of one thread. Some of the rows",
@@ -169,35 +170,32 @@ def measure(page: Page, seconds: float) -> None:
             f"is the time for 10⁹ cells of a `Grid`, which has about that many with {BILLION[1]:,} orientations at",
             f"{BILLION[0] * 100:.0f} cm.",
         )
-        lines = []
-        for name, sizes in SIZES.items():
-            arm = kinseek.load(name)
-            for width, count in sizes:
-                rings = rings_around(arm, width, count)
-                stand = rings.volume / width**3 * len(rings.orientations)
-                for depth, drawn, deep, told in looked_at(arm, rings, seconds, LONG.get((name, count), 1.0)):
-                    cost, reached, empty, undecided = told
-                    lines.append(
-                        [
-                            name,
-                            f"{width * 100:.0f} cm, {rings.orientations.covering_radius:.2f} rad",
-                            f"{depth}",
-                            f"{drawn:,}",
-                            f"{deep:,}" if depth else "–",
-                            cost.text(".2f", 1e3),
-                            reached.text(".1f", 100),
-                            empty.text(".1f", 100),
-                            undecided.text(".2f", 100),
-                            f"{rings.size:,}",
-                            cost.text(".2g", rings.size / 3600),
-                            cost.text(".2g", rings.size / stand * 1e9 / 3600),
-                        ]
-                    )
-        page.table(
-            "arm | cells | depth | >rows | >of these with larger depth | >ms a ring | >reached somewhere, % | "
-            ">proved empty, % | >undecided, % | >rings of the map | >core-hours of the map | >core-hours of 10⁹ cells",
-            lines,
+        page.rows(
+            row
+            for name, sizes in SIZES.items()
+            for width, count in sizes
+            for row in _looked_at(kinseek.load(name), width, count, seconds)
         )
+
+
+def _looked_at(arm: kinseek.Arm, width: float, count: int, seconds: float) -> Iterator[Row]:
+    rings = rings_around(arm, width, count)
+    stand, long = rings.volume / width**3 * len(rings.orientations), LONG.get((arm.name, count), 1.0)
+    for depth, drawn, deep, (cost, reached, empty, undecided) in looked_at(arm, rings, seconds, long):
+        yield {
+            "arm": arm.name,
+            "cells": f"{width * 100:.0f} cm, {rings.orientations.covering_radius:.2f} rad",
+            "depth": depth,
+            ">rows": f"{drawn:,}",
+            ">of these with larger depth": f"{deep:,}" if depth else "–",
+            ">ms a ring": cost.text(".2f", 1e3),
+            ">reached somewhere, %": reached.text(".1f", 100),
+            ">proved empty, %": empty.text(".1f", 100),
+            ">undecided, %": undecided.text(".2f", 100),
+            ">rings of the map": f"{rings.size:,}",
+            ">core-hours of the map": cost.text(".2g", rings.size / 3600),
+            ">core-hours of 10⁹ cells": cost.text(".2g", rings.size / stand * 1e9 / 3600),
+        }
 
 
 WHOLE = ((0.1, 576), (0.05, 4608), (0.05, 12_000), (0.03, 40_000), (0.02, 170_000))
@@ -226,59 +224,60 @@ def touched(arm: kinseek.Arm, grid: maps.Grid | maps.Rings, number: int) -> Iter
 def wholes(page: Page, number: int) -> None:
     """Write the section about cells that are reached as a whole."""
     arm = kinseek.load("ur5e")
-    lines = []
-    with section(page, "How much of a cell is proved to be reached as a whole"):
+    with page.section("How much of a cell is proved to be reached as a whole"):
         page.say(
             f"{number} cells of a UR5e for each line, drawn at random from those whose middle is reached. *Above 0* counts",
             "the cells of which some part is proved to be reached as a whole; ± gives two standard errors of the mean.",
         )
-        for width, count in WHOLE:
-            for make in (slab, rings_around):
-                grid = make(arm, width, count)
-                cells = list(touched(arm, grid, number))
-                for depth in WHOLE_DEPTHS:
-                    work = work_of(arm, grid, None, prove=True, depth=depth)
-                    scratch = BlockScratch(work)
-                    scratch.arm.ik(np.eye(4))  # Builds the atlas.
-                    took, shares = cpu(
-                        lambda work=work, scratch=scratch, grid=grid, cells=cells: np.array(
-                            [
-                                answered(work, scratch, grid.poses(cell), cell)["whole_share"].item()
-                                for cell in cells
-                            ]
-                        )
-                    )
-                    told = Told(shares.mean(), 2 * shares.std(ddof=1) / np.sqrt(number))
-                    lines.append(
-                        [
-                            type(grid).__name__,
-                            f"{width * 100:.0f} cm, {grid.orientations.covering_radius:.2f} rad",
-                            f"{depth}",
-                            f"{np.count_nonzero(shares)} of {number}",
-                            told.text(".2f"),
-                            f"{took / number * 1e3:.0f}",
-                        ]
-                    )
-        page.table("map | size of a cell | depth | >above 0 | >mean `whole_share` | >ms a cell", lines)
+        page.rows(
+            row
+            for width, count in WHOLE
+            for make in (slab, rings_around)
+            for row in _wholes(arm, make(arm, width, count), number)
+        )
+
+
+def _wholes(arm: kinseek.Arm, grid: maps.Grid | maps.Rings, number: int) -> Iterator[Row]:
+    cells = list(touched(arm, grid, number))
+    for depth in WHOLE_DEPTHS:
+        work = work_of(arm, grid, None, prove=True, depth=depth)
+        scratch = BlockScratch(work)
+        scratch.arm.ik(np.eye(4))  # Builds the atlas.
+
+        def share(cell: Cells, work: Work = work, scratch: BlockScratch = scratch) -> float:
+            return float(answered(work, scratch, grid.poses(cell), cell)["whole_share"].item())
+
+        took, found = cpu(lambda share=share: np.array([share(cell) for cell in cells]))
+        yield {
+            "map": type(grid).__name__,
+            "size of a cell": f"{grid.widths[0] * 100:.0f} cm, {grid.orientations.covering_radius:.2f} rad",
+            "depth": depth,
+            ">above 0": f"{np.count_nonzero(found)} of {number}",
+            ">mean `whole_share`": Told(found.mean(), 2 * found.std(ddof=1) / np.sqrt(number)).text(".2f"),
+            ">ms a cell": f"{took / number * 1e3:.0f}",
+        }
 
 
 def asked(page: Page, poses: int) -> None:
     """Write the section about questions to a finished map."""
     arm = kinseek.load("ur5e")
-    with section(page, "Time to look up poses in a finished map"):
-        rows = []
-        for grid in (
-            rings_around(arm, 0.1, 576),
-            maps.Grid((0, 1, 0.1), (0, 1, 0.1), (0, 1, 0.1), maps.orientations(576)),
-        ):
-            made = maps.reach(arm, grid, block=grid.size)
-            T = arm.fk(arm.sample(poses, seed=6))
-            maps.at(made, T[:1])
-            many = min(cpu(maps.at, made, T)[0] for _ in range(3))
-            single, _ = cpu(lambda made=made, T=T: [maps.at(made, one) for one in T[:200]])
-            rows.append([type(grid).__name__, f"{many / poses * 1e6:.2f}", f"{single / 200 * 1e6:.0f}"])
+    T, ends = arm.fk(arm.sample(poses, seed=6)), (0, 1, 0.1)
+    with page.section("Time to look up poses in a finished map"):
         page.say(
             f"`maps.at` on a map of the UR5e in memory: {poses:,} poses in one call (the least of three), and one by one.",
             "CPU time of one thread.",
         )
-        page.table("map of | >µs a pose, all at once | >µs a pose, one by one", rows)
+        grids = rings_around(arm, 0.1, 576), maps.Grid(ends, ends, ends, maps.orientations(576))
+        page.rows(_asked(arm, grid, T) for grid in grids)
+
+
+def _asked(arm: kinseek.Arm, grid: maps.Grid | maps.Rings, T: Array) -> Row:
+    made = maps.reach(arm, grid, block=grid.size)
+    maps.at(made, T[:1])
+    many = min(cpu(maps.at, made, T)[0] for _ in range(3))
+    single, _ = cpu(lambda: [maps.at(made, one) for one in T[:200]])
+    return {
+        "map of": type(grid).__name__,
+        ">µs a pose, all at once": f"{many / len(T) * 1e6:.2f}",
+        ">µs a pose, one by one": f"{single / 200 * 1e6:.0f}",
+    }

@@ -6,23 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
-from benchmarks.page import Page
+from benchmarks.page import Page, Row
+from benchmarks.timing import cpu
 from kinseek import maps
 from kinseek.maps.grid import BLOCK
 from kinseek.maps.search import reached, ruled_out
 
-from .cells import (
-    COUNT,
-    WIDTH,
-    Array,
-    cpu,
-    drawn,
-    grid_around,
-    rings_around,
-    section,
-    whole,
-    work_of,
-)
+from .cells import COUNT, WIDTH, Array, drawn, grid_around, rings_around, whole, work_of
 
 ARMS = ("ur5e", "irb120", "panda")
 
@@ -45,7 +35,7 @@ def by_gate(arm: kinseek.Arm, T: Array) -> NDArray[np.bool_]:
 
 def measure(page: Page, poses: int, rings: bool) -> None:
     """Write both sections; `rings` also measures the finer ones."""
-    with section(page, "Time of a pose in a `Grid`"):
+    with page.section("Time of a pose in a `Grid`"):
         page.say(
             f"{poses:,} cells of each arm, drawn from a cube as wide as its reach, with cells of {WIDTH * 100:.0f} cm",
             f"and {COUNT} orientations. One thread computes them in blocks of the default size. Times are CPU times",
@@ -54,30 +44,21 @@ def measure(page: Page, poses: int, rings: bool) -> None:
             "lengths and angles alone. All poses, those that are reached and the others are timed in separate runs, between",
             "which the clock of the machine can change.",
         )
-        mixed = {name: _plain(name, poses) for name in ARMS}
-        page.table(
-            "arm | >reached | >reached ones, µs | >the others, µs | >all, µs | >the gate alone, µs | "
-            ">of the others by the gate | >`arm.ik`, µs | >missed",
-            [row for row, _ in mixed.values()],
-        )
-    with section(page, "Time of a pose in `Rings`"):
+        costs: dict[str, float] = {}
+        page.rows(_plain(name, poses, costs) for name in ARMS)
+    with page.section("Time of a pose in `Rings`"):
         page.say(
             "In `Rings` the first joint is divided out, so a ring stands for many cells of a `Grid`. One thread",
             "computes every ring, without Dask. The time for a cell of a `Grid` follows from the table above. If the",
             "first joint has limits, all solutions of each reached pose are computed, because they decide over which",
             "arc of the ring the pose is reached.",
         )
-        rows = [_rings(name, mixed[name][1], WIDTH, COUNT) for name in ARMS]
-        rows += [_rings(name, mixed[name][1], *FINE) for name in ARMS[:2] if rings]
-        page.table(
-            "arm | cells | >rings | >cells of a `Grid` | >cells a ring | >µs a ring | >µs a cell of a `Grid` | "
-            ">`Grid`, µs a cell | >`Grid` / `Rings`",
-            rows,
-        )
+        sizes = [(name, WIDTH, COUNT) for name in ARMS] + [(name, *FINE) for name in ARMS[:2] if rings]
+        page.rows(_rings(name, costs[name], width, count) for name, width, count in sizes)
 
 
-def _plain(name: str, poses: int) -> tuple[list[str], float]:
-    """A row, and what a pose costs [s]."""
+def _plain(name: str, poses: int, costs: dict[str, float]) -> Row:
+    """A row; what a pose costs [s] is noted."""
     arm = kinseek.load(name)
     grid = grid_around(arm)
     T = grid.middles(drawn(grid, poses))
@@ -89,38 +70,35 @@ def _plain(name: str, poses: int) -> tuple[list[str], float]:
     few = T[: max(poses // 100, 100)]
     full, by_ik = cpu(lambda: arm.ik(few, threads=1).success)
     no = max(int((~found).sum()), 1)
-    row = [
-        name,
-        f"{found.mean():.1%}",
-        f"{alone / max(found.sum(), 1) * 1e6:.2f}",
-        f"{others / no * 1e6:.2f}",
-        f"{mixed / poses * 1e6:.2f}",
-        f"{gate / poses * 1e6:.2f}",
-        f"{closed.sum() / no:.1%}",
-        f"{full / len(few) * 1e6:.0f}",
-        f"{int((by_ik & ~found[: len(few)]).sum())} of {by_ik.sum()}",
-    ]
-    return row, mixed / poses
+    costs[name] = mixed / poses
+    return {
+        "arm": name,
+        ">reached": f"{found.mean():.1%}",
+        ">reached ones, µs": f"{alone / max(found.sum(), 1) * 1e6:.2f}",
+        ">the others, µs": f"{others / no * 1e6:.2f}",
+        ">all, µs": f"{mixed / poses * 1e6:.2f}",
+        ">the gate alone, µs": f"{gate / poses * 1e6:.2f}",
+        ">of the others by the gate": f"{closed.sum() / no:.1%}",
+        ">`arm.ik`, µs": f"{full / len(few) * 1e6:.0f}",
+        ">missed": f"{int((by_ik & ~found[: len(few)]).sum())} of {by_ik.sum()}",
+    }
 
 
-def _rings(name: str, plain: float, width: float, count: int) -> list[str]:
+def _rings(name: str, plain: float, width: float, count: int) -> Row:
     arm = kinseek.load(name)
     rings = rings_around(arm, width, count)
     work = work_of(arm, rings)
-    maps.reach(
-        arm, rings_around(arm, 0.5, 12), block=10**6
-    )  # Builds nothing that the next line lacks but the atlas.
+    maps.reach(arm, rings_around(arm, 0.5, 12), block=10**6)  # Builds what the next line needs, the atlas.
     took, _ = cpu(whole, work, rings)
     stand = rings.volume / width**3 * len(rings.orientations)
-    each = took / rings.size
-    return [
-        name,
-        f"{width * 100:.0f} cm, {len(rings.orientations):,}",
-        f"{rings.size:,}",
-        f"{stand:,.0f}",
-        f"{stand / rings.size:.0f}",
-        f"{each * 1e6:.2f}",
-        f"{took / stand * 1e6:.3f}",
-        f"{plain * 1e6:.2f}",
-        f"{plain * stand / took:.0f}",
-    ]
+    return {
+        "arm": name,
+        "cells": f"{width * 100:.0f} cm, {len(rings.orientations):,}",
+        ">rings": f"{rings.size:,}",
+        ">cells of a `Grid`": f"{stand:,.0f}",
+        ">cells a ring": f"{stand / rings.size:.0f}",
+        ">µs a ring": f"{took / rings.size * 1e6:.2f}",
+        ">µs a cell of a `Grid`": f"{took / stand * 1e6:.3f}",
+        ">`Grid`, µs a cell": f"{plain * 1e6:.2f}",
+        ">`Grid` / `Rings`": f"{plain * stand / took:.0f}",
+    }

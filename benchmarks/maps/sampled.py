@@ -21,22 +21,11 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from benchmarks.branches import eaik
-from benchmarks.page import Page
+from benchmarks.page import Page, Row
+from benchmarks.timing import cpu
 from kinseek import maps
 
-from .cells import (
-    COUNT,
-    WIDTH,
-    Array,
-    cpu,
-    drawn,
-    grid_around,
-    half_of,
-    rings_around,
-    section,
-    whole,
-    work_of,
-)
+from .cells import COUNT, WIDTH, Array, drawn, grid_around, half_of, rings_around, whole, work_of
 
 Flags = NDArray[np.bool_]
 Said = Callable[[Array], Flags]
@@ -199,13 +188,10 @@ def measure(page: Page, tests: int, seconds: float) -> None:
     """Write the section: every map is given the same CPU time of one thread."""
     arm = kinseek.load("ur5e")
     half = half_of(arm, 0.1)
-    with section(page, "Errors of maps that are made in the same time"):
+    with page.section("Errors of maps that are made in the same time"):
         T = tests_of(arm, tests)
         judge = eaik(arm)
         truth = np.array([len(judge(pose)) > 0 for pose in T])
-        rows = [
-            row for name, said, took in _maps(arm, half, seconds) if (row := _row(name, said, took, T, truth))
-        ]
         page.say(
             f"{tests:,} random poses in a ball that contains all positions that the UR5e reaches. EAIK has a solution",
             f"inside the limits for {truth.mean():.1%} of them, and decides which results are wrong. Each map has",
@@ -215,23 +201,22 @@ def measure(page: Page, tests: int, seconds: float) -> None:
             "fully, as those of a UR5e do. Our rings use the first joint alone, so they support other arms too, and",
             "have more cells.",
         )
-        page.table(
-            "map | cells | made from | >CPU time, s | >wrong | >reached ones reported as not reached | "
-            ">others reported as reached | >µs a look-up",
-            rows,
-        )
+        page.rows(_row(name, said, took, T, truth) for name, said, took in _maps(arm, half, seconds))
 
 
-def _row(name: tuple[str, str, str], said: Said, took: float, T: Array, truth: Flags) -> list[str]:
+def _row(name: tuple[str, str, str], said: Said, took: float, T: Array, truth: Flags) -> Row:
     asked, told = cpu(said, T)
-    return [
-        *name,
-        f"{took:.1f}",
-        f"{(told != truth).mean():.2%}",
-        f"{(~told[truth]).mean():.2%}",
-        f"{told[~truth].mean():.2%}",
-        f"{asked / len(T) * 1e6:.2f}",
-    ]
+    map_of, cells, source = name
+    return {
+        "map": map_of,
+        "cells": cells,
+        "made from": source,
+        ">CPU time, s": f"{took:.1f}",
+        ">wrong": f"{(told != truth).mean():.2%}",
+        ">reached ones reported as not reached": f"{(~told[truth]).mean():.2%}",
+        ">others reported as reached": f"{told[~truth].mean():.2%}",
+        ">µs a look-up": f"{asked / len(T) * 1e6:.2f}",
+    }
 
 
 def _maps(arm: kinseek.Arm, half: float, seconds: float) -> Any:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from benchmarks.branches import eaik
-from benchmarks.page import Page
+from benchmarks.page import Page, Row
 from kinseek import maps
 from kinseek.branches.result import BranchesBatch
 from kinseek.maps.block import BlockScratch, Work, answered
@@ -20,7 +20,7 @@ from kinseek.maps.cells import EMPTY
 from kinseek.maps.orientations import about_z
 from kinseek.maps.search import reached, ruled_out
 
-from .cells import Array, Index, Numbers, drawn, inside, rings_around, section, work_of
+from .cells import Array, Index, Numbers, drawn, inside, rings_around, work_of
 
 ARMS = {"ur5e": True, "irb120": True, "panda": False}
 """And whether EAIK knows them."""
@@ -73,7 +73,7 @@ def one(cell: Numbers) -> tuple[slice, ...]:
 
 def measure(page: Page, poses: int, vectors: int) -> None:
     """Write the section."""
-    with section(page, "Is anything reached in what is proved empty?"):
+    with page.section("Is anything reached in what is proved empty?"):
         page.say(
             f"{EACH} poses are drawn in each of some rings, of two sizes, that are proved empty (`depth={DEPTH}`).",
             "Each pose is turned by a random angle about the first axis, and one coordinate in five lies at an edge",
@@ -90,22 +90,15 @@ def measure(page: Page, poses: int, vectors: int) -> None:
         ]
         with ProcessPoolExecutor(2, get_context("spawn")) as pool:
             rows, landed = zip(*pool.map(_both, asked), strict=True)
-        page.table(
-            "arm | cells | >cells proved | >poses | >found by `maps` | >by `ik` | >by `branches` | >by EAIK | "
-            ">of reached ones, `maps` | >EAIK",
-            rows,
-        )
+        page.rows(rows)
         page.say(
             "The second test begins with joint values inside the limits. The cell in which the hand is then must not be",
             "proved empty. Cells whose middle is reached need no test; the others are tested.",
         )
-        page.table(
-            "arm | cells | >joint vectors | >cells of their poses | >of these tested | >vectors in these | >proved empty",
-            landed,
-        )
+        page.rows(landed)
 
 
-def _both(asked: tuple[str, float, int, int, int]) -> tuple[list[str], list[str]]:
+def _both(asked: tuple[str, float, int, int, int]) -> tuple[Row, Row]:
     """A row of each table."""
     name, width, count, poses, vectors = asked
     arm = kinseek.load(name)
@@ -117,7 +110,7 @@ def _work(arm: kinseek.Arm, width: float, count: int) -> tuple[Work, BlockScratc
     return work, BlockScratch(work)
 
 
-def _poses(arm: kinseek.Arm, width: float, count: int, poses: int, known: bool) -> list[str]:
+def _poses(arm: kinseek.Arm, width: float, count: int, poses: int, known: bool) -> Row:
     work, scratch = _work(arm, width, count)
     cells, rng = empty_cells(work, scratch, max(poses // EACH, 2)), np.random.default_rng(3)
     turned = np.tile(np.eye(4), (len(cells) * EACH, 1, 1))
@@ -125,18 +118,18 @@ def _poses(arm: kinseek.Arm, width: float, count: int, poses: int, known: bool) 
     T, reach = turned @ inside(scratch.grid, np.repeat(cells, EACH, axis=0), rng), scratch.arm
     good = reach.fk(reach.sample(max(len(T) // 10, 1), seed=4))
     theirs = _eaik(reach) if known else None
-    return [
-        arm.name,
-        f"{width * 100:.0f} cm, {count:,}",
-        f"{len(cells):,}",
-        f"{len(T):,}",
-        f"{reached(reach, kinseek.Goal.pose(T)).sum():,}",
-        f"{reach.ik(T, threads=1).success.sum():,}",
-        f"{(cast(BranchesBatch, reach.branches(T, threads=1)).counts > 0).sum():,}",
-        f"{theirs(T).sum():,}" if theirs else "–",
-        f"{reached(reach, kinseek.Goal.pose(good)).mean():.2%}",
-        f"{theirs(good).mean():.2%}" if theirs else "–",
-    ]
+    return {
+        "arm": arm.name,
+        "cells": f"{width * 100:.0f} cm, {count:,}",
+        ">cells proved": f"{len(cells):,}",
+        ">poses": f"{len(T):,}",
+        ">found by `maps`": f"{reached(reach, kinseek.Goal.pose(T)).sum():,}",
+        ">by `ik`": f"{reach.ik(T, threads=1).success.sum():,}",
+        ">by `branches`": f"{(cast(BranchesBatch, reach.branches(T, threads=1)).counts > 0).sum():,}",
+        ">by EAIK": f"{theirs(T).sum():,}" if theirs else "–",
+        ">of reached ones, `maps`": f"{reached(reach, kinseek.Goal.pose(good)).mean():.2%}",
+        ">EAIK": f"{theirs(good).mean():.2%}" if theirs else "–",
+    }
 
 
 def _eaik(arm: kinseek.Arm) -> Callable[[Array], NDArray[np.bool_]]:
@@ -145,7 +138,7 @@ def _eaik(arm: kinseek.Arm) -> Callable[[Array], NDArray[np.bool_]]:
     return lambda T: np.array([len(solve(pose)) > 0 for pose in T])
 
 
-def _vectors(arm: kinseek.Arm, width: float, count: int, vectors: int) -> list[str]:
+def _vectors(arm: kinseek.Arm, width: float, count: int, vectors: int) -> Row:
     work, scratch = _work(arm, width, count)
     grid, reach = scratch.grid, scratch.arm
     cells = np.stack(grid.cells_of(reach.fk(reach.sample(vectors, seed=5))), axis=1)
@@ -154,12 +147,12 @@ def _vectors(arm: kinseek.Arm, width: float, count: int, vectors: int) -> list[s
     T = np.concatenate([grid.poses(one(cell)).reshape(1, 4, 4) for cell in distinct])
     unsure = np.flatnonzero(~reached(reach, kinseek.Goal.pose(T)))
     empty = sum(judge(work, scratch, tuple(distinct[i])) == EMPTY for i in unsure)
-    return [
-        arm.name,
-        f"{width * 100:.0f} cm, {count:,}",
-        f"{len(cells):,}",
-        f"{len(distinct):,}",
-        f"{len(unsure):,}",
-        f"{times[unsure].sum():,}",
-        f"{empty:,}",
-    ]
+    return {
+        "arm": arm.name,
+        "cells": f"{width * 100:.0f} cm, {count:,}",
+        ">joint vectors": f"{len(cells):,}",
+        ">cells of their poses": f"{len(distinct):,}",
+        ">of these tested": f"{len(unsure):,}",
+        ">vectors in these": f"{times[unsure].sum():,}",
+        ">proved empty": f"{empty:,}",
+    }

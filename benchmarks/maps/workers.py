@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kinseek
-from benchmarks.page import Page
+from benchmarks.page import Page, Row
 from kinseek import maps
 from kinseek.maps import make
 from kinseek.maps.block import Work, compute, do
 from kinseek.maps.processes import MEMORY
 
-from .cells import Index, blocks_of, grid_around, section, work_of
+from .cells import Index, blocks_of, grid_around, work_of
 
 NAMES = {1: "one", 2: "two"}
 
@@ -134,7 +134,7 @@ def measure(page: Page, rounds: int, width: float) -> None:
     grid, tiny = grid_around(arm, width), grid_around(arm, 0.5, 12)
     ways: dict[str, Callable[..., Took]] = {"bare": bare, "of Dask": through_dask}
     took: dict[str, list[Took]] = {f"{name} {way}": [] for name in NAMES.values() for way in ways}
-    with section(page, "Dask, and a second worker"):
+    with page.section("Dask, and a second worker"):
         for _ in range(rounds):
             for count, name in NAMES.items():
                 for way, made in ways.items():
@@ -151,22 +151,18 @@ def measure(page: Page, rounds: int, width: float) -> None:
             f"client. The rows are measured alternately; the table has medians of {rounds} round{'s' * (rounds > 1)},",
             "and each ratio is computed within a round.",
         )
-        page.table(
-            "processes | >wall time, s | >CPU time, s | >times as fast as one | >more wall time than bare | "
-            ">more CPU time than bare",
-            [_row(name, took) for name in took],
-        )
+        page.rows(_row(name, took) for name in took)
 
 
-def _row(name: str, took: dict[str, list[Took]]) -> list[str]:
+def _row(name: str, took: dict[str, list[Took]]) -> Row:
     number, way = name.split(" ", 1)
     wall, cpu = np.array(took[name]).T
     one, (bare_wall, bare_cpu) = np.array(took[f"one {way}"])[:, 0], np.array(took[f"{number} bare"]).T
-    return [
-        name,
-        f"{np.median(wall):.2f}",
-        f"{np.median(cpu):.2f}",
-        f"{np.median(one / wall):.2f}",
-        f"{np.median(wall / bare_wall) - 1:+.0%}",
-        f"{np.median(cpu / bare_cpu) - 1:+.0%}",
-    ]
+    return {
+        "processes": name,
+        ">wall time, s": f"{np.median(wall):.2f}",
+        ">CPU time, s": f"{np.median(cpu):.2f}",
+        ">times as fast as one": f"{np.median(one / wall):.2f}",
+        ">more wall time than bare": f"{np.median(wall / bare_wall) - 1:+.0%}",
+        ">more CPU time than bare": f"{np.median(cpu / bare_cpu) - 1:+.0%}",
+    }
