@@ -10,7 +10,8 @@ Solutions: targets are the poses of random joint values that are free, so each h
 links of bundled arms, in a shelf of five boards. Every solution is checked with points along the capsules in NumPy, and by
 MuJoCo with the same shapes and pairs, including those of the arm with itself.
 
-Beside VAMP and PyRoki: see `benchmarks.scene_peers`. A peer that cannot be installed is named on the page.
+Beside VAMP and PyRoki: the Panda with itself and twenty capsules, the obstacles that all of them support. A peer that
+cannot be installed is named on the page.
 
 Motions: random motions between free joint values, until the requested number is reported as free. MuJoCo checks ten
 thousand points of each of these, with the same shapes and pairs, and with its own forward kinematics and collisions.
@@ -24,7 +25,7 @@ from __future__ import annotations
 import multiprocessing
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -33,19 +34,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.collision import Box
+from kinseek.collision import Box, Capsule
 from kinseek.collision.engine import TOUCH
 from kinseek.kernels.collision import gaps
 from kinseek.robots.chain import SerialChain, joint_points
 
-from .command import at_least_one, command, writes
+from .command import HERE, command
+from .field.adapters import path_of
 from .outside import Outside
-from .page import Page
-from .scene_peers import beside
+from .page import Page, Row
+from .timing import least, timed
+from .workers.process import called, releases
+from .workers.scenes import CHECKERS
 
 Array = NDArray[np.float64]
-
-HERE = Path(__file__).resolve().parent
 
 RADIUS = 0.05
 """Of the capsules [m]."""
@@ -61,14 +63,11 @@ BOARDS = {
 }
 
 
-def best(work: Callable[[], Any], repeats: int = 3) -> float:
-    """Least of some runs [s]."""
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - began)
-    return min(times)
+FINGERS = 0.04
+"""How far the fingers are open [m]."""
+
+SECONDS = 600
+"""For one peer."""
 
 
 def two_processes(work: Callable[[], Any]) -> float:
@@ -79,7 +78,7 @@ def two_processes(work: Callable[[], Any]) -> float:
     def run() -> None:
         work()
         start.wait()
-        times.put(best(work))
+        times.put(least(work))
 
     both = [context.Process(target=run) for _ in range(2)]
     for one in both:
@@ -146,31 +145,40 @@ def checks(page: Page, options: Any) -> None:
     q = arm.sample(options.checks, seed=1)
     verdicts = np.array([hand(one) for one in q])
     same = int((scene.free(q) == verdicts).sum())
-    bare = best(lambda: [hand(one) for one in q])
-    single = best(lambda: [scene.free(one) for one in q])
-    batch = best(lambda: scene.free(q, threads=1))
+    bare = least(lambda: [hand(one) for one in q])
+    single = least(lambda: [scene.free(one) for one in q])
+    batch = least(lambda: scene.free(q, threads=1))
     few = q[: max(len(q) // 20, 1)]
-    distance = best(lambda: scene.distance(few)) * len(q) / len(few)
+    distance = least(lambda: scene.distance(few)) * len(q) / len(few)
     page.head(f"One check of {arm.name} with itself and twenty boxes")
     page.say(
         f"{len(q):,} random joint values, {verdicts.mean():.0%} of them free, {sum(p.counts for p in scene.pairs)} pairs of",
         f"bodies. Verdicts are the same in {same:,} of {len(q):,}.",
     )
     many = np.tile(q, (20, 1))  # So many that what a thread costs does not count.
-    alone, both = (best(lambda n=n: scene.free(many, threads=n)) * len(q) / len(many) for n in (1, 2))  # type: ignore[misc]
+    alone, both = (least(lambda n=n: scene.free(many, threads=n)) * len(q) / len(many) for n in (1, 2))  # type: ignore[misc]
     machine = two_processes(lambda: scene.free(many, threads=1)) * len(q) / len(many)
-    branches = best(lambda: scene.free(q[:8]), 200) * len(q)  # As long as a pose with eight branches takes.
-    first = best(lambda: scene._engine._broad.verdicts(q, 0.0, TOUCH))
+    branches = least(lambda: scene.free(q[:8]), 200) * len(q)  # As long as a pose with eight branches takes.
+    first = least(lambda: scene._engine._broad.verdicts(q, 0.0, TOUCH))
     outside = Outside(scene, arm)
-    mujoco = best(lambda: outside.depths(few)) * len(q) / len(few)
-    rows = [("pinocchio and coal by hand", bare), ("MuJoCo, contacts of the same pairs", mujoco)]
-    rows += [("`scene.free(q)`, one by one", single)]
-    rows += [("`scene.free(q)`, a batch, one thread", batch), ("`scene.free(q)`, a batch, two threads", both)]
-    rows += [("the first pass alone", first), ("eight branches of a pose in one call, all of them", branches)]
-    rows += [("`scene.distance(q)`", distance)]
-    page.table(
-        "what | >µs a check | >relative to coal by hand",
-        [(what, f"{taken / len(q) * 1e6:.2f}", f"{taken / bare:.3f}") for what, taken in rows],
+    mujoco = least(lambda: outside.depths(few)) * len(q) / len(few)
+    taken = {
+        "pinocchio and coal by hand": bare,
+        "MuJoCo, contacts of the same pairs": mujoco,
+        "`scene.free(q)`, one by one": single,
+        "`scene.free(q)`, a batch, one thread": batch,
+        "`scene.free(q)`, a batch, two threads": both,
+        "the first pass alone": first,
+        "eight branches of a pose in one call, all of them": branches,
+        "`scene.distance(q)`": distance,
+    }
+    page.rows(
+        {
+            "what": what,
+            ">µs a check": f"{time / len(q) * 1e6:.2f}",
+            ">relative to coal by hand": f"{time / bare:.3f}",
+        }
+        for what, time in taken.items()
     )
     page.say(
         f"The row of two threads is from a larger batch, of {len(many):,} joint values. Two threads check this batch",
@@ -196,13 +204,14 @@ def proofs(page: Page, options: Any) -> None:
         print(done, *told, *wrong, flush=True)
     page.head("Results of the first pass, compared with coal")
     page.say(f"{done:,} random joint values of the same scene; coal checks each of them, too.")
-    page.table(
-        "result | >number | >share | >wrong",
-        [
-            ("free", f"{told[gaps.FREE]:,}", f"{told[gaps.FREE] / done:.3%}", wrong[1]),
-            ("touching", f"{told[gaps.TOUCH]:,}", f"{told[gaps.TOUCH] / done:.3%}", wrong[0]),
-            ("left to coal", f"{told[gaps.DOUBT]:,}", f"{told[gaps.DOUBT] / done:.3%}", ""),
-        ],
+    found = (
+        ("free", gaps.FREE, wrong[1]),
+        ("touching", gaps.TOUCH, wrong[0]),
+        ("left to coal", gaps.DOUBT, ""),
+    )
+    page.rows(
+        {"result": name, ">number": f"{told[k]:,}", ">share": f"{told[k] / done:.3%}", ">wrong": off}
+        for name, k, off in found
     )
 
 
@@ -252,96 +261,189 @@ def free_joints(arm: kinseek.Arm, scene: kinseek.Scene, count: int) -> Array:
     return np.array(found[:count])
 
 
-def answers(page: Page, count: int) -> None:
+def answers(name: str, count: int) -> Row:
     """How many poses get a free answer, and what one costs."""
-    rows = []
-    for name in ARMS:
-        arm, scene = shelf(name)
-        targets = arm.fk(free_joints(arm, scene, count))
-        arm.ik(targets[0], scene=scene)
-        outside = Outside(scene, arm)
-        times, solved, first, wrong, touch = [], 0, 0, 0, 0
-        for target in targets:
-            began = time.perf_counter()
-            solution = arm.ik(target, scene=scene)
-            times.append(time.perf_counter() - began)
-            solved += solution.success
-            first += solution.success and solution.blocked == 0
-            wrong += solution.success and cuts_a_board(arm.chain, solution.q)
-            touch += solution.success and bool(outside.depths(solution.q[None])[0] > 0)
-        rows.append(
-            (
-                name,
-                len(targets),
-                solved,
-                first,
-                wrong,
-                touch,
-                f"{np.median(times) * 1e3:.2f}",
-                f"{max(times) * 1e3:.1f}",
-            )
-        )
-        print(*rows[-1], flush=True)
-    page.head("Solutions in a shelf")
-    page.say(
-        "Targets are poses of random joint values at which the arm is free. *Cut a board* counts solutions in which the",
-        "line through the joints comes nearer to a board than the capsules are thick.",
-    )
-    page.table(
-        "arm | >targets | >solved | >by the first branch | >cut a board | >touch, by MuJoCo | >median ms | >largest ms",
-        rows,
-    )
+    arm, scene = shelf(name)
+    targets = arm.fk(free_joints(arm, scene, count))
+    arm.ik(targets[0], scene=scene)
+    outside = Outside(scene, arm)
+    found, times = timed(lambda target: arm.ik(target, scene=scene), targets)
+    good = [solution for solution in found if solution.success]
+    return {
+        "arm": name,
+        ">targets": len(targets),
+        ">solved": len(good),
+        ">by the first branch": sum(solution.blocked == 0 for solution in good),
+        ">cut a board": sum(cuts_a_board(arm.chain, solution.q) for solution in good),
+        ">touch, by MuJoCo": sum(bool(outside.depths(solution.q[None])[0] > 0) for solution in good),
+        ">median ms": f"{np.median(times) / 1e3:.2f}",
+        ">largest ms": f"{max(times) / 1e3:.1f}",
+    }
 
 
-def motions(page: Page, count: int, points: int) -> None:
+def motions(name: str, count: int, points: int) -> Row:
     """Random motions until so many are called free, and whether they are: MuJoCo looks at many points of each."""
-    rows, along = [], np.linspace(0.0, 1.0, points)[:, None]
-    for name in ARMS:
-        arm, scene = shelf(name)
-        outside, rng = Outside(scene, arm), np.random.default_rng(0)
-        ends = free_joints(arm, scene, 1000)
-        asked = called = touch = 0
-        taken, deepest = 0.0, 0.0
-        while called < count:
-            a = ends[rng.integers(len(ends), size=100)]
-            b = a + rng.uniform(0.0, 0.5, (100, 1)) * (ends[rng.integers(len(ends), size=100)] - a)
-            began = time.perf_counter()
-            free = scene.free_motion(a, b)
-            taken, asked = taken + time.perf_counter() - began, asked + len(a)
-            for one, other in zip(a[free][: count - called], b[free], strict=False):
-                depth = float(outside.depths(one + along * (other - one)).max())
-                called, touch, deepest = called + 1, touch + (depth > 0), max(deepest, depth)
-        rows.append((name, asked, called, touch, f"{deepest * 1e3:.3g}", f"{taken / asked * 1e3:.2f}"))
-        print(*rows[-1], flush=True)
-    page.head("Motions that are reported as free")
-    page.say(f"MuJoCo checks {points:,} points of each motion that `scene.free_motion` reports as free.")
-    page.table("arm | >motions | >reported as free | >of these touching | >deepest mm | >ms a motion", rows)
+    arm, scene = shelf(name)
+    outside, rng, along = (
+        Outside(scene, arm),
+        np.random.default_rng(0),
+        np.linspace(0.0, 1.0, points)[:, None],
+    )
+    ends, asked, taken = free_joints(arm, scene, 1000), 0, 0.0
+    depths: list[float] = []
+    while len(depths) < count:
+        a = ends[rng.integers(len(ends), size=100)]
+        b = a + rng.uniform(0.0, 0.5, (100, 1)) * (ends[rng.integers(len(ends), size=100)] - a)
+        began = time.perf_counter()
+        free = scene.free_motion(a, b)
+        taken, asked = taken + time.perf_counter() - began, asked + len(a)
+        for one, other in zip(a[free][: count - len(depths)], b[free], strict=False):
+            depths.append(float(outside.depths(one + along * (other - one)).max()))
+    return {
+        "arm": name,
+        ">motions": asked,
+        ">reported as free": len(depths),
+        ">of these touching": sum(depth > 0 for depth in depths),
+        ">deepest mm": f"{max(depths) * 1e3:.3g}",
+        ">ms a motion": f"{taken / asked * 1e3:.2f}",
+    }
+
+
+def capsules(count: int = 20) -> list[tuple[Capsule, Array]]:
+    """Capsules around an arm, and their poses."""
+    rng, found = np.random.default_rng(1), []
+    for _ in range(count):
+        shape = Capsule(rng.uniform(0.03, 0.08), rng.uniform(0.05, 0.3))
+        found.append((shape, kinseek.pose(rng.uniform(-1, 1, 3), rpy=rng.uniform(-3, 3, 3))))
+    return found
+
+
+def described(
+    scene: kinseek.Scene, arm: kinseek.Arm, options: Any, obstacles: Any, q: Array
+) -> dict[str, Any]:
+    """What a peer may need to know of a scene."""
+    half = np.array([[0.0, 0.0, shape.length / 2] for shape, _ in obstacles])
+    turned = np.array([pose[:3, :3] @ side for (_, pose), side in zip(obstacles, half, strict=True)])
+    middles = np.array([pose[:3, 3] for _, pose in obstacles])
+    links = {body for body in scene.bodies if not body.startswith("capsule")}
+    ignored = [(pair.a, pair.b) for pair in scene.pairs if not pair.counts and {pair.a, pair.b} <= links]
+    return {
+        "urdf": str(options.urdf.resolve()),
+        "folder": str(options.meshes[0].resolve()) if options.meshes else "",
+        "base": arm.base,
+        "joints": list(arm.joint_names),
+        "fingers": FINGERS,
+        "begins": middles - turned,
+        "ends": middles + turned,
+        "radii": np.array([shape.radius for shape, _ in obstacles]),
+        "ignored": ignored,
+        "q": q,
+    }
+
+
+def beside(page: Page, options: Any) -> None:
+    """Ask kinseek, coal by hand and the peers about the same joint values."""
+    arm, obstacles = kinseek.load(options.urdf, tip=options.tip), capsules()
+    fingers = _fingers(options.urdf)
+    joints = {name: FINGERS for name, leads in fingers.items() if leads}
+    scene = kinseek.Scene.of(arm, meshes=options.meshes, srdf=options.srdf, joints=joints)
+    for number, (shape, pose) in enumerate(obstacles):
+        scene.add(f"capsule{number}", shape, pose)
+    q, folders = arm.sample(options.checks, seed=5), [str(folder) for folder in options.meshes]
+    hand = by_hand(scene, options.urdf, arm, folders, obstacles, dict.fromkeys(fingers, FINGERS))
+    truth = np.array([hand(each) for each in q])
+    page.head(f"Beside VAMP and PyRoki: {arm.name} with itself and twenty capsules")
+    page.say(
+        f"{len(q):,} random joint values, {truth.mean():.0%} of them free according to coal; one thread. Each peer has its",
+        "own model of the arm, and is compared with coal on the hulls of the collision meshes. From Python, VAMP takes one",
+        "q and the environment with each call; only its own planner checks eight q at a time. PyRoki comes from a commit of",
+        "its repository and is compiled by JAX for one core; it is made for a GPU. A false alarm is a free q that is",
+        "reported as colliding, a miss is a colliding q that is reported as free. Either may come from another shape of the",
+        "arm and not from an error of the peer, but a user gets this verdict.",
+    )
+    versions: dict[str, str] = {}
+    page.rows(_beside(scene, hand, q, truth, described(scene, arm, options, obstacles, q), versions))
+    page.say(releases(versions))
+
+
+def _beside(
+    scene: kinseek.Scene, hand: Any, q: Array, truth: Any, known: dict[str, Any], versions: dict[str, str]
+) -> Iterator[Mapping[str, object]]:
+    few = q[: max(len(q) // 10, 1)]
+
+    def row(who: str, single: float, batch: float | None, free: Any) -> Row:
+        return {
+            "who": who,
+            ">µs one by one": f"{single:.1f}",
+            ">µs of a batch": "–" if batch is None else f"{batch:.2f}",
+            ">false alarms": f"{(truth & ~free).mean():.2%}",
+            ">misses": f"{(free & ~truth).mean():.2%}",
+            "": "",
+        }
+
+    def one_by_one(check: Any) -> float:
+        return least(lambda: [check(each) for each in few]) / len(few) * 1e6
+
+    yield row("pinocchio and coal by hand", one_by_one(hand), None, truth)
+    batch = least(lambda: scene.free(q, threads=1)) / len(q) * 1e6
+    yield row("kinseek, `scene.free(q)`", one_by_one(scene.free), batch, scene.free(q))
+    for peer, (place, _, _) in CHECKERS.items():
+        requirements = HERE / "workers" / place if place == "vamp" else path_of(place)
+        found = called(requirements, "benchmarks.workers.scenes", "check", SECONDS, peer=peer, scene=known)
+        if isinstance(found, str):
+            columns = ">µs one by one", ">µs of a batch", ">false alarms", ">misses"
+            yield {"who": peer} | dict.fromkeys(columns, "–") | {"": found}
+            continue
+        versions[peer] = found["version"]
+        many = None if peer == "VAMP" else found["batch"]
+        yield row(peer, found["single"], many, np.array(found["free"]))
+
+
+def _fingers(urdf: Path) -> dict[str, bool]:
+    """Joints of the file that slide, and whether they follow no other: pinocchio's reader takes all by themselves."""
+    from kinseek.robots.urdf_xml import root_element
+
+    joints = root_element(urdf.read_bytes(), str(urdf)).findall("joint")
+    return {j.get("name"): j.find("mimic") is None for j in joints if j.get("type") == "prismatic"}
 
 
 def main() -> None:
     """Measure and write the page."""
-    parser = command(__file__, __doc__)
+    parser = command(
+        __file__,
+        __doc__,
+        arms=ARMS,
+        page="collisions.md",
+        checks=(5000, 200, "joint values to check"),
+        proofs=(1_000_000, 2_000, "verdicts to compare"),
+        targets=(1000, 20, "targets an arm"),
+        motions=(1000, 20, "motions called free, an arm"),
+        points=(10_000, 500, "points of a motion"),
+    )
     parser.add_argument("--urdf", type=Path, help="a file with collision meshes")
     parser.add_argument("--tip", help="its last link")
     parser.add_argument("--meshes", type=Path, nargs="*", default=[], help="folders of its packages")
     parser.add_argument(
         "--srdf", type=Path, help="pairs that do not count beside VAMP, which has some of its own"
     )
-    parser.add_argument("--checks", type=at_least_one, default=5000, help="joint values to check")
-    parser.add_argument("--proofs", type=at_least_one, default=1_000_000, help="verdicts to compare")
-    parser.add_argument("--targets", type=at_least_one, default=1000, help="targets an arm")
-    parser.add_argument("--motions", type=at_least_one, default=1000, help="motions called free, an arm")
-    parser.add_argument("--points", type=at_least_one, default=10_000, help="points of a motion")
-    writes(parser, "--output", HERE / "collisions.md", "page to write")
-    options = parser.parse_args()
+    options = parser.options()
     page = Page("Scenes", "benchmarks.collisions")
     if options.urdf:
         checks(page, options)
         proofs(page, options)
-        beside(page, options, by_hand, best)
-    answers(page, options.targets)
-    motions(page, options.motions, options.points)
-    page.write(options.output)
+        beside(page, options)
+    page.head("Solutions in a shelf")
+    page.say(
+        "Targets are poses of random joint values at which the arm is free. *Cut a board* counts solutions in which the",
+        "line through the joints comes nearer to a board than the capsules are thick.",
+    )
+    page.rows(answers(name, options.targets) for name in options.arms)
+    page.head("Motions that are reported as free")
+    page.say(
+        f"MuJoCo checks {options.points:,} points of each motion that `scene.free_motion` reports as free."
+    )
+    page.rows(motions(name, options.motions, options.points) for name in options.arms)
+    page.end(options)
 
 
 if __name__ == "__main__":

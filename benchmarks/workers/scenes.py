@@ -9,19 +9,18 @@ from __future__ import annotations
 
 import importlib
 import os
-import time
 from collections.abc import Callable
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
+from benchmarks.timing import least
+
 from .serve import Refused
 
 Check = tuple[Callable[[Any], Any], Callable[[Any], Any]]
 """Joint values, (7,), to free or not; and of many, (k, 7)."""
-
-REPEATS = 3
 
 
 def vamp(scene: Any) -> Check:
@@ -105,16 +104,6 @@ CHECKERS: dict[str, tuple[str, str, Callable[[Any], Check]]] = {
 """Of each the name of its requirements, its distribution, and what makes it."""
 
 
-def seconds(work: Callable[[], Any]) -> float:
-    """Least of some runs [s]."""
-    times = []
-    for _ in range(REPEATS):
-        began = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - began)
-    return min(times)
-
-
 def check(peer: str, scene: dict[str, Any]) -> dict[str, Any]:
     """Check every q of a scene; what is free, and what one and one of a batch take [µs]."""
     _, distribution, make = CHECKERS[peer]
@@ -123,6 +112,6 @@ def check(peer: str, scene: dict[str, Any]) -> dict[str, Any]:
     q = scene["q"].astype(np.float32)  # As both of them compute.
     few = q[: max(len(q) // 10, 1)]
     free = np.asarray(many(q))
-    single, batch = seconds(lambda: [one(each) for each in few]), seconds(lambda: many(q))
+    single, batch = least(lambda: [one(each) for each in few]), least(lambda: many(q))
     times = {"single": single / len(few) * 1e6, "batch": batch / len(q) * 1e6}
     return times | {"free": free, "version": version(distribution)}
