@@ -54,17 +54,8 @@ def environment(adapter: Path, folder: Path = ENVIRONMENTS) -> Path | str:
     if ready.is_file() and ready.read_text(encoding="ascii") == wanted:
         return python
     uv = [sys.executable, "-m", "uv"]
-    install = [
-        "pip",
-        "install",
-        "--compile-bytecode",
-        "--refresh-package",
-        "kinseek",
-        "--python",
-        str(python),
-        "--requirement",
-        str(requirements),
-    ]
+    install = ["pip", "install", "--compile-bytecode", "--refresh-package", "kinseek"]
+    install += ["--python", str(python), "--requirement", str(requirements)]
     for command in (["venv", "--clear", "--python", sys.executable, str(place)], install):
         try:
             done = subprocess.run(
@@ -87,11 +78,10 @@ def environment(adapter: Path, folder: Path = ENVIRONMENTS) -> Path | str:
     return python
 
 
-def megabytes(python: Path) -> float:
-    """What an environment's packages take on disk, dependencies included [MB]."""
+def megabytes(python: Path, without: tuple[str, ...] = ()) -> float:
+    """What an environment's packages take on disk, dependencies included [MB]; not those whose names begin so."""
     command = [str(python), "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"]
     folder = Path(subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip())
-    return (
-        sum(path.stat().st_size for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
-        / 1e6
-    )
+    files = (path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
+    counted = (path for path in files if not path.relative_to(folder).parts[0].startswith(without))
+    return sum(path.stat().st_size for path in counted) / 1e6

@@ -216,7 +216,7 @@ def test_a_beam_never_loses_to_its_own_first_cell() -> None:
     ("name", "count"), [("planar2", 100), ("cylindrical3", 100), ("scara4", 100), ("elbow6", 30)]
 )
 def test_a_beam_reaches_a_millimetre(name: str, count: int) -> None:
-    """The 1,000 targets of the elbow are in benchmarks/reach.py."""
+    """The 1,000 targets of the elbow are in benchmarks/test_searches.py."""
     arm = kinseek.load(name)
     solver = DivideAndConquer(10**6, breadth="tuned", node_budget=5000, beam=64, children=2)
     solution = arm.ik(random_goals(arm, count, seed=2024), solver=solver)
