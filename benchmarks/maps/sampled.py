@@ -155,9 +155,11 @@ def ours(arm: kinseek.Arm, grid: maps.Grid | maps.Rings) -> Said:
 
     work = work_of(arm, grid)
     values = whole(work, grid)
-    told = {"grid": work.grid, "variables": list(values)}
+    told = {"grid": work.grid, "variables": list(values), "name": arm.name}
     if isinstance(grid, maps.Rings):
-        told["first_frame"] = maps.first_joint.divided(work.chain).place.tolist()
+        first = maps.first_joint.divided(work.chain)
+        told["first_frame"] = first.place.tolist()
+        told["first_turns"] = min(1.0, (first.upper - first.lower) / (2 * np.pi))
     made = xarray.Dataset({name: (grid.dims, each) for name, each in values.items()}, attrs={"kinseek": told})
 
     def said(T: Array) -> Flags:
