@@ -9,16 +9,47 @@ is that the error of the atlas is no larger, to 1e-6, in at least 99 % of the ca
 
 from __future__ import annotations
 
-import time
+from typing import Any
 
 import numpy as np
 
 import kinseek
 
 from .command import at_least_one, command
-from .targets import load, machine, plain_fk, random_joints
+from .page import Page, Row
+from .targets import Array, plain_fk, random_joints
+from .timing import timed
 
 WEIGHTS = ((1.0, 1.0), (10.0, 0.1), (0.1, 10.0))
+
+
+def compared(name: str, targets: Array, weights: tuple[float, float], restarts: int) -> Row:
+    """A row: how often the nearest pose of one call is no worse, and its time."""
+    arm, rng, gaps = kinseek.load(name), np.random.default_rng(1), []
+    words: dict[str, Any] = {"position_weight": weights[0], "orientation_weight": weights[1]}
+    found, times = timed(lambda target: arm.ik(kinseek.Goal.pose(target, **words)).weighted_error, targets)
+    for target, ours in zip(targets, found, strict=True):
+        many = kinseek.Goal.pose(np.repeat(target[None], restarts, axis=0), **words)
+        starts = rng.uniform(arm.lower, arm.upper, (restarts, arm.dof))
+        best = arm.ik(many, near=starts, solver=kinseek.CoordinateDescent()).weighted_error.min()
+        gaps.append(ours / best - 1 if ours > best + 1e-9 else 0.0)
+    return {
+        "arm": name,
+        "weights": weights,
+        ">no worse %": f"{100 * np.mean(np.array(gaps) <= 1e-6):.1f}",
+        ">worst, % above": f"{100 * max(gaps):.2f}",
+        ">µs": f"{np.median(times):.0f}",
+    }
+
+
+def far_targets(name: str, count: int) -> Array:
+    """Poses at 1 to 2 times the arm's length, (count, 4, 4)."""
+    chain, rng = kinseek.load(name).chain, np.random.default_rng(1)
+    length = np.linalg.norm(chain.fixed[:, :, 3], axis=1).sum()
+    targets, out = plain_fk(chain, random_joints(chain, count, 1)), rng.normal(size=(count, 3))
+    away = rng.uniform(1, 2, (count, 1)) * length
+    targets[:, :3, 3] = away * out / np.linalg.norm(out, axis=1)[:, None]
+    return targets
 
 
 def main() -> None:
@@ -29,37 +60,13 @@ def main() -> None:
         "restarts", nargs="?", type=at_least_one, default=100, help="a target, 100 by default"
     )
     options = parser.parse_args()
-    count, restarts = options.targets, options.restarts
-    print(f"{machine()}; load {load()}; {count} targets, {restarts} restarts")
-    for name in ("panda", "ur5e", "irb120"):
-        arm, rng = kinseek.load(name), np.random.default_rng(1)
-        length = np.linalg.norm(arm.chain.fixed[:, :, 3], axis=1).sum()
-        targets = plain_fk(arm.chain, random_joints(arm.chain, count, 1))
-        out = rng.normal(size=(count, 3))
-        targets[:, :3, 3] = (
-            rng.uniform(1, 2, (count, 1)) * length * out / np.linalg.norm(out, axis=1)[:, None]
-        )
-        for weights in WEIGHTS:
-            good, gaps, times = 0, [], []
-            for target in targets:
-                goal = kinseek.Goal.pose(target, position_weight=weights[0], orientation_weight=weights[1])
-                began = time.perf_counter()
-                ours = arm.ik(goal).weighted_error
-                times.append(time.perf_counter() - began)
-                many = kinseek.Goal.pose(
-                    np.repeat(target[None], restarts, axis=0),
-                    position_weight=weights[0],
-                    orientation_weight=weights[1],
-                )
-                starts = rng.uniform(arm.lower, arm.upper, (restarts, arm.dof))
-                best = arm.ik(many, near=starts, solver=kinseek.CoordinateDescent()).weighted_error.min()
-                good += bool(ours <= best * (1 + 1e-6) + 1e-9)
-                gaps.append(ours / best - 1)
-            print(
-                f"{name:8s} weights {weights}: no worse {100 * good / count:5.1f} %, worst {100 * max(gaps):.2f} % above, "
-                f"median time {1e6 * np.median(times):.0f} µs",
-                flush=True,
-            )
+    page = Page("Out of reach", "benchmarks.atlas_reach")
+    page.rows(
+        compared(name, far_targets(name, options.targets), weights, options.restarts)
+        for name in ("panda", "ur5e", "irb120")
+        for weights in WEIGHTS
+    )
+    print(page.text)
 
 
 if __name__ == "__main__":

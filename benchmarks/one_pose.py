@@ -10,7 +10,7 @@ through time against evaluations. An arm with a closed form is measured with it 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,9 @@ from kinseek.kernels.atlas.one_goal import search_within, solve_plain
 from kinseek.kernels.atlas.task import ROUTINE
 from kinseek.solvers.atlas.index import PLAIN, AtlasIndex
 
-from .command import arm_name, at_least_one, command
-from .targets import load, machine, plain_fk, random_joints
+from .command import command
+from .page import Page, Row
+from .targets import plain_fk, random_joints
 from .timing import timed
 
 Array = NDArray[np.float64]
@@ -37,7 +38,7 @@ def times(ask: Callable[[Array], object], targets: list[Array]) -> Array:
     return np.asarray(np.min([timed(ask, targets)[1] for _ in range(REPEATS)], axis=0))
 
 
-def parts(arm: kinseek.Arm, targets: list[Array], closed: bool) -> list[float]:
+def parts(arm: kinseek.Arm, targets: list[Array], closed: bool) -> dict[str, float]:
     """Whole call, Python's share, entry, look-up, one step, evaluations, and the rest; medians [µs]."""
     index, q = arm.atlas, np.empty(arm.dof)
     assert isinstance(index, AtlasIndex)
@@ -53,39 +54,39 @@ def parts(arm: kinseek.Arm, targets: list[Array], closed: bool) -> list[float]:
     step = np.polyfit(counts[few], kernel[few], 1)[0] if np.ptp(counts[few]) >= 1.0 else 0.0
     look_up = 0.0 if closed else float(np.median(look)) - clock - door
     median = float(np.median(kernel))
-    rest = median - door - look_up - step * float(np.median(counts))
-    shell = float(np.median(whole - kernel))
-    return [float(np.median(whole)), shell, door, look_up, step, float(np.median(counts)), rest]
+    return {
+        "whole": float(np.median(whole)),
+        "Python": float(np.median(whole - kernel)),
+        "entry": door,
+        "look-up": look_up,
+        "a step": step,
+        "steps": float(np.median(counts)),
+        "rest": median - door - look_up - step * float(np.median(counts)),
+    }
+
+
+def rows(name: str, count: int) -> Iterator[Row]:
+    """A row for each way in which an arm can be solved."""
+    arm = kinseek.load(name)
+    targets = [np.ascontiguousarray(T) for T in plain_fk(arm.chain, random_joints(arm.chain, count, 1))]
+    arm.ik(targets[0])
+    index, place = arm.atlas, ROUTINE.first["closed"]
+    assert isinstance(index, AtlasIndex)
+    kept = int(index._routines[place])
+    for way in ("closed form", "atlas") if arm.structure.word != "none" else ("atlas",):
+        index._routines[place] = kept if way == "closed form" else 0
+        found = parts(arm, targets, way == "closed form")
+        index._routines[place] = kept
+        row: Row = {"arm": f"{name}, {way}"}
+        yield row | {f">{part}": f"{value:.2f}" for part, value in found.items()}
 
 
 def main() -> None:
     """Ask and print."""
-    parser = command(__file__, __doc__)
-    parser.add_argument("arms", nargs="*", type=arm_name, default=ARMS)
-    parser.add_argument("--targets", type=at_least_one, default=2000)
-    given = parser.parse_args()
-    print(f"{machine()}; load {load()}")
-    print(
-        f"{'arm':<28}{'whole':>8}{'Python':>8}{'entry':>8}{'look-up':>8}{'a step':>8}{'steps':>8}{'rest':>8}"
-    )
-    for name in given.arms or ARMS:
-        arm = kinseek.load(name)
-        targets = [
-            np.ascontiguousarray(T) for T in plain_fk(arm.chain, random_joints(arm.chain, given.targets, 1))
-        ]
-        arm.ik(targets[0])
-        ways = (
-            [("closed form", True), ("atlas", False)] if arm.structure.word != "none" else [("atlas", False)]
-        )
-        for way, closed in ways:
-            index = arm.atlas
-            assert isinstance(index, AtlasIndex)
-            routines, place = index._routines, ROUTINE.first["closed"]
-            kept = int(routines[place])
-            routines[place] = kept if closed else 0
-            row = parts(arm, targets, closed)
-            routines[place] = kept
-            print(f"{name + ', ' + way:<28}" + "".join(f"{value:8.2f}" for value in row), flush=True)
+    options = command(__file__, __doc__, arms=ARMS, targets=(2000, 2000, "targets an arm")).options()
+    page = Page("One pose", "benchmarks.one_pose")
+    page.rows(row for name in options.arms for row in rows(name, options.targets))
+    print(page.text)
 
 
 if __name__ == "__main__":

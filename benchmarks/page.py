@@ -68,21 +68,24 @@ class Page:
         ]
         self._parts.append("\n".join([*lines, *(row_of(cells) for cells in rows)]))
 
-    def rows(self, rows: Iterable[Mapping[str, object]], show: bool = True) -> None:
+    def rows(self, rows: Iterable[Mapping[str, object]], show: bool = True) -> list[Mapping[str, object]]:
         """A table of rows that name their cells; none if there are no rows.
 
         Args:
             rows: All have the same columns.
             show: Whether each is printed as soon as it is measured.
+
+        Returns:
+            The rows.
         """
         kept = []
         for row in rows:
-            kept.append(tuple(row.values()))
-            columns = " | ".join(row)
+            kept.append(row)
             if show:
                 print(*(f"{name.lstrip('>')} {cell};" for name, cell in row.items()), flush=True)
         if kept:
-            self.table(columns, kept)
+            self.table(" | ".join(kept[0]), [tuple(row.values()) for row in kept])
+        return kept
 
     def items(self, each: Iterable[str], none: str = "None.") -> None:
         """A list; where it is empty, the words for that."""

@@ -7,21 +7,22 @@ of the atlas is given to it. "gate %" is the share of goals that lengths and ang
 it are about the others. With ``--sound N`` every arm instead gets N reachable goals, random, singular and at limits, at
 tolerances from 1e-6 to 1e-2. The search of boxes, without help from the atlas, must not call one unreachable.
 
+With ``--branches N`` every arm gets N reachable goals, and `isolate` must prove that the list of their solutions is
+complete. The time is that of the proof with all solutions given. A goal is "regular" if the Jacobian has no singular value
+below 0.02 (lengths in units of the arm's), neither at a solution found nor at the joint values that made the goal.
+
     python -m benchmarks.proof                       # every arm of the catalog
     python -m benchmarks.proof ur5e panda --goals 300 --gap 0.01
     python -m benchmarks.proof panda iiwa14 gen3 xarm7 --goals 160 --gap 0.01 --seconds 2
     python -m benchmarks.proof --sound 3000
     python -m benchmarks.proof ur5e puma560 --branches 1000
-
-With ``--branches N`` every arm gets N reachable goals, and `isolate` must prove that the list of their solutions is
-complete. The time is that of the proof with all solutions given. A goal is "regular" if the Jacobian has no singular value
-below 0.02 (lengths in units of the arm's), neither at a solution found nor at the joint values that made the goal.
 """
 
 from __future__ import annotations
 
-import time
+import argparse
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +34,13 @@ from kinseek.kernels.proof.progress import ENDED, FOUND
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.root_isolation import isolate
-from kinseek.robots.catalog import catalog_names
 from kinseek.solution import Solution
 from kinseek.solvers.atlas.solver import Atlas
 from kinseek.support.deadline import Deadline
 
-from .command import arm_name, at_least_one, command
+from .command import at_least_one, command
+from .page import Page, Row
+from .timing import cpu
 
 Array = NDArray[np.float64]
 
@@ -69,37 +71,42 @@ def unreachable(arm: kinseek.Arm, count: int, seed: int = 0) -> list[tuple[Probl
     return found
 
 
-def measure(
-    arm: kinseek.Arm, count: int, gap: float | None, budget: int, seed: int, seconds: float | None = None
-) -> str:
+def measure(arm: kinseek.Arm, options: argparse.Namespace) -> Row:
     """One row of the table."""
-    problems = unreachable(arm, count, seed)
+    problems, gap = unreachable(arm, options.goals, options.seed), options.gap
+    done, seconds = "proved %" if gap is None else "closed %", options.seconds
+    row: Row = {"arm": arm.name, ">dof": arm.dof, ">goals": len(problems)}
+    columns = f">{done}", ">median ms", ">p99 ms", ">gate %", ">others ms", ">boxes", ">most"
     if not problems:
-        return f"{arm.name:24}{arm.dof:4}   no goal out of reach"
+        return row | dict.fromkeys(columns, "–")
     prove(problems[0][0], gap=gap, solution=problems[0][1], budget=100)
     spent, seen, proved = [], [], 0
     for problem, answer in problems:
-        start = time.process_time()
-        certificate = prove(
-            problem, gap=gap, solution=answer, budget=budget, threads=1, deadline=Deadline(seconds)
-        )
-        spent.append(1e3 * (time.process_time() - start))
+        limits = {"budget": options.budget, "threads": 1, "deadline": Deadline(seconds)}
+        took, certificate = cpu(partial(prove, problem, gap=gap, solution=answer, **limits))
+        spent.append(1e3 * took)
         seen.append(certificate.boxes)
         done = certificate.verdict.name == "UNREACHABLE" if gap is None else certificate.gap <= gap * 1.001
-        proved += done
+        proved += bool(done)
     times, boxes = np.array(spent), np.array(seen)
     searched = boxes > 0
     if not searched.any():
         searched[:] = True
-    return (
-        f"{arm.name:24}{arm.dof:4}{len(problems):7}{100 * proved / len(problems):9.2f}"
-        f"{np.median(times):11.3f}{np.quantile(times, 0.99):11.2f}{100 * np.mean(boxes == 0):9.0f}"
-        f"{np.median(times[searched]):11.3f}{np.median(boxes[searched]):11.0f}{np.max(boxes):11.0f}"
+    figures = (
+        *(
+            f"{100 * proved / len(problems):.2f}",
+            f"{np.median(times):.3f}",
+            f"{np.quantile(times, 0.99):.2f}",
+        ),
+        *(f"{100 * np.mean(boxes == 0):.0f}", f"{np.median(times[searched]):.3f}"),
+        *(f"{np.median(boxes[searched]):.0f}", f"{np.max(boxes):.0f}"),
     )
+    return row | dict(zip(columns, figures, strict=True))
 
 
-def sound(arm: kinseek.Arm, count: int, budget: int, seed: int = 0) -> tuple[int, int]:
+def sound(arm: kinseek.Arm, options: argparse.Namespace) -> Row:
     """Goals in reach: how many were called unreachable, and how many got a witness."""
+    count, budget, seed = options.sound, min(options.budget, 20_000), options.seed
     rng, wrong, found = np.random.default_rng(seed), 0, 0
     for trial in range(count):
         q = rng.uniform(arm.lower, arm.upper)
@@ -113,7 +120,7 @@ def sound(arm: kinseek.Arm, count: int, budget: int, seed: int = 0) -> tuple[int
         outcome = excluded(Problem(arm.chain, goal), budget).outcome
         wrong += outcome == ENDED
         found += outcome == FOUND
-    return wrong, found
+    return {"arm": arm.name, ">goals": count, ">called unreachable": wrong, ">witness": found}
 
 
 def least_singular(arm: kinseek.Arm, q: Array) -> float:
@@ -126,36 +133,42 @@ def least_singular(arm: kinseek.Arm, q: Array) -> float:
     return float(np.linalg.svd(J, compute_uv=False)[-1])
 
 
-def branches(arm: kinseek.Arm, count: int, seed: int) -> str:
+def branches(arm: kinseek.Arm, options: argparse.Namespace) -> Row:
     """One row of the table of complete lists."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(options.seed)
     rows = []
-    for trial in range(count + 1):
+    for trial in range(options.branches + 1):
         q = rng.uniform(arm.lower, arm.upper)
         problem = Problem(arm.chain, Goal.pose(arm.fk(q)))
         every = isolate(problem)
-        start = time.process_time()
-        again = isolate(problem, every.q)
-        spent = 1e3 * (time.process_time() - start)
+        spent, again = cpu(isolate, problem, every.q)
         if trial:
             regular = min(least_singular(arm, each) for each in [q, *every.q])
-            rows.append((again.complete, regular > 0.02, spent, again.boxes, len(again.q)))
+            rows.append((again.complete, regular > 0.02, 1e3 * spent, again.boxes, len(again.q)))
     complete, regular, times, boxes, found = np.array(rows, dtype=float).T
     kept = regular > 0
-    return (
-        f"{arm.name:24}{100 * complete.mean():10.1f}{100 * kept.mean():10.1f}{100 * complete[kept].mean():12.2f}"
-        f"{np.median(times[kept]):11.2f}{np.quantile(times[kept], 0.99):10.1f}{np.median(boxes[kept]):10.0f}"
-        f"{found.mean():9.2f}"
-    )
+    return {
+        "arm": arm.name,
+        ">all %": f"{100 * complete.mean():.1f}",
+        ">regular %": f"{100 * kept.mean():.1f}",
+        ">of these %": f"{100 * complete[kept].mean():.2f}",
+        ">median ms": f"{np.median(times[kept]):.2f}",
+        ">p99 ms": f"{np.quantile(times[kept], 0.99):.1f}",
+        ">boxes": f"{np.median(boxes[kept]):.0f}",
+        ">answers": f"{found.mean():.2f}",
+    }
 
 
 def main() -> None:
-    """Print a row an arm."""
-    parser = command(__file__, __doc__)
-    parser.add_argument("arms", nargs="*", type=arm_name, help="names; the whole catalog by default")
-    parser.add_argument("--goals", type=at_least_one, default=300, help="goals an arm to choose from")
+    """Print a table with a row for each arm."""
+    parser = command(
+        __file__,
+        __doc__,
+        arms=(),
+        goals=(300, 300, "goals an arm to choose from"),
+        budget=(5_000_000, 5_000_000, "boxes a goal"),
+    )
     parser.add_argument("--gap", type=float, help="enclose the nearest pose to this share of its error")
-    parser.add_argument("--budget", type=at_least_one, default=5_000_000, help="boxes a goal")
     parser.add_argument("--seconds", type=float, help="time a goal; none by default")
     parser.add_argument(
         "--sound", type=at_least_one, metavar="N", help="goals in reach an arm, none to be called unreachable"
@@ -167,39 +180,14 @@ def main() -> None:
         help="goals in reach an arm, their answers proved complete",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the goals")
-    options = parser.parse_args()
-    names = options.arms or catalog_names()
+    options = parser.options()
+    ask = sound if options.sound else branches if options.branches else measure
+    page = Page("Proofs", "benchmarks.proof")
+    rows = page.rows(ask(kinseek.load(name), options) for name in options.arms)
+    print(page.body)
     if options.sound:
-        wrong = found = 0
-        for name in names:
-            result = sound(kinseek.load(name), options.sound, min(options.budget, 20_000), options.seed)
-            print(
-                f"{name:24} called unreachable {result[0]}, witness {result[1]} of {options.sound}",
-                flush=True,
-            )
-            wrong, found = wrong + result[0], found + result[1]
-        print(f"all: {wrong} of {options.sound * len(names)} called unreachable, witness for {found}")
-        return
-    if options.branches:
-        print(
-            f"{'arm':24}{'all %':>10}{'regular %':>10}{'of these %':>12}"
-            f"{'median ms':>11}{'p99 ms':>10}{'boxes':>10}{'answers':>9}"
-        )
-        for name in names:
-            print(branches(kinseek.load(name), options.branches, options.seed), flush=True)
-        return
-    done = "proved %" if options.gap is None else "closed %"
-    print(
-        f"{'arm':24}{'dof':>4}{'goals':>7}{done:>9}{'median ms':>11}{'p99 ms':>11}{'gate %':>9}"
-        f"{'others ms':>11}{'boxes':>11}{'most':>11}"
-    )
-    for name in names:
-        print(
-            measure(
-                kinseek.load(name), options.goals, options.gap, options.budget, options.seed, options.seconds
-            ),
-            flush=True,
-        )
+        wrong, found = (sum(int(str(row[column])) for row in rows) for column in list(rows[0])[2:])
+        print(f"all: {wrong} of {options.sound * len(rows)} called unreachable, witness for {found}")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,12 @@
 """Time of calls compared with an earlier commit, arm by arm.
 
 The commit is cloned, its kernels are compiled for this processor, and both versions are measured alternately, each in a
-process of its own, so that a change of the machine's speed affects both. Plain NumPy forward kinematics counts the targets
-that each has solved, within 1e-6 m and 1e-6 rad and inside the limits.
+process of its own, so that a change of the machine's speed affects both. In each of some rounds, both solve 200 single poses
+with `arm.ik(T)` from Python (wall time). On one thread (processor time) both solve a batch of 2,000 poses, find all branches
+of 40 poses, run 10 proofs about poses farther away, and follow a path of 200 poses. Targets are poses of joint values
+uniform inside the limits. Times are medians over the rounds [µs a pose]; ratios are medians of the ratios of the rounds, so
+they differ from the quotients of the times. *Solved* is the share of the batches that is within 1e-6 m and 1e-6 rad by plain
+NumPy forward kinematics, and inside the limits.
 
     python -m benchmarks.since 510bdab
     python -m benchmarks.since HEAD~1 ur5e panda --output since.md
@@ -13,8 +17,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,14 +28,13 @@ from kinseek.kernels.backend import LIBRARY
 from kinseek.robots import catalog_entry
 from kinseek.robots.catalog import catalog_path
 
-from .command import ROOT, arm_name, at_least_one, command, writes
-from .page import Page, percent
+from .command import HERE, ROOT, command
+from .page import Page, Row, percent
 from .targets import fleet_names, plain_fk, random_joints, strict
 from .workers.process import Gone, Raised, Worker
 
 Array = NDArray[np.float64]
 
-HERE = Path(__file__).resolve().parent
 CLONES = HERE / ".since"
 
 ONE, MANY = 200, 2000
@@ -44,16 +46,6 @@ QUESTIONS = {"one": ONE, "batch": MANY, "branches": 40, "proof": 10, "path": 200
 
 PATIENCE = 600.0
 """How long a question may take [s], and what an arm needs before the first."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One arm: of each question the times of a pose [µs] before and now, medians over the turns, and the median ratio."""
-
-    arm: str
-    times: dict[str, tuple[float, float, float]]
-    solved: tuple[int, int]
-    """Targets of the batches, before and now."""
 
 
 def git(*words: str, folder: Path = ROOT) -> str:
@@ -83,10 +75,8 @@ def side(source: Path, arm: str, targets: Array, log: Path) -> Worker:
     Raises:
         SystemExit: It has another kinseek, or none that runs.
     """
-    worker, entry = (
-        Worker(Path(sys.executable), "benchmarks.workers.since", log, source=source),
-        catalog_entry(arm),
-    )
+    worker = Worker(Path(sys.executable), "benchmarks.workers.since", log, source=source)
+    entry = catalog_entry(arm)
     place = {"file": str(catalog_path(arm)), "base": entry.base, "tip": entry.tip}
     try:
         found = worker.ask("begin", PATIENCE, **place, targets=targets)
@@ -99,8 +89,13 @@ def side(source: Path, arm: str, targets: Array, log: Path) -> Worker:
     return worker
 
 
-def measure(name: str, sources: tuple[Path, Path], turns: int, seed: int) -> Row:
-    """Measure both on one arm, alternately."""
+def measure(name: str, sources: tuple[Path, Path], turns: int, seed: int) -> tuple[Array, tuple[int, int]]:
+    """Measure both on one arm, alternately.
+
+    Returns:
+        Of each question the times of a pose [µs] before and now, medians over the turns, and the median ratio,
+        (questions, 3); and how many targets of the batches were solved, before and now.
+    """
     arm = kinseek.load(name)
     targets = plain_fk(arm.chain, random_joints(arm.chain, turns * MANY, seed))
     times, q = np.empty((len(QUESTIONS), turns, 2)), np.empty((2, len(targets), arm.dof))
@@ -117,72 +112,46 @@ def measure(name: str, sources: tuple[Path, Path], turns: int, seed: int) -> Row
         for each in sides:
             each.close()
     before, now = (int(strict(arm.chain, each, targets).sum()) for each in q)
-    medians, ratios = np.median(times, axis=1), np.median(times[..., 1] / times[..., 0], axis=1)
-    found = {
-        question: (float(m[0]), float(m[1]), float(ratio))
-        for question, m, ratio in zip(QUESTIONS, medians, ratios, strict=True)
-    }
-    return Row(name, found, (before, now))
+    ratios = np.median(times[..., 1] / times[..., 0], axis=1)
+    return np.column_stack([np.median(times, axis=1), ratios]), (before, now)
 
 
-def page(commit: str, rows: list[Row], turns: int) -> Page:
-    """The page."""
-    page = Page("Since an earlier commit", "benchmarks.since " + commit[:7])
-    page.say(
-        f"*Before* is the commit {commit[:7]} of {git('log', '-1', '--format=%cs', commit)}. The two states are measured",
-        f"alternately, in {turns} rounds. In each round, both solve {ONE} single poses with `arm.ik(T)` from Python (wall",
-        f"time). On one thread (processor time) both solve a batch of {MANY:,} poses, find all branches of",
-        f"{QUESTIONS['branches']} poses, run {QUESTIONS['proof']} proofs about poses farther away, and follow a path of",
-        f"{QUESTIONS['path']} poses. Targets are poses of joint values uniform inside the limits. Times are medians over",
-        "the rounds [µs a pose]; ratios are medians of the ratios of the rounds, so they differ from the quotients of the",
-        "times. *Solved* is the share of the batches that is within 1e-6 m and 1e-6 rad by plain NumPy forward",
-        "kinematics, and inside the limits.",
-    )
-    cells = [
-        (
-            row.arm,
-            *(cell for each in row.times.values() for cell in times(each)),
-            *(percent(n, turns * MANY) for n in row.solved),
-        )
-        for row in rows
-    ]
-    medians = [np.median([row.times[question] for row in rows], axis=0) for question in QUESTIONS]
-    cells.append((f"median of {len(rows)}", *(cell for each in medians for cell in times(each)), "", ""))
-    heads = " | ".join(f">{question} before | >now | >ratio" for question in QUESTIONS)
-    page.table(f"arm | {heads} | >solved before % | >now %", cells)
-    return page
+def row(name: str, times: Array, *solved: str) -> Row:
+    """A line of the table."""
+    cells: Row = {"arm": name}
+    for question, (before, now, ratio) in zip(QUESTIONS, times, strict=True):
+        digits = 2 if before < 10.0 else 1 if before < 100.0 else 0
+        cells[f">{question} before"] = f"{before:,.{digits}f}"
+        cells[f">{question} now"], cells[f">{question} ratio"] = f"{now:,.{digits}f}", f"{ratio:.2f} ×"
+    return cells | dict(zip((">solved before %", ">solved now %"), solved, strict=True))
 
 
-def times(some: Iterable[float]) -> tuple[str, str, str]:
-    """Before, now [µs], and the ratio."""
-    before, now, ratio = some
-    digits = 2 if before < 10.0 else 1 if before < 100.0 else 0
-    return f"{before:,.{digits}f}", f"{now:,.{digits}f}", f"{ratio:.2f} ×"
+def compared(names: Sequence[str], sources: tuple[Path, Path], turns: int, seed: int) -> Iterator[Row]:
+    """A line of each arm, and one of their medians."""
+    every = []
+    for name in names:
+        times, solved = measure(name, sources, turns, seed)
+        every.append(times)
+        yield row(name, times, *(percent(n, turns * MANY) for n in solved))
+    yield row(f"median of {len(every)}", np.median(every, axis=0), "", "")
 
 
 def main() -> None:
     """Run it and write the page."""
     parser = command(__file__, __doc__)
     parser.add_argument("commit", help="what is compared with, as git names it")
-    parser.add_argument("arms", nargs="*", type=arm_name, help="names; the fleet by default")
-    parser.add_argument("--turns", type=at_least_one, default=15, help="of each side and arm")
+    parser.ask(fleet_names(), "since.md", {"turns": (15, 1, "of each side and arm")})
     parser.add_argument("--seed", type=int, default=3)
-    writes(parser, "--output", HERE / "since.md", "where the page goes")
-    options = parser.parse_args()
+    options = parser.options()
     try:
         commit = git("rev-parse", "--verify", "--quiet", "--end-of-options", options.commit + "^{commit}")
     except subprocess.CalledProcessError:
         parser.error(f"no commit {options.commit!r} in this repository")
     sources = earlier(commit), ROOT / "src"
-    rows = []
-    for name in options.arms or fleet_names():
-        rows.append(row := measure(name, sources, options.turns, options.seed))
-        report = ", ".join(
-            f"{question} {' -> '.join(times(each)[:2])} µs ({times(each)[2]})"
-            for question, each in row.times.items()
-        )
-        print(f"{name:18s} {report}, solved {row.solved[0]:,} -> {row.solved[1]:,}", flush=True)
-    page(commit, rows, options.turns).write(options.output)
+    page = Page("Since an earlier commit", f"benchmarks.since {commit[:7]}", __doc__)
+    page.say(f"*Before* is the commit of {git('log', '-1', '--format=%cs', commit)}; {options.turns} rounds.")
+    page.rows(compared(options.arms, sources, options.turns, options.seed))
+    page.end(options)
 
 
 if __name__ == "__main__":

@@ -155,7 +155,7 @@ def ours(arm: kinseek.Arm, grid: maps.Grid | maps.Rings) -> Said:
 
     work = work_of(arm, grid)
     values = whole(work, grid)
-    told = {"grid": work.grid, "variables": list(values), "name": arm.name}
+    told: dict[str, Any] = {"grid": work.grid, "variables": list(values), "name": arm.name}
     if isinstance(grid, maps.Rings):
         first = maps.first_joint.divided(work.chain)
         told["first_frame"] = first.place.tolist()
