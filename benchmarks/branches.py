@@ -1,14 +1,26 @@
 """Branches: is the list complete, and how long does it take?
 
-Arms with a closed form are compared with EAIK, filtered by the limits, at 20,000 targets from joint values uniform inside
-the limits. Other arms are compared with 1,000 random restarts of a Levenberg-Marquardt search at each of the first 1,000
-targets. Solutions count only if plain NumPy forward kinematics confirms them within 1e-6 m and 1e-6 rad and inside the
-limits. Two solutions are the same if no joint differs by 1e-3 rad modulo 2π. Times are wall times of single calls from
-Python, and processor time of batches. The targets are divided into parts. All solvers are timed on the same part, one
-directly after the other, and then on the next part, so that a change of the machine's speed affects all of them. Ratios are
-those of the parts.
+The column *witness* names a second method that finds solutions, against which completeness is measured. Arms with a closed
+form are compared with EAIK, filtered by the limits, at 20,000 targets. Other arms are compared with 1,000 random restarts of
+a Levenberg-Marquardt search at each of the first 1,000 targets. Solutions count only if plain NumPy forward kinematics
+confirms them within 1e-6 m and 1e-6 rad and inside the limits. Two solutions are the same if no joint differs by 1e-3 rad
+modulo 2π. The targets are divided into fifths. All solvers are timed on the same fifth, one directly after the other, and
+then on the next, so that a change of the machine's speed affects all of them.
 
-ssik is timed in an environment of its own, see `benchmarks.field`, which is made at the first run.
+- **complete %**: targets at which `arm.branches` has every solution of the witness inside the limits. *First 1,000* in the
+  column *witness* means that only these targets are compared.
+- **extra**: number of targets at which the witness misses a solution. **false**: number of wrong solutions.
+- **searched %**: targets for which the closed form, or the search of one joint, did not suffice.
+- **median µs**, **p99 µs**: wall time of one call `arm.branches(T)` from Python, the first call for each target. **best
+  fifth µs**: the least of the medians of the fifths.
+- **p99 / median**: 99th percentile divided by median, both of the least time of three calls for each target, so that other
+  work on the machine counts less.
+- **EAIK µs**, **ssik µs**: medians of the other solvers. The time of EAIK includes the filter by limits. ssik runs the
+  module that it builds for an arm, in an environment of its own that is made at the first run, and returns all solutions
+  inside the limits without copies by full turns. In brackets: the median of kinseek divided by theirs, for the middle one of
+  the fifths.
+- **batch µs**: processor time for a pose in a batch of all targets, on one thread.
+- **index ms**: time to compute the data that are computed once for an arm.
 
     python -m benchmarks.branches                 # writes benchmarks/branches.md; uses EAIK if it is installed
     python -m benchmarks.branches ur5e jaco2_6 --targets 1000
@@ -18,10 +30,9 @@ ssik is timed in an environment of its own, see `benchmarks.field`, which is mad
 
 from __future__ import annotations
 
-import time
+import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,18 +45,16 @@ from kinseek.kinds import POSE
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
-from .command import arm_name, at_least_one, command, writes
+from .command import at_least_one, command
 from .field.adapters import adapter, path_of
 from .field.judge import Judge, bundled
 from .field.run import Solver, solver_of
-from .page import Page, percent
+from .page import Page, Row, percent
 from .targets import plain_fk, random_joints, singular_joints, strict
 from .timing import batch_cost, timed
 from .workers.process import Gone, Raised
 
 Array = NDArray[np.float64]
-
-HERE = Path(__file__).resolve().parent
 
 CLOSED = ("ur5e", "ur10e", "puma560", "irb120", "kr6r900")
 OPEN = ("jaco2_6", "irb5400", "mpx3500", "ur10e_calibrated")
@@ -82,16 +91,26 @@ AROUND = 400
 """The same for arms that nearly have a closed form, which is solved for poses around the target."""
 
 
-@dataclass(frozen=True)
-class Row:
-    """One arm of the table."""
+@dataclass
+class Found:
+    """What is found for the targets of one arm."""
 
-    arm: str
-    cells: dict[str, object]
-    missing: list[int]
+    misses: list[int]
     """Targets at which the witness has a solution that kinseek misses."""
     extra: list[str]
     """Targets at which the witness misses a solution, with the least singular value of the Jacobian at their solutions."""
+    numbers: Array
+    """Of solutions, (k,)."""
+    calls: Array
+    """Times of calls [µs], (CALLS, k)."""
+    theirs: Array
+    """Times of the witness [µs], (k,); NaN where it was not asked."""
+    beside: Array
+    """Times of ssik [µs], (k,)."""
+    searched: int = 0
+    """Targets for which the closed form, or the search of one joint, did not suffice."""
+    false: int = 0
+    """Wrong solutions."""
 
 
 def apart(a: Array, b: Array) -> Array:
@@ -146,166 +165,133 @@ def restarts(arm: kinseek.Arm, seed: int, count: int = 1000) -> Callable[[Array]
     return solve
 
 
-def median(some: Array) -> float:
-    """Median of those that are numbers; NaN if none is."""
-    some = some[~np.isnan(some)]
-    return float(np.median(some)) if len(some) else np.nan
+def witness_of(name: str, arm: kinseek.Arm, seed: int) -> tuple[Callable[[Array], Array] | None, str]:
+    """Another method that finds solutions of an arm, if there is one, and its name."""
+    if name in OPEN:
+        return restarts(arm, seed), "1,000 restarts"
+    if name not in CLOSED:
+        return None, "none"
+    try:
+        return eaik(arm), "EAIK"
+    except ImportError:
+        return None, "EAIK is not installed"
 
 
-def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = False) -> Row:
-    """Measure one arm, against its witness at the first targets, which are anywhere or near singularities and limits."""
-    arm = kinseek.load(name)
-    joints = singular_joints if singular else random_joints
-    targets = plain_fk(arm.chain, joints(arm.chain, count, seed))
+def compared(found: Found, arm: kinseek.Arm, i: int, target: Array, ours: Array, theirs: Array) -> None:
+    """Compare the solutions of one target, (k, n), with those of the witness, (l, n), that are right."""
+    other = theirs[strict(arm.chain, theirs, np.broadcast_to(target, (len(theirs), 4, 4)))]
+    gap = apart(other, ours)
+    if len(other) and (not len(ours) or gap.min(axis=1).max() > SAME):
+        found.misses.append(i)
+    if len(ours) and (not len(other) or gap.min(axis=0).max() > SAME):
+        found.extra.append(f"{i} ({np.linalg.svd(arm.jacobian(ours), compute_uv=False).min():.1g})")
+
+
+def find(
+    name: str,
+    targets: Array,
+    parts: list[NDArray[np.int64]],
+    witness: Callable[[Array], Array] | None,
+    witnessed: int,
+) -> Found:
+    """Find all solutions of the targets, part by part, by turns with the witness and with ssik."""
+    arm, judge, count = kinseek.load(name), bundled(name), len(targets)
     for target in targets[:50]:
         arm.branches(target)  # Whatever compiles or loads does so before the clock runs.
-    witness: Callable[[Array], Array] | None = None
-    label = "none"
-    if name in CLOSED:
-        try:
-            witness, label = eaik(arm), "EAIK"
-        except ImportError:
-            label = "EAIK is not installed"
-    elif name in OPEN:
-        witness, label = restarts(arm, seed + 1), "1,000 restarts"
-    other_solver = solver_of("ssik") if name in CLOSED else None
-    judge = bundled(name)
-    calls, theirs, beside = np.empty((CALLS, count)), np.full(count, np.nan), np.full(count, np.nan)
-    numbers = np.empty(count, dtype=int)
-    found: list[Array] = []
-    endless = np.zeros(count, dtype=bool)
-    missing: list[int] = []
-    extra: list[str] = []
-    searched = false = 0
+    peer = solver_of("ssik") if name in CLOSED else ""
+    empty = np.full(count, np.nan)
+    found = Found([], [], np.empty(count, dtype=int), np.empty((CALLS, count)), empty, empty.copy())
     enough = SWEPT if name in ONE_JOINT else SEARCHED if name in CLOSED else AROUND
-    parts = np.array_split(np.arange(count), min(PARTS, count))
     for part in parts:
         for k in range(CALLS):
-            mine, calls[k, part] = timed(arm.branches, targets[part])
-        for i, branches in zip(part, mine, strict=True):
+            mine, found.calls[k, part] = timed(arm.branches, targets[part])
+        right = {}
+        for i, branches in zip(part.tolist(), mine, strict=True):
             good = strict(arm.chain, branches.q, np.broadcast_to(targets[i], (len(branches), 4, 4)))
-            if not good.all():
-                print(f"  {name}, {i}: {int((~good).sum())} answers that outside FK denies")
-                false += int((~good).sum())
-            found.append(branches.q[good])
-            numbers[i] = len(found[-1])
-            endless[i] = branches.sampled
-            searched += int(branches.evaluations > enough)
+            found.false += int((~good).sum())
+            found.numbers[i], right[i] = good.sum(), branches.q[good]
+            found.searched += int(branches.evaluations > enough)
         # Of a continuum there are samples, here and there.
-        asked = part[(part < witnessed) & ~endless[part]]
-        others, theirs[asked] = timed(witness, targets[asked]) if witness else ([], np.nan)
-        for i, told in zip(asked, others, strict=bool(witness)):
-            other = told[strict(arm.chain, told, np.broadcast_to(targets[i], (len(told), 4, 4)))]
-            gap = apart(other, found[i])
-            if len(other) and (not len(found[i]) or gap.min(axis=1).max() > SAME):
-                missing.append(int(i))
-            if len(found[i]) and (not len(other) or gap.min(axis=0).max() > SAME):
-                values = np.linalg.svd(arm.jacobian(found[i]), compute_uv=False)
-                extra.append(f"{i} ({values.min():.1g})")
-        if isinstance(other_solver, Solver):
+        asked = [i for i, each in zip(part.tolist(), mine, strict=True) if i < witnessed and not each.sampled]
+        if witness is not None:
+            others, found.theirs[asked] = timed(witness, targets[asked])
+            for i, theirs in zip(asked, others, strict=True):
+                compared(found, arm, i, targets[i], right[i], theirs)
+        if isinstance(peer, Solver):
             try:
-                said, beside[part] = ssik(other_solver, judge, targets[part])
-                if (said < numbers[part]).any():
-                    print(f"  {name}, ssik: fewer answers to {(said < numbers[part]).sum()} targets")
+                said, found.beside[part] = ssik(peer, judge, targets[part])
+                print(f"  {name}, ssik: fewer answers to {(said < found.numbers[part]).sum()} targets")
             except (Raised, Gone) as why:
                 print(f"  {name}, ssik: {why}")
-    if isinstance(other_solver, Solver):
-        other_solver.close()
-    batch = batch_cost(lambda: arm.branches(targets, threads=1), len(targets), PASSES)
-    if label != "EAIK":
-        theirs[:] = np.nan  # A thousand restarts are a witness, and no peer.
-    times, least = calls[0], calls.min(axis=0)
-    medians = np.array([np.median(times[part]) for part in parts])
+    if isinstance(peer, Solver):
+        peer.close()
+    return found
+
+
+def build_time(arm: kinseek.Arm) -> float:
+    """Time to compute what is computed once for an arm [ms], median of three."""
     problem = Problem(arm.chain, Goal.pose(np.eye(4)))
     AtlasIndex(arm.chain, POSE, problem.arrays, SAMPLES)
-    builds = []
-    for _ in range(3):
-        begun = time.perf_counter()
-        BranchIndex(problem)
-        builds.append((time.perf_counter() - begun) * 1e3)
-    figures = {
+    return float(np.median(timed(lambda _: BranchIndex(problem), range(3))[1])) / 1e3
+
+
+def measure(name: str, options: argparse.Namespace, missing: list[str], extra: list[str]) -> Row:
+    """Measure one arm, against its witness at the first targets, which are anywhere or near singularities and limits."""
+    arm, spare = kinseek.load(name), name in REDUNDANT
+    count = options.targets or (1000 if spare else 20_000)
+    witnessed = options.targets or (20_000 if name in CLOSED else 1000)
+    joints = singular_joints if options.singular else random_joints
+    targets = plain_fk(arm.chain, joints(arm.chain, count, options.seed))
+    witness, label = witness_of(name, arm, options.seed + 1)
+    parts = np.array_split(np.arange(count), min(PARTS, count))
+    found = find(name, targets, parts, witness, witnessed)
+    missing += [f"{name}: numbers {found.misses}"] * bool(found.misses)
+    extra += [f"{name}: {', '.join(found.extra)}"] * bool(found.extra)
+    times, least = found.calls[0], found.calls.min(axis=0)
+    medians = np.array([np.median(times[part]) for part in parts])
+    figures: Row = {
         ">median µs": f"{np.median(times):.1f}",
         ">best fifth µs": f"{medians.min():.1f}",
         ">p99 µs": f"{np.percentile(times, 99):.1f}",
         ">p99 / median": f"{np.percentile(least, 99) / np.median(least):.1f} ×",
     }
-    index = {">index ms": f"{np.median(builds):.1f}"}
-    if name in REDUNDANT:
-        cells = (
-            {"arm": name, ">targets": f"{count:,}", ">fewest solutions": int(numbers.min())} | figures | index
-        )
-        return Row(name, cells, missing, extra)
-    if witness is not None and witnessed < count:
-        label = f"{label}, first {witnessed:,}"
-    cells = {
+    index = {">index ms": f"{build_time(arm):.1f}"}
+    if spare:
+        fewest = {">fewest solutions": int(found.numbers.min())}
+        return {"arm": name, ">targets": f"{count:,}"} | fewest | figures | index
+    if label != "EAIK":
+        found.theirs[:] = np.nan  # A thousand restarts are a witness, and no peer.
+    batch = batch_cost(lambda: arm.branches(targets, threads=1), len(targets), PASSES)
+    first = f", first {witnessed:,}" if witness is not None and witnessed < count else ""
+    return {
         "arm": name,
         "structure": arm.structure.word,
-        "witness": label,
+        "witness": f"{label}{first}",
         ">targets": f"{count:,}",
-        ">complete %": percent(witnessed - len(missing), witnessed) if witness else "–",
-        ">extra": len(extra),
-        ">false": false,
-        ">solutions, mean": f"{numbers.mean():.2f}",
-        ">searched %": f"{100 * searched / count:.2f}",
+        ">complete %": percent(witnessed - len(found.misses), witnessed) if witness else "–",
+        ">extra": len(found.extra),
+        ">false": found.false,
+        ">solutions, mean": f"{found.numbers.mean():.2f}",
+        ">searched %": f"{100 * found.searched / count:.2f}",
+        **figures,
+        ">EAIK µs": beside_of(found.theirs, medians, parts),
+        ">ssik µs": beside_of(found.beside, medians, parts),
+        ">batch µs": f"{batch:.1f}",
+        **index,
     }
-    beside_ours = {
-        ">EAIK µs": beside_of(theirs, medians, parts),
-        ">ssik µs": beside_of(beside, medians, parts),
-    }
-    return Row(name, cells | figures | beside_ours | {">batch µs": f"{batch:.1f}"} | index, missing, extra)
 
 
 def beside_of(peer: Array, medians: Array, parts: list[NDArray[np.int64]]) -> str:
     """Median of a peer's times [µs], and kinseek's median over it, of the parts the middle one."""
     if np.isnan(peer).all():
         return "–"
-    ratios = [m / median(peer[part]) for m, part in zip(medians, parts, strict=True)]
-    return f"{median(peer):.1f} ({np.median(ratios):.2f})"
-
-
-def page(rows: list[Row], singular: bool = False) -> Page:
-    """The page."""
-    where = "near singularities and limits" if singular else "uniform inside the limits"
-    page = Page("Every branch", "benchmarks.branches")
-    page.say(
-        f"Targets are poses of joint values {where}. The column *witness* names a second method that finds solutions,",
-        "against which completeness is measured. Plain NumPy forward kinematics judges all solutions, to 1e-6 m and 1e-6",
-        "rad.",
-        "",
-        "- **complete %**: targets at which `arm.branches` has every solution of the witness inside the limits.",
-        "  *First 1,000* in the column *witness* means that only these targets are compared.",
-        "- **extra**: number of targets at which the witness misses a solution. **false**: number of wrong solutions.",
-        "- **searched %**: targets for which the closed form, or the search of one joint, did not suffice.",
-        "- **median µs**, **p99 µs**: wall time of one call `arm.branches(T)` from Python, the first call for each",
-        "  target. **best fifth µs**: the targets are divided into fifths, on which the solvers are measured alternately;",
-        "  this is the least of the five medians.",
-        "- **p99 / median**: 99th percentile divided by median, both of the least time of three calls for each target, so",
-        "  that other work on the machine counts less.",
-        "- **EAIK µs**, **ssik µs**: medians of the other solvers. The time of EAIK includes the filter by limits. ssik",
-        "  runs the module that it builds for an arm, and returns all solutions inside the limits without copies by full",
-        "  turns. In brackets: the median of kinseek divided by theirs, for the middle one of the five fifths.",
-        "- **batch µs**: processor time for a pose in a batch of all targets, on one thread.",
-        "- **index ms**: time to compute the data that are computed once for an arm.",
-    )
-    page.rows([row.cells for row in rows if row.arm not in REDUNDANT])
-    if spare := [row.cells for row in rows if row.arm in REDUNDANT]:
-        page.say("Redundant arms: a sample of 50 solutions that are spread over the self-motion.")
-        page.rows(spare)
-    page.head("Missing solutions")
-    page.items((f"{row.arm}: numbers {row.missing}" for row in rows if row.missing), "Nothing.")
-    page.head("Extra solutions")
-    page.say(
-        "Numbers of the targets at which the witness misses a solution. In brackets: the least singular value of the "
-        "Jacobian at the solutions."
-    )
-    page.items((f"{row.arm}: {', '.join(row.extra)}" for row in rows if row.extra), "Nothing.")
-    return page
+    ratios = [m / np.nanmedian(peer[part]) for m, part in zip(medians, parts, strict=True)]
+    return f"{np.nanmedian(peer):.1f} ({np.median(ratios):.2f})"
 
 
 def main() -> None:
-    """Measure, print as it goes, write the page."""
-    parser = command(__file__, __doc__)
-    parser.add_argument("arms", nargs="*", type=arm_name, help="names; all of them by default")
+    """Measure and write the page."""
+    parser = command(__file__, __doc__, arms=(*CLOSED, *OPEN, *REDUNDANT), page="branches.md")
     parser.add_argument(
         "--targets",
         type=at_least_one,
@@ -317,16 +303,26 @@ def main() -> None:
         help="targets near singularities and limits; write another page of them",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
-    writes(parser, "--output", HERE / "branches.md", "page to write")
-    options = parser.parse_args()
-    rows = []
-    for name in options.arms or (*CLOSED, *OPEN, *REDUNDANT):
-        count = options.targets or (1000 if name in REDUNDANT else 20_000)
-        witnessed = options.targets or (20_000 if name in CLOSED else 1000)
-        row = measure(name, count, witnessed, options.seed, options.singular)
-        rows.append(row)
-        print(*(f"{column.lstrip('>')} {cell};" for column, cell in row.cells.items()), flush=True)
-    page(rows, options.singular).write(options.output)
+    options = parser.options()
+    if options.quick:
+        options.targets = options.targets or 20
+    page, missing, extra = Page("Every branch", "benchmarks.branches", __doc__), list[str](), list[str]()
+    where = "near singularities and limits" if options.singular else "uniform inside the limits"
+    page.say(f"Targets are poses of joint values {where}.")
+    plain = [name for name in options.arms if name not in REDUNDANT]
+    page.rows(measure(name, options, missing, extra) for name in plain)
+    page.say("Redundant arms: a sample of 50 solutions that are spread over the self-motion.")
+    spare = [name for name in options.arms if name in REDUNDANT]
+    page.rows(measure(name, options, missing, extra) for name in spare)
+    page.head("Missing solutions")
+    page.items(missing, "Nothing.")
+    page.head("Extra solutions")
+    page.say(
+        "Numbers of the targets at which the witness misses a solution. In brackets: the least singular value of the "
+        "Jacobian at the solutions."
+    )
+    page.items(extra, "Nothing.")
+    page.end(options)
 
 
 if __name__ == "__main__":
