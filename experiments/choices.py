@@ -10,6 +10,7 @@ import numpy as np
 
 import kinseek
 
+from . import tables
 from .arms import ARMS, BRANCHING_FACTOR, error_columns, random_goals
 from .effort import Effort, Row
 from .style import LOOKS, NAMES, canvas, column, finish, lines, where
@@ -209,34 +210,26 @@ def millimetres(row: Row) -> str:
 
 def table(rows: Sequence[Row]) -> str:
     """Mean position errors [mm] of all choices, in Markdown."""
-    lines = [
-        "| choice | how | what it is | 2 DOF | 3 DOF | 4 DOF | 6 DOF |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
-    for choice, (how, what) in MEANS.items():
-        cells = []
-        for dof in ARMS:
-            some = where(rows, choice=choice, dof=dof, position_weight=1.0)
-            some = [row for row in some if row["divisions"] in (0, 3) and int(row["breadth"]) < 4]
-            cells.append(" / ".join(map(millimetres, some)) or "–")
-        lines.append(f"| {choice} | {how} | {what} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    lines = []
+    for choice, told in MEANS.items():
+        some = where(rows, choice=choice, position_weight=1.0)
+        some = [row for row in some if row["divisions"] in (0, 3) and int(row["breadth"]) < 4]
+        lines.append(
+            (choice, *told, *(" / ".join(map(millimetres, where(some, dof=d))) or "–" for d in ARMS))
+        )
+    return tables.table(("choice", "how", "what it is", *(f"{dof} DOF" for dof in ARMS)), lines)
 
 
 def walks_table(rows: Sequence[Row]) -> str:
     """Mean position errors [mm] over D of the lattices and of the breadth that reaches, in Markdown."""
     found = where(rows, dof=2, position_weight=HEAVY)
     divisions = sorted({int(row["divisions"]) for row in found})
-    lines = [
-        f"| two-link arm, K_P = {HEAVY:g} K_A | {' | '.join(f'D = {d}' for d in divisions)} |",
-        f"| --- |{' --- |' * len(divisions)}",
-    ]
+    lines = []
     for choice in SPIKE:
-        cells = []
+        cells = [f"{choice}{', Br = 4' if choice != REACH else ''}"]
         for d in divisions:
             (row,) = where(found, choice=choice, divisions=d)
-            short = int(row["joints_short"])
             breadth = f"Br = {row['breadth']}: " if choice == REACH else ""
-            cells.append(f"{breadth}{millimetres(row)}{', out of reach' if short else ''}")
-        lines.append(f"| {choice}{', Br = 4' if choice != REACH else ''} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+            cells.append(f"{breadth}{millimetres(row)}{', out of reach' if int(row['joints_short']) else ''}")
+        lines.append(cells)
+    return tables.table((f"two-link arm, K_P = {HEAVY:g} K_A", *(f"D = {d}" for d in divisions)), lines)

@@ -10,7 +10,7 @@ from pathlib import Path
 from . import judges
 from .effort import EXPERIMENTS
 from .judges import Results, Verdict
-from .store import ExperimentError
+from .tables import replaced, table
 
 
 @dataclass(frozen=True)
@@ -236,62 +236,53 @@ FIGURES: dict[str, tuple[str, tuple[int, ...]]] = {
 
 def claims_table(results: Results) -> str:
     """All claims with our measurement and the verdict, in Markdown."""
-    lines = [
-        "| # | section | the paper says | measured | verdict | from |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
-    for claim in CLAIMS:
-        measured, verdict = claim.judge(results)
-        cells = (str(claim.number), claim.section, claim.sentence, measured, verdict, claim.source)
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    rows = (
+        (claim.number, claim.section, claim.sentence, *claim.judge(results), claim.source) for claim in CLAIMS
+    )
+    return table(("#", "section", "the paper says", "measured", "verdict", "from"), rows)
 
 
 def reversals_table(results: Results) -> str:
     """What would change each verdict, in Markdown."""
-    lines = ["| # | verdict | what would change it |", "| --- | --- | --- |"]
-    lines += [f"| {claim.number} | {claim.judge(results)[1]} | {claim.reversal} |" for claim in CLAIMS]
-    return "\n".join(lines)
+    rows = ((claim.number, claim.judge(results)[1], claim.reversal) for claim in CLAIMS)
+    return table(("#", "verdict", "what would change it"), rows)
 
 
 def figures_table(results: Results) -> str:
     """All figures with the command, what the paper says, our picture and the verdicts, in Markdown."""
-    lines = ["| figure | command | the paper says | ours | verdict |", "| --- | --- | --- | --- | --- |"]
-    judge = {claim.number: claim.judge for claim in CLAIMS}
+    rows = []
+    verdicts = {claim.number: claim.judge(results)[1] for claim in CLAIMS}
     for name, (sentence, numbers) in FIGURES.items():
-        verdicts = "; ".join(f"({number}) {judge[number](results)[1]}" for number in numbers)
+        told = "; ".join(f"({number}) {verdicts[number]}" for number in numbers)
         ours = f"[picture](results/{name}.png), [rows](results/{name}.csv)"
-        cells = (f"Fig. {int(name[-2:])}", f"`python -m experiments {name}`", sentence, ours, verdicts)
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        rows.append((f"Fig. {int(name[-2:])}", f"`python -m experiments {name}`", sentence, ours, told))
+    return table(("figure", "command", "the paper says", "ours", "verdict"), rows)
 
 
 def machine_table(results: Results) -> str:
     """Where the numbers come from, in Markdown."""
-    lines = ["| experiment | rows | seconds | commit | processor |", "| --- | --- | --- | --- | --- |"]
-    for name in EXPERIMENTS:
-        run = json.loads((results.folder / f"{name}.json").read_text())
-        cells = (name, run["rows"], run["seconds"], run["commit"][:10], run["processor"])
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    return "\n".join(lines)
+    runs = {name: json.loads((results.folder / f"{name}.json").read_text()) for name in EXPERIMENTS}
+    rows = (
+        (name, run["rows"], run["seconds"], run["commit"][:10], run["processor"])
+        for name, run in runs.items()
+    )
+    return table(("experiment", "rows", "seconds", "commit", "processor"), rows)
+
+
+TABLES = {
+    "figures": figures_table,
+    "claims": claims_table,
+    "reversals": reversals_table,
+    "runs": machine_table,
+}
+"""Tables of the README by their names."""
 
 
 def rewritten(text: str, folder: Path) -> str:
     """The README with every table between its markers made anew."""
     results = Results(folder)
-    tables = {
-        "figures": figures_table,
-        "claims": claims_table,
-        "reversals": reversals_table,
-        "runs": machine_table,
-    }
-    for name, table in tables.items():
-        begin, end = f"<!-- {name}: made by python -m experiments claims -->", f"<!-- end of {name} -->"
-        if begin not in text or end not in text:
-            raise ExperimentError(f"README.md has no markers of the table {name!r}")
-        head, rest = text.split(begin, 1)
-        tail = rest.split(end, 1)[1]
-        text = f"{head}{begin}\n\n{table(results)}\n\n{end}{tail}"
+    for name, make in TABLES.items():
+        text = replaced(text, name, "experiments claims", make(results))
     return text
 
 

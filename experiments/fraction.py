@@ -11,6 +11,7 @@ import numpy as np
 import kinseek
 from kinseek.kernels.arrays import Indices
 
+from . import tables
 from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, error_columns, random_goals
 from .effort import Effort, Row
 from .style import DOTS, LOOKS, NAMES, canvas, column, finish, lines, where
@@ -110,28 +111,27 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 
 def table(rows: Sequence[Row]) -> str:
     """Errors and work of each breadth as built, in Markdown."""
-    lines = [
-        f"| breadth | {' | '.join(f'{dof} DOF' for dof in ARMS)} |",
-        f"| --- |{' --- |' * len(ARMS)}",
-    ]
-    for breadth in sorted({float(row["breadth"]) for row in where(rows, mixture=BUILT)}):
-        cells = [_cell(where(rows, mixture=BUILT, breadth=breadth, dof=dof)[0]) for dof in ARMS]
-        lines.append(f"| {breadth:g} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    built = where(rows, mixture=BUILT)
+    breadths = sorted({float(row["breadth"]) for row in built})
+    return tables.table(
+        ("breadth", *(f"{dof} DOF" for dof in ARMS)),
+        ((f"{breadth:g}", *_cells(where(built, breadth=breadth))) for breadth in breadths),
+    )
 
 
 def mixtures_table(rows: Sequence[Row]) -> str:
     """The halves in every mixture, in Markdown."""
-    lines = [
-        f"| breadth | mixture | {' | '.join(f'{dof} DOF' for dof in ARMS)} |",
-        f"| --- | --- |{' --- |' * len(ARMS)}",
-    ]
-    for breadth in (1.5, 2.5):
-        for mixture in MIXTURES:
-            cells = [_cell(where(rows, mixture=mixture, breadth=breadth, dof=dof)[0]) for dof in ARMS]
-            lines.append(f"| {breadth:g} | {mixture} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    return tables.table(
+        ("breadth", "mixture", *(f"{dof} DOF" for dof in ARMS)),
+        (
+            (f"{breadth:g}", mixture, *_cells(where(rows, mixture=mixture, breadth=breadth)))
+            for breadth in (1.5, 2.5)
+            for mixture in MIXTURES
+        ),
+    )
 
 
-def _cell(row: Row) -> str:
-    return f"{float(row['position_mean_mm']):.2g} mm, {float(row['evaluations_mean']):,.0f}"
+def _cells(rows: Sequence[Row]) -> list[str]:
+    """Error and work on each arm."""
+    each = (where(rows, dof=dof)[0] for dof in ARMS)
+    return [f"{float(row['position_mean_mm']):.2g} mm, {float(row['evaluations_mean']):,.0f}" for row in each]

@@ -8,6 +8,7 @@ from pathlib import Path
 from . import choices, fraction, question_08
 from .effort import Row
 from .judges import Results
+from .tables import replaced
 
 RESULTS = Path(__file__).resolve().parent / "results"
 DOCS = RESULTS.parents[1] / "docs"
@@ -29,9 +30,7 @@ def rewritten(page: Path, results: Results) -> str:
     """The text of a page with all of its tables made again."""
     text = page.read_text()
     for name, (source, table) in PAGES[page].items():
-        begin, end = f"<!-- {name}: made by python -m experiments.page -->", f"<!-- end of {name} -->"
-        head, rest = text.split(begin, 1)
-        text = f"{head}{begin}\n\n{table(results(source))}\n\n{end}{rest.split(end, 1)[1]}"
+        text = replaced(text, name, "experiments.page", table(results(source)))
     return text
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import kinseek
 
+from . import tables
 from .arms import ARMS, BRANCHING_FACTOR, BY_HAND, DIVISIONS, error_columns, random_goals
 from .effort import Effort, Row
 from .style import NAMES, canvas, finish, lines, where
@@ -63,25 +64,23 @@ def table(rows: Sequence[Row]) -> str:
     """Breadths on six joints at K_P = K_A, from few evaluations to many, in Markdown."""
     some = sorted(where(rows, dof=6, position_weight=1.0), key=lambda row: float(row["evaluations_mean"]))
     leaves = {str(row["method"]): float(row["evaluations_mean"]) - DIVISIONS**6 for row in some}
-    lines = [
-        "| method | breadths | evaluations | leaves of later passes, divided by those of CB(1) "
-        "| those of CB(3), divided by them | position [mm] | "
-        "orientation [mrad] |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    cells = []
     for row in some:
         own, error = leaves[str(row["method"])], 1.96 * float(row["position_standard_error_mm"])
-        cells = (
-            str(row["method"]),
-            str(row["breadths"]),
-            f"{float(row['evaluations_mean']):,.0f}",
-            f"{own / leaves['CB(1)']:.3g}",
-            f"{leaves['CB(3)'] / own:.3g}",
-            f"{float(row['position_mean_mm']):.3g} ± {error:.2g}",
-            f"{float(row['orientation_mean_mrad']):.3g}",
+        cells.append(
+            (
+                row["method"],
+                row["breadths"],
+                f"{float(row['evaluations_mean']):,.0f}",
+                f"{own / leaves['CB(1)']:.3g}",
+                f"{leaves['CB(3)'] / own:.3g}",
+                f"{float(row['position_mean_mm']):.3g} ± {error:.2g}",
+                f"{float(row['orientation_mean_mrad']):.3g}",
+            )
         )
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+    later = "leaves of later passes, divided by those of CB(1)", "those of CB(3), divided by them"
+    columns = "method", "breadths", "evaluations", *later, "position [mm]", "orientation [mrad]"
+    return tables.table(columns, cells)
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
