@@ -134,8 +134,11 @@ class Steps(Protocol):
     def aim(self, T: Any) -> Any:
         """Take a pose for the target; how far it is, (6,)."""
 
+    def missing(self) -> Any:
+        """How far the target is from here, (6,)."""
+
     def step(self) -> None:
-        """One period on."""
+        """One period on, from where `aim` or `missing` looked last."""
 
     @property
     def q(self) -> Array:
@@ -153,12 +156,17 @@ class Stepping(Restarting):
     def descend(self, goal: Any, q: Array) -> Answer:
         """Steps from joint values."""
         self._method.stand(q)
+        error = self._method.aim(goal)
         for _ in range(self._steps):
-            error = np.asarray(self._method.aim(goal))
-            if max(np.linalg.norm(error[:3]), np.linalg.norm(error[3:])) < self._tolerance:
+            if self.far(error) < self._tolerance:
                 return Answer(self._method.q, True)
             self._method.step()
+            error = self._method.missing()
         return Answer(self._method.q, False)
+
+    def far(self, error: Any) -> float:
+        """How far an error is, (6,), in one number: the larger one of place and turn."""
+        return max(float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:])))
 
 
 def without_followers(arm: Arm) -> None:

@@ -194,12 +194,13 @@ def differential(kind: Callable[[Arm, bool], Steps]) -> Callable[[Arm, bool], Fo
 
         def step(T: Any, q: Any) -> Any:
             method.stand(q)
+            error = method.aim(T)
             for _ in range(ROUNDS):
-                error = np.asarray(method.aim(T))
                 turn = error[3 : 5 if free else 6]
                 if np.linalg.norm(error[:3]) < CLOSE and np.linalg.norm(turn) < CLOSE:
                     return method.q
                 method.step()
+                error = method.missing()
             return None
 
         return chained(step)

@@ -83,6 +83,10 @@ class Mink:
     def aim(self, T: Any) -> Any:
         """Take a pose for the target; how far it is, (6,)."""
         self._task.set_target(self._root.multiply(self._mink.SE3.from_matrix(T)))
+        return self.missing()
+
+    def missing(self) -> Any:
+        """How far the target is from here, (6,)."""
         return self._task.compute_error(self._state)
 
     def step(self) -> None:

@@ -91,6 +91,10 @@ class Pink:
     def aim(self, T: Any) -> Any:
         """Take a pose for the target; how far it is, (6,)."""
         self._task.set_target(self._root * self._pin.SE3(T))
+        return self.missing()
+
+    def missing(self) -> Any:
+        """How far the target is from here, (6,)."""
         return self._task.compute_error(self._state)
 
     def step(self) -> None:

@@ -58,7 +58,8 @@ class Loop:
         self._tip = self._model.getFrameId(arm.tip, pin.FrameType.BODY)
         pin.framesForwardKinematics(self._model, self._data, pin.neutral(self._model))
         self._root = self._data.oMf[self._model.getFrameId(arm.base, pin.FrameType.BODY)].copy()
-        self._rows, self._damping, self._part = np.arange(5 if free else 6), damping, part
+        self._rows = slice(5 if free else 6)
+        self._damping, self._part = damping * np.eye(self._rows.stop), part
         self._clamp, self._longest = clamp, longest
 
     def stand(self, q: Any) -> None:
@@ -67,8 +68,13 @@ class Loop:
 
     def aim(self, T: Any) -> Any:
         """Take a pose for the target; how far it is, (6,)."""
+        self._target = self._root * self._pin.SE3(T)
+        return self.missing()
+
+    def missing(self) -> Any:
+        """How far the target is from here, (6,)."""
         self._pin.framesForwardKinematics(self._model, self._data, self._q)
-        self._error = self._data.oMf[self._tip].actInv(self._root * self._pin.SE3(T))
+        self._error = self._data.oMf[self._tip].actInv(self._target)
         self._twist = self._pin.log6(self._error).vector
         return self._twist
 
@@ -77,9 +83,10 @@ class Loop:
         pin, rows = self._pin, self._rows
         J = pin.computeFrameJacobian(self._model, self._data, self._q, self._tip)
         J = (pin.Jlog6(self._error.inverse()) @ J)[rows]
-        move = J.T @ np.linalg.solve(J @ J.T + self._damping * np.eye(len(rows)), self._twist[rows])
-        move *= self._part * min(1.0, self._longest / max(float(np.abs(move).max()), 1e-12))
-        self._q = pin.integrate(self._model, self._q, move)
+        move = J.T @ np.linalg.solve(J @ J.T + self._damping, self._twist[rows])
+        if self._longest < np.inf:
+            move *= min(1.0, self._longest / max(float(np.abs(move).max()), 1e-12))
+        self._q = pin.integrate(self._model, self._q, move * self._part)
         if self._clamp:
             self._q = np.clip(self._q, self._model.lowerPositionLimit, self._model.upperPositionLimit)
 
@@ -103,8 +110,13 @@ def values_of(model: Any, q: Any) -> Array:
     return np.array([q[j.idx_q] if j.nq == 1 else np.arctan2(q[j.idx_q + 1], q[j.idx_q]) for j in joints])
 
 
-def load(arm: Arm, settings: dict[str, Any]) -> Stepping:
+class _Solver(Stepping):
+    def far(self, error: Any) -> float:
+        return float(np.linalg.norm(error))
+
+
+def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
     """The model of the file."""
     without_followers(arm)
     method = Loop(arm, settings["damping"], settings["part"], clamp=settings["clamp"])
-    return Stepping(arm, method, settings)
+    return _Solver(arm, method, settings)
