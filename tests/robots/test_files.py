@@ -490,6 +490,22 @@ def test_entities_that_grow_are_refused(suffix: str, tmp_path: Path) -> None:
         read(path)
 
 
+@pytest.mark.parametrize(
+    ("declared", "extra"),
+    [
+        ("<!ENTITY e \"<compiler eulerseq='zyx'/>\">", "&e;"),
+        ("<!ATTLIST model name CDATA 'other'>", "<asset><model file='a.xml'/></asset>"),
+    ],
+)
+def test_mjcf_with_declarations_is_refused(declared: str, extra: str, tmp_path: Path) -> None:
+    """MuJoCo ignores them: it turned bodies otherwise, and copied models that were counted under another name."""
+    pytest.importorskip("mujoco")
+    write(tmp_path, "a.xml", "<mujoco model='a'><worldbody><body name='r'/></worldbody></mujoco>")
+    path = write(tmp_path, "m.xml", f"<!DOCTYPE mujoco [{declared}]>" + MODEL.format(extra, ""))
+    with pytest.raises(InvalidRobot, match=r"m.xml: it has a document type \(<!DOCTYPE …>\), which MuJoCo"):
+        read(path)
+
+
 # Names and numbers of MJCF
 
 
