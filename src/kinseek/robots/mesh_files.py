@@ -34,6 +34,7 @@ from .collada import (
     require_numbers_alone,
     require_one_namespace,
     require_units,
+    shared_numbers,
 )
 from .files import file_bytes
 from .polygons import at_most
@@ -78,7 +79,10 @@ MOST_TAGS = 2**20
 MOST_COLUMNS = 4
 """Most columns of a COLLADA source: positions, normals, texture coordinates and colours have no more."""
 MOST_SHARED = 2**27
-"""Most bytes of a GLB file that bodies may share; each body has its own copy in memory."""
+"""Most bytes of a GLB file that bodies may share, and most numbers of COLLADA; each body has its own copy in memory, or goes
+through all of them."""
+MOST_INPUTS = 32
+"""Most inputs of a primitive of COLLADA; for each of them all indices are read."""
 
 _COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of one number of a GLB accessor, by its component type."""
@@ -454,6 +458,9 @@ def _dae(text: bytes) -> Size:
     named = [f"{{*}}{each}" for each in ("node", "geometry", "material", "effect", "image")]
     at_most(sum(1 for _ in root.iter(*named)), MOST_BODIES, "nodes, geometries, materials and images")
     require_units(root)
+    inputs = max((len(each.findall("{*}input")) for each in root.iterfind(".//{*}mesh/*")), default=0)
+    at_most(inputs, MOST_INPUTS, "inputs of one of its bodies")
+    at_most(sum(map(shared_numbers, root.iter("{*}mesh"))), MOST_SHARED, "numbers that its bodies share")
     bodies, corners, triangles = _unfolded(root)
     at_most(bodies, MOST_BODIES, "nodes and bodies")
     return Size(bodies, _drawn(corners, text), triangles)
