@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from kinseek.errors import InvalidRobot
-from kinseek.robots import read, read_dh, urdf_xml
+from kinseek.robots import files, read, read_dh, urdf_xml
 from kinseek.robots.files import MOST_BYTES, MOST_JOINTS, MOST_LINKS
 from kinseek.robots.mjcf_xml import reduced
 from kinseek.robots.packages import mesh_path
@@ -50,6 +50,44 @@ def test_a_pipe_is_refused(suffix: str, tmp_path: Path) -> None:
     os.mkfifo(path)
     with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
         read(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_pipe_that_replaces_a_checked_file_is_refused(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its owner can do that at any moment, and the reader waited for the other end."""
+    needs(suffix)
+    path = write(tmp_path, f"r{suffix}", "<robot/>")
+    look = files.instead_of_a_file
+
+    def replaced(checked: Path) -> str:
+        found = look(checked)
+        path.unlink(missing_ok=True)
+        os.mkfifo(path)
+        return found
+
+    monkeypatch.setattr(files, "instead_of_a_file", replaced)
+    with soon(), pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
+        read(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+def test_xacro_reads_what_was_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file was opened again after it had been checked."""
+    path = write(tmp_path, "r.xacro", XACRO.format('<link name="a"/>'))
+    checked = files.file_bytes
+
+    def replaced(name: Path, *most: int) -> bytes:
+        text = checked(name, *most)
+        if most:  # Not at the first look at the file.
+            path.unlink()
+            os.mkfifo(path)
+        return text
+
+    monkeypatch.setattr(urdf_xml, "file_bytes", replaced)
+    assert b'<link name="a"/>' in urdf_xml.expand_xacro(path)
 
 
 @pytest.mark.skipif(

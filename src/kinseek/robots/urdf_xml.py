@@ -7,7 +7,9 @@ checked here first; the result cannot be misread and refers to no mesh.
 from __future__ import annotations
 
 import contextlib
+import errno
 import glob
+import io
 import math
 import os
 import re
@@ -15,7 +17,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import IO, Any
 from xml.parsers import expat
 
 from kinseek.errors import InvalidRobot, suggest
@@ -244,7 +246,7 @@ def _restricted_xacro(path: Path) -> Iterator[_Spend]:
     from xacrodoc import packages
     from xacrodoc.xacrodoc import xacro
 
-    opened, left, steps, work = open, MOST_BYTES, 0, 0
+    left, steps, work = MOST_BYTES, 0, 0
     own = SimpleNamespace(**vars(xacro))
 
     def spend(units: int, what: str) -> None:
@@ -254,15 +256,18 @@ def _restricted_xacro(path: Path) -> Iterator[_Spend]:
             work, "units of work", _MOST_WORK, f"{path}: xacro has too much to do, at last with {what}"
         )
 
-    def open_file(name: Any, *rest: Any, **options: Any) -> Any:
+    def open_file(name: Any, mode: str = "r") -> IO[Any]:
+        """Return a whole file as `open` opens it, but what was checked: another file may have the name by now."""
         nonlocal left
         require_few(
             len(xacro.filestack), "files, each included by the one before", _MOST_NESTED, f"{path}: xacro"
         )
         spend(_FILE, "files that are opened")
-        if Path(name).exists():  # xacro itself gives the best message about a missing file.
-            left -= len(file_bytes(Path(name), left))
-        return opened(name, *rest, **options)
+        if not Path(name).exists():  # xacro itself gives the best message about a missing file.
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(name))
+        content = file_bytes(Path(name), left)
+        left -= len(content)
+        return io.BytesIO(content) if "b" in mode else io.TextIOWrapper(io.BytesIO(content))
 
     def parse(given: Any, name: Any = None) -> Any:
         if given is None and Path(name).exists():
