@@ -451,8 +451,12 @@ class _Others:
             raise InvalidScene(
                 f"{self.path}: joint {name!r} must have a value of at most {LARGEST:g} rad or m, got {value:g}"
             )
-        axis = numbers_of(None if joint.find("axis") is None else joint.find("axis").get("xyz"), 3, 0.0)
-        axis = axis / np.linalg.norm(axis) if axis.any() else np.array([1.0, 0.0, 0.0])
+        element = joint.find("axis")
+        axis = np.array([1.0, 0.0, 0.0]) if element is None else numbers_of(element.get("xyz"), 3)
+        if not axis.any():
+            raise InvalidScene(f"{self.path}: the axis of joint {name!r} is 0 0 0, expected a direction")
+        axis = axis / np.abs(axis).max()  # Squares of very large or small numbers would overflow, or vanish.
+        axis = axis / np.linalg.norm(axis)
         if kind == PRISMATIC:
             return np.asarray(origin @ transform(np.eye(3), value * axis))
         return np.asarray(origin @ transform(rotation(axis, value), np.zeros(3)))
