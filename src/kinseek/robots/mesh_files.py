@@ -15,7 +15,7 @@ import zipfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
-from math import prod
+from math import hypot, prod
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.parsers import expat
@@ -92,6 +92,12 @@ _FLOAT = 5126
 """The code of numbers with a point, of which positions are."""
 _MODES = {0: "points", 1: "lines", 4: "triangles", 5: "a strip of triangles"}
 """Of GLB bodies: trimesh passes over others, and over the place of a node that has no other body."""
+_UNSIGNED = (5121, 5123, 5125)
+"""Codes of numbers that may be indices."""
+_MOVES = {"translation", "rotation", "scale"}
+"""What moves a node that has no matrix."""
+_UNIT = 1e-3
+"""How much the length of a quaternion may differ from 1, for rounding."""
 _STRIP = 5
 """Mode of a GLB primitive in which every corner but two begins a triangle."""
 _BINARY = 0x004E4942
@@ -378,6 +384,10 @@ def _require_its_shape(document: dict[str, Any]) -> None:
                 )
             if "POSITION" not in part["attributes"]:
                 raise InvalidRobot("a body has no positions")
+            if "indices" in part and (kind := accessors[part["indices"]]["componentType"]) not in _UNSIGNED:
+                raise InvalidRobot(
+                    f"its indices are of component type {kind!r:.100}, expected whole numbers from 0 on"
+                )
             position = accessors[part["attributes"]["POSITION"]]
             got = position["type"], position["componentType"], position.get("normalized", False)
             if got != ("VEC3", _FLOAT, False):
@@ -391,6 +401,15 @@ def _require_its_shape(document: dict[str, Any]) -> None:
                 "its bodies are morphed by weights, expected their final shape; apply the weights"
             )
     for node in document.get("nodes", []):
+        if "matrix" in node and (not _MOVES.isdisjoint(node) or node["matrix"][3::4] != [0, 0, 0, 1]):
+            raise InvalidRobot(
+                "a node has a matrix whose last row is not 0, 0, 0, 1, or a matrix and another motion; readers differ on "
+                "both"
+            )
+        if abs(hypot(*node.get("rotation", [1.0])) - 1.0) > _UNIT:
+            raise InvalidRobot(
+                "a node has a rotation that is not a quaternion of length 1; readers differ on it"
+            )
         if "skin" in node:
             raise InvalidRobot("a node has a skin, expected a shape without one; apply it, and take it out")
         if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
