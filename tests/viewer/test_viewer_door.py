@@ -254,6 +254,14 @@ def test_a_shared_page_is_reached_by_the_name_of_its_relay(shared: viewer.Viewer
         assert one.recv(timeout=10)
 
 
+def test_the_address_that_a_relay_gives_is_printed_with_escapes(
+    shared: viewer.Viewer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(shared, "public_url", f"{PUBLIC}\x1b]0;owned\x07")
+    viewer._announce(shared, open_browser=False, share=True)
+    assert f"Public address: {PUBLIC}\\x1b]0;owned\\x07\n" in capsys.readouterr().out
+
+
 def test_another_version_of_viser_is_no_open_door(monkeypatch: pytest.MonkeyPatch) -> None:
     def serves_otherwise(self: Any, ready: Any) -> None:
         import asyncio

@@ -88,4 +88,4 @@ def _announce(viewer: Viewer, open_browser: bool, share: bool) -> None:
     )
     if share:
         public = viewer.public_url or "not to be had: the relay does not answer"
-        print(f"Public address: {public}", flush=True)
+        print(f"Public address: {printable(public)}", flush=True)  # The relay writes it.
