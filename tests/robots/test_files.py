@@ -544,6 +544,35 @@ def test_mjcf_with_declarations_is_refused(declared: str, extra: str, tmp_path: 
         read(path)
 
 
+@pytest.mark.parametrize(
+    ("extra", "body", "why"),
+    [
+        (
+            "<asset><model name='m' file='large.xml'/><model name='m' file='small.xml'/></asset>",
+            "".join(f"<attach model='m' body='r' prefix='p{i}'/>" for i in range(100)),
+            "two models are called 'm'",
+        ),
+        (
+            "",
+            "<body name='x0'/>"
+            + "".join(
+                f"<body name='x{k}'><attach body='x{k - 1}' prefix='a{k}'/><attach body='x{k - 1}' prefix='b{k}'/></body>"
+                for k in range(1, 14)
+            ),
+            "<attach> in line 1 has no model",
+        ),
+    ],
+)
+def test_copies_that_are_not_counted_are_refused(extra: str, body: str, why: str, tmp_path: Path) -> None:
+    """MuJoCo attached the first of two models, and the last was counted; or a file doubled its own bodies."""
+    pytest.importorskip("mujoco")
+    for name, count in (("large", 200), ("small", 0)):
+        bodies = f"<body name='r'>{'<body/>' * count}</body>"
+        write(tmp_path, f"{name}.xml", f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    with soon(), pytest.raises(InvalidRobot, match=why):
+        read(write(tmp_path, "m.xml", MODEL.format(extra, body)))
+
+
 # Names and numbers of MJCF
 
 
