@@ -117,10 +117,10 @@ def test_a_step_over_a_thin_wall_is_refused() -> None:
 
 def test_full_turns_are_refused_together(ur5e: kinseek.Arm, table: Scene) -> None:
     """Joints of ±2π have 64 copies of an answer, and what hits in one hits in all."""
+    from kinseek.paths.arguments import goals_of, read
     from kinseek.paths.ends import fill_missed, inside_limits
     from kinseek.paths.layers import isolated_layers
     from kinseek.paths.nodes import LayerGraph
-    from kinseek.paths.request import goals_of, read
     from kinseek.support.deadline import Deadline
 
     goal, _ = goals_of(line(5))

@@ -7,11 +7,9 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.problem import Problem
-from kinseek.robots import SerialChain
 from kinseek.support.transforms import rotations
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 SHARES = (0.25, 0.5, 0.75)
 """Fractions of a step at which the pose of the hand is computed. Not examined further."""
@@ -72,11 +70,3 @@ def apart(one: Array, other: Array) -> tuple[Array, Array]:
     """Return distances [m] and angles [rad] between poses, (k, 4, 4) each -> (k,) and (k,)."""
     turn = rotation_vectors(np.swapaxes(one[:, :3, :3], 1, 2) @ other[:, :3, :3])
     return np.linalg.norm(one[:, :3, 3] - other[:, :3, 3], axis=1), np.linalg.norm(turn, axis=1)
-
-
-def beyond_a_step(chain: SerialChain, longest: Array, distance: Array, turn: Array) -> tuple[Flags, Flags]:
-    """Return whether a distance [m] and an angle [rad], (k,) each, exceed what the longest joint steps, (k, n), can cause.
-
-    The bound on the distance assumes that no joint moves the hand faster than the arm's length allows.
-    """
-    return distance > chain.reach * longest.sum(axis=1), turn > longest[:, chain.turns].sum(axis=1)

@@ -17,6 +17,7 @@ from .joints import Turning
 from .layers import SAME, Layers
 from .nodes import LayerGraph
 from .request import PathRequest
+from .steps import short_steps, steps_of
 
 MOST = 250
 """Largest number of solutions per pose, since the search stores their numbers in a byte. There are at most sixteen isolated
@@ -141,7 +142,7 @@ def best_of(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices, f
     """Find the best path. For a closed path, try every solution of the first pose and return the best result."""
     request = graph.request
     if not request.closed:
-        return graph.best(request.longest, *ends)
+        return graph.best(*ends)
     best: tuple[Array, Indices, float, Indices] | None = None
     longest, turning = request.longest[-1], graph.turning
     if request.ends_where_it_begins:
@@ -150,7 +151,7 @@ def best_of(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices, f
     if graph.unreachable & {0, len(graph.q) - 1}:
         longest = np.full_like(longest, np.inf)
     firsts = range(graph.count[0] * turning.total) if ends[0] < 0 else [ends[0]]
-    open_way = graph.best(request.longest, *ends)
+    open_way = graph.best(*ends)
     # The best open path probably begins at the best node, so the bound below ends the loop early.
     firsts = [int(open_way[3][0]), *(node for node in firsts if node != open_way[3][0])]
     for first in firsts:
@@ -159,7 +160,7 @@ def best_of(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices, f
         if best is not None and request.deadline.passed:
             break
         for last in graph.beside(first, longest) if ends[1] < 0 else [ends[1]]:
-            way = graph.best(request.longest, first, last)
+            way = graph.best(first, last)
             if best is None or (len(way[1]), way[2]) < (len(best[1]), best[2]):
                 best = way
         # An open path is never worse than a closed one, so nothing better exists.
@@ -203,25 +204,3 @@ def refusals(request: PathRequest, q: Array) -> tuple[set[int], Indices, int]:
             refused[first:] = False
             return set(np.flatnonzero(refused).tolist()), np.concatenate(forbidden_edges), first
     return set(np.flatnonzero(refused).tolist()), np.concatenate(forbidden_edges), len(q)
-
-
-def steps_of(request: PathRequest, q: Array) -> tuple[Array, Array]:
-    """Return the start and end of each step of a path, (N, n).
-
-    A closed path includes the step from the last pose to the first.
-    """
-    if not request.closed or len(q) == 1 or len(q) < len(request):
-        return q[:-1], q[1:]
-    back = q[-1] + Turning(request.problem.chain).way(q[0] - q[-1])
-    return q, np.concatenate([q[1:], back[None]])
-
-
-def short_steps(request: PathRequest, begin: Array, end: Array) -> NDArray[np.bool_]:
-    """Return for each step of `steps_of` whether every joint stays within its longest step.
-
-    The step that closes a path has the bound of the last step.
-    """
-    longest = request.longest
-    if len(longest) > 1:
-        longest = np.concatenate([longest, longest[-1:]])[: len(begin)]
-    return np.asarray((np.abs(end - begin) <= longest * (1 + 1e-9)).all(axis=1))

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import freedom
 
-from .ends import best_valid, fill_missed, inside_limits, refusals, short_steps, steps_of, with_ends
+from .ends import best_valid, fill_missed, inside_limits, refusals, with_ends
 from .joints import Turning
 from .layers import SAME, Layers, isolated_layers
 from .nodes import GRACE, LayerGraph
 from .path import Path
 from .request import ROUNDING, PathRequest
 from .runs import bridged, follow_runs
+from .steps import short_steps, steps_of
 from .virtual_joints import with_virtual_joints
 from .why import reasons
 
@@ -68,7 +69,7 @@ def _isolated(
     problem, deadline = request.problem, request.deadline
     has_callbacks = request.cost is not None or request.valid is not None
     search = deadline.share(FIRST_PART) if has_callbacks else deadline
-    wide = isolated_layers(problem, request.longest.max(axis=0), threads, advance, search)
+    wide = isolated_layers(problem, request.longest.max(axis=0, initial=0.0), threads, advance, search)
     if not len(wide):
         return *none, wide, set()
     layers, missed = fill_missed(problem, inside_limits(problem, wide), threads, deadline)

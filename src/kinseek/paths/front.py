@@ -8,10 +8,10 @@ from kinseek.errors import PathInterrupted
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.threads import progress_bar
 
+from .arguments import goals_of, read
 from .follow import follow
 from .path import Path
 from .proofs import with_proofs
-from .request import goals_of, read
 
 
 def follow_poses(

@@ -14,7 +14,8 @@ from kinseek.support.deadline import TimeUp
 
 from .joints import Turning
 from .layers import Layers
-from .request import PathRequest, open_beside
+from .request import PathRequest
+from .steps import open_beside
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -45,9 +46,7 @@ class LayerGraph:
         self._passed: set[tuple[int, int, int]] = set()
         self.unreachable: set[int] = set(np.flatnonzero(missed).tolist())
         """Poses that are missed, and poses whose every solution collides or was rejected by `valid`."""
-        velocity = request.velocity
-        self.mode = DISTANCE if velocity is None else TIME
-        self.weights = request.weights if velocity is None else request.weights / velocity
+        self.mode = DISTANCE if request.velocity is None else TIME
         self.costs = np.zeros((0, 0))
         if request.cost is not None:
             self.mode, self.costs = GIVEN, self._costs()
@@ -75,13 +74,13 @@ class LayerGraph:
         solution, turns = nodes // self.turning.total, nodes % self.turning.total
         return self.turning.node_values(self.q[i, solution], turns)
 
-    def best(self, longest: Array, first: int = -1, last: int = -1) -> tuple[Array, Indices, float, Indices]:
+    def best(self, first: int = -1, last: int = -1) -> tuple[Array, Indices, float, Indices]:
         """Return the best path: joint values (N, n), its breaks, its cost, and its nodes (N,)."""
         turning, count = self.turning, len(self.q)
         path, report = np.zeros(count, dtype=np.int64), np.zeros(count)
         forbidden_edges = np.array(sorted(self._forbidden_edges), dtype=np.int64).reshape(-1, 3)
         layers = viterbi.Layers(self.q, self.count)
-        steps = viterbi.Steps(open_beside(longest, self._missed()), self.weights, self.mode)
+        steps = viterbi.Steps(open_beside(self.request, self._missed()), self.request.step_weights, self.mode)
         ends = np.array([first, last], dtype=np.int64)
         rules = viterbi.Rules(self.costs, self._refused, forbidden_edges, ends)
         viterbi.viterbi(layers, turning.turns, steps, rules, path, report)
@@ -90,7 +89,7 @@ class LayerGraph:
             # No node is left there: the pose counts as missed, and the path leads through rejected nodes.
             self.unreachable |= set(empty.tolist())
             self._refused[empty] = False
-            return self.best(longest, first, last)
+            return self.best(first, last)
         breaks = np.flatnonzero(report[1:] > 0)
         q = turning.unwrapped(self._clipped(self.values(np.arange(count), np.maximum(path, 0))))
         return q, breaks, float(report[0]), path

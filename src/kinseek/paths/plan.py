@@ -187,9 +187,9 @@ class Planner:
         last = len(self.rows) - 1
         self.keys = np.unique(np.round(np.linspace(0, last, -(-last // effort.rows) + 1)).astype(np.int64))
         """Indices of the rows that are layers."""
-        longest = request.longest.min(axis=0)
+        longest = request.longest.min(axis=0, initial=np.inf)
         self.longest = np.where(np.isinf(longest), UNBOUND, longest)
-        self.sideways = np.where(np.isinf(request.longest.max(axis=0)), UNBOUND, SIDEWAYS)
+        self.sideways = np.where(np.isinf(request.longest.max(axis=0, initial=0.0)), UNBOUND, SIDEWAYS)
         self.apart = effort.apart
         self.folds = folds_of(problem.chain) if freedom(problem) > 1 else []
         """Folds at which solutions lie on two sheets. With one redundant joint both sheets lie on curves, which are followed
@@ -407,5 +407,5 @@ def between_rows(rows: Indices, q: Array) -> Array:
 
 def smoother_of(request: PathRequest) -> Smoother:
     """Return the smoother for paths of a request."""
-    weights = request.weights if request.velocity is None else request.weights / request.velocity
+    weights = request.step_weights
     return Smoother(request.problem, weights / weights.max(), request.valid, request.deadline)

@@ -21,16 +21,15 @@ from numpy.typing import NDArray
 from kinseek.branches.index import index_of
 from kinseek.branches.order import cost_of
 from kinseek.branches.result import solutions_of
-from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, parallel_for
 from kinseek.support.deadline import TimeUp
 
-from .between import apart, beyond_a_step
 from .joints import Turning
 from .plan import Effort, ForbiddenEdges, Planner, between_rows, path_parameter, smoother_of
 from .request import PathRequest
 from .smooth import Row, Smoother
+from .steps import faulty, mendable
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -66,23 +65,6 @@ LOOKED_AT = 100
 """Solutions of a pose that are sampled before it is reported that none is allowed."""
 
 
-def unbroken(request: PathRequest, q: Array) -> Flags:
-    """Return for each step of a path, (N - 1,), whether every joint stays within its longest step."""
-    return np.asarray((np.abs(np.diff(q, axis=0)) <= request.longest * (1 + 1e-9)).all(axis=1))
-
-
-def mendable(request: PathRequest, q: Array) -> Flags:
-    """Return for each step of a path, (N - 1,), whether it collides, or is a break that the joints could avoid."""
-    goal = request.problem.goal
-    distance, turn = apart(goal.target[:-1], goal.target[1:])
-    distance, turn = distance - 2 * goal.position_tolerance, turn - 2 * goal.orientation_tolerance
-    torn, turned = beyond_a_step(request.problem.chain, request.longest, distance, turn)
-    if goal.columns == 3:
-        # Only a goal with a whole orientation fixes how far the hand has to turn.
-        torn = torn | turned
-    return np.asarray(_faulty(request, q) & (~torn | (goal.ranges is not None)))
-
-
 def follow_samples(
     request: PathRequest, threads: int | None, advance: Advance, plans: Plans = PLANS
 ) -> tuple[Array, Flags]:
@@ -93,26 +75,19 @@ def follow_samples(
         If there are such poses, the plan is poor, and the path has to be planned without them. If the time is up, only the
         first poses are returned.
     """
-    q, refused = _open_way(request, threads, advance, plans)
+    q, refused = _open_way(request.as_open(), threads, advance, plans)
     # A path with a given start that repeats its first pose at the end ends at that start, so it is closed already.
     there = request.end is not None or len(q) == 1
     if not request.closed or there or refused.any() or len(q) < len(request):
         return q, refused
-    goal, around, longest = request.problem.goal, request.problem, request.longest
-    if not request.ends_where_it_begins:  # One more pose leads back.
-        around = Problem(around.mechanism, goal.at(np.concatenate([goal.target, goal.target[:1]])))
-        if len(longest) > 1:
-            longest = np.concatenate([longest, longest[-1:]])
     best, best_faults = q, (len(q) + 1, np.inf)
     # Close the path at the beginning of the open path, or at its end.
     for start in [q[0], q[-1]] if request.start is None else [request.start]:
         row = start[None].copy()
         with suppress(TimeUp):
             request.deadline.check()
-            smoother_of(request).project(row, np.ascontiguousarray(goal.targets[:1]))
-            round_trip = replace(
-                request, problem=around, longest=longest, start=row[0], end=row[0], closed=False
-            )
+            smoother_of(request).project(row, np.ascontiguousarray(request.problem.goal.targets[:1]))
+            round_trip = replace(request.returning(0, row[0]), start=row[0])
             way, _ = _open_way(round_trip, threads, _silent, plans)
             if len(way) == len(round_trip) and faults(round_trip, way) < best_faults:
                 best, best_faults = way, faults(round_trip, way)
@@ -150,7 +125,7 @@ def _open_way(
             if len(q) < len(request):
                 break
             if effort is STEP:
-                forbidden_edges += [ForbiddenEdges(int(i), q[i]) for i in np.flatnonzero(_faulty(request, q))]
+                forbidden_edges += [ForbiddenEdges(int(i), q[i]) for i in np.flatnonzero(faulty(request, q))]
             q = _mended(request, q, finer, threads)
             if faults(request, q) < faults(request, best):
                 best = q
@@ -203,15 +178,11 @@ def _mended(request: PathRequest, q: Array, effort: Effort, threads: int | None)
 
 def _part(request: PathRequest, q: Array, first: int, last: int) -> PathRequest:
     """Return the request for a part of a path; its ends are fixed, except for open ends of the whole path."""
-    goal = request.problem.goal
-    longest = request.longest if len(request.longest) == 1 else request.longest[first:last]
+    part = request.part(first, last + 1)
     return replace(
-        request,
-        problem=Problem(request.problem.mechanism, goal.at(goal.target[first : last + 1])),
-        start=request.start if first == 0 else q[first],
-        end=request.end if last == len(q) - 1 else q[last],
-        longest=longest,
-        closed=False,
+        part,
+        start=part.start if first == 0 else q[first],
+        end=part.end if last == len(q) - 1 else q[last],
     )
 
 
@@ -235,17 +206,9 @@ def _cost(request: PathRequest, q: Array, spans: Array) -> float:
     return squares + float((cost_of(request.cost, q)[1:] * spans[:, 0]).sum())
 
 
-def _faulty(request: PathRequest, q: Array) -> Flags:
-    """Return for each step, (N - 1,), whether it is a break or collides."""
-    whole = unbroken(request, q)
-    if request.valid is not None:
-        whole[whole] = request.valid.free_ways(q[:-1][whole], q[1:][whole])
-    return ~whole
-
-
 def faults(request: PathRequest, q: Array) -> tuple[int, float]:
     """Return the number of breaks, including steps that collide, and the cost of the path."""
-    return int(_faulty(request, q).sum()), _cost(request, q, np.ones((len(q) - 1, 1)))
+    return int(faulty(request, q).sum()), _cost(request, q, np.ones((len(q) - 1, 1)))
 
 
 def _planned(
@@ -310,10 +273,7 @@ def _row(request: PathRequest, rows: Indices) -> Row:
     fixed = np.zeros(len(rows), dtype=np.bool_)
     fixed[0], fixed[-1] = request.start is not None, request.end is not None
     spans = np.diff(rows)
-    if len(request.longest) == 1:
-        longest = request.longest * spans[:, None]
-    else:
-        longest = np.add.reduceat(request.longest, rows[:-1], axis=0)
+    longest = np.add.reduceat(request.longest, rows[:-1], axis=0)
     targets = np.ascontiguousarray(request.problem.goal.targets[rows])
     return Row(targets, fixed, spans.astype(np.float64)[:, None], longest)
 

@@ -1,28 +1,19 @@
-"""A path request: its poses, ends, times and speeds, read and checked."""
+"""A path request: its poses, ends, bounds and costs."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from kinseek.branches.order import Cost, Valid
-from kinseek.errors import InvalidGoal, InvalidProblem
-from kinseek.goal import Goal
-from kinseek.problem import Problem, as_joints
-from kinseek.robots.mechanism import Mechanism
+from kinseek.branches.order import Cost
+from kinseek.problem import Problem
 from kinseek.support.deadline import Deadline
-from kinseek.support.interrupts import raise_of_handler
-from kinseek.support.validation import arrays_equal
 
-from .allowed import Allowed, Obstacles
+from .allowed import Allowed
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 ROUNDING = 1e-9
 """Poses closer than this, relative to the arm's reach and in [rad], count as equal up to rounding."""
@@ -38,7 +29,8 @@ class PathRequest:
     end: Array | None
     closed: bool
     longest: Array
-    """Largest step of each joint from pose to pose, (1 or N - 1, n), [rad] or [m]."""
+    """Largest step of each joint from pose to pose, (N - 1, n), [rad] or [m]. A closed path has one more row, for the step
+    from the last pose to the first."""
     velocity: Array | None
     """Largest joint speeds, (n,), [rad/s] or [m/s]."""
     weights: Array
@@ -52,22 +44,10 @@ class PathRequest:
         """Return the number of poses."""
         return len(self.problem.goal.target)
 
-    def part(self, begin: int, end: int) -> PathRequest:
-        """Return the request for poses `begin` up to `end`; start and end stay with the first and the last pose."""
-        goal, longest = self.problem.goal, self.longest
-        if begin == 0 and end >= len(self):
-            return self
-        if len(longest) > 1:
-            first = min(begin, len(longest) - 1)
-            longest = longest[first : max(end - 1, first + 1)]
-        return replace(
-            self,
-            problem=Problem(self.problem.mechanism, goal.at(goal.target[begin:end])),
-            start=self.start if begin == 0 else None,
-            end=self.end if end >= len(self) else None,
-            closed=False,
-            longest=longest,
-        )
+    @property
+    def step_weights(self) -> Array:
+        """Return the weight of each joint in the cost of a step, (n,): with `velocity`, the step's time is the cost."""
+        return self.weights if self.velocity is None else self.weights / self.velocity
 
     @property
     def ends_where_it_begins(self) -> bool:
@@ -77,242 +57,37 @@ class PathRequest:
         apart[:3, 3] /= max(self.problem.chain.reach, 1e-300)
         return len(self) > 1 and bool((apart <= ROUNDING).all())
 
+    def part(self, begin: int, end: int) -> PathRequest:
+        """Return the request for poses `begin` up to `end`; start and end stay with the first and the last pose.
 
-def open_beside(longest: Array, missed: Flags) -> Array:
-    """Return largest steps, (1 or N - 1, n), without a bound to and from the missed poses, (N,): these cannot break."""
-    if not missed.any():
-        return longest
-    open_steps = np.repeat(longest, len(missed) - 1, axis=0) if len(longest) == 1 else longest.copy()
-    open_steps[(missed[:-1] | missed[1:])[: len(open_steps)]] = np.inf
-    return open_steps if len(open_steps) else longest
-
-
-def goals_of(Ts: Any) -> tuple[Goal, Exception | None]:
-    """Read poses: an array, a `Goal` with N targets, a list of poses or of goals, or an iterator of them.
-
-    Returns:
-        One goal with N targets, and the exception if an iterator raised one before its end.
-
-    Raises:
-        InvalidGoal: There are no poses, or one of them is invalid; the message names its index.
-    """
-    broken: Exception | None = None
-    if isinstance(Ts, Goal):
-        goal = Ts
-    elif isinstance(Ts, np.ndarray) or hasattr(Ts, "as_matrix"):
-        goal = Goal.pose(Ts)
-    else:
-        if not isinstance(Ts, Iterable):
-            raise InvalidGoal(
-                "a path is an array of poses (N, 4, 4), a Goal with N targets, or a sequence of poses or goals; got "
-                f"{Ts!r:.80}"
-            )
-        rows: list[Any] = []
-        source = iter(Ts)
-        while True:
-            try:
-                rows.append(next(source))
-            except StopIteration:
-                break
-            except Exception as error:
-                raise_of_handler(error)
-                broken = error
-                break
-        if not rows:
-            raise InvalidGoal("a path needs at least one pose, got none") from broken
-        goal = together(rows)
-    _require_row(goal)
-    if not len(goal.target):
-        raise InvalidGoal("a path needs at least one pose, got none")
-    return goal, broken
-
-
-def _require_row(goal: Goal) -> Goal:
-    if len(goal.shape) != 1:
-        raise InvalidGoal(
-            f"a path needs targets of shape (N, 4, 4), got shape {goal.target.shape}"
-            + ("; for one pose use Arm.ik" if goal.shape == () else "")
+        A part is open, except for the whole path.
+        """
+        if begin == 0 and end >= len(self):
+            return self
+        end = min(end, len(self))
+        part = self._open(self.problem.goal.target[begin:end], self.longest[begin : end - 1])
+        return replace(
+            part, start=self.start if begin == 0 else None, end=self.end if end == len(self) else None
         )
-    return goal
 
+    def as_open(self) -> PathRequest:
+        """Return the request without the step from the last pose of a closed path to the first."""
+        return self._open(self.problem.goal.target, self.longest[: len(self) - 1])
 
-def row_of_goals(poses: Any) -> Iterator[Any]:
-    """Return an iterator of the poses in any container.
+    def returning(self, begin: int, q: Array) -> PathRequest:
+        """Return the request for a closed path from pose `begin` on, back to the first pose at joint values q, (n,)."""
+        targets = self.problem.goal.target
+        if not self.ends_where_it_begins:
+            targets = np.concatenate([targets, targets[:1]])
+        part = self._open(targets[begin:], self.longest[begin : len(targets) - 1])
+        return replace(part, start=self.start if begin == 0 else None, end=q)
 
-    Raises:
-        InvalidGoal: The argument is not a container of poses.
-    """
-    if isinstance(poses, Goal) and len(poses.shape) == 1:
-        return (poses.at(target) for target in poses.target)
-    is_one = (
-        isinstance(poses, np.ndarray) and not poses.ndim
-    )  # An array without dimensions cannot be iterated.
-    if isinstance(poses, Goal) or is_one or not isinstance(poses, Iterable):
-        raise InvalidGoal(f"a stream is an iterator of poses (4, 4) or of goals, got {poses!r:.80}")
-    return iter(poses)
+    def backward(self) -> PathRequest:
+        """Return the request for the same poses in the opposite order, of an open path."""
+        turned = self._open(self.problem.goal.target[::-1], np.ascontiguousarray(self.longest[::-1]))
+        return replace(turned, start=self.end, end=self.start)
 
-
-def _report(row: Any) -> str:
-    if isinstance(row, np.ndarray):
-        return f"an array of shape {row.shape}"
-    return f"a Goal of {math.prod(row.shape)} targets" if isinstance(row, Goal) else type(row).__name__
-
-
-def together(rows: list[Any]) -> Goal:
-    """Combine poses, or goals of the same kind, into one goal.
-
-    Raises:
-        InvalidGoal: One of them is invalid or of another kind; the message names its index.
-    """
-    if not any(isinstance(row, Goal) for row in rows):
-        poses = np.array(rows) if all(isinstance(row, np.ndarray) for row in rows) else rows
-        return _require_row(Goal.pose(poses))
-    first = next(row for row in rows if isinstance(row, Goal))
-    for i, row in enumerate(rows):
-        if not isinstance(row, Goal) or row.shape != ():
-            raise InvalidGoal(
-                f"each item of a sequence must be a goal with one target, got {_report(row)} at index {i}; write a "
-                "pose among goals as Goal.pose(T)"
-            )
-        for name in (each.name for each in fields(Goal)):
-            mine, other = getattr(row, name), getattr(first, name)
-            if name != "target" and not arrays_equal(mine, other):
-                raise InvalidGoal(
-                    f"the goals of a path may differ only in their targets: goal {i} has {name}={mine!r}, the goals "
-                    f"before it have {other!r}"
-                )
-    return first.at(np.array([row.target for row in rows]))
-
-
-def read(
-    arm: Mechanism,
-    goal: Goal,
-    *,
-    start: ArrayLike | None,
-    end: ArrayLike | None,
-    closed: bool,
-    max_step: ArrayLike,
-    times: ArrayLike | None,
-    velocity: ArrayLike | None,
-    weights: ArrayLike | None,
-    cost: Cost | None,
-    valid: Valid | None,
-    scene: Obstacles | None = None,
-    clearance: float = 0.0,
-    deadline: Deadline | None = None,
-) -> PathRequest:
-    """Check the arguments of `Arm.follow`; see there.
-
-    Raises:
-        InvalidProblem: An argument does not fit the arm or the poses.
-    """
-    problem = Problem(arm, goal)
-    if problem.axes is None:
-        raise InvalidProblem(f"{arm.name!r} has black-box kinematics: a path needs the axes of an arm")
-    count = len(goal.targets)
-    longest = positive(arm, "max_step", max_step, "rad or m")[None]
-    speed = None if velocity is None else positive(arm, "velocity", velocity, "rad/s or m/s")
-    if times is not None:
-        try:
-            moments = np.asarray(times, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise InvalidProblem(f"times must be numbers [s], one per pose: {error}") from None
-        if moments.shape != (count,) or not np.isfinite(moments).all():
-            raise InvalidProblem(
-                f"times must be {count} finite numbers [s], one per pose, got shape {moments.shape}"
-            )
-        gaps = np.diff(moments)
-        if (gaps <= 0).any():
-            i = int(np.flatnonzero(gaps <= 0)[0])
-            raise InvalidProblem(
-                f"times must increase: times[{i}] = {moments[i]:g} s and times[{i + 1}] = {moments[i + 1]:g} s"
-            )
-        if count > 1:
-            longest = np.minimum(longest, (_own_speeds(arm) if speed is None else speed) * gaps[:, None])
-    ends: list[Array | None] = []
-    for name, value, i in (("start", start, 0), ("end", end, count - 1)):
-        if value is None:
-            ends.append(None)
-            continue
-        q = as_joints(arm, value, name)
-        _check_end(problem, q, name, i)
-        ends.append(q)
-    if closed and end is not None:
-        raise InvalidProblem(
-            "a closed path ends where it begins: give start= or end=, not closed=True and end="
-        )
-    limit = Deadline() if deadline is None else deadline
-    request = PathRequest(
-        problem=problem,
-        start=ends[0],
-        end=ends[1],
-        closed=closed,
-        longest=np.ascontiguousarray(longest),
-        velocity=speed,
-        weights=np.ones(arm.dof) if weights is None else positive(arm, "weights", weights, "no unit"),
-        cost=cost,
-        valid=None if valid is None and scene is None else Allowed(valid, scene, clearance, deadline=limit),
-        deadline=limit,
-    )
-    # A closed path that repeats its first pose at the end returns to exactly the given joint values.
-    return replace(request, end=request.start) if closed and request.ends_where_it_begins else request
-
-
-def _own_speeds(arm: Mechanism) -> Array:
-    """Return the joint speed limits of the robot's file, (n,).
-
-    Raises:
-        InvalidProblem: The file has no limit for some joint.
-    """
-    unsaid = np.flatnonzero(np.isnan(arm.velocity))
-    if len(unsaid):
-        raise InvalidProblem(
-            f"times= needs the largest speeds of the joints, but the file of {arm.name!r} gives no speed above 0 for "
-            f"{', '.join(arm.joint_names[i] for i in unsaid)}: give velocity=, [rad/s] or [m/s]"
-        )
-    return arm.velocity
-
-
-def positive(arm: Mechanism, name: str, value: ArrayLike, unit: str) -> Array:
-    """Read one number for all joints or one for each, all above zero, (n,).
-
-    Raises:
-        InvalidProblem: They are not.
-    """
-    try:
-        numbers = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (arm.dof,)))
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidProblem(
-            f"{name} must be a number or {arm.dof} of them [{unit}], got {value!r:.80}"
-        ) from None
-    if not (np.isfinite(numbers) & (numbers > 0)).all():
-        bad = int(np.flatnonzero(~(np.isfinite(numbers) & (numbers > 0)))[0])
-        raise InvalidProblem(
-            f"{name} must be above 0 and finite [{unit}], got {numbers[bad]:g} for joint {arm.joint_names[bad]!r}"
-        )
-    return numbers
-
-
-def _check_end(problem: Problem, q: Array, name: str, i: int) -> None:
-    """Check that joint values, (n,), reach the first or the last pose.
-
-    Raises:
-        InvalidProblem: They are not one row, they lie outside the limits, or they miss the pose.
-    """
-    arm, goal = problem.mechanism, problem.goal
-    if q.ndim != 1:
-        raise InvalidProblem(f"{name} must have shape ({arm.dof},), got {q.shape}")
-    outside = ((q < arm.lower) | (q > arm.upper)) & ~arm.endless
-    if outside.any():
-        j = int(np.flatnonzero(outside)[0])
-        raise InvalidProblem(
-            f"{name} lies outside the limits: joint {arm.joint_names[j]!r} at {q[j]:g}, limits "
-            f"[{arm.lower[j]:g}, {arm.upper[j]:g}]"
-        )
-    one = goal.at(goal.target[i])
-    position, orientation = one.measure(Problem(arm, one).arrays, q[None])[0, :2]
-    if position > goal.position_tolerance or orientation > goal.orientation_tolerance:
-        which = "first" if i == 0 else "last"
-        raise InvalidProblem(
-            f"{name} does not reach the {which} pose: it is {position:.3g} m and {orientation:.3g} rad off"
-        )
+    def _open(self, targets: Array, longest: Array) -> PathRequest:
+        """Return the request for an open path through other targets."""
+        problem = Problem(self.problem.mechanism, self.problem.goal.at(targets))
+        return replace(self, problem=problem, closed=False, longest=longest)

@@ -227,7 +227,7 @@ def _run(
     """
     part, count = request.part(first, last + 1), last + 1 - first
     if request.closed and first > 0 and last + 1 == len(request) and back is not None:
-        part = replace(part, end=back) if request.ends_where_it_begins else _leading_back(part, request, back)
+        part = request.returning(first, back)
     none = np.zeros(len(part), dtype=np.bool_)
     if here is None:
         return _joined(part, none, bridge.nearest[:0], threads, advance)[:count]
@@ -254,28 +254,11 @@ def _begun(part: PathRequest, threads: int | None, advance: Advance) -> Array:
     return _joined(part, np.zeros(len(part), dtype=np.bool_), part.longest[:0], threads, advance)
 
 
-def _leading_back(part: PathRequest, request: PathRequest, back: Array) -> PathRequest:
-    """Return the last run of a closed path, with the path's first pose appended."""
-    goal, longest = part.problem.goal, part.longest
-    around = goal.at(np.concatenate([goal.target, request.problem.goal.target[:1]]))
-    if len(longest) > 1:
-        longest = np.concatenate([longest, longest[-1:]])
-    return replace(part, problem=Problem(part.problem.mechanism, around), end=back, longest=longest)
-
-
 def _whole(request: PathRequest, threads: int | None, advance: Advance) -> tuple[Array, Flags]:
     """Like `follow_samples`, but plan a long path in windows, and a path with only a given end from there on."""
     none = np.zeros((0, request.problem.chain.dof))
     if request.end is not None and request.start is None:
-        problem = request.problem
-        turned = replace(
-            request,
-            problem=Problem(problem.mechanism, problem.goal.at(problem.goal.target[::-1])),
-            start=request.end,
-            end=None,
-            longest=np.ascontiguousarray(request.longest[::-1]),
-        )
-        q, refused = _whole(turned, threads, advance)
+        q, refused = _whole(request.backward(), threads, advance)
         if len(q) < len(request):  # The result is for the last poses, not for the first.
             return none, refused[:0]
         return np.ascontiguousarray(q[::-1]), refused[::-1]

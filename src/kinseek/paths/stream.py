@@ -14,9 +14,9 @@ from kinseek.goal import Goal
 from kinseek.robots.mechanism import Mechanism
 from kinseek.support.interrupts import raise_of_handler
 
+from .arguments import read, row_of_goals, together
 from .follow import follow
 from .path import Path
-from .request import read, row_of_goals, together
 
 Array = NDArray[np.float64]
 

@@ -22,9 +22,9 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import PLAIN, atlas_of
 from kinseek.support.validation import as_integer, as_number
 
+from .arguments import positive
 from .extrapolate import extrapolated
 from .joints import Turning
-from .request import positive
 
 Array = NDArray[np.float64]
 

@@ -9,12 +9,13 @@ from kinseek.branches.index import constraint_jacobian
 from kinseek.robots.mechanism import Mechanism
 
 from .allowed import Allowed
-from .between import apart, beyond_a_step
+from .between import apart
 from .intervals import intervals, these
 from .joints import Turning
 from .layers import Layers
 from .path import Path
 from .request import PathRequest
+from .steps import beyond_a_step
 
 Array = NDArray[np.float64]
 
@@ -83,7 +84,7 @@ def _break(request: PathRequest, path: Path, i: int, wide: Layers | None) -> str
     target = request.problem.goal.target
     distance, turn = apart(target[i : i + 1], target[following : following + 1])
     chain = request.problem.chain
-    longest = request.longest[min(i, len(request.longest) - 1)]
+    longest = request.longest[i]
     if any(beyond.any() for beyond in beyond_a_step(chain, longest[None], distance, turn)):
         report = f"{distance[0]:.3g} m and {turn[0]:.3g} rad apart"
         return f"{begin}: they are {report}, farther than the joints may move in one step"
@@ -125,7 +126,7 @@ def _end_of_branch(request: PathRequest, q: Array, i: int, wide: Layers, way: in
                 if way > 0
                 else "it goes back to the beginning of the path",
             )
-        longest = request.longest[min(i, j, len(request.longest) - 1)]
+        longest = request.longest[min(i, j)]
         steps = turning.step(wide.at(j) - q)
         if not len(steps):
             return j, "nothing reaches the pose"
