@@ -476,7 +476,7 @@ class Arm(ForwardArm):
             InvalidSolver: `threads` is not an integer of at least 1.
             PathInterrupted: An iterator raised; the error carries the path through the poses before it.
         """
-        from .paths.front import follow_poses
+        from .paths.follow import follow_poses
 
         deadline = Deadline(time_limit)
         _require_scene(scene, clearance)

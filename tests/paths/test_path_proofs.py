@@ -15,14 +15,13 @@ from kinseek.branches.index import constraint_jacobian
 from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.paths.steps import INSIDE, LEAVES, OUTSIDE, SOMEWHERE, UNPROVED
 from kinseek.paths import missed
-from kinseek.paths.between import rotation_vectors
 from kinseek.paths.certify import prove_rows
 from kinseek.paths.impossible import Search
 from kinseek.paths.missed import judge_missed
 from kinseek.problem import Problem
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
-from kinseek.support.transforms import rotations
+from kinseek.support.transforms import rotation_vectors, rotations
 
 Array = NDArray[np.float64]
 

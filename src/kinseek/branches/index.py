@@ -24,6 +24,7 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.sampling import weyl
 from kinseek.solvers.atlas.index import MOST_CACHED, PLAIN, AtlasIndex, atlas_of, tolerances_of
 from kinseek.support.caching import WeakCache
+from kinseek.support.transforms import square
 from kinseek.support.turns import shortest
 
 from .one_joint import NOTHING, one_joint_of
@@ -98,6 +99,11 @@ class BranchIndex:
         many_branches(self.tables, tolerances, target[None], view[None], number, rows, found)
         return rows[0, : found[0]]
 
+    def solutions(self, tolerances: Array, target: Array, count: int = 0) -> Array:
+        """Return the solutions of one target, (3, 4), or `count` of them for a redundant arm, (k, n)."""
+        rows = self.search(tolerances, square(target), self.view, count)
+        return solutions_of(rows, self.view.shape[-1]).q if len(rows) else np.zeros((0, self.view.shape[-1]))
+
     def _mirrors(self, problem: Problem) -> Array:
         """Look for maps q → signs · q + shifts that leave every pose unchanged.
 
@@ -116,10 +122,7 @@ class BranchIndex:
         for share in (0.45, 0.6, 0.7):
             q = chain.lower + share * np.linspace(0.9, 1.1, dof) * width
             target = forward_many(problem.arrays, q[None])[0]
-            rows = self.search(tolerances, target, self.view, 0)
-            if not len(rows):
-                continue
-            for other in solutions_of(rows, dof).q:
+            for other in self.solutions(tolerances, target[:3]):
                 shifts = other - signs * q
                 # Symmetries of revolute joints are half and full turns; the exact value removes the search's error.
                 whole = np.round(shifts / np.pi) * np.pi

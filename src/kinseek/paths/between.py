@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.problem import Problem
-from kinseek.support.transforms import rotations
+from kinseek.support.transforms import rotation_vectors, rotations
 
 Array = NDArray[np.float64]
 
@@ -56,14 +56,6 @@ def _deviation(problem: Problem, q: Array, breaks: NDArray[np.int64]) -> tuple[f
     off = np.swapaxes(rotation, -1, -2) @ reached[..., :3, :3]
     turn = np.linalg.norm(rotation_vectors(off.reshape(-1, 3, 3)), axis=-1)
     return float(distance.max()), float(turn.max())
-
-
-def rotation_vectors(R: Array) -> Array:
-    """Rotation vectors [rad] of rotations by less than half a turn, (k, 3, 3) -> (k, 3)."""
-    twice = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
-    sine, cosine = np.linalg.norm(twice, axis=1) / 2, (np.trace(R, axis1=1, axis2=2) - 1) / 2
-    angle = np.arctan2(sine, cosine)
-    return np.asarray(twice * (angle / np.maximum(2 * sine, 1e-300))[:, None])
 
 
 def apart(one: Array, other: Array) -> tuple[Array, Array]:

@@ -14,8 +14,8 @@ from kinseek.problem import Problem
 from kinseek.proof.reduce import margins, question
 from kinseek.solvers.threads import GoOn, parallel_for
 from kinseek.support.deadline import Deadline
+from kinseek.support.transforms import rotation_vectors
 
-from .between import rotation_vectors
 from .joints import Turning
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.poses import as_pose
-from kinseek.support.transforms import rotations
+from kinseek.support.transforms import rotation_vectors, rotations
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ def extrapolated(before: Array, middle: Array, now: Array, times: Array) -> Arra
     else:
         way = times[:, None] * chord
     poses[:, :3, 3] = now[:3, 3] + way
-    rotation_vector = _vector(middle[:3, :3].T @ now[:3, :3])
+    (rotation_vector,) = rotation_vectors((middle[:3, :3].T @ now[:3, :3])[None])
     poses[:, :3, :3] = now[:3, :3] @ rotations(times[:, None] * rotation_vector)
     return as_pose(poses)
 
@@ -53,10 +53,3 @@ def extrapolated(before: Array, middle: Array, now: Array, times: Array) -> Arra
 def _turned(axis: Array, angle: float, vector: Array) -> Array:
     """Rotate a vector about an axis at right angles to it."""
     return np.asarray(np.cos(angle) * vector + np.sin(angle) * np.cross(axis, vector))
-
-
-def _vector(turn: Array) -> Array:
-    """Rotation vector of a rotation by less than half a turn, (3,)."""
-    twice = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    sine = float(np.linalg.norm(twice))
-    return np.asarray(twice * (np.arctan2(sine, np.trace(turn) - 1.0) / max(sine, 1e-300)))

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import freedom
+from kinseek.errors import PathInterrupted
+from kinseek.robots.mechanism import Mechanism
+from kinseek.solvers.threads import progress_bar
 
+from .arguments import goals_of, read
 from .ends import best_valid, fill_missed, inside_limits, refusals, with_ends
 from .joints import Turning
 from .layers import SAME, Layers, isolated_layers
 from .nodes import GRACE, LayerGraph
 from .path import Path
+from .proofs import with_proofs
 from .request import ROUNDING, PathRequest
 from .runs import bridged, follow_runs
 from .steps import short_steps, steps_of
@@ -28,6 +34,28 @@ Advance = Callable[[int], object]
 FIRST_PART = 0.35
 """Fraction of a time limit for finding solutions: the calls of the user's functions and the search for the path take about
 as long again."""
+
+
+def follow_poses(
+    arm: Mechanism, Ts: Any, options: dict[str, Any], prove: bool, threads: int | None, progress: bool
+) -> Path:
+    """Read the poses and the options, and follow the poses; see `Arm.follow` for what is raised."""
+    goal, broken = goals_of(Ts)
+    if broken is not None:
+        # The given times and the given end belong to all poses, so they do not apply to the poses that were read.
+        options = options | {"end": None, "times": None, "closed": False}
+    request = read(arm, goal, **options)
+    with progress_bar(progress, len(goal.targets)) as advance:
+        path = follow(request, threads, advance)
+    if prove:
+        path = with_proofs(request, path, threads)
+    if broken is not None:
+        raise PathInterrupted(
+            f"the iterator raised {type(broken).__name__} after {len(path)} poses: {broken}; the path through them is "
+            f"in the error's .path",
+            path,
+        ) from broken
+    return path
 
 
 def follow(request: PathRequest, threads: int | None, advance: Advance, take: int | None = None) -> Path:

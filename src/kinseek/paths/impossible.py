@@ -24,10 +24,9 @@ from kinseek.support.deadline import Deadline
 from kinseek.support.turns import TURN
 
 from .certify import prove_rows
-from .intervals import intervals
 from .joints import Turning
 from .layers import Follower, Piece
-from .path import Path
+from .path import Path, intervals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

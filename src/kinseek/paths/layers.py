@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import BranchIndex, index_of
-from kinseek.branches.result import solutions_of
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.trace import JOINED, TAKEN, Leg, part_ways, trace
 from kinseek.problem import Problem
@@ -113,16 +112,13 @@ class Follower:
             wide, self.index = problem, index_of(problem)
         self.tolerances = tolerances_of(problem.goal)
         self.rows = np.ascontiguousarray(problem.goal.targets)
-        self.targets = np.zeros((len(self.rows), 4, 4))
-        self.targets[:, :3], self.targets[:, 3, 3] = self.rows, 1.0
         self.longest = np.maximum(longest * 1.5, LEAPS)
         self.dof = problem.chain.dof
         self._turns = (wide.chain.periodic & wide.chain.turns).astype(np.int64)
 
     def all_at(self, i: int) -> Array:
         """Return all branches at target i, (k, n)."""
-        rows = self.index.search(self.tolerances, self.targets[i], self.index.view, 0)
-        return solutions_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
+        return self.index.solutions(self.tolerances, self.rows[i])
 
     def unknown(self, found: Array, known: Array) -> Array:
         """Return the solutions of `found`, (k, n), that are not in `known`, (m, n)."""

@@ -22,8 +22,7 @@ from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Verdict
 from kinseek.support.deadline import Deadline
 
-from .intervals import intervals
-from .path import Path
+from .path import Path, intervals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

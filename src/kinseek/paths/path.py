@@ -14,10 +14,15 @@ from kinseek.problem import Problem
 from kinseek.support.lazy import Lazy, lazy
 
 from .between import deviation_between
-from .intervals import intervals
 from .joints import Turning
 
 Array = NDArray[np.float64]
+
+
+def intervals(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the first and last index of each run of set flags, (N,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
 
 
 class PathStatus(Enum):

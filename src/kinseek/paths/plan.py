@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import BranchIndex, freedom, index_of
 from kinseek.branches.order import cost_of
-from kinseek.branches.result import solutions_of
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.propagation import Given, propagate_layer, spread_solutions
 from kinseek.kernels.paths.trace import Leg, trace
@@ -197,10 +196,7 @@ class Planner:
 
     def sample(self, i: int, count: int) -> Array:
         """Sample solutions of pose i, well spread, (k, n)."""
-        target = np.eye(4)
-        target[:3] = self.targets[i]
-        rows = self.index.search(self.tolerances, target, self.index.view, count)
-        return solutions_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
+        return self.index.solutions(self.tolerances, self.targets[i], count)
 
     def layer(self, k: int, arrived: Array, fresh: Array, alone: bool = False) -> tuple[Array, Array]:
         """Return the solutions at a layer, (k, n), and the directions of the self-motion there."""

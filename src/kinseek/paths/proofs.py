@@ -13,12 +13,12 @@ from kinseek.problem import Problem
 
 from .certify import prove_rows, rims_of, turns_between
 from .impossible import impossible_pairs
-from .intervals import intervals, these
 from .joints import Turning
 from .missed import Missed, judge_missed
-from .path import Path, PathProof
+from .path import Path, PathProof, intervals
 from .request import PathRequest
 from .virtual_joints import with_virtual_joints
+from .why import these
 
 Array = NDArray[np.float64]
 

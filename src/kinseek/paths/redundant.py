@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import index_of
 from kinseek.branches.order import cost_of
-from kinseek.branches.result import solutions_of
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, parallel_for
 from kinseek.support.deadline import TimeUp
@@ -139,12 +138,10 @@ def _refused(request: PathRequest, q: Array) -> Flags:
     refused = np.zeros(len(q), dtype=np.bool_)
     if request.valid is None:
         return refused
-    problem, target = request.problem, np.eye(4)
+    problem = request.problem
     index, tolerances, turning = index_of(problem), tolerances_of(problem.goal), Turning(problem.chain)
     for i in np.flatnonzero(~request.valid.each(q)):
-        target[:3] = problem.goal.targets[i]
-        rows = index.search(tolerances, target, index.view, LOOKED_AT)
-        others = solutions_of(rows, problem.chain.dof).q if len(rows) else q[:0]
+        others = index.solutions(tolerances, problem.goal.targets[i], LOOKED_AT)
         others = np.clip(others, turning.open_lower, turning.open_upper)
         refused[i] = not request.valid.each(others).any()
     return refused

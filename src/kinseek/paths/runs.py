@@ -25,8 +25,8 @@ from kinseek.solvers.atlas.solver import Atlas
 from kinseek.support.deadline import TimeUp
 from kinseek.support.turns import TURN
 
-from .intervals import intervals
 from .joints import Turning
+from .path import intervals
 from .plan import smoother_of
 from .redundant import PLANS, faults, follow_samples
 from .request import PathRequest

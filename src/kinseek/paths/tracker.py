@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.branches.index import index_of
-from kinseek.branches.result import solutions_of
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.atlas.memory import LAYOUT
@@ -293,9 +292,7 @@ class Tracker:
     def _others(self, target: Array) -> Array:
         """Return the joint motions to the other branches of a pose inside the limits, shortest time first, (k, n)."""
         index = index_of(Problem(self._arm, Goal.pose(target)))
-        rows = index.search(PLAIN, target, index.view, SPREAD if index.freedom else 0)
-        found = solutions_of(rows, self._arm.dof).q
-        steps = self._ways(found)
+        steps = self._ways(index.solutions(PLAIN, target[:3], SPREAD if index.freedom else 0))
         steps = steps[np.abs(steps).max(axis=1, initial=0.0) > ELSEWHERE]
         # Stable: equal times keep the order of the search, so the result has the same bits everywhere.
         return np.asarray(steps[np.argsort([self._time_of(step) for step in steps], kind="stable")])

@@ -24,9 +24,8 @@ from kinseek.ranges import AXES, FREE_TURN, PINNED
 from kinseek.robots.chain import SerialChain, with_tool
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
-from kinseek.support.transforms import rotation_onto, rotations, square
+from kinseek.support.transforms import rotation_onto, rotation_vectors, rotations, square
 
-from .between import rotation_vectors
 from .joints import Turning
 from .request import PathRequest
 from .smooth import MEND

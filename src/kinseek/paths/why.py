@@ -10,10 +10,9 @@ from kinseek.robots.mechanism import Mechanism
 
 from .allowed import Allowed
 from .between import apart
-from .intervals import intervals, these
 from .joints import Turning
 from .layers import Layers
-from .path import Path
+from .path import Path, intervals
 from .request import PathRequest
 from .steps import beyond_a_step
 
@@ -62,6 +61,11 @@ def _refused(request: PathRequest, path: Path, first: int, last: int, wide: Laye
         f"{which} blocked: in every solution found the arm hits something{near}; {where}in the one that collides least: "
         f"{valid.against(least)}"
     )
+
+
+def these(first: int, last: int) -> str:
+    """Return the poses of an interval as the subject of a sentence, with its verb."""
+    return f"pose {first} is" if first == last else f"poses {first} to {last} are"
 
 
 def _late(first: int, last: int) -> str:

@@ -30,6 +30,14 @@ def rotations(vectors: Array) -> Array:
     return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
 
 
+def rotation_vectors(R: Array) -> Array:
+    """Rotation vectors [rad] of rotations by less than half a turn, (k, 3, 3) -> (k, 3)."""
+    twice = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+    sine, cosine = np.linalg.norm(twice, axis=1) / 2, (np.trace(R, axis1=1, axis2=2) - 1) / 2
+    angle = np.arctan2(sine, cosine)
+    return np.asarray(twice * (angle / np.maximum(2 * sine, 1e-300))[:, None])
+
+
 def from_rpy(angles: Array) -> Array:
     """Rotation matrices of roll, pitch and yaw [rad] about the fixed axes x, y, z in this order, (..., 3) -> (..., 3, 3)."""
     (sr, sp, sy), (cr, cp, cy) = (np.moveaxis(of(angles), -1, 0) for of in (np.sin, np.cos))
