@@ -118,20 +118,19 @@ def test_a_step_over_a_thin_wall_is_refused() -> None:
 def test_full_turns_are_refused_together(ur5e: kinseek.Arm, table: Scene) -> None:
     """Joints of ±2π have 64 copies of an answer, and what hits in one hits in all."""
     from kinseek.paths.arguments import goals_of, read
-    from kinseek.paths.ends import fill_missed, inside_limits
-    from kinseek.paths.layers import isolated_layers
-    from kinseek.paths.nodes import LayerGraph
+    from kinseek.paths.graph import LayerGraph
+    from kinseek.paths.layers import fill_missed, inside_limits, isolated_layers
     from kinseek.support.deadline import Deadline
 
     goal, _ = goals_of(line(5))
     wishes = dict.fromkeys(("start", "end", "times", "velocity", "weights", "cost", "valid"))
     asked = read(ur5e.mechanism, goal, closed=False, max_step=0.3, scene=table, clearance=0.0, **wishes)
     layers = isolated_layers(asked.problem, asked.longest[0], None, lambda done: None)
-    filled = fill_missed(asked.problem, inside_limits(asked.problem, layers), None, Deadline())
-    graph = LayerGraph(asked, filled.layers, filled.missed)
+    filled, missed = fill_missed(asked.problem, inside_limits(asked.problem, layers), None, Deadline())
+    graph = LayerGraph(asked, filled, missed)
     graph.refuse_blocked()
-    for i, count in enumerate(graph.count):
-        nodes, q = graph._inside(i, count)
+    for i in range(len(graph.count)):
+        nodes, q = graph._inside(i)
         assert np.array_equal(~graph._refused[i, nodes], table.free(q))
     edge = (0, 5, 5 + graph.turning.total)
     alike = graph._turned_alike(edge)

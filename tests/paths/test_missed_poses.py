@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, PathStatus
-from kinseek.paths.runs import SHARE
+from kinseek.paths.bridge import SHARE
 from kinseek.robots.joints import Joint, serial_chain
 from kinseek.support.transforms import transform
 

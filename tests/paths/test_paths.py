@@ -19,8 +19,8 @@ from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.trace import ENDED, JOINED, TAKEN, part_ways
 from kinseek.kernels.paths.viterbi import COPIED, DISTANCE, STRAIGHT, Layers, Rules, Steps, Turns, viterbi
 from kinseek.paths import redundant
+from kinseek.paths.branches import Follower, Loss
 from kinseek.paths.joints import opened
-from kinseek.paths.layers import Follower, Loss
 from kinseek.problem import Problem
 from kinseek.robots.joints import Joint, serial_chain
 from kinseek.support.transforms import transform

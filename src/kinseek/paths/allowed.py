@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -61,6 +61,10 @@ class Allowed:
     own: slice = field(default_factory=lambda: slice(None))
     """The arm's own joints, if the chain also has virtual joints for ranges of the goal."""
     deadline: Deadline = field(default_factory=Deadline)
+
+    def at_least(self, seconds: float) -> Allowed:
+        """Return these checks with at least some seconds left, even if the deadline has passed."""
+        return replace(self, deadline=self.deadline.at_least(seconds))
 
     def at_once(self, count: int) -> int:
         """Return how many of `count` poses, and the steps between them, are checked in one batch."""

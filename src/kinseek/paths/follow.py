@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,20 +14,19 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.threads import progress_bar
 
 from .arguments import goals_of, read
-from .ends import best_valid, fill_missed, inside_limits, refusals, with_ends
+from .branches import SAME
+from .bridge import bridged
+from .graph import LayerGraph, best_allowed
 from .joints import Turning
-from .layers import SAME, Layers, isolated_layers
-from .nodes import GRACE, LayerGraph
+from .judge import Plan, checked, judged
+from .layers import fill_missed, inside_limits, isolated_layers, with_ends
 from .path import Path
 from .proofs import with_proofs
-from .request import ROUNDING, PathRequest
-from .runs import bridged, follow_runs
-from .steps import short_steps, steps_of
+from .request import PathRequest
+from .runs import follow_runs
 from .virtual_joints import with_virtual_joints
-from .why import reasons
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Advance = Callable[[int], object]
 
 FIRST_PART = 0.35
@@ -70,47 +68,32 @@ def follow(request: PathRequest, threads: int | None, advance: Advance, take: in
     part, own = with_virtual_joints(request)
     take = len(request) if take is None else take
     if freedom(part.problem) > 0:
-        q = follow_runs(part, threads, advance)
-        planned = _ended(part, q)[:take, own]
-        request = request.part(0, take)
-        if request.valid is not None:
-            deadline = request.deadline.at_least(GRACE)
-            request = replace(request, valid=replace(request.valid, deadline=deadline))
-        refused, forbidden_edges, count = refusals(request, planned)
-        return _judged(request, planned[:count], forbidden_edges, None, refused)
-    q, breaks, wide, unreachable = _isolated(part, threads, advance)
-    q = _ended(part, q)
-    known = wide if part.problem is request.problem else None
-    return _judged(request.part(0, take), q[:take, own], breaks, known, unreachable)
+        q = _with_ends(part, follow_runs(part, threads, advance))[:take, own]
+        return judged(request.part(0, take), checked(request.part(0, take), q))
+    plan = _isolated(part, threads, advance)
+    q = _with_ends(part, plan.q)[:take, own]
+    # Solutions for an arm with joints for ranges do not explain the path of the arm itself.
+    layers = plan.layers if part is request else None
+    return judged(request.part(0, take), plan._replace(q=q, layers=layers))
 
 
-def _isolated(
-    request: PathRequest, threads: int | None, advance: Advance
-) -> tuple[Array, Indices, Layers, set[int]]:
-    """Follow a path whose solutions are isolated.
-
-    Returns:
-        Joint values for every pose, (N, n), or for the first poses if the time is up; breaks; the solutions that were found;
-        and the indices of missed poses.
-    """
-    none = np.zeros((0, request.problem.chain.dof)), np.zeros(0, dtype=np.int64)
+def _isolated(request: PathRequest, threads: int | None, advance: Advance) -> Plan:
+    """Follow a path whose solutions are isolated."""
     problem, deadline = request.problem, request.deadline
     has_callbacks = request.cost is not None or request.valid is not None
     search = deadline.share(FIRST_PART) if has_callbacks else deadline
     wide = isolated_layers(problem, request.longest.max(axis=0, initial=0.0), threads, advance, search)
-    if not len(wide):
-        return *none, wide, set()
     layers, missed = fill_missed(problem, inside_limits(problem, wide), threads, deadline)
     if not len(layers):
-        return *none, wide, set()
+        return Plan(np.zeros((0, problem.chain.dof)), np.zeros(0, dtype=np.int64), missed, wide)
     request = request.part(0, len(layers))
     layers, ends = with_ends(request, layers)
     graph = LayerGraph(request, layers, missed)
-    q, breaks = best_valid(graph, ends)
-    return bridged(request.part(0, len(q)), q, missed[: len(q)]), breaks, wide, graph.unreachable
+    q, breaks = best_allowed(graph, ends)
+    return Plan(bridged(request.part(0, len(q)), q, missed[: len(q)]), breaks, graph.unreachable, wide)
 
 
-def _ended(request: PathRequest, q: Array) -> Array:
+def _with_ends(request: PathRequest, q: Array) -> Array:
     """Insert the given ends into a path, (N, n), exactly; full turns of endless joints follow the first of them.
 
     A closed path that repeats its first pose at the end gets the joint values of that pose there.
@@ -129,40 +112,3 @@ def _ended(request: PathRequest, q: Array) -> Array:
     if back and (np.abs(turning.way(q[0] - q[-1])) <= SAME).all():
         q[-1] = q[0] + turning.whole_turns(q[-1] - q[0])
     return q
-
-
-def _judged(
-    request: PathRequest, rows: Array, breaks: Indices, wide: Layers | None, unreachable: set[int]
-) -> Path:
-    """Evaluate joint values for the first poses, (M, n), by plain forward kinematics; explain breaks and missed poses."""
-    problem, turning = request.problem, Turning(request.problem.chain)
-    goal, chain = problem.goal, problem.chain
-    planned = np.arange(len(request)) < len(rows)
-    stay = rows[-1] if len(rows) else request.start
-    if stay is None:
-        stay = np.clip((chain.lower + chain.upper) / 2, turning.open_lower, turning.open_upper)
-    q = np.concatenate([rows, np.repeat(stay[None], len(request) - len(rows), axis=0)])
-    errors = goal.measure(problem.arrays, np.ascontiguousarray(q))
-    reached = goal.met(errors) & planned
-    reached[[i for i in unreachable if i < len(q)]] = False
-    # A step that is too large is a break, whatever was planned.
-    begin, end = steps_of(request, q)
-    torn = ~short_steps(request, begin, end)
-    if request.closed and request.ends_where_it_begins:
-        torn[-1] |= (np.abs(end[-1] - begin[-1]) > ROUNDING).any()
-    torn[breaks[breaks < len(torn)]] = True
-    # A step to or from a missed pose is never a break.
-    torn &= reached[: len(torn)] & np.roll(reached, -1)[: len(torn)]
-    path = Path(
-        q=q,
-        breaks=np.flatnonzero(torn),
-        why=(),
-        reached=reached,
-        position_error=errors[:, 0].copy(),
-        orientation_error=errors[:, 1].copy(),
-        problem=problem,
-        closed=request.closed,
-        planned=planned,
-        out_of_time=request.deadline.passed or not bool(planned.all()),
-    )
-    return path if path.success else replace(path, why=reasons(request, path, wide))

@@ -23,9 +23,9 @@ from kinseek.robots.chain import SerialChain
 from kinseek.support.deadline import Deadline
 from kinseek.support.turns import TURN
 
+from .branches import Follower, Piece
 from .certify import prove_rows
 from .joints import Turning
-from .layers import Follower, Piece
 from .path import Path, intervals
 
 Array = NDArray[np.float64]

@@ -1,50 +1,38 @@
-"""Find the isolated solutions of every pose: branches are followed from pose to pose and searched again at some poses.
+"""Layers: the isolated solutions of every pose of a path.
 
-Limits are widened to a whole turn, so that a branch that leaves the limits and comes back is still the same branch. Without
-limits, branches appear and vanish only at singularities. All branches are found at every `EVERY`-th pose. From each of these
-poses all branches are followed forward to the next. Branches of that pose that no other one arrived at are followed
-backward. If a branch ends in between, all branches are found at the pose where it was lost, and new ones are followed in
-both directions. If two branches end there together, they met and vanished, and no search is made.
+All branches are found at every `EVERY`-th pose. From each of these poses all branches are followed forward to the next, and
+branches of that pose that no other one arrived at are followed backward, see `branches`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.index import BranchIndex, index_of
-from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.paths.trace import JOINED, TAKEN, Leg, part_ways, trace
 from kinseek.problem import Problem
-from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, parallel_for
 from kinseek.support.deadline import Deadline
-from kinseek.support.turns import shortest
 
-from .joints import opened
+from .branches import Follower, Piece
+from .bridge import nearest_to
+from .joints import Turning
+from .request import PathRequest
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 EVERY = 32
 """Poses from one search for all branches to the next."""
 
-SAME = 1e-3
-"""Solutions closer than this in every joint [rad or m] belong to one branch."""
-
-LEAPS = 0.5
-"""Largest joint motion of a branch from pose to pose [rad or m], or the caller's largest step if that is larger."""
-
-
 GROUP = 16
 """Intervals between two searches that are processed together if there is a deadline: a few hundred poses."""
 
-FOLD = 1.0
-"""Two branches that vanish together between two poses are closer than this in every joint [rad or m]."""
+AT_ONCE = 512
+"""Poses whose solutions are processed together, so that the working set fits into the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -68,172 +56,6 @@ class Layers:
     def at(self, i: int) -> Array:
         """Return the solutions of pose i, (k, n)."""
         return np.asarray(self.q[i, self.there[i]])
-
-
-@dataclass
-class Piece:
-    """One branch over poses first … first + len(q) - 1 of an interval."""
-
-    first: int
-    q: Array
-
-    def covers(self, i: int) -> bool:
-        """Return whether the branch has a solution of pose i."""
-        return self.first <= i < self.first + len(self.q)
-
-
-class Loss(NamedTuple):
-    """The place where a branch could not be followed any farther."""
-
-    target: int
-    """The first target for which the branch has no solution."""
-    way: int
-    """1 if the branch was followed forward, -1 if backward."""
-    q: Array
-    """The last solution of the branch, (n,)."""
-    taken: bool
-    """Whether the branch ran into another branch."""
-
-
-class Follower:
-    """Find and follow the branches of one arm and one kind of goal along targets."""
-
-    def __init__(self, problem: Problem, longest: Array) -> None:
-        """Build what the arm needs once.
-
-        Args:
-            problem: The arm and its targets.
-            longest: Largest step of each joint from pose to pose, (n,).
-        """
-        wide = Problem(opened(problem.chain), problem.goal)
-        self.index: BranchIndex = index_of(wide)
-        if self.index.freedom:
-            # An arm that is almost singular may count as redundant only with widened limits, so its own limits are kept.
-            wide, self.index = problem, index_of(problem)
-        self.tolerances = tolerances_of(problem.goal)
-        self.rows = np.ascontiguousarray(problem.goal.targets)
-        self.longest = np.maximum(longest * 1.5, LEAPS)
-        self.dof = problem.chain.dof
-        self._turns = (wide.chain.periodic & wide.chain.turns).astype(np.int64)
-
-    def all_at(self, i: int) -> Array:
-        """Return all branches at target i, (k, n)."""
-        return self.index.solutions(self.tolerances, self.rows[i])
-
-    def unknown(self, found: Array, known: Array) -> Array:
-        """Return the solutions of `found`, (k, n), that are not in `known`, (m, n)."""
-        if not len(known):
-            return found
-        half = (found[:, None] - known[None]) / 2
-        # The sine of half the difference ignores full turns.
-        gap = np.where(self._turns, np.sin(half), half)
-        return np.asarray(found[~(np.abs(gap).max(axis=-1) < SAME / 2).any(axis=1)])
-
-    def follow(self, solutions: Array, begin: int, end: int) -> list[Piece]:
-        """Follow solutions of target `begin`, (k, n), to target `end`, forward or backward."""
-        low = min(begin, end)
-        rows, spans = self._traced(solutions, begin, end)
-        return [Piece(low + one, rows[one : last + 1, k]) for k, (one, last) in enumerate(spans.tolist())]
-
-    def _traced(self, solutions: Array, begin: int, end: int) -> tuple[Array, Indices]:
-        """Like `follow`, but return one array of joint values, (rows, k, n), from the lower target on.
-
-        The second return value is the first and the last row of each branch, (k, 2).
-        """
-        low, high = min(begin, end), max(begin, end)
-        begin, end, targets = begin - low, end - low, self.rows[low : high + 1]
-        parts, spans = [], np.full((len(solutions), 2), begin)
-        for first in range(0, len(solutions), LANES):
-            some = solutions[first : first + LANES]
-            q, ends = np.zeros((len(targets), LANES, self.dof)), np.zeros(LANES, dtype=np.int64)
-            q[begin, : len(some)] = some
-            job = self.index.fine.job(self.tolerances)
-            trace(job, targets, Leg(begin, end, len(some)), self.longest, q, ends)
-            parts.append(q[:, : len(some)])
-            spans[first : first + LANES, 0 if end < begin else 1] = ends[: len(some)]
-        return np.concatenate(parts, axis=1) if parts else np.zeros((len(targets), 0, self.dof)), spans
-
-    def extend(self, pieces: list[Piece], solutions: Array, begin: int, end: int) -> list[Loss]:
-        """Follow solutions that are not known yet from target to target, as long as they stay on their branches.
-
-        Args:
-            pieces: Known pieces of branches; the pieces that are found are appended.
-            solutions: Solutions of target `begin`, (k, n).
-            begin: Index of the target where they are.
-            end: Index of the target up to which they are followed, forward or backward.
-
-        Returns:
-            The branches that were lost on the way.
-        """
-        if not len(solutions):
-            return []
-        low, way, lost = min(begin, end), 1 if end >= begin else -1, list[Loss]()
-        rows, spans = self._traced(solutions, begin, end)
-        known, known_spans = _table(pieces, low, max(begin, end), self.dof)
-        rows, spans = np.concatenate([known, rows], axis=1), np.concatenate([known_spans, spans])
-        became = np.zeros(len(spans), dtype=np.int64)
-        part_ways(rows, len(known_spans), way, self._turns, spans, became)
-        for k in range(len(known_spans), len(spans)):
-            one, last = spans[k].tolist()
-            pieces.append(Piece(low + one, rows[one : last + 1, k]))
-            ended = low + (last if way > 0 else one)
-            if ended != end and became[k] != JOINED:
-                lost.append(Loss(ended + way, way, rows[ended - low, k], bool(became[k] == TAKEN)))
-        return lost
-
-    def between(self, begin: int, end: int, at_begin: Array, at_end: Array) -> list[Piece]:
-        """Return all branches between two targets at which all solutions are known, both included."""
-        pieces: list[Piece] = []
-        lost = self.extend(pieces, at_begin, begin, end)
-        lost += self.extend(pieces, self.unknown(at_end, _solutions_at(pieces, end, self.dof)), end, begin)
-        done: set[int] = set()
-        while doubtful := {one.target for one in lost} - done:
-            i = min(doubtful)
-            done.add(i)
-            if self.vanish(i, lost):
-                continue
-            fresh = self.unknown(self.all_at(i), _solutions_at(pieces, i, self.dof))
-            lost += self.extend(pieces, fresh, i, end) if i < end else []
-            lost += self.extend(pieces, fresh, i, begin) if i > begin else []
-        return pieces
-
-    def vanish(self, i: int, lost: list[Loss]) -> bool:
-        """Return whether the branches lost at a target are pairs that met and vanished, so that nothing continues there.
-
-        Two branches that meet at a fold end together and close together, and no branch arrives from the other side.
-        """
-        here = [one for one in lost if one.target == i]
-        other = -here[0].way
-        if any(one.taken for one in here) or any(
-            one.way == other and abs(one.target - i) <= 1 for one in lost
-        ):
-            return False
-        rows = np.array([one.q for one in here])
-        while len(rows) > 1:
-            gap = rows[1:] - rows[0]
-            gap = np.abs(np.where(self._turns, shortest(gap), gap)).max(axis=1)
-            if gap.min() >= FOLD:
-                return False
-            rows = np.delete(rows[1:], gap.argmin(), axis=0)
-        return not len(rows)
-
-
-def _solutions_at(pieces: list[Piece], i: int, dof: int) -> Array:
-    """Return the solutions that pieces have for pose i, (k, n)."""
-    rows = [p.q[i - p.first] for p in pieces if p.covers(i)]
-    return np.array(rows).reshape(-1, dof)
-
-
-def _table(pieces: list[Piece], low: int, high: int, dof: int) -> tuple[Array, Indices]:
-    """Tabulate pieces for targets low … high, (high - low + 1, k, n), and the first and last target of each, (k, 2)."""
-    there = [piece for piece in pieces if piece.first <= high and piece.first + len(piece.q) > low]
-    rows = np.zeros((high - low + 1, len(there), dof))
-    spans = np.zeros((len(there), 2), dtype=np.int64)
-    for k, piece in enumerate(there):
-        first, end = max(piece.first, low), min(piece.first + len(piece.q), high + 1)
-        rows[first - low : end - low, k] = piece.q[first - piece.first : end - piece.first]
-        spans[k] = first - low, end - 1 - low
-    return rows, spans
 
 
 def isolated_layers(
@@ -313,3 +135,76 @@ def _layers(pieces: list[list[Piece]], keys: list[int], count: int, dof: int) ->
         where = slice(piece.first, piece.first + len(piece.q))
         q[where, column], there[where, column] = piece.q, True
     return Layers(q, there)
+
+
+def inside_limits(problem: Problem, wide: Layers) -> Layers:
+    """Keep the solutions inside the limits, each joint in its first turn."""
+    if not len(wide):
+        return wide
+    turning = Turning(problem.chain)
+    rows: list[Array] = []
+    counts: list[Indices] = []
+    parts = [slice(begin, begin + AT_ONCE) for begin in range(0, len(wide), AT_ONCE)]
+    for some in parts:
+        first = turning.first_turn(wide.q[some])
+        first, good = _at_both_ends(turning, first, turning.inside(first) & wide.there[some])
+        rows.append(first[good])
+        counts.append(good.sum(axis=1))
+    count = np.concatenate(counts)
+    there = np.arange(max(int(count.max()), 1)) < count[:, None]
+    # The columns that are not used any more are dropped, since the work grows with the square of their number.
+    packed = np.zeros((*there.shape, wide.q.shape[2]))
+    for some, values in zip(parts, rows, strict=True):
+        packed[some][there[some]] = values
+    return Layers(packed, there)
+
+
+def _at_both_ends(turning: Turning, q: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """Add a twin at the upper end to solutions, (N, width, n), with a joint at the lower end of a range of whole turns.
+
+    At the ends one more copy lies inside the limits than there are nodes for. The twin is off the end by a rounding error,
+    so it has a node of its own.
+    """
+    for joint in np.flatnonzero(turning.at_lower_end(q)[good].any(axis=0)):
+        at_end = turning.at_lower_end(q)[..., joint] & good
+        some = at_end.any(axis=0)
+        twins = q[:, some].copy()
+        twins[..., joint] = turning.off_upper_end[joint]
+        q, good = np.concatenate([q, twins], axis=1), np.concatenate([good, at_end[:, some]], axis=1)
+    return q, good
+
+
+def fill_missed(
+    problem: Problem, layers: Layers, threads: int | None, deadline: Deadline
+) -> tuple[Layers, Flags]:
+    """Give each pose without a solution the nearest one that the atlas finds; if the time is up, only the first poses.
+
+    Returns:
+        Layers with at least one row for every pose, and flags of the missed poses, (N,).
+    """
+    missed = layers.count == 0
+    some = np.flatnonzero(missed)
+    if not len(some):
+        return layers, missed
+    q, there = layers.q.copy(), layers.there.copy()
+    nearest, out_of_reach = nearest_to(problem, some, threads, deadline)
+    count = len(q) if len(nearest) == len(some) else int(some[len(nearest)])
+    some = some[: len(nearest)]
+    q[some, 0], there[some, 0] = Turning(problem.chain).first_turn(nearest), True
+    missed[some] = out_of_reach
+    return Layers(q[:count], there[:count]), missed[:count]
+
+
+def with_ends(request: PathRequest, layers: Layers) -> tuple[Layers, tuple[int, int]]:
+    """Add the given start and end to the solutions of the first and the last pose; return also their nodes, or -1."""
+    turning, nodes = Turning(request.problem.chain), [-1, -1]
+    for k, (fixed_q, i) in enumerate(((request.start, 0), (request.end, len(layers.q) - 1))):
+        if fixed_q is None:
+            continue
+        q = np.concatenate([layers.q, np.zeros_like(layers.q[:, :1])], axis=1)
+        there = np.concatenate([layers.there, np.zeros_like(layers.there[:, :1])], axis=1)
+        place, inside = int(layers.count[i]), turning.off_ends(fixed_q)
+        q[i, place], there[i, place] = turning.first_turn(inside), True
+        nodes[k] = place * turning.total + turning.turns_of(inside)
+        layers = Layers(q, there)
+    return layers, (nodes[0], nodes[1])

@@ -172,7 +172,7 @@ class Planner:
         self.forbidden_edges = forbidden_edges
         problem = request.problem
         self.request, self.effort, self.problem, self.dof = request, effort, problem, problem.chain.dof
-        self.smoother, self.turning = smoother_of(request), Turning(problem.chain)
+        self.smoother, self.turning = Smoother(request), Turning(problem.chain)
         self.index: BranchIndex = index_of(problem)
         self.tolerances, self.targets = (
             tolerances_of(problem.goal),
@@ -399,9 +399,3 @@ def between_rows(rows: Indices, q: Array) -> Array:
     return np.asarray(
         q[i] + one * (q[i + 1] - q[i]) + span * t * (1 - t) * ((1 - t) * tangents[i] - t * tangents[i + 1])
     )
-
-
-def smoother_of(request: PathRequest) -> Smoother:
-    """Return the smoother for paths of a request."""
-    weights = request.step_weights
-    return Smoother(request.problem, weights / weights.max(), request.valid, request.deadline)

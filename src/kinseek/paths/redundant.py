@@ -25,7 +25,7 @@ from kinseek.solvers.threads import GoOn, parallel_for
 from kinseek.support.deadline import TimeUp
 
 from .joints import Turning
-from .plan import Effort, ForbiddenEdges, Planner, between_rows, path_parameter, smoother_of
+from .plan import Effort, ForbiddenEdges, Planner, between_rows, path_parameter
 from .request import PathRequest
 from .smooth import Row, Smoother
 from .steps import faulty, mendable
@@ -85,7 +85,7 @@ def follow_samples(
         row = start[None].copy()
         with suppress(TimeUp):
             request.deadline.check()
-            smoother_of(request).project(row, np.ascontiguousarray(request.problem.goal.targets[:1]))
+            Smoother(request).project(row, np.ascontiguousarray(request.problem.goal.targets[:1]))
             round_trip = replace(request.returning(0, row[0]), start=row[0])
             way, _ = _open_way(round_trip, threads, _silent, plans)
             if len(way) == len(round_trip) and faults(round_trip, way) < best_faults:
@@ -227,9 +227,7 @@ def _planned(
             return _finished(request, planner, q)
     # The time is up: the plan is only interpolated, neither smoothed nor evaluated.
     begun = replace(request.part(0, int(rows[len(q) - 1]) + 1), valid=None)
-    return _put(
-        begun, smoother_of(begun), between_rows(rows[: len(q)], q), _row(begun, np.arange(len(begun)))
-    )
+    return _put(begun, Smoother(begun), between_rows(rows[: len(q)], q), _row(begun, np.arange(len(begun))))
 
 
 def _finished(request: PathRequest, planner: Planner, q: Array) -> Array:

@@ -1,10 +1,7 @@
 """Paths with missed poses: the runs between them are planned separately, and the nearest poses join them.
 
-A missed pose has no solution, and the nearest solution may jump from one pose to the next, e.g. by a turn of the wrist or to
-the other bend of the elbow. If missed poses are planned like other poses, each jump is a break, and each break makes the
-planner start again. So the atlas finds the missed poses first, and no later stage plans them. Over a run of missed poses the
-arm continues from its current joint values, and its hand follows the nearest poses. The joints jump only if no continuous
-motion does that.
+If missed poses were planned like other poses, each jump between the nearest solutions would be a break, and each break makes
+the planner of a redundant arm start again. So the atlas finds the missed poses first, and no later stage plans them.
 """
 
 from __future__ import annotations
@@ -16,18 +13,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.kernels.arm.forward import forward_many
-from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.paths.projection import project_onto_poses
-from kinseek.kernels.paths.viterbi import STRAIGHT
-from kinseek.problem import Problem
-from kinseek.solvers.atlas.solver import Atlas
 from kinseek.support.deadline import TimeUp
-from kinseek.support.turns import TURN
 
-from .joints import Turning
+from .bridge import Bridge, nearest_to
 from .path import intervals
-from .plan import smoother_of
 from .redundant import PLANS, faults, follow_samples
 from .request import PathRequest
 from .smooth import ON_POSE
@@ -39,142 +28,14 @@ Advance = Callable[[int], object]
 SAMPLED, LOOK_AHEAD = 4000, 400
 """Most poses that are followed together, and the number of poses of look-ahead beyond them."""
 
-STEPS = 40
-"""Most steps to bring the hand onto the nearest pose; near the boundary of the workspace each step halves the error. Not
-examined further."""
-
-START_OFFSET = 0.02
-"""Offset of the additional starts, [rad] or [m], see `_starts`. Not examined further."""
-
-SHARE, NEAR = 0.02, 1e-12
-"""The hand counts as at the nearest pose if its distance from it is at most `SHARE` of that pose's own error, or if the
-squared scaled error is less than `NEAR`. Not examined further."""
-
 
 def follow_runs(request: PathRequest, threads: int | None, advance: Advance) -> Array:
     """Return joint values for every pose of a redundant arm's path, (N, n); if the time is up, for its first poses."""
-    problem = request.problem
-    found = Atlas(threads=threads).solve(
-        Problem(problem.mechanism, problem.goal, time_limit=request.deadline.left)
-    )
-    late = np.flatnonzero(found.out_of_time)
-    count = int(late[0]) if len(late) else len(request)
-    if not count:
-        return np.zeros((0, request.problem.chain.dof))
-    request, nearest = request.part(0, count), found.q[:count]
-    missed = ~np.asarray(found.success)[:count]
-    _look_beside(request, nearest, missed)
+    nearest, missed = nearest_to(request.problem, np.arange(len(request)), threads, request.deadline)
+    if not len(nearest):
+        return nearest
+    request = request.part(0, len(nearest))
     return _joined(request, missed, nearest, threads, advance)
-
-
-def bridged(request: PathRequest, q: Array, missed: Flags) -> Array:
-    """Continue a planned path, (N, n), over its missed poses from the arm's current joint values; keep the rest.
-
-    Joint values after a run of missed poses may change by full turns of joints without limits.
-    """
-    if not missed.any():
-        return q
-    bridge, q = Bridge(request, q), q.copy()
-    for first, last in intervals(missed):
-        if first == 0 and last + 1 < len(q) and request.start is None:
-            bridge.fill(q, range(last, -1, -1), q[last + 1])
-            continue
-        here = bridge.fill(q, range(first, last + 1), q[max(first - 1, 0)])
-        if last + 1 < len(q):
-            q[last + 1 :] += bridge.turning.whole_turns(here - q[last + 1])
-    return q
-
-
-class Bridge:
-    """Continue a path over missed poses."""
-
-    def __init__(self, request: PathRequest, nearest: Array) -> None:
-        """Take a path and joint values for each pose, (N, n); at missed poses these put the hand nearest to the pose."""
-        self.request, self.nearest, self.turning = request, nearest.copy(), Turning(request.problem.chain)
-        self.smoother = smoother_of(request)
-        goal = request.problem.goal
-        self.targets = np.ascontiguousarray(forward_many(request.problem.arrays, self.nearest)[:, :3])
-        """Poses of the hand there, as kernels take targets, (N, 3, 4)."""
-        self.room = np.maximum(SHARE**2 * self._settled(goal.targets, self.nearest.copy(), 0), NEAR)
-        """Squared scaled error up to which the hand counts as at the pose, (N,)."""
-        self.beside_here = _starts(request.problem.chain.dof)
-
-    def fill(self, q: Array, poses: range, here: Array) -> Array:
-        """Write joint values for some poses into a path, (N, n), one after the other from the current joint values, (n,).
-
-        Returns:
-            The last joint values, (n,).
-        """
-        for i in poses:
-            if self.request.deadline.passed:
-                q[i] = here
-                continue
-            there, left = self.onto(self.targets[i], here, self.room[i])
-            here = q[i] = there if left <= self.room[i] else self.turned(self.nearest[i], here)
-        return here
-
-    def onto(self, target: Array, here: Array, room: float) -> tuple[Array, float]:
-        """Bring the hand onto a target, (3, 4), up to a squared scaled error: return joint values, (n,), and the error."""
-        rows = np.clip(here + self.beside_here, self.smoother.lower, self.smoother.upper)
-        left = self._settled(np.repeat(target[None], LANES, axis=0), rows, STEPS)
-        # Take the closest one that arrived; if none did, the one with the least error.
-        far = np.abs(rows - here).max(axis=1)
-        best = (
-            int(np.lexsort((far, left))[0])
-            if left.min() > room
-            else int(np.argmin(np.where(left <= room, far, np.inf)))
-        )
-        return rows[best], float(left[best])
-
-    def _settled(self, targets: Array, q: Array, steps: int) -> Array:
-        """Improve q, (k, n), in place by steps towards targets, (k, 3, 4); return the remaining errors, (k,)."""
-        smoother, left = self.smoother, np.empty(len(q))
-        project_onto_poses(smoother.index.job(smoother.tolerances), targets, smoother.limits, steps, q, left)
-        return left
-
-    def turned(self, q: Array, here: Array) -> Array:
-        """Shift joint values, (n,), by the full turns that bring them closest to others inside the limits."""
-        return np.asarray(self.beside(q[None], here)[0])
-
-    def beside(self, rows: Array, here: Array) -> Array:
-        """Shift all rows, (k, n), by the full turns that bring the first of them closest to current joint values, (n,)."""
-        if not len(rows):
-            return rows
-        turns = np.where(self.turning.kind == STRAIGHT, 0.0, TURN * np.round((here - rows[0]) / TURN))
-        low, high = rows.min(axis=0) + turns, rows.max(axis=0) + turns
-        inside = (low >= self.turning.open_lower) & (high <= self.turning.open_upper)
-        return np.asarray(rows + np.where(inside, turns, 0.0))
-
-
-def _starts(dof: int) -> Array:
-    """Return start offsets from the current joint values, (LANES, n), [rad] or [m]: zero, and small ones in all directions.
-
-    The kernel processes `LANES` starts in any case. At the boundary of the workspace a single start may not converge.
-    """
-    signs = (np.arange(1, LANES)[:, None] >> (np.arange(dof) % 3)) % 2 * 2.0 - 1.0
-    return np.concatenate([np.zeros((1, dof)), START_OFFSET * signs])
-
-
-def _look_beside(request: PathRequest, nearest: Array, missed: Flags) -> None:
-    """Search for solutions of missed poses from those of adjacent poses: in rare cases the atlas overlooks one."""
-    smoother = smoother_of(replace(request, valid=None))
-    targets = np.ascontiguousarray(request.problem.goal.targets)
-    for way in (1, -1):
-        some = np.flatnonzero(missed)
-        while len(some):
-            beside = some - way
-            some = some[(beside >= 0) & (beside < len(missed))]
-            # Only poses beside a solved one have a start; the front then moves on over the run of missed poses.
-            some = some[~missed[some - way]]
-            q = nearest[some - way]
-            smoother.project(q, targets[some])
-            goal = request.problem.goal.at(request.problem.goal.target[some])
-            there = goal.met(goal.measure(request.problem.arrays, q))
-            some, q = some[there], q[there]
-            nearest[some], missed[some] = q, False
-            some = some + way
-            some = some[(some >= 0) & (some < len(missed))]
-            some = some[missed[some]]
 
 
 def _joined(

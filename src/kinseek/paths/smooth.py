@@ -25,10 +25,10 @@ from kinseek.problem import Problem
 from kinseek.robots.geometry import RADIAN_PART
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
 from kinseek.solvers.atlas.solver import Atlas
-from kinseek.support.deadline import Deadline, TimeUp
+from kinseek.support.deadline import TimeUp
 
-from .allowed import Allowed
 from .joints import Turning
+from .request import PathRequest
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -85,30 +85,23 @@ class Row(NamedTuple):
 
 
 class Smoother:
-    """Shorten paths of one arm and one kind of goal."""
+    """Shorten paths of one request."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        weights: Array,
-        valid: Allowed | None = None,
-        deadline: Deadline | None = None,
-    ) -> None:
+    def __init__(self, request: PathRequest) -> None:
         """Build what the arm needs once.
 
-        Args:
-            problem: The arm and its goal.
-            weights: Weight of each joint in the length, (n,).
-            valid: Checks of the user and the scene; rejected joint values and steps are not used.
-            deadline: Smoothing ends when it has passed; the path stays as smooth as it is then.
+        Rejected joint values and steps are not used. Smoothing ends at the deadline, with the path as smooth as it is then.
         """
-        self.deadline = Deadline() if deadline is None else deadline
-        self.problem, self.weights, self.valid = problem, weights, valid
-        turning = Turning(problem.chain)
+        self.deadline, self.problem, self.valid = request.deadline, request.problem, request.valid
+        self.weights = request.step_weights / request.step_weights.max()
+        turning = Turning(self.problem.chain)
         self.lower, self.upper = turning.open_lower, turning.open_upper
         self.limits = Limits(self.lower, self.upper)
-        self.index, self.tolerances = atlas_of(problem.chain, problem.goal), tolerances_of(problem.goal)
-        self.scale = problem.chain.length / RADIAN_PART
+        self.index, self.tolerances = (
+            atlas_of(self.problem.chain, self.problem.goal),
+            tolerances_of(self.problem.goal),
+        )
+        self.scale = self.problem.chain.length / RADIAN_PART
 
     def project(self, q: Array, targets: Array) -> Flags:
         """Project joint values, (k, n), onto targets, (k, 3, 4), in place.
