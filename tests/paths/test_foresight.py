@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import InvalidProblem, TrackStatus
-from kinseek.paths.extrapolate import extrapolated
+from kinseek.paths.past import extrapolated
 from kinseek.paths.tracker import Tracker
 
 Array = NDArray[np.float64]

@@ -19,11 +19,11 @@ from kinseek.poses import as_pose, one_pose, plain_array
 from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import PLAIN, atlas_of
-from kinseek.support.validation import as_integer, as_number
+from kinseek.support.validation import as_number
 
 from .arguments import positive
-from .extrapolate import extrapolated
 from .joints import Turning
+from .past import TIMES, PastPoses
 
 Array = NDArray[np.float64]
 
@@ -34,10 +34,6 @@ ELSEWHERE = 0.5
 """Another branch differs by more than this from the current joint values, in some joint [rad or m]. Not examined
 further."""
 
-SPAN, MOST_PERIODS_BACK = 0.2, 200
-"""Age of the oldest pose used for extrapolation [s], and the largest number of periods this may be. Not examined
-further."""
-
 AWAY = (1e-3, 1e-2)
 """The hand has lost its pose if its error exceeds these values [m], [rad]."""
 
@@ -45,8 +41,8 @@ FASTER, AFTER = 10.0, 0.5
 """If joints that are `FASTER` times as fast still track the poses `AFTER` seconds later, only the hand is too fast, and its
 branch does not end. Not examined further."""
 
-TIMES, MOST_PERIODS = (1e-9, 1e9), 1_000_000
-"""Bounds of the period and of times to look ahead [s], and the most periods of a motion to another branch."""
+MOST_PERIODS = 1_000_000
+"""Most periods of a motion to another branch."""
 
 RETRY = 0.05
 """Time between two attempts to reach a lost pose again [s]. Not examined further."""
@@ -132,9 +128,7 @@ class Tracker:
         rows = *ends, self.velocity * self.period, start, nothing, nothing, nothing, start
         self._state = State(*(np.array(row, dtype=np.float64) for row in rows))
         self._memory = np.zeros(LAYOUT.count.of(dof=arm.dof, joints=len(arm.axes.leader)))
-        self._apart = min(max(1, round(SPAN / self.period)), MOST_PERIODS_BACK)
-        self._poses = np.zeros((2 * self._apart + 1, 4, 4))
-        self._given = 0
+        self._past = PastPoses(self.period)
         self._way: list[Array] = []
         self._recover = recover and bool(np.isfinite(self.velocity).all())
         self._retry = max(1, round(RETRY / self.period))
@@ -167,7 +161,7 @@ class Tracker:
         if ended == servo.NO_POSE:
             T = _one(T)
             position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
-        self._store(T)
+        self._past.store(T)
         if ended == servo.TRACKING:
             if self._lost_for:
                 self._forget_loss()
@@ -193,10 +187,7 @@ class Tracker:
         if not self._was_unreachable and np.abs(self._turning.step(q - reached)).max() > ELSEWHERE:
             return None
         # A second tracker follows the pose from there, so that the arm arrives at where the target is by then.
-        state = self._standing(1)
-        state.now[:] += self._ways(q[None])[0]
-        state.last[:] = 0.0
-        return state
+        return self._standing(1, self._ways(q[None])[0])
 
     def _recovered(self, T: Array, there: State) -> Step:
         """Make one period of the motion to joint values that reach the pose; these values track the pose meanwhile.
@@ -209,7 +200,7 @@ class Tracker:
         if at_once == servo.TRACKING or (ended in (LIMIT, SINGULAR) and _is_away(position, orientation)):
             self._there = None
             return self.step(T)
-        self._store(T)
+        self._past.store(T)
         step = there.now - state.now
         # A little longer than needed, so that rounding makes no joint faster than its limit.
         periods = np.abs(step / state.reach).max() * (1 + 1e-9)
@@ -218,9 +209,7 @@ class Tracker:
             self._forget_loss()
             self._state.last[:] = step
             return Step(there.now.copy(), _ENDED[ended], position, orientation)
-        q = state.now + step / periods
-        state.last[:], state.now[:] = q - state.now, q
-        return Step(q.copy(), TrackStatus.RECOVERING, *self._errors(q, T))
+        return self._moved(state.now + step / periods, T, TrackStatus.RECOVERING)
 
     def switch(self, to: ArrayLike | None = None) -> Array:
         """Move to another branch of the last pose: the nearest other one, or a given one.
@@ -239,9 +228,9 @@ class Tracker:
             InvalidProblem: No pose was given yet, the pose has no other branch inside the limits, `to` does not reach it, or
                 a joint speed limit is unknown.
         """
-        if not self._given:
+        if not self._past.count:
             raise InvalidProblem("switch() needs a pose: call step(T) first")
-        target = self._pose(0).copy()
+        target = self._past.pose()
         if not np.isfinite(self.velocity).all():
             raise InvalidProblem(
                 "switch() needs a speed limit for every joint: give arm.track(..., velocity=)"
@@ -280,11 +269,9 @@ class Tracker:
         Raises:
             InvalidProblem: See `foresee`.
         """
-        poses, at_once = self._coming(seconds, looks)
-        for step in self._others(self._pose(0).copy()):
-            state = self._standing(at_once)
-            state.now[:] += step
-            state.last[:] = 0.0
+        poses, at_once = self._past.coming(seconds, looks)
+        for step in self._others(self._past.pose()):
+            state = self._standing(at_once, step)
             if self._look(poses, state)[2] == servo.TRACKING:
                 return np.asarray(self._state.now + step)
         return None
@@ -329,11 +316,15 @@ class Tracker:
 
     def _along(self, T: Array) -> Step:
         """Make one step of the motion to another branch."""
-        pose, q = _one(T), self._way.pop(0)
-        self._state.last[:] = q - self._state.now
-        self._state.now[:] = q
-        self._store(pose)
-        return Step(q.copy(), TrackStatus.SWITCHED, *self._errors(q, pose))
+        pose = _one(T)
+        self._past.store(pose)
+        return self._moved(self._way.pop(0), pose, TrackStatus.SWITCHED)
+
+    def _moved(self, q: Array, T: Array, status: TrackStatus) -> Step:
+        """Move to joint values, (n,), that do not follow the pose of the period."""
+        state = self._state
+        state.last[:], state.now[:] = q - state.now, q
+        return Step(q.copy(), status, *self._errors(q, T))
 
     def _errors(self, q: Array, T: Array) -> tuple[float, float]:
         """Pose errors of joint values [m], [rad]."""
@@ -357,7 +348,7 @@ class Tracker:
             InvalidGoal: `poses` are not poses.
         """
         if poses is None:
-            coming, at_once = self._coming(seconds, looks, AFTER)
+            coming, at_once = self._past.coming(seconds, looks, AFTER)
             near = int(np.ceil(seconds / self.period / at_once - 1e-9))
         else:
             coming, at_once = np.ascontiguousarray(as_pose(poses)).reshape(-1, 4, 4), 1
@@ -378,40 +369,19 @@ class Tracker:
                 joint = self._limiting_joint(state, ended)
         return Foresight(_ENDED[ended], (tracked + 1) * at_once * self.period, joint)
 
-    def _coming(self, seconds: float, looks: int, longer: float = 0.0) -> tuple[Array, int]:
-        """Return `looks` poses to come and some for `longer`, (k, 4, 4), and how many periods lie between them."""
-        if self._given < 2:
-            raise InvalidProblem("looking ahead needs two poses: call step(T) twice first")
-        looks = as_integer("looks", looks, 1, error=InvalidProblem)
-        seconds = as_number("seconds", seconds, *TIMES, InvalidProblem)
-        at_once = max(1, round(seconds / looks / self.period))
-        count = int(np.ceil((seconds + longer) / self.period / at_once - 1e-9))
-        # After only a few steps, the three poses of the extrapolation are closer together.
-        apart = max(1, min(self._apart, (self._given - 1) // 2))
-        now, middle = self._pose(0), self._pose(apart)
-        before = self._pose(2 * apart) if self._given > 2 * apart else middle
-        times = np.arange(1.0, count + 1.0) * (at_once / apart)
-        return extrapolated(before, middle, now, times), at_once
-
-    def _standing(self, at_once: int) -> State:
-        """Return the current state, for steps of `at_once` periods each."""
+    def _standing(self, at_once: int, away: Array | None = None) -> State:
+        """Return the current state, or one at rest `away` from it, (n,), for steps of `at_once` periods each."""
         state = _copied(self._state)
         state.reach[:] *= at_once
         state.last[:] *= at_once
+        if away is not None:
+            state.now[:] += away
+            state.last[:] = 0.0
         return state
 
     def _look(self, poses: Array, state: State) -> tuple[int, int, int]:
         """Follow poses as `kernels.paths.servo.look_ahead` does; the state is changed."""
         return look_ahead(self._index.address, PLAIN, poses, *AWAY, self._memory, state)
-
-    def _store(self, T: Array) -> None:
-        """Store a pose in the ring of the last poses."""
-        self._poses[self._given % len(self._poses)] = T
-        self._given += 1
-
-    def _pose(self, back: int) -> Array:
-        """Return the pose given `back` periods ago."""
-        return np.asarray(self._poses[(self._given - 1 - back) % len(self._poses)])
 
     def _limiting_joint(self, state: State, ended: int) -> str | None:
         at_limit = (state.now <= state.lower) | (state.now >= state.upper)
