@@ -122,17 +122,8 @@ class Path(Lazy):
         if self.out_of_time and not (self.reached.all() and not len(self.breaks)):
             return PathStatus.OUT_OF_TIME
         if not self.reached.all():
-            return PathStatus.UNREACHABLE if self._far[~self.reached].any() else PathStatus.BLOCKED
+            return PathStatus.UNREACHABLE if (~met(self))[~self.reached].any() else PathStatus.BLOCKED
         return PathStatus.BROKEN if len(self.breaks) else PathStatus.CONTINUOUS
-
-    @property
-    def _far(self) -> NDArray[np.bool_]:
-        """Flags of the poses whose errors exceed the tolerances, (N,)."""
-        goal = self.problem.goal
-        there = (self.position_error <= goal.position_tolerance) & (
-            self.orientation_error <= goal.orientation_tolerance
-        )
-        return np.asarray(~there)
 
     @property
     def certified(self) -> bool:
@@ -225,3 +216,12 @@ class Path(Lazy):
             runs = len(self.missed)
             parts.append(f"{missed} missed" + (f" in {runs} runs" if runs > 1 else ""))
         return f"Path({', '.join(parts)}, length {self.length:.4g}, largest step {self.largest_step.max(initial=0.0):.3g})"
+
+
+def met(path: Path) -> NDArray[np.bool_]:
+    """Return flags of the poses whose errors are within the tolerances, also if `valid` rejects them, (N,)."""
+    goal = path.problem.goal
+    return np.asarray(
+        (path.position_error <= goal.position_tolerance)
+        & (path.orientation_error <= goal.orientation_tolerance)
+    )

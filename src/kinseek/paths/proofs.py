@@ -15,7 +15,7 @@ from .certify import prove_rows, rims_of, turns_between
 from .impossible import impossible_pairs
 from .joints import Turning
 from .missed import Missed, judge_missed
-from .path import Path, PathProof, intervals
+from .path import Path, PathProof, intervals, met
 from .request import PathRequest
 from .virtual_joints import with_virtual_joints
 from .why import these
@@ -30,9 +30,7 @@ def with_proofs(request: PathRequest, path: Path, threads: int | None) -> Path:
     """Return the path with what can be proved about it; see `Arm.follow`."""
     part, own = with_virtual_joints(request)
     steps, within = _unbroken(part, own, path, threads)
-    missed = path.position_error > path.problem.goal.position_tolerance
-    missed |= path.orientation_error > path.problem.goal.orientation_tolerance
-    missed |= ~path.planned
+    missed = ~(met(path) & path.planned)
     report = judge_missed(path, missed, threads, request.deadline)
     impossible = impossible_pairs(part.problem, path, request.deadline) if part is request else ()
     undecided = missed & ~report.out_of_reach

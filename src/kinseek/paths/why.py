@@ -12,7 +12,7 @@ from .allowed import Allowed
 from .between import apart
 from .joints import Turning
 from .layers import Layers
-from .path import Path, intervals
+from .path import Path, intervals, met
 from .request import PathRequest
 from .steps import beyond_a_step
 
@@ -25,10 +25,7 @@ examined further."""
 
 def reasons(request: PathRequest, path: Path, wide: Layers | None) -> tuple[str, ...]:
     """Return a sentence for each run of missed poses and each break between two reached poses, in order."""
-    goal = path.problem.goal
-    there = (path.position_error <= goal.position_tolerance) & (
-        path.orientation_error <= goal.orientation_tolerance
-    )
+    there = met(path)
     refused = ~path.reached & there & path.planned
     report = [(first, _late(first, last)) for first, last in intervals(~path.planned)]
     report += [(first, _missed(path, first, last)) for first, last in intervals(~there & path.planned)]
