@@ -222,7 +222,8 @@ class LayerGraph:
         for i in steps:
             j = (i + 1) % len(q)
             edge = (i, int(way.nodes[i]), int(way.nodes[j]))
-            if agreed[i] and agreed[j] and not self.unreachable[[i, j]].any() and edge not in self._passed:
+            missed = self.unreachable[i] or self.unreachable[j]
+            if agreed[i] and agreed[j] and not missed and edge not in self._passed:
                 edges.append(edge)
                 ends.append(q[i] + (q[j] - q[i] if j else self.turning.way(q[j] - q[i])))
         if not edges:
