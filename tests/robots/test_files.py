@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from kinseek.errors import InvalidRobot
-from kinseek.robots import read, read_dh, urdf_xml
+from kinseek.robots import read, read_dh, xacro_limits
 from kinseek.robots.files import MOST_BYTES, MOST_JOINTS, MOST_LINKS
 from kinseek.robots.mjcf_xml import reduced
 from kinseek.robots.packages import mesh_path
@@ -363,8 +363,8 @@ def test_files_that_include_one_another_a_thousand_times_are_refused(tmp_path: P
 
 
 def test_macros_that_multiply_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert 10_000 < urdf_xml._MOST_STEPS < 10**5
-    monkeypatch.setattr(urdf_xml, "_MOST_STEPS", 2000)
+    assert 10_000 < xacro_limits._MOST_STEPS < 10**5
+    monkeypatch.setattr(xacro_limits, "_MOST_STEPS", 2000)
     macros = '<xacro:macro name="m0"><link name="l"/></xacro:macro>'
     for i in range(1, 40):
         macros += f'<xacro:macro name="m{i}"><xacro:m{i - 1}/><xacro:m{i - 1}/></xacro:macro>'
@@ -424,8 +424,8 @@ BUSY = {
 
 @pytest.mark.parametrize("what", BUSY)
 def test_what_takes_xacro_long_is_refused(what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert 2**23 < urdf_xml._MOST_WORK <= 2**25, "the limit that was tried with real files"
-    monkeypatch.setattr(urdf_xml, "_MOST_WORK", 2**19)
+    assert 2**23 < xacro_limits._MOST_WORK <= 2**25, "the limit that was tried with real files"
+    monkeypatch.setattr(xacro_limits, "_MOST_WORK", 2**19)
     text, busy = BUSY[what]
     with (
         soon(2.0),

@@ -21,10 +21,11 @@ from kinseek.robots.files import file_bytes
 from kinseek.robots.joints import Mimics
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, no_axes
 from kinseek.robots.mesh_files import Budget
-from kinseek.robots.meshes import numbers_of, origin_of
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf import read_urdf_text
-from kinseek.robots.urdf_xml import expand_xacro, root_element
+from kinseek.robots.urdf_file import numbers_of, origin_of
+from kinseek.robots.xacro import expand_xacro
+from kinseek.robots.xml_files import root_element
 from kinseek.support.transforms import rotation, transform
 
 from .shapes import MOST_BYTES, Box, Capsule, Cylinder, Mesh, Shape, Sphere, length

@@ -14,9 +14,10 @@ from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.robots.chain import Frame, SerialChain
 from kinseek.robots.mesh_files import Budget, Size
-from kinseek.robots.meshes import mesh_parts, numbers_of, origin_of
+from kinseek.robots.meshes import mesh_parts
 from kinseek.robots.packages import mesh_path
-from kinseek.robots.urdf_xml import root_element
+from kinseek.robots.urdf_file import numbers_of, origin_of
+from kinseek.robots.xml_files import root_element
 
 Array = NDArray[np.float64]
 

@@ -11,6 +11,7 @@ from kinseek.cli.help import Command
 from kinseek.cli.options import Chain, arm_argument, chain_options, json_option
 from kinseek.errors import InvalidRobot, suggest
 from kinseek.robots import catalog_entry, catalog_names, catalog_path
+from kinseek.robots.checks import Severity
 from kinseek.robots.files import instead_of_a_description
 from kinseek.robots.soundness import READABLE, check
 
@@ -42,6 +43,6 @@ def command(arm: str, chain: Chain, as_json: bool) -> int:
     found = check(path, chain.base, chain.tip, chain.args, chain.packages, not chain.untrusted)
     if arm in catalog_names():
         entry = catalog_entry(arm)
-        (found.warning if entry.differs else found.note)("limits", entry.limits)
+        found.add(Severity.WARNING if entry.differs else Severity.NOTE, "limits", entry.limits)
     report.print_checkup(arm, found, as_json)
     return 0 if found.sound else 1
