@@ -15,7 +15,7 @@ from kinseek.robots.chain import Frame
 from kinseek.robots.files import file_bytes
 from kinseek.robots.urdf import fixed_links
 from kinseek.robots.urdf_file import read_robot
-from kinseek.robots.xacro import expand_xacro
+from kinseek.robots.xacro import urdf_text
 
 from .bodies import Body, MeshFiles, Part, parts_of, require_number
 from .shapes import Box, Cylinder, Mesh, Shape, Sphere
@@ -52,10 +52,7 @@ def obstacles(
         if path.suffix.lower() == MOVEIT:
             found, notes = _moveit(file_bytes(path), str(path)), list[str]()
         elif path.suffix.lower() in (URDF, XACRO):
-            packages = {name: str(folder) for name, folder in folders.items()}
-            is_xacro = path.suffix.lower() == XACRO
-            text = expand_xacro(path, None, packages, trusted) if is_xacro else file_bytes(path)
-            found, notes = _urdf(text, path, folders, skip)
+            found, notes = _urdf(urdf_text(path, None, folders, trusted), path, folders, skip)
         else:
             raise InvalidScene(
                 f"{str(path)!r} is not a file of obstacles; expected {URDF}, {XACRO}, or {MOVEIT} as MoveIt writes "

@@ -17,11 +17,10 @@ from kinseek.errors import InvalidRobot, UnitWarning
 
 from .chain import SerialChain
 from .checks import CHECKS, Severity, findings, some
-from .files import file_bytes
 from .mjcf import read_mjcf
 from .urdf import UrdfTree
 from .urdf_file import Robot
-from .xacro import expand_xacro
+from .xacro import urdf_text
 from .xml_files import root_element
 
 READABLE = (".urdf", ".xacro", ".xml")
@@ -85,13 +84,9 @@ def check(
         InvalidRobot: The file does not exist, or is not a robot description.
         MissingExtra: The file is MJCF, and MuJoCo is not installed.
     """
-    if path.suffix.lower() == ".xacro":
-        text = expand_xacro(path, args, packages, trusted)
-    elif args:
+    if args and path.suffix.lower() != ".xacro":
         raise InvalidRobot(f"args are for .xacro files, got {str(path)!r}")
-    else:
-        text = file_bytes(path)
-    root = root_element(text, str(path))
+    root = root_element(urdf_text(path, args, packages, trusted), str(path))
     if root.tag == "mujoco":
         found = Checkup()
         _check_chains(found, path, partial(read_mjcf, path, base), tip, {})

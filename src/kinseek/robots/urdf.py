@@ -73,9 +73,17 @@ def read_urdf_text(
     Raises:
         InvalidRobot: As `read_urdf`.
     """
-    robot = read_robot(text, where)
+    return replace(read_arm(read_robot(text, where), base, tip, name), urdf=text)
+
+
+def read_arm(robot: Robot, base: str | None, tip: str | None, name: str = "robot") -> SerialChain:
+    """Read the arm between two links of a robot, as `read_urdf_text` does.
+
+    Raises:
+        InvalidRobot: A check refuses the file or the arm.
+    """
     refuse_file(robot)
-    return replace(UrdfTree(robot, name).arm(base, tip), urdf=text)
+    return UrdfTree(robot, name).arm(base, tip)
 
 
 class UrdfTree:
@@ -84,7 +92,7 @@ class UrdfTree:
     def __init__(self, robot: Robot, name: str = "robot") -> None:
         """Take the robot, and its name if the file has none."""
         self._where, self._parents, self._mimics = robot.where, robot.parents, robot.mimics
-        self._name = str(robot.root.get("name") or name)
+        self._name = robot.name or name
         self._leaves = self._parents.keys() - {parent for parent in self._parents.values() if parent}
         self._above = {joint.child: joint for joint in robot.joints}
         self._moved = {joint.child for joint in robot.joints if joint.kind != "fixed"}

@@ -131,6 +131,7 @@ class Robot:
         for noun in ("link", "joint"):
             require_few(sum(1 for _ in root.iterchildren(noun)), f"{noun}s", MOST_LINKS, where)
         self.root, self.where, self.packages = root, where, packages or {}
+        self.name = str(root.get("name") or "")
         self.links = [UrdfLink(element) for element in root.iterchildren("link")]
         self.joints = [UrdfJoint(element) for element in root.iterchildren("joint")]
         self.parents: dict[str, str | None] = {link.name: None for link in self.links}

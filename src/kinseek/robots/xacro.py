@@ -72,6 +72,21 @@ def expand_xacro(
     return text
 
 
+def urdf_text(
+    path: Path,
+    args: Mapping[str, Any] | None = None,
+    packages: Mapping[str, str | Path] | None = None,
+    trusted: bool = True,
+) -> bytes:
+    """Return the text of a file; a xacro file is expanded, with the arguments of `expand_xacro`.
+
+    Raises:
+        InvalidRobot: It cannot be read or expanded.
+    """
+    is_xacro = path.suffix.lower() == ".xacro"
+    return expand_xacro(path, args, packages, trusted) if is_xacro else file_bytes(path)
+
+
 def _as_xacro(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
