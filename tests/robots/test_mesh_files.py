@@ -19,9 +19,10 @@ import pytest
 
 import kinseek
 from kinseek import InvalidRobot
-from kinseek.robots import mesh_files, obj, ply, stl
-from kinseek.robots.mesh_files import CHECKS, ENDINGS, LEAST_BODIES, MOST_BODIES, MOST_GROUPS, Beside, Budget
-from kinseek.robots.meshes import mesh_parts
+from kinseek.robots import collada_scene, glb, mesh_files, obj, ply, stl
+from kinseek.robots.mesh_files import ENDINGS, LEAST_BODIES, MOST_BODIES, Beside, Budget
+from kinseek.robots.meshes import CHECKS, mesh_parts
+from kinseek.robots.obj import MOST_GROUPS
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -39,7 +40,7 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
         "SHARED": 2 * MOST,
     }
     for name, most in limits.items():
-        for module in (mesh_files, obj, ply, stl):
+        for module in (mesh_files, collada_scene, glb, obj, ply, stl):
             monkeypatch.setattr(module, f"MOST_{name}", most, raising=False)
 
 
@@ -87,7 +88,7 @@ def dae_of(positions: str, shapes: str) -> str:
     return text.replace('count="3" s', f'count="{count // 3}" s')
 
 
-def glb(data: bytes, **told: Any) -> bytes:
+def written_glb(data: bytes, **told: Any) -> bytes:
     text = json.dumps({"asset": {"version": "2.0"}, "buffers": [{"byteLength": len(data)}], **told}).encode()
     text += b" " * (-len(text) % 4)
     chunks = (
@@ -100,7 +101,7 @@ def one_glb(
     count: int = 3, view: int = 0, repeat: int = 1, nodes: int = 1, corners: int = 3, **more: Any
 ) -> bytes:
     data = np.resize(np.eye(3, dtype="<f4"), (corners, 3)).tobytes()
-    return glb(
+    return written_glb(
         data,
         bufferViews=[{"buffer": 0, "byteLength": view or len(data)}],
         accessors=[{"bufferView": 0, "componentType": 5126, "count": count or corners, "type": "VEC3"}],
@@ -526,7 +527,7 @@ def changed_glb(where: str, change: dict[str, Any]) -> bytes:
         "scenes": [{"nodes": [0]}],
     }
     {"accessor": accessor, "part": part, "mesh": mesh, "node": node, "": told}[where].update(change)
-    return glb(np.eye(3, dtype="<f4").tobytes(), **told)
+    return written_glb(np.eye(3, dtype="<f4").tobytes(), **told)
 
 
 @pytest.mark.parametrize(
@@ -995,11 +996,11 @@ def test_images_are_pictures_of_a_sane_size(tmp_path: Path) -> None:
 )
 def test_images_inside_a_file_are_too(size: tuple[int, int], kind: str, why: str, tmp_path: Path) -> None:
     data, told = pictured_glb(size, kind)
-    (tmp_path / "a.glb").write_bytes(glb(data, **told))
+    (tmp_path / "a.glb").write_bytes(written_glb(data, **told))
     with pytest.raises(InvalidRobot, match=why) if why else contextlib.nullcontext():
         assert mesh_parts(tmp_path / "a.glb")[0].visual.material.baseColorTexture.size == size
     told["images"] = [{"uri": "a.png"}]
-    (tmp_path / "b.glb").write_bytes(glb(data, **told))
+    (tmp_path / "b.glb").write_bytes(written_glb(data, **told))
     with pytest.raises(InvalidRobot, match="in other files"):
         mesh_parts(tmp_path / "b.glb")
 
@@ -1007,11 +1008,13 @@ def test_images_inside_a_file_are_too(size: tuple[int, int], kind: str, why: str
 def test_images_count_for_each_body(tmp_path: Path) -> None:
     data, told = pictured_glb((2**13, 2**13))
     told |= {"nodes": [{"mesh": 0}] * 3, "scenes": [{"nodes": [0, 1, 2]}]}
-    (tmp_path / "a.glb").write_bytes(glb(data, **told))
+    (tmp_path / "a.glb").write_bytes(written_glb(data, **told))
     with pytest.raises(InvalidRobot, match="201,326,592 pixels in the images of its bodies"):
         mesh_parts(tmp_path / "a.glb")
     data, small = pictured_glb((8, 8))
-    (tmp_path / "a.glb").write_bytes(glb(data, **small | {each: told[each] for each in ("nodes", "scenes")}))
+    (tmp_path / "a.glb").write_bytes(
+        written_glb(data, **small | {each: told[each] for each in ("nodes", "scenes")})
+    )
     budget = Budget(MOST, 3 * 64)
     assert len(mesh_parts(tmp_path / "a.glb", budget=budget)) == 3
     assert budget.pixels_left == 0
@@ -1039,7 +1042,7 @@ def test_materials_for_which_images_are_computed_are_refused(tmp_path: Path) -> 
     told["materials"] = [
         {"extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseTexture": {"index": 0}}}}
     ]
-    (tmp_path / "a.glb").write_bytes(glb(data, **told))
+    (tmp_path / "a.glb").write_bytes(written_glb(data, **told))
     with pytest.raises(InvalidRobot, match="computes new images"):
         mesh_parts(tmp_path / "a.glb")
 
@@ -1219,7 +1222,7 @@ def test_a_long_chain_of_nodes_is_refused(tmp_path: Path) -> None:
     for count, bad in ((20, False), (2000, True)):
         nodes = [{"children": [i + 1], "mesh": 0} for i in range(count)] + [{"mesh": 0}]
         path = tmp_path / f"{count}.glb"
-        path.write_bytes(glb(data, nodes=nodes, **told))
+        path.write_bytes(written_glb(data, nodes=nodes, **told))
         if bad:
             with pytest.raises(InvalidRobot, match="steps from its nodes to the root"):
                 mesh_parts(path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,12 @@ from kinseek.errors import InvalidRobot
 from kinseek.support.forks import importing
 from kinseek.support.interrupts import raise_of_handler
 
-from . import obj, ply, stl
-from .mesh_files import CHECKS, LEAST_BODIES, Beside, Budget, Size, ending
+from . import collada_scene, glb, obj, ply, stl
+from .mesh_files import LEAST_BODIES, Beside, Budget, Size, ending
 from .polygons import Body
 
+CHECKS: Mapping[str, Callable[[bytes], Size]] = {"dae": collada_scene.measured, "glb": glb.measured}
+"""Checks of the formats that other libraries read, by extension."""
 MOST_MESH = 64 * 2**20
 """Most bytes of one mesh's file."""
 
