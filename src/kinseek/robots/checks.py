@@ -369,17 +369,18 @@ def stuck(joint: UrdfJoint) -> Iterator[str]:
         yield " mimics with multiplier 0: it does not move"
 
 
-def negative_limits(joint: UrdfJoint) -> Iterator[str]:
-    """Find limits of effort and speed below 0."""
+def odd_limits(joint: UrdfJoint) -> Iterator[str]:
+    """Find limits of effort and speed below 0, and reversed limits of mimic joints."""
     for name in ("effort", "velocity"):
         value = numbers(joint.get("limit", name), 1)
         if joint.is_limited and value is not None and value[0] < 0:
             yield f": {name} limit {value[0]:g} is below 0"
+    if joint.is_limited and joint.mimic is not None and (why := wrong_limits(*joint.limits)):
+        yield f" mimics another joint, and its limits are ignored: {why}"
 
 
 def unused_limits(joint: UrdfJoint) -> Iterator[str]:
     """Find limits that are ignored."""
-    lower, upper = joint.limits
     for tag, ends in _ENDS.items():
         if joint.kind == CONTINUOUS and any(joint.get(tag, end) is not None for end in ends):
             yield f" is continuous, so its limits in <{tag}> are ignored"
@@ -388,8 +389,6 @@ def unused_limits(joint: UrdfJoint) -> Iterator[str]:
     if joint.mimic is None and numbers(joint.get("limit", "velocity"), 1) == (0.0,):
         what = "velocity limit 0: its speed is treated as unknown, and a tracker does not bound it"
         yield f": {what}"
-    if joint.mimic is not None and lower > upper:
-        yield f": {wrong_limits(lower, upper)}, so they are ignored: the joint mimics another"
     given = [numbers(joint.get("safety_controller", end), 1) for end in _ENDS["safety_controller"]]
     if given == [(0.0,), (0.0,)]:
         yield ": both soft limits are 0: they are read as if they were missing"
@@ -451,7 +450,7 @@ CHECKS = (
     Check("joint", origin_units, _WARNING),
     Check("joint", limit_units, _WARNING),
     Check("joint", stuck, _WARNING),
-    Check("joint", negative_limits, _WARNING),
+    Check("joint", odd_limits, _WARNING),
     Check("link", masses, _WARNING),
     Check("link", inertias, _WARNING),
     Check("robot", lost_meshes, _WARNING),
