@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
-import threading
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -19,7 +16,7 @@ from numpy.typing import ArrayLike
 from bad_urdf import BAD_FILES, LIMIT, SECOND, joint, robot
 from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.robots import SerialChain, files, read, read_urdf, xacro_limits
+from kinseek.robots import SerialChain, read, read_urdf
 from kinseek.robots.chain import Array
 from kinseek.robots.joints import Mimics
 from kinseek.support.transforms import rotation, transform
@@ -316,98 +313,3 @@ def test_a_namespace_of_its_own_hides_no_element(root: str, tmp_path: Path) -> N
     text = joint(inside='<origin xmlns="u" xyz="0 0 0.5"/><limit lower="-1" upper="1"/>')
     path = write(tmp_path, f'<robot name="r"{root}><link name="a"/><link name="b"/>{text}</robot>')
     assert read_urdf(path).fixed[0, 2, 3] == 0.5
-
-
-# Xacro
-
-XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
-
-
-@pytest.mark.parametrize("trusted", [True, False])
-def test_xacro_names_elements(trusted: bool, tmp_path: Path) -> None:
-    """``xacro:element`` raised a TypeError of kinseek's own."""
-    body = (
-        '<xacro:property name="noun" value="link"/><xacro:element xacro:name="${noun}" name="a"/>'
-        '<link><xacro:attribute name="name" value="b"/></link>'
-    )
-    path = write(tmp_path, XACRO.format(body + joint(inside='<limit lower="-1" upper="1"/>')), "r.xacro")
-    assert read_urdf(path, trusted=trusted).tip == "b"
-
-
-@pytest.mark.parametrize("trusted", [True, False])
-def test_xacro_evaluates_a_file_once(trusted: bool, tmp_path: Path) -> None:
-    """xacrodoc did so until nothing changed, and so looked for a property of the name that $${…} stands for."""
-    names = '<link name="a"/><link name="b$${unknown}"/>'
-    text = joint(ends="a b$${unknown}", inside='<limit lower="-1" upper="1"/>')
-    path = write(tmp_path, XACRO.format(names + text), "r.xacro")
-    assert read_urdf(path, trusted=trusted).tip == "b${unknown}"
-
-
-def test_xacro_finds_includes_beside_itself(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    write(tmp_path, XACRO.format('<xacro:property name="up" value="2"/>'), "part.xacro")
-    body = '<xacro:include filename="part.xacro"/><link name="a"/><link name="b"/>' + joint(
-        inside='<limit lower="-1" upper="${up}"/>'
-    )
-    path = write(tmp_path, XACRO.format(body), "r.urdf.xacro")
-    monkeypatch.chdir(tmp_path.parent)
-    before = os.listdir(tmp_path)
-    assert read_urdf(path).upper[0] == 2.0
-    assert read_urdf(os.path.relpath(path)).upper[0] == 2.0
-    assert os.listdir(tmp_path) == before
-    assert capfd.readouterr() == ("", "")
-
-
-def test_same_package_name_in_two_places_stays_apart(tmp_path: Path) -> None:
-    for upper in ("2", "3"):
-        package = tmp_path / upper / "pack"
-        package.mkdir(parents=True)
-        write(package, "<package><name>pack</name></package>", "package.xml")
-        write(package, XACRO.format(f'<xacro:property name="up" value="{upper}"/>'), "part.xacro")
-        body = '<xacro:include filename="$(find pack)/part.xacro"/><link name="a"/><link name="b"/>' + joint(
-            inside='<limit lower="-1" upper="${up}"/>'
-        )
-        assert read_urdf(write(package, XACRO.format(body), "r.xacro")).upper[0] == float(upper)
-
-
-def test_xacro_prints_nothing_and_other_threads_print_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "part.xacro").write_text('<robot name="r"/>', encoding="utf-8")
-    path = tmp_path / "r.xacro"
-    path.write_text(
-        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="pi" value="3"/>'
-        '<xacro:include filename="part.xacro"/><link name="a"/><link name="b"/><joint name="j" type="continuous">'
-        '<parent link="a"/><child link="b"/></joint></robot>',
-        encoding="utf-8",
-    )
-    read_bytes = files.file_bytes
-
-    def file_bytes(file: Path, *most: int) -> bytes:
-        if file.name == "part.xacro":  # xacro is at work now.
-            other = threading.Thread(target=lambda: print("said by another thread", file=sys.stdout))
-            other.start()
-            other.join()
-        return read_bytes(file, *most)
-
-    monkeypatch.setattr(xacro_limits, "file_bytes", file_bytes)
-    assert read_urdf(path).dof == 1
-    assert capsys.readouterr() == ("said by another thread\n", "")
-
-
-@pytest.mark.parametrize(
-    ("body", "message"),
-    [
-        ('<xacro:include filename="$(find no_such_package)/x.xacro"/>', "no_such_package"),
-        ("<xacro:nothing/>", "nothing"),
-        ('<link name="${1 + oops}"/>', "oops"),
-        ("<link>", "mismatched tag"),
-    ],
-)
-def test_xacros_own_message_is_shown(
-    body: str, message: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(InvalidRobot, match=f"xacro failed: .*{message}"):
-        read_urdf(write(tmp_path, XACRO.format(body), "r.xacro"))
-    assert capfd.readouterr() == ("", "")

@@ -79,13 +79,13 @@ def _unfolded(root: Any) -> Size:
     def size(element: Any) -> Size:
         if element not in known:
             known[element] = None
-            known[element] = measured(element)
+            known[element] = unfolded(element)
         found = known[element]
         if found is None:
             raise InvalidRobot("a node is an instance of itself")
         return found
 
-    def measured(element: Any) -> Size:
+    def unfolded(element: Any) -> Size:
         if name_of(element) == "geometry":
             corners = sum(count_words(each.text) for each in element.iter("{*}p"))
             return Size(len(element.findall("{*}mesh/*")), corners, require_geometry(element))
