@@ -110,6 +110,13 @@ FAULTS = {
         ONE,
         "its limits are ignored: lower limit 2.0 is above upper limit -1.0",
     ),
+    "a note on the same joint": (
+        f'<axis xyz="0 0 1"/>{LIMIT}',
+        '<mimic joint="two" offset="2e7"/>',
+        "error",
+        "",
+        "joint 'one' has limits up to 2e+07",
+    ),
     "mass of no number": (
         '<mass value="2"/>',
         '<mass value="x"/>',

@@ -497,13 +497,14 @@ def refuse_arm(joint: UrdfJoint) -> None:
 
 def _malformed(each: UrdfLink | UrdfJoint, table: dict[str, dict[str, int]]) -> Iterator[str]:
     for path, attributes in table.items():
-        element, tag = each.element.find(path), path.rpartition("/")[2]
-        for attribute, count in attributes.items() if element is not None else ():
+        if (element := each.element.find(path)) is None:
+            continue
+        for attribute, count in attributes.items():
             try:
                 if (text := element.get(attribute)) is not None:
                     parse_numbers(text, count)
             except ValueError as error:
-                yield f": <{tag}> {attribute}={text!r}: {error}"
+                yield f": <{element.tag}> {attribute}={text!r}: {error}"
 
 
 def _is_there(mesh: str, robot: Robot) -> bool:

@@ -121,7 +121,7 @@ def _check_chains(
             "",
             f"{len(ends)} tips: kinseek.load needs tip=, one of {some(ends)}, or another link before them",
         )
-    reported = {finding.part for finding in found.findings if finding.part}
+    reported = {each.part for each in found.findings if each.part and each.severity is not Severity.NOTE}
     tried = ends[: min(_TRIED, max(1, _WORK // len(parents)))] if tip is None and len(ends) > 1 else [tip]
     if tip is None and len(tried) < len(ends):
         found.add(Severity.NOTE, "", f"only the first {len(tried)} of {len(ends)} tips are tried")

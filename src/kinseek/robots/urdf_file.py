@@ -45,28 +45,25 @@ class UrdfJoint:
         self.name, self.kind = str(element.get("name") or ""), str(element.get("type") or "")
         self.part = f"joint {self.name!r}"
         """How messages name it."""
+        self.moves = self.kind in MOVING
+        """Whether the joint can be used between base and tip."""
         self.parent, self.child = (str(self.get(tag, "link") or "") for tag in ("parent", "child"))
+        self.mimic = self._mimic() if element.find("mimic") is not None else None
+        """The joint that this one follows, multiplier, and offset [rad] or [m]; None if it follows none."""
+        lower, upper = (numbers(self.get("limit", end), 1) for end in ("lower", "upper"))
+        self.limits = (-math.inf, math.inf) if lower is None or upper is None else (lower[0], upper[0])
+        """Lower and upper limit, [rad] or [m]; infinite unless there are both."""
+        self.is_limited = self.moves and self.kind != CONTINUOUS and self.limits[0] > -math.inf
+        """Whether the joint has limits that are used."""
+        self.soft = self._soft()
+        """Soft limits, [rad] or [m]; infinite without any."""
+        self.narrowed = max(self.limits[0], self.soft[0]), min(self.limits[1], self.soft[1])
+        """The limits within the soft limits, [rad] or [m]."""
 
     def get(self, tag: str, attribute: str) -> str | None:
         """Return an attribute of an element of the joint."""
         element = self.element.find(tag)
         return None if element is None else element.get(attribute)
-
-    @property
-    def moves(self) -> bool:
-        """Whether the joint can be used between base and tip."""
-        return self.kind in MOVING
-
-    @property
-    def mimic(self) -> tuple[str, float, float] | None:
-        """The joint that this one follows, multiplier, and offset [rad] or [m]; None if it follows none."""
-        if self.element.find("mimic") is None:
-            return None
-        (multiplier,), (offset,) = (
-            numbers(self.get("mimic", name), 1) or (default,)
-            for name, default in (("multiplier", 1.0), ("offset", 0.0))
-        )
-        return str(self.get("mimic", "joint") or ""), multiplier, offset
 
     @property
     def pose(self) -> Array:
@@ -80,33 +77,6 @@ class UrdfJoint:
         return np.array(numbers(self.get("axis", "xyz"), 3) or (1.0, 0.0, 0.0))
 
     @property
-    def limits(self) -> tuple[float, float]:
-        """Lower and upper limit, [rad] or [m]; infinite unless there are both."""
-        lower, upper = (numbers(self.get("limit", end), 1) for end in ("lower", "upper"))
-        return (-math.inf, math.inf) if lower is None or upper is None else (lower[0], upper[0])
-
-    @property
-    def is_limited(self) -> bool:
-        """Whether the joint has limits that are used."""
-        return self.moves and self.kind != CONTINUOUS and self.limits[0] > -math.inf
-
-    @property
-    def soft(self) -> tuple[float, float]:
-        """Soft limits, ``<safety_controller soft_lower_limit=… soft_upper_limit=…>``, [rad] or [m]; infinite without any.
-
-        URDF defines 0 for a missing attribute. With a ``<safety_controller k_velocity=…>`` alone this would fix the joint at
-        0, and tools that fill in defaults write 0 0 there. So a missing attribute is not a limit here, and neither is 0 0.
-        """
-        given = [self.get("safety_controller", end) for end in ("soft_lower_limit", "soft_upper_limit")]
-        (lower,), (upper,) = numbers(given[0], 1) or (-math.inf,), numbers(given[1], 1) or (math.inf,)
-        return (-math.inf, math.inf) if lower == upper == 0.0 else (lower, upper)
-
-    @property
-    def narrowed(self) -> tuple[float, float]:
-        """The limits within the soft limits, [rad] or [m]."""
-        return max(self.limits[0], self.soft[0]), min(self.limits[1], self.soft[1])
-
-    @property
     def velocity(self) -> float:
         """Speed limit, [rad/s] or [m/s]; NaN if unknown.
 
@@ -115,6 +85,23 @@ class UrdfJoint:
         """
         (value,) = numbers(self.get("limit", "velocity"), 1) or (0.0,)
         return value if value > 0 else math.nan
+
+    def _mimic(self) -> tuple[str, float, float]:
+        (multiplier,), (offset,) = (
+            numbers(self.get("mimic", name), 1) or (default,)
+            for name, default in (("multiplier", 1.0), ("offset", 0.0))
+        )
+        return str(self.get("mimic", "joint") or ""), multiplier, offset
+
+    def _soft(self) -> tuple[float, float]:
+        """Return the limits ``<safety_controller soft_lower_limit=… soft_upper_limit=…>``.
+
+        URDF defines 0 for a missing attribute. With a ``<safety_controller k_velocity=…>`` alone this would fix the joint at
+        0, and tools that fill in defaults write 0 0 there. So a missing attribute is not a limit here, and neither is 0 0.
+        """
+        given = [self.get("safety_controller", end) for end in ("soft_lower_limit", "soft_upper_limit")]
+        (lower,), (upper,) = numbers(given[0], 1) or (-math.inf,), numbers(given[1], 1) or (math.inf,)
+        return (-math.inf, math.inf) if lower == upper == 0.0 else (lower, upper)
 
 
 class Robot:
