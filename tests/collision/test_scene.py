@@ -213,6 +213,27 @@ def test_joints_that_are_not_the_arms_stand_where_they_are_told(arm: kinseek.Arm
         Scene.of(arm, [file.parents[1] / "packages"], joints={"gripp": 0.02})
 
 
+FINGER = """<robot name="r"><link name="a"/><link name="b"/>
+<link name="c"><collision><origin xyz="1 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
+<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="0" velocity="0"/></joint>
+<joint name="k" type="revolute"><parent link="b"/><child link="c"/><axis xyz="{}"/>
+<limit lower="0.5" upper="1" effort="0" velocity="0"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("size", ["2", "1e200", "1e-200", "1e-320"])
+def test_joints_that_are_not_the_arms_turn_about_axes_of_any_length(size: str, tmp_path: Path) -> None:
+    """With squares that overflowed the joint did not turn, and the link was elsewhere."""
+    (tmp_path / "r.urdf").write_text(FINGER.format(f"0 0 {size}"))
+    scene = Scene.of(kinseek.load(tmp_path / "r.urdf", tip="b"))
+    scene.add_sphere("ball", 0.1, kinseek.pose([np.cos(0.5), np.sin(0.5), 0.0]))
+    assert not scene.free(np.zeros(1))
+    assert scene.free(np.ones(1))
+    (tmp_path / "r.urdf").write_text(FINGER.format("0 0 0"))
+    with pytest.raises(InvalidScene, match="the axis of joint 'k' is 0 0 0, expected a direction"):
+        Scene.of(kinseek.load(tmp_path / "r.urdf", tip="b"))
+
+
 @pytest.mark.slow
 def test_a_locked_arm_and_one_with_a_tool_are_where_they_were(
     arm: kinseek.Arm, file: Path, scene: Scene

@@ -58,6 +58,13 @@ def dae(shapes: str = ONE, nodes: str = "", scene: str = INSTANCE, doctype: str 
     return DAE.format(shapes=shapes, nodes=nodes, scene=scene, doctype=doctype).encode()
 
 
+def dae_of(positions: str, shapes: str) -> str:
+    """A file with other positions than those of `DAE`."""
+    count = len(positions.split())
+    text = dae(shapes).decode().replace('count="9">0 0 0 1 0 0 0 1 0<', f'count="{count}">{positions}<')
+    return text.replace('count="3" s', f'count="{count // 3}" s')
+
+
 def written_glb(data: bytes, **told: Any) -> bytes:
     text = json.dumps({"asset": {"version": "2.0"}, "buffers": [{"byteLength": len(data)}], **told}).encode()
     text += b" " * (-len(text) % 4)

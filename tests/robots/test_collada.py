@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kinseek import InvalidRobot
-from mesh_builders import INSTANCE, ONE, dae, read, small_limits
+from mesh_builders import INSTANCE, ONE, dae, dae_of, read, small_limits
 
 pytest.importorskip("trimesh")
 
@@ -26,13 +26,6 @@ PAINTED = """<library_images><image id="i"><init_from>a.png</init_from></image><
 <technique sid="c"><phong><diffuse><texture texture="sa" texcoord="UV"/></diffuse></phong></technique>
 </profile_COMMON></effect></library_effects>
 <library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>"""
-
-
-def dae_of(positions: str, shapes: str) -> str:
-    """A file with other positions than those of `DAE`."""
-    count = len(positions.split())
-    text = dae(shapes).decode().replace('count="9">0 0 0 1 0 0 0 1 0<', f'count="{count}">{positions}<')
-    return text.replace('count="3" s', f'count="{count // 3}" s')
 
 
 SHOWN = dae(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kinseek.errors import InvalidRobot
-from kinseek.robots import read, read_dh
+from kinseek.robots import files, read, read_dh
 from kinseek.robots.files import MOST_BYTES, MOST_JOINTS, MOST_LINKS
 from robot_files import MODEL, XACRO, soon, write
 
@@ -29,6 +29,27 @@ def test_a_pipe_is_refused(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"pipe{suffix}"
     os.mkfifo(path)
     with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
+        read(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_pipe_that_replaces_a_checked_file_is_refused(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its owner can do that at any moment, and the reader waited for the other end."""
+    needs(suffix)
+    path = write(tmp_path, f"r{suffix}", "<robot/>")
+    look = files.instead_of_a_file
+
+    def replaced(checked: Path) -> str:
+        found = look(checked)
+        path.unlink(missing_ok=True)
+        os.mkfifo(path)
+        return found
+
+    monkeypatch.setattr(files, "instead_of_a_file", replaced)
+    with soon(), pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
         read(path)
 
 

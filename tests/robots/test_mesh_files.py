@@ -26,6 +26,7 @@ from mesh_builders import (
     archive,
     changed_glb,
     dae,
+    dae_of,
     one_glb,
     pictured_glb,
     ply_header,
@@ -197,6 +198,14 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
         "columns in a source",
     ),
     "tags.dae": (lambda: dae(scene="<x/>" * 3000), "tags"),
+    "shared.dae": (
+        lambda: dae_of("0 0 0 1 0 0 0 1 0 " + "0 " * 900, ONE * 150).encode(),
+        "numbers that its bodies share",
+    ),
+    "inputs.dae": (
+        lambda: dae(ONE.replace("<p>", '<input semantic="TEXCOORD" source="#s" offset="0"/>' * 40 + "<p>")),
+        "41 inputs of one of its bodies",
+    ),
 }
 
 

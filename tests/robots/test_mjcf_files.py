@@ -243,3 +243,46 @@ def test_models_that_attach_many_models_are_refused_at_once(tmp_path: Path) -> N
         (tmp_path / f"a{i}.xml").write_text(f"<mujoco><asset>{models}</asset></mujoco>", encoding="utf-8")
     with pytest.raises(InvalidRobot, match="models, copies counted"):
         reduced(tmp_path / "a11.xml")
+
+
+@pytest.mark.parametrize(
+    ("declared", "extra"),
+    [
+        ("<!ENTITY e \"<compiler eulerseq='zyx'/>\">", "&e;"),
+        ("<!ATTLIST model name CDATA 'other'>", "<asset><model file='a.xml'/></asset>"),
+    ],
+)
+def test_mjcf_with_declarations_is_refused(declared: str, extra: str, tmp_path: Path) -> None:
+    """MuJoCo ignores them: it turned bodies otherwise, and copied models that were counted under another name."""
+    write(tmp_path, "a.xml", "<mujoco model='a'><worldbody><body name='r'/></worldbody></mujoco>")
+    path = write(tmp_path, "m.xml", f"<!DOCTYPE mujoco [{declared}]>" + MODEL.format(extra, ""))
+    with pytest.raises(InvalidRobot, match=r"m.xml: it has a document type \(<!DOCTYPE …>\), which MuJoCo"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("extra", "body", "why"),
+    [
+        (
+            "<asset><model name='m' file='large.xml'/><model name='m' file='small.xml'/></asset>",
+            "".join(f"<attach model='m' body='r' prefix='p{i}'/>" for i in range(100)),
+            "two models are called 'm'",
+        ),
+        (
+            "",
+            "<body name='x0'/>"
+            + "".join(
+                f"<body name='x{k}'><attach body='x{k - 1}' prefix='a{k}'/><attach body='x{k - 1}' prefix='b{k}'/></body>"
+                for k in range(1, 14)
+            ),
+            "<attach> in line 1 has no model",
+        ),
+    ],
+)
+def test_copies_that_are_not_counted_are_refused(extra: str, body: str, why: str, tmp_path: Path) -> None:
+    """MuJoCo attached the first of two models, and the last was counted; or a file doubled its own bodies."""
+    for name, count in (("large", 200), ("small", 0)):
+        bodies = f"<body name='r'>{'<body/>' * count}</body>"
+        write(tmp_path, f"{name}.xml", f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    with soon(), pytest.raises(InvalidRobot, match=why):
+        read(write(tmp_path, "m.xml", MODEL.format(extra, body)))

@@ -313,3 +313,30 @@ def test_a_namespace_of_its_own_hides_no_element(root: str, tmp_path: Path) -> N
     text = joint(inside='<origin xmlns="u" xyz="0 0 0.5"/><limit lower="-1" upper="1"/>')
     path = write(tmp_path, f'<robot name="r"{root}><link name="a"/><link name="b"/>{text}</robot>')
     assert read_urdf(path).fixed[0, 2, 3] == 0.5
+
+
+def test_a_prefix_for_the_namespace_of_the_root_is_rejected(tmp_path: Path) -> None:
+    """Readers of ROS ignored the origin, which was read here."""
+    text = joint(inside='<p:origin xyz="0 0 0.5"/><limit lower="-1" upper="1"/>')
+    path = write(
+        tmp_path, f'<robot name="r" xmlns="u" xmlns:p="u"><link name="a"/><link name="b"/>{text}</robot>'
+    )
+    with pytest.raises(InvalidRobot, match="<p:origin> in line 1 is of the namespace of the root"):
+        read_urdf(path)
+
+
+@pytest.mark.parametrize(("encoding", "end"), [("UTF-7", "--+AD4-"), ("JAVA", "--\\u003e")])
+def test_an_encoding_that_hides_markup_is_rejected(encoding: str, end: str, tmp_path: Path) -> None:
+    """Readers of ROS, and editors, see the origin in a comment."""
+    text = joint(inside=f'<!-- {end}<origin xyz="0 0 0.5"/><!-- --><limit lower="-1" upper="1"/>')
+    text = f'<robot name="r"><link name="a"/><link name="b"/>{text}</robot>'
+    path = write(tmp_path, f'<?xml version="1.0" encoding="{encoding}"?>{text}')
+    with pytest.raises(InvalidRobot, match=f"the encoding '{encoding}' is not read|Unsupported encoding"):
+        read_urdf(path)
+
+
+@pytest.mark.parametrize("encoding", ["UTF-8", "UTF-16", "US-ASCII", "iso-8859-1", "Windows-1252", "GB2312"])
+def test_usual_encodings_are_read(encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_bytes(f'<?xml version="1.0" encoding="{encoding}"?>{robot(joint(), SECOND)}'.encode(encoding))
+    assert read_urdf(path).tip == "c"

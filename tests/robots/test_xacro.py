@@ -13,6 +13,7 @@ from bad_urdf import joint
 from kinseek.errors import InvalidRobot
 from kinseek.robots import files, read, read_urdf, xacro_limits
 from kinseek.robots.packages import mesh_path
+from kinseek.robots.xacro import expand_xacro
 from robot_files import XACRO, soon, write
 
 
@@ -273,3 +274,20 @@ def test_a_pattern_in_the_name_of_a_file_is_allowed(tmp_path: Path) -> None:
     joint = '<joint name="j" type="continuous"><parent link="l0"/><child link="l1"/></joint>'
     path = write(tmp_path, "r.xacro", XACRO.format('<xacro:include filename="part[01].xacro"/>' + joint))
     assert read(path).joint_names == ("j",)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+def test_xacro_reads_what_was_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file was opened again after it had been checked."""
+    path = write(tmp_path, "r.xacro", XACRO.format('<link name="a"/>'))
+    checked = files.file_bytes
+
+    def replaced(name: Path, *most: int) -> bytes:
+        text = checked(name, *most)
+        if most:  # Not at the first look at the file.
+            path.unlink()
+            os.mkfifo(path)
+        return text
+
+    monkeypatch.setattr(xacro_limits, "file_bytes", replaced)
+    assert b'<link name="a"/>' in expand_xacro(path)

@@ -133,7 +133,10 @@ class _Others:
             raise InvalidScene(
                 f"{self.robot.where}: {joint.part} must have a value of at most {LARGEST:g} rad or m, got {value:g}"
             )
-        axis = joint.axis / np.linalg.norm(joint.axis) if joint.axis.any() else np.array([1.0, 0.0, 0.0])
+        if not (axis := joint.axis).any():
+            raise InvalidScene(f"{self.robot.where}: the axis of {joint.part} is 0 0 0, expected a direction")
+        axis = axis / np.abs(axis).max()  # Squares of very large or small numbers would overflow, or vanish.
+        axis = axis / np.linalg.norm(axis)
         if joint.kind == PRISMATIC:
             return np.asarray(origin @ transform(np.eye(3), value * axis))
         return np.asarray(origin @ transform(rotation(axis, value), np.zeros(3)))

@@ -43,6 +43,12 @@ def count_words(text: str | None) -> int:
     return int((blank[:-1] & ~blank[1:]).sum())
 
 
+def shared_numbers(mesh: Any) -> int:
+    """Return how many numbers of sources all bodies of a mesh have together, if each has all of them."""
+    bodies = sum(name_of(each) in _TRIANGLES for each in mesh.iterchildren("*"))
+    return bodies * sum(count_words(each.text) for each in mesh.iterfind("{*}source/{*}float_array"))
+
+
 def require_units(root: Any) -> None:
     """Check that the file has one unit, a length.
 

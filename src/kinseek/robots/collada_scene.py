@@ -24,14 +24,17 @@ from .collada import (
     require_numbers_alone,
     require_one_namespace,
     require_units,
+    shared_numbers,
 )
-from .mesh_files import MOST_BODIES, MOST_CORNERS, Size, drawn_corners
+from .mesh_files import MOST_BODIES, MOST_CORNERS, MOST_SHARED, Size, drawn_corners
 from .polygons import at_most
 
 MOST_TAGS = 2**20
 """Most tags of a file."""
 MOST_COLUMNS = 4
 """Most columns of a source: positions, normals, texture coordinates and colours have no more."""
+MOST_INPUTS = 32
+"""Most inputs of a primitive; for each of them all indices are read."""
 
 
 def measured(text: bytes) -> Size:
@@ -61,6 +64,9 @@ def measured(text: bytes) -> Size:
     named = [f"{{*}}{each}" for each in ("node", "geometry", "material", "effect", "image")]
     at_most(sum(1 for _ in root.iter(*named)), MOST_BODIES, "nodes, geometries, materials and images")
     require_units(root)
+    inputs = max((len(each.findall("{*}input")) for each in root.iterfind(".//{*}mesh/*")), default=0)
+    at_most(inputs, MOST_INPUTS, "inputs of one of its bodies")
+    at_most(sum(map(shared_numbers, root.iter("{*}mesh"))), MOST_SHARED, "numbers that its bodies share")
     size = _unfolded(root)
     at_most(size.bodies, MOST_BODIES, "nodes and bodies")
     return size._replace(corners=drawn_corners(size.corners, text))

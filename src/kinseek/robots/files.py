@@ -40,9 +40,10 @@ def file_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
         InvalidRobot: The file does not exist, is not a regular file, cannot be read, or is too large.
     """
     try:
-        if what := instead_of_a_file(path):
-            raise InvalidRobot(f"cannot read {str(path)!r}: it is {what}, expected a regular file")
-        with path.open("rb") as file:
+        _require_regular(instead_of_a_file(path), path)
+        # Its owner may put a pipe in its place at any moment: it is opened without waiting, and checked again.
+        with open(path, "rb", opener=_open_at_once) as file:
+            _require_regular(_instead(os.fstat(file.fileno())), path)
             text = file.read(most + 1)  # Files of the kernel report size 0, and some never end.
     except InvalidRobot:
         raise
@@ -67,10 +68,23 @@ def instead_of_a_file(path: Path) -> str:
     Raises:
         OSError: The path does not exist or cannot be examined.
     """
-    mode = path.stat().st_mode
-    if stat.S_ISREG(mode):
+    return _instead(path.stat())
+
+
+def _instead(status: os.stat_result) -> str:
+    if stat.S_ISREG(status.st_mode):
         return ""
-    return next((name for test, name in _NOT_A_FILE if test(mode)), "something else")
+    return next((name for test, name in _NOT_A_FILE if test(status.st_mode)), "something else")
+
+
+def _require_regular(what: str, path: Path) -> None:
+    if what:
+        raise InvalidRobot(f"cannot read {str(path)!r}: it is {what}, expected a regular file")
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    """Open without waiting for the other end of a pipe."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def require_few(count: int, noun: str, most: int, where: str) -> None:

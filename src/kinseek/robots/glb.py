@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import json
 import struct
+from math import hypot
 from typing import Any
 
 from kinseek.errors import InvalidRobot
 
-from .mesh_files import MOST_BODIES, MOST_PIXELS, Size, drawn_corners, pixels_of_image
+from .mesh_files import MOST_BODIES, MOST_PIXELS, MOST_SHARED, Size, drawn_corners, pixels_of_image
 from .polygons import at_most
 
 MOST_JSON = 2**22
 """Most bytes of the description at the beginning of a file."""
 MOST_STEPS = 100_000
 """Most steps from the nodes of a file to its root, added up."""
-MOST_SHARED = 2**27
-"""Most bytes of a file that bodies may share; each body has its own copy in memory."""
 
 _COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of one number of an accessor, by its component type."""
@@ -31,6 +30,12 @@ _FLOAT = 5126
 _TRIANGLES, _STRIP = 4, 5
 _MODES = {0: "points", 1: "lines", _TRIANGLES: "triangles", _STRIP: "a strip of triangles"}
 """Of bodies: trimesh passes over others, and over the place of a node that has no other body."""
+_UNSIGNED = (5121, 5123, 5125)
+"""Codes of numbers that may be indices."""
+_MOVES = {"translation", "rotation", "scale"}
+"""What moves a node that has no matrix."""
+_UNIT = 1e-3
+"""How much the length of a quaternion may differ from 1, for rounding."""
 _BINARY = 0x004E4942
 """The kind of a chunk with numbers and images."""
 _ONLY_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_")
@@ -142,6 +147,10 @@ def _require_its_shape(document: dict[str, Any]) -> None:
                 )
             if "POSITION" not in part["attributes"]:
                 raise InvalidRobot("a body has no positions")
+            if "indices" in part and (kind := accessors[part["indices"]]["componentType"]) not in _UNSIGNED:
+                raise InvalidRobot(
+                    f"its indices are of component type {kind!r:.100}, expected whole numbers from 0 on"
+                )
             position = accessors[part["attributes"]["POSITION"]]
             got = position["type"], position["componentType"], position.get("normalized", False)
             if got != ("VEC3", _FLOAT, False):
@@ -155,6 +164,15 @@ def _require_its_shape(document: dict[str, Any]) -> None:
                 "its bodies are morphed by weights, expected their final shape; apply the weights"
             )
     for node in document.get("nodes", []):
+        if "matrix" in node and (not _MOVES.isdisjoint(node) or node["matrix"][3::4] != [0, 0, 0, 1]):
+            raise InvalidRobot(
+                "a node has a matrix whose last row is not 0, 0, 0, 1, or a matrix and another motion; readers differ on "
+                "both"
+            )
+        if abs(hypot(*node.get("rotation", [1.0])) - 1.0) > _UNIT:
+            raise InvalidRobot(
+                "a node has a rotation that is not a quaternion of length 1; readers differ on it"
+            )
         if "skin" in node:
             raise InvalidRobot("a node has a skin, expected a shape without one; apply it, and take it out")
         if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -251,7 +252,7 @@ def _unit_axis(joint: Joint) -> Array:
 
 def wrong_axis(axis: Array) -> str:
     """Explain why a joint cannot have this axis, (3,), or return ""."""
-    length = float(np.linalg.norm(axis)) if np.isfinite(axis).all() else float("nan")
+    length = math.hypot(*axis) if np.isfinite(axis).all() else math.nan  # Without a warning of overflow.
     if abs(length - 1.0) <= _AXIS_ROUNDING:
         return ""
     unit = " ".join(f"{value / length:.9g}" for value in axis) if length > 0 else "a unit vector"

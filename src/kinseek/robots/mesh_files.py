@@ -44,6 +44,9 @@ one."""
 MOST_CORNERS = 3 * 2**22
 """Most triangle corners of COLLADA and GLB, with each instance counted, and of all meshes of a robot. Larger meshes can be
 read as binary STL or PLY."""
+MOST_SHARED = 2**27
+"""Most bytes of a GLB file that bodies may share, and most numbers of COLLADA; each body has its own copy in memory, or goes
+through all of them."""
 
 _IMAGES_OF = (
     "image",

@@ -145,6 +145,12 @@ class _Reader:
         text = file_bytes(path, self.left)
         self.left -= len(text)
         root = root_element(text, str(path))
+        if root.getroottree().docinfo.internalDTD is not None:
+            # MuJoCo ignores it: what it declares as an entity or a default would be in the model here alone.
+            raise InvalidRobot(
+                f"{path}: it has a document type (<!DOCTYPE …>), which MuJoCo does not read; take it out, and write what "
+                "its entities stand for"
+            )
         for element in root.iter("*"):
             element.tag = element.tag.rpartition("}")[2]  # MuJoCo does not support namespaces.
             if element.tag != _INCLUDE and element.tag.lower() == _INCLUDE:
@@ -185,7 +191,17 @@ class _Reader:
             element.set("file", key)
             if element.get("name") is None:
                 element.set("name", file.stem)
-            sizes[element.get("name")] = size
+            called = element.get("name")
+            if called in sizes:  # MuJoCo attaches the first of them.
+                raise InvalidRobot(f"{path}: two models are called {called!r:.100}, expected different names")
+            sizes[called] = size
+        for element in root.iter("attach"):
+            if element.get("model") is None:
+                # MuJoCo copies a body of this file, with the copies in it: each level may double them.
+                raise InvalidRobot(
+                    f"{path}: <attach> in line {element.sourceline} has no model; copies of a body of the same file are not "
+                    "read, write it as a model in another file"
+                )
         return sizes
 
     def _find(self, name: str, beside: Path) -> Path:

@@ -7,13 +7,15 @@ grows too large: its functions are replaced by functions that count first.
 from __future__ import annotations
 
 import contextlib
+import errno
 import glob
+import io
 import os
 import re
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
+from typing import IO, Any
 from xml.parsers import expat
 
 from kinseek.errors import InvalidRobot
@@ -63,7 +65,7 @@ def limits(path: Path) -> tuple[tuple[Changes, ...], Spend]:
     from xacrodoc import packages
     from xacrodoc.xacrodoc import xacro
 
-    opened, left, steps, work = open, MOST_BYTES, 0, 0
+    left, steps, work = MOST_BYTES, 0, 0
     own = SimpleNamespace(**vars(xacro))
 
     def spend(units: int, what: str) -> None:
@@ -73,15 +75,18 @@ def limits(path: Path) -> tuple[tuple[Changes, ...], Spend]:
             work, "units of work", _MOST_WORK, f"{path}: xacro has too much to do, at last with {what}"
         )
 
-    def open_file(name: Any, *rest: Any, **options: Any) -> Any:
+    def open_file(name: Any, mode: str = "r") -> IO[Any]:
+        """Return a whole file as `open` opens it, but what was checked: another file may have the name by now."""
         nonlocal left
         require_few(
             len(xacro.filestack), "files, each included by the one before", MOST_NESTED, f"{path}: xacro"
         )
         spend(_FILE, "files that are opened")
-        if Path(name).exists():  # xacro itself gives the best message about a missing file.
-            left -= len(file_bytes(Path(name), left))
-        return opened(name, *rest, **options)
+        if not Path(name).exists():  # xacro itself gives the best message about a missing file.
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(name))
+        content = file_bytes(Path(name), left)
+        left -= len(content)
+        return io.BytesIO(content) if "b" in mode else io.TextIOWrapper(io.BytesIO(content))
 
     def parse(given: Any, name: Any = None) -> Any:
         if given is None and Path(name).exists():
