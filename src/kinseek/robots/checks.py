@@ -97,10 +97,11 @@ def other_formats(robot: Robot) -> Found:
 
 def missing_names(robot: Robot) -> Found:
     """Find links and joints without a name."""
-    for noun, parts in (("link", robot.links), ("joint", robot.joints)):
-        for each in parts:
-            if not each.name:
-                yield noun, f"a <{noun}> in line {each.element.sourceline} has no name"
+    parts: list[UrdfLink | UrdfJoint] = [*robot.links, *robot.joints]
+    for each in parts:
+        if not each.name:
+            noun = each.element.tag
+            yield noun, f"a <{noun}> in line {each.element.sourceline} has no name"
 
 
 def repeated_names(robot: Robot) -> Found:
@@ -160,30 +161,24 @@ def roots(robot: Robot) -> Found:
         yield "", f"several root links, expected one: {some(found)}"
 
 
-def unknown_leaders(robot: Robot) -> Found:
-    """Find joints that follow a joint that does not exist or does not move."""
-    kinds = {joint.name: joint.kind for joint in robot.joints}
-    count = 0
+def leaders(robot: Robot) -> Found:
+    """Find mimic joints of a joint that does not exist or does not move, and those that follow one another."""
+    kinds, mimics = {joint.name: joint.kind for joint in robot.joints}, robot.mimics
+    count, looped = 0, False
     for joint in robot.joints:
-        if joint.mimic is None or not (leader := joint.mimic[0]):
-            continue
-        if leader not in kinds:
+        leader = "" if joint.mimic is None else joint.mimic[0]
+        if leader and leader not in kinds:
             count += 1
             known = [name for name in kinds if name] if count <= _SUGGESTED else []
             yield joint.part, f"{joint.part} mimics {unknown(leader, known, 'joint')}"
-        elif kinds[leader] not in MOVING:
+        elif leader and kinds[leader] not in MOVING:
             yield joint.part, f"{joint.part} mimics {leader!r}, which is {kinds[leader]}"
-
-
-def mimic_loops(robot: Robot) -> Found:
-    """Find joints that follow one another."""
-    mimics = robot.mimics
-    for joint in robot.joints:
         try:
             mimics.driver(joint.name)
         except InvalidRobot as error:
-            yield joint.part, str(error)
-            return  # One line per loop; two loops are rarer than two joints in one.
+            if not looped:  # One line per loop; two loops are rarer than two joints in one.
+                yield joint.part, str(error)
+            looped = True
 
 
 def lost_meshes(robot: Robot) -> Found:
@@ -334,27 +329,19 @@ def default_axis(joint: UrdfJoint) -> Iterator[str]:
         yield ": no <axis>: the default of URDF is used, 1 0 0"
 
 
-def origin_units(joint: UrdfJoint) -> Iterator[str]:
-    """Find angles and lengths of origins that are probably in other units."""
+def units(joint: UrdfJoint) -> Iterator[str]:
+    """Find angles and lengths of origins and limits that are probably in other units."""
+    degrees, millimetres = "URDF uses radians, are these degrees?", "URDF uses metres, are these millimetres?"
     rpy, xyz = (numbers(joint.get("origin", name), 3) for name in ("rpy", "xyz"))
     if rpy is not None and max(map(abs, rpy)) > TURN * (1 + _ROUNDED):
-        what = f"origin rpy={joint.get('origin', 'rpy')!r} is more than a full turn"
-        yield f": {what}; URDF uses radians, are these degrees?"
+        yield f": origin rpy={joint.get('origin', 'rpy')!r} is more than a full turn; {degrees}"
     if xyz is not None and max(map(abs, xyz)) > _FAR:
-        what = f"origin xyz={joint.get('origin', 'xyz')!r} is more than {_FAR:g} m"
-        yield f": {what}; URDF uses metres, are these millimetres?"
-
-
-def limit_units(joint: UrdfJoint) -> Iterator[str]:
-    """Find limits that are probably in other units."""
-    lower, upper = joint.limits
-    what = f": limits [{lower:g}, {upper:g}] are"
-    if not joint.is_limited:
-        return
-    if joint.kind == REVOLUTE and max(-lower, upper) > TURNS_OF_A_JOINT:
-        yield f"{what} many turns; URDF uses radians, are these degrees?"
-    if joint.kind == PRISMATIC and max(-lower, upper) > _FAR:
-        yield f"{what} more than {_FAR:g} m; URDF uses metres, are these millimetres?"
+        yield f": origin xyz={joint.get('origin', 'xyz')!r} is more than {_FAR:g} m; {millimetres}"
+    (lower, upper), farthest = joint.limits, max(-joint.limits[0], joint.limits[1])
+    if joint.is_limited and joint.kind == REVOLUTE and farthest > TURNS_OF_A_JOINT:
+        yield f": limits [{lower:g}, {upper:g}] are many turns; {degrees}"
+    if joint.is_limited and joint.kind == PRISMATIC and farthest > _FAR:
+        yield f": limits [{lower:g}, {upper:g}] are more than {_FAR:g} m; {millimetres}"
 
 
 def stuck(joint: UrdfJoint) -> Iterator[str]:
@@ -387,8 +374,7 @@ def unused_limits(joint: UrdfJoint) -> Iterator[str]:
     if not joint.is_limited:
         return
     if joint.mimic is None and numbers(joint.get("limit", "velocity"), 1) == (0.0,):
-        what = "velocity limit 0: its speed is treated as unknown, and a tracker does not bound it"
-        yield f": {what}"
+        yield ": velocity limit 0: its speed is treated as unknown, and a tracker does not bound it"
     given = [numbers(joint.get("safety_controller", end), 1) for end in _ENDS["safety_controller"]]
     if given == [(0.0,), (0.0,)]:
         yield ": both soft limits are 0: they are read as if they were missing"
@@ -398,8 +384,7 @@ def narrowed_limits(joint: UrdfJoint) -> Iterator[str]:
     """Find soft limits inside of the limits."""
     (lower, upper), soft = joint.limits, joint.narrowed
     if joint.is_limited and lower <= upper and soft != (lower, upper) and soft[0] < soft[1]:
-        what = f"soft limits narrow [{lower:g}, {upper:g}] to [{soft[0]:g}, {soft[1]:g}], as in MoveIt"
-        yield f": {what}"
+        yield f": soft limits narrow [{lower:g}, {upper:g}] to [{soft[0]:g}, {soft[1]:g}], as in MoveIt"
 
 
 def nearly_a_turn(joint: UrdfJoint) -> Iterator[str]:
@@ -443,12 +428,10 @@ CHECKS = (
     Check("joint", limits_in_order, _ERROR, Refuses.ARM),
     Check("joint", soft_limits, _ERROR, Refuses.ARM),
     Check("joint", unit_axis, _ERROR, Refuses.ARM),
-    Check("robot", unknown_leaders, _ERROR),
-    Check("robot", mimic_loops, _ERROR),
+    Check("robot", leaders, _ERROR),
     Check("joint", ignored_numbers, _WARNING),
     Check("link", ignored_numbers, _WARNING),
-    Check("joint", origin_units, _WARNING),
-    Check("joint", limit_units, _WARNING),
+    Check("joint", units, _WARNING),
     Check("joint", stuck, _WARNING),
     Check("joint", odd_limits, _WARNING),
     Check("link", masses, _WARNING),
@@ -467,7 +450,8 @@ def findings(check: Check, robot: Robot) -> Found:
     """Yield what a check finds in a robot: the part, and a sentence."""
     if check.of == "robot":
         yield from check.find(robot)
-    for each in robot.links if check.of == "link" else robot.joints if check.of == "joint" else ():
+    parts: dict[str, list[Any]] = {"link": robot.links, "joint": robot.joints}
+    for each in parts.get(check.of, []):
         yield from ((each.part, f"{each.part}{what}") for what in check.find(each))
 
 

@@ -18,7 +18,7 @@ from kinseek.errors import InvalidRobot, UnitWarning
 from .chain import SerialChain
 from .checks import CHECKS, Severity, findings, some
 from .mjcf import read_mjcf
-from .urdf import UrdfTree
+from .urdf import arm_of
 from .urdf_file import Robot
 from .xacro import urdf_text
 from .xml_files import root_element
@@ -98,7 +98,7 @@ def check(
         for part, sentence in findings(each, robot):
             found.add(each.severity, part, sentence.removeprefix(part).removeprefix(":").strip())
     if not any(finding.severity is Severity.ERROR for finding in found.findings):
-        _check_chains(found, path, partial(UrdfTree(robot).arm, base), tip, robot.parents)
+        _check_chains(found, path, partial(arm_of, robot, base), tip, robot.parents)
     return found
 
 
@@ -132,10 +132,8 @@ def _check_chains(
                 read(tip=end)
         except InvalidRobot as error:
             why = str(error).removeprefix(f"{path}: ")
-            about = why[
-                :_HEAD
-            ]  # Messages begin with their subject; what follows may list every joint of the file.
-            if any(part in about for part in reported):
+            # Messages begin with their subject; what follows may list every joint of the file.
+            if any(part in why[:_HEAD] for part in reported):
                 continue
             if end is not tip:
                 found.add(Severity.NOTE, f"tip {end!r}", f"no arm ends there: {why}")

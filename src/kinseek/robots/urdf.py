@@ -83,61 +83,54 @@ def read_arm(robot: Robot, base: str | None, tip: str | None, name: str = "robot
         InvalidRobot: A check refuses the file or the arm.
     """
     refuse_file(robot)
-    return UrdfTree(robot, name).arm(base, tip)
+    return arm_of(robot, base, tip, name)
 
 
-class UrdfTree:
-    """The links and joints of a URDF, of which no check refuses the file; `arm` extracts arms."""
+def arm_of(robot: Robot, base: str | None, tip: str | None, name: str = "robot") -> SerialChain:
+    """Read the arm between two links of a robot of which no check refuses the file.
 
-    def __init__(self, robot: Robot, name: str = "robot") -> None:
-        """Take the robot, and its name if the file has none."""
-        self._where, self._parents, self._mimics = robot.where, robot.parents, robot.mimics
-        self._name = robot.name or name
-        self._leaves = self._parents.keys() - {parent for parent in self._parents.values() if parent}
-        self._above = {joint.child: joint for joint in robot.joints}
-        self._moved = {joint.child for joint in robot.joints if joint.kind != "fixed"}
+    Raises:
+        InvalidRobot: There is no such arm, or a check refuses it.
+    """
+    with np.errstate(all="ignore"):  # Overflowing numbers are rejected when the chain is built.
+        chain = _chain(robot, base, tip, name)
+    warn_of_joints(
+        chain.joint_names,
+        chain.kinds,
+        chain.lower,
+        chain.upper,
+        robot.where,
+        "write radians, as URDF has them",
+    )
+    return chain
 
-    def arm(self, base: str | None = None, tip: str | None = None) -> SerialChain:
-        """Return the arm between two links, with the arguments of `read_urdf`.
 
-        Raises:
-            InvalidRobot: There is no such arm.
-        """
-        with np.errstate(all="ignore"):  # Overflowing numbers are rejected when the chain is built.
-            chain = self._arm(base, tip)
-        warn_of_joints(
-            chain.joint_names,
-            chain.kinds,
-            chain.lower,
-            chain.upper,
-            self._where,
-            "write radians, as URDF has them",
-        )
-        return chain
-
-    def _arm(self, base: str | None, tip: str | None) -> SerialChain:
-        links = frame_path(self._parents, base, tip, ends=self._leaves, noun="link", moving=self._moved)
-        path_joints = [self._above[link] for link in links[1:]]
-        count = sum(joint.kind != "fixed" for joint in path_joints)
-        require_few(count, "moving joints between base and tip", MOST_JOINTS, self._where)
-        moving, pose = [], np.eye(4)
-        of_links, of_joints = [], []
-        for joint in path_joints:
-            pose = pose @ joint.pose
-            if joint.kind != "fixed":
-                moving.append(_moving_joint(joint, pose, self._mimics))
-                pose = np.eye(4)
-            of_links.append((joint.child, Frame(len(moving), pose)))
-            of_joints.append((joint.name, Frame(len(moving), pose)))
-        return serial_chain(
-            moving,
-            pose,
-            name=self._name,
-            base=links[0],
-            tip=links[-1],
-            source=self._where,
-            links=of_links + of_joints,
-        )
+def _chain(robot: Robot, base: str | None, tip: str | None, name: str) -> SerialChain:
+    leaves = robot.parents.keys() - {parent for parent in robot.parents.values() if parent}
+    above = {joint.child: joint for joint in robot.joints}
+    moved = {joint.child for joint in robot.joints if joint.kind != "fixed"}
+    links = frame_path(robot.parents, base, tip, ends=leaves, noun="link", moving=moved)
+    joints = [above[link] for link in links[1:]]
+    count = sum(joint.kind != "fixed" for joint in joints)
+    require_few(count, "moving joints between base and tip", MOST_JOINTS, robot.where)
+    moving, pose, mimics = list[Joint](), np.eye(4), robot.mimics
+    of_links, of_joints = [], []
+    for joint in joints:
+        pose = pose @ joint.pose
+        if joint.kind != "fixed":
+            moving.append(_moving_joint(joint, pose, mimics))
+            pose = np.eye(4)
+        of_links.append((joint.child, Frame(len(moving), pose)))
+        of_joints.append((joint.name, Frame(len(moving), pose)))
+    return serial_chain(
+        moving,
+        pose,
+        name=robot.name or name,
+        base=links[0],
+        tip=links[-1],
+        source=robot.where,
+        links=of_links + of_joints,
+    )
 
 
 def fixed_links(robot: Robot) -> dict[str, Array]:
