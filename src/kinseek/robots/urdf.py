@@ -19,11 +19,11 @@ from kinseek.support.units import warn_of_joints
 
 from .chain import Array, Frame, SerialChain
 from .checks import refuse_arm, refuse_file
-from .files import MOST_JOINTS, file_bytes, require_few
+from .files import MOST_JOINTS, require_few
 from .joints import Joint, Mimics, serial_chain
 from .tree import frame_path
 from .urdf_file import Robot, UrdfJoint, read_robot
-from .xacro import expand_xacro
+from .xacro import urdf_text
 
 
 def read_urdf(
@@ -49,13 +49,11 @@ def read_urdf(
         InvalidRobot: The file, the tree of links, or a joint between base and tip cannot be used.
     """
     path = Path(path)
-    if path.suffix.lower() == ".xacro":
-        text = expand_xacro(path, args, packages, trusted)
-        chain = read_urdf_text(text, base, tip, where=str(path), name=path.name.split(".")[0])
-        return replace(chain, packages=dict(packages or {}))
-    if args or packages:
+    if (args or packages) and path.suffix.lower() != ".xacro":
         raise InvalidRobot(f"args and packages are for .xacro files, got {str(path)!r}")
-    return read_urdf_text(file_bytes(path), base, tip, where=str(path), name=path.name.split(".")[0])
+    text = urdf_text(path, args, packages, trusted)
+    chain = read_urdf_text(text, base, tip, where=str(path), name=path.name.split(".")[0])
+    return replace(chain, packages=dict(packages or {}))
 
 
 def read_urdf_text(
