@@ -401,7 +401,7 @@ def _beside(
 
 def _fingers(urdf: Path) -> dict[str, bool]:
     """Joints of the file that slide, and whether they follow no other: pinocchio's reader takes all by themselves."""
-    from kinseek.robots.urdf_xml import root_element
+    from kinseek.robots.xml_files import root_element
 
     joints = root_element(urdf.read_bytes(), str(urdf)).findall("joint")
     return {j.get("name"): j.find("mimic") is None for j in joints if j.get("type") == "prismatic"}

@@ -6,7 +6,6 @@ import re
 import time
 from functools import partial
 from pathlib import Path
-from xml.etree.ElementTree import Element, fromstring
 
 import numpy as np
 import pytest
@@ -16,8 +15,10 @@ from cells import TETRAHEDRON, box_mesh, write_obj
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Box
 from kinseek.collision.assembly import MOST_PAIRS
-from kinseek.collision.bodies import MOST_SHAPES, neighbours_of
+from kinseek.collision.bodies import MOST_SHAPES
+from kinseek.collision.links import neighbours_of
 from kinseek.collision.obstacles import MOST_OBJECTS, obstacles
+from kinseek.robots.urdf_file import Robot, read_robot
 
 pytest.importorskip("pinocchio")
 
@@ -485,16 +486,13 @@ def test_a_scene_that_is_cut_short_or_has_a_wrong_word_is_no_other_scene(tmp_pat
     assert read > 50
 
 
-def tree(joints: list[tuple[str, str, str]]) -> Element:
+def tree(joints: list[tuple[str, str, str]]) -> Robot:
     """Links and joints alone: the kind of each joint, and the links above and below."""
-    return fromstring(
-        "<robot>"
-        + "".join(
-            f'<joint type="{kind}">{50 * "<a/>"}<parent link="{above}"/><child link="{below}"/></joint>'
-            for kind, above, below in joints
-        )
-        + "</robot>"
+    text = "".join(
+        f'<joint type="{kind}">{50 * "<a/>"}<parent link="{above}"/><child link="{below}"/></joint>'
+        for kind, above, below in joints
     )
+    return read_robot(f"<robot>{text}</robot>".encode(), "")
 
 
 def climbed(joints: list[tuple[str, str, str]], solid: set[str]) -> list[tuple[str, str]]:

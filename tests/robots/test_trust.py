@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import kinseek
 from kinseek import InvalidRobot
-from kinseek.robots import urdf_xml
+from kinseek.robots import xacro_untrusted
 from kinseek.robots.expressions import FUNCTIONS, Refused, evaluate
 from places import SHARED
 
@@ -155,13 +155,13 @@ def test_yaml_is_read_as_by_xacro(tmp_path: Path) -> None:
 
 def test_a_yaml_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.yaml").write_text("upper: 0.125\n", encoding="utf-8")
-    calls, read = [], urdf_xml._yaml_content
+    calls, read = [], xacro_untrusted._yaml_content
 
     def content(*given: Any) -> Any:
         calls.append(given)
         return read(*given)
 
-    monkeypatch.setattr(urdf_xml, "_yaml_content", content)
+    monkeypatch.setattr(xacro_untrusted, "_yaml_content", content)
     text = "${" + " + ".join(["load_yaml('a.yaml').upper"] * 20) + "}"
     assert upper_of(tmp_path, text, trusted=False) == 2.5
     assert len(calls) == 1

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
-import threading
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -16,9 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
+from bad_urdf import BAD_FILES, LIMIT, SECOND, joint, robot
 from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.robots import SerialChain, files, read, read_urdf, urdf_xml
+from kinseek.robots import SerialChain, read, read_urdf
 from kinseek.robots.chain import Array
 from kinseek.robots.joints import Mimics
 from kinseek.support.transforms import rotation, transform
@@ -39,31 +37,6 @@ MESSY_TIPS = [
 
 def fk(chain: SerialChain, q: ArrayLike) -> Array:
     return forward_many(chain.arrays, np.array(q, dtype=float))
-
-
-def robot(*joints: str, links: str = "a b c") -> str:
-    return (
-        '<robot name="r">'
-        + "".join(f'<link name="{link}"/>' for link in links.split())
-        + "".join(joints)
-        + "</robot>"
-    )
-
-
-def joint(
-    name: str = "j",
-    ends: str = "a b",
-    kind: str = "revolute",
-    inside: str = '<limit lower="-1" upper="2"/>',
-) -> str:
-    parent, child = ends.split()
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{inside}</joint>'
-    )
-
-
-LIMIT = '<limit lower="-1" upper="2"/>'
-SECOND = joint("k", "b c", "fixed", "")
 
 
 def write(folder: Path, text: str, name: str = "r.urdf") -> Path:
@@ -302,96 +275,6 @@ def test_joints_beside_the_path_may_be_anything(tmp_path: Path) -> None:
 
 # Bad input
 
-BAD_FILES = {
-    "broken XML": ("<robot><link></robot>", "broken XML.*line 1"),
-    "empty": ("", "broken XML"),
-    "not a robot": ("<sdf/>", "root tag is <sdf>, expected <robot>"),
-    "xacro in a .urdf": (
-        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="x"/></robot>',
-        "xacro commands; rename it to .xacro",
-    ),
-    "xacro of another address in a .urdf": (  # As many files have it: the command was left out.
-        robot(joint(inside='<limit lower="-1" upper="1"/>'), '<xacro:hand parent="b"/>', links="a b").replace(
-            "<robot", '<robot xmlns:xacro="http://ros.org/wiki/xacro"'
-        ),
-        "xacro commands; rename it to .xacro",
-    ),
-    "no links": ("<robot/>", "no links"),
-    "nameless link": ("<robot><link/></robot>", "<link> in line 1 has no name"),
-    "nameless joint": ('<robot><link name="a"/><joint/></robot>', "<joint> in line 1 has no name"),
-    "duplicate link": (robot(joint(), links="a b b"), "duplicate link names: b"),
-    "duplicate joint": (robot(joint(), joint(ends="b c")), "duplicate joint names: j"),
-    "unknown link": (robot(joint(ends="a z"), links="a b"), "joint 'j' refers to link 'z'"),
-    "two parents": (robot(joint(), joint("k", "c b")), "link 'b' has two parents, 'a' and 'c'"),
-    "loop of all": (robot(joint(), joint("k", "b a"), links="a b"), "form a loop: a -> b -> a"),
-    "loop apart": (
-        robot(joint(), joint("k", "c d"), joint("l", "d c"), links="a b c d"),
-        "form a loop: c -> d",
-    ),
-    "several roots": (robot(joint()), "several root links, expected one: a, c"),
-    "unknown type": (
-        robot(joint(kind="revolut"), SECOND),
-        "unknown joint type 'revolut'; did you mean 'revolute'",
-    ),
-    "no type": (robot(joint().replace(' type="revolute"', ""), SECOND), "joint 'j': no type"),
-    "no parent": (robot(joint().replace('<parent link="a"/>', ""), SECOND), "joint 'j': no <parent>"),
-    "parent of nothing": (robot(joint().replace('<parent link="a"/>', "<parent/>")), "<parent> has no link"),
-    "no child": (robot(joint().replace('<child link="b"/>', ""), SECOND), "joint 'j': no <child>"),
-    "no limit": (robot(joint(inside=""), SECOND), "'j' is revolute and needs a <limit> with both"),
-    "half a limit": (
-        robot(joint(inside='<limit lower="-1"/>'), SECOND),
-        "'j' is revolute and needs a <limit>",
-    ),
-    "prismatic without": (robot(joint(kind="prismatic", inside=""), SECOND), "'j' is prismatic and needs"),
-    "inverted": (
-        robot(joint(inside='<limit lower="2" upper="1"/>'), SECOND),
-        "'j': lower limit 2.0 is above",
-    ),
-    "infinite": (robot(joint(inside='<limit lower="-inf" upper="1"/>'), SECOND), "'j'.*'-inf' is not finite"),
-    "not a number": (robot(joint(inside='<limit lower="${x}" upper="1"/>'), SECOND), "'j'.*is not a number"),
-    "underscore": (robot(joint(inside='<limit lower="-1_0" upper="1"/>'), SECOND), "'-1_0' is not a number"),
-    "nan origin": (
-        robot(joint(inside=LIMIT + '<origin xyz="0 nan 0"/>'), SECOND),
-        "<origin> xyz.*not finite",
-    ),
-    "short origin": (robot(joint(inside=LIMIT + '<origin rpy="0 0"/>'), SECOND), "2 values, expected 3"),
-    "two origins": (robot(joint(inside=LIMIT + "<origin/><origin/>"), SECOND), "2 <origin> elements"),
-    "quaternion": (
-        robot(joint(inside=LIMIT + '<origin quat_xyzw="0 0 0 1"/>'), SECOND),
-        "<origin> in line 1 has quat_xyzw, which is not supported, expected rpy",
-    ),
-    "quaternion of a shape": (
-        robot(joint(), SECOND).replace(
-            "</robot>", '<link name="d"><collision><origin quat_xyzw=""/></collision></link></robot>'
-        ),
-        "<origin> in line 1 has quat_xyzw",
-    ),
-    "another file": (
-        '<!DOCTYPE robot [<!ENTITY e SYSTEM "links.xml">]><robot>&e;</robot>',
-        "broken XML: Entity 'e' not defined",
-    ),
-    "empty axis": (robot(joint(inside=LIMIT + "<axis/>"), SECOND), "<axis> has no xyz"),
-    "zero axis": (robot(joint(inside=LIMIT + '<axis xyz="0 0 0"/>'), SECOND), "'j': axis 0 0 0 has length 0"),
-    "long axis": (
-        robot(joint(inside=LIMIT + '<axis xyz="0 2 0"/>'), SECOND),
-        "length 2, expected 1; write 0 1 0",
-    ),
-    "all fixed": (
-        robot(joint(kind="fixed", inside=""), SECOND),
-        "no movable joint between base 'a' and tip 'c'",
-    ),
-    "mimic of nothing": (robot(joint(inside=LIMIT + "<mimic/>"), SECOND), "<mimic> has no joint"),
-    "mimic unknown": (
-        robot(joint(inside=LIMIT + '<mimic joint="z"/>'), SECOND),
-        "mimics 'z', which does not move",
-    ),
-    "mimic of itself": (robot(joint(inside=LIMIT + '<mimic joint="j"/>'), SECOND), "form a loop: j -> j"),
-    "bad multiplier": (
-        robot(joint(), joint("k", "b c", inside='<mimic joint="j" multiplier="two"/>')),
-        "'k': <mimic> multiplier='two': 'two' is not a number",
-    ),
-}
-
 
 @pytest.mark.parametrize("case", BAD_FILES)
 def test_bad_file_is_refused_with_a_reason(
@@ -457,98 +340,3 @@ def test_usual_encodings_are_read(encoding: str, tmp_path: Path) -> None:
     path = tmp_path / "r.urdf"
     path.write_bytes(f'<?xml version="1.0" encoding="{encoding}"?>{robot(joint(), SECOND)}'.encode(encoding))
     assert read_urdf(path).tip == "c"
-
-
-# Xacro
-
-XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
-
-
-@pytest.mark.parametrize("trusted", [True, False])
-def test_xacro_names_elements(trusted: bool, tmp_path: Path) -> None:
-    """``xacro:element`` raised a TypeError of kinseek's own."""
-    body = (
-        '<xacro:property name="noun" value="link"/><xacro:element xacro:name="${noun}" name="a"/>'
-        '<link><xacro:attribute name="name" value="b"/></link>'
-    )
-    path = write(tmp_path, XACRO.format(body + joint(inside='<limit lower="-1" upper="1"/>')), "r.xacro")
-    assert read_urdf(path, trusted=trusted).tip == "b"
-
-
-@pytest.mark.parametrize("trusted", [True, False])
-def test_xacro_evaluates_a_file_once(trusted: bool, tmp_path: Path) -> None:
-    """xacrodoc did so until nothing changed, and so looked for a property of the name that $${…} stands for."""
-    names = '<link name="a"/><link name="b$${unknown}"/>'
-    text = joint(ends="a b$${unknown}", inside='<limit lower="-1" upper="1"/>')
-    path = write(tmp_path, XACRO.format(names + text), "r.xacro")
-    assert read_urdf(path, trusted=trusted).tip == "b${unknown}"
-
-
-def test_xacro_finds_includes_beside_itself(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    write(tmp_path, XACRO.format('<xacro:property name="up" value="2"/>'), "part.xacro")
-    body = '<xacro:include filename="part.xacro"/><link name="a"/><link name="b"/>' + joint(
-        inside='<limit lower="-1" upper="${up}"/>'
-    )
-    path = write(tmp_path, XACRO.format(body), "r.urdf.xacro")
-    monkeypatch.chdir(tmp_path.parent)
-    before = os.listdir(tmp_path)
-    assert read_urdf(path).upper[0] == 2.0
-    assert read_urdf(os.path.relpath(path)).upper[0] == 2.0
-    assert os.listdir(tmp_path) == before
-    assert capfd.readouterr() == ("", "")
-
-
-def test_same_package_name_in_two_places_stays_apart(tmp_path: Path) -> None:
-    for upper in ("2", "3"):
-        package = tmp_path / upper / "pack"
-        package.mkdir(parents=True)
-        write(package, "<package><name>pack</name></package>", "package.xml")
-        write(package, XACRO.format(f'<xacro:property name="up" value="{upper}"/>'), "part.xacro")
-        body = '<xacro:include filename="$(find pack)/part.xacro"/><link name="a"/><link name="b"/>' + joint(
-            inside='<limit lower="-1" upper="${up}"/>'
-        )
-        assert read_urdf(write(package, XACRO.format(body), "r.xacro")).upper[0] == float(upper)
-
-
-def test_xacro_prints_nothing_and_other_threads_print_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "part.xacro").write_text('<robot name="r"/>', encoding="utf-8")
-    path = tmp_path / "r.xacro"
-    path.write_text(
-        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="pi" value="3"/>'
-        '<xacro:include filename="part.xacro"/><link name="a"/><link name="b"/><joint name="j" type="continuous">'
-        '<parent link="a"/><child link="b"/></joint></robot>',
-        encoding="utf-8",
-    )
-    read_bytes = files.file_bytes
-
-    def file_bytes(file: Path, *most: int) -> bytes:
-        if file.name == "part.xacro":  # xacro is at work now.
-            other = threading.Thread(target=lambda: print("said by another thread", file=sys.stdout))
-            other.start()
-            other.join()
-        return read_bytes(file, *most)
-
-    monkeypatch.setattr(urdf_xml, "file_bytes", file_bytes)
-    assert read_urdf(path).dof == 1
-    assert capsys.readouterr() == ("said by another thread\n", "")
-
-
-@pytest.mark.parametrize(
-    ("body", "message"),
-    [
-        ('<xacro:include filename="$(find no_such_package)/x.xacro"/>', "no_such_package"),
-        ("<xacro:nothing/>", "nothing"),
-        ('<link name="${1 + oops}"/>', "oops"),
-        ("<link>", "mismatched tag"),
-    ],
-)
-def test_xacros_own_message_is_shown(
-    body: str, message: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(InvalidRobot, match=f"xacro failed: .*{message}"):
-        read_urdf(write(tmp_path, XACRO.format(body), "r.xacro"))
-    assert capfd.readouterr() == ("", "")

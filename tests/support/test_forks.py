@@ -244,7 +244,7 @@ def test_locks_stand_in_one_place() -> None:
     assert found == {
         "kernels/compiler.py",
         "maps/processes.py",
-        "robots/urdf_xml.py",
+        "robots/xacro.py",
         "solvers/threads.py",
         "viewer/page.py",
         "viewer/server.py",

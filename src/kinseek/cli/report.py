@@ -19,7 +19,8 @@ from kinseek.paths.path import Path
 from kinseek.printable import printable
 from kinseek.proof.certificate import Certificate
 from kinseek.robots import catalog_entry, catalog_names
-from kinseek.robots.soundness import Checkup, Severity
+from kinseek.robots.checks import Severity
+from kinseek.robots.soundness import Checkup
 from kinseek.solution import Solution
 from kinseek.solvers.base import Solver
 from kinseek.support.transforms import quaternion

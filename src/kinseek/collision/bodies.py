@@ -11,22 +11,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidProblem, InvalidRobot, InvalidScene, suggest
-from kinseek.kernels.arm.forward import forward_many
-from kinseek.kernels.arm.pose_error import LARGEST
+from kinseek.errors import InvalidProblem, InvalidRobot, InvalidScene
 from kinseek.robots import read
 from kinseek.robots.adapters import is_text
 from kinseek.robots.chain import Frame, SerialChain
 from kinseek.robots.files import file_bytes
-from kinseek.robots.joints import Mimics
-from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, no_axes
+from kinseek.robots.mechanism import no_axes
 from kinseek.robots.mesh_files import Budget
-from kinseek.robots.meshes import numbers_of, origin_of
 from kinseek.robots.packages import mesh_path
-from kinseek.robots.urdf import read_urdf_text
-from kinseek.robots.urdf_xml import expand_xacro, root_element
-from kinseek.support.transforms import rotation, transform
+from kinseek.robots.urdf_file import numbers_of, origin_of
+from kinseek.robots.xacro import urdf_text
+from kinseek.robots.xml_files import root_element
+from kinseek.support.transforms import transform
 
+from .links import link_frames, neighbours_of, same_robot
 from .shapes import MOST_BYTES, Box, Capsule, Cylinder, Mesh, Shape, Sphere, length
 
 Array = NDArray[np.float64]
@@ -40,9 +38,6 @@ in which pinocchio takes shapes grows with the cube of their number."""
 
 MOST_HULL_CORNERS = 50_000
 """Of the meshes of one file together, without the last one."""
-
-_SAME = 1e-6
-"""Tolerance for comparing the links of a file with those of the arm [m]."""
 
 
 class Part(NamedTuple):
@@ -150,9 +145,7 @@ def described(
     if path.suffix.lower() not in (".urdf", ".xacro", ".xml") or not path.is_file():
         file_bytes(path)  # Raises an error that describes the problem.
         raise InvalidScene(f"urdf must be a .urdf or .xacro file, or the text of one, got {str(urdf)!r}")
-    is_xacro = path.suffix.lower() == ".xacro"
-    text = expand_xacro(path, None, chain.packages, trusted) if is_xacro else file_bytes(path)
-    return text, path
+    return urdf_text(path, None, chain.packages, trusted), path
 
 
 def read_bodies(
@@ -176,21 +169,20 @@ def read_bodies(
     Raises:
         InvalidScene: A mesh or another element that cannot be used, or links or joints that do not fit.
     """
-    robot = root_element(text, str(path))
-    _require_same(chain, text, path)
+    robot = same_robot(chain, root_element(text, str(path)), path)
     notes: list[str] = []
-    frames = _frames(robot, chain, path, joints, notes)
+    frames = link_frames(robot, chain, joints, notes)
     bodies, meshes, shapes = [], MeshFiles(path, folders), 0
-    for link in robot.findall("link"):
-        if (name := link.get("name")) not in frames:
+    for link in robot.links:
+        if link.name not in frames:
             continue
-        parts = parts_of(link, meshes, skip, notes)
+        parts = parts_of(link.element, meshes, skip, notes)
         if parts:
-            bodies.append(Body(name, frames[name], parts, is_link=True))
+            bodies.append(Body(link.name, frames[link.name], parts, is_link=True))
         shapes += len(parts)
         require_number(shapes)
     solid = {body.name for body in bodies}
-    return ArmBodies(bodies, neighbours_of(robot, solid), notes, frames, robot.get("name") or "")
+    return ArmBodies(bodies, neighbours_of(robot, solid), notes, frames, robot.name)
 
 
 def require_number(shapes: int) -> None:
@@ -343,158 +335,6 @@ def _shape(element: Any, meshes: MeshFiles) -> Shape:
             raise _Unreadable(str(error)) from error
     raise InvalidScene(
         f"geometry {shape.tag!r} is not known; expected box, sphere, cylinder, capsule or mesh"
-    )
-
-
-def _require_same(chain: SerialChain, text: bytes, path: Path) -> None:
-    """Check that the links of a file move as those of the arm."""
-    try:
-        other = read_urdf_text(text, chain.base, chain.tip, where=str(path))
-    except InvalidRobot as error:
-        raise InvalidScene(f"this file does not describe the arm {chain.name!r}: {error}") from error
-    locked = dict(chain.locked)
-    if set(other.joint_names) != {*chain.joint_names, *locked}:
-        raise InvalidScene(
-            f"{path}: its joints between {chain.base!r} and {chain.tip!r} are {', '.join(other.joint_names)}, "
-            f"those of the arm {', '.join(chain.joint_names)}"
-        )
-    # Names alone do not show that two files describe the same arm: poses at some joint values do.
-    q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (3, chain.dof))
-    full = np.stack(
-        [
-            q[:, chain.joint_names.index(name)]
-            if name in chain.joint_names
-            else np.full(len(q), locked[name])
-            for name in other.joint_names
-        ],
-        axis=1,
-    )
-    ours = forward_many(chain.arrays_to(chain.frames[chain.tip]), q)
-    theirs = forward_many(other.arrays_to(other.frames[chain.tip]), np.ascontiguousarray(full))
-    if (off := float(np.abs(ours - theirs).max())) > _SAME:
-        raise InvalidScene(
-            f"{path}: link {chain.tip!r} is up to {off:.3g} m away from where the arm has it: this is another arm, or "
-            f"a xacro file expanded with other arguments; give the URDF that the arm was loaded from as urdf="
-        )
-
-
-def _frames(
-    robot: Any, chain: SerialChain, path: Path, joints: Mapping[str, float], notes: list[str]
-) -> dict[str, Frame]:
-    """Return the frame of every link of the file. `joints` places the links that are moved by other joints."""
-    elements = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}
-    spine = [chain.tip]
-    while spine[-1] != chain.base:
-        spine.append(elements[spine[-1]].find("parent").get("link"))
-    frames = {name: chain.frames[name] for name in spine}
-    near: dict[str, list[tuple[str, Any, bool]]] = {}
-    for child, joint in elements.items():
-        parent = joint.find("parent").get("link")
-        near.setdefault(parent, []).append((child, joint, True))
-        near.setdefault(child, []).append((parent, joint, False))
-    others = _Others(robot, chain, joints, path)
-    # Links beside the chain move with the link of the chain that they hang on.
-    to_visit = list(spine)
-    while to_visit:
-        name = to_visit.pop()
-        for link, joint, below in near.get(name, []):
-            if link in frames:
-                continue
-            pose = others.pose(joint)
-            frame = frames[name]
-            frames[link] = Frame(frame.joints, frame.pose @ (pose if below else np.linalg.inv(pose)))
-            to_visit.append(link)
-    if unknown := [name for name in joints if name not in others.values]:
-        raise InvalidScene(f"joints: {suggest(str(unknown[0]), others.values, 'joint beside the arm')}")
-    notes.extend(
-        f"joint {name!r} is not the arm's and stands at {value:g}" for name, value in others.values.items()
-    )
-    return frames
-
-
-class _Others:
-    """Values and poses of those joints of a file that do not belong to the arm."""
-
-    def __init__(self, robot: Any, chain: SerialChain, joints: Mapping[str, float], path: Path) -> None:
-        self.chain, self.given, self.path = chain, joints, path
-        self.values: dict[str, float] = {}
-        followers = {
-            joint.get("name"): (
-                joint.find("mimic").get("joint"),
-                float(joint.find("mimic").get("multiplier") or 1.0),
-                float(joint.find("mimic").get("offset") or 0.0),
-            )
-            for joint in robot.findall("joint")
-            if joint.find("mimic") is not None
-        }
-        self.mimics = Mimics(followers)
-        self.limits = {joint.get("name"): joint.find("limit") for joint in robot.findall("joint")}
-
-    def pose(self, joint: Any) -> Array:
-        """Return the pose of the child link in the parent link, (4, 4)."""
-        name, kind = joint.get("name"), joint.get("type")
-        origin = origin_of(joint)
-        if kind == "fixed":
-            return origin
-        if kind not in (REVOLUTE, CONTINUOUS, PRISMATIC):
-            raise InvalidScene(
-                f"{self.path}: joint {name!r} is {kind}; outside the arm only joints with one axis are supported"
-            )
-        leader, multiplier, offset = self.mimics.driver(name)
-        if leader in (*self.chain.joint_names, *dict(self.chain.locked)):
-            raise InvalidScene(
-                f"{self.path}: joint {name!r} follows {leader!r} of the arm, and is not between its base and its tip: "
-                "such a joint is not supported"
-            )
-        value = multiplier * self._value(leader) + offset
-        if not abs(value) <= LARGEST:
-            raise InvalidScene(
-                f"{self.path}: joint {name!r} must have a value of at most {LARGEST:g} rad or m, got {value:g}"
-            )
-        element = joint.find("axis")
-        axis = np.array([1.0, 0.0, 0.0]) if element is None else numbers_of(element.get("xyz"), 3)
-        if not axis.any():
-            raise InvalidScene(f"{self.path}: the axis of joint {name!r} is 0 0 0, expected a direction")
-        axis = axis / np.abs(axis).max()  # Squares of very large or small numbers would overflow, or vanish.
-        axis = axis / np.linalg.norm(axis)
-        if kind == PRISMATIC:
-            return np.asarray(origin @ transform(np.eye(3), value * axis))
-        return np.asarray(origin @ transform(rotation(axis, value), np.zeros(3)))
-
-    def _value(self, name: str) -> float:
-        if name not in self.values:
-            limit = self.limits.get(name)
-            ends = (-np.inf, np.inf) if limit is None else (
-                float(limit.get("lower") or 0.0), float(limit.get("upper") or 0.0)
-            )  # fmt: skip
-            value = self.given.get(name, min(max(0.0, ends[0]), ends[1]) if ends[0] <= ends[1] else 0.0)
-            if not np.isfinite(value):
-                raise InvalidScene(f"joints: the value of {name!r} must be a finite number, got {value!r}")
-            self.values[name] = float(value)
-        return self.values[name]
-
-
-def neighbours_of(robot: Any, solid: set[str]) -> list[tuple[str, str]]:
-    """Pairs of links with geometry that one joint connects, fixed links without geometry between them passed over."""
-    above = {
-        joint.find("child").get("link"): (joint.find("parent").get("link"), int(joint.get("type") != "fixed"))
-        for joint in robot.findall("joint")
-    }
-    nearest: dict[str, tuple[str | None, int]] = {}
-    """Of a link the nearest solid one above it, and how many joints move between them; at the base no link."""
-    for end in above:
-        link, climbed = end, list[str]()
-        while link in above and link not in nearest:
-            climbed.append(link)
-            link = above[link][0]
-        for below in reversed(climbed):
-            parent, moves = above[below]
-            solid_one, more = (parent, 0) if parent in solid else nearest.get(parent, (None, 0))
-            nearest[below] = solid_one, moves + more
-    return sorted(
-        (parent, child)
-        for child, (parent, moving) in nearest.items()
-        if child in solid and parent is not None and moving <= 1
     )
 
 

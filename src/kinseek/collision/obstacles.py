@@ -14,7 +14,8 @@ from kinseek.poses import pose
 from kinseek.robots.chain import Frame
 from kinseek.robots.files import file_bytes
 from kinseek.robots.urdf import fixed_links
-from kinseek.robots.urdf_xml import expand_xacro, root_element
+from kinseek.robots.urdf_file import read_robot
+from kinseek.robots.xacro import urdf_text
 
 from .bodies import Body, MeshFiles, Part, parts_of, require_number
 from .shapes import Box, Cylinder, Mesh, Shape, Sphere
@@ -51,10 +52,7 @@ def obstacles(
         if path.suffix.lower() == MOVEIT:
             found, notes = _moveit(file_bytes(path), str(path)), list[str]()
         elif path.suffix.lower() in (URDF, XACRO):
-            packages = {name: str(folder) for name, folder in folders.items()}
-            is_xacro = path.suffix.lower() == XACRO
-            text = expand_xacro(path, None, packages, trusted) if is_xacro else file_bytes(path)
-            found, notes = _urdf(text, path, folders, skip)
+            found, notes = _urdf(urdf_text(path, None, folders, trusted), path, folders, skip)
         else:
             raise InvalidScene(
                 f"{str(path)!r} is not a file of obstacles; expected {URDF}, {XACRO}, or {MOVEIT} as MoveIt writes "
@@ -70,13 +68,13 @@ def obstacles(
 
 
 def _urdf(text: bytes, path: Path, folders: Mapping[str, Path], skip: bool) -> tuple[list[Body], list[str]]:
-    poses, bodies, notes = fixed_links(text, str(path)), list[Body](), list[str]()
+    robot, bodies, notes = read_robot(text, str(path)), list[Body](), list[str]()
+    poses = fixed_links(robot)
     meshes = MeshFiles(path, folders, hull=False)
-    for link in root_element(text, str(path)).findall("link"):
-        name = link.get("name")
-        parts = parts_of(link, meshes, skip, notes)
+    for link in robot.links:
+        parts = parts_of(link.element, meshes, skip, notes)
         if parts:
-            bodies.append(Body(name, Frame(0, poses[name]), parts))
+            bodies.append(Body(link.name, Frame(0, poses[link.name]), parts))
     return bodies, notes
 
 

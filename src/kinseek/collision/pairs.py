@@ -10,7 +10,7 @@ from kinseek.errors import InvalidRobot, InvalidScene
 from kinseek.printable import printable
 from kinseek.robots.adapters import is_text
 from kinseek.robots.files import file_bytes
-from kinseek.robots.urdf_xml import root_element
+from kinseek.robots.xml_files import root_element
 
 from .bodies import ArmBodies, Body
 

@@ -180,7 +180,7 @@ def _require_mappings(args: object, packages: object) -> None:
 def _is_urdf(path: Path) -> bool:
     """Return whether an .xml file holds a URDF robot; broken XML counts as MJCF, so that MuJoCo explains the error."""
     from .files import file_bytes
-    from .urdf_xml import root_element
+    from .xml_files import root_element
 
     try:
         root = root_element(file_bytes(path), str(path))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -220,15 +221,16 @@ def _narrowed(
 def _limits(joint: Joint) -> tuple[float, float]:
     if joint.kind == CONTINUOUS:
         return -np.pi, np.pi
-    if not (np.isfinite(joint.lower) and np.isfinite(joint.upper)):
-        raise InvalidRobot(
-            f"joint {joint.name!r}: lower and upper limits must be finite, got [{joint.lower}, {joint.upper}]"
-        )
-    if joint.lower > joint.upper:
-        raise InvalidRobot(
-            f"joint {joint.name!r}: lower limit {joint.lower} is above upper limit {joint.upper}"
-        )
+    if why := wrong_limits(joint.lower, joint.upper):
+        raise InvalidRobot(f"joint {joint.name!r}: {why}")
     return joint.lower, joint.upper
+
+
+def wrong_limits(lower: float, upper: float) -> str:
+    """Explain why a joint cannot have these limits, or return ""."""
+    if not (np.isfinite(lower) and np.isfinite(upper)):
+        return f"lower and upper limits must be finite, got [{lower}, {upper}]"
+    return f"lower limit {lower} is above upper limit {upper}" if lower > upper else ""
 
 
 def _velocities(joints: Sequence[Joint], drive: Sequence[tuple[int, float, float]], variables: int) -> Array:
@@ -243,18 +245,18 @@ def _velocities(joints: Sequence[Joint], drive: Sequence[tuple[int, float, float
 
 def _unit_axis(joint: Joint) -> Array:
     axis = np.asarray(joint.axis, dtype=float)
-    length = float(np.linalg.norm(axis)) if np.isfinite(axis).all() else float("nan")
+    if why := wrong_axis(axis):
+        raise InvalidRobot(f"joint {joint.name!r}: {why}")
+    return np.asarray(axis / float(np.linalg.norm(axis)))
+
+
+def wrong_axis(axis: Array) -> str:
+    """Explain why a joint cannot have this axis, (3,), or return ""."""
+    length = math.hypot(*axis) if np.isfinite(axis).all() else math.nan  # Without a warning of overflow.
     if abs(length - 1.0) <= _AXIS_ROUNDING:
-        return np.asarray(axis / length)
-    meant = (
-        f"write {' '.join(f'{value:.9g}' for value in axis / length)}"
-        if length > 0
-        else "write a unit vector"
-    )
-    raise InvalidRobot(
-        f"joint {joint.name!r}: axis {' '.join(f'{v:g}' for v in axis)} has length {length:g}, expected 1; "
-        f"{meant}"
-    )
+        return ""
+    unit = " ".join(f"{value / length:.9g}" for value in axis) if length > 0 else "a unit vector"
+    return f"axis {' '.join(f'{v:g}' for v in axis)} has length {length:g}, expected 1; write {unit}"
 
 
 def _z_to(axis: Array) -> Array:

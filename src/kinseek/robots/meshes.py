@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
-from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.support.forks import importing
 from kinseek.support.interrupts import raise_of_handler
-from kinseek.support.transforms import rotation, transform
 
-from . import obj, ply, stl
-from .mesh_files import CHECKS, LEAST_BODIES, Beside, Budget, Size, ending
+from . import collada_scene, glb, obj, ply, stl
+from .mesh_files import LEAST_BODIES, Beside, Budget, Size, ending
 from .polygons import Body
 
-Array = NDArray[np.float64]
-
+CHECKS: Mapping[str, Callable[[bytes], Size]] = {"dae": collada_scene.measured, "glb": glb.measured}
+"""Checks of the formats that other libraries read, by extension."""
 MOST_MESH = 64 * 2**20
 """Most bytes of one mesh's file."""
 
@@ -158,39 +155,3 @@ def _painted(bodies: list[Body], libraries: list[str], beside: Beside) -> list[A
         colours = {} if visual else {"vertex_colors": body.vertex_colours, "face_colors": body.face_colours}
         parts.append(trimesh.Trimesh(vertices, faces, process=False, visual=visual, **colours))
     return parts
-
-
-def origin_of(element: Any) -> Array:
-    """The <origin> of a visual or joint, (4, 4): ``Rz(yaw) Ry(pitch) Rx(roll)``, lengths in [m].
-
-    Raises:
-        InvalidRobot: It holds no finite numbers, or lies too far off.
-    """
-    origin = element.find("origin")
-    if origin is None:
-        return np.eye(4)
-    turn = np.eye(3)
-    for axis, angle in zip(np.eye(3), numbers_of(origin.get("rpy"), 3, 0.0), strict=True):
-        turn = rotation(axis, float(angle)) @ turn
-    place = numbers_of(origin.get("xyz"), 3, 0.0)
-    if (farthest := float(np.abs(place).max())) > LARGEST:
-        raise InvalidRobot(f"an origin must lie within {LARGEST:g} m along each axis, got {farthest:g} m")
-    return transform(turn, place)
-
-
-def numbers_of(text: str | None, count: int, default: float | None = None) -> Array:
-    """Return the `count` finite numbers of an attribute.
-
-    Raises:
-        InvalidRobot: The attribute has another count of numbers, or is missing without a default.
-    """
-    if text is None and default is not None:
-        return np.full(count, default)
-    try:
-        # Python alone would accept 1_000.
-        values = np.array([float(part.replace("_", "?")) for part in (text or "").split()])
-    except ValueError:
-        values = np.array([np.nan])
-    if len(values) != count or not np.isfinite(values).all():
-        raise InvalidRobot(f"expected {count} finite number{'s' if count > 1 else ''}, got {text!r}")
-    return values

@@ -17,7 +17,7 @@ from xml.sax.saxutils import quoteattr
 from kinseek.errors import InvalidRobot
 
 from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few
-from .urdf_xml import root_element
+from .xml_files import root_element
 
 _SECTIONS = {
     *("option", "size", "visual", "statistic", "extension", "custom", "contact", "deformable", "equality"),

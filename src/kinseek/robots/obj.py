@@ -10,9 +10,12 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 
-from .mesh_files import MOST_CORNERS, MOST_GROUPS, MOST_LINE, MOST_LINES, Size, utf8
+from .mesh_files import MOST_CORNERS, MOST_LINE, MOST_LINES, Size, utf8
 from .polygons import Array, Body, Indices, at_most, triangulated
 from .stl import NUMBER
+
+MOST_GROUPS = 1_000
+"""Most materials of a file, each of which is a body."""
 
 _INDEX = rb"-?[0-9]{1,18}"
 _ROW = rb"%%s((?:[ \t]+%s){%%s})[ \t]*(?:#.*)?" % NUMBER

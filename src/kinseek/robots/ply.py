@@ -15,8 +15,15 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 
-from .mesh_files import MOST_HEADER, MOST_LINE, MOST_LINES, MOST_PROPERTIES, MOST_VALUES, Size
+from .mesh_files import MOST_LINE, MOST_LINES, Size
 from .polygons import Body, Indices, at_most, triangulated
+
+MOST_HEADER = 1_000
+"""Most lines in the header."""
+MOST_PROPERTIES = 256
+"""Most properties in the header."""
+MOST_VALUES = 3 * 2**22
+"""Most values of text, rows times properties, and most numbers in its rows."""
 
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),

@@ -14,9 +14,9 @@ from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.robots.chain import Frame, SerialChain
 from kinseek.robots.mesh_files import Budget, Size
-from kinseek.robots.meshes import mesh_parts, numbers_of, origin_of
+from kinseek.robots.meshes import mesh_parts
 from kinseek.robots.packages import mesh_path
-from kinseek.robots.urdf_xml import root_element
+from kinseek.robots.urdf_file import Robot, numbers_of, origin_of, read_robot
 
 Array = NDArray[np.float64]
 
@@ -69,8 +69,8 @@ def meshes_of(chain: SerialChain | None, packages: Mapping[str, str | Path] | No
     if chain is None or not chain.urdf:
         return found
     path, folders = Path(chain.source), {**chain.packages, **(packages or {})}
-    robot = root_element(chain.urdf, chain.source)
-    paints, faces, budget = _paints(robot), 0, Budget(MOST_READ)
+    robot = read_robot(chain.urdf, chain.source)
+    paints, faces, budget = _paints(robot.root), 0, Budget(MOST_READ)
     for link, frame in _fixed_to(robot, chain):
         mesh = LinkMesh(chain.arrays_to(frame))
         for visual in link.findall("visual"):
@@ -96,14 +96,13 @@ def _too_many(link: Any) -> str:
     return f"link {link.get('name')!r}: more than {MOST_FACES:,} triangles, left out"
 
 
-def _fixed_to(robot: Any, chain: SerialChain) -> Iterator[tuple[Any, Frame]]:
+def _fixed_to(robot: Robot, chain: SerialChain) -> Iterator[tuple[Any, Frame]]:
     """Yield the links between base and tip, and those fixed to them, with the frame of the chain that each is in."""
-    links = {link.get("name"): link for link in robot.findall("link")}
+    links = {link.name: link.element for link in robot.links}
     fixed: dict[str, list[tuple[str, Array]]] = {}
-    for joint in robot.findall("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
-        if joint.get("type") == "fixed" and parent is not None and child is not None:
-            fixed.setdefault(parent.get("link"), []).append((child.get("link"), origin_of(joint)))
+    for joint in robot.joints:
+        if joint.kind == "fixed":
+            fixed.setdefault(joint.parent, []).append((joint.child, origin_of(joint.element)))
     stack = [(name, frame) for name, frame in chain.frames.items() if name in links]
     seen = {name for name, _ in stack}
     while stack:

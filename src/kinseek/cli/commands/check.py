@@ -11,6 +11,7 @@ from kinseek.cli.help import Command
 from kinseek.cli.options import Robot, json_option, robot_options
 from kinseek.errors import InvalidRobot, suggest
 from kinseek.robots import catalog_entry, catalog_names, catalog_path
+from kinseek.robots.checks import Severity
 from kinseek.robots.files import instead_of_a_description
 from kinseek.robots.soundness import READABLE, check
 
@@ -41,6 +42,6 @@ def command(robot: Robot, as_json: bool) -> int:
     found = check(path, robot.base, robot.tip, robot.args, robot.packages, not robot.untrusted)
     if arm in catalog_names():
         entry = catalog_entry(arm)
-        (found.warning if entry.differs else found.note)("limits", entry.limits)
+        found.add(Severity.WARNING if entry.differs else Severity.NOTE, "limits", entry.limits)
     report.print_checkup(arm, found, as_json)
     return 0 if found.sound else 1
