@@ -26,8 +26,14 @@ import shortcuts
 from targets import TARGETS, Target
 
 from kinseek.kernels import entry, jit
-from kinseek.kernels.compiler import never_run
-from kinseek.kernels.machine_code import machine_for, module_of, optimised_for, this_machine, without_unused
+from kinseek.kernels.machine_code import (
+    machine_for,
+    module_of,
+    never_run,
+    optimised_for,
+    this_machine,
+    without_unused,
+)
 from kinseek.kernels.sources import PACKAGE, kernel_sources, module_digest, source_digest
 
 

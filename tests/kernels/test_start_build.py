@@ -337,7 +337,8 @@ def test_without_a_terminal_nothing_is_said() -> None:
 
 
 ADDITIONS = """
-from kinseek.kernels.compiler import compiled, never_run
+from kinseek.kernels.compiler import compiled
+from kinseek.kernels.machine_code import never_run
 {}
 
 def total(numbers):

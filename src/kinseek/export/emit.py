@@ -74,8 +74,8 @@ def main() -> None:
     sys.meta_path.insert(0, _Finder(job["lanes"]))
     for name in job["modules"]:
         importlib.import_module(name)
-    from kinseek.kernels.compiler import never_run
     from kinseek.kernels.grid.memory import memory_size
+    from kinseek.kernels.machine_code import never_run
 
     never_run()
     report = _written(*_module(job), job, path.parent)

@@ -25,11 +25,9 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 from llvmlite import ir
-from llvmlite.binding import set_option as set_llvm_option
 from numba.core import codegen, config, event, sigutils
 from numba.core import compiler as numba_compiler
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.datamodel import models as typed_models
 from numba.core.types import unliteral
 from numba.extending import intrinsic
 from numba.np import arrayobj
@@ -195,15 +193,14 @@ def _cached(function: Callable[..., Any]) -> Iterator[Path | None]:
 _FIXED: dict[str, Any] = {"_nrt": True, "forceinline": False}
 """Options that a function would otherwise inherit from the first kernel that calls it."""
 
-_SHIPPED: dict[str, Any] = {}
-"""Further options if all compiled code is written out, see `never_run`."""
+SHIPPED: dict[str, Any] = {}
+"""Further options in a build, see `machine_code.never_run`."""
 
-_JITCodeLibrary: Any = codegen.JITCodeLibrary  # Untyped in Numba itself, as what follows.
-_models: Any = typed_models
+JITCodeLibrary: Any = codegen.JITCodeLibrary  # Untyped in Numba itself.
 _Compiler: Any = numba_compiler.Compiler
 
 
-class _Library(_JITCodeLibrary):  # type: ignore[misc]
+class _Library(JITCodeLibrary):  # type: ignore[misc]
     """LLVM code of a function."""
 
     def _optimize_functions(self, module: Any) -> None:
@@ -283,7 +280,7 @@ def part(function: Callable[P, R], **options: Any) -> Callable[P, R]:
 
 def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     """Compile a function when it is first called."""
-    options = {"pipeline_class": _compiler_of(function)} | _FIXED | _SHIPPED | numerics(function) | options
+    options = {"pipeline_class": _compiler_of(function)} | _FIXED | SHIPPED | numerics(function) | options
     made = _njit(nogil=True, no_cfunc_wrapper=True, **options)(function)
     with _cached(function) as folder:
         if folder is not None:
@@ -327,10 +324,10 @@ def array_at(context: Any, builder: Any, kind: Any, address: Any, shape: list[An
     """LLVM value of a contiguous array that owns nothing, at an address."""
     model = context.data_model_manager[kind]
     data = builder.inttoptr(address, model.get_value_type().elements[model.get_field_position("data")])
-    return _contiguous(model, builder, data, shape)
+    return contiguous(model, builder, data, shape)
 
 
-def _contiguous(model: Any, builder: Any, data: Any, shape: list[Any]) -> Any:
+def contiguous(model: Any, builder: Any, data: Any, shape: list[Any]) -> Any:
     """LLVM value of a contiguous array that owns nothing."""
     place = model.get_field_position
     kinds, size = list(model.get_value_type().elements), as_dtype(model.fe_type.dtype).itemsize
@@ -400,7 +397,7 @@ def _ignore_literals(compiled: Any) -> None:
     compiled.get_call_template = general
 
 
-class _FirstRunNotice(event.Listener):
+class FirstRunNotice(event.Listener):
     """Report once, on stderr, that kernels are being compiled."""
 
     said = False
@@ -409,7 +406,7 @@ class _FirstRunNotice(event.Listener):
         """Handle the start of a compilation by Numba; only our functions that are not in the cache are reported."""
         function = getattr(details.data.get("dispatcher"), "py_func", None)
         if not self.said and getattr(function, "__module__", "").startswith("kinseek."):
-            _FirstRunNotice.said = True
+            FirstRunNotice.said = True
             notice("compiling kernels, once per machine and version (up to some minutes) ...")
 
     def on_end(self, details: Any) -> None:
@@ -417,65 +414,4 @@ class _FirstRunNotice(event.Listener):
 
 
 _register: Callable[[str, event.Listener], None] = event.register
-_register("numba:compile", _FirstRunNotice())
-
-
-_WITHOUT_COPIES = ("-unroll-runtime=false",)
-"""LLVM options for builds. It would unroll each loop whose length is known only at run time, mostly over a few joints, into
-eight copies that are hardly ever reached. That took half of the time of its passes over a whole kernel, and a third of the
-size of the object. The options hold for all that a process compiles, so they are not set where users compile."""
-
-
-def never_run() -> None:
-    """Let Numba compile without machine code for this process, for builds whose results are written out and not called.
-
-    Call it before kernels are imported. Otherwise Numba would make machine code and Python wrappers of every kernel and
-    all its parts, which takes more than a third of the time to build a library. Processes then exchange LLVM's own format
-    through the cache.
-    """
-    for option in _WITHOUT_COPIES:
-        set_llvm_option("kinseek", option)
-    library, generator = _JITCodeLibrary, cast("Any", codegen.JITCPUCodegen)
-    # Each lookup would ask LLVM for an address and so create machine code.
-    library.get_pointer_to_function = lambda self, name: self._ensure_finalized() or 0
-    generator.set_env = lambda self, name, environment: None
-    library._finalize_specific = lambda self: None
-    library.serialize_using_object_code = library.serialize_using_bitcode
-    _pass_arrays_briefly()
-    _SHIPPED["no_cpython_wrapper"] = True
-    _FirstRunNotice.said = True  # The notice would be wrong here.
-
-
-def _pass_arrays_briefly() -> None:
-    """Let functions take a contiguous array as its address and lengths, from which they compute the rest.
-
-    Numba passes seven or nine numbers: also an owner, strides and sizes. A bundle of twenty arrays is taken apart at every
-    call and put together in every callee, so these were half of all instructions that LLVM had to remove again. Callees get
-    no owner: an array belongs to the caller for the time of the call, and no kernel returns one that it was given.
-    """
-    model = _models.ArrayModel
-    longer = {name: getattr(model, name) for name in ("get_argument_type", "as_argument", "from_argument")}
-
-    def argument_type(self: Any) -> Any:
-        if self.fe_type.layout != "C":
-            return longer["get_argument_type"](self)
-        return (self.get_value_type().elements[self.get_field_position("data")], *[_WORD] * self.fe_type.ndim)
-
-    def as_argument(self: Any, builder: Any, value: Any) -> Any:
-        if self.fe_type.layout != "C":
-            return longer["as_argument"](self, builder, value)
-        shape = self.get_field_position("shape")
-        data = builder.extract_value(value, self.get_field_position("data"))
-        return (data, *(builder.extract_value(value, [shape, i]) for i in range(self.fe_type.ndim)))
-
-    def from_argument(self: Any, builder: Any, value: Any) -> Any:
-        if self.fe_type.layout != "C":
-            return longer["from_argument"](self, builder, value)
-        data, *lengths = value
-        return _contiguous(self, builder, data, lengths)
-
-    model.get_argument_type, model.as_argument, model.from_argument = (
-        argument_type,
-        as_argument,
-        from_argument,
-    )
+_register("numba:compile", FirstRunNotice())

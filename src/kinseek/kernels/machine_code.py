@@ -7,21 +7,83 @@ LLVM optimises it here: a finished module contains instructions of the processor
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import llvmlite.binding as llvm
+from numba.core import codegen
+from numba.core.datamodel import models
 from numba.core.registry import cpu_target as typed_cpu_target
 
-from .compiler import EFFORT
+from .compiler import EFFORT, SHIPPED, FirstRunNotice, JITCodeLibrary, contiguous
 from .entry import Entry
 from .jit import Routine
-from .wrapper import compiled, wrapper_of
+from .wrapper import WORD, compiled, wrapper_of
 
 cpu_target: Any = typed_cpu_target  # Half typed in Numba itself.
 
 ADDRESSES = "numba.dynamic.globals"
 """Beginning of the names of variables with addresses of the process that compiles. Numba leaves unused ones in a module;
 machine code must not use one."""
+
+_WITHOUT_COPIES = ("-unroll-runtime=false",)
+"""LLVM options for builds. It would unroll each loop whose length is known only at run time, mostly over a few joints, into
+eight copies that are hardly ever reached. That took half of the time of its passes over a whole kernel, and a third of the
+size of the object. The options hold for all that a process compiles, so they are not set where users compile."""
+
+
+def never_run() -> None:
+    """Let Numba compile without machine code for this process, for builds whose results are written out and not called.
+
+    Call it before kernels are imported. Otherwise Numba would make machine code and Python wrappers of every kernel and
+    all its parts, which takes more than a third of the time to build a library. Processes then exchange LLVM's own format
+    through the cache.
+    """
+    for option in _WITHOUT_COPIES:
+        llvm.set_option("kinseek", option)
+    library, generator = JITCodeLibrary, cast("Any", codegen.JITCPUCodegen)
+    # Each lookup would ask LLVM for an address and so create machine code.
+    library.get_pointer_to_function = lambda self, name: self._ensure_finalized() or 0
+    generator.set_env = lambda self, name, environment: None
+    library._finalize_specific = lambda self: None
+    library.serialize_using_object_code = library.serialize_using_bitcode
+    _pass_arrays_briefly()
+    SHIPPED["no_cpython_wrapper"] = True
+    FirstRunNotice.said = True  # The notice would be wrong here.
+
+
+def _pass_arrays_briefly() -> None:
+    """Let functions take a contiguous array as its address and lengths, from which they compute the rest.
+
+    Numba passes seven or nine numbers: also an owner, strides and sizes. A bundle of twenty arrays is taken apart at every
+    call and put together in every callee, so these were half of all instructions that LLVM had to remove again. Callees get
+    no owner: an array belongs to the caller for the time of the call, and no kernel returns one that it was given.
+    """
+    model = cast("Any", models.ArrayModel)
+    longer = {name: getattr(model, name) for name in ("get_argument_type", "as_argument", "from_argument")}
+
+    def argument_type(self: Any) -> Any:
+        if self.fe_type.layout != "C":
+            return longer["get_argument_type"](self)
+        return (self.get_value_type().elements[self.get_field_position("data")], *[WORD] * self.fe_type.ndim)
+
+    def as_argument(self: Any, builder: Any, value: Any) -> Any:
+        if self.fe_type.layout != "C":
+            return longer["as_argument"](self, builder, value)
+        shape = self.get_field_position("shape")
+        data = builder.extract_value(value, self.get_field_position("data"))
+        return (data, *(builder.extract_value(value, [shape, i]) for i in range(self.fe_type.ndim)))
+
+    def from_argument(self: Any, builder: Any, value: Any) -> Any:
+        if self.fe_type.layout != "C":
+            return longer["from_argument"](self, builder, value)
+        data, *lengths = value
+        return contiguous(self, builder, data, lengths)
+
+    model.get_argument_type, model.as_argument, model.from_argument = (
+        argument_type,
+        as_argument,
+        from_argument,
+    )
 
 
 def module_of(named: Mapping[str, Entry | Routine]) -> Any:
