@@ -15,10 +15,10 @@ KERNELS = ROOT / "src" / "kinseek" / "kernels"
 
 def _levels() -> list[int] | None:
     """Levels of the processor that a wheel is for, None for all."""
-    asked = os.environ.get("KINSEEK_LEVELS", "").split()
-    if not all(word.isdecimal() for word in asked):
-        raise ValueError(f"KINSEEK_LEVELS must be numbers such as '2 3', got {' '.join(asked)!r}")
-    return sorted({int(word) for word in asked}) or None
+    words = os.environ.get("KINSEEK_LEVELS", "").split()
+    if not all(word.isdecimal() for word in words):
+        raise ValueError(f"KINSEEK_LEVELS must be numbers such as '2 3', got {' '.join(words)!r}")
+    return sorted({int(word) for word in words}) or None
 
 
 class CompiledKernels(BuildHookInterface):  # type: ignore[misc,type-arg,unused-ignore]
@@ -32,19 +32,19 @@ class CompiledKernels(BuildHookInterface):  # type: ignore[misc,type-arg,unused-
         An editable install gets the level of this machine alone, since nobody else runs it, and at first only the kernels
         of forward and inverse kinematics. The others are compiled when they are first called, so it depends on Numba.
         """
-        wanted = os.environ.get("KINSEEK_BUILD", "auto")
-        if wanted not in ("auto", "always", "never"):
-            raise ValueError(f"KINSEEK_BUILD must be 'auto', 'always' or 'never', got {wanted!r}")
-        if wanted == "never":
+        mode = os.environ.get("KINSEEK_BUILD", "auto")
+        if mode not in ("auto", "always", "never"):
+            raise ValueError(f"KINSEEK_BUILD must be 'auto', 'always' or 'never', got {mode!r}")
+        if mode == "never":
             return self._without(build_data, "KINSEEK_BUILD=never")
         try:
             native = runpy.run_path(str(ROOT / "native" / "build.py"))
             editable = version == "editable"
-            first = editable and wanted == "auto"
+            first = editable and mode == "auto"
             levels = native["this_level"]() if editable else _levels()
             library = native["build"](KERNELS, levels, native["FIRST"] if first else ())
         except Exception as error:
-            if wanted == "always":
+            if mode == "always":
                 raise
             return self._without(build_data, f"{type(error).__name__}: {error}")
         if first:

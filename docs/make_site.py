@@ -64,13 +64,15 @@ def links(text: str, rewrite: Callable[[str], str]) -> str:
 
 
 def example(source: Path) -> str:
-    """The page of an example: what it says of itself, its picture, and the whole of it."""
-    _, said, code = source.read_text(encoding="utf-8").split('"""', 2)
-    title = said.split(":")[0]
+    """The page of an example: its docstring, its picture and its code."""
+    _, docstring, code = source.read_text(encoding="utf-8").split('"""', 2)
+    title = docstring.split(":")[0]
     picture = ROOT / "docs" / "pictures" / f"{source.stem}.png"
-    shown = f"![What the example draws.](../docs/pictures/{picture.name})\n\n" if picture.exists() else ""
-    said = re.sub(r"^Run: (.*)$", r"Run: `\1`", said.strip(), flags=re.MULTILINE)
-    return f"# {title}\n\n{said}\n\n{shown}```python\n{code.strip()}\n```\n"
+    picture_line = (
+        f"![What the example draws.](../docs/pictures/{picture.name})\n\n" if picture.exists() else ""
+    )
+    docstring = re.sub(r"^Run: (.*)$", r"Run: `\1`", docstring.strip(), flags=re.MULTILINE)
+    return f"# {title}\n\n{docstring}\n\n{picture_line}```python\n{code.strip()}\n```\n"
 
 
 def gather(to: Path = PAGES) -> None:
@@ -103,8 +105,8 @@ def gather(to: Path = PAGES) -> None:
     shutil.copytree(ROOT / "docs" / "assets", to / "assets")
 
 
-def stay_at_home() -> None:
-    """What Zensical would have fetched from elsewhere, for a search without a server, is taken from beside the page."""
+def use_local_worker() -> None:
+    """Let the search load its worker from the site: Zensical would load it from another server."""
     for page in SITE.rglob("*.html"):
         ours = os.path.relpath(SITE / "assets" / "worker.js", page.parent)
         text = page.read_text(encoding="utf-8")
@@ -129,7 +131,7 @@ def main() -> int:
         check=False,
     )
     if made.returncode == 0:
-        stay_at_home()
+        use_local_worker()
         print(SITE / "index.html")
     return made.returncode
 

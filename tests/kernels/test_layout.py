@@ -72,7 +72,7 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
         "lanes.error": (4, LANES),
         "lanes.weight": (2, LANES),
         "seen": (3, 4),
-        "spare": (3, 4),
+        "pose": (3, 4),
         "between": (3, 4),
         "displacement": (3, 4),
         "rest": (3, 4),

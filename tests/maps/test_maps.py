@@ -72,7 +72,7 @@ def test_a_part_of_a_cell_lies_in_its_ball(rolls: bool) -> None:
         assert len(parts) == 32
         for part in rng.permutation(np.array(parts, dtype=object))[:8]:
             T, half, angle = part.ball()
-            P = part.spread(300)
+            P = part.sample(300)
             cells = np.stack(WIDE.cells_of(P), axis=1)
             assert (cells[:, :3] == index[:3]).all()
             arcs = WIDE.orientations.arcs
@@ -93,7 +93,7 @@ def test_a_part_of_a_cell_lies_in_its_ball(rolls: bool) -> None:
 
 def test_poses_all_over_a_cell_are_spread_evenly_and_the_nearest_of_them_is_found() -> None:
     cell = whole_cell(WIDE, (2, 3, 0, 5))
-    P = cell.spread(4000)
+    P = cell.sample(4000)
     share = (P[:, :3, 3] - cell.box[:, 0]) / (cell.box[:, 1] - cell.box[:, 0])
     for axis in range(3):
         assert np.abs(np.histogram(share[:, axis], 10, (0, 1))[0] - 400).max() < 20
@@ -329,7 +329,7 @@ def test_all_of_a_cell_that_is_proved_to_be_reached_is() -> None:
         cell = whole_cell(grid, tuple(int(i) for i in index), rolls=True)
         share = whole_share(UR5E, cell, 4)
         assert 0.0 <= share <= 1.0
-        inside = cell.spread(1000)
+        inside = cell.sample(1000)
         found = reached(UR5E, kinseek.Goal.pose(inside), patience=None)
         assert found.mean() >= share - 0.05
         whole += share == 1.0

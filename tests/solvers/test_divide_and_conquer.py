@@ -19,7 +19,7 @@ from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solvers.divide_and_conquer import tuned_breadth
-from kinseek.solvers.nodes import spread_nodes, window_around
+from kinseek.solvers.nodes import evenly_spaced_nodes, window_around
 from reference import PaperSearch, fk, node_values, weighted_error
 
 
@@ -174,7 +174,7 @@ def test_windows_slide_at_limits_and_wrap_where_the_joint_does(
     count = 2 * (divisions // 2 + breadth) - 1
     spacing = data.draw(st.integers(1, max(size // divisions, 1)))
     offset = data.draw(st.sampled_from([Fraction(0), Fraction(1, 2), Fraction(0.3)]))
-    first = spread_nodes(size, min(divisions, size), offset)
+    first = evenly_spaced_nodes(size, min(divisions, size), offset)
     assert len(set(first.tolist())) == min(divisions, size)
     assert first.min() >= 0
     assert first.max() < size

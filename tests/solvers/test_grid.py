@@ -64,7 +64,7 @@ def search(
         assert found.nodes_expanded == expanded
     sizes = dict(zip(SIZES, plan.sizes, strict=True))
     aligned = memory[(-memory.ctypes.data % LINE) // 8 :]
-    beam = Beam(*(LAYOUT.look(f"odd.{field}", aligned, **sizes) for field in Beam._fields))
+    beam = Beam(*(LAYOUT.view(f"odd.{field}", aligned, **sizes) for field in Beam._fields))
     return Result(beam, found.evaluations, found.nodes_expanded, whole.ended)
 
 

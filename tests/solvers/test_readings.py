@@ -19,7 +19,7 @@ from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
 from kinseek.solvers import grid_search
 from kinseek.solvers.breadth_tuning import Walk
-from kinseek.solvers.nodes import joint_grid, spread_nodes, tie_of, window_around
+from kinseek.solvers.nodes import evenly_spaced_nodes, joint_grid, tie_of, window_around
 from reference import PaperSearch, node_values
 
 
@@ -108,7 +108,7 @@ def test_half_a_cell_at_the_elbow_ends_the_spike_at_four() -> None:
 def test_every_cell_has_one_node(size: int, offset: float) -> None:
     for divisions in (1, 2, 3, 7):
         count = min(divisions, size)
-        nodes = spread_nodes(size, count, Fraction(offset)).tolist()
+        nodes = evenly_spaced_nodes(size, count, Fraction(offset)).tolist()
         exact = [(i + Fraction(offset)) * size / count for i in range(count)]
         assert nodes == [number.numerator // number.denominator for number in exact]
         assert nodes[0] >= 0
@@ -239,7 +239,7 @@ def passes_of(size: int, divisions: int) -> list[int]:
 
 def walk_of(size: int, divisions: int, kind: str) -> Walk:
     wraps, clips, offset = KINDS[kind]
-    first = spread_nodes(size, min(divisions, size), offset)
+    first = evenly_spaced_nodes(size, min(divisions, size), offset)
     return Walk(passes_of(size, divisions)[1:], size, wraps, clips, first)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import kinseek
 from benchmarks.branches import eaik
 from benchmarks.targets import plain_fk, random_joints, singular_joints, strict
-from kinseek.branches.find import turned_copies
+from kinseek.branches.find import full_turn_copies
 from test_structure import LATE_THREE, SHOULDER, UR, changed, dh
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ def test_near_is_the_nearest_of_all_that_another_closed_form_has(name: str) -> N
     found = arm.ik(targets, near=near)
     assert strict(arm.chain, found.q, targets).all()
     assert_inside(arm, found)
-    theirs = [turned_copies(arm.chain, solve(target)) for target in targets]
+    theirs = [full_turn_copies(arm.chain, solve(target)) for target in targets]
     least = [
         steps(arm, all_of_one, start).min()
         for all_of_one, start in zip(theirs, near, strict=True)

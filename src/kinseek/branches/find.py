@@ -23,7 +23,7 @@ from kinseek.support.deadline import Deadline
 from kinseek.support.turns import TURN
 from kinseek.support.validation import as_integer
 
-from .index import SPREAD, BranchIndex, index_of
+from .index import SAMPLE_SIZE, BranchIndex, index_of
 from .order import ORDERS, Cost, Selection, scores, which_valid
 from .result import Branches, BranchesBatch, OfEachGoal, late_branches, solutions_of
 
@@ -75,7 +75,7 @@ def branches_of(
             f"{selection.count:,}: for more, narrow a joint's limits by with_limits, and take a sample of each part"
         )
     # Isolated solutions are all found, so only a continuum needs a number.
-    number = (selection.count or SPREAD) if index.freedom else 0
+    number = (selection.count or SAMPLE_SIZE) if index.freedom else 0
     tolerances = tolerances_of(goal)
     targets = np.zeros((len(goal.targets), 4, 4))
     targets[:, :3], targets[:, 3, 3] = goal.targets, 1.0
@@ -208,7 +208,7 @@ def _finish(
         late = not complete and deadline.passed
         q = problem.placed(q)
     if copies:
-        q = turned_copies(problem.chain, q)
+        q = full_turn_copies(problem.chain, q)
     if copies or prove:
         targets = np.repeat(problem.goal.targets, len(q), axis=0)
         errors = judge(problem.arrays, np.ascontiguousarray(q), targets, problem.goal.arrays)
@@ -236,7 +236,7 @@ def _finish(
     )
 
 
-def turned_copies(chain: SerialChain, q: Array) -> Array:
+def full_turn_copies(chain: SerialChain, q: Array) -> Array:
     """Return every solution with all full turns that the limits allow, (k, n) -> (K, n).
 
     A continuous joint has no copies: its values are angles.
@@ -256,8 +256,8 @@ def turned_copies(chain: SerialChain, q: Array) -> Array:
             # The tolerance of 1e-12 keeps a copy that rounding puts just outside a limit; it is clipped below.
             least = np.ceil((chain.lower[i] - value) / TURN - 1e-12)
             most = np.floor((chain.upper[i] - value) / TURN + 1e-12)
-            turned = value + TURN * np.arange(least, most + 1)
-            choices.append(np.clip(turned, chain.lower[i], chain.upper[i]))
+            copies = value + TURN * np.arange(least, most + 1)
+            choices.append(np.clip(copies, chain.lower[i], chain.upper[i]))
         count = len(rows) + math.prod(len(values) for values in choices)
         if count > MOST:
             raise InvalidProblem(

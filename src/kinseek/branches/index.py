@@ -34,7 +34,7 @@ SAMPLES = 1024
 """Samples of the coarse atlas; see `kernels.branches.search` for the reason for the small number."""
 
 
-SPREAD = 50
+SAMPLE_SIZE = 50
 """Default number of solutions in a sample. Not examined further."""
 
 
@@ -85,7 +85,7 @@ class BranchIndex:
 
     def plain(self, chain: SerialChain, T: Array) -> Branches | None:
         """Return all solutions of one plain pose, (4, 4), without checks; None if it is not a rigid transform."""
-        found = self.search(PLAIN, T, self.view, SPREAD)
+        found = self.search(PLAIN, T, self.view, SAMPLE_SIZE)
         if not len(found):
             return None
         # The caller may write the next target into the same array.
@@ -130,8 +130,8 @@ class BranchIndex:
                 reached = forward_many(problem.arrays, np.ascontiguousarray(signs * probe + shifts))
                 for k in np.flatnonzero(np.abs(reached - pose).max(axis=(1, 2)) < 1e-9):
                     image = np.array([signs[k], shifts[k], turns])
-                    turned = np.where(turns, shortest(shifts[k]), shifts[k])
-                    itself = (signs[k] > 0).all() and np.abs(turned).max() < 1e-6
+                    shift = np.where(turns, shortest(shifts[k]), shifts[k])
+                    itself = (signs[k] > 0).all() and np.abs(shift).max() < 1e-6
                     if not itself and not any(_same_image(image, known, turns) for known in found):
                         found.append(image)
         return np.array(found).reshape(-1, 3, dof)

@@ -192,7 +192,7 @@ def _ways_down(
 ) -> list[Array]:
     """Return unit directions in the null space in which the cost decreases, the steepest first; none if the cost is flat.
 
-    A joint at a limit that would be pushed beyond it is held, and the null space is computed again.
+    A joint at a limit that would be pushed beyond it is fixed, and the null space is computed again.
     """
     dof, (lower, upper) = problem.chain.dof, problem.limits
     J = constraint_jacobian(problem, q[None])[0]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.find import SEARCHING, branches_of
-from kinseek.branches.index import SPREAD, BranchIndex, index_of
+from kinseek.branches.index import SAMPLE_SIZE, BranchIndex, index_of
 from kinseek.branches.order import ORDERS, Cost, ManyAtOnce, Selection, Valid, is_valid
 from kinseek.branches.prefer import preferred, slide
 from kinseek.branches.result import Branches, BranchesBatch, OfEachGoal
@@ -34,7 +34,7 @@ _AT_ONCE = 16
 """Solutions checked in one call: eight fit into vector lanes, and most poses have at most sixteen."""
 
 _ESCAPES = 3
-"""Number of solutions that are moved away from contacts, the least colliding ones of the first `SPREAD`. Not examined
+"""Number of solutions that are moved away from contacts, the least colliding ones of the first `SAMPLE_SIZE`. Not examined
 further."""
 
 
@@ -202,7 +202,7 @@ def _pick(
         # The counts and contacts that are reported refer to the last sample alone.
         judge.blocked, judge.refused, judge.seen, judge.spared = 0, 0, [], None
         selection = Selection(
-            prefer or ORDERS[0], cost, copies=cost is not None, count=many * SPREAD if many > 1 else None
+            prefer or ORDERS[0], cost, copies=cost is not None, count=many * SAMPLE_SIZE if many > 1 else None
         )
         found = branches_of(replace(problem, time_limit=deadline.left), selection, threads)
         assert isinstance(found, Branches)  # True for one target.
@@ -285,7 +285,7 @@ def _escaped(
     problem: Problem, index: BranchIndex, judge: Judge, spent: int, late: bool, deadline: Deadline
 ) -> _Pick:
     """If no solution is free and accepted, move the least colliding ones away from their contacts."""
-    scene, blocked = judge.scene, np.array(judge.seen[:SPREAD]).reshape(-1, problem.chain.dof)
+    scene, blocked = judge.scene, np.array(judge.seen[:SAMPLE_SIZE]).reshape(-1, problem.chain.dof)
     if judge.spared is not None or not len(blocked):
         return _Pick(problem.start if judge.spared is None else judge.spared, spent, False, judge, late)
     # The solution that penetrates least is probably the one with the shortest way to a free one.

@@ -64,7 +64,7 @@ class Library:
             ImportError: The library does not contain it.
         """
         if self._refused or not self._has(entry.room):
-            return self._later(entry)
+            return self._compiled_when_called(entry)
         results = _bytes([_OF[leaf.element] for leaf in entry.returns])
         explain = _Explanation(entry)
         try:
@@ -82,7 +82,7 @@ class Library:
         found: int = self._door.address(name, self.level)
         return found
 
-    def _later(self, entry: Entry) -> Callable[..., Any]:
+    def _compiled_when_called(self, entry: Entry) -> Callable[..., Any]:
         """Return a callable that compiles the entry's folder when it is first called."""
 
         @functools.cache
@@ -190,11 +190,11 @@ class _Explanation:
         raise TypeError(f"{self.entry.name}: {path} must be {expected}, got {got}")
 
 
-def _asked(name: str) -> bool:
+def _is_set(name: str) -> bool:
     return os.environ.get(name, "") not in ("", "0")
 
 
-PLAIN = _asked("NUMBA_DISABLE_JIT")
+PLAIN = _is_set("NUMBA_DISABLE_JIT")
 """True if kernels run as plain Python."""
 
 
@@ -202,7 +202,7 @@ def _library() -> tuple[Library | None, str]:
     """Return the library, or None and the reason why it is not used."""
     if PLAIN:
         return None, "NUMBA_DISABLE_JIT asks for plain Python"
-    if _asked("KINSEEK_JIT"):
+    if _is_set("KINSEEK_JIT"):
         return None, "KINSEEK_JIT asks for Numba"
     try:
         from . import _prebuilt as door  # type: ignore[attr-defined,unused-ignore]
@@ -221,14 +221,15 @@ def _at_level(door: Any) -> tuple[Library | None, str]:
     """Return the library for the highest level that this processor supports, or for KINSEEK_LEVEL."""
     levels, best = [int(level) for level in door.levels.split()], door.best_level()
     usable = [level for level in levels if level <= best]
-    if wanted := os.environ.get("KINSEEK_LEVEL"):
-        if wanted not in map(str, usable):
+    if requested := os.environ.get("KINSEEK_LEVEL"):
+        if requested not in map(str, usable):
             refused = (
-                f"KINSEEK_LEVEL={wanted!r}: the library of kernels has the levels {', '.join(map(str, levels))}, of which "
+                f"KINSEEK_LEVEL={requested!r}: the library of kernels has the levels "
+                f"{', '.join(map(str, levels))}, of which "
                 f"this processor runs {', '.join(map(str, usable)) or 'none'}"
             )
             return Library(door, 0, refused), ""
-        return Library(door, int(wanted)), ""
+        return Library(door, int(requested)), ""
     if not usable:
         return None, f"it needs a processor of level {min(levels)} at least, this one has {best}"
     return Library(door, max(usable)), ""

@@ -149,7 +149,7 @@ class Layout:
         )
         """A kernel from an address and the sizes to the views."""
 
-    def look(self, path: str, memory: NDArray[np.float64], **numbers: int) -> NDArray[Any]:
+    def view(self, path: str, memory: NDArray[np.float64], **numbers: int) -> NDArray[Any]:
         """View an array in a memory from Python: ``"field"``, or ``"field.field"`` for a nested bundle.
 
         Args:
@@ -161,7 +161,7 @@ class Layout:
         first, part = self._places[field]
         place = memory[first.of(**numbers) :]
         if isinstance(part, Layout):
-            return part.look(rest, place, **numbers)
+            return part.view(rest, place, **numbers)
         seen = place[: part.count.of(**numbers)]
         integers = part.view.startswith("integer")
         return (seen.view(np.int64) if integers else seen).reshape(

@@ -126,7 +126,7 @@ class Cell:
         near[:3] = back.T @ near[:3]
         return near
 
-    def spread(self, count: int) -> Array:
+    def sample(self, count: int) -> Array:
         """Return poses spread over the cell, the same in every call, (count, 4, 4)."""
         share = np.mod(0.5 + np.arange(1, count + 1)[:, None] * STRIDES, 1.0)
         places = self.box[:, 0] + share[:, : len(self.box)] * (self.box[:, 1] - self.box[:, 0])

@@ -171,7 +171,7 @@ class Judge:
             stack = self.stack(place, numbers[0] // self.grid.orientations.arcs)
             if self.free or stack.known != REACHED:
                 return [known if there else stack for there in found]
-            found = found | self._turned(stack.q, place, numbers)
+            found = found | self._passed_by_last_joint(stack.q, place, numbers)
         return [
             known if there else self.cell((*place, number), stack)
             for there, number in zip(found, numbers, strict=True)
@@ -245,17 +245,17 @@ class Judge:
 
     def _sampled(self, cell: Cell) -> Array | None:
         """Return joint values, (n,), for one of some poses spread over a cell; None if no solution is found."""
-        T = cell.spread(SAMPLES)
+        T = cell.sample(SAMPLES)
         found = reached(self.arm, Goal.pose(T))
         return self.arm.ik(T[int(np.argmax(found))], threads=1).q if found.any() else None
 
-    def _turned(self, q: Array | None, place: Index, numbers: Sequence[int]) -> Flags:
+    def _passed_by_last_joint(self, q: Array | None, place: Index, numbers: Sequence[int]) -> Flags:
         """Return which cells of one position and direction the tip passes when the last joint moves through its range."""
         if q is None:
             return np.zeros(len(numbers), dtype=bool)
-        turned = np.tile(q, (OFTEN * self.grid.orientations.arcs, 1))
-        turned[:, -1] = np.linspace(self.arm.lower[-1], self.arm.upper[-1], len(turned))
-        *places, number = self.grid.cells_of(self.arm.fk(turned))
+        rows = np.tile(q, (OFTEN * self.grid.orientations.arcs, 1))
+        rows[:, -1] = np.linspace(self.arm.lower[-1], self.arm.upper[-1], len(rows))
+        *places, number = self.grid.cells_of(self.arm.fk(rows))
         return np.isin(
             numbers, number[np.all([at == i for at, i in zip(places, place, strict=True)], axis=0)]
         )

@@ -62,7 +62,7 @@ def _promising(arm: Arm, cell: Cell, depth: int, last: LastJoint | None) -> bool
         part, _ = part.halves(LEVER * arm.chain.reach)
     _, position, orientation = wide_ball(part, last)
     return bool(
-        around(arm, cell.spread(PROBES), np.full(PROBES, position), np.full(PROBES, orientation)).any()
+        around(arm, cell.sample(PROBES), np.full(PROBES, position), np.full(PROBES, orientation)).any()
     )
 
 
@@ -83,7 +83,7 @@ def around(arm: Arm, T: Array, position: Array, orientation: Array) -> Flags:
     if not len(q):
         return proved
     goal = Goal.pose(T[whose])
-    # The null space: these directions are held, so that a redundant arm has one solution per pose in the proof.
+    # The null space: these directions are fixed, so that a redundant arm has one solution per pose in the proof.
     hold = np.ascontiguousarray(np.linalg.svd(arm.jacobian(q))[2][:, 6:])
     lower, upper = open_limits(arm.chain)
     # A continuous joint has no limits in the proof; finite ones would exclude solutions beside them.

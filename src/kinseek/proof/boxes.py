@@ -44,7 +44,7 @@ from .reduce import error_question, question, start_boxes
 from .shoulder import bounded_by_ball
 from .wrist import without_wrist
 
-SPREAD = 2.5
+SECOND_ORDER = 2.5
 """Boxes whose rotation of the hand is less than this [rad] are tested to second order. Found by trial on four arms of six
 joints: with twice the value an exclusion takes 22 % fewer boxes but no less time, since most second-order tests of wide
 boxes are in vain; with half the value it takes 37 % more boxes. The program of this trial is not in the repository."""
@@ -133,7 +133,7 @@ class Watch:
 def tuning_of(problem: Problem, often: int, steps: int, gap: float = 0.0) -> Tuning:
     """Return the parameters that determine how much a search tries per box."""
     tolerances = float(problem.goal.position_tolerance), float(problem.goal.orientation_tolerance)
-    return Tuning(SPREAD, SHRINK, PASSES, often, steps, *tolerances, gap)
+    return Tuning(SECOND_ORDER, SHRINK, PASSES, often, steps, *tolerances, gap)
 
 
 class Run:

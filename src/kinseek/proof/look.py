@@ -62,7 +62,9 @@ def look(
     room, counts, figures = np.zeros((3, 2 * dof)), np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
     heap, question = heap_for(3), Question(*reduction, problem.arrays, problem.goal.arrays)
     memory = Memory(room, heap, no_places(n, dof), np.zeros(n), counts, figures)
-    tuning = tuning_of(problem, 1, 0)._replace(spread=np.inf if passes else 0.0, shrink=0.0, passes=passes)
+    tuning = tuning_of(problem, 1, 0)._replace(
+        second_order=np.inf if passes else 0.0, shrink=0.0, passes=passes
+    )
     left, lower = np.full((len(boxes), 2, 2 * dof), np.nan), np.zeros(len(boxes))
     for k, box in enumerate(boxes):
         room[0] = box

@@ -39,7 +39,7 @@ distance is added to the margin, so the bound holds for any value. With twice th
 another 2e-6 K_P."""
 
 AT_LIMIT = 1e-6
-"""A last joint no farther from a limit [rad] counts as held by it. This decides which of two questions is used, not what is
+"""A last joint no farther from a limit [rad] counts as being at it. This decides which of two questions is used, not what is
 proved."""
 
 
@@ -151,9 +151,9 @@ def _loss_of_last(problem: Problem, q: Array) -> float:
     axis = inverse(problem.arrays.fixed[-1])[:, 2]
     miss = goal.position_weight * float(np.linalg.norm(T[:, 3] - target[:, 3]))
     half = 0.5 * goal.orientation_weight
-    tilted = half * float(np.sum(((T - target)[:, :3] @ axis) ** 2))
-    turned = half * float(np.sum((T - target)[:, :2] ** 2))
-    return 1.0 - (miss + tilted) / max(miss + turned, TINY)
+    tilt_cost = half * float(np.sum(((T - target)[:, :3] @ axis) ** 2))
+    column_cost = half * float(np.sum((T - target)[:, :2] ** 2))
+    return 1.0 - (miss + tilt_cost) / max(miss + column_cost, TINY)
 
 
 def start_boxes(chain: SerialChain, without_last: bool) -> Array:
@@ -206,13 +206,13 @@ def _foot(fixed: Array, chain: SerialChain) -> float:
 
 def _cut(fixed: Array, target: Array, along: float) -> tuple[Array, Array]:
     """Omit the last joint: the tip becomes the point `along` its axis, with the columns axis, x and y."""
-    turned = np.array(
+    axis_first = np.array(
         [[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, along], [0.0, 0.0, 0.0, 1.0]]
     )
     short = fixed[:-1].copy()
     # The columns are permuted so that the axis of the omitted joint comes first: the kernels compare the first columns.
-    short[-1] = (square(short[-1]) @ turned)[:3]
-    proof_goal = square(target) @ square(inverse(fixed[-1])) @ turned
+    short[-1] = (square(short[-1]) @ axis_first)[:3]
+    proof_goal = square(target) @ square(inverse(fixed[-1])) @ axis_first
     return short, np.ascontiguousarray(proof_goal[:3])
 
 

@@ -204,6 +204,6 @@ def _distances(problem: Problem, reduced: Array, without_last: bool) -> Array:
         return distance
     # The pose determines the last joint, up to what the other joints and the tolerance at both solutions turn the hand.
     turning = [k for k in range(len(chain.leader) - 1) if not chain.prismatic[k]]
-    turned = sum(abs(chain.multiplier[k]) * distance[:, chain.leader[k]] for k in turning)
-    last = np.minimum(turned + 2.0 * min(problem.goal.orientation_tolerance, math.pi), math.pi)
+    rotation = sum(abs(chain.multiplier[k]) * distance[:, chain.leader[k]] for k in turning)
+    last = np.minimum(rotation + 2.0 * min(problem.goal.orientation_tolerance, math.pi), math.pi)
     return np.column_stack([distance, np.broadcast_to(last, len(distance))])

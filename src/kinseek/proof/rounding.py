@@ -21,9 +21,9 @@ OF_SINES = 4.0 * UNIT
 """Largest error of a sine or cosine: four units in the last place of numbers from ½ to 1. The C libraries document errors
 below one unit (glibc's manual, "Known Maximum Errors in Math Functions"), vectorised ones below four."""
 
-SPREAD = 2.5
-"""Boxes whose rotation of the hand is less than this [rad] are tested to second order, see `boxes.SPREAD`. Neighbourhoods
-rotate it by at most half a radian per joint."""
+SECOND_ORDER = 2.5
+"""Boxes whose rotation of the hand is less than this [rad] are tested to second order, see `boxes.SECOND_ORDER`.
+Neighbourhoods rotate it by at most half a radian per joint."""
 
 PREPARED = 4
 """Transforms that are multiplied on the goal's side before any box is tested; they count as as many additional joints."""
@@ -85,7 +85,7 @@ def margins(sizes: Sizes) -> tuple[float, float]:
     docs/proof_explained.md.
     """
     a, e, R, m = of_axes(sizes), of_points(sizes), sizes.reach, sizes.joints
-    S = max(SPREAD, 0.5 * sizes.rate)
+    S = max(SECOND_ORDER, 0.5 * sizes.rate)
     arm = a * R + 2.0 * e + gamma(8) * R  # Error of a radius, or of the distance that a joint moves a point.
     first_p = e + 2.0 * m * (arm + gamma(m + 6) * R) + gamma(24) * R
     first_a = a + 2.0 * m * (2.0 * a + gamma(m + 14)) + gamma(24)

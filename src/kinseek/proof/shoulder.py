@@ -195,10 +195,10 @@ def _invariants(fixed: Array, ball: Array, upright: bool) -> Array:
         for angle in (0.0, 2.0 * math.pi / 3.0, -2.0 * math.pi / 3.0)
     ]
     values = np.empty((4 if upright else 2, 3**n))
-    for index, turned in enumerate(product(turns, repeat=n)):
+    for index, rotations in enumerate(product(turns, repeat=n)):
         p, a = fixed[-1, :, 3], fixed[-1, :, 0]
         for k in range(n - 1, -1, -1):
-            R = fixed[k, :, :3] @ turned[k]
+            R = fixed[k, :, :3] @ rotations[k]
             p, a = R @ p + fixed[k, :, 3], R @ a
         p = p - ball
         values[:, index] = [p @ p, p @ a, p[2], a[2]][: len(values)]

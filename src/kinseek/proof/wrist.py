@@ -54,7 +54,7 @@ def without_wrist(problem: Problem) -> Problem | None:
     at = last[:, :3] @ centre[2] + last[:, 3]
     target = goal.targets[0]
     # A rotation within the tolerance moves the wrist's centre by at most this chord.
-    turned = 2.0 * math.sin(angle / 2) * float(np.linalg.norm(at))
+    chord = 2.0 * math.sin(angle / 2) * float(np.linalg.norm(at))
     margin, margin_a = margins(problem, foot=float(np.linalg.norm(at)))
     leans, side = _lean(problem, remaining, margin_a)
     tip = square(fixed[remaining]).copy()
@@ -78,7 +78,7 @@ def without_wrist(problem: Problem) -> Problem | None:
         Goal.pointing(
             target[:, :3] @ at + target[:, 3],
             side * (target[:, :3] @ last[:, 2]),
-            position_tolerance=goal.position_tolerance + turned + off + margin,
+            position_tolerance=goal.position_tolerance + chord + off + margin,
             orientation_tolerance=min(angle + leans, math.pi),
         ),
     )

@@ -22,7 +22,7 @@ from kinseek.support.deadline import Deadline
 
 from .base import Found, require_whole, watch_each
 from .nodes import require_memory, require_patience
-from .recording import Look, Recorder, require_room
+from .recording import Recorder, Region, require_room
 from .threads import unwatched
 from .traits import Near, Traits, require
 
@@ -120,7 +120,7 @@ class BlindSearch:
             reach = np.where(chain.wraps, delta, 0.0)
             low = np.maximum(before - delta, chain.lower - reach)
             high = np.minimum(before + delta, chain.upper + reach)
-            window = Look(np.full(dof, delta), low, high, np.full(dof, 3))
+            window = Region(np.full(dof, delta), low, high, np.full(dof, 3))
             recorder.add(f"step {step + 1}", q, *_work_of(progress), memory=memory.nbytes, window=window)
         found = Found(q, *_work_of(progress), not done)
         recorder.add_rest("a step cut short", found)

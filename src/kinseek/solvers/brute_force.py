@@ -95,8 +95,8 @@ class BruteForce:
         """Return the plan of a descent in a single pass, whose window is the whole grid."""
         dof, count = mechanism.dof, self.branching_factor
         order = [self._order(count, joint) for joint in range(dof)]
-        later = np.empty((0, dof), dtype=np.int64)
-        passes, leaves, nodes = passes_of(order, later, [1], stop_below=self.stop_below)
+        later_counts = np.empty((0, dof), dtype=np.int64)
+        passes, leaves, nodes = passes_of(order, later_counts, [1], stop_below=self.stop_below)
         return Plan(joint_grid(mechanism, count), passes, dof * count, leaves, nodes)
 
     def _search(self, problem: Problem, search: GridSearch) -> Found:

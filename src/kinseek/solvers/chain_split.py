@@ -72,14 +72,14 @@ below which another counts as zero."""
 
 def find_split(chain: Mechanism, goal: Goal) -> Split:
     """Find the chains by forward kinematics alone: move every joint separately, at several configurations of the others."""
-    look = _Look(chain, goal)
-    movers = tuple(j for j in range(chain.dof) if look.moves(j)) or tuple(range(chain.dof))
+    probe = _Probe(chain, goal)
+    movers = tuple(j for j in range(chain.dof) if probe.moves(j)) or tuple(range(chain.dof))
     idle = tuple(j for j in range(chain.dof) if j not in movers)
-    freedom = look.freedom(movers)
+    freedom = probe.freedom(movers)
     why = "no joint leaves a point of the hand at rest whose position follows from the goal"
-    for joints, point in reversed(_resting(look, movers)):
+    for joints, point in reversed(_resting(probe, movers)):
         first = tuple(j for j in movers if j not in joints)
-        place = look.freedom(first, point)
+        place = probe.freedom(first, point)
         if first and freedom - place <= len(joints):
             where = ", ".join(f"{x:.4g}" for x in np.round(point, 6) + 0.0)
             why = (
@@ -88,21 +88,21 @@ def find_split(chain: Mechanism, goal: Goal) -> Split:
                 "goal"
             )
             at = (float(point[0]), float(point[1]), float(point[2]))
-            return Split(first, joints, idle, at, why + _idly(chain, idle), look.evaluations)
+            return Split(first, joints, idle, at, why + _idly(chain, idle), probe.evaluations)
         why = (
             f"moving {_list(chain, joints)} leaves a point of the hand at rest, but its position fixes only {place} "
             f"of the {freedom} degrees of freedom of the hand, and these joints cannot fix the others"
         )
     sentence = f"{_list(chain, movers)} {_are(movers)} searched as one chain: {why}" + _idly(chain, idle)
-    return Split(movers, (), idle, (0.0, 0.0, 0.0), sentence, look.evaluations)
+    return Split(movers, (), idle, (0.0, 0.0, 0.0), sentence, probe.evaluations)
 
 
-def _resting(look: _Look, movers: Joints) -> list[tuple[Joints, Array]]:
+def _resting(probe: _Probe, movers: Joints) -> list[tuple[Joints, Array]]:
     """Return growing sets of joints, from the last joint on, that leave a point at rest, and that point [m], (3,)."""
     found: list[tuple[Joints, Array]] = []
     for j in reversed(movers):
         joints = (j, *(found[-1][0] if found else ()))
-        point = look.point_at_rest(joints)
+        point = probe.point_at_rest(joints)
         if point is not None:
             found.append((joints, point))
     return found
@@ -120,7 +120,7 @@ def _idly(chain: Mechanism, idle: Joints) -> str:
     return f"; moving {_list(chain, idle)} changes nothing that the goal constrains" if idle else ""
 
 
-class _Look:
+class _Probe:
     """Poses of the hand at some configurations, and after moving one joint alone."""
 
     def __init__(self, chain: Mechanism, goal: Goal) -> None:
@@ -157,8 +157,8 @@ class _Look:
     def moves(self, j: int) -> bool:
         """Return whether a joint moves any feature of the hand that the goal constrains."""
         turn, slide = self._between(j)
-        turned = turn @ self.axes * self.reach
-        return bool(max(np.abs(slide).max(initial=0.0), np.abs(turned).max(initial=0.0)) > self.still)
+        rotated = turn @ self.axes * self.reach
+        return bool(max(np.abs(slide).max(initial=0.0), np.abs(rotated).max(initial=0.0)) > self.still)
 
     def point_at_rest(self, joints: Joints) -> Array | None:
         """Return the point nearest to the tip that these joints leave at rest and the goal determines [m], (3,), or None."""
@@ -199,8 +199,8 @@ class _Look:
         """Return the goal's features, (k, 3 + 3c), or the position of a point, (k, 3), relative to the arm's reach."""
         if point is not None:
             return (poses[:, :3, :3] @ point + poses[:, :3, 3]) / self.reach
-        turned = (poses[:, :3, :3] @ self.axes).reshape(len(poses), -1)
-        return np.concatenate([poses[:, :3, 3] / self.reach, turned], axis=1)
+        columns = (poses[:, :3, :3] @ self.axes).reshape(len(poses), -1)
+        return np.concatenate([poses[:, :3, 3] / self.reach, columns], axis=1)
 
 
 def _poses(chain: Mechanism, goal: Goal, q: Array) -> Array:

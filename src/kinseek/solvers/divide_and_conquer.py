@@ -37,12 +37,12 @@ from .breadth_tuning import Walk, probe_joints, widen_by_trial, window_leaves
 from .grid_search import GridSearch, Plan, passes_of
 from .nodes import (
     MOST_NODES,
+    evenly_spaced_nodes,
     joint_grid,
     require_error,
     require_memory,
     require_patience,
     require_ties,
-    spread_nodes,
     window_around,
     zero_nodes,
 )
@@ -218,13 +218,13 @@ class DivideAndConquer:
 
     def _walks(self, wraps: tuple[bool, ...]) -> list[Walk]:
         """Return how each joint continues from the first pass."""
-        later = self._spacings[1:]
+        spacings = self._spacings[1:]
         # Around the zero configuration the first nodes may be anywhere; at a limit the distance is largest.
         at_limit = [np.zeros(1, dtype=np.int64)] * len(wraps)
-        first = at_limit if self.first == "formula" else self._spread(self._offsets(np.array(wraps)))
+        first = at_limit if self.first == "formula" else self._evenly_spaced(self._offsets(np.array(wraps)))
         clips = self.limited == "letter"
         return [
-            Walk(later, self.branching_factor, each, clips, nodes)
+            Walk(spacings, self.branching_factor, each, clips, nodes)
             for each, nodes in zip(wraps, first, strict=True)
         ]
 
@@ -288,11 +288,11 @@ class DivideAndConquer:
         spacings, letter = self._spacings, self.limited == "letter"
         # A window that loses what is beyond a limit may have a whole range to each side.
         widest = 2 * self.branching_factor - 1 if letter else self.branching_factor
-        later = np.minimum(2 * self._sides(breadths) + 1, widest)
-        first = self._first(wraps, zero, spacings[0], later[0])
+        counts = np.minimum(2 * self._sides(breadths) + 1, widest)
+        first = self._first(wraps, zero, spacings[0], counts[0])
         return passes_of(
             first,
-            later[: len(spacings) - 1],
+            counts[: len(spacings) - 1],
             spacings,
             clips=letter,
             stop_below=self.stop_below,
@@ -301,7 +301,7 @@ class DivideAndConquer:
         )
 
     def _first(
-        self, wraps: tuple[bool, ...], zero: tuple[int, ...] | None, spacing: int, later: Indices
+        self, wraps: tuple[bool, ...], zero: tuple[int, ...] | None, spacing: int, counts: Indices
     ) -> list[Indices]:
         """Return the nodes of the first pass, for each joint."""
         offsets, size = self._offsets(np.array(wraps)), self.branching_factor
@@ -312,14 +312,14 @@ class DivideAndConquer:
                     node % size if wrap else min(node, size - 1)
                     for node, wrap in zip(shifted, wraps, strict=True)
                 )
-            return window_around(wraps, size, zero, spacing, later, self.limited == "letter")
-        return self._spread(offsets)
+            return window_around(wraps, size, zero, spacing, counts, self.limited == "letter")
+        return self._evenly_spaced(offsets)
 
-    def _spread(self, offsets: list[Fraction]) -> list[Indices]:
+    def _evenly_spaced(self, offsets: list[Fraction]) -> list[Indices]:
         """Return D nodes of each joint, one in each cell."""
         count = min(self.divisions, self.branching_factor)
         require_memory(len(offsets) * count, "the first pass tries D values of every joint")
-        return [spread_nodes(self.branching_factor, count, each) for each in offsets]
+        return [evenly_spaced_nodes(self.branching_factor, count, each) for each in offsets]
 
     def _search(self, problem: Problem, search: GridSearch) -> Found:
         plan = search.plan

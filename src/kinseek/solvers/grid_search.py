@@ -70,7 +70,7 @@ class Plan(NamedTuple):
 
 def passes_of(
     first: list[Indices],
-    later: Indices,
+    later_counts: Indices,
     spacings: list[int],
     *,
     clips: bool = False,
@@ -82,14 +82,14 @@ def passes_of(
 
     Args:
         first: Nodes of the first pass, for each joint.
-        later: Number of nodes of each joint in each later pass, (passes - 1, n).
+        later_counts: Number of nodes of each joint in each later pass, (passes - 1, n).
         spacings: Spacing of the nodes in each pass.
         clips: Whether a window is truncated at a limit.
         stop_below: Weighted error of a leaf that ends the search; 0 for none.
         beam: Number of cells that a pass leaves to the next.
         children: Number of cells that one cell may leave; None sets no limit.
     """
-    counts = np.array([[len(nodes) for nodes in first], *later.tolist()], dtype=np.int64)
+    counts = np.array([[len(nodes) for nodes in first], *later_counts.tolist()], dtype=np.int64)
     padded = np.zeros((len(first), int(counts.max())), dtype=np.int64)
     for row, nodes in zip(padded, first, strict=True):
         row[: len(nodes)] = nodes

@@ -89,7 +89,7 @@ def physical_memory() -> int:
         return 8 * 2**30
 
 
-def spread_nodes(size: int, count: int, offset: Fraction) -> Indices:
+def evenly_spaced_nodes(size: int, count: int, offset: Fraction) -> Indices:
     """Return indices of `count` nodes, one in each of `count` equal cells, at a fraction of the cell, (count,)."""
     over, under = offset.numerator, offset.denominator
     # B may be a billion and a fraction's denominator is any number: products beyond int64 need Python's integers.

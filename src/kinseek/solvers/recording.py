@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-class Look(NamedTuple):
+class Region(NamedTuple):
     """Region that a pass searches."""
 
     spacing: Array
@@ -62,7 +62,7 @@ class Recorder:
         expanded: int = 0,
         *,
         memory: int = 0,
-        window: Look | None = None,
+        window: Region | None = None,
         cells: int = 1,
         start: ArrayLike | None = None,
         spacing: Array | None = None,
@@ -92,11 +92,11 @@ class Recorder:
             fields["spacing"] = np.array(spacing, dtype=float)
         if window is not None:
             # If a continuous joint was turned to be near the requested values, its window turns with it.
-            turned = np.where(self.problem.mechanism.endless, best - q, 0.0)
+            shift = np.where(self.problem.mechanism.endless, best - q, 0.0)
             fields |= {
                 "spacing": np.array(window.spacing, dtype=float),
-                "lower": window.lower + turned,
-                "upper": window.upper + turned,
+                "lower": window.lower + shift,
+                "upper": window.upper + shift,
                 "counts": np.array(window.counts, dtype=np.int64),
             }
         self._passes.append({"name": name, "memory": int(memory), "cells": int(cells), **fields})
@@ -185,7 +185,7 @@ def _bytes_in(arrays: Any) -> int:
     return bytes_of(*arrays) if isinstance(arrays, tuple) else 0
 
 
-def grid_window(grid: Grid, nodes: list[Indices], centre: Indices | None = None) -> Look:
+def grid_window(grid: Grid, nodes: list[Indices], centre: Indices | None = None) -> Region:
     """Return the window of a pass over a grid.
 
     Args:
@@ -205,7 +205,7 @@ def grid_window(grid: Grid, nodes: list[Indices], centre: Indices | None = None)
         over = np.where(grid.wraps & (first > centre), grid.size, 0)
         first, last = first - over, last - over
     between = np.where(counts > 1, (last - first) / np.maximum(counts - 1, 1), np.nan)
-    return Look(grid.step * between, grid.lower + grid.step * first, grid.lower + grid.step * last, counts)
+    return Region(grid.step * between, grid.lower + grid.step * first, grid.lower + grid.step * last, counts)
 
 
 def record_pass(recorder: Recorder, plan: Plan, k: int, before: Array, found: Found, memory: int) -> None:

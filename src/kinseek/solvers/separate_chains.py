@@ -29,7 +29,7 @@ from .breadth_tuning import window_leaves
 from .chain_split import Joints, Split, known_of, middle, parts
 from .divide_and_conquer import _MOST_CELLS, DivideAndConquer, _OutOfTimeError
 from .nodes import require_patience
-from .recording import Look, Recorder, require_room
+from .recording import Recorder, Region, require_room
 from .traits import Near, Traits, require
 
 Array = NDArray[np.float64]
@@ -293,7 +293,7 @@ class _Account:
             spacing[chosen], counts[chosen] = each.spacing, each.counts
             lower[chosen], upper[chosen] = each.lower, each.upper
             work += (each.evaluations, each.nodes_created, each.nodes_expanded)
-            window = Look(spacing, lower, upper, counts)
+            window = Region(spacing, lower, upper, counts)
             what, self.memory = f"{name}: {each.name}", each.memory
             recorder.add(what, q, *work.tolist(), memory=each.memory, window=window, cells=each.cells)
 

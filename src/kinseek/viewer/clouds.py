@@ -192,11 +192,11 @@ def boxes_left(arm: Arm, options: ViewerOptions, q: Array, examined: int) -> Clo
     middle[:, :variables] = left[:, :variables]
     q, _ = completed(arm.axes, middle, options.target)
     bound = left[:, -1]
-    spread = float(np.ptp(bound))
-    return Cloud(arm.fk(q)[:, :3, 3], (bound - bound.min()) / spread if spread > 0 else np.zeros(len(left)))
+    extent = float(np.ptp(bound))
+    return Cloud(arm.fk(q)[:, :3, 3], (bound - bound.min()) / extent if extent > 0 else np.zeros(len(left)))
 
 
 def same_question(one: ViewerOptions, other: ViewerOptions) -> bool:
     """Return whether both options have the same reachable region: the same orientation and the same free axes."""
-    turned = np.abs(one.target[:3, :3] - other.target[:3, :3]).max()
-    return one.free == other.free and bool(turned < 1e-9 or set(one.free) >= {"rx", "ry", "rz"})
+    difference = np.abs(one.target[:3, :3] - other.target[:3, :3]).max()
+    return one.free == other.free and bool(difference < 1e-9 or set(one.free) >= {"rx", "ry", "rz"})

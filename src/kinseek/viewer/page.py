@@ -76,7 +76,7 @@ class Page:
     def _begin(self) -> None:
         client, options = self._client, self.options
         self.scene.show_goal(options.target)
-        self._look(options)
+        self._apply_appearance(options)
         if options.camera is not None:
             client.camera.position, client.camera.look_at = options.camera
         elif client.camera.aspect < NARROW:  # The panel is below: the arm goes above it.
@@ -116,7 +116,7 @@ class Page:
         if changes.keys() - {"target", "q", "camera"}:
             self.panel.show_options(after)
         if {"ghosts", "meshes", "dark", "free"} & changes.keys():
-            self._look(after)
+            self._apply_appearance(after)
         if (
             "target" in changes
             and np.abs(after.target - matrix_of(self.scene.goal.wxyz, self.scene.goal.position)).max() > 1e-9
@@ -199,7 +199,7 @@ class Page:
         if np.isfinite(target).all():
             self.change(target=target)
 
-    def _look(self, options: ViewerOptions) -> None:
+    def _apply_appearance(self, options: ViewerOptions) -> None:
         self.scene.see(options.ghosts, options.meshes)
         self.scene.limit_gizmo(not set(options.free) >= {"rx", "ry", "rz"})
         self._client.gui.configure_theme(dark_mode=options.dark, show_logo=False, show_share_button=False)
@@ -269,7 +269,7 @@ class Page:
                 self.trace = trace
 
     def _boxes(self, options: ViewerOptions, result: GoalResult) -> str:
-        examined = clouds.BOXES[self.panel.looks - 1]
+        examined = clouds.BOXES[self.panel.boxes_choice - 1]
         left: clouds.Cloud | str = "The goal is reached: there is nothing to exclude."
         if not result.reached:
             left = clouds.boxes_left(self.arm, options, result.q, examined)

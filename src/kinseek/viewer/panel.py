@@ -155,9 +155,9 @@ class Panel:
         for name, box in self.see.items():
             self._on(box, self._setter(name))
         self.examined = gui.add_slider("Boxes examined", 1, 7, 1, 4, visible=False)
-        self.looks = int(self.examined.value)
+        self.boxes_choice = int(self.examined.value)
         """Index into the numbers of boxes. It is kept because `examined` may have an unchecked value from a page."""
-        self._on(self.examined, self._look)
+        self._on(self.examined, self._choose_boxes)
         self.progress = gui.add_progress_bar(0.0, visible=False)
         self.seen = gui.add_html("")
         notes = (
@@ -171,8 +171,8 @@ class Panel:
         if notes or missing:
             gui.add_html(note_html(*notes, *missing))
 
-    def _look(self, value: float) -> None:
-        self.looks = int(value)
+    def _choose_boxes(self, value: float) -> None:
+        self.boxes_choice = int(value)
         self._do.change()
 
     def _setter(self, name: str) -> Callable[[Any], object]:

@@ -88,7 +88,7 @@ class Viewer:
         self._server.scene.configure_environment_map(None)
         self._server.scene.configure_default_lights(cast_shadow=False)
         self._server.scene.add_light_ambient("/light", intensity=1.6)
-        self._first_look()
+        self._set_initial_camera()
 
         @self._server.on_client_connect
         def _(client: Any) -> None:
@@ -115,7 +115,7 @@ class Viewer:
 
         self.public_url: str | None = self._server.request_share_url(verbose=False) if share else None
 
-    def _first_look(self) -> None:
+    def _set_initial_camera(self) -> None:
         """Set the initial camera: in front of the arm, above it, and to its side."""
         from .clouds import surroundings
 

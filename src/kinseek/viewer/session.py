@@ -33,7 +33,7 @@ PATIENCE = 2.0
 PROOF_PATIENCE = 20.0
 """Time after which a proof ends with its current bounds [s]."""
 
-FIRST_LOOK = 100_000
+FIRST_BOXES = 100_000
 """Number of boxes, some tenths of a second, with which a proof decides whether any pose reaches the goal."""
 
 GAPS = (0.2, 0.05, 0.01)
@@ -220,13 +220,13 @@ class Session:
         until, place = Until(stopped, PROOF_PATIENCE), None
         try:
             problem = Problem(self.arm.mechanism, options.goal)
-            best = prove(problem, budget=FIRST_LOOK, threads=threads, deadline=until)
+            best = prove(problem, budget=FIRST_BOXES, threads=threads, deadline=until)
             yield Proof(best)
             if best.verdict is Verdict.REACHABLE or until.passed:
                 return
             if problem.goal.columns:
                 spot = Problem(self.arm.mechanism, Goal.position(options.target[:3, 3]))
-                place = prove(spot, gap=GAPS[-1], budget=FIRST_LOOK, threads=threads, deadline=until)
+                place = prove(spot, gap=GAPS[-1], budget=FIRST_BOXES, threads=threads, deadline=until)
             for gap in GAPS:
                 known = prove(problem, gap=gap, threads=threads, deadline=until)
                 # A proof that ran out of time may have the weaker bound.
@@ -250,8 +250,8 @@ def beginning(arm: Arm) -> Array:
     if arm.axes is None:
         return np.asarray(q[int(np.argmax(there))])
     height = poses[:, 2, 3]
-    worth = np.asarray(arm.manipulability(q)) * np.where(height >= np.median(height[there]), 1.0, 1e-3)
-    return np.asarray(q[int(np.argmax(np.where(there, worth, -1.0)))])
+    score = np.asarray(arm.manipulability(q)) * np.where(height >= np.median(height[there]), 1.0, 1e-3)
+    return np.asarray(q[int(np.argmax(np.where(there, score, -1.0)))])
 
 
 def nearest_of(branches: Branches, q: Array) -> int:

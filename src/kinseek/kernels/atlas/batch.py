@@ -70,16 +70,16 @@ def next_seed(task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int
     """
     for r in range(3):
         for c in range(4):
-            scratch.spare[r, c] = targets[queue.target[l], r, c]
-    leaf = scan(task, scratch, scratch.spare, w)
+            scratch.pose[r, c] = targets[queue.target[l], r, c]
+    leaf = scan(task, scratch, scratch.pose, w)
     taken = queue.next[l]
     for _ in range(taken % FIRST):
         take_nearest(task.atlas.tree, leaf, scratch.beside, scratch.least)
     for _ in range(TAKES):
         if taken == TAKES:
             break
-        taken, worth = take_seed(task, scratch, leaf, taken, w)
-        if worth:
+        taken, promising = take_seed(task, scratch, leaf, taken, w)
+        if promising:
             queue.next[l], queue.steps[l] = taken, 0
             load_seed(scratch.lanes, l, scratch.seed)
             stand_still(scratch.lanes, l)
@@ -90,8 +90,8 @@ def next_seed(task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int
 @inlined
 def next_candidate(job: Job, task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int) -> bool:
     """Load the next candidate of a nearby arm for its target into lane l; return False if there is none."""
-    target, q, asked = targets[queue.target[l]], scratch.found[l], OFFER + queue.next[l]
-    offered = closed_answer(job, target, task.budget, q, asked, q)
+    target, q, request = targets[queue.target[l]], scratch.found[l], OFFER + queue.next[l]
+    offered = closed_answer(job, target, task.budget, q, request, q)
     queue.next[l], queue.steps[l] = queue.next[l] + 1, 0
     if offered > 0:
         load_seed(scratch.lanes, l, q)

@@ -152,8 +152,8 @@ def within(task: Task, lanes: Lanes, l: int) -> bool:
         return False
     if task.poses > 0:
         # The step of a goal with ranges stores squared angles, not sines.
-        turned: bool = lanes.error[SINE2, l] <= orientation * orientation
-        return turned
+        near: bool = lanes.error[SINE2, l] <= orientation * orientation
+        return near
     if task.columns[0] == 0.0:
         return True
     # The weighted cosine of a pose is (1 + 2 cos φ)/2, of a direction cos φ.
@@ -261,8 +261,8 @@ def keep_best(job: Job, task: Task, scratch: Scratch, target: Array) -> None:
             judge_by_ranges(job, scratch.seed, scratch.report)
             keep_seed(scratch, scratch.report[WEIGHTED_ERROR])
         else:
-            forward(task.chain, scratch.seed, scratch.spare)
-            keep_seed(scratch, weighted_error(scratch.spare, goal))
+            forward(task.chain, scratch.seed, scratch.pose)
+            keep_seed(scratch, weighted_error(scratch.pose, goal))
 
 
 @inlined

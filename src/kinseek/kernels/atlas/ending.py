@@ -101,7 +101,7 @@ def ending_routine(job: Job, target: Target) -> int:
     scratch = scratch_of(job, task)
     for turn in range(2):
         if turn > 0:
-            spent += look_around(job, task, scratch, target)
+            spent += try_other_starts(job, task, scratch, target)
         spent += polish(job, task, scratch, target)
     if descent.lowest(scratch.best_error) <= promise(task):
         spent += follow_valleys(task, scratch, target)
@@ -140,8 +140,8 @@ def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, steps: int) -
             else:
                 for r in range(3):
                     for c in range(4):
-                        scratch.spare[r, c] = lanes.pose[r, c, l]
-                error = weighted_error(scratch.spare, goal)
+                        scratch.pose[r, c] = lanes.pose[r, c, l]
+                error = weighted_error(scratch.pose, goal)
                 # Rows are scaled by the roots of the weights. The orientation rows hold K_A times √K_A at this point.
                 scale_o = 1.0 / largest if largest > 0.0 else 0.0
             lanes.weight[0, l] = far
@@ -169,8 +169,8 @@ def walk_down(task: Task, scratch: Scratch, target: Array, row: int) -> int:
     goal, limits = descent.goal_of(task, target), Limits(task.lower, task.upper)
     seeds.copy_joints(scratch.best, row, scratch.seed)
     spent: int = minimise(task.chain, goal, limits, DOWNHILL, scratch.seed)
-    forward(task.chain, scratch.seed, scratch.spare)
-    error = weighted_error(scratch.spare, goal)
+    forward(task.chain, scratch.seed, scratch.pose)
+    error = weighted_error(scratch.pose, goal)
     if error < scratch.best_error[row]:
         scratch.best_error[row] = error
         seeds.keep_joints(scratch.best, row, scratch.seed)
@@ -184,9 +184,9 @@ def polish(job: Job, task: Task, scratch: Scratch, target: Array) -> int:
     After the reweighted steps Newton's method refines each lane.
     """
     spent = reweigh(job, task, scratch, target, descent.POLISH_STEPS)
-    worth = HOPELESS * descent.lowest(scratch.best_error)
+    limit = HOPELESS * descent.lowest(scratch.best_error)
     for l in range(LANES):
-        if scratch.best_error[l] <= worth:
+        if scratch.best_error[l] <= limit:
             spent += walk_down(task, scratch, target, l)
     return spent
 
@@ -215,8 +215,8 @@ def follow_valleys(task: Task, scratch: Scratch, target: Array) -> int:
             squares = GoalArrays(target, weight, task.columns)
             walk = Walk(True, VALLEY_STEPS, least)
             spent += minimise(task.chain, squares, limits, walk, scratch.seed)
-            forward(task.chain, scratch.seed, scratch.spare)
-            position, orientation = errors(scratch.spare, goal)
+            forward(task.chain, scratch.seed, scratch.pose)
+            position, orientation = errors(scratch.pose, goal)
             if position <= near and orientation <= level:
                 scratch.best_error[0] = 0.0
                 seeds.keep_joints(scratch.best, 0, scratch.seed)
@@ -238,12 +238,12 @@ def promise(task: Task) -> float:
 
 
 @inlined
-def look_around(job: Job, task: Task, scratch: Scratch, target: Array) -> int:
+def try_other_starts(job: Job, task: Task, scratch: Scratch, target: Array) -> int:
     """Reach the best pose found from other starts, one of which may lead to a better pose; return FK evaluations.
 
     The nearest poses to an unreachable goal often occur as mirror images, equally near except for the limits.
     """
-    pose, spent, begin = scratch.spare, 0, -1
+    pose, spent, begin = scratch.pose, 0, -1
     seeds.copy_joints(scratch.best, descent.lowest_row(scratch.best_error), scratch.seed)
     forward(task.chain, scratch.seed, pose)
     descent.reset_weights(task, scratch)

@@ -38,7 +38,7 @@ BESIDE = 24
 STEPS, STEPS_AFTER = 8, 6
 """Reweighted steps from the samples, and from the flips of the best."""
 
-WORTH = 3.0
+HOPELESS = 3.0
 """A configuration whose error after these steps exceeds the smallest by this factor is not refined further. With 1.2, and
 a stop after four walks without improvement, a rizon4 got a pose that is 0.1 to 7 per cent worse for one goal in six."""
 
@@ -78,7 +78,7 @@ def settle_best(task: Task, scratch: Scratch, target: Array) -> int:
         for l in range(LANES):
             if settled[l] == 0 and (row < 0 or scratch.best_error[l] < scratch.best_error[row]):
                 row = l
-        if row < 0 or scratch.best_error[row] > WORTH * least:
+        if row < 0 or scratch.best_error[row] > HOPELESS * least:
             break
         copy_joints(scratch.best, row, scratch.seed)
         twin = False
@@ -114,8 +114,8 @@ def far_routine(job: Job, target: Target, q: Joints) -> int:
         for l in range(LANES):
             if scratch.best_error[l] == np.inf:  # Too few samples, or flips: restarts fill the other lanes.
                 restart(task, LANES * turn + l, scratch.seed)
-                forward(task.chain, scratch.seed, scratch.spare)
-                scratch.best_error[l] = weighted_error(scratch.spare, goal)
+                forward(task.chain, scratch.seed, scratch.pose)
+                scratch.best_error[l] = weighted_error(scratch.pose, goal)
                 keep_joints(scratch.best, l, scratch.seed)
         spent += reweigh(job, task, scratch, target, STEPS if turn == 0 else STEPS_AFTER)
         for l in range(LANES):

@@ -205,8 +205,8 @@ def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
             column = twist_at(J[i], l)
             push = twist_dot(column, twist_at(e, l))
             last = stubborn[l] * step[i, l]
-            held = (q[i, l] >= high and max(push, last) > 0.0) or (q[i, l] <= low and min(push, last) < 0.0)
-            move = 0.0 if held else 1.0
+            fixed = (q[i, l] >= high and max(push, last) > 0.0) or (q[i, l] <= low and min(push, last) < 0.0)
+            move = 0.0 if fixed else 1.0
             set_twist(J[i], l, Twist(scaled(move, column.linear), scaled(move, column.angular)))
 
 

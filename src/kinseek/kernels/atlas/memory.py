@@ -29,8 +29,8 @@ class Scratch(NamedTuple):
     lanes: Lanes
     seen: Annotated[Array, 3, 4]
     """The goal as the atlas sees it, (3, 4)."""
-    spare: Annotated[Array, 3, 4]
-    """Any pose, to be used at once, (3, 4)."""
+    pose: Annotated[Array, 3, 4]
+    """The pose of the tip that is judged next, (3, 4); every use overwrites it."""
     between: Annotated[Array, 3, 4]
     """The goal relative to the first joint, on the way to `seen`, (3, 4)."""
     displacement: Annotated[Array, 3, 4]

@@ -5,7 +5,7 @@ It minimises two errors: that of an unreachable goal, and a squared one along a 
 ``E = K_P |p - p_g| + Σ K_c (1 - c·c_g)`` has large residuals at an unreachable goal. Gauss-Newton steps ignore their
 curvature and converge slowly. The Hessian is complete here. For joints a ≤ b of a serial chain, a revolute,
 ``∂²p/∂q_a∂q_b = z_a × ∂p/∂q_b``, and likewise for every column c of the rotation (Erleben and Andrews 2019, Sec. 4).
-Joints that are at a limit and would move outward are held (Bertsekas 1982). The Hessian is damped until it is positive
+Joints that are at a limit and would move outward are fixed (Bertsekas 1982). The Hessian is damped until it is positive
 definite and the step reduces the error.
 
 A singular solution with joints at limits lies at the end of a curved valley. The pose moves by t² only along the valley,
@@ -84,7 +84,7 @@ class Model(NamedTuple):
     hessian: Array
     """Its lower triangle, (n, n)."""
     jacobian: Array
-    """Velocity of the tip by each variable, 0 for those that are held, (n, 3), see `bring_back`."""
+    """Velocity of the tip by each variable, 0 for those that are fixed, (n, 3), see `bring_back`."""
 
 
 class Walk(NamedTuple):
@@ -174,7 +174,10 @@ def derivatives(chain: ChainArrays, goal: GoalArrays, squared: bool, q: Array, m
         along = dot(u, v)
         g[j] += scale * (goal.position_weight * along + slope)
         # u · (z_a × v_b) = z_a · (v_b × u).
-        turned, across = Vector(dot(tilt.row0, axis), dot(tilt.row1, axis), dot(tilt.row2, axis)), cross(v, u)
+        projected, across = (
+            Vector(dot(tilt.row0, axis), dot(tilt.row1, axis), dot(tilt.row2, axis)),
+            cross(v, u),
+        )
         for a in range(b + 1):
             i = chain.leader[a]
             before, proximal = vector_at(moves[a], 0), vector_at(axes[a], 0)
@@ -184,7 +187,7 @@ def derivatives(chain: ChainArrays, goal: GoalArrays, squared: bool, q: Array, m
                 value += dot(proximal, across)
                 if not chain.prismatic[b]:
                     turn = tilt.cosine * dot(proximal, axis)
-                    turn -= dot(proximal, turned)
+                    turn -= dot(proximal, projected)
             value = scale * chain.multiplier[a] * (goal.position_weight * value + turn)
             low, high = min(i, j), max(i, j)
             H[high, low] += value
@@ -193,13 +196,13 @@ def derivatives(chain: ChainArrays, goal: GoalArrays, squared: bool, q: Array, m
 
 
 @inlined
-def damped_step(H: Array, g: Array, held: Flags, damping: float, L: Array, step: Array) -> bool:
+def damped_step(H: Array, g: Array, fixed: Flags, damping: float, L: Array, step: Array) -> bool:
     """Solve (H + damping · I) step = -g over the free joints; return False if the matrix is not positive definite."""
     n = len(g)
     for i in range(n):
         for j in range(i + 1):
             value = H[i, j] + (damping if i == j else 0.0)
-            if held[i] or held[j]:
+            if fixed[i] or fixed[j]:
                 value = abs(H[i, i]) + damping if i == j else 0.0
             for k in range(j):
                 value -= L[i, k] * L[j, k]
@@ -210,7 +213,7 @@ def damped_step(H: Array, g: Array, held: Flags, damping: float, L: Array, step:
             else:
                 L[i, j] = value / L[j, j]
     for i in range(n):
-        value = 0.0 if held[i] else -g[i]
+        value = 0.0 if fixed[i] else -g[i]
         for k in range(i):
             value -= L[i, k] * step[k]
         step[i] = value / L[i, i]
@@ -231,7 +234,7 @@ def error_of(T: Array, goal: GoalArrays, squared: bool) -> float:
 
 @inlined
 def bring_back(
-    chain: ChainArrays, goal: GoalArrays, limits: Limits, held: Flags, model: Model, trial: Array
+    chain: ChainArrays, goal: GoalArrays, limits: Limits, fixed: Flags, model: Model, trial: Array
 ) -> None:
     """Correct the position of the tip towards the goal by one Gauss-Newton step.
 
@@ -242,7 +245,7 @@ def bring_back(
         chain: The arm.
         goal: Target and weights.
         limits: Limits of the joints.
-        held: True for joints that do not move, (n,).
+        fixed: True for joints that do not move, (n,).
         model: Pose of the tip at `trial`, and velocities at the start of the step.
         trial: Joint values, (n,), replaced by the corrected ones.
     """
@@ -252,7 +255,7 @@ def bring_back(
     for b in range(len(model.moves)):
         i, scale = chain.leader[b], chain.multiplier[b]
         for c in range(3):
-            J[i, c] += 0.0 if held[i] else scale * model.moves[b, c]
+            J[i, c] += 0.0 if fixed[i] else scale * model.moves[b, c]
     xx = xy = xz = yy = yz = zz = 0.0
     for i in range(len(trial)):
         x, y, z = J[i, 0], J[i, 1], J[i, 2]
@@ -287,7 +290,7 @@ def minimise(chain: ChainArrays, goal: GoalArrays, limits: Limits, walk: Walk, q
     lower, upper = limits
     T, g, H = np.empty((3, 4)), np.empty(n), np.empty((n, n))
     model = Model(T, np.empty((joints, 6)), np.empty((joints, 3)), g, H, np.empty((n, 3)))
-    L, step, trial, held = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n, dtype=np.bool_)
+    L, step, trial, fixed = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n, dtype=np.bool_)
     first, small = (VALLEY_DAMPING, VALLEY_DAMPING) if squared else (FIRST_DAMPING, SMALL_DAMPING)
     derivatives(chain, goal, squared, q, model)
     error, spent, damping = error_of(T, goal, squared), 1, 0.0
@@ -296,9 +299,9 @@ def minimise(chain: ChainArrays, goal: GoalArrays, limits: Limits, walk: Walk, q
             break
         largest, steepest = 0.0, 0.0
         for i in range(n):
-            held[i] = (q[i] <= lower[i] and g[i] > 0.0) or (q[i] >= upper[i] and g[i] < 0.0)
+            fixed[i] = (q[i] <= lower[i] and g[i] > 0.0) or (q[i] >= upper[i] and g[i] < 0.0)
             largest = max(largest, abs(H[i, i]))
-            if not held[i]:
+            if not fixed[i]:
                 steepest = max(steepest, abs(g[i]))
         if steepest * steepest <= ENOUGH * largest * error:
             break
@@ -307,7 +310,7 @@ def minimise(chain: ChainArrays, goal: GoalArrays, limits: Limits, walk: Walk, q
             largest = steepest
         raised = 0
         while raised < RAISES and damping <= MOST * largest:
-            if damped_step(H, g, held, damping, L, step):
+            if damped_step(H, g, fixed, damping, L, step):
                 break
             damping = max(RAISE * damping, first * largest)
             raised += 1
@@ -322,7 +325,7 @@ def minimise(chain: ChainArrays, goal: GoalArrays, limits: Limits, walk: Walk, q
         spent += 1
         now = error_of(T, goal, squared)
         if now >= error and n >= 3 and not squared and goal.position_weight > 0.0:
-            bring_back(chain, goal, limits, held, model, trial)
+            bring_back(chain, goal, limits, fixed, model, trial)
             forward(chain, trial, T)
             spent += 1
             now = error_of(T, goal, squared)

@@ -83,11 +83,11 @@ CORRECTIONS = 4
 
 
 @inlined
-def closed_answer(job: Job, target: Array, budget: float, near: Array, asked: int, q: Array) -> int:
+def closed_answer(job: Job, target: Array, budget: float, near: Array, request: int, q: Array) -> int:
     """Return the result of `structure.one_answer.closed_routine`; 0 if the arm has no closed form."""
     tried, closed = 0, routines_of(job.handle).closed
     if closed != 0 and budget >= (descent.FIRST_STEPS + 1) * LANES:
-        tried = call(closed, (job, target, near, asked, q))
+        tried = call(closed, (job, target, near, request, q))
     return tried
 
 
@@ -115,7 +115,7 @@ def search_routine(job: Job, target: Target, budget: float, near: Joints, close:
     scratch, dof = scratch_of(job, task), len(task.lower)
     lanes = scratch.lanes
     descent.start(task, scratch, target)
-    spent, rounds, looked, begin, found, persisted, number = 0, 0, 0, 0, task.poses, 0, 0
+    spent, rounds, depth, begin, found, persisted, number = 0, 0, 0, 0, task.poses, 0, 0
     restarts, patience, most, taken, leaf, closest = (
         seeds.RESTARTS,
         descent.DEEP_STEPS,
@@ -127,12 +127,12 @@ def search_routine(job: Job, target: Target, budget: float, near: Joints, close:
     ranges = task.poses > 0
     if ranges:
         # Samples are looked up at poses of the ranges, not at the target itself.
-        taken, looked = seeds.TAKES, DEEP
+        taken, depth = seeds.TAKES, DEEP
     else:
         leaf = seeds.scan(task, scratch, target, w)
     for _ in range(PASSES):
-        if taken == seeds.TAKES and begin == found and looked < most:
-            looked = most
+        if taken == seeds.TAKES and begin == found and depth < most:
+            depth = most
             begin, found = 0, seeds.look_up(task, scratch, target, most)
         if taken < seeds.TAKES:
             taken, filled = seeds.fill_from_scan(task, scratch, leaf, taken, w)
@@ -169,9 +169,9 @@ def search_routine(job: Job, target: Target, budget: float, near: Joints, close:
             descent.make_stubborn(lanes, 0.0 if ranges else 1.0)
             steps = descent.PERSIST_STEPS
         elif number < restarts:
-            root = seeds.spread_root(dof)
+            root = seeds.generalized_golden_ratio(dof)
             for l in range(LANES):
-                seeds.spread_start(task, root, number + l, scratch.seed)
+                seeds.low_discrepancy_start(task, root, number + l, scratch.seed)
                 if restarts == seeds.MORE_RESTARTS and number % (2 * LANES) == 0:
                     seeds.kick(
                         task, scratch.best, l, KICK if number % (4 * LANES) == 0 else WIDE_KICK, scratch.seed
@@ -209,9 +209,9 @@ def search_routine(job: Job, target: Target, budget: float, near: Joints, close:
 def finish(task: Task, scratch: Scratch, goal: GoalArrays, near: Array, q: Array, report: Array) -> None:
     """Clamp q to the limits and judge it by plain FK: errors [m], [rad] and weighted into `report`, (4,)."""
     seeds.into_limits(task, q, near)
-    forward(task.chain, q, scratch.spare)
-    report[POSITION_ERROR], report[ORIENTATION_ERROR] = errors(scratch.spare, goal)
-    report[WEIGHTED_ERROR] = weighted_error(scratch.spare, goal)
+    forward(task.chain, q, scratch.pose)
+    report[POSITION_ERROR], report[ORIENTATION_ERROR] = errors(scratch.pose, goal)
+    report[WEIGHTED_ERROR] = weighted_error(scratch.pose, goal)
 
 
 @inlined

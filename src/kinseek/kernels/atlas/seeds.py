@@ -133,18 +133,18 @@ def take_seed(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) -> tu
     There are two rounds. The first takes samples whose first and last joint are within their limits, because most of the
     others fail. The second takes those within the margin, which are now at a limit.
     """
-    chain, worth = task.chain, False
+    chain, promising = task.chain, False
     i = take_nearest(task.atlas.tree, leaf, scratch.beside, scratch.least)
     if i >= 0:
         margin = MARGIN if taken >= FIRST else 0.0
-        worth = complete(task, scratch, i, margin)
-        worth = worth and (taken < FIRST or stands_at_limit(scratch.seed, chain.lower, chain.upper))
+        promising = complete(task, scratch, i, margin)
+        promising = promising and (taken < FIRST or stands_at_limit(scratch.seed, chain.lower, chain.upper))
         taken += 1
     else:
         taken = FIRST if taken < FIRST else TAKES
     if taken == FIRST:
         scan_beside(task.atlas.tree, scratch.point, scratch.beside, scratch.least, w)
-    return taken, worth
+    return taken, promising
 
 
 @inlined
@@ -154,8 +154,8 @@ def fill_from_scan(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) 
     for _ in range(TAKES):
         if taken == TAKES or filled == AT_ONCE:
             break
-        taken, worth = take_seed(task, scratch, leaf, taken, w)
-        if worth:
+        taken, promising = take_seed(task, scratch, leaf, taken, w)
+        if promising:
             load_seed(scratch.lanes, filled, scratch.seed)
             scratch.state[filled] = ACTIVE
             filled += 1
@@ -199,11 +199,11 @@ def middle(task: Task, q: Array) -> None:
 @inlined
 def restart(task: Task, number: int, q: Array) -> None:
     """Write start `number` of a low-discrepancy sequence over the limits into q (Roberts 2018, R_d)."""
-    spread_start(task, spread_root(len(q)), number, q)
+    low_discrepancy_start(task, generalized_golden_ratio(len(q)), number, q)
 
 
 @inlined
-def spread_root(dof: int) -> float:
+def generalized_golden_ratio(dof: int) -> float:
     """Root of x^(n+1) = x + 1. Computing it takes longer than computing a start."""
     g = 2.0
     for _ in range(CONVERGED):
@@ -212,8 +212,8 @@ def spread_root(dof: int) -> float:
 
 
 @inlined
-def spread_start(task: Task, g: float, number: int, q: Array) -> None:
-    """Do the same as `restart`, with the root from `spread_root`."""
+def low_discrepancy_start(task: Task, g: float, number: int, q: Array) -> None:
+    """Do the same as `restart`, with the root from `generalized_golden_ratio`."""
     step = 1.0
     for i in range(len(q)):
         step /= g

@@ -47,7 +47,7 @@ TURN = 0.5 / math.pi
 GRID = 48
 """Values of the grid. With a few inserted values it was enough for Panda, iiwa14 and Gen3. Not examined further."""
 
-SPARE = 96
+MOST_INSERTED = 96
 """Largest number of inserted values, in addition to one for each requested solution."""
 
 CLOSE = 2e-4
@@ -130,7 +130,7 @@ def write_curve_starts(search: Search, number: int) -> tuple[int, int]:
         search: The search, of an arm with a swept joint.
         number: Number of requested solutions.
     """
-    job, w, most = search.job, search.job.width, GRID + SPARE + number
+    job, w, most = search.job, search.job.width, GRID + MOST_INSERTED + number
     task = task_at(job)
     scratch = scratch_of(job, task)
     sweep = Sweep(

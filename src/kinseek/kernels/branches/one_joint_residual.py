@@ -218,7 +218,7 @@ def turning(on: Component, y: Vector, still: float, offset: float) -> Turning:
 
 
 @inlined
-def turned_by(number: Turning, c: float, s: float) -> float:
+def value_at(number: Turning, c: float, s: float) -> float:
     """The number for the cosine and sine of q₁."""
     return number.still + c * number.cosine + s * number.sine
 
@@ -332,10 +332,10 @@ def two_ways(equations: Equations, place: Place, c: float, s: float) -> tuple[fl
     """
     other = place.other
     height, third = (
-        turned_by(equations.h.axis, c, s),
-        Flat(turned_by(place.e, c, s), turned_by(place.f, c, s)),
+        value_at(equations.h.axis, c, s),
+        Flat(value_at(place.e, c, s), value_at(place.f, c, s)),
     )
-    last_e, last_f = turned_by(equations.e.axis, c, s), turned_by(equations.f.axis, c, s)
+    last_e, last_f = value_at(equations.e.axis, c, s), value_at(equations.f.axis, c, s)
     weight = Flat(other.y * last_e + other.z * last_f, other.y * last_f - other.z * last_e)
     mean, swing, room = triangle(third, place.second, weight, equations.square, equations.least)
     return other.x * height - place.cosine + mean, swing, room

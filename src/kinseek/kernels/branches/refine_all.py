@@ -56,8 +56,8 @@ EQUAL, ALIKE = 1e-4, 0.1
 Solutions closer than ALIKE therefore also count as one if the configuration half-way between them meets the
 tolerances. Not examined further."""
 
-PATIENCE, STRIKES, WORTH = 4, 3, 0.7
-"""A start ends from step PATIENCE on, after STRIKES steps that each leave more than the fraction WORTH of the squared
+PATIENCE, STRIKES, SLOW = 4, 3, 0.7
+"""A start ends from step PATIENCE on, after STRIKES steps that each leave more than the fraction SLOW of the squared
 error. Not examined further."""
 
 NEAR, HEADING, WITHIN_SIGHT = 0.1, 0.5, 0.6
@@ -217,7 +217,7 @@ def count_step(lanes: Lanes, progress: Progress, l: int) -> None:
     error = lanes.error[RESIDUAL2, l]
     progress.made[l] += 1
     # The first step of a lane is empty, see `stand_still`.
-    if progress.made[l] > 1 and error > WORTH * progress.before[l]:
+    if progress.made[l] > 1 and error > SLOW * progress.before[l]:
         progress.strikes[l] += 1
     progress.before[l] = error
 
@@ -279,8 +279,8 @@ def find_equal(task: Task, scratch: Scratch, search: Search, count: int, error: 
 @inlined
 def errors_at(task: Task, scratch: Scratch, target: Array, q: Array) -> tuple[float, float]:
     """Position error [m] and orientation error [rad] of joint values, (n,), by plain FK."""
-    forward(task.chain, q, scratch.spare)
-    return errors(scratch.spare, GoalArrays(target, task.position_weight, task.axis_weights))
+    forward(task.chain, q, scratch.pose)
+    return errors(scratch.pose, GoalArrays(target, task.position_weight, task.axis_weights))
 
 
 @kernel

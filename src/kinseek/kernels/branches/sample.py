@@ -98,7 +98,7 @@ def sample_branches(
     if many == 0:
         many = write_nearest_samples(task, scratch, search)
     count = refine_all(search, Batch(first, many, many, SAMPLED), must)
-    kept = choose_spread(search, choice, count, must)
+    kept = choose_farthest(search, choice, count, must)
     for k in range(ROUNDS):
         if kept == number or (kept == 0 and k > 0):
             break
@@ -110,7 +110,7 @@ def sample_branches(
             write_starts_around(task, scratch, search, choice.chosen, kept, k)
         must = min(must, kept)
         count = refine_all(search, Batch(0, many, many, SAMPLED), kept)
-        kept = choose_spread(search, choice, count, must)
+        kept = choose_farthest(search, choice, count, must)
     written = report_solutions(search, choice.chosen, kept, True, result)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return written
@@ -160,7 +160,7 @@ def write_starts_around(
 
 
 @inlined
-def choose_spread(search: Search, choice: Choice, count: int, must: int) -> int:
+def choose_farthest(search: Search, choice: Choice, count: int, must: int) -> int:
     """Choose the solutions that are farthest from one another; return their number.
 
     Args:

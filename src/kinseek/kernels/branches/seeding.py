@@ -340,8 +340,8 @@ def complete_eight(task: Task, goal: Array, chosen: Indices, eight: Array, w: in
         first = min(max(first, head.low), head.high)
         sine, cosine = sine_cosine(head.turns * first)
         # The goal without the motion of the first joint.
-        seen_x, seen_y = turned_back(cosine, sine, goal_x), turned_back(cosine, sine, goal_y)
-        seen_z, seen_p = turned_back(cosine, sine, goal_z), turned_back(cosine, sine, goal_p)
+        seen_x, seen_y = rotate_back(cosine, sine, goal_x), rotate_back(cosine, sine, goal_y)
+        seen_z, seen_p = rotate_back(cosine, sine, goal_z), rotate_back(cosine, sine, goal_p)
         position = minus(seen_p, p)
         # The rotation about the last axis that is closest to the remaining one.
         along = dot(x, seen_x) + y.x * seen_y.x + y.y * seen_y.y + y.z * seen_y.z
@@ -394,7 +394,7 @@ def flat_cross(a: Vector, b: Vector) -> float:
 
 
 @inlined
-def turned_back(cosine: float, sine: float, v: Vector) -> Vector:
+def rotate_back(cosine: float, sine: float, v: Vector) -> Vector:
     """Rotate v about the first axis by the negative of an angle."""
     return Vector(cosine * v.x + sine * v.y, cosine * v.y - sine * v.x, v.z)
 

@@ -127,10 +127,13 @@ def quick_check_meeting(
     if several and gaps.near_core(scene, scene.rough[groups.a], groups, query.free + scene.widest[m]) == 0:
         return left  # Each part of the groups is free, too.
     for n in range(meeting.first, meeting.last):
-        pair, asked = Pair(scene.pair[n, 0], scene.pair[n, 1], groups.way), gaps.padded(query, scene.pad[n])
-        if several and gaps.ball_gap(scene, pair) > asked.free:
+        pair, pair_query = (
+            Pair(scene.pair[n, 0], scene.pair[n, 1], groups.way),
+            gaps.padded(query, scene.pad[n]),
+        )
+        if several and gaps.ball_gap(scene, pair) > pair_query.free:
             continue
-        found = gaps.quick_check(scene, pair, asked)
+        found = gaps.quick_check(scene, pair, pair_query)
         if found == TOUCH:
             return -1
         if found == DOUBT:

@@ -74,8 +74,8 @@ def go_nearer(task: Task, scratch: Scratch, target: Array, state: State) -> None
     """
     for d in range(len(task.lower)):
         scratch.seed[d] = min(max(state.now[d], state.low[d]), state.high[d])
-    forward(task.chain, scratch.seed, scratch.spare)
-    weight = task.position_weight / max(distance(scratch.spare, target), NEAR)
+    forward(task.chain, scratch.seed, scratch.pose)
+    weight = task.position_weight / max(distance(scratch.pose, target), NEAR)
     squares, limits = GoalArrays(target, weight, task.axis_weights), Limits(state.low, state.high)
     minimise(task.chain, squares, limits, Walk(True, NEAREST_STEPS, 0.0), scratch.seed)
 
@@ -150,8 +150,8 @@ def servo_step(
         fast = fast or (at_end and not at_limit)
         stopped = stopped or at_limit
         state.last[d], state.now[d] = value - state.now[d], value
-    forward(task.chain, state.now, scratch.spare)
-    position, orientation = errors(scratch.spare, goal_of(task, target))
+    forward(task.chain, state.now, scratch.pose)
+    position, orientation = errors(scratch.pose, goal_of(task, target))
     if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
         for d in range(dof):
             state.reached[d] = state.now[d]

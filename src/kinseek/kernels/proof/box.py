@@ -233,7 +233,7 @@ def short_way(angle: float) -> float:
 
 
 @inlined
-def turned(form: Form, scratch: BoxScratch, count: int) -> float:
+def largest_rotation(form: Form, scratch: BoxScratch, count: int) -> float:
     """Largest rotation by the first `count` joints from the centre of the box [rad]."""
     total = 0.0
     for k in range(count):

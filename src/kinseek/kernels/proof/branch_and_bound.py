@@ -110,8 +110,8 @@ def enclose(
         return False, extra
     complete(question, scratch, trial)
     kept, bound = underestimate(form, proof_goal, scratch, ceiling - extra)
-    point, turned = miss(scratch, form.columns)
-    if proof_goal.weight_p * math.sqrt(point) + 0.5 * proof_goal.weight_a * turned < figures[UPPER]:
+    square_p, square_c = miss(scratch, form.columns)
+    if proof_goal.weight_p * math.sqrt(square_p) + 0.5 * proof_goal.weight_a * square_c < figures[UPPER]:
         forward(chain, trial, T)
         error = weighted_error(T, question.goal)
         if error < figures[UPPER]:

@@ -14,7 +14,7 @@ import math
 from kinseek.kernels.arm.vectors import Vector, column, cross, dot, norm, plus, row, scaled, write_column
 from kinseek.kernels.jit import inlined
 
-from .box import TINY, BoxScratch, Form, ProofGoal, turned
+from .box import TINY, BoxScratch, Form, ProofGoal, largest_rotation
 from .taylor import normal_matrix, slope, solve, squares_of, step_miss, weight_miss
 
 STEPS = 6
@@ -37,7 +37,7 @@ def support(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: flo
     """Write the form of a nearly optimal step in the box into ``scratch.y``; the norm of its point part is at most K_P.
 
     It is weighted least squares with the weight ``K_P/|v_p|`` for the point, which follows the step. Newton steps move
-    the variables that are not held at an end of their range, and are truncated at the ends.
+    the variables that are not fixed at an end of their range, and are truncated at the ends.
     """
     dof, columns, h, N = len(scratch.c), form.columns, scratch.h, scratch.N
     delta, correction = scratch.delta, scratch.correction
@@ -46,13 +46,13 @@ def support(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: flo
         delta[i] = 0.0
     for attempt in range(STEPS):
         step_miss(form, scratch, columns)
-        far, turned = squares_of(scratch.y, columns)
-        far = math.sqrt(far)
+        square_p, square_c = squares_of(scratch.y, columns)
+        far = math.sqrt(square_p)
         weight_p = K_P / (far + BLUNT * ceiling / K_P + TINY)
         weight_miss(scratch, weight_p, K_A, columns)
-        turned += count_side(proof_goal, scratch)
+        square_c += count_side(proof_goal, scratch)
         slope(form, scratch, columns, scratch.slope)
-        reached, short = K_P * far + 0.5 * K_A * turned, 0.0
+        reached, short = K_P * far + 0.5 * K_A * square_c, 0.0
         for i in range(dof):
             short += abs(scratch.slope[i]) * h[i] + scratch.slope[i] * delta[i]
         if attempt + 1 == STEPS or (attempt > 0 and (reached < ceiling or short < CLOSE * reached)):
@@ -65,7 +65,7 @@ def support(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: flo
         for i in range(dof):
             scratch.D[i] = soft / (h[i] * h[i])
             correction[i] = -scratch.slope[i]
-            if abs(delta[i]) >= h[i] and scratch.slope[i] * delta[i] < 0.0:  # Held at an end.
+            if abs(delta[i]) >= h[i] and scratch.slope[i] * delta[i] < 0.0:  # Fixed at an end.
                 for j in range(dof):
                     N[i, j] = N[j, i] = 0.0
                 N[i, i] = 1.0
@@ -113,7 +113,7 @@ def gain_of_side(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, middle:
         return 0.0
     beside, y = side(proof_goal, scratch), column(scratch.y, 0)
     b, across = dot(beside, y), cross(beside, y)
-    half, turn = 0.5 / proof_goal.weight_a, turned(form, scratch, middle)
+    half, turn = 0.5 / proof_goal.weight_a, largest_rotation(form, scratch, middle)
     for k in range(middle):
         if not form.prismatic[k]:
             slope = dot(row(scratch.z, k), across)

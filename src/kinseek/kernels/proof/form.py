@@ -187,8 +187,8 @@ def weigh(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, seen: Expansio
     over = size_p * seen.rests.three_p + size_c * seen.rests.three_c
     if proof_goal.back != 0.0:
         # The form is also a form of a point further back, which moves less, and of the first column.
-        turned = plus(column(y, 0), scaled(proof_goal.back, column(y, 3)))
-        over = min(over, size_p * seen.three_b + norm(turned) * seen.rests.three_c)
+        form_c = plus(column(y, 0), scaled(proof_goal.back, column(y, 3)))
+        over = min(over, size_p * seen.three_b + norm(form_c) * seen.rests.three_c)
     over *= proof_goal.trust
     over += size_p * slacks.point + size_c * slacks.columns
     least_value: float = value + lost - over
@@ -253,12 +253,12 @@ def least(g: float, H: float, h: float) -> float:
 
 
 @inlined
-def cut_box(scratch: BoxScratch, spare: float) -> None:
-    """Cut each variable to where the separable polynomial is at most `spare` above its minimum."""
+def cut_box(scratch: BoxScratch, allowance: float) -> None:
+    """Cut each variable to where the separable polynomial is at most `allowance` above its minimum."""
     for i in range(len(scratch.c)):
         g, H, h = abs(scratch.g[i]), scratch.H[i, i], scratch.h[i]
         # Seen from the good end: δ = -h there, the polynomial is g δ + ½ H δ².
-        limit = least(g, H, h) + spare
+        limit = least(g, H, h) + allowance
         end = g * h + 0.5 * H * h * h
         if not end > limit:
             continue

@@ -32,8 +32,8 @@ def exclude(question: Question, scratch: BoxScratch, passes: int) -> tuple[bool,
     """
     form, proof_goal = question.form, question.proof_goal
     kept = separate(form, proof_goal, scratch, passes)
-    point, turned = miss(scratch, form.columns)
-    near = math.sqrt(point) <= proof_goal.position and math.sqrt(turned) <= proof_goal.chord
+    square_p, square_c = miss(scratch, form.columns)
+    near = math.sqrt(square_p) <= proof_goal.position and math.sqrt(square_c) <= proof_goal.chord
     if kept and wide(form, proof_goal):
         kept = separate_cone(form, proof_goal, scratch, passes)
     if kept and question.roll.present:

@@ -10,7 +10,7 @@ from kinseek.kernels.arm.vectors import column, dot
 from kinseek.kernels.jit import inlined
 
 from .bounds import OF_ANGLES, cut_arc
-from .box import BoxScratch, Form, ProofGoal, place, short_way, turn_goal, turned, widths
+from .box import BoxScratch, Form, ProofGoal, largest_rotation, place, short_way, turn_goal, widths
 
 
 class LastJoint(NamedTuple):
@@ -87,7 +87,7 @@ def roll_fits(form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxSc
         return True
     best, tilt = best_twist(scratch)
     omega, margin = proof_goal.angle + proof_goal.margin_a, proof_goal.margin_a
-    omega += turned(form, scratch, len(form.leader))
+    omega += largest_rotation(form, scratch, len(form.leader))
     noise = twist_noise(proof_goal, tilt)
     if not (omega < math.pi and noise < math.pi):
         return True
@@ -109,7 +109,7 @@ def twist_cost(
     if half >= math.pi or roll.weight == 0.0:
         return 0.0
     best, tilt = best_twist(scratch)
-    slack = twist_slack(proof_goal, turned(form, scratch, len(form.leader)), tilt)
+    slack = twist_slack(proof_goal, largest_rotation(form, scratch, len(form.leader)), tilt)
     beta = abs(short_way(best - middle)) - half - slack
     if not beta > 0.0:
         return 0.0
@@ -146,7 +146,7 @@ def cut_twist(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: f
             normal += axis[r] * (T[behind, i] * goal[after, i] - T[after, i] * goal[behind, i])
     # acos(1 - x) loses what is below the rounding of one; the half-angle form with a margin does not.
     beta = 2.0 * math.asin(math.sqrt(min(0.5 * ceiling / K_A + proof_goal.margin_a, 1.0)))
-    beta += twist_slack(proof_goal, turned(form, scratch, last), along)
+    beta += twist_slack(proof_goal, largest_rotation(form, scratch, last), along)
     ahead = math.atan2(normal, trace - along)
     left = cut_arc(scratch, form.leader[last], scratch.c[form.leader[last]] - ahead, beta)
     place(form, scratch)

@@ -36,7 +36,7 @@ REGULAR = 1e-13
 elsewhere keeps twelve digits. The inequality holds for any inverse; twice the value changes the thirteenth digit of κ."""
 
 
-ASKEW, TURNED = 0.1, 1.4
+ASKEW, MOST_ROTATION = 0.1, 1.4
 """Largest error of all columns of a solution at the centre, and largest rotation of hand and goal by the joints from
 there [rad]. Together they stay below 90°, see `kernels.paths.tube`."""
 
@@ -196,16 +196,16 @@ def has_solution(form: Form, scratch: BoxScratch, around: Expansion, radius: Arr
     less than 90° from the hand at the centre, are then equal. See `kernels.paths.tube`.
     """
     dof, columns = len(scratch.c), form.columns
-    turned = 0.0
+    rotation = 0.0
     for k in range(len(form.leader)):
         if not form.prismatic[k]:
-            turned += abs(form.multiplier[k]) * distance[form.leader[k]]
+            rotation += abs(form.multiplier[k]) * distance[form.leader[k]]
     least = most = radius[0]
     for i in range(dof):
         least, most = min(least, radius[i]), max(most, radius[i])
     square = dof == 3 if columns == 0 else dof == 5 if columns == 1 else dof == 6 and columns == 3
     regular = around.gain[0] * (around.gain[1] + OFF) * most <= REGULARLY * least
-    result: bool = square and regular and around.gain[1] <= ASKEW and turned <= TURNED
+    result: bool = square and regular and around.gain[1] <= ASKEW and rotation <= MOST_ROTATION
     return result
 
 

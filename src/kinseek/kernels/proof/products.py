@@ -103,7 +103,7 @@ def recentre(given: Array, c: Array, out: Array) -> None:
 
 
 @inlined
-def spread_of(h: Array, ranges: Array) -> None:
+def product_ranges(h: Array, ranges: Array) -> None:
     """Write the largest products of ``1, 1 - cos δ, sin δ`` in a box, (3ⁿ,); negative values stand for either sign."""
     count = 1
     ranges[0] = 1.0

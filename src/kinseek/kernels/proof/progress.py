@@ -71,7 +71,7 @@ class Question(NamedTuple):
 class Tuning(NamedTuple):
     """Effort and precision of a search."""
 
-    spread: float
+    second_order: float
     """Boxes that rotate the hand by less than this [rad] are tested to second order."""
     shrink: float
     """A box is examined again if less than this fraction of its volume is left."""

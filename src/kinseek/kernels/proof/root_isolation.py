@@ -53,16 +53,16 @@ def inside(scratch: BoxScratch, places: Places, begin: int, end: int, width: flo
     Its half widths are multiplied by `width`; 0 tests its centre alone.
     """
     for k in range(begin, end):
-        held = True
+        contained = True
         for i in range(len(scratch.c)):
             off = scratch.c[i] - places.centre[k, i]
             if places.periodic[i]:
                 off = short_way(off)
             slack = 4.0 * rounding(scratch.c[i], scratch.h[i])
             if not abs(off) + width * scratch.h[i] <= places.radius[k, i] - slack:
-                held = False
+                contained = False
                 break
-        if held:
+        if contained:
             return k
     return -1
 

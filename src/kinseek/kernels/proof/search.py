@@ -30,10 +30,10 @@ from .box import (
     NEAR,
     BoxScratch,
     halve,
+    largest_rotation,
     load_box,
     place,
     store_box,
-    turned,
     volume,
     widest,
     widths,
@@ -132,28 +132,28 @@ def next_trial(call: Call, question: Question, tuning: Tuning, memory: Memory, w
             if below >= figures[progress.CEILING]:
                 return progress.ENDED
         load_box(boxes, row, scratch)
-        seen = Look(progress.AGAIN, 0.0, below, False)
-        while seen.verdict == progress.AGAIN and counts[progress.SEEN] < call.budget:
+        result = Examination(progress.AGAIN, 0.0, below, False)
+        while result.verdict == progress.AGAIN and counts[progress.SEEN] < call.budget:
             counts[progress.SEEN] += 1
-            held = (
+            containing = (
                 inside(scratch, places, 0, counts[progress.KNOWN], 1.0)
                 if call.kind == progress.ISOLATE
                 else -1
             )
-            if held >= 0:
-                counts[progress.LEFT] += 0 if places.isolated[held] else 1
-                seen = Look(progress.GONE, 0.0, below, False)
+            if containing >= 0:
+                counts[progress.LEFT] += 0 if places.isolated[containing] else 1
+                result = Examination(progress.GONE, 0.0, below, False)
             else:
-                seen = look(call.kind, question, tuning, memory, work, seen.below)
-        gone, spread, below = seen.verdict == progress.GONE, seen.spread, seen.below
+                result = examine(call.kind, question, tuning, memory, work, result.below)
+        gone, rotation, below = result.verdict == progress.GONE, result.rotation, result.below
         if best_first:
             gone = gone or below >= figures[progress.CEILING]
-        elif seen.verdict == progress.AGAIN:  # The budget is used up.
+        elif result.verdict == progress.AGAIN:  # The budget is used up.
             store_box(boxes, row, scratch)
             continue
         variable = 0
         if not gone:
-            head = HEAD if not best_first or spread > FINE else 1.0
+            head = HEAD if not best_first or rotation > FINE else 1.0
             variable = widest(question.form, question.proof_goal, scratch, head)
             if scratch.h[variable] < NARROW * (1.0 + abs(scratch.c[variable])):
                 counts[progress.LEFT] += 1
@@ -169,19 +169,19 @@ def next_trial(call: Call, question: Question, tuning: Tuning, memory: Memory, w
         split(best_first, memory, scratch, row, variable, below)
         if not best_first:
             # Wide tolerances may allow a solution in the middle, even if no descent ends there.
-            steps = tuning.steps if spread < NEAR and counts[progress.KEPT] % tuning.often == 0 else 0
-            if steps > 0 or (call.kind == progress.EXCLUDE and seen.near):
+            steps = tuning.steps if rotation < NEAR and counts[progress.KEPT] % tuning.often == 0 else 0
+            if steps > 0 or (call.kind == progress.EXCLUDE and result.near):
                 approach(question, scratch, steps, work.trial)
                 return progress.TRIAL
     return progress.ENDED
 
 
-class Look(NamedTuple):
-    """Result of one look at a box."""
+class Examination(NamedTuple):
+    """Result of one examination of a box."""
 
     verdict: int
     """GONE, AGAIN or OPEN."""
-    spread: float
+    rotation: float
     """Rotation of the hand within the box [rad]."""
     below: float
     """A lower bound of the error in it."""
@@ -190,9 +190,9 @@ class Look(NamedTuple):
 
 
 @inlined
-def look(
+def examine(
     kind: int, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch, below: float
-) -> Look:
+) -> Examination:
     """Examine the current box once, and cut off the parts that do not count; the error in it is at least `below`."""
     form, proof_goal, scratch = question.form, question.proof_goal, work.scratch
     ceiling = (
@@ -204,11 +204,11 @@ def look(
     below = max(below, first)
     if kept and kind == progress.ENCLOSE and form.tail == 1:
         kept = cut_twist(form, proof_goal, scratch, ceiling)
-    spread = turned(form, scratch, len(form.leader))
+    rotation = largest_rotation(form, scratch, len(form.leader))
     if not kept:
-        return Look(progress.GONE, spread, below, False)
-    if not spread < tuning.spread:
-        return Look(progress.OPEN, spread, below, False)
+        return Examination(progress.GONE, rotation, below, False)
+    if not rotation < tuning.second_order:
+        return Examination(progress.OPEN, rotation, below, False)
     before, near = volume(scratch), False
     if kind == progress.ENCLOSE:
         kept, bound = enclose(question, tuning, memory, work, first)
@@ -216,9 +216,9 @@ def look(
     else:
         kept, near = exclude(question, scratch, tuning.passes)
     if not kept:
-        return Look(progress.GONE, spread, below, near)
-    return Look(
-        progress.AGAIN if volume(scratch) < tuning.shrink * before else progress.OPEN, spread, below, near
+        return Examination(progress.GONE, rotation, below, near)
+    return Examination(
+        progress.AGAIN if volume(scratch) < tuning.shrink * before else progress.OPEN, rotation, below, near
     )
 
 

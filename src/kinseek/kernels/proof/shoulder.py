@@ -40,7 +40,7 @@ from .box import rounding
 from .branch_and_bound import pop, push
 from .memory import Heap
 from .multipliers import Shoulder, dual_value, improve_multipliers, multiply, promised, stand, take_better
-from .products import Sheet, make_sheet, most_above, recentre, spread_of
+from .products import Sheet, make_sheet, most_above, product_ranges, recentre
 from .progress import CEILING, COUNT, COUNTS, ENDED, FIGURES, FLOOR, FULL, SEEN, STOPPED, UPPER
 
 AMPLE = 1.1
@@ -75,7 +75,7 @@ def bound_ball(
     terms, by, ends, kinds = sheet.terms, sheet.by, sheet.ends, len(shoulder.invariants)
     for k in range(kinds):
         recentre(shoulder.invariants[k], c, terms[k])
-    spread_of(h, sheet.ranges)
+    product_ranges(h, sheet.ranges)
     for i in range(len(h)):
         wide = min(h[i], math.pi)
         ends[i, 0], ends[i, 1], ends[i, 2] = wide, math.cos(wide), math.sin(wide)

@@ -69,18 +69,18 @@ def halfway(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> int:
         scratch.radii[1, k] = radius(scratch, k, goal) + counts
     least_rest, best = np.inf, 0
     for middle in range(m):
-        spread = rest = 0.0
+        total_width = rest = 0.0
         for k in range(middle, m):
             if not form.prismatic[k]:
                 h = scratch.half[k]
-                rest += scratch.radii[0, k] * h * (h * h + 3.0 * spread * (h + spread))
-                spread += h
-        spread = 0.0
+                rest += scratch.radii[0, k] * h * (h * h + 3.0 * total_width * (h + total_width))
+                total_width += h
+        total_width = 0.0
         for k in range(middle - 1, -1, -1):
             if not form.prismatic[k]:
                 h = scratch.half[k]
-                rest += scratch.radii[1, k] * h * (h * h + 3.0 * spread * (h + spread))
-                spread += h
+                rest += scratch.radii[1, k] * h * (h * h + 3.0 * total_width * (h + total_width))
+                total_width += h
         if rest < least_rest:
             least_rest, best = rest, middle
     return best
@@ -103,9 +103,9 @@ def differentiate(form: Form, scratch: BoxScratch, middle: int, columns: int) ->
         scratch.r[k] = norm(velocity)
         square = 0.0
         for i in range(columns):
-            turned = cross(axis, column(seen, i))
-            write_column(turned, J, i)
-            square += dot(turned, turned)
+            velocity = cross(axis, column(seen, i))
+            write_column(velocity, J, i)
+            square += dot(velocity, velocity)
         scratch.s[k] = math.sqrt(square)
 
 
@@ -125,25 +125,25 @@ def rests(form: Form, scratch: BoxScratch, radii: Array, middle: int) -> Rests:
     They are those of the hand from joint `middle` outwards, and of the goal from there back to the base. The radii are
     those of the point.
     """
-    m, spread, two_p, two_c, three_p, three_c = len(form.leader), 0.0, 0.0, 0.0, 0.0, 0.0
+    m, total_width, two_p, two_c, three_p, three_c = len(form.leader), 0.0, 0.0, 0.0, 0.0, 0.0
     for index in range(m):
         k = middle + index
         if k >= m:
             k = m - 1 - index
         if index == m - middle:
-            spread = 0.0
+            total_width = 0.0
         h = scratch.half[k]
         if form.prismatic[k]:
-            two_p += h * spread
-            three_p += 0.5 * h * spread * spread
+            two_p += h * total_width
+            three_p += 0.5 * h * total_width * total_width
             continue
-        square = 0.5 * h * (h + 2.0 * spread)
-        cube = h * (h * h + 3.0 * spread * (h + spread)) / 6.0
+        square = 0.5 * h * (h + 2.0 * total_width)
+        cube = h * (h * h + 3.0 * total_width * (h + total_width)) / 6.0
         two_p += square * radii[k]
         two_c += square * scratch.s[k]
         three_p += cube * radii[k]
         three_c += cube * scratch.s[k]
-        spread += h
+        total_width += h
     return Rests(two_p, two_c, three_p, three_c)
 
 
@@ -156,12 +156,12 @@ def normal_matrix(form: Form, scratch: BoxScratch, weight_p: float, weight_c: fl
             scratch.N[i, j] = 0.0
     for k in range(m):
         for l in range(k + 1):
-            moved = turned = 0.0
+            product_p = product_c = 0.0
             for r in range(3):
-                moved += J[k, r, 3] * J[l, r, 3]
+                product_p += J[k, r, 3] * J[l, r, 3]
                 for i in range(columns):
-                    turned += J[k, r, i] * J[l, r, i]
-            product = (weight_p * moved + weight_c * turned) * form.multiplier[k] * form.multiplier[l]
+                    product_c += J[k, r, i] * J[l, r, i]
+            product = (weight_p * product_p + weight_c * product_c) * form.multiplier[k] * form.multiplier[l]
             i, j = form.leader[k], form.leader[l]
             scratch.N[max(i, j), min(i, j)] += product
             if l != k and i == j:
@@ -187,23 +187,23 @@ def step_miss(form: Form, scratch: BoxScratch, columns: int) -> None:
 @inlined
 def miss(scratch: BoxScratch, columns: int) -> tuple[float, float]:
     """Squared errors of the hand at the centre of the box: of its point [m²], and of its columns together."""
-    T, goal, point, turned = scratch.T, scratch.goal, 0.0, 0.0
+    T, goal, square_p, square_c = scratch.T, scratch.goal, 0.0, 0.0
     for r in range(3):
-        point += (T[r, 3] - goal[r, 3]) * (T[r, 3] - goal[r, 3])
+        square_p += (T[r, 3] - goal[r, 3]) * (T[r, 3] - goal[r, 3])
         for i in range(columns):
-            turned += (T[r, i] - goal[r, i]) * (T[r, i] - goal[r, i])
-    return point, turned
+            square_c += (T[r, i] - goal[r, i]) * (T[r, i] - goal[r, i])
+    return square_p, square_c
 
 
 @inlined
 def squares_of(y: Array, columns: int) -> tuple[float, float]:
     """Squared norms of the point and of the columns of a form or of an error, laid out as a pose, (3, 4)."""
-    point = turned = 0.0
+    square_p = square_c = 0.0
     for r in range(3):
-        point += y[r, 3] * y[r, 3]
+        square_p += y[r, 3] * y[r, 3]
         for i in range(columns):
-            turned += y[r, i] * y[r, i]
-    return point, turned
+            square_c += y[r, i] * y[r, i]
+    return square_p, square_c
 
 
 @inlined

@@ -82,8 +82,8 @@ def range_judge_routine(job: Job, q: Joints, report: Annotated[Array, "*"]) -> i
     """See `descent.judge_by_ranges`."""
     task = task_at(job)
     scratch, ranges = scratch_of(job, task), range_scratch_of(job, task)
-    forward(task.chain, q, scratch.spare)
-    deviation(scratch.spare, ranges.question, ranges.out)
+    forward(task.chain, q, scratch.pose)
+    deviation(scratch.pose, ranges.question, ranges.out)
     place, turn = range_errors(ranges.out, ranges.question)
     report[POSITION_ERROR], report[ORIENTATION_ERROR] = place, turn
     report[WEIGHTED_ERROR] = range_weighted(task.position_weight, task.axis_weights[0], place, turn)

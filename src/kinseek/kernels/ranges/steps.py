@@ -143,8 +143,8 @@ def rows_of(task: Task, scratch: Scratch, ranges: RangeScratch, l: int) -> None:
     F = question[FRAME:LOW]
     for r in range(3):
         for k in range(4):
-            scratch.spare[r, k] = lanes.pose[r, k, l]
-    u = deviation(scratch.spare, question, out)
+            scratch.pose[r, k] = lanes.pose[r, k, l]
+    u = deviation(scratch.pose, question, out)
     place, turn = range_errors(out, question)
     lanes.error[DISTANCE2, l], lanes.error[SINE2, l], lanes.error[COSINE, l] = place * place, turn * turn, 0.0
     total, hold, swings = 0.0, l % 2 == 1, question[SWINGS] != 0.0

@@ -136,7 +136,7 @@ CLEAR = 1e-6
 FREE = 2e-4
 """Conditioning below which an angle is undetermined. The solutions are then continua, within the tolerances."""
 
-SPREAD = 10.0
+ERROR_PER_DEVIATION = 10.0
 """Factor from the deviation of the arm from its structure to the error of its equations."""
 
 GIVEN = 6

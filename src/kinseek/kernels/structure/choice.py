@@ -35,7 +35,7 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
         w: LANES.
     """
     s, dof = form.read_structure(task.structure), len(task.lower)
-    off = form.SPREAD * s.deviation
+    off = form.ERROR_PER_DEVIATION * s.deviation
     turn, rate, beside = 2.0 * math.pi, 0.5 / math.pi, form.BESIDE + off
     for l in range(w):
         lost = work[form.DUPLICATE, l] > 0.0 or work[form.INFEASIBILITY, l] > form.INFEASIBLE + off
@@ -85,7 +85,7 @@ def order_candidates(task: Task, scratch: Scratch, given: float, near: Array, cl
         nearly double root, or if the tolerances are loose.
     """
     S, work = task.structure, scratch.candidates
-    far = form.INFEASIBLE + form.SPREAD * form.read_structure(S).deviation
+    far = form.INFEASIBLE + form.ERROR_PER_DEVIATION * form.read_structure(S).deviation
     taken_off(S, scratch.displacement, given, scratch.rest)
     form.candidates(S, scratch.rest, far, work, w)
     sure = max(task.position_tolerance, task.orientation_tolerance) <= form.LOOSE

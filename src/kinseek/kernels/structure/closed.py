@@ -63,7 +63,7 @@ def closed_starts(
         w: LANES.
     """
     s, D, work = form.read_structure(structure), scratch.displacement, scratch.candidates
-    off, exact = form.SPREAD * s.deviation, s.deviation <= form.ROUNDING
+    off, exact = form.ERROR_PER_DEVIATION * s.deviation, s.deviation <= form.ROUNDING
     far, beside = form.INFEASIBLE + ASKEW * off, form.BESIDE + off
     slack = off + max(task.position_tolerance / s.size, task.orientation_tolerance)
     many, sure, unsure, lost = 0, 0, False, False

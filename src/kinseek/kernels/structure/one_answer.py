@@ -22,14 +22,14 @@ LED = (FIRST_STEPS + 1) * LANES // ENOUGH
 
 
 @routine
-def closed_routine(job: Job, target: Target, near: Joints, asked: int, q: Joints) -> int:
+def closed_routine(job: Job, target: Target, near: Joints, request: int, q: Joints) -> int:
     """Solve one target, (3, 4), by the first candidate that reaches it; write q, (n,).
 
     Args:
         job: The task and the memory of the call.
         target: The pose to reach.
         near: Current joint values, if the nearest solution is requested.
-        asked: MIDMOST: the solution nearest to the middle of the ranges comes first. NEAREST: the solution nearest to
+        request: MIDMOST: the solution nearest to the middle of the ranges comes first. NEAREST: the solution nearest to
             `near` comes first. OFFER + k, for an arm that nearly has its structure: write candidate k of those that are
             refined.
         q: Receives joint values.
@@ -39,9 +39,9 @@ def closed_routine(job: Job, target: Target, near: Joints, asked: int, q: Joints
         q is then the last candidate checked. 0 if there is no candidate. With OFFER, 1 if the candidate exists, else 0.
     """
     task, w = task_at(job), job.width
-    scratch, S, close = scratch_of(job, task), task.structure, asked == NEAREST
+    scratch, S, close = scratch_of(job, task), task.structure, request == NEAREST
     s = read_structure(S)
-    values, spent, value, led, skip = int(s.swept), 0, 0.0, 0, asked - OFFER
+    values, spent, value, led, skip = int(s.swept), 0, 0.0, 0, request - OFFER
     # The closed form of a nearby arm may miss a solution at a limit, possibly the nearest; and a swept joint has many
     # values.
     if s.kind == NONE or (close and (task.exact == 0 or values > 0)):
@@ -64,7 +64,7 @@ def closed_routine(job: Job, target: Target, near: Joints, asked: int, q: Joints
             if not inside:
                 continue
         sure = order_candidates(task, scratch, value, near, close, w)
-        if asked >= OFFER:
+        if request >= OFFER:
             offered = 0
             while offered < LANES and take_start(task, scratch, q):
                 if skip == 0:
@@ -82,4 +82,4 @@ def closed_routine(job: Job, target: Target, near: Joints, asked: int, q: Joints
             # A rejected candidate may have a solution beside it.
             return -spent if close and not (sure and spent == 1) else spent
         spent -= more
-    return 0 if asked >= OFFER else -spent
+    return 0 if request >= OFFER else -spent

@@ -135,7 +135,7 @@ def _seeds(index: AtlasIndex, problem: Problem, tolerances: Array, budget: int) 
 
 def filled_lanes(memory: Array, dof: int, joints: int) -> list[Array]:
     """Return the joint values of the active lanes of a scratch memory, each (n,)."""
-    lanes, state = (LAYOUT.look(path, memory, dof=dof, joints=joints) for path in ("lanes.q", "state"))
+    lanes, state = (LAYOUT.view(path, memory, dof=dof, joints=joints) for path in ("lanes.q", "state"))
     return [np.array(lane) for lane, now in zip(lanes.T, state, strict=True) if now == 0]
 
 

@@ -14,7 +14,7 @@ from kinseek.support.turns import nearest_turns, shortest
 
 from .evaluator import Evaluator
 from .refine import Ends, into_range, squared, walk
-from .samples import Samples, samples_of, spread
+from .samples import Samples, sample_joints, samples_of
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def solve_target(
             return Found(best.result(), evaluator.spent, out_of_time=evaluator.out_of_time)
     # Half of the starts of a round are spread over the box, the other half lie around the best configurations: the goal may
     # be missed because it lies elsewhere, or because descents end just beside it.
-    starts = spread(box, RESTARTS * ROUNDS)
+    starts = sample_joints(box, RESTARTS * ROUNDS)
     for round_number in range(ROUNDS):
         rows = starts[round_number::ROUNDS].copy()
         around = into_range(box, best.q[np.arange(RESTARTS // 2) % len(best.q)] + kicks(box, round_number))
@@ -81,7 +81,7 @@ def solve_target(
 
 def kicks(box: Mechanism, round_number: int) -> Array:
     """Return steps away from the best, smaller in every round, (RESTARTS / 2, n)."""
-    centred = spread(box, RESTARTS // 2) - (box.lower + box.upper) / 2
+    centred = sample_joints(box, RESTARTS // 2) - (box.lower + box.upper) / 2
     return np.asarray(centred * 0.5 ** (1 + round_number))
 
 

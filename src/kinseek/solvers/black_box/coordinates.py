@@ -26,7 +26,7 @@ from kinseek.support.deadline import Deadline
 from kinseek.support.turns import TURN
 
 from .evaluator import Evaluator, features
-from .samples import spread
+from .samples import sample_joints
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -156,7 +156,7 @@ def turning(box: Mechanism) -> Flags:
     form = np.zeros(box.dof, dtype=bool)
     for i, kind in enumerate(box.kinds):
         possible = [True, False] if kind == NUMBER else [kind != PRISMATIC]
-        misfit = np.max([misfits(box, i, place, possible) for place in spread(box, PLACES)], axis=0)
+        misfit = np.max([misfits(box, i, place, possible) for place in sample_joints(box, PLACES)], axis=0)
         best = int(np.argmin(misfit))
         if misfit[best] > FITS:
             raise InvalidSolver(

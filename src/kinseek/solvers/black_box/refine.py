@@ -86,14 +86,14 @@ def walk(
     damping, growth = np.full(len(seeds), DAMPING), np.full(len(seeds), 2.0)
 
     for step in range(steps + 1):
-        got, turned = look(evaluator, trial)
+        got, new_slopes = differences_and_slopes(evaluator, trial)
         value = evaluator.weighted(got) if polish else squared(got * scale)
         better = value < cost
         with np.errstate(invalid="ignore"):
             drop = cost - value
         # Nielsen 1999: update the damping by the ratio of the actual to the predicted decrease.
         gain = np.where(better, drop / promised, 0.0) if step else np.ones(len(lanes))
-        q[better], away[better], slopes[better] = trial[better], got[better], turned[better]
+        q[better], away[better], slopes[better] = trial[better], got[better], new_slopes[better]
         if step:
             shrink = np.maximum(1.0 / 5.0, 1.0 - (2.0 * np.minimum(gain, 1.0) - 1.0) ** 3)
             damping = np.where(better, damping * shrink, damping * growth)
@@ -140,7 +140,7 @@ def polish_weights(evaluator: Evaluator, away: Array, length: float) -> Array:
     return weights
 
 
-def look(evaluator: Evaluator, q: Array) -> tuple[Array, Array]:
+def differences_and_slopes(evaluator: Evaluator, q: Array) -> tuple[Array, Array]:
     """Return differences from the target, (k, n) -> (k, m), and their slopes, (k, m, n), from one call of the function."""
     box, count = evaluator.box, len(q)
     step = (COARSE if box.single else DIFFERENCE) * box.span
@@ -217,5 +217,5 @@ def bounded_step(
 def into_range(box: Mechanism, q: Array) -> Array:
     """Move joint values inside the limits, (k, n); periodic joints by whole turns."""
     outside = box.full & ((q < box.lower) | (q > box.upper))
-    turned = np.where(outside, box.lower + np.mod(q - box.lower, TURN), q)
-    return np.clip(turned, box.lower, box.upper)
+    wrapped = np.where(outside, box.lower + np.mod(q - box.lower, TURN), q)
+    return np.clip(wrapped, box.lower, box.upper)

@@ -41,15 +41,15 @@ class Samples:
         """
         began = time.perf_counter()
         requested = min(count if box.cheap else max(count // _DEAR, 8), 64**box.dof)
-        q = spread(box, requested)
+        q = sample_joints(box, requested)
         poses = box.forward(q)
         there = ~np.isnan(poses).any(axis=(1, 2))
         if not there.any():
             raise InvalidRobot(f"fk of {box.name!r} gave NaN at all of {len(q)} samples inside the limits")
         self.q, self.poses = q[there], poses[there]
         place = self.poses[:, :3, 3]
-        spread_of = float(np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=1).mean()))
-        self.length = spread_of if spread_of > 1e-9 else 1.0
+        rms = float(np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        self.length = rms if rms > 1e-9 else 1.0
         """Root mean square distance of the tip from its mean [m]: makes lengths and directions comparable."""
         self.samples = len(self.q)
         """Number of samples at which the mechanism can be assembled."""
@@ -89,7 +89,7 @@ def samples_of(box: Mechanism, count: int) -> Samples:
     return _samples.of(box).get(count, lambda: Samples(box, count))
 
 
-def spread(box: Mechanism, count: int) -> Array:
+def sample_joints(box: Mechanism, count: int) -> Array:
     """Return joint values spread inside the limits, (count, n); none exceeds a limit by a rounding error."""
     return np.clip(spread_inside(box.lower, box.upper, box.turns, count), box.lower, box.upper)
 
