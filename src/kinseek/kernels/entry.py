@@ -76,6 +76,7 @@ class Leaf:
         for length, dimension in zip(value.shape, self.shape, strict=True):
             if dimension.name != "*":
                 free = known.setdefault(dimension.name, length - dimension.plus) if dimension.name else 0
+                # `free` is negative if an array of length n + 1 is empty.
                 if length != free + dimension.plus or free < 0:
                     return False
         return True

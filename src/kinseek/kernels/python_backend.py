@@ -90,6 +90,7 @@ _routines: dict[int, Callable[..., int]] = {}
 
 def address_of(function: Callable[..., int]) -> int:
     """A number that represents the address of a routine."""
+    # The table keeps the function alive, so no other object gets its id.
     _routines[id(function)] = function
     return id(function)
 

@@ -133,6 +133,7 @@ class Cell:
         polar, azimuth, turn = share[:, 3:].T
         (low, high), cosines = (-np.pi, np.pi) if self.arc is None else self.arc, np.cos(self.region[:2])
         d = direction(
+            # Directions with evenly distributed cosines are evenly distributed on the sphere.
             np.arccos(cosines[0] + polar * (cosines[1] - cosines[0])),
             self.region[2] + azimuth * (self.region[3] - self.region[2]),
         )

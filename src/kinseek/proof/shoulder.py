@@ -203,6 +203,7 @@ def _invariants(fixed: Array, ball: Array, upright: bool) -> Array:
         p = p - ball
         values[:, index] = [p @ p, p @ a, p[2], a[2]][: len(values)]
     root = math.sqrt(3.0)
+    # From values at 0, 2π/3 and -2π/3 to the coefficients of 1, cos and sin.
     to_terms = np.array([[1.0, 1.0, 1.0], [2.0, -1.0, -1.0], [0.0, root, -root]]) / 3.0
     grid = values.reshape(-1, *[3] * n)
     for i in range(n):

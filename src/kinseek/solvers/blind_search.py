@@ -196,6 +196,7 @@ def walk(
         counts, before, work = scratch.window.counts, progress[LEAF], state.work
         progress[LEAVES] += state.leaf - before
         progress[NODES] += nodes_expanded(counts, state.leaf) - nodes_expanded(counts, before)
+        # A decrease by rounding alone is no progress.
         better = best.errors[0] < now[ERROR] * (1.0 - 1e-15)
         if better:
             for d in range(len(q)):

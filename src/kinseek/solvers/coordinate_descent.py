@@ -191,6 +191,7 @@ def sweep_down(
             break
         before = error
         for i in range(dof):
+            # Two samples and the check of the result; or the scan, two values per section and the check.
             cost = 3 if state.kinds[i] != NEITHER else SCANS + 2 * SECTIONS + 1
             if progress[SPENT] + cost > rules.budget:
                 return True
@@ -199,6 +200,7 @@ def sweep_down(
         if rules.pairs:
             for i in range(dof - 1):
                 for j in range(i + 1, dof):
+                    # Three fits with two samples each, two values of the other joint, and the check of the result.
                     if progress[SPENT] + 9 > rules.budget:
                         return True
                     if state.kinds[i] != NEITHER and state.kinds[j] != NEITHER:
@@ -222,6 +224,7 @@ def joint_kinds(chain: ChainArrays) -> Indices:
     kinds = np.full(len(chain.lower), -1)
     for k in range(len(chain.leader)):
         i = chain.leader[k]
+        # With another multiplier the sinusoid has another period than 2π.
         single = kinds[i] == -1 and abs(chain.multiplier[k]) == 1.0
         kinds[i] = (PRISMATIC if chain.prismatic[k] else REVOLUTE) if single else NEITHER
     return kinds
@@ -321,6 +324,7 @@ def descend_two(state: State, i: int, j: int, error: float) -> float:
     q[j] = value_j
     M = np.empty((3, 3))
     for u in range(3):
+        # Each coefficient of the fit along joint i is a sinusoid or a parabola in joint j.
         row = fit_of(middle[u], above[u], below[u], slide)
         M[u, 0], M[u, 1], M[u, 2] = row.x, row.y, row.z
     first, second = minimise_pair(M, motion_of(state, i), motion_of(state, j))

@@ -55,6 +55,7 @@ class Polished:
         half, soon = None if budget is None else (budget + 1) // 2, None if limit is None else limit / 2
         part = problem if (half, soon) == (None, None) else replace(problem, budget=half, time_limit=soon)
         first = self.search.solve(part)
+        # The only evaluation is spent, so nothing is left for the second search.
         if budget == 1:
             return self._report(replace(first, problem=problem), first, None)
         half = None if budget is None else budget // 2

@@ -63,6 +63,8 @@ def meeting(direction: Array, point: Array) -> tuple[Array, float]:
     values = np.linalg.svd(across.sum(axis=0), compute_uv=False)
     if values[-1] < 1e-6:
         return point[0], np.inf
+    # The squared distances add up to the least where Σ P_k (x - p_k) = 0, with the projection P_k across line k. Around
+    # the mean of the points the numbers are small.
     centre = point.mean(axis=0)
     offset = np.einsum("kij,kj->i", across, point - centre)
     x = centre + np.linalg.solve(across.sum(axis=0), offset)

@@ -69,6 +69,7 @@ def forward(chain: ChainArrays, q: Array, T: Array) -> None:
     joints = len(chain.prismatic)
     identity(T)
     advance_segment(chain, 0, joints, q, T)
+    # A prismatic joint at 0 does not move, so this multiplies by A_tip alone.
     advance(chain.fixed[joints], True, 0.0, T)
 
 

@@ -30,6 +30,8 @@ def add_jacobians(
         for m in range(joints):
             advance_segment(chain, m, m + 1, q[k], T)
             for r in range(3):
+                # A rotation about the axis leaves the axis and the points on it where they are, so T may include it
+                # already.
                 axes[m, r], origins[m, r] = T[r, 2], T[r, 3]
         advance(chain.fixed[joints], True, 0.0, T)
         for m in range(joints):

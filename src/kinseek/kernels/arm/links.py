@@ -61,11 +61,13 @@ def links_of(chain: ChainArrays) -> Array:
     for k in range(joints):
         R, t = chain.fixed[k, :, :3], chain.fixed[k, :, 3]
         twist = math.atan2(math.hypot(R[0, 2], R[1, 2]), R[2, 2])
+        # The third column of Rz(a) Rx(α) Rz(b) is (sin a sin α, -cos a sin α, cos α).
         before = math.atan2(R[0, 2], -R[1, 2]) if math.sin(twist) > PARALLEL else 0.0
         left = _about_z(before) @ _about_x(twist)
         rest, moved = left.T @ R, _about_z(before).T @ t
         sine, cosine, u, v = math.sin(twist), math.cos(twist), moved[0], moved[1]
         if k == 0:
+            # No joint before the first one can take over a part of its fixed transform.
             rows[joints] = np.column_stack([left, t]).ravel()
             sine, cosine, u, v = 0.0, 1.0, 0.0, 0.0
         else:

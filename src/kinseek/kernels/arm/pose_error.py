@@ -148,6 +148,7 @@ def is_loose(T: Array, tolerance: float) -> bool:
     Numbers that are not finite are found. It is compiled as exact code: the other kernels may fuse products with sums.
     """
     for c in range(4):
+        # `not … <= …` also rejects NaN, with which every comparison is False.
         if not abs(T[3, c] - (1.0 if c == 3 else 0.0)) <= tolerance:
             return True
     for c in range(3):
@@ -157,6 +158,7 @@ def is_loose(T: Array, tolerance: float) -> bool:
                 return True
         if not abs(T[c, 3]) <= LARGEST:
             return True
+    # RᵀR = 1 holds for reflections too, but their determinant is -1.
     volume = T[0, 0] * (T[1, 1] * T[2, 2] - T[1, 2] * T[2, 1])
     volume += T[0, 1] * (T[1, 2] * T[2, 0] - T[1, 0] * T[2, 2])
     volume += T[0, 2] * (T[1, 0] * T[2, 1] - T[1, 1] * T[2, 0])

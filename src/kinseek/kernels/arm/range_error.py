@@ -62,6 +62,7 @@ def rotation_vector(D: Matrix) -> Vector:
         w, v = D.z.x - D.x.z, Vector(D.y.x + D.x.y, 1.0 + D.y.y - D.x.x - D.z.z, D.z.y + D.y.z)
     else:
         w, v = D.x.y - D.y.x, Vector(D.z.x + D.x.z, D.z.y + D.y.z, 1.0 + D.z.z - D.x.x - D.y.y)
+    # The quaternions (w, v) and (-w, -v) are the same rotation. That with w ≥ 0 has an angle of at most π.
     sine = norm(v)
     scale = 2.0 * math.atan2(sine, abs(w)) / sine if sine > 0.0 else 0.0
     return scaled(-scale if w < 0.0 else scale, v)
@@ -75,6 +76,7 @@ def swing_vector(a: Vector, u: Vector) -> Vector:
     if sine < OPPOSITE and cosine < 0.0:  # Any axis normal to it will do.
         normal = Vector(0.0, a.z, -a.y) if abs(a.x) < ALONG else Vector(-a.z, 0.0, a.x)
         return scaled(math.pi / norm(normal), normal)
+    # If the sine is 0 here, the axes are equal, and the normal is 0 too.
     return scaled(math.atan2(sine, cosine) / sine if sine > 0.0 else 1.0, normal)
 
 
@@ -89,6 +91,7 @@ def deviation(T: Array, question: Array, out: Array) -> Vector:
         D a; without a swing axis it has no meaning.
     """
     F, goal, axis = matrix_of(question, FRAME, 3), matrix_of(question, 0, 4), vector_at(question, SWING)
+    # The last column of the target, which is stored row by row.
     place = Vector(question[3], question[7], question[11])
     D = matrix_product(transposed_product(F, columns(T)), transposed_product(goal, F))
     swung = times(D, axis)

@@ -73,6 +73,7 @@ def next_seed(task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int
             scratch.pose[r, c] = targets[queue.target[l], r, c]
     leaf = scan(task, scratch, scratch.pose, w)
     taken = queue.next[l]
+    # The second round begins with a new scan, so only the samples of the current round are removed.
     for _ in range(taken % FIRST):
         take_nearest(task.atlas.tree, leaf, scratch.beside, scratch.least)
     for _ in range(TAKES):

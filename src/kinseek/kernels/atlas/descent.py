@@ -203,6 +203,7 @@ def descend_lanes(job: Job, task: Task, scratch: Scratch, steps: int, everyone: 
         if waiting == 0 or made == steps:
             return first, made
         if made % STALL == 0 and not patient:
+            # Before the first step there is no earlier error to compare with.
             moving = made == 0
             for l in range(LANES):
                 error = lanes.error[RESIDUAL2, l]

@@ -127,6 +127,7 @@ def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, steps: int) -
         lanes.weight[1, l] = math.sqrt(largest)
     for c in range(3):
         scratch.columns[c] = goal.axis_weights[c]
+    # A damping proportional to the squared error would stay large: the error of an unreachable goal does not vanish.
     scratch.damping[0] = 0.0
     for step in range(steps):
         descent.iterate(job, step > 0)
@@ -225,7 +226,9 @@ def follow_valleys(task: Task, scratch: Scratch, target: Array) -> int:
             one = (position <= near) != (orientation <= level)
             if not (both and one and max(position / near, orientation / level) < BEARABLE):
                 break
+            # The new weight is the old one times the ratio of both errors, each as a multiple of its tolerance.
             weight *= position * level / max(orientation * near, SMALL)
+            # `least` is valid for the first weight only.
             least = 0.0
     return spent
 

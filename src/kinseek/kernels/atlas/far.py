@@ -57,6 +57,7 @@ def is_far(job: Job, target: Array) -> bool:
     x = apart.x + target[0, 0] * hand.x + target[0, 1] * hand.y + target[0, 2] * hand.z
     y = apart.y + target[1, 0] * hand.x + target[1, 1] * hand.y + target[1, 2] * hand.z
     z = apart.z + target[2, 0] * hand.x + target[2, 1] * hand.y + target[2, 2] * hand.z
+    # A rotation by an angle moves the point at `hand` by at most the angle times |hand|, which is at most this sum.
     slack = tolerances.position + ROUNDED + turn * abs(hand.x) + turn * abs(hand.y) + turn * abs(hand.z)
     far: bool = norm(Vector(x, y, z)) > BEYOND * lengths.span + slack
     return far
@@ -107,6 +108,7 @@ def far_routine(job: Job, target: Target, q: Joints) -> int:
     for turn in range(2):
         if turn > 0:
             top = lowest_row(scratch.best_error)
+            # The polished configurations would all be better than flips that are not polished. Only the best one stays.
             fill_from_flips(task, scratch)
             for l in range(LANES):
                 scratch.best_error[l] = scratch.best_error[l] if l == top else np.inf

@@ -175,11 +175,14 @@ def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: 
         for l in range(w):
             joint, tool = twist_at(axes[k], l), pose_column(T, 0, l)
             axis, lever = joint.linear, minus(pose_column(T, 3, l), joint.angular)
+            # The rate of the motion that a joint does not have is 0. Adding both needs no branch in the loop.
             wp, wo = link.turn_rate * weight[0, l], link.turn_rate * weight[1, l]
             ws = link.slide_rate * weight[0, l]
             along = free * dot(axis, tool)
             linear = plus(scaled(wp, cross(axis, lever)), scaled(ws, axis))
             angular = scaled(wo, minus(axis, scaled(along, tool)))
+            # Joints that the same variable moves add up in one column; its first joint replaces the values of the last
+            # step.
             before = twist_at(J[i], l)
             J[i, 0, l] = linear.x + (before.linear.x if adds else 0.0)
             J[i, 1, l] = linear.y + (before.linear.y if adds else 0.0)
@@ -224,6 +227,7 @@ def lanes_gram(damping: float, floor: Array, lanes: Lanes, w: int) -> None:
     for pair in range((dof + 1) // 2):
         i = 2 * pair
         k = min(i + 1, dof - 1)
+        # A last odd joint is its own partner and must count once.
         once = 1.0 if k > i else 0.0
         for l in range(w):
             a0, a1, a2 = J[i, 0, l], J[i, 1, l], J[i, 2, l]
@@ -267,6 +271,7 @@ def lanes_solve(lanes: Lanes, w: int) -> None:
     """Solve the 6x6 systems by the Cholesky factorisation L D Lᵀ; overwrite the residual."""
     A, e = lanes.gram, lanes.residual
     for l in range(w):
+        # No pivoting: the damping exceeds the rounding errors, so all pivots are positive, see `LOST`.
         d0 = 1.0 / A[0, l]
         a10, a20, a30, a40, a50 = A[1, l], A[3, l], A[6, l], A[10, l], A[15, l]
         l10, l20, l30, l40, l50 = a10 * d0, a20 * d0, a30 * d0, a40 * d0, a50 * d0
@@ -317,6 +322,7 @@ def lanes_move(lower: Array, upper: Array, longest: float, lanes: Lanes, w: int)
             step[i, l], step[k, l] = a, b
             share[l] = max(share[l], abs(a), abs(b))
     for l in range(w):
+        # One factor for all joints keeps the direction of the step. `share` began at `longest`, so it is at most 1.
         share[l] = longest / share[l]
     for i in range(dof):
         low, high = lower[i], upper[i]

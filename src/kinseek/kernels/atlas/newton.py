@@ -191,6 +191,7 @@ def derivatives(chain: ChainArrays, goal: GoalArrays, squared: bool, q: Array, m
             value = scale * chain.multiplier[a] * (goal.position_weight * value + turn)
             low, high = min(i, j), max(i, j)
             H[high, low] += value
+            # Two joints that the same variable moves: the sum over all pairs has (a, b) and (b, a).
             if a != b and i == j:
                 H[high, low] += value
 
@@ -203,6 +204,7 @@ def damped_step(H: Array, g: Array, fixed: Flags, damping: float, L: Array, step
         for j in range(i + 1):
             value = H[i, j] + (damping if i == j else 0.0)
             if fixed[i] or fixed[j]:
+                # A fixed joint has no entry beside its diagonal one, and 0 on the right side, so its step is 0.
                 value = abs(H[i, i]) + damping if i == j else 0.0
             for k in range(j):
                 value -= L[i, k] * L[j, k]
@@ -303,6 +305,7 @@ def minimise(chain: ChainArrays, goal: GoalArrays, limits: Limits, walk: Walk, q
             largest = max(largest, abs(H[i, i]))
             if not fixed[i]:
                 steepest = max(steepest, abs(g[i]))
+        # g²/H is twice the decrease that Newton's method predicts along one joint.
         if steepest * steepest <= ENOUGH * largest * error:
             break
         if largest < FLAT:

@@ -67,10 +67,12 @@ def solve_target(job: Job, target: Array, budget: float, q: Array) -> int:
     tried = 0 if far else closed_answer(job, target, budget, q, MIDMOST, q)
     if tried > 0:
         return tried
+    # The memory is cleared so that no bit of a result depends on what it held.
     for k in range(len(job.memory)):
         job.memory[k] = 0.0
     if far:
         return nearest_to_far(job, target, q)
+    # Here `tried` is minus the number of evaluations that the closed form has spent.
     return search_near(job, target, budget + tried, q, False, q) - tried
 
 
@@ -148,6 +150,7 @@ def search_routine(job: Job, target: Target, budget: float, near: Joints, close:
                     continue
             steps = patience
         elif persisted == 0 or (persisted == 1 and number >= restarts):
+            # The persistent pass is made before the restarts, and again after all of them.
             persisted += 1
             if persisted == 2 and spent + (descent.POLISH_STEPS if ranges else ENDGAME) * LANES <= budget:
                 spent += find_nearest_pose(job, target)

@@ -118,6 +118,7 @@ def fill_atlas(
         for j in range(middle.shape[1]):
             q[first + j] = within_limits(chain, first + j, middle[i, j])
         advance_segment(chain, begin, end, q, T)
+        # K ends with the fixed transform before the last joint, or with that of the tip.
         advance(chain.fixed[end], True, 0.0, T)
         used = coordinates(T, division, features[i])
     order = np.empty(count, dtype=np.int64)
@@ -154,6 +155,8 @@ def complete_seed(arm: Divided, G: Array, i: int, q: Array) -> bool:
         q[first + j] = atlas.middle[i, j]
     cosine, sine = 1.0, 0.0
     if division.head == TURN:
+        # The rotation about z that brings several vectors closest to others has the angle atan2(Σ cross, Σ dot).
+        # Directions count like points at the distance `length` from the axis.
         dot, cross = K[0, 3] * G[0, 3] + K[1, 3] * G[1, 3], K[0, 3] * G[1, 3] - K[1, 3] * G[0, 3]
         weight = division.length * division.length
         for k in range(division.columns):

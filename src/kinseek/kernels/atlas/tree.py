@@ -148,6 +148,7 @@ def _select(points: Array, d: int, order: Indices, first: int, last: int, middle
     for _ in range(end - begin + 1):  # Each pass excludes at least one place.
         if first >= last:
             return
+        # Quickselect (Hoare 1961).
         pivot = points[order[(first + last) // 2], d]
         i, j = first, last
         while i <= j:  # i and j come closer in every pass.
@@ -211,6 +212,8 @@ def nearest(tree: Tree, point: Array, most: int, neighbours: Neighbours) -> int:
         while node < leaves - 1:
             gap = point[tree.axis[node]] - tree.split[node]
             near = 2 * node + 1 if gap < 0.0 else 2 * node + 2
+            # The children 2i + 1 and 2i + 2 add up to 4i + 3. Distances to planes are not added up, because two of the
+            # planes may divide the same dimension.
             stack[top], bound[top] = 4 * node + 3 - near, max(low, gap * gap)
             top += 1
             node = near
@@ -255,6 +258,7 @@ def scan_beside(tree: Tree, point: Array, beside: Array, least: Array, w: int) -
     while node < leaves - 1:
         node = 2 * node + (1 if point[tree.axis[node]] < tree.split[node] else 2)
     own: int = node - (leaves - 1)
+    # The lists of a tree with fewer than BESIDE leaves are padded, and -1 is no leaf.
     if dimensions == POSE_DIMENSIONS and tree.beside[own, BESIDE - 1] >= 0:
         x0, x1, x2, x3, x4 = point[0], point[1], point[2], point[3], point[4]
         at, size = tree.points.ctypes.data, LEAF_SIZE * POSE_DIMENSIONS
@@ -298,6 +302,7 @@ def take_nearest(tree: Tree, own: int, beside: Array, least: Array) -> int:
     if low == np.inf:
         return -1
     for j in range(LEAF_SIZE):
+        # No early exit from these loops: where they would end is unpredictable.
         place = j if least[j] == low else place
     for b in range(BESIDE):
         which = b if beside[b, place] == low else which

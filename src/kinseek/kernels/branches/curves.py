@@ -147,6 +147,7 @@ def write_curve_starts(search: Search, number: int) -> tuple[int, int]:
     )
     displacement(task.structure, search.target, sweep.D)
     low, high = swept_range(task, sweep.D)
+    # The joint is fixed, or the target is too far away for any slide. The grid needs two different ends.
     if not low < high:
         low, high = 0.5 * (low + high) - 1e-9, 0.5 * (low + high) + 1e-9
     for k in range(GRID):
@@ -301,6 +302,7 @@ def peak(sweep: Sweep, gap: Gap, l: int) -> float:
         up = up if gap.left >= 0 else 2.0 * (end - begin) - down
         if up <= 0.0 or down >= 0.0:
             return NOWHERE
+        # The cubic is highest near the place where the slope, interpolated linearly, is 0.
         t = min(max(up / (up - down), 0.05), 0.95)
         # Height of the cubic with these slopes above the straight line.
         bulge = t * (1.0 - t) * ((1.0 - t) * (up - end + begin) - t * (down - end + begin))

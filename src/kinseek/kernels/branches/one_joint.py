@@ -175,6 +175,7 @@ def place_start(task: Task, S: Array, joints: Array, l: int, q: Array) -> bool:
 @inlined
 def sample_of(segment: Segment, j: float) -> float:
     """Value of the joint at sample j of a segment, 0 … LANES - 1, or between two of them."""
+    # u² because the residual varies with the square root of the distance from `end`.
     u = 1.0 - j / (LANES - 1)
     return segment.end + (segment.begin - segment.end) * (u if segment.kind == DIPS else u * u)
 
@@ -282,6 +283,8 @@ def add_near_double_root(S: Array, room: Array, e: int, k: int, close: Close, co
     """
     t0, dt, y1 = S[BEGIN], S[APART], room[k]
     s1, s2 = room[k + 1] - room[k - 1], room[k + 2] - y1
+    # s1/2 and s2/2 are the slopes at k and k + 1. Interpolated linearly, the slope is 0 at k + x.
+    # The room at sample t is then most + ½ bend (t - k - x)².
     bend = 0.5 * (s2 - s1)
     if s1 * s2 >= 0.0 or (bend > 0.0) != (y1 > 0.0):
         return count

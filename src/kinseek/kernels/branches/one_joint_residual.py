@@ -244,6 +244,7 @@ def triangle(
     per = 1.0 / max(squared_second, least)
     squared_third = max(third.e * third.e + third.f * third.f, least)
     part = squared_third + square - second.e * second.e - second.f * second.f
+    # The first number is 16 times the squared area of the triangle (Heron).
     rest, half = 4.0 * squared_third * square - part * part, 0.5 / squared_third
     # Components of the second side along the third and normal to it.
     part, across = (1.0 - part * half) * per, math.sqrt(max(rest, 0.0)) * half * per

@@ -267,6 +267,7 @@ def find_equal(task: Task, scratch: Scratch, search: Search, count: int, error: 
         gap = squared_gap(rates, rows, j, q)
         if gap < EQUAL * EQUAL:
             return j
+        # Two exact solutions are distinguished by their distance alone.
         if gap < ALIKE * ALIKE and max(error, search.left[j]) > EXACT:
             for i in range(len(q)):
                 half[i] = q[i] + 0.5 * joint_gap(rows[j, i], q[i], rates[i])

@@ -216,6 +216,7 @@ def write_sampled_starts(search: Search, steps: Array, known: Array, samples: Ro
     found, many = sort_samples(sorting, inner, outer, most), 0
     for begin in range(0, found, LANES):
         for l in range(LANES):
+            # Lanes without a sample of their own repeat the last one, so that they compute with valid numbers.
             eight.chosen[l] = sorting.order[min(begin + l, found - 1)]
         complete_eight(task, scratch.seen, eight.chosen, eight.rows, job.width)
         for l in range(min(LANES, found - begin)):
@@ -278,6 +279,7 @@ def sort_samples(sorting: Sorting, low: float, high: float, most: int) -> int:
     """Sort the samples at squared distances in [low, high) by a counting sort; return their number, at most `most`."""
     distance, inside, bucket, found = sorting.distance, sorting.inside, sorting.bucket, 0
     for i in range(len(distance)):
+        # Every index is written, and counted if it is inside: a branch would be unpredictable.
         inside[found] = i
         found += 1 if low <= distance[i] < high else 0
     nearest, farthest = np.inf, 0.0

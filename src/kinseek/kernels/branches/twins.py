@@ -113,6 +113,8 @@ def write_twins(search: Search, first: int, last: int) -> int:
         moved, bend = weakest[l] * PROBE, bends[l]
         if moved < FLAT and abs(bend) < FLAT:
             tally[CONTINUA] += 1.0
+        # t = -2 σ / u·H(v, v) with moved = σ PROBE and bend = -PROBE² u·H(v, v). The comparison |t| < FAR needs no
+        # division.
         if 2.0 * moved * PROBE < FAR * abs(bend):
             t = 2.0 * moved * PROBE / bend
             for i in range(dof):

@@ -81,6 +81,7 @@ def lanes_near(scene: CollisionModel, state: LaneState, least: float, w: int) ->
                 offset = gaps.from_box(apply(into, column(H, l)), half)
                 state.gaps[l] = max(state.gaps[l], dot(offset, offset) - reach * reach)
         for l in range(LANES):
+            # Every lane is written, and counted if it is near, which avoids a branch.
             state.near[l, counts[l]] = m
             counts[l] += 1 if state.gaps[l] <= 0.0 else 0
 
@@ -99,6 +100,7 @@ def chart_bound(scene: CollisionModel, state: LaneState, m: int, l: int) -> floa
     axes, chain, below = scene.chart_axes[scene.chart_of[m]], scene.chain, scene.below
     j, k, rows, columns, first = axes[0], axes[1], axes[2], axes[3], axes[4]
     u, v = part_of_turn(chain, j, state.q, l) * rows, part_of_turn(chain, k, state.q, l) * columns
+    # Rounding may make the part of a turn 1, for example that of -1e-17.
     r, c = min(int(u), rows - 1), min(int(v), columns - 1)
     at = first + r * columns + c
     # A cell of one joint is divided into four, a cell of two joints into two by two.

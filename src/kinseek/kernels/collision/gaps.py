@@ -92,6 +92,7 @@ def near_core(model: CollisionModel, spheres: Array, pair: Pair, least: float) -
     for s in range(spheres.shape[1]):
         offset = from_box(apply(way, column(spheres, s)), half)
         reach = spheres[3, s] + (least + model.thick[pair.b])
+        # `reach` may be negative, and then nothing is near.
         count += 1 if dot(offset, offset) <= reach * abs(reach) else 0
     return count
 
@@ -345,9 +346,11 @@ def full_check(model: CollisionModel, state: LaneState, pair: Pair, query: Query
     """Test the same by planes between the parts, or points in both."""
     i, j = model.within[pair.a], model.within[pair.b]
     same = i == pair.a and j == pair.b
+    # A hull that is larger than its part can prove that the part is free, but not that it touches.
     apart = Query(query.touch if same else -1e300, query.free, query.steps)
     found = separating_plane(model, state, pair, apart).verdict
     if found == DOUBT and not same and i >= 0 and j >= 0:
+        # A hull inside the part can prove that the part touches, but not that it is free.
         inside = Query(query.touch, 1e300, query.steps)
         found = separating_plane(model, state, Pair(i, j, pair.way), inside).verdict
     return found

@@ -152,6 +152,7 @@ def lanes_frames(chain: ChainArrays, state: LaneState, w: int) -> None:
         rate, offset, slides = chain.multiplier[k], chain.offset[k], 1.0 if chain.prismatic[k] else 0.0
         for l in range(w):
             value = rate * q[l] + offset
+            # A prismatic joint gets the angle 0 and a revolute one the slide 0, without a branch in the loop.
             sine, cosine = sine_cosine((1.0 - slides) * value)
             slide = slides * value
             for r in range(0, 12, 4):

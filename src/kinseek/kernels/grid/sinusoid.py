@@ -52,6 +52,7 @@ def fit_of(f0: float, f1: float, f2: float, slide: float) -> Vector:
     """
     if slide > 0.0:
         return Vector(f0, (f1 - f2) / (2.0 * slide), (f1 + f2 - 2.0 * f0) / (2.0 * slide * slide))
+    # Cosine and sine add up to 0 over three angles that are 2π/3 apart.
     a = (f0 + f1 + f2) / 3.0
     return Vector(a, f0 - a, (f1 - f2) / math.sqrt(3.0))
 

@@ -87,6 +87,7 @@ def search_window(
         tabulate(chain, s, scratch)
         work -= _TABLE * lanes
     state = Searched(begin, FINISHED, work, worst_error(beam) - limits.tie)
+    # The previous part may have ended between two leaves of one prefix.
     skip = begin % lanes
     write_path(begin // lanes, counts, s, path)
     identity(scratch.poses[0])
@@ -275,6 +276,7 @@ def offer(beam: Beam, error: float, nodes: Indices, q: Array) -> float:
     """Insert a leaf into the beam unless it is there already; return the largest error in the beam."""
     worst, present = 0, False
     for k in range(len(beam.errors)):
+        # A leaf has the same error in every window up to rounding, so nodes are compared only if errors agree.
         if abs(beam.errors[k] - error) <= 1e-12 * (1.0 + error):
             present = present or same_nodes(beam, k, nodes)
         if beam.errors[k] > beam.errors[worst]:

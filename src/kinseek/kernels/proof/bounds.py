@@ -88,6 +88,7 @@ def least_error(proof_goal: ProofGoal, far: float, tilt: float, b: float) -> flo
     K_P, K_A = proof_goal.weight_p, proof_goal.weight_a
     far, sigma = max(far, 0.0), max(tilt, 0.0)
     if K_A > 0.0 and b > 0.0:
+        # The sum is smallest where its derivative is 0, at σ = K_P b / K_A, or where the position error becomes 0.
         sigma = min(max(sigma, min(K_P * b / K_A, far / b)), 2.0)
     error: float = K_P * max(far - b * sigma, 0.0) + 0.5 * K_A * sigma * sigma
     return error
@@ -210,6 +211,7 @@ def first_order(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling:
         if wide(form, proof_goal):
             sigma = lean_beyond(proof_goal, sigma)
         else:
+            # A rotation φ changes three columns together by √2 · 2 sin(φ/2), and one direction by at most 2 sin(φ/2).
             sigma += proof_goal.chord if form.columns < 3 else proof_goal.chord / math.sqrt(2.0)
         if far > rho or tilt > sigma:
             return False, 0.0
@@ -219,6 +221,7 @@ def first_order(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling:
             bound = max(bound, least_error(proof_goal, from_behind, tilt - sigma, abs(back)))
         if bound > ceiling:
             return False, bound
+        # ½ K_A σ² is at most the ceiling wherever the error counts.
         largest = 2.0
         if proof_goal.weight_a > 0.0:
             largest = min(math.sqrt(2.0 * ceiling / proof_goal.weight_a), 2.0)

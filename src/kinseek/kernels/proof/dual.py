@@ -54,6 +54,7 @@ def support(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: flo
         slope(form, scratch, columns, scratch.slope)
         reached, short = K_P * far + 0.5 * K_A * square_c, 0.0
         for i in range(dof):
+            # The gap between the error of the step and the bound of its form (Frank and Wolfe 1956).
             short += abs(scratch.slope[i]) * h[i] + scratch.slope[i] * delta[i]
         if attempt + 1 == STEPS or (attempt > 0 and (reached < ceiling or short < CLOSE * reached)):
             return

@@ -177,8 +177,11 @@ def weigh(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, seen: Expansio
     for i in range(dof):
         for j in range(dof):
             if j != i:
+                # |δ_i δ_j| ≤ ½ (h_j/h_i δ_i² + h_i/h_j δ_j²): mixed terms become squares of one variable each.
                 H[i, i] -= abs(H[i, j]) * h[j] / h[i]
         lost += least(g[i], H[i, i], h[i])
+    # Both bounds hold. This one has minimised the linear and the quadratic terms separately, so only the linear ones
+    # remain for a cut.
     if straight + bent > lost:
         lost = straight + bent
         for i in range(dof):
@@ -266,6 +269,7 @@ def cut_box(scratch: BoxScratch, allowance: float) -> None:
         disc = g * g + 2.0 * H * limit
         if not disc >= 0.0 or g + math.sqrt(disc) < TINY:
             continue
+        # This form of (√disc - g)/H has no cancellation, and it holds for H = 0 too.
         root = 2.0 * limit / (g + math.sqrt(disc))
         low = -h
         if H > 0.0:

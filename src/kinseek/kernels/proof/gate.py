@@ -84,6 +84,7 @@ def out_of_tilt(form: Form, proof_goal: ProofGoal, c: int) -> float:
         if not form.prismatic[k]:
             angle = math.atan2(math.sqrt(direction.x * direction.x + direction.y * direction.y), direction.z)
             least = max(angle - high, low - angle, 0.0)
+            # Two directions enclose at most π: a sum of angles beyond that decreases again.
             if high < math.pi - angle:
                 high = angle + high
             else:

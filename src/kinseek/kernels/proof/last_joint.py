@@ -147,6 +147,7 @@ def cut_twist(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: f
     # acos(1 - x) loses what is below the rounding of one; the half-angle form with a margin does not.
     beta = 2.0 * math.asin(math.sqrt(min(0.5 * ceiling / K_A + proof_goal.margin_a, 1.0)))
     beta += twist_slack(proof_goal, largest_rotation(form, scratch, last), along)
+    # For a rotation β about the axis itself these two are 2 sin β and 2 cos β.
     ahead = math.atan2(normal, trace - along)
     left = cut_arc(scratch, form.leader[last], scratch.c[form.leader[last]] - ahead, beta)
     place(form, scratch)

@@ -86,6 +86,7 @@ def stand(
     low, high = 0.0, abs(off)
     for _ in range(HALVINGS):
         turn = 0.5 * (low + high)
+        # Bisection for the zero of the derivative of K_P miss + weight (1 - cos(|off| - turn)).
         half = math.sin(0.5 * turn)
         miss = math.sqrt(apart + 4.0 * product * half * half) + TINY
         if K_P * product * math.sin(turn) > weight * math.sin(abs(off) - turn) * miss:

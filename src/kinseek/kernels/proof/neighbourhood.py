@@ -98,6 +98,7 @@ def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, around: Expan
     differentiate(form, scratch, middle, columns)
     around.gain[0] = 0.0
     for row in range(dof):
+        # `solve` overwrites the matrix.
         normal_matrix(form, scratch, scale, weight, columns)
         trace = 0.0
         for i in range(dof):

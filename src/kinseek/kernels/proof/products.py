@@ -198,6 +198,7 @@ def most_curved(terms: Array, sheet: Sheet) -> float:
         for j in range(n):
             slope += Q[i, j] * y[j]
             value += 0.5 * Q[i, j] * y[j]
+        # A convex f lies above its tangent at y: for |x_i| ≤ 1 it is at least f(y) - f'(y)·y - Σ |f'(y)_i|.
         total += abs(slope) + (slope - value) * y[i]
     return total + OF_FORMS * size
 

@@ -129,6 +129,7 @@ def next_trial(call: Call, question: Question, tuning: Tuning, memory: Memory, w
         if best_first:
             row = heap.order[0]
             below = heap.bound[row]
+            # This box has the smallest bound of all, so no other box can contain a smaller error either.
             if below >= figures[progress.CEILING]:
                 return progress.ENDED
         load_box(boxes, row, scratch)
@@ -230,6 +231,7 @@ def split(
     heap, counts = memory.heap, memory.counts
     other = counts[progress.COUNT]
     if best_first:
+        # One half takes the row of the whole box, which is still at the top of the heap.
         heap.bound[row] = below
         sift_down(heap.bound, heap.order, other)
         other = push(heap, counts, below)

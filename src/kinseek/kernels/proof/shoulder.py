@@ -79,6 +79,7 @@ def bound_ball(
     for i in range(len(h)):
         wide = min(h[i], math.pi)
         ends[i, 0], ends[i, 1], ends[i, 2] = wide, math.cos(wide), math.sin(wide)
+    # K_P times a larger distance from the goal would exceed the ceiling.
     s, u, reach = max(terms[0, 0], 0.0), terms[1, 0], ceiling / shoulder.weight_p + shoulder.margin
     error = ball = stand(shoulder, shoulder.plane, s, u, 0.0, 0.0, sheet.place)
     multiply(shoulder, shoulder.plane, sheet.place, False, by)

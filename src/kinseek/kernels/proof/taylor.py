@@ -130,6 +130,7 @@ def rests(form: Form, scratch: BoxScratch, radii: Array, middle: int) -> Rests:
         k = middle + index
         if k >= m:
             k = m - 1 - index
+        # The proximal joints come last, in order from the middle to the base; their sum begins again at 0.
         if index == m - middle:
             total_width = 0.0
         h = scratch.half[k]
@@ -138,6 +139,7 @@ def rests(form: Form, scratch: BoxScratch, radii: Array, middle: int) -> Rests:
             three_p += 0.5 * h * total_width * total_width
             continue
         square = 0.5 * h * (h + 2.0 * total_width)
+        # (S_k³ - S_{k-1}³)/6 with S_k = S_{k-1} + h, without cancellation.
         cube = h * (h * h + 3.0 * total_width * (h + total_width)) / 6.0
         two_p += square * radii[k]
         two_c += square * scratch.s[k]
@@ -164,6 +166,7 @@ def normal_matrix(form: Form, scratch: BoxScratch, weight_p: float, weight_c: fl
             product = (weight_p * product_p + weight_c * product_c) * form.multiplier[k] * form.multiplier[l]
             i, j = form.leader[k], form.leader[l]
             scratch.N[max(i, j), min(i, j)] += product
+            # Two joints that the same variable moves: the sum over all pairs has (k, l) and (l, k).
             if l != k and i == j:
                 scratch.N[i, i] += product
 

@@ -124,6 +124,7 @@ def past_the_half_turn(out: Array, question: Array) -> None:
     angle = math.sqrt(out[3] * out[3] + out[4] * out[4] + out[5] * out[5])
     if angle < math.pi - WRAP:
         return
+    # w and w (1 - 2π/|w|) are the same rotation.
     other = 1.0 - 2.0 * math.pi / angle
     here, there = 0.0, 0.0
     for i in range(3, 6):

@@ -309,6 +309,7 @@ def triangle(s: Structure, end: Vector) -> Triangle:
     upper, fore = minus(s.point3, s.point2), minus(end, s.point3)
     l0, l1, m0, m1 = dot(s.across, upper), dot(normal, upper), dot(s.across, fore), dot(normal, fore)
     squares = l0 * l0 + l1 * l1 + m0 * m0 + m1 * m1
+    # |l + E₃ m|² = |l|² + |m|² + 2 (a cos q₃ + b sin q₃).
     return Triangle(normal, l0, l1, m0, m1, l0 * m0 + l1 * m1, l1 * m0 - l0 * m1, squares)
 
 
@@ -347,8 +348,11 @@ def parallel_pair(s: Structure, D: Array, far: float, work: Array, w: int) -> No
             max(-root1, -arm.root, 0.0),
             min(weak1, seen_weak2),
             min(abs(root1) * min(weak1, 1.0), fold3),
+            # `solve_trig` divides by the squared length of (a, b), which depends on the target. This product varies
+            # smoothly also where the length is 0.
             root1 * weak1 * weak1,
             arm.root,
+            # Without two solutions both signs give the same angle.
             (root1 <= 0.0 and one < 0.0) or (arm.root <= 0.0 and two < 0.0),
         )
         wrist(s, hand, proximal, far, work, l)

@@ -29,6 +29,7 @@ def solve_trig(a: float, b: float, c: float, sign: float) -> tuple[float, float,
     rest = square - c * c
     root = sign * math.sqrt(max(rest, 0.0))
     lost = length < TINY
+    # If |c| exceeds the length, root is 0, and (a c, b c)/(length |c|) is the unit vector with the smallest residual.
     share = 1.0 / max(length * max(length, abs(c)), TINY)
     cosine = 1.0 if lost else (a * c - b * root) * share
     sine = 0.0 if lost else (b * c + a * root) * share
@@ -49,6 +50,7 @@ def angle(y: float, x: float) -> float:
     """``atan2(y, x)`` to an ulp or two, without branches; 0 at the origin."""
     ax, ay = abs(x), abs(y)
     t = min(ax, ay) / max(ax, ay, TINY)
+    # Above tan(π/8): atan t = π/4 + atan((t - 1)/(t + 1)).
     steep = t > 0.4142135623730950488
     t = (t - 1.0) / (t + 1.0) if steep else t
     z = t * t

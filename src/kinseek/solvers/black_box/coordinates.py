@@ -136,6 +136,7 @@ def places(box: Mechanism, form: Flags, i: int, count: int = 3) -> Array:
     low, high = box.lower[i], box.upper[i]
     middle, width = (low + high) / 2, max(high - low, 1e-6)
     if form[i]:
+        # Over a full turn the values are evenly spaced also from the last to the first.
         width = min(width, TURN * (1 - 1 / count))
     return np.asarray(middle + width * (np.arange(count) / (count - 1) - 0.5))
 

@@ -63,6 +63,7 @@ class Evaluator:
         position = np.sqrt((away[:, :3] ** 2).sum(axis=1))
         if not self.columns:
             return position, np.zeros(len(away))
+        # A rotation φ changes the columns together by longest_chord · sin(φ/2).
         chord = np.sqrt((away[:, 3:] ** 2).sum(axis=1))
         return position, 2.0 * np.arcsin(np.minimum(chord / self.goal.form.longest_chord, 1.0))
 

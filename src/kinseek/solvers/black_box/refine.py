@@ -144,6 +144,7 @@ def differences_and_slopes(evaluator: Evaluator, q: Array) -> tuple[Array, Array
     """Return differences from the target, (k, n) -> (k, m), and their slopes, (k, m, n), from one call of the function."""
     box, count = evaluator.box, len(q)
     step = (COARSE if box.single else DIFFERENCE) * box.span
+    # The function is called inside the limits only.
     step = np.where(q + step > box.upper, -step, step)
     rows = np.repeat(q[:, None], 1 + box.dof, axis=1)
     joint = np.arange(box.dof)
@@ -151,6 +152,7 @@ def differences_and_slopes(evaluator: Evaluator, q: Array) -> tuple[Array, Array
     got = evaluator.differences(rows.reshape(-1, box.dof)).reshape(count, 1 + box.dof, -1)
     if box.partial:
         step = _other_side(evaluator, q, step, got)
+    # The step after rounding, which is the one that the function has seen.
     taken = rows[:, 1 + joint, joint] - q if not box.partial else (q + step) - q
     with np.errstate(invalid="ignore", divide="ignore"):
         slopes = (got[:, 1:] - got[:, :1]) / taken[:, :, None]
@@ -201,6 +203,7 @@ def bounded_step(
         fixed = np.where(at_limit, move, 0.0)
         loose = ~at_limit[:, :, None] & ~at_limit[:, None, :]
         M = np.where(loose, A, np.eye(dof))
+        # The motion of a joint that stops at its limit is known, so its products go to the right side.
         right = np.where(at_limit, fixed, g - (A @ fixed[:, :, None])[:, :, 0])
         move = np.linalg.solve(M, right[:, :, None])[:, :, 0]
         through = ~at_limit & ((move < down) | (move > up))
@@ -210,6 +213,7 @@ def bounded_step(
         at_limit |= through
     longest = np.abs(move).max(axis=1)
     move *= (LONGEST / np.maximum(longest, LONGEST))[:, None]
+    # The decrease of the quadratic model itself, without the damping.
     promised = (move * (g - (H @ move[:, :, None])[:, :, 0] / 2)).sum(axis=1)
     return move, np.maximum(promised, 1e-300)
 
