@@ -30,7 +30,7 @@ from .errors import (
     UnitWarning,
 )
 from .goal import Goal
-from .poses import pose
+from .pose_arguments import pose
 from .problem import Problem
 from .proof.certificate import Certificate, Verdict
 from .solution import Solution, Status

@@ -14,7 +14,8 @@ from .kernels.arm.pose_error import judge
 from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_ranges
 from .kernels.arrays import ChainArrays, GoalArrays
 from .kinds import BOX, KINDS, PLAIN_KINDS, POINTING, POSE, POSITION, Kind
-from .poses import _at, _unit, _x_onto, as_pose, one_pose, plain_place, row_of, rpy_of
+from .pose_arguments import at_position, unit_vector, x_onto
+from .poses import as_pose, one_pose, plain_place, row_of, rpy_of
 from .ranges import (
     AXES,
     FRAMES,
@@ -191,7 +192,7 @@ class Goal(Lazy):
         usual = cls is Goal and not options and box is None and type(free) is tuple and not free
         if usual and (at := plain_place(position)) is not None:
             return cls._checked(at, POSITION)
-        ranges, target = read_ranges(free, box, POSITION), _at(position, np.eye(3))
+        ranges, target = read_ranges(free, box, POSITION), at_position(position, np.eye(3))
         if ranges is None:
             return cls(target, kind=POSITION.name, **options)
         return cls(target, kind=BOX.name, ranges=ranges, frame="base", **options)
@@ -220,8 +221,8 @@ class Goal(Lazy):
         Raises:
             InvalidGoal: Wrong shape, NaN or infinity, a zero vector, an option out of its range, or axes as in `Goal.pose`.
         """
-        axis, onto = _unit(tool_axis, "tool_axis"), _unit(direction, "direction")
-        ranges, target = read_ranges(free, box, POINTING), _at(position, rotation_onto(axis, onto))
+        axis, onto = unit_vector(tool_axis, "tool_axis"), unit_vector(direction, "direction")
+        ranges, target = read_ranges(free, box, POINTING), at_position(position, rotation_onto(axis, onto))
         if ranges is None:
             return cls(target, kind=POINTING.name, tool_axis=(axis[0], axis[1], axis[2]), **options)
         swing = (float(onto[0]), float(onto[1]), float(onto[2]))
@@ -355,7 +356,7 @@ class Goal(Lazy):
         """Rotation of the tip that maps a pointing goal's tool axis to x, the axis that kernels align, (3, 3)."""
         if not self.form.turned:
             return np.eye(3)
-        return _x_onto(tuple(self.tool_axis))
+        return x_onto(tuple(self.tool_axis))
 
     @property
     def columns(self) -> int:
@@ -426,7 +427,7 @@ _USUAL = {each.name: each.default for each in fields(Goal)}
 
 def _unit_axis(axis: Any, name: str) -> tuple[float, float, float]:
     """Return an axis at length 1; one that has this length up to rounding stays as it is."""
-    x, y, z = _unit(axis, name)
+    x, y, z = unit_vector(axis, name)
     given = np.asarray(axis, dtype=np.float64)
     if abs(float(given @ given) - 1.0) <= 1e-15 * 8:
         x, y, z = given

@@ -1,136 +1,28 @@
-"""Reading poses: validate arrays and objects of other libraries, and correct matrices that rounding made inexact.
-
-`pose` builds a pose from a position and a rotation whose convention is named explicitly.
-"""
+"""Reading poses: validate arrays and objects of other libraries, and correct matrices that rounding made inexact."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Sequence
-from functools import lru_cache
-from typing import Any, TypedDict, Unpack, overload
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .errors import InvalidGoal, RepairWarning
 from .kernels.arm.pose_error import LARGEST, all_rigid
 from .support.interrupts import CHUNK, chunks, in_chunks
-from .support.shapes import Pose
-from .support.transforms import from_quaternion, from_rpy, rotation_onto, rotations
-from .support.units import warn_of_angles
 from .support.validation import as_float_array
 
 Array = NDArray[np.float64]
 
 _FLOAT = np.dtype(np.float64)
 
-
-_REPAIRABLE = 1e-6
+REPAIRABLE = 1e-6
 """A matrix closer than this to a rotation is replaced by the nearest rotation; others are rejected."""
-_ROUNDED = 0.1
+ROUNDED = 0.1
 """The same limit with `repair`: a rotation written with two digits is at most 0.03 away."""
-
-
-class OneRotation(TypedDict, total=False):
-    """Keyword arguments of `pose` for one position; `pose` documents them."""
-
-    quat_wxyz: Sequence[float] | None
-    quat_xyzw: Sequence[float] | None
-    rpy: Sequence[float] | None
-    rotvec: Sequence[float] | None
-    degrees: bool
-    repair: bool
-
-
-class Rotations(TypedDict, total=False):
-    """Keyword arguments of `pose` for any positions; `pose` documents them."""
-
-    quat_wxyz: ArrayLike | None
-    quat_xyzw: ArrayLike | None
-    rpy: ArrayLike | None
-    rotvec: ArrayLike | None
-    degrees: bool
-    rotation: Any
-    repair: bool
-
-
-@overload
-def pose(position: Sequence[float], **rotation: Unpack[OneRotation]) -> Pose: ...
-@overload
-def pose(position: ArrayLike, **rotation: Unpack[Rotations]) -> Array: ...
-def pose(
-    position: ArrayLike,
-    *,
-    quat_wxyz: ArrayLike | None = None,
-    quat_xyzw: ArrayLike | None = None,
-    rpy: ArrayLike | None = None,
-    rotvec: ArrayLike | None = None,
-    degrees: bool = False,
-    rotation: Any = None,
-    repair: bool = False,
-) -> Array:
-    """Build a pose from a position and at most one rotation; without one the pose is not rotated.
-
-    Args:
-        position: Position [m], (..., 3). Or a whole pose, (..., 4, 4), or an object that carries one, without a rotation.
-        quat_wxyz: Quaternion with its real part first, (..., 4); need not be of unit length.
-        quat_xyzw: Quaternion with its real part last, (..., 4); need not be of unit length.
-        rpy: Roll, pitch, yaw [rad] about the fixed axes x, y, z in this order, as in URDF, (..., 3).
-        rotvec: Rotation vector, axis times angle [rad], (..., 3).
-        degrees: `rpy` and `rotvec` are in degrees.
-        rotation: Rotation matrix, (..., 3, 3), or an object with ``.as_matrix()``, such as a SciPy ``Rotation``.
-        repair: Replace a matrix that was rounded to a few digits by the nearest rotation, and report by a warning how far it
-            was from one. A matrix farther than 1e-6 from a rotation is rejected; with `repair`, one farther than 0.1.
-
-    Returns:
-        Transform, (..., 4, 4).
-
-    Raises:
-        InvalidGoal: Wrong shapes, NaN or infinity, a zero quaternion, more than one rotation, a quaternion in degrees, a
-            matrix that is not a rotation, or `repair` without a matrix.
-
-    Warns:
-        UnitWarning: `rpy` or `rotvec` has an angle beyond 2π, and `degrees` is not given.
-        RepairWarning: A matrix was farther than 1e-6 from a rotation, and `repair` is given.
-    """
-    given = {
-        "quat_wxyz": quat_wxyz,
-        "quat_xyzw": quat_xyzw,
-        "rpy": rpy,
-        "rotvec": rotvec,
-        "rotation": rotation,
-    }
-    named = {name: value for name, value in given.items() if value is not None}
-    degrees, repair = _flag("degrees", degrees), _flag("repair", repair)
-    if len(named) > 1:
-        raise InvalidGoal(f"give one rotation, got {' and '.join(named)}")
-    if degrees and not named.keys() <= {"rpy", "rotvec"}:
-        raise InvalidGoal(f"degrees=True is for rpy and rotvec: {next(iter(named))} has no unit")
-    repairable = _ROUNDED if repair else _REPAIRABLE
-    whole = _whole(position)
-    if whole is not None:
-        if beside := [*named, *["degrees"] * degrees]:
-            raise InvalidGoal(f"a whole pose, {whole.shape}, cannot be combined with {' and '.join(beside)}")
-        return _rigid(whole.astype(np.float64), repairable, 3)
-    if repair and rotation is None:
-        raise InvalidGoal(
-            "repair=True is for matrices: rotation=R, (..., 3, 3), or a whole pose, (..., 4, 4)"
-        )
-    turn = np.eye(3)
-    for name, value in named.items():
-        if name == "rotation":
-            turn = _of_matrix(value, repairable)
-        elif name in ("rpy", "rotvec"):
-            angles = _finite(value, name, 3)
-            if not degrees:
-                lengths = angles if name == "rpy" else _lengths(angles)
-                warn_of_angles(lengths, name, "say degrees=True", 2)
-            turn = _rotation_matrix(name, np.deg2rad(angles) if degrees else angles)
-        else:
-            turn = _rotation_matrix(name, value)
-    return _at(position, turn)
 
 
 def plain_array(value: Any, shape: tuple[int, ...]) -> Array | None:
@@ -181,10 +73,10 @@ def as_pose(target: Any) -> Array:
         InvalidGoal: Wrong shape, NaN or infinity, farther than 1e-6 from a rigid transform, or a position too far away to
             compute with.
     """
-    return _rigid(_matrix_of(target), _REPAIRABLE, 2)
+    return rigid(matrix_of(target), REPAIRABLE, 2)
 
 
-def _rigid(matrix: Array, repairable: float, level: int) -> Array:
+def rigid(matrix: Array, repairable: float, level: int) -> Array:
     """Validate poses, (..., 4, 4), as `as_pose` does, and replace rotations off by at most `repairable` by the nearest one.
 
     A warning reports repairs beyond those of `as_pose`; `level` is the number of calls between here and the line to blame.
@@ -196,7 +88,7 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
     checked = [all_rigid(np.ascontiguousarray(each[some]), rigid[some]) for some in chunks(len(each))]
     if all(checked):
         return matrix
-    if not _all_finite(matrix):
+    if not all_finite(matrix):
         bad = np.argwhere(~np.isfinite(matrix).all(axis=(-2, -1)))
         where = f" at index {_index(bad[0])} of the batch ({len(bad)} such poses)" if matrix.ndim > 2 else ""
         raise InvalidGoal(f"a pose contains NaN or infinity{where}")
@@ -210,7 +102,7 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
             f"Are these other units?"
         )
     turn, off, row, mirrored = _measured(matrix)
-    wrong = (off > repairable) | (row > _REPAIRABLE) | mirrored
+    wrong = (off > repairable) | (row > REPAIRABLE) | mirrored
     if wrong.any():
         first = np.argwhere(wrong)[0]
         where = f" at index {_index(first)} of the batch" if matrix.ndim > 2 else ""
@@ -218,9 +110,9 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
             _why_not_rigid(off[tuple(first)], row[tuple(first)], mirrored[tuple(first)], where, repairable)
             + _transposed(matrix[tuple(first)])
         )
-    if off.size and (most := float(off.max())) > _REPAIRABLE:
+    if off.size and (most := float(off.max())) > REPAIRABLE:
         warnings.warn(
-            f"{int((off > _REPAIRABLE).sum())} of {off.size} matrices were not rotations, and were replaced by the nearest "
+            f"{int((off > REPAIRABLE).sum())} of {off.size} matrices were not rotations, and were replaced by the nearest "
             f"ones: RᵀR differed from the identity by up to {most:.3g}",
             RepairWarning,
             stacklevel=level,
@@ -270,14 +162,14 @@ def good_and_bad(target: Any) -> tuple[Array, NDArray[np.bool_]]:
     Raises:
         InvalidGoal: Wrong shape.
     """
-    matrix = _matrix_of(target)
+    matrix = matrix_of(target)
     _require_shape(matrix)
     finite = np.asarray(np.isfinite(matrix).all(axis=(-2, -1)))
     # Products with NaN or infinity would warn, so these matrices are replaced before they are measured.
     tame = np.where(finite[..., None, None], matrix, np.eye(4))
     near = np.abs(tame[..., :3, 3]).max(axis=-1) <= LARGEST
     _, off, row, mirrored = _measured(tame)
-    return matrix, finite & near & (off <= _REPAIRABLE) & (row <= _REPAIRABLE) & ~mirrored
+    return matrix, finite & near & (off <= REPAIRABLE) & (row <= REPAIRABLE) & ~mirrored
 
 
 def one_pose(value: Any, name: str) -> Array:
@@ -295,7 +187,17 @@ _CARRIERS = ("homogeneous", "A", "as_matrix")
 """Attributes under which objects of other libraries carry a 4x4."""
 
 
-def _matrix_of(target: Any) -> Array:
+def carries_pose(value: Any) -> bool:
+    """Return whether an object of another library has a matrix under one of the known names."""
+    return any(hasattr(value, name) for name in _CARRIERS)
+
+
+def matrix_of(target: Any) -> Array:
+    """Read a matrix, or a batch of them, of any shape from an array, an object that carries one, or a list of such objects.
+
+    Raises:
+        InvalidGoal: The values are not numbers.
+    """
     for attribute in _CARRIERS:
         carried = None if isinstance(target, np.ndarray) else getattr(target, attribute, None)
         if carried is not None:
@@ -303,8 +205,8 @@ def _matrix_of(target: Any) -> Array:
             break
     if isinstance(target, list | tuple) and target and not np.isscalar(target[0]):
         first = target[0]
-        if any(hasattr(first, name) for name in _CARRIERS):
-            target = [_matrix_of(each) for each in target]
+        if carries_pose(first):
+            target = [matrix_of(each) for each in target]
     try:
         return as_float_array(target)
     except (TypeError, ValueError, OverflowError) as error:
@@ -333,7 +235,7 @@ def _why_not_rigid(off: float, row: float, mirrored: bool, where: str, repairabl
         reason = "its determinant is -1, a reflection"
     else:
         reason = f"its last row differs from [0, 0, 0, 1] by {row:.3g}"
-    rounded = _REPAIRABLE < off <= _ROUNDED and row <= _REPAIRABLE and not mirrored
+    rounded = REPAIRABLE < off <= ROUNDED and row <= REPAIRABLE and not mirrored
     hint = (
         "; for one that was rounded to a few digits, write kinseek.pose(..., repair=True)" if rounded else ""
     )
@@ -347,123 +249,12 @@ def _transposed(matrix: Array) -> str:
     return "; is it transposed?" if (bottom == [0.0, 0.0, 0.0, 1.0]).all() and matrix[3, :3].any() else ""
 
 
-def _whole(position: Any) -> Array | None:
-    """Return the argument `position` as an array if it is a whole pose, (..., 4, 4), or an object that carries one."""
-    if isinstance(position, np.ndarray):
-        return position if position.shape[-2:] == (4, 4) else None
-    carries = any(hasattr(position, name) for name in _CARRIERS)
-    if not (
-        carries or (isinstance(position, list | tuple) and len(position) > 0 and _is_nested(position[0]))
-    ):
-        return None
-    matrix = _matrix_of(position)
-    return matrix if carries or matrix.shape[-2:] == (4, 4) else None
-
-
-def _flag(name: str, value: Any) -> bool:
-    try:
-        return bool(value)
-    except ValueError:  # An array has no truth value.
-        raise InvalidGoal(f"{name} must be True or False, got {value!r:.200}") from None
-
-
-def _is_nested(value: Any) -> bool:
-    """Return whether an element of a sequence has elements itself; true also for what NumPy cannot make an array of."""
-    try:
-        return np.ndim(value) > 0
-    except ValueError:  # Rows of different lengths, or nested too deeply.
-        return True
-
-
-def _of_matrix(value: Any, repairable: float) -> Array:
-    """Read rotation matrices, (..., 3, 3)."""
-    try:
-        turn = _matrix_of(value)
-        if turn.ndim < 2 or turn.shape[-2:] != (3, 3):
-            raise InvalidGoal(f"expected a matrix of shape (3, 3) or (..., 3, 3), got {turn.shape}")
-        matrix = np.zeros((*turn.shape[:-2], 4, 4))
-        matrix[..., :3, :3], matrix[..., 3, 3] = turn, 1.0
-        return _rigid(matrix, repairable, 4)[..., :3, :3]
-    except InvalidGoal as error:
-        raise InvalidGoal(f"rotation: {error}") from None
-
-
-def _rotation_matrix(name: str, value: ArrayLike) -> Array:
-    if name in ("rpy", "rotvec"):
-        angles = _finite(value, name, 3)
-        if (most := float(np.abs(angles).max(initial=0.0))) > LARGEST:
-            raise InvalidGoal(f"{name} must have angles of at most {LARGEST:g} rad, got {most:g}")
-        return _matrices(from_rpy if name == "rpy" else rotations, angles)
-    numbers = _finite(value, name, 4)
-    with np.errstate(over="ignore"):
-        length = _lengths(numbers)
-    if (length < 1e-9).any():
-        raise InvalidGoal(f"{name} has length {length.min():.3g}: a zero quaternion is not a rotation")
-    if name == "quat_wxyz":
-        return _matrices(from_quaternion, numbers)
-    return _matrices(lambda some: from_quaternion(np.roll(some, 1, axis=-1)), numbers)
-
-
-def _matrices(convert: Callable[[Array], Array], numbers: Array) -> Array:
-    """Convert rotations that are written otherwise, (..., k) -> (..., 3, 3)."""
-    flat = numbers.reshape(-1, numbers.shape[-1])
-    return in_chunks(convert, flat).reshape(*numbers.shape[:-1], 3, 3)
-
-
-def _lengths(vectors: Array) -> Array:
-    """Lengths of vectors, (..., k) -> (...)."""
-    flat = vectors.reshape(-1, vectors.shape[-1])
-    return in_chunks(lambda some: np.linalg.norm(some, axis=-1), flat).reshape(vectors.shape[:-1])
-
-
-def _all_finite(numbers: Array) -> bool:
+def all_finite(numbers: Array) -> bool:
+    """Return whether no number of an array, (..., k), is NaN or infinite."""
     if numbers.size <= CHUNK:
         return bool(np.isfinite(numbers).all())
     flat = numbers.reshape(-1, numbers.shape[-1])
     return all(bool(np.isfinite(flat[some]).all()) for some in chunks(len(flat)))
-
-
-def _at(position: ArrayLike, turn: Array) -> Array:
-    point = _finite(position, "position", 3)
-    try:
-        batch = point.shape[:-1] if turn.ndim == 2 else np.broadcast_shapes(point.shape[:-1], turn.shape[:-2])
-    except ValueError as error:
-        raise InvalidGoal(
-            f"position of shape {point.shape} and rotation of batch shape {turn.shape[:-2]} do not broadcast"
-        ) from error
-    result = np.zeros((*batch, 4, 4))
-    turns, points = np.broadcast_to(turn, (*batch, 3, 3)), np.broadcast_to(point, (*batch, 3))
-    size = max(CHUNK * batch[0] // max(math.prod(batch), 1), 1) if batch else 1
-    for some in chunks(batch[0], size) if batch else ((),):  # Chunks of the first axis.
-        part = result[some]
-        part[..., :3, :3], part[..., :3, 3], part[..., 3, 3] = turns[some], points[some], 1.0
-    return result
-
-
-def _finite(value: ArrayLike, name: str, size: int) -> Array:
-    try:
-        numbers = as_float_array(value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidGoal(f"{name} must be numbers of shape (..., {size}): {error}") from error
-    if numbers.ndim == 0 or numbers.shape[-1] != size:
-        raise InvalidGoal(f"{name} must have shape ({size},) or (..., {size}), got {numbers.shape}")
-    if not _all_finite(numbers):
-        raise InvalidGoal(f"{name} contains NaN or infinity: {numbers}")
-    return numbers
-
-
-def _unit(value: ArrayLike, name: str) -> Array:
-    vector = _finite(value, name, 3)
-    if vector.ndim != 1 or np.linalg.norm(vector) < 1e-9:
-        raise InvalidGoal(f"{name} must be one vector (3,) longer than zero, got {vector}")
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-@lru_cache(maxsize=64)
-def _x_onto(axis: tuple[float, ...]) -> Array:
-    turn = rotation_onto(np.array([1.0, 0.0, 0.0]), np.array(axis))
-    turn.flags.writeable = False
-    return turn
 
 
 def _index(where: NDArray[np.int64]) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidGoal, UnitWarning
 from kinseek.goal import Frame, Goal
-from kinseek.poses import pose
+from kinseek.pose_arguments import pose
 from kinseek.support.units import warn_of_angles
 
 from .words import LENGTHS, numbers, option_of, split

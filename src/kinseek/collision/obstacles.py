@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidGoal, InvalidRobot, InvalidScene
-from kinseek.poses import pose
+from kinseek.pose_arguments import pose
 from kinseek.robots.chain import Frame
 from kinseek.robots.files import file_bytes
 from kinseek.robots.urdf import fixed_links

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.errors import KinseekError
-from kinseek.poses import pose, rpy_of
+from kinseek.pose_arguments import pose
+from kinseek.poses import rpy_of
 from kinseek.ranges import AXES
 
 from .meshes import Meshes
