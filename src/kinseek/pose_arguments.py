@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, TypedDict, Unpack, overload
 
@@ -12,14 +12,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal
 from .kernels.arm.pose_error import LARGEST
-from .poses import REPAIRABLE, ROUNDED, all_finite, carries_pose, matrix_of, rigid
+from .poses import REPAIRABLE, ROUNDED, all_finite, batch_index, carries_pose, matrix_of, rigid, row_of
 from .support.interrupts import CHUNK, chunks, in_chunks
 from .support.shapes import Pose
-from .support.transforms import from_quaternion, from_rpy, rotation_onto, rotations
+from .support.transforms import angles_between, from_axes, from_quaternion, from_rpy, rotation_onto, rotations
 from .support.units import warn_of_angles
-from .support.validation import as_float_array
+from .support.validation import as_float_array, as_number
 
 Array = NDArray[np.float64]
+
+SKEW = math.radians(10.0)
+"""Default of `skew`. Measured normals, and tangents taken between points of a curve, miss a right angle by a few degrees; of
+two directions with nothing in common, one pair in six is closer to it than this. Not examined further."""
+SHORTEST = 1e-9
+"""Directions shorter than this are rejected: the difference of two equal points is rounding alone."""
+PARALLEL = 1e-6
+"""Directions closer to parallel than this are rejected [rad]: rounding would decide the rotation."""
 
 
 class OneRotation(TypedDict, total=False):
@@ -29,6 +37,10 @@ class OneRotation(TypedDict, total=False):
     quat_xyzw: Sequence[float] | None
     rpy: Sequence[float] | None
     rotvec: Sequence[float] | None
+    z_axis: Sequence[float] | None
+    x_axis: Sequence[float] | None
+    y_axis: Sequence[float] | None
+    skew: float | None
     degrees: bool
     repair: bool
 
@@ -40,6 +52,10 @@ class Rotations(TypedDict, total=False):
     quat_xyzw: ArrayLike | None
     rpy: ArrayLike | None
     rotvec: ArrayLike | None
+    z_axis: ArrayLike | None
+    x_axis: ArrayLike | None
+    y_axis: ArrayLike | None
+    skew: float | None
     degrees: bool
     rotation: Any
     repair: bool
@@ -59,6 +75,10 @@ def pose(
     degrees: bool = False,
     rotation: Any = None,
     repair: bool = False,
+    z_axis: ArrayLike | None = None,
+    x_axis: ArrayLike | None = None,
+    y_axis: ArrayLike | None = None,
+    skew: float | None = None,
 ) -> Array:
     """Build a pose from a position and at most one rotation; without one the pose is not rotated.
 
@@ -72,13 +92,21 @@ def pose(
         rotation: Rotation matrix, (..., 3, 3), or an object with ``.as_matrix()``, such as a SciPy ``Rotation``.
         repair: Replace a matrix that was rounded to a few digits by the nearest rotation, and report by a warning how far it
             was from one. A matrix farther than 1e-6 from a rotation is rejected; with `repair`, one farther than 0.1.
+        z_axis: Direction of the pose's z axis, (..., 3), of any length, e.g. the normal of a surface. Give exactly two of
+            the three axes. Of these, the first in the order z, x, y is exact. The other one is turned in the plane of both,
+            so that it is at right angles to the exact one (Gram-Schmidt).
+        x_axis: Direction of the pose's x axis, (..., 3), of any length, e.g. the tangent of a seam.
+        y_axis: Direction of the pose's y axis, (..., 3), of any length.
+        skew: Largest angle by which both axes may miss a right angle [rad], from 0 to π/2; None: 10°. With π/2 the second
+            axis may have any direction that is not parallel to the exact one.
 
     Returns:
         Transform, (..., 4, 4).
 
     Raises:
         InvalidGoal: Wrong shapes, NaN or infinity, a zero quaternion, more than one rotation, a quaternion in degrees, a
-            matrix that is not a rotation, or `repair` without a matrix.
+            matrix that is not a rotation, `repair` without a matrix, or one axis or three. Axes that are zero, parallel, or
+            farther from a right angle than `skew`.
 
     Warns:
         UnitWarning: `rpy` or `rotvec` has an angle beyond 2π, and `degrees` is not given.
@@ -92,22 +120,26 @@ def pose(
         "rotation": rotation,
     }
     named = {name: value for name, value in given.items() if value is not None}
+    given = {"z_axis": z_axis, "x_axis": x_axis, "y_axis": y_axis}
+    axes = {name: value for name, value in given.items() if value is not None}
     degrees, repair = _flag("degrees", degrees), _flag("repair", repair)
-    if len(named) > 1:
-        raise InvalidGoal(f"give one rotation, got {' and '.join(named)}")
-    if degrees and not named.keys() <= {"rpy", "rotvec"}:
-        raise InvalidGoal(f"degrees=True is for rpy and rotvec: {next(iter(named))} has no unit")
+    if len(named) + bool(axes) > 1:
+        raise InvalidGoal(f"give one rotation, got {' and '.join([*named, *axes])}")
+    if degrees and not {*named, *axes} <= {"rpy", "rotvec"}:
+        raise InvalidGoal(f"degrees=True is for rpy and rotvec: {next(iter([*named, *axes]))} has no unit")
+    if skew is not None and not axes:
+        raise InvalidGoal("skew= is for directions: z_axis=, x_axis= and y_axis=, exactly two of them")
     repairable = ROUNDED if repair else REPAIRABLE
     whole = _whole(position)
     if whole is not None:
-        if beside := [*named, *["degrees"] * degrees]:
+        if beside := [*named, *axes, *["degrees"] * degrees]:
             raise InvalidGoal(f"a whole pose, {whole.shape}, cannot be combined with {' and '.join(beside)}")
         return rigid(whole.astype(np.float64), repairable, 3)
     if repair and rotation is None:
         raise InvalidGoal(
             "repair=True is for matrices: rotation=R, (..., 3, 3), or a whole pose, (..., 4, 4)"
         )
-    turn = np.eye(3)
+    turn = _of_axes(axes, skew) if axes else np.eye(3)
     for name, value in named.items():
         if name == "rotation":
             turn = _of_matrix(value, repairable)
@@ -161,6 +193,62 @@ def _of_matrix(value: Any, repairable: float) -> Array:
         return rigid(matrix, repairable, 4)[..., :3, :3]
     except InvalidGoal as error:
         raise InvalidGoal(f"rotation: {error}") from None
+
+
+def _of_axes(axes: Mapping[str, ArrayLike], skew: float | None) -> Array:
+    """Make rotations, (..., 3, 3), from two of the axes ``z_axis``, ``x_axis`` and ``y_axis``, in this order."""
+    if len(axes) != 2:
+        raise InvalidGoal(f"give exactly two of z_axis, x_axis and y_axis, got {' and '.join(axes)}")
+    limit = SKEW if skew is None else as_number("skew", skew, 0.0, math.pi / 2, InvalidGoal)
+    exact, other = (_unit_vectors(value, name) for name, value in axes.items())
+    try:
+        exact, other = np.broadcast_arrays(exact, other)
+    except ValueError:
+        shapes = f"{exact.shape} and {other.shape}"
+        raise InvalidGoal(f"{' and '.join(axes)} of shapes {shapes} do not broadcast") from None
+    first, second = exact.reshape(-1, 3), other.reshape(-1, 3)
+    _require_right_angles(first, second, tuple(axes), exact.shape[:-1], limit)
+    columns = ["xyz".index(name[0]) for name in axes]
+    return in_chunks(lambda a, b: from_axes(a, b, *columns), first, second).reshape(*exact.shape, 3)
+
+
+def _unit_vectors(value: ArrayLike, name: str) -> Array:
+    """Return directions of any length but 0, (..., 3), with length 1."""
+    vectors = _finite(value, name, 3)
+    flat = vectors.reshape(-1, 3)
+    largest = in_chunks(lambda some: np.abs(some).max(axis=-1), flat)
+    if (zero := largest < SHORTEST).any():
+        where = batch_index(int(np.argmax(zero)), vectors.shape[:-1])
+        raise InvalidGoal(
+            f"{name} must be longer than {SHORTEST:g}{where}, got {row_of(flat[np.argmax(zero)])}"
+        )
+    scaled = flat / largest[:, None]  # Squares of a length might overflow.
+    return in_chunks(lambda some: some / np.linalg.norm(some, axis=-1)[:, None], scaled).reshape(
+        vectors.shape
+    )
+
+
+def _require_right_angles(
+    exact: Array, other: Array, names: tuple[str, ...], batch: tuple[int, ...], limit: float
+) -> None:
+    """Reject pairs of unit vectors, (k, 3) each, whose angle differs from a right angle by more than `limit` [rad]."""
+    angles = in_chunks(angles_between, exact, other)
+    off = np.abs(angles - math.pi / 2)
+    parallel = off > math.pi / 2 - PARALLEL
+    wrong = parallel | (off > limit)
+    if not wrong.any():
+        return
+    worst = int(np.argmax(wrong))
+    where, angle = batch_index(worst, batch), f"{math.degrees(angles[worst]):.4g}°"
+    if parallel[worst]:
+        raise InvalidGoal(
+            f"{' and '.join(names)} are parallel{where}: expected an angle of about 90° between them, got {angle}: "
+            f"{row_of(exact[worst])} and {row_of(other[worst])}"
+        )
+    raise InvalidGoal(
+        f"the angle between {' and '.join(names)} must be within {math.degrees(limit):.3g}° of 90°{where}, got {angle}; "
+        f"kinseek.pose(..., skew=...) sets this limit [rad]"
+    )
 
 
 def _rotation_matrix(name: str, value: ArrayLike) -> Array:

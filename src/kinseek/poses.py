@@ -261,6 +261,11 @@ def _index(where: NDArray[np.int64]) -> str:
     return str(int(where[0])) if len(where) == 1 else str(tuple(int(i) for i in where))
 
 
+def batch_index(flat: int, batch: tuple[int, ...]) -> str:
+    """Return where in a batch a row is, by its index in the flattened batch, for messages; empty without a batch."""
+    return f" at index {_index(np.array(np.unravel_index(flat, batch)))} of the batch" if batch else ""
+
+
 def row_of(values: Iterable[float]) -> str:
     """Format numbers in brackets with six digits for messages."""
     return f"[{', '.join(f'{round(float(value), 6) + 0.0:.6g}' for value in values)}]"

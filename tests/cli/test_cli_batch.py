@@ -63,11 +63,17 @@ def angles_of(poses: Any) -> dict[str, Any]:
         "qw,qx,qy,qz": np.roll(turns.as_quat(), 1, axis=1),
         "roll,pitch,yaw": turns.as_euler("xyz"),
         "rotvec_x,rotvec_y,rotvec_z": turns.as_rotvec(),
+        "nx,ny,nz,tx,ty,tz": np.hstack(
+            [3.0 * poses[:, :3, 2], 0.2 * poses[:, :3, 0] + 0.01 * poses[:, :3, 2]]
+        ),
     }
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turn", ["qw,qx,qy,qz", "roll,pitch,yaw", "rotvec_x,rotvec_y,rotvec_z", "matrix"])
+@pytest.mark.parametrize(
+    "turn",
+    ["qw,qx,qy,qz", "roll,pitch,yaw", "rotvec_x,rotvec_y,rotvec_z", "nx,ny,nz,tx,ty,tz", "matrix"],
+)
 def test_every_way_to_give_a_pose(
     turn: str, poses: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -475,6 +481,12 @@ WRONG = {
     "valid ones": ("x,y,zz\n1,2,3\n", "Valid: x, y, z with qw, qx, qy, qz or roll, pitch, yaw or rotvec_x"),
     "missing": ("x,y,z,qw,qx,qy\n1,2,3,1,0,0\n", "missing column qz"),
     "no rotation": ("x,y,z\n1,2,3\n", "columns of a rotation are missing"),
+    "one axis": ("x,y,z,nx,ny,nz\n1,2,3,0,0,1\n", "missing column tx, ty, tz"),
+    "axes with another rotation": ("x,y,z,roll,pitch,yaw,nx\n1,2,3,0,0,0,1\n", "more than one way"),
+    "oblique axes": (
+        "x,y,z,nx,ny,nz,tx,ty,tz\n0,0,0,0,0,1,1,0,0\n0,0,0,0,0,1,1,0,1\n",
+        "in.csv: row 2: the angle between z_axis and x_axis must be within 10° of 90°, got 45°",
+    ),
     "two rotations": ("x,y,z,qw,qx,qy,qz,roll,pitch,yaw\n1,2,3,1,0,0,0,0,0,0\n", "more than one way"),
     "misspelt": ("x,y,z,qw,qx,qy,q_z\n1,2,3,1,0,0,0\n", "did you mean 'qz' or 'z'? Valid: x,"),
     "twice": ("x,x,z\n1,2,3\n", "two columns are called 'x'"),

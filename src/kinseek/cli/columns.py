@@ -20,8 +20,10 @@ ROTATIONS = {
     "quat_wxyz": ("qw", "qx", "qy", "qz"),
     "rpy": ("roll", "pitch", "yaw"),
     "rotvec": ("rotvec_x", "rotvec_y", "rotvec_z"),
+    "axes": ("nx", "ny", "nz", "tx", "ty", "tz"),
 }
-"""Columns of each form of a rotation beside a position; angles in [rad]."""
+"""Columns of each form of a rotation beside a position; angles in [rad]. Those of axes are the directions of the z axis
+(normal) and of the x axis (tangent), of any length."""
 MATRIX = tuple(f"m{row}{column}" for row in range(4) for column in range(4))
 """Columns of a whole transform, row by row, as an alternative."""
 
@@ -53,7 +55,9 @@ def poses_of(columns: Mapping[str, Array], where: str, position_only: bool, deg:
     suspect_degrees({turn: table[:, 3:]}, deg, f"{where}: {', '.join(ROTATIONS.get(turn, ()))}")
 
     def made(rows: Array) -> Array:
-        return silent_pose(rows[:, :3], {turn: rows[:, 3:]} if turn else {}, deg)
+        if turn == "axes":
+            return silent_pose(rows[..., :3], {"z_axis": rows[..., 3:6], "x_axis": rows[..., 6:]}, deg)
+        return silent_pose(rows[..., :3], {turn: rows[..., 3:]} if turn else {}, deg)
 
     return _row_by_row(made, table, where)
 
@@ -120,7 +124,7 @@ def _row_by_row(make: Callable[[Array], Array], rows: Array, where: str) -> Arra
             except InvalidGoal:
                 high = middle
         try:
-            make(rows[low : low + 1])
+            make(rows[low])  # Not as a batch, whose indices the message would name, too.
         except InvalidGoal as error:
             raise InvalidGoal(f"{where}: row {low + 1:,}: {error}") from None
         raise

@@ -84,7 +84,7 @@ def silent_pose(position: Any, turn: Mapping[str, Any], deg: bool) -> Array:
 
     Args:
         position: Positions, (..., 3), [m].
-        turn: At most one rotation, by its name in `TURNS`.
+        turn: At most one rotation, by its name in `TURNS`, or two axes; as keyword arguments of `kinseek.pose`.
         deg: Are the angles of `IN_DEGREES` in degrees?
 
     Raises:

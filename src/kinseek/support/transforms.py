@@ -79,6 +79,26 @@ def quaternion(turn: Array) -> Array:
     return np.asarray(np.where(first < 0.0, -row, row) + 0.0)  # Adding zero turns -0 into 0.
 
 
+def angles_between(one: Array, other: Array) -> Array:
+    """Angles between unit vectors [rad], (k, 3) each -> (k,); precise near 0 and near π, too."""
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(one, other), axis=-1), (one * other).sum(axis=-1)))
+
+
+def from_axes(exact: Array, other: Array, i: int, j: int) -> Array:
+    """Rotation matrices whose column i is `exact` and whose column j is nearest to `other`, (k, 3) each -> (k, 3, 3).
+
+    Gram-Schmidt, applied twice: if both unit vectors are nearly parallel, rounding leaves the first result oblique.
+    """
+    for _ in range(2):
+        other = other - (other * exact).sum(axis=-1, keepdims=True) * exact
+        other = other / np.linalg.norm(other, axis=-1, keepdims=True)
+    result = np.empty((len(exact), 3, 3))
+    result[:, :, i], result[:, :, j] = exact, other
+    right_handed = (j - i) % 3 == 1  # Then the third axis is the first of both cross the second.
+    result[:, :, 3 - i - j] = np.cross(exact, other) if right_handed else np.cross(other, exact)
+    return result
+
+
 def rotation_onto(start: Array, end: Array) -> Array:
     """Return a rotation that maps the unit vector `start` to `end`, (3, 3)."""
     frames = []
