@@ -12,7 +12,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal
 from .kernels.arm.pose_error import LARGEST
-from .poses import REPAIRABLE, ROUNDED, all_finite, batch_index, carries_pose, matrix_of, rigid, row_of
+from .poses import (
+    REPAIRABLE,
+    ROUNDED,
+    all_finite,
+    any_carries_pose,
+    batch_index,
+    carries_pose,
+    matrix_of,
+    rigid,
+    row_of,
+)
 from .support.interrupts import CHUNK, chunks, in_chunks
 from .support.shapes import Pose
 from .support.transforms import angles_between, from_axes, from_quaternion, from_rpy, rotation_onto, rotations
@@ -83,7 +93,8 @@ def pose(
     """Build a pose from a position and at most one rotation; without one the pose is not rotated.
 
     Args:
-        position: Position [m], (..., 3). Or a whole pose, (..., 4, 4), or an object that carries one, without a rotation.
+        position: Position [m], (..., 3). Or a whole pose, (..., 4, 4), or an object that carries one, such as a
+            ROS message, without a rotation.
         quat_wxyz: Quaternion with its real part first, (..., 4); need not be of unit length.
         quat_xyzw: Quaternion with its real part last, (..., 4); need not be of unit length.
         rpy: Roll, pitch, yaw [rad] about the fixed axes x, y, z in this order, as in URDF, (..., 3).
@@ -158,10 +169,9 @@ def _whole(position: Any) -> Array | None:
     """Return the argument `position` as an array if it is a whole pose, (..., 4, 4), or an object that carries one."""
     if isinstance(position, np.ndarray):
         return position if position.shape[-2:] == (4, 4) else None
-    carries = carries_pose(position)
-    if not (
-        carries or (isinstance(position, list | tuple) and len(position) > 0 and _is_nested(position[0]))
-    ):
+    listed = isinstance(position, list | tuple)
+    carries = any_carries_pose(position) if listed else carries_pose(position)
+    if not (carries or (listed and len(position) > 0 and _is_nested(position[0]))):
         return None
     matrix = matrix_of(position)
     return matrix if carries or matrix.shape[-2:] == (4, 4) else None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .errors import InvalidGoal, RepairWarning
 from .kernels.arm.pose_error import LARGEST, all_rigid
+from .pose_messages import is_message, matrix_of_message
 from .support.interrupts import CHUNK, chunks, in_chunks
 from .support.validation import as_float_array
 
@@ -63,8 +64,9 @@ def as_pose(target: Any) -> Array:
     """Read a pose, or a batch of them, from an array or from an object that carries a 4x4.
 
     Args:
-        target: (..., 4, 4), lengths in [m]; or an object with ``.homogeneous``, ``.A`` or ``.as_matrix()``; or a list of
-            such objects.
+        target: (..., 4, 4), lengths in [m]; or an object with ``.homogeneous``, ``.A`` or ``.as_matrix()``; or a ROS
+            message: Pose, Transform, or one that holds one of these, such as PoseStamped, whose frame is not checked; or a
+            list of such objects.
 
     Returns:
         (..., 4, 4), every rotation orthonormal to rounding.
@@ -108,7 +110,7 @@ def rigid(matrix: Array, repairable: float, level: int) -> Array:
         where = f" at index {_index(first)} of the batch" if matrix.ndim > 2 else ""
         raise InvalidGoal(
             _why_not_rigid(off[tuple(first)], row[tuple(first)], mirrored[tuple(first)], where, repairable)
-            + _transposed(matrix[tuple(first)])
+            + _likely_cause(matrix[tuple(first)])
         )
     if off.size and (most := float(off.max())) > REPAIRABLE:
         warnings.warn(
@@ -185,11 +187,18 @@ def one_pose(value: Any, name: str) -> Array:
 
 _CARRIERS = ("homogeneous", "A", "as_matrix")
 """Attributes under which objects of other libraries carry a 4x4."""
+_PLAIN = (np.ndarray, list, tuple, int, float, str)
+"""Elements of lists that need no look at their attributes."""
 
 
 def carries_pose(value: Any) -> bool:
-    """Return whether an object of another library has a matrix under one of the known names."""
-    return any(hasattr(value, name) for name in _CARRIERS)
+    """Return whether an object of another library has a matrix under one of the known names, or is a message with a pose."""
+    return any(hasattr(value, name) for name in _CARRIERS) or is_message(value)
+
+
+def any_carries_pose(values: list[Any] | tuple[Any, ...]) -> bool:
+    """Return whether `carries_pose` is True of any element of a list."""
+    return any(not isinstance(each, _PLAIN) and carries_pose(each) for each in values)
 
 
 def matrix_of(target: Any) -> Array:
@@ -198,22 +207,27 @@ def matrix_of(target: Any) -> Array:
     Raises:
         InvalidGoal: The values are not numbers.
     """
-    for attribute in _CARRIERS:
-        carried = None if isinstance(target, np.ndarray) else getattr(target, attribute, None)
-        if carried is not None:
-            target = carried() if callable(carried) else carried
-            break
-    if isinstance(target, list | tuple) and target and not np.isscalar(target[0]):
-        first = target[0]
-        if carries_pose(first):
-            target = [matrix_of(each) for each in target]
+    if isinstance(target, list | tuple):
+        if any_carries_pose(target):
+            target = [each if isinstance(each, _PLAIN) else matrix_of(each) for each in target]
+    elif not isinstance(target, np.ndarray):
+        target = _carried(target)
     try:
         return as_float_array(target)
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidGoal(
             f"a pose must be a (..., 4, 4) array or an object with .homogeneous, .A or .as_matrix(), "
-            f"got {type(target).__name__}: {error}"
+            f"or a ROS message of a pose or transform, got {type(target).__name__}: {error}"
         ) from error
+
+
+def _carried(value: Any) -> Any:
+    """Return the matrix that an object carries, or the object itself if it carries none."""
+    for attribute in _CARRIERS:
+        carried = getattr(value, attribute, None)
+        if carried is not None:
+            return carried() if callable(carried) else carried
+    return matrix_of_message(value) if is_message(value) else value
 
 
 def _hint(matrix: Array) -> str:
@@ -244,7 +258,9 @@ def _why_not_rigid(off: float, row: float, mirrored: bool, where: str, repairabl
     )
 
 
-def _transposed(matrix: Array) -> str:
+def _likely_cause(matrix: Array) -> str:
+    if not matrix[:3, :3].any():
+        return "; its rotation is zero, as that of a message whose orientation was never set"
     bottom = matrix[:, 3]
     return "; is it transposed?" if (bottom == [0.0, 0.0, 0.0, 1.0]).all() and matrix[3, :3].any() else ""
 
