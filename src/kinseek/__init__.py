@@ -30,6 +30,7 @@ from .errors import (
     UnitWarning,
 )
 from .goal import Goal
+from .interpolation import arc, interpolate
 from .pose_arguments import pose
 from .problem import Problem
 from .proof.certificate import Certificate, Verdict
@@ -96,6 +97,8 @@ __all__ = [
     "TrackStatus",
     "UnitWarning",
     "Verdict",
+    "arc",
+    "interpolate",
     "load",
     "pose",
 ]
