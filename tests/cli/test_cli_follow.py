@@ -113,6 +113,16 @@ def test_ctrl_c_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.Monkey
         (["line.npy", "joints.csv", "--max-step", "0"], "max_step"),
         (["line.npy", "joints.csv", "--start", "0 0 0 0 0 0"], "start"),
         (["line.npy", "joints.csv", "--end", "0 0 0 0 0 0"], "end does not reach the last pose"),
+        (["line.npy", "joints.csv", "--step", "0.1"], "--step and --turn are needed together"),
+        (
+            ["line.npy", "joints.csv", "--blend", "0.1"],
+            "--step and --turn are needed together, and with --blend",
+        ),
+        (["line.npy", "joints.csv", "--step", "0", "--turn", "1"], "step must be a number above 0"),
+        (
+            ["line.npy", "joints.csv", "--step", "1", "--turn", "1", "--blend", "1"],
+            "blend must be at most half",
+        ),
         (["line.npy", "joints.csv", "--period", "0"], "--period must be above 0"),
     ],
 )
@@ -139,6 +149,24 @@ def test_the_options_of_a_goal_are_those_of_solve(tmp_path: Path) -> None:
     goal = kinseek.Goal.pose(poses, free=("x", "rz"), frame="base", position_tolerance=0.001)
     np.testing.assert_array_equal(
         np.load(tmp_path / "joints.npy")["q"], kinseek.load("ur5e").follow(goal, max_step=0.3).q
+    )
+
+
+def test_poses_are_inserted_between_key_poses(tmp_path: Path) -> None:
+    keys = [
+        [0.4, -0.2, 0.3, 0, 0, -1, 1, 0, 0],
+        [0.4, 0.2, 0.3, 0, 0, -2, 1, 0.1, 0.1],
+        [0.5, 0.2, 0.3, 0, 0, -1, 2, 0, 0],
+    ]
+    rows = ["x,y,z,nx,ny,nz,tx,ty,tz", *(",".join(map(str, row)) for row in keys)]
+    (tmp_path / "keys.csv").write_text("\n".join(rows), encoding="utf-8")
+    words = ["follow", "ur5e", str(tmp_path / "keys.csv"), str(tmp_path / "joints.npy")]
+    assert run([*words, "--step", "0.01", "--turn", "0.05", "--blend", "0.02"]) == 0
+    numbers = np.array(keys, dtype=float)
+    poses = kinseek.pose(numbers[:, :3], z_axis=numbers[:, 3:6], x_axis=numbers[:, 6:])
+    dense = kinseek.interpolate(poses, step=0.01, turn=0.05, blend=0.02)
+    np.testing.assert_allclose(
+        kinseek.load("ur5e").fk(np.load(tmp_path / "joints.npy")["q"]), dense, atol=1e-6
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from kinseek.cli import report
 from kinseek.cli.columns import VALID
@@ -25,7 +26,10 @@ from kinseek.cli.output import on_terminal
 from kinseek.cli.scenes import Cell, scene_options
 from kinseek.cli.words import joint_values
 from kinseek.errors import InvalidProblem
+from kinseek.interpolation import interpolate
 from kinseek.tables import path_table
+
+Array = NDArray[np.float64]
 
 _MOTION = "The motion"
 _POSES, _OUT = "POSES", "OUT"
@@ -38,10 +42,12 @@ _POSES, _OUT = "POSES", "OUT"
         "kinseek follow ur5e poses.csv q.csv",
         "kinseek follow ur5e poses.csv q.npy --free rz --max-step 0.2",
         "kinseek follow ur5e poses.csv q.csv --period 0.01",
+        "kinseek follow ur5e poses.csv q.csv --step 0.005 --turn 0.02",
         "kinseek follow ur5e poses.csv q.csv --scene cell.urdf --capsules 0.05",
     ],
     more=[
         f"Columns of POSES, lengths in m, angles in rad: {VALID}.",
+        "With --step and --turn, POSES are key poses, and OUT has rows for the poses between them as well.",
         "OUT has one row per pose: the joints, whether the pose is reached and its errors, and whether the motion has a "
         "break after it.",
         "Exit codes: 0 one continuous motion, 1 breaks or missed poses, 2 misuse; 130 stopped with Ctrl-C.",
@@ -91,6 +97,27 @@ _POSES, _OUT = "POSES", "OUT"
     help="Largest motion of a joint between two poses, rad or m, also with --deg; more is a break.",
 )
 @option(
+    "--step",
+    metavar="M",
+    type=float,
+    group=_MOTION,
+    help="Insert poses on straight lines, so that consecutive ones are at most this far apart, m; needs --turn.",
+)
+@option(
+    "--turn",
+    metavar="RAD",
+    type=float,
+    group=_MOTION,
+    help="Largest angle between consecutive poses, rad, also with --deg; needs --step.",
+)
+@option(
+    "--blend",
+    metavar="M",
+    type=float,
+    group=_MOTION,
+    help="Radius around the given poses in which the inserted ones pass on a smooth curve, m; needs --step.",
+)
+@option(
     "--period",
     metavar="X",
     type=float,
@@ -124,6 +151,9 @@ def command(
     end: str | None,
     closed: bool,
     max_step: float,
+    step: float | None,
+    turn: float | None,
+    blend: float | None,
     period: float | None,
     prove: bool,
     time_limit: float | None,
@@ -132,7 +162,8 @@ def command(
     """Find one continuous motion through many poses, with as few breaks as possible."""
     loaded = robot.load()
     place = writable(out, poses, _OUT, _POSES)  # Before any work is done.
-    goal = goal_spec.goal(read_poses(poses, goal_spec.position_only, deg, _POSES))
+    given = read_poses(poses, goal_spec.position_only, deg, _POSES)
+    goal = goal_spec.goal(_with_poses_between(given, step, turn, blend))
     first = None if start is None else joint_values(loaded, start, "--start", deg)
     last = None if end is None else joint_values(loaded, end, "--end", deg)
     if period is not None and not 0 < period < np.inf:
@@ -156,3 +187,11 @@ def command(
     write_table(place, path_table(path))
     report.print_path(loaded, path, str(out), seconds, as_json)
     return 0 if path.success else 1
+
+
+def _with_poses_between(poses: Array, step: float | None, turn: float | None, blend: float | None) -> Array:
+    if step is None and turn is None and blend is None:
+        return poses
+    if step is None or turn is None:
+        raise InvalidProblem("--step and --turn are needed together, and with --blend")
+    return interpolate(poses, step=step, turn=turn, blend=blend or 0.0)
