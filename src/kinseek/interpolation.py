@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Callable
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -26,6 +27,7 @@ from .errors import InvalidGoal, InvalidProblem
 from .kernels.arm.pose_error import LARGEST
 from .poses import as_pose, one_pose, row_of
 from .support.interrupts import in_chunks
+from .support.shapes import Poses
 from .support.transforms import angles_between, quaternion, rotations
 from .support.validation import as_number
 
@@ -40,7 +42,7 @@ STRAIGHT = 1e-6
 """Three points count as on one line if the triangle's height over its longest side is less than this part of the side."""
 
 
-def interpolate(poses: Any, *, step: float, turn: float, blend: float = 0.0) -> Array:
+def interpolate(poses: Any, *, step: float, turn: float, blend: float = 0.0) -> Poses:
     """Insert poses between key poses, on straight lines with one turn about a fixed axis each.
 
     Without `blend` the result contains every key pose, with the same bits. Equal consecutive poses are taken once.
@@ -86,7 +88,7 @@ def interpolate(poses: Any, *, step: float, turn: float, blend: float = 0.0) -> 
     return result
 
 
-def arc(start: Any, via: Any, end: Any, *, step: float, turn: float) -> Array:
+def arc(start: Any, via: Any, end: Any, *, step: float, turn: float) -> Poses:
     """Insert poses on the circular arc through the positions of three poses.
 
     The orientation turns about one fixed axis from `start` to `via`, and about another one from `via` to `end`, each in
@@ -260,7 +262,7 @@ def _counts(speeds: Array, step: float, turn: float) -> Indices:
     return np.asarray(steps.astype(np.intp))
 
 
-def _assembled(start: Array, counts: Indices, made: Any) -> Array:
+def _assembled(start: Array, counts: Indices, made: Callable[[Indices, Array], Array]) -> Poses:
     """Make the first pose, and those after each of `counts` steps of every section: ``made(section, t)``, (k,) each."""
     result = np.empty((int(counts.sum()) + 1, 4, 4))
     result[0] = start

@@ -68,6 +68,9 @@ if isinstance(found, kinseek.Branches):
 arm.ik(target, prefer="dexterity", threads=2)
 kinseek.Goal.pose(target, free="rz", frame="base")
 kinseek.pose(rows[:, :3], rpy=rows[:, 3:])
+kinseek.pose([0.3, 0.2, 0.4], z_axis=[0.0, 0.0, -1.0], x_axis=[1.0, 0.0, 0.0], skew=0.1)
+kinseek.pose(rows[:, :3], z_axis=rows[:, 3:], y_axis=[1.0, 0.0, 0.0])
+dense = arm.ik(kinseek.interpolate([target, target], step=0.1, turn=0.1)).success.all()
 pose: NDArray[np.float64] = arm.fk(rows, link="tool0")
 """
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -144,8 +144,8 @@ class Tracker:
         """Current joint values, (n,), [rad] or [m]."""
         return np.asarray(self._state.now.copy())
 
-    def step(self, T: Array) -> Step:
-        """Move towards a pose, (4, 4), as far as one period allows.
+    def step(self, T: Any) -> Step:
+        """Move towards a pose, (4, 4) or an object that carries one, as far as one period allows.
 
         Raises:
             InvalidGoal: The argument is not one pose.
@@ -189,7 +189,7 @@ class Tracker:
         # A second tracker follows the pose from there, so that the arm arrives at where the target is by then.
         return self._standing(1, self._ways(q[None])[0])
 
-    def _recovered(self, T: Array, there: State) -> Step:
+    def _recovered(self, T: Any, there: State) -> Step:
         """Make one period of the motion to joint values that reach the pose; these values track the pose meanwhile.
 
         The motion ends early if the pose can be reached from the current joint values, e.g. when the hand is to stop.
@@ -314,7 +314,7 @@ class Tracker:
         """Time that the joints need for a motion [s]; the size of the motion if no speed is known."""
         return float(np.abs(step / np.where(np.isfinite(self.velocity), self.velocity, 1.0)).max())
 
-    def _along(self, T: Array) -> Step:
+    def _along(self, T: Any) -> Step:
         """Make one step of the motion to another branch."""
         pose = _one(T)
         self._past.store(pose)
