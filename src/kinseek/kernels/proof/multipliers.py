@@ -15,7 +15,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import inlined
 
 from .box import TINY
-from .products import Sheet, rise
+from .products import Sheet, largest_increase
 
 HALVINGS = 20
 """Number of halvings of the arc that contains the best rotation of the ball; any rotation gives a bound."""
@@ -62,7 +62,7 @@ class Shoulder(NamedTuple):
 
 
 @inlined
-def stand(
+def rotate_onto_goal(
     shoulder: Shoulder, goal: Array, s: float, u: float, height: float, lean: float, place: Array
 ) -> float:
     """Rotate tip and column about the third axis as near to the goal as possible; write them, and return the error.
@@ -166,7 +166,7 @@ def dual_value(shoulder: Shoulder, reach: float, terms: Array, by: Array) -> flo
 
 
 @inlined
-def promised(shoulder: Shoulder, reach: float, sheet: Sheet, by: Array) -> float:
+def bound_by_single_joints(shoulder: Shoulder, reach: float, sheet: Sheet, by: Array) -> float:
     """The bound in the box that multipliers would give if each joint moved alone."""
     terms, ends = sheet.terms, sheet.ends
     kinds, stride = len(terms) - 1, terms.shape[1]
@@ -177,7 +177,7 @@ def promised(shoulder: Shoulder, reach: float, sheet: Sheet, by: Array) -> float
         for k in range(kinds):
             even -= by[k] * terms[k, stride]
             odd -= by[k] * terms[k, 2 * stride]
-        value -= rise(even, abs(odd), ends[i, 0], ends[i, 1], ends[i, 2])
+        value -= largest_increase(even, abs(odd), ends[i, 0], ends[i, 1], ends[i, 2])
     return value
 
 
@@ -186,7 +186,7 @@ def improve_multipliers(shoulder: Shoulder, reach: float, enough: float, sheet: 
     """Look for multipliers with a larger such bound, one after the other, up and down."""
     by, trial, before, steps = sheet.by, sheet.trial, sheet.before, sheet.steps
     kinds, size, K_P, K_A = len(sheet.terms) - 1, shoulder.size, shoulder.weight_p, shoulder.weight_a
-    best = promised(shoulder, reach, sheet, by)
+    best = bound_by_single_joints(shoulder, reach, sheet, by)
     for k in range(5):
         trial[k] = by[k]
     steps[0], steps[1], steps[2], steps[3] = K_P / size, K_P, K_P, K_A
@@ -206,7 +206,7 @@ def improve_multipliers(shoulder: Shoulder, reach: float, enough: float, sheet: 
                     trial[k] = by[k] + steps[k]
                 else:  # Up and down by a factor; exp would require a newer glibc.
                     trial[k] = by[k] * (1.0 + steps[k]) if steps[k] > 0.0 else by[k] / (1.0 - steps[k])
-                value = promised(shoulder, reach, sheet, trial)
+                value = bound_by_single_joints(shoulder, reach, sheet, trial)
                 if value > best:
                     best, by[k] = value, trial[k]
                     steps[k] *= 2.0
@@ -220,7 +220,7 @@ def improve_multipliers(shoulder: Shoulder, reach: float, enough: float, sheet: 
             for k in range(5):
                 trial[k] = by[k] + along * (by[k] - before[k])
             trial[4] = max(trial[4], 0.5 * by[4])
-            value = promised(shoulder, reach, sheet, trial)
+            value = bound_by_single_joints(shoulder, reach, sheet, trial)
             if value <= best:
                 break
             best = value
@@ -234,7 +234,7 @@ def improve_multipliers(shoulder: Shoulder, reach: float, enough: float, sheet: 
 @inlined
 def take_better(shoulder: Shoulder, reach: float, sheet: Sheet, given: Array, best: float) -> float:
     """Use other multipliers if their bound exceeds the best so far."""
-    value: float = promised(shoulder, reach, sheet, given)
+    value: float = bound_by_single_joints(shoulder, reach, sheet, given)
     if value <= best:
         return best
     for k in range(5):

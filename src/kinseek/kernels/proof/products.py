@@ -133,7 +133,7 @@ def most_above(terms: Array, sheet: Sheet, share: Array) -> float:
     n, alone, stride, ends = len(share), 0.0, len(terms), sheet.ends
     for i in range(n):
         stride //= 3
-        share[i] = rise(terms[stride], abs(terms[2 * stride]), ends[i, 0], ends[i, 1], ends[i, 2])
+        share[i] = largest_increase(terms[stride], abs(terms[2 * stride]), ends[i, 0], ends[i, 1], ends[i, 2])
         alone += share[i]
     together = 0.0
     for t in range(1, len(terms)):
@@ -165,7 +165,7 @@ def most_curved(terms: Array, sheet: Sheet) -> float:
         stride //= 3
         even, odd, half = -terms[stride], terms[2 * stride], ends[i, 0]
         if half > STEEP:
-            total += rise(-even, abs(odd), half, ends[i, 1], ends[i, 2])
+            total += largest_increase(-even, abs(odd), half, ends[i, 1], ends[i, 2])
             b[i] = Q[i, i] = 0.0
         else:
             b[i] = -odd * ends[i, 2]
@@ -222,7 +222,7 @@ def bend(sheet: Sheet) -> float:
                 continue
             if S[i, i] > top:
                 top, pivot = S[i, i], i
-            total += lacking(S, left, i)
+            total += dominance_deficit(S, left, i)
             for j in range(n):
                 mass += abs(S[i, j]) if left[j] != 0.0 else 0.0
         noise += OF_SQUARES * (before + mass)
@@ -230,7 +230,7 @@ def bend(sheet: Sheet) -> float:
         if total + noise < least:
             least = total + noise
             for i in range(n):
-                added[i] = lacking(S, left, i) if left[i] != 0.0 else 0.0
+                added[i] = dominance_deficit(S, left, i) if left[i] != 0.0 else 0.0
         if pivot < 0 or total == 0.0:
             break
         left[pivot] = 0.0
@@ -246,7 +246,7 @@ def bend(sheet: Sheet) -> float:
 
 
 @inlined
-def lacking(S: Array, left: Array, i: int) -> float:
+def dominance_deficit(S: Array, left: Array, i: int) -> float:
     """Amount by which a row of a quadratic form falls short of diagonal dominance."""
     total = -S[i, i]
     for j in range(len(S)):
@@ -256,7 +256,7 @@ def lacking(S: Array, left: Array, i: int) -> float:
 
 
 @inlined
-def rise(even: float, odd: float, wide: float, cosine: float, sine: float) -> float:
+def largest_increase(even: float, odd: float, wide: float, cosine: float, sine: float) -> float:
     """Maximum of ``even (1 - cos δ) + odd sin δ`` for |δ| ≤ wide, odd ≥ 0."""
     if wide >= math.pi or even * sine + odd * cosine < 0.0:  # The global maximum is inside.
         return even + math.sqrt(even * even + odd * odd)

@@ -20,7 +20,7 @@ TRIAL = 4
 """Inside the loop: joint values are ready to be judged."""
 
 GONE, AGAIN, OPEN = 0, 1, 2
-"""Verdicts on a box: nothing in it counts; it shrank so much that another look is worthwhile; it has to be cut."""
+"""Verdicts on a box: nothing in it counts; it shrank so much that it has to be examined again; it has to be cut."""
 
 # Indices into the counts of a search.
 COUNT = 0

@@ -60,7 +60,7 @@ def search_boxes(
         question: The goal and the arm.
         tuning: Effort and precision.
         memory: State of the search, which is updated.
-        until: Number of boxes after which this call ends, not counting second looks at the last one.
+        until: Number of boxes after which this call ends, not counting further examinations of the last one.
         budget: Largest number of boxes in total.
 
     Returns:

@@ -39,7 +39,15 @@ from kinseek.kernels.jit import entry, inlined
 from .box import rounding
 from .branch_and_bound import pop, push
 from .memory import Heap
-from .multipliers import Shoulder, dual_value, improve_multipliers, multiply, promised, stand, take_better
+from .multipliers import (
+    Shoulder,
+    bound_by_single_joints,
+    dual_value,
+    improve_multipliers,
+    multiply,
+    rotate_onto_goal,
+    take_better,
+)
 from .products import Sheet, make_sheet, most_above, product_ranges, recentre
 from .progress import CEILING, COUNT, COUNTS, ENDED, FIGURES, FLOOR, FULL, SEEN, STOPPED, UPPER
 
@@ -81,11 +89,11 @@ def bound_ball(
         ends[i, 0], ends[i, 1], ends[i, 2] = wide, math.cos(wide), math.sin(wide)
     # K_P times a larger distance from the goal would exceed the ceiling.
     s, u, reach = max(terms[0, 0], 0.0), terms[1, 0], ceiling / shoulder.weight_p + shoulder.margin
-    error = ball = stand(shoulder, shoulder.plane, s, u, 0.0, 0.0, sheet.place)
+    error = ball = rotate_onto_goal(shoulder, shoulder.plane, s, u, 0.0, 0.0, sheet.place)
     multiply(shoulder, shoulder.plane, sheet.place, False, by)
-    best = promised(shoulder, reach, sheet, by)
+    best = bound_by_single_joints(shoulder, reach, sheet, by)
     if kinds > 2:
-        error = stand(shoulder, shoulder.goal, s, u, terms[2, 0], terms[3, 0], sheet.place)
+        error = rotate_onto_goal(shoulder, shoulder.goal, s, u, terms[2, 0], terms[3, 0], sheet.place)
         multiply(shoulder, shoulder.goal, sheet.place, True, sheet.upright)
         best = take_better(shoulder, reach, sheet, sheet.upright, best)
     bound = settled_bound(shoulder, reach, sheet, sheet.share)

@@ -204,7 +204,7 @@ def matrix_row(rows: Array, r: int, l: int) -> Vector:
 
 
 @inlined
-def turn_rows(lanes: Lanes, rows: Array, w: int) -> None:
+def multiply_rows(lanes: Lanes, rows: Array, w: int) -> None:
     """Multiply the rows of every lane's Jacobian by the lane's matrices."""
     J = lanes.jacobian
     for i in range(J.shape[0]):
@@ -224,7 +224,7 @@ def range_step_routine(job: Job, move: bool) -> int:
     lanes = scratch.lanes
     if move:
         lanes_jacobian(task.chain.leader, task.links, lanes, 0.0, w)
-        turn_rows(lanes, ranges.rows, w)
+        multiply_rows(lanes, ranges.rows, w)
         lanes_hold(task.lower, task.upper, lanes, w)
         lanes_gram(scratch.damping[0], scratch.floor, lanes, w)
         lanes_solve(lanes, w)

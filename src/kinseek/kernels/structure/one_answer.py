@@ -17,7 +17,7 @@ from .swept_joint import direction, end_value, given_value
 ENOUGH = (CORRECTIONS + 1) * LANES
 """FK evaluations after which no further value of the swept joint is tried."""
 
-LED = (FIRST_STEPS + 1) * LANES // ENOUGH
+MOST_REFINED = (FIRST_STEPS + 1) * LANES // ENOUGH
 """Largest number of values of the swept joint whose candidates are refined: about the time of one round of the search."""
 
 
@@ -41,7 +41,7 @@ def closed_routine(job: Job, target: Target, near: Joints, request: int, q: Join
     task, w = task_at(job), job.width
     scratch, S, close = scratch_of(job, task), task.structure, request == NEAREST
     s = read_structure(S)
-    values, spent, value, led, skip = int(s.swept), 0, 0.0, 0, request - OFFER
+    values, spent, value, refined, skip = int(s.swept), 0, 0.0, 0, request - OFFER
     # The closed form of a nearby arm may miss a solution at a limit, possibly the nearest; and a swept joint has many
     # values.
     if s.kind == NONE or (close and (task.exact == 0 or values > 0)):
@@ -50,16 +50,16 @@ def closed_routine(job: Job, target: Target, near: Joints, request: int, q: Join
         middle(task, scratch.seed)
         near = scratch.seed
     displacement(S, target, scratch.displacement)
-    ahead = direction(s, scratch.displacement) if values > 0 else 0.0
+    towards = direction(s, scratch.displacement) if values > 0 else 0.0
     # The ends of its range come last: if few solutions remain, they are often there.
     for k in range(values + 2 if values > 0 else 1):
-        if spent > ENOUGH or led == LED:
+        if spent > ENOUGH or refined == MOST_REFINED:
             break
         if values > 0:
             value, inside = (
                 end_value(task, k - values)
                 if k >= values
-                else given_value(task, ahead + S[SWEPT_VALUES + k], near)
+                else given_value(task, towards + S[SWEPT_VALUES + k], near)
             )
             if not inside:
                 continue
@@ -70,11 +70,11 @@ def closed_routine(job: Job, target: Target, near: Joints, request: int, q: Join
                 if skip == 0:
                     return 1
                 offered, skip = offered + 1, skip - 1
-            led += 1 if offered > 0 else 0
+            refined += 1 if offered > 0 else 0
             continue
         if task.exact == 0:
             more = first_that_converges(job, task, scratch, target, q)
-            led += 1 if more != 0 else 0
+            refined += 1 if more != 0 else 0
         else:
             more = first_that_reaches(task, scratch, target, near, q)
         if more > 0:

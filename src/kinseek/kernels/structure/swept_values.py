@@ -42,9 +42,9 @@ def try_swept_values(
         restart(task, t, q)
         forward(task.chain, q, target)
         displacement(task.structure, target, scratch.displacement)
-        ahead = direction(s, scratch.displacement)
+        towards = direction(s, scratch.displacement)
         for k in range(len(swept_values)):
-            value, inside = given_value(task, ahead + swept_values[k], near)
+            value, inside = given_value(task, towards + swept_values[k], near)
             report[t, k] = 0
             if inside:
                 order_candidates(task, scratch, value, near, False, w)
