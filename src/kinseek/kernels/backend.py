@@ -63,6 +63,7 @@ class Library:
         Raises:
             ImportError: The library does not contain it.
         """
+        # A refusal is raised by the first call, so that kinseek can be imported.
         if self._refused or not self._has(entry.room):
             return self._compiled_when_called(entry)
         results = _bytes([_OF[leaf.element] for leaf in entry.returns])

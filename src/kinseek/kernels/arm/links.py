@@ -71,6 +71,7 @@ def links_of(chain: ChainArrays) -> Array:
             rows[joints] = np.column_stack([left, t]).ravel()
             sine, cosine, u, v = 0.0, 1.0, 0.0, 0.0
         else:
+            # Rz(a) and Tz(c) act along the axis of the previous joint, which takes them over.
             turn, slide = links[-1].turn_offset + before, links[-1].slide_offset + moved[2]
             links[-1] = links[-1]._replace(turn_offset=turn, slide_offset=slide)
         moves, stays = (chain.multiplier[k], chain.offset[k]), (0.0, 0.0)

@@ -116,6 +116,7 @@ def range_errors(out: Array, question: Array) -> tuple[float, float]:
         gap = beyond(out[i], question[LOW + i], question[HIGH + i])
         place += gap * gap
         angle = out[3 + i]
+        # A swing has no ranges, so all of it counts.
         if question[SWINGS] == 0.0:
             angle = beyond(angle, question[LOW + 3 + i], question[HIGH + 3 + i])
         turn += angle * angle

@@ -202,6 +202,7 @@ def search_routine(job: Job, target: Target, budget: float, near: Joints, close:
     if closest < np.inf:
         return spent
     if rounds == 0:
+        # The budget did not suffice for a single pass.
         seeds.middle(task, q)
         return spent
     seeds.copy_joints(scratch.best, descent.lowest_row(scratch.best_error), q)

@@ -59,6 +59,7 @@ def lanes_near(scene: CollisionModel, state: LaneState, least: float, w: int) ->
     for l in range(LANES):
         counts[l] = 0
     for m in range(len(scene.meeting)):
+        # The bounds are in ascending order: all further meetings are free as well.
         if inside and scene.apart_inside[m] > least:
             break
         if scene.apart[m] > least:

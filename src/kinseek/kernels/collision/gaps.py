@@ -305,6 +305,8 @@ def separating_plane(model: CollisionModel, state: LaneState, pair: Pair, query:
         towards = transposed_times(pair.way.R, scaled(-1.0, v))
         corner = minus(apply(pair.way, farthest(model, pair.a, towards)), farthest(model, pair.b, v))
         square, along = dot(v, v), dot(v, corner)
+        # No corner of the difference is farther towards the origin, so all of it lies beyond the plane through this
+        # one.
         lower = max(lower, along / math.sqrt(square) - thick)
         if lower > query.free:
             return Separation(FREE, lower, upper)

@@ -130,6 +130,7 @@ def make_lane_state(model: CollisionModel, memory: Array) -> LaneState:
     state: LaneState = lay_lane_state(memory.ctypes.data, *sizes_of(model))
     for r in range(12):
         for l in range(LANES):
+            # Entries 0, 5 and 10 are the diagonal of a matrix (3, 4) that is stored row by row.
             state.frames[0, r, l] = 1.0 if r % 5 == 0 else 0.0
     return state
 

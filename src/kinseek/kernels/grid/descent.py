@@ -198,6 +198,7 @@ def open_window(grid: Grid, passes: Passes, memory: GridMemory, progress: Indice
         if progress[LEAF] > 0:
             return True
         k, cell = progress[PASS], progress[CELL]
+        # A pass reads the beam that the pass before it has filled, and fills the other one.
         cells = memory.even if k % 2 == 0 else memory.odd
         beam = memory.odd if k % 2 == 0 else memory.even
         if cell == 0:

@@ -55,6 +55,8 @@ def many_closed(
     seeds = scratch.found
     for i in range(len(targets)):
         closed = closed_starts(task, structure, targets[i], scratch, seeds, w)
+        # If the closed form certainly gives no candidate, there is no solution. A candidate that misses the pose excludes
+        # nothing.
         report[i] = LEFT if closed.tried > 0 or closed.unsure else NO
         goal = GoalArrays(targets[i], task.position_weight, task.axis_weights)
         for j in range(closed.tried):

@@ -56,6 +56,7 @@ def push(heap: Heap, counts: Indices, bound: float) -> int:
     if count == counts[USED]:
         order[count] = count
         counts[USED] += 1
+    # Beyond `count`, the order lists the rows that are free.
     row: int = order[count]
     heap.bound[row] = bound
     sift_up(heap.bound, order, count)

@@ -67,6 +67,7 @@ def out_of_annulus(form: Form, proof_goal: ProofGoal, chain: ChainArrays, normal
             shift = point.z - along
         near = norm(Vector(point.x, point.y, shift))
         wide = math.sqrt(near * near + travel * travel)
+        # The triangle inequality for two distances, in [near, wide] and in [low, high].
         low, high = max(low - wide, near - high, 0.0), high + wide
         point = plus(scaled(along, column(fixed[k], 2)), column(fixed[k], 3))
     far = norm(minus(column(proof_goal.target, 3), point))

@@ -155,6 +155,7 @@ def dual_value(shoulder: Shoulder, reach: float, terms: Array, by: Array) -> flo
     )
     n2 += by[2]
     climb = K_P - math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    # The minimum of climb r - bent r² for 0 ≤ r ≤ reach: at an end, or where the derivative is 0.
     least = min((climb - bent * reach) * reach, 0.0)
     if bent < 0.0 and climb < 0.0 and climb > 2.0 * bent * reach:
         least = 0.25 * climb * climb / bent

@@ -96,6 +96,7 @@ def recentre(given: Array, c: Array, out: Array) -> None:
         for block in range(0, len(given), 3 * stride):
             for t in range(block, block + stride):
                 x, y = out[t + stride], out[t + 2 * stride]
+                # x cos q + y sin q = even cos δ + odd sin δ, and cos δ = 1 - (1 - cos δ).
                 even = x * cosine + y * sine
                 out[t] += even
                 out[t + stride] = -even

@@ -68,6 +68,7 @@ def halfway(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> int:
         scratch.radii[0, k] = radius(scratch, k, hand) + counts
         scratch.radii[1, k] = radius(scratch, k, goal) + counts
     least_rest, best = np.inf, 0
+    # The sums are six times the remainders of `rests`.
     for middle in range(m):
         total_width = rest = 0.0
         for k in range(middle, m):
