@@ -19,8 +19,8 @@ from kinseek.kernels.proof.box import Form, ProofGoal
 from kinseek.kernels.proof.last_joint import LastJoint
 from kinseek.kernels.proof.progress import ENDED
 from kinseek.proof.boxes import enclosed, excluded
-from kinseek.proof.look import look
 from kinseek.proof.reduce import question, start_boxes
+from kinseek.proof.single_boxes import examine
 from kinseek.solution import Solution
 
 from .command import ROOT, command, writes
@@ -70,7 +70,7 @@ def two_link_boxes(problem: Problem, largest: int) -> list[tuple[Array, bool]]:
     seen: list[tuple[Array, bool]] = []
     while queue and len(seen) < largest:
         box = queue.pop(0)
-        kept = not np.isnan(look(problem, asked, box[None], passes=0).left).any()
+        kept = not np.isnan(examine(problem, asked, box[None], passes=0).left).any()
         seen.append((box, kept))
         if kept and box[2:].max() > SMALLEST:
             i = int(np.argmax(box[2:]))

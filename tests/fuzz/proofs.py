@@ -23,8 +23,8 @@ from kinseek import Goal, Problem, Verdict
 from kinseek.errors import InternalError, KinseekError
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.proof.branch_and_bound import prove
-from kinseek.proof.look import holds, look
 from kinseek.proof.reduce import error_question, question, start_boxes
+from kinseek.proof.single_boxes import examine, holds
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.joints import Joint, serial_chain
 from kinseek.solution import conclude
@@ -247,17 +247,17 @@ def wrong_boxes(case: Case, rng: np.random.Generator) -> list[str]:
     quarter = np.round(centre / (np.pi / 2)) * np.pi / 2
     centre = np.where((rng.random(centre.shape) < 0.3) & (np.abs(quarter - seen) <= h), quarter, centre)
     h = h + 1e-15 * (1 + np.abs(centre) + h)
-    looks = look(problem, asked, np.hstack([centre, h]), ceiling, int(rng.integers(0, 3)))
-    given_up = int(np.isnan(looks.left).all(axis=(1, 2)).sum())
+    examined = examine(problem, asked, np.hstack([centre, h]), ceiling, int(rng.integers(0, 3)))
+    given_up = int(np.isnan(examined.left).all(axis=(1, 2)).sum())
     mode = f"by {'the error' if by_error else 'the tolerances'}, form {form.head, form.columns, form.tail, roll.present}"
     if given_up:
         wrong.append(f"{given_up} boxes given up that hold a pose, {mode}")
-    elif not (np.isfinite(looks.left).all() and np.isfinite(looks.lower).all()):
+    elif not (np.isfinite(examined.left).all() and np.isfinite(examined.lower).all()):
         wrong.append(f"a box that is not finite, {mode}")
-    elif not holds(form, looks.left, seen, 1e-13 * (1 + np.abs(seen))).all():
+    elif not holds(form, examined.left, seen, 1e-13 * (1 + np.abs(seen))).all():
         wrong.append(f"a box cut so that it loses a pose, {mode}")
-    elif ceiling is not None and (looks.lower > min(error, ceiling) * (1 + 1e-12) + slack).any():
-        wrong.append(f"a box bounded by {looks.lower.max():.6g} that holds an error {error:.6g}, {mode}")
+    elif ceiling is not None and (examined.lower > min(error, ceiling) * (1 + 1e-12) + slack).any():
+        wrong.append(f"a box bounded by {examined.lower.max():.6g} that holds an error {error:.6g}, {mode}")
     return wrong
 
 

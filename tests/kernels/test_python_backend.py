@@ -67,9 +67,9 @@ from kinseek.paths.certify import margins_of, prove_rows
 from kinseek.paths.plan import branch_ends
 from kinseek.proof import branch_and_bound, root_isolation
 from kinseek.proof.boxes import enclosed, excluded
-from kinseek.proof.look import look
 from kinseek.proof.reduce import error_question, question
 from kinseek.proof.shoulder import bounded_by_ball
+from kinseek.proof.single_boxes import examine
 from kinseek.solvers.atlas.index import PLAIN as PLAIN_TOLERANCES
 from kinseek.solvers.atlas.index import AtlasIndex
 
@@ -261,8 +261,8 @@ def bounds(arm: kinseek.Arm, kind: str, budget: int) -> Any:
         dof, rng = arm.dof - (1 if roll.present else 0), np.random.default_rng(1)
         half = (arm.upper - arm.lower)[:dof] / 2 * np.array([[1.0], [0.3], [0.1], [0.03], [0.01]])
         boxes = np.hstack([middle[:dof] + rng.uniform(-1, 1, (5, dof)) * (half[0] - half), half])
-        for looks in (look(problem, asked, boxes, ceiling) for ceiling in (None, 0.5, 0.05)):
-            found += [np.isnan(looks.left[:, 0, 0]), looks.lower]
+        for examined in (examine(problem, asked, boxes, ceiling) for ceiling in (None, 0.5, 0.05)):
+            found += [np.isnan(examined.left[:, 0, 0]), examined.lower]
         if kind != "cone":  # With more joints than conditions it is next to singular, and nobody asks for it.
             found.append(contractions(form, wanted, boxes))
     return found

@@ -16,8 +16,8 @@ from chains import awkward_joints, serial_chains
 from kinseek import Goal, Problem
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.proof.box import chord_of
-from kinseek.proof.look import holds, look
 from kinseek.proof.reduce import error_question, question, start_boxes
+from kinseek.proof.single_boxes import examine, holds
 from kinseek.robots.catalog import catalog_names
 from kinseek.robots.chain import SerialChain
 from reference import fk, weighted_error
@@ -93,7 +93,7 @@ def boxes_that_lose(chain: SerialChain, goal: Goal, q: Array, rng: np.random.Gen
     problem = Problem(chain, goal)
     asked = question(problem, trust)
     boxes, inside = boxes_around(chain, q, start_boxes(chain, asked[2].present)[0], rng)
-    return int((~holds(asked[0], look(problem, asked, boxes).left, inside, 1e-13)).sum())
+    return int((~holds(asked[0], examine(problem, asked, boxes).left, inside, 1e-13)).sum())
 
 
 def nearest_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.0) -> int:
@@ -109,9 +109,9 @@ def nearest_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.
     asked = error_question(problem, q, rng.choice([0.01, 0.99]), trust)
     boxes, inside = boxes_around(chain, q, start_boxes(chain, asked[2].present)[0], rng)
     ceiling, passes = error * (1 + 1e-12) + 1e-12, int(rng.integers(0, 3))
-    looks = look(problem, asked, boxes, ceiling, passes)
-    gone = ~holds(asked[0], looks.left, inside, 1e-13)
-    return int((gone | (looks.lower > error + 1e-11)).sum())
+    examined = examine(problem, asked, boxes, ceiling, passes)
+    gone = ~holds(asked[0], examined.left, inside, 1e-13)
+    return int((gone | (examined.lower > error + 1e-11)).sum())
 
 
 @pytest.mark.slow

@@ -22,9 +22,9 @@ from kinseek.kernels.proof.progress import FOUND, STOPPED
 from kinseek.kernels.proof.taylor import solve
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
-from kinseek.proof.look import holds, look
 from kinseek.proof.reduce import error_question, question, start_boxes
 from kinseek.proof.root_isolation import isolate
+from kinseek.proof.single_boxes import examine, holds
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.joints import Joint, serial_chain
 from kinseek.solution import Solution, conclude
@@ -139,10 +139,10 @@ def test_boxes_at_quarter_turns_keep_goals_at_quarter_turns(
         count = start_boxes(chain, asked[2].present).shape[1] // 2
         centre = np.array(middle[:count])
         h = np.abs(known[:count] - centre) + half[:count] + 2e-15
-        looks = look(problem, asked, np.concatenate([centre, h])[None], ceiling, passes)
-        assert not np.isnan(looks.left).any(), "given up"
-        assert looks.lower[0] <= error + 1e-12
-        assert holds(asked[0], looks.left, known[:count], 1e-13).all(), "cut"
+        examined = examine(problem, asked, np.concatenate([centre, h])[None], ceiling, passes)
+        assert not np.isnan(examined.left).any(), "given up"
+        assert examined.lower[0] <= error + 1e-12
+        assert holds(asked[0], examined.left, known[:count], 1e-13).all(), "cut"
 
 
 @pytest.mark.parametrize("angle", [1.8, 2.4, 3.0, np.pi])
@@ -220,7 +220,7 @@ def test_halves_of_a_box_hold_all_of_it(kind: str) -> None:
     for _ in range(2500):
         centre = float(rng.choice([0.0, np.pi, 10.0 ** rng.uniform(-3, 8)]))
         half = float(10.0 ** rng.uniform(-10, 1))
-        left = look(problem, asked, np.array([[centre, 0.0, half, 0.0]])).left[0]
+        left = examine(problem, asked, np.array([[centre, 0.0, half, 0.0]])).left[0]
         if (left[0] == left[1]).all():
             assert half < NARROW * (1.0 + centre)
             continue

@@ -32,7 +32,7 @@ from kinseek.problem import Problem
 from .boxes import PASSES, heap_for, no_places, tuning_of
 
 
-class Looks(NamedTuple):
+class Examined(NamedTuple):
     """Result of one test for each box."""
 
     left: Array
@@ -42,13 +42,13 @@ class Looks(NamedTuple):
     """Lower bound of the weighted error in it, (k,); 0 if the tolerances decide."""
 
 
-def look(
+def examine(
     problem: Problem,
     reduction: tuple[Form, ProofGoal, LastJoint],
     boxes: Array,
     ceiling: float | None = None,
     passes: int = PASSES,
-) -> Looks:
+) -> Examined:
     """Test boxes one by one, as the search for all solutions or for the least weighted error does.
 
     Args:
@@ -81,7 +81,7 @@ def look(
             left[k] = box
         elif counts[COUNT]:
             left[k] = room[:2]
-    return Looks(left, lower)
+    return Examined(left, lower)
 
 
 def holds(form: Form, left: Array, q: Array, slack: float | Array = 0.0) -> NDArray[np.bool_]:
@@ -89,7 +89,7 @@ def holds(form: Form, left: Array, q: Array, slack: float | Array = 0.0) -> NDAr
 
     Args:
         form: The part of the arm that the boxes refer to.
-        left: See `Looks`, (k, 2, 2 dof).
+        left: See `Examined`, (k, 2, 2 dof).
         q: Joint values inside each box, (dof,) or (k, dof).
         slack: How far outside counts as inside [rad] or [m], a number or (dof,).
 
