@@ -208,20 +208,6 @@ def test_every_pose_asked_for_is_counted_and_asked_inside_the_limits() -> None:
     assert ((q >= arm.lower) & (q <= arm.upper)).all()
 
 
-@pytest.mark.parametrize("budget", [1, 2, 20, 500])
-@pytest.mark.parametrize(
-    "solver",
-    [kinseek.Atlas(), kinseek.DivideAndConquer(), kinseek.BruteForce(4), kinseek.CoordinateDescent()],
-)
-def test_a_budget_is_kept(solver: kinseek.Solver, budget: int) -> None:
-    arm, box = wrapped("puma560")
-    T = arm.fk(random_joints(arm.chain, 1, 4)[0])
-    for near in (None, np.zeros(6)):
-        solution = solver.solve(Problem(box.mechanism, Goal.pose(T), near, budget))
-        assert solution.evaluations <= budget
-        assert np.isfinite(solution.weighted_error)
-
-
 def test_a_joint_without_a_range_stays() -> None:
     arm, _ = wrapped("panda")
     lower, upper = arm.lower, arm.upper

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import FrozenInstanceError, fields
+from itertools import product
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from kinseek import (
 )
 from kinseek.errors import InvalidSolver
 from kinseek.robots.chain import SerialChain
+from kinseek.solvers.traits import OwnSolver
 from reference import chordal_error, errors, fk, weighted_error
 
 ARMS = ("planar2", "cylindrical3", "scara4", "elbow6", "panda", "irb5400", "fk of planar2", "fk of scara4")
@@ -165,12 +167,22 @@ def test_polishing_never_spoils_what_is_polished(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("cls", "name"), CASES)
-@pytest.mark.parametrize("budget", [1, 100, 5000])
-def test_a_budget_is_kept(cls: type[Solver], name: str, budget: int) -> None:
-    arm, problem = asked(name, count=1)
-    solution = make(cls).solve(Problem(problem.mechanism, problem.goal, problem.near, budget))
-    assert (solution.evaluations <= budget).all()
-    assert ((solution.q >= arm.lower) & (solution.q <= arm.upper)).all()
+@pytest.mark.parametrize("budget", [1, 8, 100, 5000])
+def test_a_budget_is_kept(cls: type[OwnSolver], name: str, budget: int) -> None:
+    """In reach, at the edge of it and far beyond, from a start and without one, with ranges where a search takes them."""
+    arm, problem = asked(name)
+    T = problem.goal.target * np.ones((3, 1, 1))
+    T[1, :3, 3] *= 1.3
+    T[2, :3, 3] *= 20.0
+    goals = [Goal.pose(T)]
+    if cls.traits.ranges and isinstance(problem.mechanism, SerialChain):
+        goals.append(Goal.pose(T, free=("x", "rz"), box={"y": (0.0, 0.1)}))
+    for goal, near in product(goals, (None, problem.near)):
+        solution = make(cls).solve(Problem(problem.mechanism, goal, near, budget))
+        assert (solution.evaluations >= (cls is not Atlas)).all()  # It may return its start.
+        assert (solution.evaluations <= budget).all()
+        assert ((solution.q >= arm.lower) & (solution.q <= arm.upper)).all()
+        assert np.isfinite(solution.weighted_error).all()
 
 
 @pytest.mark.parametrize("cls", ALL_SOLVERS)

@@ -119,14 +119,6 @@ def test_order_is_the_papers_and_a_stop_ends_it() -> None:
     assert beam.errors[0] < threshold
 
 
-@pytest.mark.parametrize("budget", [1, 7, 53, 54])
-def test_a_budget_is_kept_to_the_leaf(budget: int) -> None:
-    arm = kinseek.load("scara4")
-    goal = kinseek.Goal.pose(arm.fk(arm.lower + 0.1))
-    nodes = [[0, 2, 5], [1, 3], [0, 6, 7], [2, 4, 6]]
-    assert search(arm.chain, goal, 9, nodes, budget=budget).leaves == budget
-
-
 def test_a_joint_with_more_values_than_the_table_holds() -> None:
     arm = kinseek.load("planar2")
     size = MOST_LANES + 5
