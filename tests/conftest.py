@@ -102,12 +102,15 @@ def _no_picture_and_no_style_is_left() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def _spheres_are_fitted_once_to_a_shape() -> Iterator[None]:
-    """Reuse the cover of an equal shape in another scene: to fit spheres to a cylinder takes half a second."""
+    """Reuse the cover of an equal shape or group of shapes in another scene: to fit spheres takes up to half a second.
+
+    Other modules have the public functions of `spheres` under names of their own, so what these call is replaced.
+    """
     from kinseek.collision import spheres
 
-    fit, covers = spheres.cover_of, dict[Any, spheres.Cover]()
+    fit, covers = spheres._fitted, dict[Any, spheres.Cover]()
 
-    def cover_of(shape: Shape) -> spheres.Cover:
+    def fitted(shape: Shape) -> spheres.Cover:
         numbers = (np.asarray(getattr(shape, field.name)).tobytes() for field in fields(shape))
         key = (type(shape), *numbers)
         if key not in covers:
@@ -115,5 +118,5 @@ def _spheres_are_fitted_once_to_a_shape() -> Iterator[None]:
         return covers[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(spheres, "cover_of", cover_of)
+        patch.setattr(spheres, "_fitted", fitted)
         yield
