@@ -94,20 +94,6 @@ def test_distances_are_those_of_pinocchio_on_the_same_file(
     assert 3 < touching < 57
 
 
-@pytest.mark.slow
-def test_outer_spheres_and_boxes_bound_the_distance_from_below(arm: kinseek.Arm, scene: Scene) -> None:
-    scene.add_box("table", (0.3, 0.5, 0.1), kinseek.pose([0.4, 0.1, 0.3], rpy=[0.3, 0.2, 0.1]))
-    scene.add_capsule("pole", 0.03, 0.6, kinseek.pose([-0.4, 0.2, 0.3]))
-    scene.add_points("cloud", np.random.default_rng(0).uniform(-1, 1, (40, 3)), 0.02)
-    engine, q = scene._engine, arm.sample(50, seed=2)
-    bounds = engine.bounds(q)
-    distances = np.array([[near.distance for near in engine.near(one)] for one in q])
-    assert (bounds > 0).mean() > 0.5  # They say something,
-    assert (bounds[bounds > 0] <= distances[bounds > 0] + 1e-9).all()  # and nothing that is wrong.
-    assert (scene.free(q) == (distances.min(axis=1) > 1e-6)).all()
-    assert (scene.free(q, 0.03) == (distances.min(axis=1) > 0.03 + 1e-6)).all()
-
-
 def test_a_sphere_and_a_box_are_as_far_apart_as_on_paper() -> None:
     arm = kinseek.Arm.from_dh([[0.5, 0, 0, 0], [0.5, 0, 0, 0]], [-3, -3], [3, 3])
     scene = Scene.of(arm, capsules=0.05)

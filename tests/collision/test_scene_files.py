@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -362,26 +363,6 @@ def test_a_file_that_is_not_there_and_a_name_that_is_taken(tmp_path: Path, scene
         scene.add_file(path, np.zeros(3), prefix="x")
 
 
-@pytest.mark.slow
-def test_a_scene_with_too_many_bodies_is_refused(tmp_path: Path, scene: Scene) -> None:
-    """Each two are a pair: 1 MB of text with 30,000 boxes filled the memory."""
-    room = MOST_SHAPES - len(scene.bodies)
-
-    def boxes(count: int) -> Path:
-        each = "".join(f"* o{i}\n1\nbox\n1 1 1\n{i} 0 0\n0 0 0 1\n0 0 0 0\n" for i in range(count))
-        return written(tmp_path, "many.scene", f"world\n{each}.\n")
-
-    before = scene.bodies
-    with pytest.raises(
-        InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies, expected at most {MOST_SHAPES:,}"
-    ):
-        scene.add_file(boxes(room + 1))
-    assert scene.bodies == before
-    scene.add_file(boxes(room))
-    with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
-        scene.add_box("one more", (1, 1, 1))
-
-
 @pytest.mark.parametrize(
     ("count", "what"),
     [
@@ -407,48 +388,51 @@ def test_a_scene_is_refused_before_all_of_it_is_read(
     assert scene.bodies == before
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("suffix", [".scene", ".urdf"])
-def test_a_body_of_too_many_shapes_is_refused(tmp_path: Path, scene: Scene, suffix: str) -> None:
-    """The first question about 10,000 shapes took minutes, whether one body has them or many."""
-    room = MOST_SHAPES - len(scene.bodies)  # Each has one.
-
-    def spheres(count: int) -> Path:
-        if suffix == ".scene":
-            text = "world\n* many\n" + str(count) + count * "\nsphere\n1\n5 0 0\n0 0 0 1\n0 0 0 0" + "\n.\n"
-        else:
-            one = '<collision><geometry><sphere radius="1"/></geometry></collision>'
-            text = f'<robot name="many"><link name="many">{count * one}</link></robot>'
-        return written(tmp_path, f"many{suffix}", text)
-
-    before = scene.bodies
-    with pytest.raises(
-        InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies, expected at most {MOST_SHAPES:,}"
-    ):
-        scene.add_file(spheres(room + 1))
-    assert scene.bodies == before
-    scene.add_file(spheres(room))
-    with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
-        scene.attach("one more", Box((1, 1, 1)), "tool0")
-    assert scene.bodies == (*before, "many")
+BALL = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
 
 
-def test_links_of_too_many_shapes_are_refused() -> None:
+def with_a_tool_of(balls: int) -> kinseek.Arm:
+    """A UR5e with so many shapes at its last link."""
     urdf = kinseek.load("ur5e").chain.urdf.decode()
-    one = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
-    urdf = urdf.replace('<link name="tool0"/>', f'<link name="tool0">{(MOST_SHAPES + 1) * one}</link>')
-    with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
-        Scene.of(kinseek.load(urdf))
+    return kinseek.load(urdf.replace('<link name="tool0"/>', f'<link name="tool0">{balls * BALL}</link>'))
+
+
+MANY: dict[str, Callable[[int], str]] = {
+    "bodies.scene": lambda count: (
+        "world\n"
+        + "".join(f"* o{i}\n1\nbox\n1 1 1\n{i} 0 0\n0 0 0 1\n0 0 0 0\n" for i in range(count))
+        + ".\n"
+    ),
+    "body.scene": lambda count: (
+        f"world\n* many\n{count}" + count * "\nsphere\n1\n5 0 0\n0 0 0 1\n0 0 0 0" + "\n.\n"
+    ),
+    "body.urdf": lambda count: f'<robot name="many"><link name="many">{count * BALL}</link></robot>',
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MANY)
+def test_too_many_shapes_are_refused_in_one_body_or_many(name: str, tmp_path: Path, scene: Scene) -> None:
+    """Each two are a pair: 1 MB of text with 30,000 boxes filled the memory, and of 10,000 spheres the first question took
+    minutes."""
+    told = f"{MOST_SHAPES + 1:,} shapes of bodies, expected at most {MOST_SHAPES:,}"
+    before = scene.bodies
+    room = MOST_SHAPES - len(before)  # Each has one.
+    with pytest.raises(InvalidScene, match=told):
+        scene.add_file(written(tmp_path, name, MANY[name](room + 1)))
+    assert scene.bodies == before
+    added = scene.add_file(written(tmp_path, name, MANY[name](room)))
+    assert scene.bodies == (*before, *added)
+    with pytest.raises(InvalidScene, match=told):
+        scene.add_box("one more", (1, 1, 1))
+    with pytest.raises(InvalidScene, match=told):
+        scene.attach("one more", Box((1, 1, 1)), "tool0")
 
 
 def test_too_many_pairs_of_shapes_are_refused(tmp_path: Path) -> None:
     """A link and an obstacle of 990 shapes each took 6 GB."""
-    one = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
-    urdf = kinseek.load("ur5e").chain.urdf.decode()
-    urdf = urdf.replace('<link name="tool0"/>', f'<link name="tool0">{500 * one}</link>')
-    scene = Scene.of(kinseek.load(urdf))
-    cell = f'<robot name="cell"><link name="table">{500 * one}</link></robot>'
-    scene.add_file(written(tmp_path, "cell.urdf", cell))
+    scene = Scene.of(with_a_tool_of(500))
+    scene.add_file(written(tmp_path, "cell.urdf", MANY["body.urdf"](500)))
     with pytest.raises(
         InvalidScene, match=f"250,000 pairs of shapes have to be checked, expected at most {MOST_PAIRS:,}"
     ):
@@ -537,12 +521,9 @@ def test_neighbours_of_long_chains_are_found_in_no_time() -> None:
 
 
 def test_the_number_of_shapes_is_counted_as_they_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    urdf = kinseek.load("ur5e").chain.urdf.decode()
-    one = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
-    urdf = urdf.replace('<link name="tool0"/>', f'<link name="tool0">{(MOST_SHAPES + 1) * one}</link>')
     monkeypatch.setattr("kinseek.collision.bodies.neighbours_of", lambda *_: pytest.fail("it went on"))
     with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
-        Scene.of(kinseek.load(urdf))
+        Scene.of(with_a_tool_of(MOST_SHAPES + 1))
 
 
 def test_an_arm_of_many_joints_is_sampled_in_time(tmp_path: Path) -> None:

@@ -152,14 +152,17 @@ def test_every_closed_surface_is_solid_however_it_is_oriented(name: str) -> None
         assert np.array_equal(again.interior.faces, mesh.interior.faces)
 
 
-def test_boxes_that_share_an_edge_or_a_side_are_both_solid() -> None:
-    for place, inverted in (([4, 4, 0], False), ([4, 4, 0], True), ([4, 0, 0], False)):
-        vertices, faces = cube(4, inverted=inverted)
-        mesh = Mesh(*together(cube(4), (vertices + place, faces)), False)
-        assert mesh.closed
-        assert mesh.holds(CENTRE)
-        assert mesh.holds(np.array(place) + 0.01)
-        assert not mesh.holds(np.array([0.01, 3.02, 0.03]))
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("place", [[4, 4, 0], [4, 0, 0]])
+def test_boxes_that_share_an_edge_or_a_side_are_both_solid(place: list[int], mirrored: bool) -> None:
+    """The volumes of two halves of which one is mirrored cancel; the scene was free inside of both."""
+    vertices, faces = cube(4)
+    other = vertices * [-1, 1, 1] if mirrored else vertices
+    mesh = Mesh(*together((vertices, faces), (other + place, faces)), False)
+    assert mesh.holds(CENTRE)
+    assert mesh.holds(np.array(place) + 0.01)
+    assert not mesh.holds(np.array([0.01, 3.02, 0.03]))
+    assert mesh.closed or (mirrored and place == [4, 0, 0])
 
 
 def test_a_thin_surface_has_an_inside() -> None:
@@ -481,19 +484,6 @@ def test_depths_below_many_planes_take_little_memory() -> None:
     assert (farthest_beyond(points, some) == (points @ some[:3] + some[3]).max(axis=1)).all()
     assert (found >= farthest_beyond(points, some) - 1e-12).all()
     assert found[0] == pytest.approx((points[0] @ planes[:3] + planes[3]).max(), abs=1e-12)
-
-
-def test_bodies_that_touch_and_are_oriented_differently_are_solid() -> None:
-    """Halves of which one is mirrored have volumes that cancel; the scene was free inside of both."""
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    half = np.array([[(a, b, c), (a, c, d)] for a, b, c, d in sides]).reshape(-1, 3)
-    halves = Mesh(
-        np.concatenate([corners, corners * [-1, 1, 1]]), np.concatenate([half, half + 8]), hull=False
-    )
-    assert halves.holds(np.array([0.5, 0.4, 0.6]))
-    assert halves.holds(np.array([-0.5, 0.4, 0.6]))
-    assert not halves.holds(np.array([0.5, 0.4, 1.6]))
 
 
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
