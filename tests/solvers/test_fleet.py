@@ -36,18 +36,10 @@ def check(arm: kinseek.Arm, made_from: Array) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", catalog_names())
-def test_random_targets_are_solved(name: str) -> None:
+def test_targets_anywhere_and_near_singularities_and_limits_are_solved(name: str) -> None:
     arm = kinseek.load(name)
-    q = random_joints(arm.chain, 2000, seed=11)
-    check(arm, q)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", catalog_names())
-def test_targets_near_singularities_and_limits_are_solved(name: str) -> None:
-    arm = kinseek.load(name)
-    q = singular_joints(arm.chain, 500, seed=12)
-    check(arm, q)
+    check(arm, random_joints(arm.chain, 2000, seed=11))
+    check(arm, singular_joints(arm.chain, 500, seed=12))
 
 
 @pytest.mark.parametrize(("seed", "number"), [(0, 291), (3, 2734), (4, 1115)])

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
-from benchmarks.branches import apart, eaik
+from benchmarks.branches import apart
 from benchmarks.targets import plain_fk, random_joints, strict
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.structure.candidates import ROUNDING
@@ -157,27 +157,6 @@ def test_lines_meet_where_they_do() -> None:
 
 # Beside two singularities at once
 
-MISSED = {"ur5e": [1937], "ur10e": [34, 1937], "puma560": [4015, 8861]}
-"""Targets of `python -m benchmarks.branches` at which the search alone lacks an answer."""
-
-
-@pytest.mark.parametrize(("name", "numbers"), MISSED.items())
-def test_what_a_search_misses_beside_two_singularities_is_found(name: str, numbers: list[int]) -> None:
-    arm = kinseek.load(name)
-    assert_answers(arm, random_joints(arm.chain, 10_000, 0)[numbers])
-
-
-@pytest.mark.parametrize(("name", "numbers"), MISSED.items())
-def test_there_a_closed_form_of_others_has_no_more(name: str, numbers: list[int]) -> None:
-    pytest.importorskip("eaik.IK_HP")
-    arm = kinseek.load(name)
-    solve = eaik(arm)
-    for target in plain_fk(arm.chain, random_joints(arm.chain, 10_000, 0)[numbers]):
-        found, other = arm.branches(target), solve(target)
-        other = other[strict(arm.chain, other, np.broadcast_to(target, (len(other), 4, 4)))]
-        assert isinstance(found, kinseek.Branches)
-        assert (apart(other, found.q).min(axis=1) < 1e-3).all()
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5e", "kr6r900"])
@@ -293,14 +272,6 @@ def test_limits_that_an_answer_touches_keep_it() -> None:
         assert apart(q[None], found.q).min() < 1e-6
         assert (found.q >= pinned.lower).all()
         assert (found.q <= pinned.upper).all()
-
-
-def test_a_pose_out_of_reach_has_none() -> None:
-    for name in ("ur5e", "puma560"):
-        found = kinseek.load(name).branches(kinseek.pose([3.0, 0.0, 0.0]))
-        assert isinstance(found, kinseek.Branches)
-        assert len(found) == 0
-        assert found.evaluations <= 16
 
 
 def test_wide_tolerances_are_searched() -> None:
