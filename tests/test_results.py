@@ -127,10 +127,18 @@ def test_what_is_no_index_and_what_is_out_of_range() -> None:
 # --- attributes -----------------------------------------------------------------------------------------------------
 
 
-def test_every_field_of_a_batch_has_its_shape() -> None:
-    for solver in (kinseek.Atlas(), kinseek.CoordinateDescent()):
-        batch = batch_of((2, 3), solver=solver)
-        assert {getattr(batch, name).shape for name in (*COLUMNS, "status")} == {(2, 3)}
+@pytest.mark.parametrize("shape", [(1,), (3,), (2, 3), (0,), (2, 0)])
+@pytest.mark.parametrize(
+    "solver",
+    [kinseek.Atlas(), kinseek.CoordinateDescent(), kinseek.DivideAndConquer(), kinseek.Polished()],
+    ids=lambda solver: type(solver).__name__,
+)
+def test_every_field_of_a_batch_has_its_shape(solver: kinseek.Solver, shape: tuple[int, ...]) -> None:
+    batch = batch_of(shape, solver=solver)
+    assert batch.q.shape == (*shape, 4)
+    assert {getattr(batch, name).shape for name in (*COLUMNS, "status")} == {shape}
+    assert batch.success.dtype == bool
+    assert f"{batch.success.sum()} of {batch.success.size} solved" in repr(batch)
 
 
 @pytest.mark.parametrize("make", [ARM.ik, lambda T: ARM.ik(T, near=np.zeros(4)), ARM.branches])

@@ -50,35 +50,12 @@ def test_require_returns_or_raises_with_the_solution() -> None:
         far.require()
 
 
-@pytest.mark.parametrize("shape", [(1,), (3,), (2, 3), (0,), (2, 0)])
-@pytest.mark.parametrize("solver", [kinseek.DivideAndConquer(), kinseek.Polished()])
-def test_batches_of_any_shape(shape: tuple[int, ...], solver: kinseek.Solver) -> None:
-    Ts = ARM.fk(np.full((*shape, 2), 0.5))
-    solution = ARM.ik(Ts, solver=solver)
-    assert solution.q.shape == (*shape, 2)
-    for name in ("success", "position_error", "orientation_error", "weighted_error", "evaluations", "status"):
-        assert getattr(solution, name).shape == shape
-    assert solution.success.dtype == bool
-    assert f"of {int(np.prod(shape))} solved" in repr(solution)
-
-
-def test_an_empty_batch() -> None:
-    arm = kinseek.load("panda")
-    assert arm.ik(np.empty((0, 4, 4))).q.shape == (0, 7)
-
-
 def test_one_pose_gives_plain_numbers_and_a_short_text() -> None:
     solution = judged(Q)
     kinds = [type(getattr(solution, name)) for name in ("success", "position_error", "evaluations")]
     assert kinds == [bool, float, int]
     assert repr(solution).startswith("Solution(SOLVED, q=[1., 2.], position_error=")
     assert str(Status.SOLVED).startswith("Solved:")
-
-
-def test_solutions_pickle() -> None:
-    solution = pickle.loads(pickle.dumps(judged(Q)))
-    np.testing.assert_array_equal(solution.q, Q)
-    assert solution.problem.chain.name == "planar2"
 
 
 def test_errors_and_their_solution_pickle() -> None:

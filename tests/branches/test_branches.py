@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import re
 from importlib.util import find_spec
 from typing import Any
@@ -267,8 +266,6 @@ def test_errors_are_recomputed_and_everything_explains_itself() -> None:
     assert "not proved complete" in repr(branches)
     with pytest.raises(AttributeError, match="nothing"):
         _ = branches.nothing  # type: ignore[attr-defined]
-    again = pickle.loads(pickle.dumps(branches))
-    np.testing.assert_array_equal(again.q, branches.q)
 
 
 def test_the_same_bits_alone_and_in_a_batch_at_every_thread_count() -> None:

@@ -82,9 +82,3 @@ def test_a_notebook_shows_a_figure_once(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == ["[] True"] * 3 + ["[1] 10.0"]
     assert (tmp_path / "arm.png").stat().st_size > 1000
-
-
-def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(kinseek.MissingExtra, match=r"kinseek\[plot\]"):
-        plots.plane()

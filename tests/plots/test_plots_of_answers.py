@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,13 +23,6 @@ PLANAR, UR5E, PANDA = (kinseek.load(name) for name in ("planar2", "ur5e", "panda
 DOWN = kinseek.pose([0.4, 0.2, 0.3], rpy=[np.pi, 0.0, 0.0])
 FAR = kinseek.pose([0.9, 0.2, 0.5], rpy=[np.pi, 0.0, 0.0])
 POINT = kinseek.Goal.position(PLANAR.fk([2.0, 1.1])[:3, 3])
-
-
-@pytest.fixture(autouse=True)
-def closed() -> Iterator[None]:
-    """No figure is kept."""
-    yield
-    plots.figures.pyplot().close("all")
 
 
 def lines_of(axes: Any) -> list[Any]:

@@ -75,15 +75,14 @@ def test_a_fork_in_the_middle_of_calls_of_other_threads_works() -> None:
 def test_arms_and_answers_can_be_pickled(name: str) -> None:
     arm = arm_of(name)
     pose = arm.fk(arm.sample(1, seed=2)[0])
-    kept = [
-        arm,
-        arm.ik(pose),
-        arm.branches(pose),
-        arm.follow(np.array([pose, pose])),
-        kinseek.Goal.pose(pose),
-    ]
-    for one in kept:
+    poses = np.array([pose, pose])
+    results: list[Any] = [arm.ik(pose), arm.ik(poses), arm.branches(pose), arm.follow(poses)]
+    for one in results:
         again = pickle.loads(pickle.dumps(one))
         assert type(again) is type(one)
+        np.testing.assert_array_equal(again.q, one.q)
+        np.testing.assert_array_equal(again.problem.goal.target, one.problem.goal.target)
+        assert again.problem.chain.name == name
+    assert pickle.loads(pickle.dumps(kinseek.Goal.pose(pose))).target.tobytes() == pose.tobytes()
     again = pickle.loads(pickle.dumps(arm))
     assert again.ik(pose).q.tobytes() == arm.ik(pose).q.tobytes()

@@ -19,7 +19,6 @@ from benchmarks.targets import plain_fk, pose_errors, random_joints, singular_jo
 from kinseek import Goal, InvalidProblem, InvalidRobot, InvalidSolver, KinseekError, Problem, Status
 from kinseek.errors import FailedKinematics
 from kinseek.solvers.black_box.samples import nearest_columns
-from reference import errors, fk, weighted_error
 
 Array = NDArray[np.float64]
 
@@ -89,30 +88,6 @@ def test_a_catalog_arm_as_a_function_is_solved_as_often(name: str, kinds: bool) 
     assert strict(arm.chain, solution.q, targets)[:40].all()
     assert solution.success[40:].sum() >= 19
     np.testing.assert_array_equal(strict(arm.chain, solution.q, targets), solution.success)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["pose", "position", "pointing"])
-def test_errors_are_those_of_the_function_and_limits_are_kept(kind: str) -> None:
-    arm, box = wrapped("panda")
-    T = arm.fk(random_joints(arm.chain, 12, 5))
-    T[-2:, :3, 3] *= 3.0  # Out of reach.
-    goal = {
-        "pose": Goal.pose(T, orientation_weight=0.5),
-        "position": Goal.position(T[:, :3, 3]),
-        "pointing": Goal.pointing(T[:, :3, 3], T[0, :3, 2], (0.0, 0.6, 0.8)),
-    }[kind]
-    solution = box.ik(goal)
-    assert solution.success[:-2].sum() >= (10 if kind != "pointing" else 5)
-    assert not solution.success[-2:].any()
-    assert ((solution.q >= arm.lower) & (solution.q <= arm.upper)).all()
-    for i, q in enumerate(solution.q):
-        reached = fk(arm.chain, q)
-        position, orientation = errors(reached, goal, goal.target[i])
-        assert solution.position_error[i] == pytest.approx(position, rel=1e-9, abs=1e-12)
-        assert solution.orientation_error[i] == pytest.approx(orientation, rel=1e-6, abs=1e-8)
-        weighted = weighted_error(reached, goal, goal.target[i])
-        assert solution.weighted_error[i] == pytest.approx(weighted, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["position", "pointing"])

@@ -10,28 +10,6 @@ import pytest
 import kinseek
 from kinseek import solvers
 
-FIRST_ANSWER = """
-import sys
-import kinseek
-arm = kinseek.load("ur5e")
-assert arm.ik(arm.fk([0.1, -1.0, 1.2, 0.3, 0.4, 0.5])).success
-print(*sys.modules)
-"""
-
-
-def test_the_first_answer_imports_no_other_room() -> None:
-    told = subprocess.run([sys.executable, "-c", FIRST_ANSWER], capture_output=True, text=True, check=True)
-    for room in (
-        "collision",
-        "paths",
-        "branches",
-        "maps",
-        "kernels.grid",
-        "kernels.branches",
-        "kernels.collision",
-    ):
-        assert f"kinseek.{room}" not in told.stdout.split()
-
 
 def test_rooms_are_there_without_a_second_import() -> None:
     asked = "import kinseek; print(kinseek.collision.Sphere.__name__, kinseek.branches.__name__, kinseek.paths.__name__)"

@@ -536,13 +536,6 @@ def test_without_viser_the_extra_is_named() -> None:
     assert "pip install 'kinseek[view]'" in said
 
 
-@pytest.mark.slow
-def test_importing_the_viewer_imports_no_viser() -> None:
-    code = "import sys, kinseek.viewer; print('viser' in sys.modules, 'trimesh' in sys.modules)"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert said.split() == ["False", "False"]
-
-
 def test_a_worker_takes_the_newest_and_outlives_a_fault(caplog: pytest.LogCaptureFixture) -> None:
     done: list[int] = []
     gate, began = threading.Event(), threading.Event()
