@@ -1,4 +1,4 @@
-"""Serial chains and joint values for tests: random chains for hypothesis, and joint values where arms are awkward."""
+"""Serial chains, joint values and poses for tests: random chains for hypothesis, and joint values where arms are awkward."""
 
 from __future__ import annotations
 
@@ -56,6 +56,11 @@ def serial_chains(draw: st.DrawFn, most: int = 5) -> SerialChain:
         )
         joints.insert(where, joint)
     return serial_chain(joints, draw(poses()), name="random", base="base", tip="tip")
+
+
+def random_poses(arm: kinseek.Arm, count: int, seed: int = 0) -> np.ndarray:
+    """Poses of an arm with joint values anywhere inside its limits, (count, 4, 4)."""
+    return arm.fk(np.random.default_rng(seed).uniform(arm.lower, arm.upper, (count, arm.dof)))
 
 
 def awkward_joints(chain: SerialChain, rng: np.random.Generator) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import kinseek
+from chains import random_poses
 from inlined import inlined
 from kinseek.errors import InvalidProblem, InvalidUse
 from kinseek.kernels.atlas.memory import LAYOUT
@@ -77,16 +78,12 @@ def holds_together(solution: Solution) -> None:
     assert all(len(line) <= WIDTH for line in str(trace).splitlines())
 
 
-def targets(arm: kinseek.Arm, count: int, seed: int = 1) -> np.ndarray:
-    return arm.fk(np.random.default_rng(seed).uniform(arm.lower, arm.upper, (count, arm.dof)))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["planar2", "scara4", "elbow6"])
 @pytest.mark.parametrize("search", SEARCHES)
 def test_asking_changes_no_bit_and_the_passes_add_up(robot: str, search: str) -> None:
     arm = kinseek.load(robot)
-    for target in targets(arm, 3):
+    for target in random_poses(arm, 3, 1):
         plain = arm.ik(target, solver=SEARCHES[search])
         traced = arm.ik(target, solver=SEARCHES[search], trace=True)
         same(plain, traced)
@@ -104,7 +101,7 @@ def test_every_search_keeps_a_trace() -> None:
 @pytest.mark.parametrize("robot", ["panda", "gen3", "scara4"])
 def test_the_atlas_tells_every_round(robot: str, near: float | None) -> None:
     arm = kinseek.load(robot)
-    poses = targets(arm, 24)
+    poses = random_poses(arm, 24, 1)
     span = arm.chain.reach
     out = poses[::2, :3, 3]  # At the edge of reach: farther away no restart is tried.
     out *= np.linspace(0.8, 0.95, len(out))[:, None] * span / np.linalg.norm(out, axis=1)[:, None]
@@ -125,7 +122,7 @@ def test_the_atlas_tells_every_round(robot: str, near: float | None) -> None:
 def test_a_round_of_the_atlas_begins_at_its_samples() -> None:
     # A solved round leads from its seed to its answer, and the seed is near the goal already.
     arm = kinseek.load("jaco2_6")
-    for pose in targets(arm, 10):
+    for pose in random_poses(arm, 10, 1):
         trace = arm.ik(pose, trace=True).trace
         first = trace[1]
         assert first.name == "4 nearest samples"
@@ -150,7 +147,7 @@ def test_seeds_are_read_where_the_desk_has_them() -> None:
 @pytest.mark.slow
 def test_a_batch_has_a_trace_for_each() -> None:
     arm = kinseek.load("scara4")
-    poses = targets(arm, 6).reshape(2, 3, 4, 4)
+    poses = random_poses(arm, 6, 1).reshape(2, 3, 4, 4)
     for search in (kinseek.DivideAndConquer(), kinseek.CoordinateDescent(), kinseek.Polished(), None):
         traced = arm.ik(poses, solver=search, trace=True)
         # A plain batch is answered eight targets at a time, each counted by itself; a trace takes them one by one.
@@ -225,7 +222,7 @@ def test_the_memory_that_is_refused_is_an_upper_bound() -> None:
     from kinseek.trace import pass_memory
 
     arm = kinseek.load("elbow6")
-    poses = targets(arm, 20)
+    poses = random_poses(arm, 20, 1)
     search = kinseek.DivideAndConquer()
     arm.ik(poses, solver=search, trace=True)
     tracemalloc.start()
@@ -256,7 +253,7 @@ def test_with_a_proof_the_trace_stays() -> None:
 @pytest.mark.parametrize("search", SEARCHES)
 def test_within_a_budget_too(search: str, budget: int) -> None:
     arm = kinseek.load("scara4")
-    for target in targets(arm, 2):
+    for target in random_poses(arm, 2, 1):
         problem = Problem(arm.chain, kinseek.Goal.pose(target), budget=budget)
         traced = SEARCHES[search].solve(replace(problem, trace=True))
         same(SEARCHES[search].solve(problem), traced)
@@ -271,7 +268,7 @@ def test_within_a_budget_too(search: str, budget: int) -> None:
 def test_a_time_limit_is_noted() -> None:
     arm = kinseek.load("elbow6")
     search = kinseek.DivideAndConquer(breadth=4, beam=4000)
-    solution = arm.ik(targets(arm, 2), solver=search, time_limit=0.05, trace=True)
+    solution = arm.ik(random_poses(arm, 2, 1), solver=search, time_limit=0.05, trace=True)
     assert solution.out_of_time.all()
     assert solution.trace[0].notes == ("The time limit ended the search.",)
     holds_together(solution[0])
@@ -302,7 +299,7 @@ def test_windows_are_those_of_the_search(robot: str, reading: str) -> None:
     arm = kinseek.load(robot)
     search = kinseek.DivideAndConquer(breadth=2, **READINGS[reading])
     full = (arm.upper - arm.lower) * arm.chain.wraps * search.wrap
-    for target in targets(arm, 5):
+    for target in random_poses(arm, 5, 1):
         trace = arm.ik(target, solver=search, trace=True).trace
         for before, each in pairwise([None, *trace]):
             assert each.evaluations == np.prod(each.counts)
@@ -397,7 +394,7 @@ def test_functions_too(search: str) -> None:
         pytest.skip("these refuse functions")
     inner = kinseek.load("planar2")
     arm = kinseek.Arm.from_fk(inner.fk, inner.lower, inner.upper, kinds="revolute")
-    for target in targets(inner, 2):
+    for target in random_poses(inner, 2, 1):
         target[:3, 3] *= 1.0 if target[0, 3] > 0 else 1.5
         plain = arm.ik(target, solver=SEARCHES[search])
         traced = arm.ik(target, solver=SEARCHES[search], trace=True)
@@ -408,7 +405,7 @@ def test_functions_too(search: str) -> None:
 @pytest.mark.slow
 def test_free_axes_have_a_trace_too() -> None:
     arm = kinseek.load("panda")
-    pose = targets(arm, 1)[0]
+    pose = random_poses(arm, 1, 1)[0]
     for goal in (kinseek.Goal.pose(pose, free=["rz"]), kinseek.Goal.pose(pose, free=["x", "rz"])):
         traced = arm.ik(goal, trace=True)
         same(arm.ik(goal), traced)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import kinseek
+from chains import random_poses
 from kinseek import ALL_SOLVERS, BruteForce, DivideAndConquer, Goal, PathStatus, Problem, Solver, Status
 from kinseek.errors import InvalidProblem, InvalidSolver
 from kinseek.paths import impossible
@@ -29,10 +30,6 @@ def make(cls: type[Solver]) -> Solver:
     return BruteForce(4) if cls is BruteForce else cls()
 
 
-def poses(arm: kinseek.Arm, count: int) -> np.ndarray:
-    return arm.fk(np.random.default_rng(2).uniform(arm.lower, arm.upper, (count, arm.dof)))
-
-
 def judged(arm: kinseek.Arm, solution: kinseek.Solution) -> None:
     """Inside the limits, with the errors of plain FK."""
     assert ((solution.q >= arm.lower) & (solution.q <= arm.upper)).all()
@@ -46,7 +43,11 @@ def judged(arm: kinseek.Arm, solution: kinseek.Solution) -> None:
 @pytest.mark.parametrize("shape", [(), (3,), (2, 2), (0,)])
 def test_no_time_gives_the_start_and_says_so(cls: type[Solver], shape: tuple[int, ...]) -> None:
     arm = kinseek.load("scara4")
-    T = poses(arm, 5)[: int(np.prod(shape))].reshape(*shape, 4, 4) if shape else poses(arm, 1)[0]
+    T = (
+        random_poses(arm, 5, 2)[: int(np.prod(shape))].reshape(*shape, 4, 4)
+        if shape
+        else random_poses(arm, 1, 2)[0]
+    )
     near = arm.lower + 0.3 * (arm.upper - arm.lower)
     for start in (None, near):
         solution = make(cls).solve(Problem(arm.mechanism, Goal.pose(T), start, time_limit=SHORT))
@@ -61,7 +62,7 @@ def test_no_time_gives_the_start_and_says_so(cls: type[Solver], shape: tuple[int
 @pytest.mark.parametrize("cls", ALL_SOLVERS)
 def test_time_enough_changes_nothing(cls: type[Solver]) -> None:
     arm = kinseek.load("scara4")
-    T = poses(arm, 3)
+    T = random_poses(arm, 3, 2)
     plain, limited = arm.ik(T, solver=make(cls)), arm.ik(T, solver=make(cls), time_limit=1e6)
     np.testing.assert_array_equal(plain.q, limited.q)
     np.testing.assert_array_equal(plain.evaluations, limited.evaluations)
@@ -84,7 +85,7 @@ def test_time_enough_changes_nothing(cls: type[Solver]) -> None:
 def test_a_search_without_end_ends(name: str, solver: Solver) -> None:
     """It gives the best so far within the limits; processor time, for other work on the machine is not its fault."""
     arm = kinseek.load(name)
-    T = poses(arm, 2)[1]
+    T = random_poses(arm, 2, 2)[1]
     T[:3, 3] *= 4.0  # Out of reach: nothing is ever good enough.
     for first in (kinseek.Atlas(), BruteForce(3), kinseek.CoordinateDescent(), DivideAndConquer(divisions=2)):
         arm.ik(T, solver=first)  # What is needed once is made in any case.
@@ -113,7 +114,7 @@ def test_success_wins_over_a_time_limit() -> None:
 @pytest.mark.parametrize("options", [{}, {"near": np.zeros(7)}, {"threads": 1}])
 def test_a_batch_keeps_what_is_done(options: dict[str, Any]) -> None:
     arm = kinseek.load("panda")
-    T = poses(arm, 6000)
+    T = random_poses(arm, 6000, 2)
     T[:, :3, 3] *= 3.0  # Out of reach: milliseconds each.
     whole = arm.ik(T[:50], **options)
     began = time.process_time()
@@ -134,7 +135,7 @@ def test_a_batch_keeps_what_is_done(options: dict[str, Any]) -> None:
 
 def test_ranges_and_preferences_keep_the_time() -> None:
     arm = kinseek.load("panda")
-    T = poses(arm, 400)
+    T = random_poses(arm, 400, 2)
     boxes = arm.ik(Goal.pose(T, free="rz"), time_limit=SHORT)
     assert boxes.out_of_time.all()
     np.testing.assert_array_equal(boxes.q, np.broadcast_to((arm.lower + arm.upper) / 2, (400, 7)))
@@ -148,7 +149,7 @@ def test_ranges_and_preferences_keep_the_time() -> None:
 
 def test_branches_keep_the_time() -> None:
     arm = kinseek.load("panda")
-    T = poses(arm, 3000)
+    T = random_poses(arm, 3000, 2)
     everything: Any = arm.branches(T[:3])
     began = time.process_time()
     batch: Any = arm.branches(T, time_limit=0.02, threads=1)  # It takes a quarter of a second.
@@ -416,7 +417,7 @@ def test_work_on_each_of_many_targets_keeps_the_time(name: str, monkeypatch: pyt
         pytest.importorskip("coal")
     arm = kinseek.load(arm_name)
     options = options | ({"scene": boxed(arm)} if "scene" in options else {})
-    T = poses(arm, count)
+    T = random_poses(arm, count, 2)
     if name == "ik, proved":
         T[:, :3, 3] *= 3.0
     call: Any = arm.ik if name.startswith("ik") else arm.branches
@@ -444,7 +445,7 @@ def test_work_on_each_of_many_targets_keeps_the_time(name: str, monkeypatch: pyt
 def test_branches_that_are_not_proved_in_time_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
     """Proofs take longer than what is left to do without them, for which there is a little time after the limit."""
     arm = kinseek.load("ur5e")
-    T = poses(arm, 100)
+    T = random_poses(arm, 100, 2)
     everything, clock = arm.branches(T), stopped_clock(monkeypatch)
 
     def ends_the_time(*given: Any, **named: Any) -> Any:
@@ -480,20 +481,22 @@ def test_proofs_of_a_path_of_a_long_arm_keep_the_time(
 
 def test_a_sample_that_would_take_too_long_is_refused() -> None:
     arm = kinseek.load("panda")
-    T = poses(arm, 1)[0]
+    T = random_poses(arm, 1, 2)[0]
     with pytest.raises(InvalidProblem, match=r"at most 2,000 for 'panda', which is redundant .* got 2,001"):
         arm.branches(T, count=2001)
     began = time.process_time()
     assert len(arm.branches(T, count=2000)) > 1000
     assert time.process_time() - began < 1.0
-    assert len(kinseek.load("ur5e").branches(poses(kinseek.load("ur5e"), 1)[0], count=100_000)) <= 16
+    assert (
+        len(kinseek.load("ur5e").branches(random_poses(kinseek.load("ur5e"), 1, 2)[0], count=100_000)) <= 16
+    )
 
 
 @pytest.mark.parametrize("last", [1, 2, 5, 20])
 def test_after_the_time_no_answers_are_proved_complete(last: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """What was not looked at by then stays unknown."""
     arm = kinseek.load("irb120")
-    path = arm.follow(poses(arm, 40))
+    path = arm.follow(random_poses(arm, 40, 2))
     assert len(path.breaks) > 30
     deadline, looked = Deadline(1e6), 0
 
@@ -559,7 +562,7 @@ def test_a_search_for_ever_is_refused(name: str, solver: Solver, count: str) -> 
     arm = kinseek.load(name)
     began = time.perf_counter()
     with pytest.raises(InvalidSolver, match="most_nodes allows") as refused:
-        arm.ik(poses(arm, 1)[0], solver=solver)
+        arm.ik(random_poses(arm, 1, 2)[0], solver=solver)
     assert time.perf_counter() - began < 1.0
     said = str(refused.value)
     assert count in said
@@ -569,7 +572,7 @@ def test_a_search_for_ever_is_refused(name: str, solver: Solver, count: str) -> 
 
 def test_what_is_counted_is_what_is_visited() -> None:
     arm = kinseek.load("planar2")
-    T = poses(arm, 1)[0]
+    T = random_poses(arm, 1, 2)[0]
     for solver, nodes in ((BruteForce(10), 110), (DivideAndConquer(divisions=3, branching_factor=9), 24)):
         kind: Any = type(solver)
         assert arm.ik(T, solver=solver).nodes_expanded == nodes
@@ -581,7 +584,7 @@ def test_what_is_counted_is_what_is_visited() -> None:
 
 def test_a_budget_and_none_lift_the_guard() -> None:
     arm = kinseek.load("panda")
-    goal = Goal.pose(poses(arm, 1)[0])
+    goal = Goal.pose(random_poses(arm, 1, 2)[0])
     assert BruteForce().solve(Problem(arm.chain, goal, budget=1000)).evaluations == 1000
     assert BruteForce(most_nodes=None).solve(Problem(arm.chain, goal, budget=1000)).evaluations == 1000
     few = BruteForce(2, most_nodes=None)
@@ -595,7 +598,7 @@ def test_a_function_counts_for_more() -> None:
     assert solver.most_nodes > 100**4
     box = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper)
     with pytest.raises(InvalidSolver, match="each pose of a function"):
-        box.ik(poses(arm, 1)[0], solver=solver)
+        box.ik(random_poses(arm, 1, 2)[0], solver=solver)
 
 
 @pytest.mark.parametrize("part", [1, 37, 5000])
@@ -603,7 +606,7 @@ def test_a_function_counts_for_more() -> None:
 def test_parts_find_the_same_bits_as_one(part: int, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the parts are: leaves, counts, beams, walks and descents."""
     arm = kinseek.load(name)
-    T = poses(arm, 2)
+    T = random_poses(arm, 2, 2)
     solvers: list[tuple[Any, str, Solver]] = [
         (grid_search, "PART", BruteForce({"planar2": 60, "scara4": 9, "irb5400": 3}[name])),
         (grid_search, "PART", BruteForce({"planar2": 60, "scara4": 9, "irb5400": 3}[name], stop_below=0.6)),
@@ -631,7 +634,7 @@ def test_parts_find_the_same_bits_as_one(part: int, name: str, monkeypatch: pyte
 def test_a_batch_near_a_start_has_the_bits_of_each_alone() -> None:
     """Nothing of one target is left in memory for the next."""
     arm = kinseek.load("planar2")
-    T = poses(arm, 200)
+    T = random_poses(arm, 200, 2)
     T[::7, :3, 3] *= 2.0
     near = arm.lower + 0.4 * (arm.upper - arm.lower)
     batch = arm.ik(T, near=near, threads=1)

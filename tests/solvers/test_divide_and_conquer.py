@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kinseek
-from chains import serial_chains
+from chains import random_poses, serial_chains
 from kinseek import DivideAndConquer
 from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
@@ -21,11 +21,6 @@ from kinseek.robots.chain import SerialChain
 from kinseek.solvers.divide_and_conquer import tuned_breadth
 from kinseek.solvers.nodes import evenly_spaced_nodes, window_around
 from reference import PaperSearch, fk, node_values, weighted_error
-
-
-def random_goals(arm: kinseek.Arm, count: int, seed: int = 0) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return arm.fk(rng.uniform(arm.lower, arm.upper, (count, arm.dof)))
 
 
 def agrees_with_the_paper(
@@ -58,7 +53,7 @@ def agrees_with_the_paper(
 def test_agrees_with_the_papers_algorithms(name: str, size: int, divisions: int) -> None:
     arm = kinseek.load(name)
     dof, count = arm.dof, 1 if name == "irb5400" else 2
-    for T in random_goals(arm, count):
+    for T in random_poses(arm, count):
         breadth = [1 + (i < 2 and dof < 5) for i in range(dof)]
         agrees_with_the_paper(arm.chain, kinseek.Goal.pose(T), size, divisions, breadth)
 
@@ -81,7 +76,7 @@ def test_random_chains_agree_with_the_papers_algorithms(
 def test_static_and_dynamic_trees_give_the_same_bits(name: str, breadth: int | str, beam: int) -> None:
     arm = kinseek.load(name)
     solver = DivideAndConquer(branching_factor=720, breadth=breadth, beam=beam, node_budget=500)
-    Ts = random_goals(arm, 3)
+    Ts = random_poses(arm, 3)
     dynamic, static = arm.ik(Ts, solver=solver), arm.ik(Ts, solver=replace(solver, tree="static"))
     np.testing.assert_array_equal(dynamic.q, static.q)
     np.testing.assert_array_equal(dynamic.nodes_expanded, static.nodes_expanded)
@@ -94,7 +89,7 @@ def test_static_and_dynamic_trees_give_the_same_bits(name: str, breadth: int | s
 def test_node_counts_are_the_closed_formulas(divisions: int, breadth: int, size: int) -> None:
     arm = kinseek.load("planar2")
     solver = DivideAndConquer(branching_factor=size, divisions=divisions, breadth=breadth)
-    solution = arm.ik(random_goals(arm, 1)[0], solver=solver)
+    solution = arm.ik(random_poses(arm, 1)[0], solver=solver)
     spacing, passes = size // divisions, 0
     while spacing > 1:
         spacing, passes = max(spacing // divisions, 1), passes + 1
@@ -105,7 +100,7 @@ def test_node_counts_are_the_closed_formulas(divisions: int, breadth: int, size:
 
 def test_one_pass_over_everything_is_equation_1() -> None:
     arm = kinseek.load("scara4")
-    T = random_goals(arm, 1)[0]
+    T = random_poses(arm, 1)[0]
     solution = arm.ik(T, solver=DivideAndConquer(branching_factor=7, divisions=7))
     brute = arm.ik(T, solver=kinseek.BruteForce(branching_factor=7))
     assert solution.nodes_expanded == brute.nodes_expanded == 7 + 7**2 + 7**3 + 7**4
@@ -114,7 +109,7 @@ def test_one_pass_over_everything_is_equation_1() -> None:
 
 def test_breadth_one_number_per_joint_or_tuned() -> None:
     arm = kinseek.load("scara4")
-    T = random_goals(arm, 1)[0]
+    T = random_poses(arm, 1)[0]
     constant = arm.ik(T, solver=DivideAndConquer(breadth=2))
     np.testing.assert_array_equal(constant.q, arm.ik(T, solver=DivideAndConquer(breadth=(2, 2, 2, 2))).q)
     tuned = DivideAndConquer(breadth="tuned", node_budget=1000)
@@ -143,7 +138,7 @@ def test_tuned_breadth_beats_constant_breadth_within_the_same_window(name: str, 
     constant = 1
     while (2 * (constant + 1) + 1) ** arm.dof <= budget:
         constant += 1
-    Ts = random_goals(arm, 100, seed=1)
+    Ts = random_poses(arm, 100, seed=1)
     tuned = arm.ik(Ts, solver=DivideAndConquer(breadth="tuned", node_budget=budget))
     plain = arm.ik(Ts, solver=DivideAndConquer(breadth=constant))
     assert tuned.weighted_error.mean() < 0.8 * plain.weighted_error.mean()
@@ -151,7 +146,7 @@ def test_tuned_breadth_beats_constant_breadth_within_the_same_window(name: str, 
 
 def test_dynamic_memory_does_not_grow_with_the_branching_factor() -> None:
     arm = kinseek.load("scara4")
-    T = random_goals(arm, 1)[0]
+    T = random_poses(arm, 1)[0]
     small = arm.ik(T, solver=DivideAndConquer(branching_factor=3))
     large = arm.ik(T, solver=DivideAndConquer(branching_factor=10**9, breadth=2))
     assert small.success is False
@@ -163,7 +158,7 @@ def test_dynamic_memory_does_not_grow_with_the_branching_factor() -> None:
 @pytest.mark.parametrize("size", [1, 2, 3, 5, 2**62])
 def test_extreme_branching_factors_answer(size: int) -> None:
     arm = kinseek.load("cylindrical3")
-    solution = arm.ik(random_goals(arm, 1)[0], solver=DivideAndConquer(branching_factor=size, divisions=4))
+    solution = arm.ik(random_poses(arm, 1)[0], solver=DivideAndConquer(branching_factor=size, divisions=4))
     assert ((solution.q >= arm.lower) & (solution.q <= arm.upper)).all()
 
 
@@ -202,7 +197,7 @@ def test_wrapping_reaches_across_the_seam() -> None:
 
 def test_a_beam_never_loses_to_its_own_first_cell() -> None:
     arm = kinseek.load("elbow6")
-    Ts = random_goals(arm, 10)
+    Ts = random_poses(arm, 10)
     errors = [
         arm.ik(Ts, solver=DivideAndConquer(beam=beam, children=children)).weighted_error.mean()
         for beam, children in ((1, None), (8, None), (8, 2))
@@ -219,14 +214,14 @@ def test_a_beam_reaches_a_millimetre(name: str, count: int) -> None:
     """The 1,000 targets of the elbow are in benchmarks/test_searches.py."""
     arm = kinseek.load(name)
     solver = DivideAndConquer(10**6, breadth="tuned", node_budget=5000, beam=64, children=2)
-    solution = arm.ik(random_goals(arm, count, seed=2024), solver=solver)
+    solution = arm.ik(random_poses(arm, count, seed=2024), solver=solver)
     assert (solution.position_error < 1e-3).mean() >= 0.99
 
 
 @pytest.mark.parametrize("budget", [1, 10, 82, 1000])
 def test_a_budget_is_kept_and_the_best_so_far_counts(budget: int) -> None:
     arm = kinseek.load("scara4")
-    T = random_goals(arm, 1)[0]
+    T = random_poses(arm, 1)[0]
     solver = DivideAndConquer(beam=4)
     solution = solver.solve(Problem(arm.chain, kinseek.Goal.pose(T), budget=budget))
     assert solution.evaluations == budget
@@ -291,7 +286,7 @@ def test_a_whole_breadth_is_the_same_in_every_way_to_write_it() -> None:
 )
 def test_a_fraction_lies_between_its_whole_breadths_with_every_option(options: dict[str, Any]) -> None:
     arm = kinseek.load("scara4")
-    targets = random_goals(arm, 20)
+    targets = random_poses(arm, 20)
     low, middle, high = (
         arm.ik(targets, solver=DivideAndConquer(720, breadth=b, **options)) for b in (1, 1.5, 2)
     )
@@ -303,7 +298,7 @@ def test_a_fraction_lies_between_its_whole_breadths_with_every_option(options: d
 def test_a_fraction_on_a_function_visits_the_same_nodes() -> None:
     arm = kinseek.load("scara4")
     function = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper, kinds=arm.chain.kinds)
-    T, solver = random_goals(arm, 1)[0], DivideAndConquer(720, breadth=1.5)
+    T, solver = random_poses(arm, 1)[0], DivideAndConquer(720, breadth=1.5)
     ours, theirs = arm.ik(T, solver=solver), function.ik(T, solver=solver)
     np.testing.assert_allclose(ours.weighted_error, theirs.weighted_error, atol=1e-9)
 
@@ -347,7 +342,7 @@ def test_a_function_is_searched_in_the_order_of_the_compiled_search(
 ) -> None:
     arm = kinseek.load(name)
     function = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper, kinds=arm.chain.kinds)
-    goal, solver = kinseek.Goal.pose(random_goals(arm, 10)), DivideAndConquer(500, **options)
+    goal, solver = kinseek.Goal.pose(random_poses(arm, 10)), DivideAndConquer(500, **options)
     ours = solver.solve(Problem(arm.chain, goal, budget=budget))
     # One pose of the budget of a function is for evaluating the solution.
     theirs = solver.solve(Problem(function.mechanism, goal, budget=budget and budget + 1))

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import kinseek
+from chains import random_poses
 from kinseek import BlindSearch, BruteForce, CoordinateDescent, DivideAndConquer, Goal
 from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
@@ -27,10 +28,6 @@ BARS = [
     BlindSearch(most_steps=40, progress=True),
     CoordinateDescent(60, stall=0.0, progress=True),
 ]
-
-
-def goals_of(arm: kinseek.Arm, count: int) -> np.ndarray:
-    return arm.fk(np.random.default_rng(3).uniform(arm.lower, arm.upper, (count, arm.dof)))
 
 
 @pytest.fixture(name="told")
@@ -60,7 +57,7 @@ def test_a_bar_moves_in_parts_and_ends_at_its_end(
     if function and isinstance(solver, BlindSearch | CoordinateDescent):
         pytest.skip("their walks on a function go in one piece")
     some = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper, kinds=arm.chain.kinds) if function else arm
-    T = goals_of(arm, 3)
+    T = random_poses(arm, 3, 3)
     T[:, :3, 3] *= 1.5  # Out of reach: nothing ends before its end.
     loud = some.ik(T, solver=solver)
     ((total, steps),) = told
@@ -76,7 +73,7 @@ def test_a_bar_moves_in_parts_and_ends_at_its_end(
 def test_a_bar_is_drawn(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("rich")
     arm = kinseek.load("planar2")
-    arm.ik(goals_of(arm, 2), solver=BruteForce(10, progress=True))
+    arm.ik(random_poses(arm, 2, 3), solver=BruteForce(10, progress=True))
     said = capsys.readouterr()
     assert "200/200" in said.err
     assert said.out == ""
@@ -96,7 +93,7 @@ def test_a_bar_is_drawn(capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_ctrl_c_is_heard(solver: Any, progress: bool, capsys: pytest.CaptureFixture[str]) -> None:
     arm = kinseek.load("elbow6")
-    T = goals_of(arm, 1)[0]
+    T = random_poses(arm, 1, 3)[0]
     T[:3, 3] *= 5.0
     arm.ik(T, solver=solver, time_limit=0.01)  # Compiled by now.
     before = signal.signal(signal.SIGALRM, signal.default_int_handler)
@@ -119,7 +116,7 @@ def test_ctrl_c_is_heard(solver: Any, progress: bool, capsys: pytest.CaptureFixt
 def test_the_estimate_is_what_it_takes(name: str, solver: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """A factor of four is left to whatever else the machine does: a constant was wrong by more on slower ones."""
     arm = kinseek.load(name)
-    problem = Problem(arm.chain, Goal.pose(goals_of(arm, 1)))
+    problem = Problem(arm.chain, Goal.pose(random_poses(arm, 1, 3)))
     asked: list[float] = []
     measured = nodes.seconds_a_target
 
@@ -151,7 +148,7 @@ def test_a_long_search_says_so_before_it_begins(
     solver: Any, count: str, targets: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arm = kinseek.load("scara4")
-    T = goals_of(arm, targets)
+    T = random_poses(arm, targets, 3)
     quiet = arm.ik(T, solver=solver)
     capsys.readouterr()
     monkeypatch.setattr(nodes, "LONG", 0.0)
@@ -178,8 +175,8 @@ def test_a_short_search_says_nothing_and_measures_nothing(
 
     monkeypatch.setattr(nodes, "seconds_a_target", never)
     arm = kinseek.load("scara4")
-    arm.ik(goals_of(arm, 50), solver=DivideAndConquer(breadth=2))
-    arm.ik(goals_of(arm, 2), solver=BruteForce(20))
+    arm.ik(random_poses(arm, 50, 3), solver=DivideAndConquer(breadth=2))
+    arm.ik(random_poses(arm, 2, 3), solver=BruteForce(20))
     assert capsys.readouterr().err == ""
 
 
@@ -189,12 +186,12 @@ def test_a_refusal_tells_the_time_that_was_measured(monkeypatch: pytest.MonkeyPa
     with pytest.raises(
         InvalidSolver, match="about 3 days per target as measured on this machine; most_nodes allows 1,000"
     ):
-        arm.ik(goals_of(arm, 1)[0], solver=BruteForce(20, most_nodes=1000))
+        arm.ik(random_poses(arm, 1, 3)[0], solver=BruteForce(20, most_nodes=1000))
 
 
 def test_the_arm_hands_the_wish_for_a_bar_on(told: list[tuple[int, list[int]]]) -> None:
     arm = kinseek.load("planar2")
-    T = goals_of(arm, 2)
+    T = random_poses(arm, 2, 3)
     for solver in (BruteForce(5), DivideAndConquer(9), BlindSearch(), CoordinateDescent()):
         arm.ik(T, solver=solver, progress=True)
     assert [total for total, _ in told] == [2 * 25, 2 * (9 + 9), 2 * 1000, 2 * 200]
@@ -208,5 +205,5 @@ def test_a_walk_that_ends_early_is_estimated_by_its_end(
     """It may take a million steps and takes some fifty."""
     monkeypatch.setattr(nodes, "_WORTH_MEASURING", 0)
     arm = kinseek.load("scara4")
-    arm.ik(goals_of(arm, 3), solver=BlindSearch(most_steps=10**9))
+    arm.ik(random_poses(arm, 3, 3), solver=BlindSearch(most_steps=10**9))
     assert capsys.readouterr().err == ""

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import kinseek
-from chains import serial_chains
+from chains import random_poses, serial_chains
 from kinseek import DivideAndConquer, Goal, Problem, SeparateChains
 from kinseek.errors import FailedKinematics, InvalidProblem, InvalidSolver, InvalidUse
 from kinseek.robots.chain import SerialChain
@@ -20,12 +20,8 @@ from kinseek.solvers.chain_split import MOST_CACHED, Split, _known, find_split
 from reference import errors, fk, weighted_error
 
 
-def random_goals(arm: kinseek.Arm, count: int, seed: int = 0) -> np.ndarray:
-    return arm.fk(np.random.default_rng(seed).uniform(arm.lower, arm.upper, (count, arm.dof)))
-
-
 def goal_of(arm: kinseek.Arm, kind: str, **options: Any) -> Goal:
-    T = random_goals(arm, 1)[0]
+    T = random_poses(arm, 1)[0]
     return {
         "pose": Goal.pose(T, **options),
         "position": Goal.position(T[:3, 3], **options),
@@ -84,7 +80,7 @@ def test_joints_that_stand_between_the_others() -> None:
     rows = [(0.5, 0, 0, 0), (0.25, 0, 0, 0), (0, 0, 0, 0), (0, 0, 0, 0)]
     arm = kinseek.Arm.from_dh(rows, [0, 0, 0, 0], [6, 6, 6, 0.25], kinds="RRRP")
     solver = SeparateChains(again=np.inf)
-    T = random_goals(arm, 20)
+    T = random_poses(arm, 20)
     split = solver.split(Problem(arm.chain, Goal.pose(T)))
     assert (split.first, split.second) == ((0, 1, 3), (2,))
     whole, chains = arm.ik(T, solver=DivideAndConquer(breadth=4)), arm.ik(T, solver=solver)
@@ -153,7 +149,7 @@ def test_of_any_arm_the_answer_is_judged_and_the_budget_kept(
 def test_what_it_saves(name: str, count: int, smaller: float, cheaper: float) -> None:
     """At a breadth of 4, on the same poses as the whole arm."""
     arm = kinseek.load(name)
-    T = random_goals(arm, count, 1)
+    T = random_poses(arm, count, 1)
     whole, chains = arm.ik(T, solver=DivideAndConquer(breadth=4)), arm.ik(T, solver=SeparateChains())
     assert smaller * np.mean(chains.position_error) <= np.mean(whole.position_error)
     assert smaller * np.mean(chains.orientation_error) <= np.mean(whole.orientation_error)
@@ -162,7 +158,7 @@ def test_what_it_saves(name: str, count: int, smaller: float, cheaper: float) ->
 
 def test_without_a_split_it_is_divide_and_conquer() -> None:
     arm = kinseek.load("cylindrical3")
-    T = random_goals(arm, 5)
+    T = random_poses(arm, 5)
     mine, whole = arm.ik(T, solver=SeparateChains(breadth=2)), arm.ik(T, solver=DivideAndConquer(breadth=2))
     np.testing.assert_array_equal(mine.q, whole.q)
     np.testing.assert_array_equal(mine.evaluations, whole.evaluations)
@@ -171,7 +167,7 @@ def test_without_a_split_it_is_divide_and_conquer() -> None:
 
 def test_a_position_is_a_search_of_the_joints_that_move_it() -> None:
     arm = kinseek.load("elbow6")
-    places = random_goals(arm, 5)[:, :3, 3]
+    places = random_poses(arm, 5)[:, :3, 3]
     solution = arm.ik(Goal.position(places), solver=SeparateChains(breadth=(2, 2, 3, 1, 1, 1)))
     middle = dict(zip(arm.joint_names[3:], [np.pi] * 3, strict=True))
     less = arm.with_locked(middle).ik(Goal.position(places), solver=DivideAndConquer(breadth=(2, 2, 3)))
@@ -187,7 +183,7 @@ def test_chains_one_after_the_other_by_hand() -> None:
     middle = dict(zip(second, ((arm.lower + arm.upper) / 2)[3:], strict=True))
     search = DivideAndConquer(breadth=2)
     solver = SeparateChains(breadth=2, again=np.inf)
-    for T in random_goals(arm, 5):
+    for T in random_poses(arm, 5):
         centre = kinseek.pose(SeparateChains().split(Problem(arm.chain, Goal.pose(T))).point)
         place = (
             arm.with_locked(middle).with_tool(centre).ik(Goal.position((T @ centre)[:3, 3]), solver=search)
@@ -201,7 +197,7 @@ def test_chains_one_after_the_other_by_hand() -> None:
 
 def test_once_more_where_it_is_worth_it() -> None:
     arm = kinseek.load("elbow6")
-    T = random_goals(arm, 60)
+    T = random_poses(arm, 60)
     once, more, always = (
         arm.ik(T, solver=SeparateChains(breadth=2, again=again)) for again in (np.inf, 1e-3, 0.0)
     )
@@ -214,7 +210,7 @@ def test_once_more_where_it_is_worth_it() -> None:
 
 def test_a_goal_within_its_tolerances_is_not_searched_again() -> None:
     arm = kinseek.load("elbow6")
-    T = random_goals(arm, 60)
+    T = random_poses(arm, 60)
     exact, loose = (
         arm.ik(
             Goal.pose(T, position_tolerance=size, orientation_tolerance=size),
@@ -231,7 +227,7 @@ def test_a_goal_within_its_tolerances_is_not_searched_again() -> None:
 
 def test_weights_are_heeded_by_what_is_worth_a_second_search() -> None:
     arm = kinseek.load("elbow6")
-    T = random_goals(arm, 20)
+    T = random_poses(arm, 20)
     solver = SeparateChains(breadth=2)
     light = arm.ik(Goal.pose(T), solver=solver)
     heavy = arm.ik(Goal.pose(T, position_weight=8.0, orientation_weight=8.0), solver=solver)
@@ -248,7 +244,7 @@ def test_a_function_is_split_by_asking() -> None:
         return arm.fk(q)
 
     box = kinseek.Arm.from_fk(poses, arm.lower, arm.upper, kinds=arm.chain.kinds)
-    T = random_goals(arm, 3)
+    T = random_poses(arm, 3)
     solver = SeparateChains(breadth=2)
     asked.clear()
     split = solver.split(Problem(box.mechanism, Goal.pose(T)))
@@ -300,7 +296,7 @@ def test_a_function_that_fails_names_all_joint_values() -> None:
 def test_what_is_found_out_is_kept_as_long_as_the_arm_and_no_longer() -> None:
     arm = kinseek.load("scara4")
     box = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper)
-    T = random_goals(arm, 1)[0]
+    T = random_poses(arm, 1)[0]
     for each in (arm.with_limits({}), box):
         for number in range(MOST_CACHED + 3):
             each.ik(
@@ -316,7 +312,7 @@ def test_what_is_found_out_is_kept_as_long_as_the_arm_and_no_longer() -> None:
 @pytest.mark.slow
 def test_a_tuned_breadth_is_tuned_chain_by_chain() -> None:
     arm = kinseek.load("scara4")
-    T = random_goals(arm, 20)
+    T = random_poses(arm, 20)
     solver = SeparateChains(breadth="tuned", node_budget=400)
     tuned, plain = arm.ik(T, solver=solver), arm.ik(T, solver=SeparateChains(breadth=1))
     assert np.mean(tuned.weighted_error) < np.mean(plain.weighted_error)
@@ -336,7 +332,7 @@ def test_again_is_a_distance(again: Any) -> None:
 
 def test_parameters_that_do_not_fit_are_refused() -> None:
     arm = kinseek.load("elbow6")
-    T = random_goals(arm, 1)[0]
+    T = random_poses(arm, 1)[0]
     with pytest.raises(InvalidSolver, match="breadth must be one number or 6, one per joint"):
         arm.ik(T, solver=SeparateChains(breadth=(1, 2, 3)))
     with pytest.raises(InvalidSolver, match="offset must be one number or 6, one per joint; got 5"):
@@ -349,7 +345,7 @@ def test_parameters_that_do_not_fit_are_refused() -> None:
 
 def test_the_papers_rule_for_ties_goes_with_the_wider_beam() -> None:
     arm = kinseek.load("elbow6")
-    T = random_goals(arm, 1)[0]
+    T = random_poses(arm, 1)[0]
     once = arm.ik(T, solver=SeparateChains(ties="first", again=np.inf))
     again = arm.ik(T, solver=SeparateChains(ties="first", again=0.0))
     assert again.evaluations > once.evaluations
@@ -368,7 +364,7 @@ def test_what_is_below_the_wanted_error_is_not_searched_again() -> None:
 @pytest.mark.parametrize("count", [1, 30])
 def test_a_batch_has_one_bar_and_not_two_a_target(count: int, capsys: pytest.CaptureFixture[str]) -> None:
     arm = kinseek.load("planar2")
-    arm.ik(random_goals(arm, count), solver=SeparateChains(breadth=2, again=np.inf, progress=True))
+    arm.ik(random_poses(arm, count), solver=SeparateChains(breadth=2, again=np.inf, progress=True))
     lines = [line for line in capsys.readouterr().err.splitlines() if "solving" in line]
     assert 1 <= len(lines) <= 2
 
@@ -381,7 +377,7 @@ def test_a_long_batch_is_told_beforehand(
     monkeypatch.setattr(nodes, "LONG", 1e-4)
     monkeypatch.setattr(nodes, "_WORTH_MEASURING", 10**5)
     arm = kinseek.load("planar2")
-    arm.ik(random_goals(arm, 10), solver=SeparateChains())
+    arm.ik(random_poses(arm, 10), solver=SeparateChains())
     told = capsys.readouterr().err.splitlines()
     assert len(told) == 1
     assert "nodes for each of 10 targets, about" in told[0]
@@ -393,7 +389,7 @@ def test_a_chain_of_one_joint_is_told_as_one() -> None:
 
 def test_a_second_chain_that_would_take_for_ever_is_refused_before_the_first_is_searched() -> None:
     arm = kinseek.load("elbow6")
-    T = random_goals(arm, 1)[0]
+    T = random_poses(arm, 1)[0]
     solver = SeparateChains(breadth=(1, 1, 1, 5000, 5000, 5000))
     with pytest.raises(InvalidSolver, match="the search would visit"):
         arm.ik(T, solver=solver)
@@ -427,7 +423,7 @@ def test_the_command_line_has_it(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize("options", [{}, {"budget": 300}, {"time_limit": 1e-9}])
 def test_a_trace_tells_the_chains_and_every_pass(options: Any) -> None:
     arm = kinseek.load("elbow6")
-    goal = Goal.pose(random_goals(arm, 8))
+    goal = Goal.pose(random_poses(arm, 8))
     solver = SeparateChains(breadth=2)
     plain = solver.solve(Problem(arm.chain, goal, **options))
     told = solver.solve(Problem(arm.chain, goal, trace=True, **options))
@@ -456,7 +452,7 @@ def test_a_trace_tells_the_chains_and_every_pass(options: Any) -> None:
 
 def test_the_trace_says_that_there_is_no_split() -> None:
     arm = kinseek.load("cylindrical3")
-    T = random_goals(arm, 2)
+    T = random_poses(arm, 2)
     one, both = (
         SeparateChains(breadth=1).solve(Problem(arm.chain, Goal.pose(t), trace=True)) for t in (T[0], T)
     )
