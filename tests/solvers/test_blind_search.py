@@ -9,7 +9,6 @@ import pytest
 
 import kinseek
 from kinseek import BlindSearch
-from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
 from reference import fk, weighted_error
 
@@ -54,19 +53,3 @@ def test_a_budget_is_kept(budget: int) -> None:
     arm = kinseek.load("scara4")
     problem = Problem(arm.chain, kinseek.Goal.pose(arm.fk(arm.lower + 0.2)), budget=budget)
     assert BlindSearch().solve(problem).evaluations == 1 + (budget - 1) // 81 * 81
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"step": 0.0},
-        {"step": np.nan},
-        {"step": np.inf},
-        {"shrink": 1.0},
-        {"smallest_step": 0.0},
-        {"most_steps": 0},
-    ],
-)
-def test_parameters_out_of_range_are_refused(options: dict[str, float]) -> None:
-    with pytest.raises(InvalidSolver, match=next(iter(options))):
-        BlindSearch(**options)  # type: ignore[arg-type]

@@ -92,19 +92,3 @@ def test_more_leaves_than_64_bits_can_count() -> None:
     arm = kinseek.load("elbow6")
     with pytest.raises(InvalidSolver, match=r"7200\^6 leaves cannot be counted in 64 bits"):
         arm.ik(np.eye(4), solver=BruteForce(branching_factor=7200))
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"branching_factor": 0}, "branching_factor must be a whole number of at least 1, got 0"),
-        ({"stop_below": -1.0}, "stop_below must be a number >= 0"),
-        ({"stop_below": float("nan")}, "stop_below"),
-        ({"stop_below": "0.1"}, "stop_below must be a number >= 0, got '0.1'"),
-        ({"stop_below": 10**400}, "stop_below must be a number >= 0, got 1000"),
-        ({"order": "backwards"}, "order must be one of paper, low-discrepancy, random; got 'backwards'"),
-    ],
-)
-def test_parameters_out_of_range_are_refused(options: dict[str, object], words: str) -> None:
-    with pytest.raises(InvalidSolver, match=words):
-        BruteForce(**options)  # type: ignore[arg-type]

@@ -116,31 +116,6 @@ def test_every_cell_has_one_node(size: int, offset: float) -> None:
         assert all(a < b for a, b in pairwise(nodes))
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"first": "both"}, "first must be 'D' or 'formula', got 'both'"),
-        ({"limited": "ends"}, "limited must be 'middles' or 'letter', got 'ends'"),
-        ({"offset": 1.0}, "offset must be at least 0 and below 1, in cells of the first pass; got 1.0"),
-        ({"offset": -0.1}, "offset must be"),
-        ({"offset": (0.0, np.nan)}, "got nan"),
-        ({"offset": "half"}, "got 'half'"),
-        ({"offset": True}, "got True"),
-        ({"stop_below": -1.0}, "stop_below must be a number >= 0, got -1.0"),
-        ({"stop_below": float("nan")}, "stop_below must be"),
-        ({"stop_below": "0.1"}, "stop_below must be a number >= 0, got '0.1'"),
-        ({"stop_below": None}, "stop_below must be a number >= 0, got None"),
-        ({"ties": "last"}, "ties must be one of 'rounding', 'first'; got 'last'"),
-        ({"ties": "first", "beam": 2}, "got beam=2"),
-        ({"breadth": "far"}, "'reach' or 'tuned'; got 'far'"),
-    ],
-)
-def test_what_is_no_reading_is_refused(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(InvalidSolver) as refused:
-        DivideAndConquer(**options)
-    assert words in str(refused.value)
-
-
 def test_an_offset_for_another_number_of_joints_is_refused() -> None:
     arm = kinseek.load("planar2")
     with pytest.raises(InvalidSolver, match="offset must be one number or 2, one per joint; got 3"):

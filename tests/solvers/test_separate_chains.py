@@ -324,12 +324,6 @@ def test_a_tuned_breadth_is_tuned_chain_by_chain() -> None:
         box.ik(T, solver=solver)
 
 
-@pytest.mark.parametrize("again", [-1.0, float("nan"), "far", None, True])
-def test_again_is_a_distance(again: Any) -> None:
-    with pytest.raises(InvalidSolver, match="again must be a distance in metres of at least 0, got"):
-        SeparateChains(again=again)
-
-
 def test_parameters_that_do_not_fit_are_refused() -> None:
     arm = kinseek.load("elbow6")
     T = random_poses(arm, 1)[0]
@@ -337,8 +331,6 @@ def test_parameters_that_do_not_fit_are_refused() -> None:
         arm.ik(T, solver=SeparateChains(breadth=(1, 2, 3)))
     with pytest.raises(InvalidSolver, match="offset must be one number or 6, one per joint; got 5"):
         arm.ik(T, solver=SeparateChains(offset=(None, 0.5, None, None, 0.5)))
-    with pytest.raises(InvalidSolver, match="divisions must be a whole number of at least 2"):
-        SeparateChains(divisions=1)
     with pytest.raises(InvalidProblem, match="supported: a whole pose, a direction, a position"):
         arm.ik(Goal.pose(T, free="x"), solver=SeparateChains())
 
