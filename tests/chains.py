@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek.robots.chain import SerialChain
@@ -61,6 +62,18 @@ def serial_chains(draw: st.DrawFn, most: int = 5) -> SerialChain:
 def random_poses(arm: kinseek.Arm, count: int, seed: int = 0) -> np.ndarray:
     """Poses of an arm with joint values anywhere inside its limits, (count, 4, 4)."""
     return arm.fk(np.random.default_rng(seed).uniform(arm.lower, arm.upper, (count, arm.dof)))
+
+
+def beside(T: Array, position: float, orientation: float, seed: int) -> Array:
+    """A pose in a ball around each of some, (k, 4, 4), half of them at its rim: so far off [m] and [rad]."""
+    rng = np.random.default_rng(seed)
+    moved = T.copy()
+    way, axis = rng.normal(size=(2, len(T), 3))
+    far, angle = np.minimum(rng.uniform(0.0, 2.0, (2, len(T))), 1.0)
+    moved[:, :3, 3] += (position * far / np.linalg.norm(way, axis=1))[:, None] * way
+    turn = (orientation * angle / np.linalg.norm(axis, axis=1))[:, None] * axis
+    moved[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix() @ T[:, :3, :3]
+    return np.asarray(moved)
 
 
 def awkward_joints(chain: SerialChain, rng: np.random.Generator) -> Array:

@@ -1,8 +1,16 @@
-"""What lies in the folder of a map's store."""
+"""A small map, and what lies in the folder of its store."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
+
+import kinseek
+from kinseek import maps
+
+ARM = kinseek.load("ur5e")
+GRID = maps.Grid((-0.9, 0.9, 0.3), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3), maps.orientations(24))
+SMALL: dict[str, Any] = {"block": 24 * 8}
 
 
 def files(folder: Path) -> dict[str, bytes]:

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import kinseek
+from chains import beside
 from kinseek import maps
 from kinseek.maps.cell import whole_cell
 from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED, Judge
@@ -265,18 +266,6 @@ def test_what_is_reached_within_tolerances_is_not_proved_empty() -> None:
     exact = [known_of(Judge(UR5E, grid, 0, 3000), index) for index in cells]
     assert exact.count(EMPTY) > 3
     assert EMPTY not in [known_of(Judge(UR5E, grid, 0, 3000, wide), index) for index in cells]
-
-
-def beside(T: np.ndarray, position: float, orientation: float, seed: int) -> np.ndarray:
-    """A pose in a ball around each of some, most of them at its rim."""
-    rng = np.random.default_rng(seed)
-    moved = T.copy()
-    way, axis = rng.normal(size=(2, len(T), 3))
-    far, angle = np.minimum(rng.uniform(0.0, 2.0, (2, len(T))), 1.0)
-    moved[:, :3, 3] += (position * far / np.linalg.norm(way, axis=1))[:, None] * way
-    turn = (orientation * angle / np.linalg.norm(axis, axis=1))[:, None] * axis
-    moved[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix() @ T[:, :3, :3]
-    return moved
 
 
 @pytest.mark.slow

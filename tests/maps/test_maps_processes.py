@@ -20,6 +20,7 @@ import pytest
 import kinseek
 from kinseek import maps
 from kinseek.maps import block, make, processes
+from map_files import ARM, GRID, SMALL
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
@@ -27,9 +28,6 @@ psutil = pytest.importorskip("psutil")
 
 pytestmark = pytest.mark.slow
 
-ARM = kinseek.load("ur5e")
-GRID = maps.Grid((-0.9, 0.9, 0.3), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3), maps.orientations(24))
-SMALL: dict[str, Any] = {"block": 24 * 8}
 WHOLE = make.work_of(ARM, GRID, ("reached",), store=None, **make.options_of(SMALL))
 
 REACHABLE = """

@@ -28,15 +28,11 @@ import kinseek
 from kinseek import maps
 from kinseek.maps import block, make, run, store
 from kinseek.maps.grid import BLOCK
-from map_files import files, marks
+from map_files import ARM, GRID, SMALL, files, marks
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 distributed = pytest.importorskip("distributed")
-
-ARM = kinseek.load("ur5e")
-GRID = maps.Grid((-0.9, 0.9, 0.3), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3), maps.orientations(24))
-SMALL: dict[str, Any] = {"block": 24 * 8}
 
 
 def one_by_one(work: Any, todo: Any, blocks: int, advance: Any, written: Any) -> None:

@@ -7,21 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import kinseek
+from chains import beside
 from kinseek import maps
 from kinseek.maps.cells import EMPTY, Judge
 from kinseek.maps.search import beyond, ruled_out
 from kinseek.maps.wrist import circles
-
-
-def beside(T: np.ndarray, position: float, orientation: float) -> np.ndarray:
-    """Poses so far off, any way."""
-    rng = np.random.default_rng(2)
-    way, axis = rng.normal(size=(2, len(T), 3))
-    moved = T.copy()
-    moved[:, :3, 3] += position * way / np.linalg.norm(way, axis=1, keepdims=True)
-    turn = Rotation.from_rotvec(orientation * axis / np.linalg.norm(axis, axis=1, keepdims=True))
-    moved[:, :3, :3] = turn.as_matrix() @ T[:, :3, :3]
-    return moved
 
 
 @pytest.mark.slow
@@ -34,7 +24,7 @@ def test_no_pose_of_the_arm_is_beyond(name: str) -> None:
     T = arm.fk(q)
     assert circles(arm.chain)
     for position, orientation in ((0.0, 0.0), (1e-3, 1e-3), (0.05, 0.3), (0.3, 3.0)):
-        around = beside(T, position, orientation)
+        around = beside(T, position, orientation, seed=2)
         for circle in circles(arm.chain):
             assert not circle.beyond(around, position, orientation).any()
 
