@@ -7,6 +7,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 LEAST_TEXT = 8.5
@@ -39,6 +40,22 @@ def faults(figure: Any) -> list[str]:
         *_small(figure, [text for text, _ in drawn]),
         *_without_unit(figure),
     ]
+
+
+def faults_of_saved(monkeypatch: pytest.MonkeyPatch, write: bool = False) -> list[str]:
+    """The faults of every figure that is saved from now on, at the resolution that it is saved with; written or not."""
+    from matplotlib.figure import Figure
+
+    seen: list[str] = []
+
+    def save(figure: Any, *given: Any, real: Any = Figure.savefig, **options: Any) -> None:
+        figure.set_dpi(options.get("dpi") or figure.dpi)
+        seen.extend(faults(figure))
+        if write:
+            real(figure, *given, **options)
+
+    monkeypatch.setattr(Figure, "savefig", save)
+    return seen
 
 
 def _drawn_texts(figure: Any) -> list[tuple[Any, Any]]:

@@ -15,7 +15,7 @@ import kinseek
 from benchmarks import atlas_cost, atlas_pictures, proof_pictures
 from experiments.effort import EXPERIMENTS, experiment
 from experiments.store import Store
-from legible import faults
+from legible import faults_of_saved
 from places import ROOT
 
 pytestmark = pytest.mark.slow
@@ -27,17 +27,7 @@ PICTURES = ROOT / "docs" / "pictures"
 
 @pytest.fixture
 def found(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The faults of every figure that is saved while the test runs, at the resolution that it is saved with."""
-    from matplotlib.figure import Figure
-
-    seen: list[str] = []
-
-    def look(figure: Any, *_: Any, dpi: float | None = None, **__: Any) -> None:
-        figure.set_dpi(dpi or figure.dpi)
-        seen.extend(faults(figure))
-
-    monkeypatch.setattr(Figure, "savefig", look)
-    return seen
+    return faults_of_saved(monkeypatch)
 
 
 @pytest.mark.thorough

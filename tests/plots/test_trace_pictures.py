@@ -13,7 +13,7 @@ import kinseek
 from kinseek import plots
 from kinseek.errors import InvalidUse
 from kinseek.solution import Solution
-from legible import faults
+from legible import faults_of_saved
 from places import ROOT
 
 pytestmark = pytest.mark.slow
@@ -32,12 +32,7 @@ def planar(**options: int) -> Solution:
 
 @pytest.fixture
 def found(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The faults of every figure that is saved while the test runs."""
-    from matplotlib.figure import Figure
-
-    seen: list[str] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *args, **options: seen.extend(faults(figure)))
-    return seen
+    return faults_of_saved(monkeypatch)
 
 
 @pytest.mark.parametrize("which", ["tree", "circles", "breadths", "windows", "progress"])

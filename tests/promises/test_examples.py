@@ -6,12 +6,11 @@ import re
 import runpy
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from kinseek.cli.words import is_number
-from legible import faults
+from legible import faults_of_saved
 from places import ROOT
 
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
@@ -24,18 +23,7 @@ def blocks(page: Path, language: str) -> list[str]:
 
 @pytest.fixture(name="illegible")
 def _illegible(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The faults of every figure that is saved, at the resolution that it is saved with."""
-    from matplotlib.figure import Figure
-
-    seen: list[str] = []
-
-    def save(figure: Any, *given: Any, real: Any = Figure.savefig, **options: Any) -> None:
-        figure.set_dpi(options.get("dpi") or figure.dpi)
-        seen.extend(faults(figure))
-        real(figure, *given, **options)
-
-    monkeypatch.setattr(Figure, "savefig", save)
-    return seen
+    return faults_of_saved(monkeypatch, write=True)
 
 
 @pytest.mark.slow
