@@ -43,7 +43,7 @@ FROM_ITS_START = {Atlas: weighted_error, BlindSearch: weighted_error, Coordinate
 WITHOUT_A_START = (BruteForce, DivideAndConquer, SeparateChains, Polished)
 """Searches that look everywhere, and find the same wherever one would start."""
 
-NEEDS_AXES = (BlindSearch,)
+NEEDS_AXES = tuple(cls for cls in ALL_SOLVERS if cls.traits.axes)
 """Searches that a function alone does not do for."""
 
 CASES = [

@@ -16,7 +16,7 @@ from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
-from .sources import room_of
+from .sources import is_source, room_of
 
 
 @dataclass(frozen=True)
@@ -194,13 +194,17 @@ def declare(function: Callable[..., Any], exact: bool = False) -> Entry:
     """Register an entry. Its parameters are declared by their annotations, see `declared`; it returns numbers.
 
     Raises:
-        TypeError: An annotation is missing or unsuitable, or another entry has its name.
+        TypeError: An annotation is missing or unsuitable, another entry has its name, or its file does not count as a
+            source of kernels: a library without it would then pass for current.
     """
+    module = function.__module__
+    if module.startswith("kinseek.") and not is_source(module):
+        raise TypeError(f"{module} has kernels: add its file to ELSEWHERE in kinseek/kernels/sources.py")
     takes, result = parameters(function), _hints(function).get("return")
     numbers = get_args(result) or (() if result in (None, type(None)) else (result,))
     returns = tuple(Leaf(_NUMBERS[each]) for each in numbers)
     made = Entry(function, takes, returns, exact)
-    if made.name in ENTRIES and ENTRIES[made.name].function.__module__ != function.__module__:
-        raise TypeError(f"two entries are called {made.name}")
+    if made.name in ENTRIES and (other := ENTRIES[made.name].function.__module__) != module:
+        raise TypeError(f"two entries are called {made.name}, in {other} and in {module}")
     ENTRIES[made.name] = made
     return made

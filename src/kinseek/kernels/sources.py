@@ -31,6 +31,12 @@ def kernel_sources(package: Path = PACKAGE) -> list[Path]:
     return [*sorted((package / "kernels").rglob("*.py")), *(package / name for name in ELSEWHERE)]
 
 
+def is_source(module: str) -> bool:
+    """Return True if the file of a module is one of `kernel_sources`."""
+    name = module.removeprefix("kinseek.")
+    return name.startswith("kernels.") or f"{name.replace('.', '/')}.py" in ELSEWHERE
+
+
 def source_digest(package: Path = PACKAGE) -> str:
     """Return a digest of `kernel_sources`."""
     return _digest(kernel_sources(package), package)
