@@ -28,20 +28,17 @@ def is_message(value: Any) -> bool:
     return _parts(value) is not None
 
 
-def matrix_of_message(message: Any) -> Array:
-    """Read the pose of a message, (4, 4), [m].
+def matrix_of_message(message: Any) -> Array | None:
+    """Read the pose of a message, (4, 4), [m]; None if an object is not a message with a pose.
 
     A quaternion need not be of unit length. For one that is zero or not finite the rotation is zero or NaN, so that the
     matrix is rejected where matrices are checked, or skipped where invalid ones are.
 
-    Args:
-        message: A Pose, a Transform, or a message that holds one of these: `is_message` is True.
-
     Raises:
         InvalidGoal: A field is not a number.
     """
-    parts = _parts(message)
-    assert parts is not None
+    if (parts := _parts(message)) is None:
+        return None
     place, wxyz = _numbers(parts[0], _PLACE), _numbers(parts[1], _TURN)
     if not np.isfinite(wxyz).all():
         return transform(np.full((3, 3), np.nan), place)

@@ -85,32 +85,31 @@ def rigid(matrix: Array, repairable: float, level: int) -> Array:
     """
     _require_shape(matrix)
     # One compiled pass accepts what is valid. The slower checks below only find out what is wrong.
-    each = matrix.reshape(-1, 4, 4)
+    each, batch = matrix.reshape(-1, 4, 4), matrix.shape[:-2]
     rigid = np.empty(len(each), dtype=np.bool_)
     checked = [all_rigid(np.ascontiguousarray(each[some]), rigid[some]) for some in chunks(len(each))]
     if all(checked):
         return matrix
     if not all_finite(matrix):
-        bad = np.argwhere(~np.isfinite(matrix).all(axis=(-2, -1)))
-        where = f" at index {_index(bad[0])} of the batch ({len(bad)} such poses)" if matrix.ndim > 2 else ""
-        raise InvalidGoal(f"a pose contains NaN or infinity{where}")
-    far = np.abs(matrix[..., :3, 3]).max(axis=-1) > LARGEST
-    if far.any():
-        first = np.argwhere(far)[0]
-        where = f" at index {_index(first)} of the batch" if matrix.ndim > 2 else ""
+        bad = ~np.isfinite(each).all(axis=(-2, -1))
+        many = f" ({np.count_nonzero(bad)} such poses)" if batch else ""
+        raise InvalidGoal(f"a pose contains NaN or infinity{batch_index(int(np.argmax(bad)), batch)}{many}")
+    farthest = np.abs(each[:, :3, 3]).max(axis=-1)
+    if (far := farthest > LARGEST).any():
+        first = int(np.argmax(far))
         raise InvalidGoal(
-            f"a position must lie within {LARGEST:g} m of the origin along each axis{where}, got "
-            f"{np.abs(matrix[tuple(first)][:3, 3]).max():.6g} m: farther off, rounding of positions comes close to 1e-6 m. "
+            f"a position must lie within {LARGEST:g} m of the origin along each axis{batch_index(first, batch)}, got "
+            f"{farthest[first]:.6g} m: farther off, rounding of positions comes close to 1e-6 m. "
             f"Are these other units?"
         )
     turn, off, row, mirrored = _measured(matrix)
     wrong = (off > repairable) | (row > REPAIRABLE) | mirrored
     if wrong.any():
-        first = np.argwhere(wrong)[0]
-        where = f" at index {_index(first)} of the batch" if matrix.ndim > 2 else ""
+        first = int(np.argmax(wrong))
+        where = batch_index(first, batch)
         raise InvalidGoal(
-            _why_not_rigid(off[tuple(first)], row[tuple(first)], mirrored[tuple(first)], where, repairable)
-            + _likely_cause(matrix[tuple(first)])
+            _why_not_rigid(off.flat[first], row.flat[first], bool(mirrored.flat[first]), where, repairable)
+            + _likely_cause(each[first])
         )
     if off.size and (most := float(off.max())) > REPAIRABLE:
         warnings.warn(
@@ -227,7 +226,8 @@ def _carried(value: Any) -> Any:
         carried = getattr(value, attribute, None)
         if carried is not None:
             return carried() if callable(carried) else carried
-    return matrix_of_message(value) if is_message(value) else value
+    matrix = matrix_of_message(value)
+    return value if matrix is None else matrix
 
 
 def _hint(matrix: Array) -> str:
@@ -273,13 +273,10 @@ def all_finite(numbers: Array) -> bool:
     return all(bool(np.isfinite(flat[some]).all()) for some in chunks(len(flat)))
 
 
-def _index(where: NDArray[np.int64]) -> str:
-    return str(int(where[0])) if len(where) == 1 else str(tuple(int(i) for i in where))
-
-
 def batch_index(flat: int, batch: tuple[int, ...]) -> str:
     """Return where in a batch a row is, by its index in the flattened batch, for messages; empty without a batch."""
-    return f" at index {_index(np.array(np.unravel_index(flat, batch)))} of the batch" if batch else ""
+    where = tuple(map(int, np.unravel_index(flat, batch)))
+    return f" at index {where[0] if len(where) == 1 else where} of the batch" if batch else ""
 
 
 def row_of(values: Iterable[float]) -> str:
