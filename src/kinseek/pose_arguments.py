@@ -123,16 +123,8 @@ def pose(
         UnitWarning: `rpy` or `rotvec` has an angle beyond 2π, and `degrees` is not given.
         RepairWarning: A matrix was farther than 1e-6 from a rotation, and `repair` is given.
     """
-    given = {
-        "quat_wxyz": quat_wxyz,
-        "quat_xyzw": quat_xyzw,
-        "rpy": rpy,
-        "rotvec": rotvec,
-        "rotation": rotation,
-    }
-    named = {name: value for name, value in given.items() if value is not None}
-    given = {"z_axis": z_axis, "x_axis": x_axis, "y_axis": y_axis}
-    axes = {name: value for name, value in given.items() if value is not None}
+    named = _given(quat_wxyz=quat_wxyz, quat_xyzw=quat_xyzw, rpy=rpy, rotvec=rotvec, rotation=rotation)
+    axes = _given(z_axis=z_axis, x_axis=x_axis, y_axis=y_axis)
     degrees, repair = _flag("degrees", degrees), _flag("repair", repair)
     if len(named) + bool(axes) > 1:
         raise InvalidGoal(f"give one rotation, got {' and '.join([*named, *axes])}")
@@ -163,6 +155,11 @@ def pose(
         else:
             turn = _rotation_matrix(name, value)
     return at_position(position, turn)
+
+
+def _given(**arguments: Any) -> dict[str, Any]:
+    """Return the arguments that are not None, in order."""
+    return {name: value for name, value in arguments.items() if value is not None}
 
 
 def _whole(position: Any) -> Array | None:
@@ -322,7 +319,7 @@ def _finite(value: ArrayLike, name: str, size: int) -> Array:
 def unit_vector(value: ArrayLike, name: str) -> Array:
     """Return one vector of any length but 0, (3,), with length 1."""
     vector = _finite(value, name, 3)
-    if vector.ndim != 1 or np.linalg.norm(vector) < 1e-9:
+    if vector.ndim != 1 or np.linalg.norm(vector) < SHORTEST:
         raise InvalidGoal(f"{name} must be one vector (3,) longer than zero, got {vector}")
     return np.asarray(vector / np.linalg.norm(vector))
 
