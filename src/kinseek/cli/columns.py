@@ -45,7 +45,7 @@ def poses_of(columns: Mapping[str, Array], where: str, position_only: bool, deg:
         InvalidGoal: Unknown, missing or too many columns, no rows, or a row that is not a pose; the message names it.
     """
     turn = kind_of_rotation(columns, where, position_only)
-    names = MATRIX if turn == "matrix" else (*POSITION, *ROTATIONS.get(turn, ()))
+    names = _columns_of(turn)
     table = np.stack([columns[name] for name in names], axis=1)
     refuse_empty(len(table), where)
     for row, column in np.argwhere(~np.isfinite(table)):
@@ -102,12 +102,16 @@ def kind_of_rotation(columns: Collection[str], where: str, position_only: bool) 
             f"{where}: columns of a rotation are missing; got {', '.join(columns)}. Valid: {VALID}"
         )
     turn = begun[0] if begun else ""
-    needed = MATRIX if turn == "matrix" else (*POSITION, *ROTATIONS.get(turn, ()))
-    if missing := [name for name in needed if name not in columns]:
+    if missing := [name for name in _columns_of(turn) if name not in columns]:
         raise InvalidGoal(
             f"{where}: missing column {', '.join(missing)}; got {', '.join(columns)}. Valid: {VALID}"
         )
     return turn
+
+
+def _columns_of(turn: str) -> tuple[str, ...]:
+    """Return the columns of a pose whose rotation is given as `kind_of_rotation` says."""
+    return MATRIX if turn == "matrix" else (*POSITION, *ROTATIONS.get(turn, ()))
 
 
 def _row_by_row(make: Callable[[Array], Array], rows: Array, where: str) -> Array:

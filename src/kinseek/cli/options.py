@@ -12,9 +12,10 @@ from click.shell_completion import CompletionItem
 
 from kinseek.arm import Arm, load
 from kinseek.errors import InvalidProblem, KinseekError
+from kinseek.tolerances import DEFAULT_TOLERANCE, DEFAULT_WEIGHT
 
 from .goals import GoalSpec, PoseWords
-from .help import argument, bundle, option
+from .help import Declaration, argument, bundle, option
 
 GOAL, TOLERANCES = "The goal", "Tolerances and weights"
 """Groups of options."""
@@ -148,6 +149,12 @@ pose_options = bundle(
     option("--rotvec", metavar="X Y Z", group=GOAL, help="Axis times angle, rad."),
 )
 
+
+def _number(name: str, metavar: str, default: float, help: str) -> Declaration:
+    """Declare a tolerance or a weight."""
+    return option(name, type=float, metavar=metavar, default=default, group=TOLERANCES, help=help)
+
+
 goal_options = bundle(
     "goal_spec",
     GoalSpec,
@@ -166,38 +173,17 @@ goal_options = bundle(
         group=GOAL,
         help="Frame of the axes of --free: tool (that of the target pose) or base.",
     ),
-    option(
-        "--position-tolerance",
-        type=float,
-        metavar="M",
-        default=1e-6,
-        group=TOLERANCES,
-        help="Largest position error that counts as reached, m.",
+    _number(
+        "--position-tolerance", "M", DEFAULT_TOLERANCE, "Largest position error that counts as reached, m."
     ),
-    option(
+    _number(
         "--orientation-tolerance",
-        type=float,
-        metavar="RAD",
-        default=1e-6,
-        group=TOLERANCES,
-        help="Largest orientation error that counts as reached, rad.",
+        "RAD",
+        DEFAULT_TOLERANCE,
+        "Largest orientation error that counts as reached, rad.",
     ),
-    option(
-        "--position-weight",
-        type=float,
-        metavar="X",
-        default=1.0,
-        group=TOLERANCES,
-        help="K_P of the weighted error, per m.",
-    ),
-    option(
-        "--orientation-weight",
-        type=float,
-        metavar="X",
-        default=1.0,
-        group=TOLERANCES,
-        help="K_A of the weighted error.",
-    ),
+    _number("--position-weight", "X", DEFAULT_WEIGHT, "K_P of the weighted error, per m."),
+    _number("--orientation-weight", "X", DEFAULT_WEIGHT, "K_A of the weighted error."),
 )
 
 json_option = option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
