@@ -19,7 +19,14 @@ TASK_ARMS, KINDS, LARGEST = ("ur5e", "panda"), ("line", "circle", "raster"), 0.2
 """Arms of the tasks, the tasks, and the largest step there [rad]."""
 
 
-def curve(arm: kinseek.Arm, count: int, seed: int, share: float = SHARE, aside: bool = False) -> Array:
+def curve(
+    arm: kinseek.Arm,
+    count: int,
+    seed: int,
+    share: float = SHARE,
+    aside: bool = False,
+    harmonics: int = HARMONICS,
+) -> Array:
     """A random smooth curve of joint values, (count, n).
 
     Args:
@@ -28,9 +35,10 @@ def curve(arm: kinseek.Arm, count: int, seed: int, share: float = SHARE, aside: 
         seed: Of the harmonics.
         share: Of the ranges of the joints.
         aside: Whether it lies anywhere in the ranges, and not around their middle.
+        harmonics: How many the curve has.
     """
     rng, s, q = np.random.default_rng(seed), np.linspace(0.0, 1.0, count), np.zeros((count, arm.dof))
-    for h in range(1, HARMONICS + 1):
+    for h in range(1, harmonics + 1):
         a, b = rng.normal(size=(2, arm.dof))
         q += (np.cos(2 * np.pi * h * s)[:, None] * a + np.sin(2 * np.pi * h * s)[:, None] * b) / h
     low, high = q.min(axis=0), q.max(axis=0)

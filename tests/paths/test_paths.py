@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
+from benchmarks.paths.curves import curve
 from kinseek import Goal, InvalidGoal, InvalidProblem, InvalidSolver, NotReached, PathInterrupted, PathStatus
 from kinseek.branches.index import freedom
 from kinseek.kernels.paths.band import solve_band
@@ -30,13 +31,7 @@ Array = NDArray[np.float64]
 
 def made(arm: kinseek.Arm, count: int, seed: int, harmonics: int = 2, share: float = 0.9) -> Array:
     """A smooth curve of joint values inside the limits, (count, n)."""
-    rng, s, q = np.random.default_rng(seed), np.linspace(0.0, 1.0, count), np.zeros((count, arm.dof))
-    for h in range(1, harmonics + 1):
-        a, b = rng.normal(size=(2, arm.dof))
-        q += (np.cos(2 * np.pi * h * s)[:, None] * a + np.sin(2 * np.pi * h * s)[:, None] * b) / h
-    low, high = q.min(axis=0), q.max(axis=0)
-    middle, half = (arm.lower + arm.upper) / 2, (arm.upper - arm.lower) / 2
-    return np.asarray(middle + share * half * (2 * (q - low) / (high - low) - 1))
+    return curve(arm, count, seed, share, harmonics=harmonics)
 
 
 def line(begin: Array, end: Array, count: int) -> Array:

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
+from benchmarks.paths.curves import curve
 from kinseek import Goal
 from kinseek.kernels.paths.viterbi import STRAIGHT, BranchEnds, Layer, Sideways, Turns, viterbi_step
 from kinseek.paths.plan import Place, Ways, between_rows
@@ -19,13 +20,7 @@ Array = NDArray[np.float64]
 
 def made(arm: kinseek.Arm, seed: int, count: int = 1000) -> Array:
     """A curve of joint values: four harmonics over 98 % of every range, (count, n)."""
-    rng, s, q = np.random.default_rng(seed), np.linspace(0.0, 1.0, count), np.zeros((count, arm.dof))
-    for h in range(1, 5):
-        a, b = rng.normal(size=(2, arm.dof))
-        q += (np.cos(2 * np.pi * h * s)[:, None] * a + np.sin(2 * np.pi * h * s)[:, None] * b) / h
-    low, high = q.min(axis=0), q.max(axis=0)
-    middle, half = (arm.lower + arm.upper) / 2, (arm.upper - arm.lower) / 2
-    return np.asarray(middle + 0.98 * half * (2 * (q - low) / (high - low) - 1))
+    return curve(arm, count, seed, 0.98, harmonics=4)
 
 
 def line(count: int) -> Array:
