@@ -186,9 +186,8 @@ def _put(new: Path, library: Path) -> None:
     os.close(descriptor)
     try:
         shutil.copyfile(new, name)
-        os.chmod(
-            name, 0o755
-        )  # Despite the umask, no other user may write to a file that every process loads.
+        # Despite the umask, no other user may write to a file that every process loads.
+        os.chmod(name, 0o755)
         os.replace(name, library)
     except BaseException:  # Includes Ctrl-C.
         os.unlink(name)

@@ -67,14 +67,15 @@ def follow(request: PathRequest, threads: int | None, advance: Advance, take: in
     """
     part, own = with_virtual_joints(request)
     take = len(request) if take is None else take
+    taken = request.part(0, take)
     if freedom(part.problem) > 0:
         q = _with_ends(part, follow_runs(part, threads, advance))[:take, own]
-        return judged(request.part(0, take), checked(request.part(0, take), q))
+        return judged(taken, checked(taken, q))
     plan = _isolated(part, threads, advance)
     q = _with_ends(part, plan.q)[:take, own]
     # Solutions for an arm with joints for ranges do not explain the path of the arm itself.
     layers = plan.layers if part is request else None
-    return judged(request.part(0, take), plan._replace(q=q, layers=layers))
+    return judged(taken, plan._replace(q=q, layers=layers))
 
 
 def _isolated(request: PathRequest, threads: int | None, advance: Advance) -> Plan:

@@ -90,14 +90,14 @@ def follow_samples(
             request.deadline.check()
             Smoother(request).project(row, np.ascontiguousarray(request.problem.goal.targets[:1]))
             round_trip = replace(request.returning(0, row[0]), start=row[0])
-            way, _ = _open_way(round_trip, threads, _silent, plans)
+            way, _ = _open_way(round_trip, threads, silent, plans)
             if len(way) == len(round_trip) and faults(round_trip, way) < best_faults:
                 best, best_faults = way, faults(round_trip, way)
     return best[: len(request)], refused
 
 
-def _silent(done: int) -> None:
-    pass
+def silent(done: int) -> None:
+    """Report no progress."""
 
 
 def _open_way(
@@ -119,11 +119,7 @@ def _open_way(
         if refused.any():
             return best, refused
         for effort, finer in plans:
-            q = (
-                best
-                if effort is plans[0][0]
-                else _planned(request, effort, threads, _silent, forbidden_edges)
-            )
+            q = best if effort is plans[0][0] else _planned(request, effort, threads, silent, forbidden_edges)
             if len(q) < len(request):
                 break
             if effort is STEP:
@@ -159,7 +155,7 @@ def _mended(request: PathRequest, q: Array, effort: Effort, threads: int | None)
     def plan(first: int, end: int, go_on: GoOn) -> None:
         for k in range(first, end):
             with suppress(TimeUp):
-                made[k] = _planned(parts[k], effort, 1, _silent)
+                made[k] = _planned(parts[k], effort, 1, silent)
 
     parallel_for(plan, len(parts), 1, threads, request.deadline)
     for (first, last), part, new in zip(windows, parts, made, strict=True):

@@ -17,7 +17,7 @@ from kinseek.support.deadline import TimeUp
 
 from .bridge import Bridge, nearest_to
 from .path import intervals
-from .redundant import PLANS, faults, follow_samples
+from .redundant import PLANS, faults, follow_samples, silent
 from .request import PathRequest
 from .smooth import ON_POSE
 
@@ -119,14 +119,10 @@ def _in_windows(request: PathRequest, threads: int | None, advance: Advance) -> 
     known = 0
     for begin in range(0, len(request), SAMPLED):
         part = request.part(begin, begin + SAMPLED + 1 + LOOK_AHEAD)
-        rows = _reached(replace(part, start=q[begin]) if begin else part, threads, _silent)
+        rows = _reached(replace(part, start=q[begin]) if begin else part, threads, silent)
         known = begin + min(len(rows), SAMPLED + 1)
         q[begin:known] = rows[: known - begin]
         if len(rows) < len(part):
             break
         advance(SAMPLED)
     return q[:known]
-
-
-def _silent(done: int) -> None:
-    pass
