@@ -24,7 +24,7 @@ from .proof.certificate import Certificate, Verdict
 from .robots import Mechanism, SerialChain, read
 from .solution import Solution, Status, quick_solution
 from .solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
-from .solvers.atlas.quick import can_solve_quickly, solve_quickly
+from .solvers.atlas.quick import can_solve_quickly, is_central, solve_central, solve_quickly
 from .solvers.atlas.solver import Atlas
 from .solvers.base import Solver
 from .solvers.black_box.samples import Samples, samples_of
@@ -279,9 +279,11 @@ class Arm(ForwardArm):
 
     def _one_goal(self, goal: Goal, near: Array | None) -> Solution | None:
         """Solve one goal without the checks that only other goals need; None for those."""
-        if (axes := self._axes) is None or not can_solve_quickly(goal, near):
+        if (axes := self._axes) is None:
             return None
-        return solve_quickly(axes, self._atlas_for(axes, goal), goal, near)
+        if can_solve_quickly(goal, near):
+            return solve_quickly(axes, self._atlas_for(axes, goal), goal, near)
+        return solve_central(axes, self._atlas_for(axes, goal), goal) if is_central(goal, near) else None
 
     @overload
     def branches(  # type: ignore[overload-overlap]  # Wanted: of an array without a shape neither answer is promised.

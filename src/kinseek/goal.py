@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Any, Literal, Self, Unpack
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, InvalidProblem
 from .kernels.arm.pose_error import judge
-from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_ranges
+from .kernels.arm.range_error import CONE, FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_ranges
 from .kernels.arrays import ChainArrays, GoalArrays
 from .kinds import BOX, KINDS, PLAIN_KINDS, POINTING, POSE, POSITION, Kind
 from .pose_arguments import at_position, unit_vector, x_onto
@@ -23,6 +24,7 @@ from .ranges import (
     FREE_TURN,
     PINNED,
     Ranges,
+    check_cone,
     check_ranges,
     free_turns,
     read_ranges,
@@ -68,8 +70,9 @@ class Goal(Lazy):
     The position error is the length of the vector by which x, y, z exceed their ranges; the orientation error is the same
     for rx, ry, rz. A free axis has the range of all values. If one rotation axis is free and the other two have no range,
     the orientation error is the angle between the directions of that axis in the reached and in the target pose. This is
-    exactly the error of a pointing goal; in the tool frame, with nothing else free, the goal becomes a pointing goal. If all
-    three rotation axes are free and nothing else is, it becomes a position goal. The weighted error of a goal with ranges is
+    exactly the error of a pointing goal; in the tool frame, with nothing else free, the goal becomes a pointing goal. With a
+    *cone* any such angle up to that of the cone is accepted, and the orientation error is the rest. If all three rotation
+    axes are free and nothing else is, it becomes a position goal. The weighted error of a goal with ranges is
     K_P times the position error plus K_A (1 - cos of the orientation error).
     """
 
@@ -97,6 +100,8 @@ class Goal(Lazy):
     """For a box goal: ``"tool"`` or ``"base"``, the frame whose axes the ranges are along."""
     swing: tuple[float, float, float] | None = None
     """For a box goal: the axis in the frame of which only the direction matters; rx, ry, rz then have no ranges."""
+    cone: float = 0.0
+    """For a box goal with such an axis: the largest accepted angle between its directions [rad]; see `Goal.pose`."""
 
     def __post_init__(self) -> None:
         """Validate every field.
@@ -126,6 +131,7 @@ class Goal(Lazy):
         object.__setattr__(self, "tool_axis", _unit_axis(self.tool_axis, "tool_axis"))
         if self.swing is not None:
             object.__setattr__(self, "swing", _unit_axis(self.swing, "swing"))
+        object.__setattr__(self, "cone", check_cone(self.cone, self.swing is not None))
         object.__setattr__(self, "target", as_pose(self.target))
 
     @classmethod
@@ -135,6 +141,7 @@ class Goal(Lazy):
         *,
         free: str | Iterable[str] = (),
         box: Mapping[str, Sequence[float]] | None = None,
+        cone: float = 0.0,
         frame: Frame = "tool",
         **options: Unpack[GoalOptions],
     ) -> Self:
@@ -145,28 +152,31 @@ class Goal(Lazy):
             free: Axes among x, y, z, rx, ry, rz along and about which any deviation is accepted: one name, or several.
             box: A range (lower, upper) of accepted deviations for some axes, [m] or [rad]. A length may be infinite; an
                 angle lies in [-π, π].
+            cone: With one free rotation axis, as in ``free="rz", cone=0.17``: the largest accepted angle between the
+                directions of that axis in the reached and in the target pose, in [0, π] rad.
             frame: ``"tool"``: the axes are those of the target pose; ``"base"``: those of the frame in which the goal is
                 given.
             options: Tolerances, weights, ``tool=`` and ``base=``, as named in `Goal`.
 
         Raises:
             InvalidGoal: Not a pose, an option out of its range, an unknown axis, an axis that is both free and boxed, an
-                invalid range, or a goal that leaves everything free.
+                invalid range, a cone about no axis or about several, or a goal that leaves everything free.
         """
         ranges = read_ranges(free, box)
         if frame not in FRAMES:
             raise InvalidGoal(f"frame must be 'tool' or 'base', got {frame!r}")
+        turns = [] if ranges is None else free_turns(ranges)
+        # Goals that another kind expresses exactly become that kind, because more searches and proofs support it.
+        alone = ranges is not None and len(turns) == 1 and ranges[3:].count(PINNED) == 2
+        cone = check_cone(cone, alone)
         if ranges is None or all(pair == PINNED for pair in ranges):
             return cls(target, **options)
-        turns = free_turns(ranges)
-        # Goals that another kind expresses exactly become that kind, because more searches and proofs support it.
-        alone = len(turns) == 1 and ranges[3:].count(PINNED) == 2
         if ranges[:3] == (PINNED,) * 3 and len(turns) == 3:
             return cls(target, kind=POSITION.name, **options)
-        if ranges[:3] == (PINNED,) * 3 and alone and frame == "tool":
+        if ranges[:3] == (PINNED,) * 3 and alone and frame == "tool" and not cone:
             return cls(target, kind=POINTING.name, tool_axis=unit(turns[0]), **options)
         swing = unit(turns[0]) if alone else None
-        return cls(target, kind=BOX.name, ranges=ranges, frame=frame, swing=swing, **options)
+        return cls(target, kind=BOX.name, ranges=ranges, frame=frame, swing=swing, cone=cone, **options)
 
     @classmethod
     def position(
@@ -204,6 +214,7 @@ class Goal(Lazy):
         direction: ArrayLike,
         tool_axis: Sequence[float] = (0.0, 0.0, 1.0),
         *,
+        cone: float = 0.0,
         free: str | Iterable[str] = (),
         box: Mapping[str, Sequence[float]] | None = None,
         **options: Unpack[GoalOptions],
@@ -214,6 +225,7 @@ class Goal(Lazy):
             position: Position of the tip in the base [m], (..., 3).
             direction: Direction of the tool axis in base coordinates, (3,), of any length but zero.
             tool_axis: The axis in tip (or tool) coordinates, (3,), of any length but zero.
+            cone: Largest accepted angle between the tool axis and the direction, in [0, π] rad.
             free: Axes among x, y and z of the base along which any deviation is accepted.
             box: A range (lower, upper) of accepted deviations for some of these axes, [m].
             options: Tolerances, weights, ``tool=`` and ``base=``, as named in `Goal`.
@@ -223,10 +235,12 @@ class Goal(Lazy):
         """
         axis, onto = unit_vector(tool_axis, "tool_axis"), unit_vector(direction, "direction")
         ranges, target = read_ranges(free, box, POINTING), at_position(position, rotation_onto(axis, onto))
-        if ranges is None:
+        cone = check_cone(cone, True)
+        if ranges is None and not cone:
             return cls(target, kind=POINTING.name, tool_axis=(axis[0], axis[1], axis[2]), **options)
         swing = (float(onto[0]), float(onto[1]), float(onto[2]))
-        return cls(target, kind=BOX.name, ranges=ranges, frame="base", swing=swing, **options)
+        ranges = ranges or (PINNED,) * 6
+        return cls(target, kind=BOX.name, ranges=ranges, frame="base", swing=swing, cone=cone, **options)
 
     @classmethod
     def _checked(cls, target: Array, kind: Kind) -> Self:
@@ -257,7 +271,8 @@ class Goal(Lazy):
             elif axis in within:
                 parts.append(f"{axis} within {row_of(within[axis])}")
         if self.swing is not None:
-            parts.append(f"only the direction of {row_of(self.swing)} counts")
+            within_cone = f", within {row_of([self.cone])[1:-1]} rad" if self.cone else ""
+            parts.append(f"only the direction of {row_of(self.swing)} counts{within_cone}")
         if self.ranges is not None:
             parts.append(f"frame={self.frame!r}")
         parts += said({name: getattr(self, name) for name in (*TOLERANCES, *WEIGHTS)})
@@ -291,6 +306,11 @@ class Goal(Lazy):
         """Axes with a range of accepted deviations, and the range: lower and upper end, [m] or [rad]."""
         named = dict(zip(AXES, self.ranges or (), strict=False))
         return {axis: pair for axis, pair in named.items() if pair != PINNED and axis not in self.free}
+
+    @property
+    def accepts_target(self) -> bool:
+        """Return whether the target itself lies in all ranges."""
+        return self.ranges is None or all(low <= 0.0 <= high for low, high in self.ranges)
 
     @property
     def prepared_as(self) -> tuple[Kind, bytes | None]:
@@ -403,12 +423,11 @@ class Goal(Lazy):
     @lazy
     def questions(self) -> Array:
         """Targets, frames and ranges of a box goal as kernels take them, (k, `QUESTION`)."""
-        rows, ranges = np.zeros((len(self.targets), QUESTION)), np.array(self.ranges)
+        assert self.ranges is not None
+        rows = np.empty((len(self.targets), QUESTION))
         rows[:, :FRAME] = self.targets.reshape(-1, 12)
         rows[:, FRAME:LOW] = self.frames.reshape(-1, 9)
-        rows[:, LOW:HIGH], rows[:, HIGH:SWING] = ranges[:, 0], ranges[:, 1]
-        if self.swing is not None:
-            rows[:, SWING:SWINGS], rows[:, SWINGS] = self.swing, 1.0
+        rows[:, LOW:] = _range_numbers(self.ranges, self.swing, self.cone)
         return rows
 
     @lazy
@@ -421,12 +440,26 @@ class Goal(Lazy):
         )
 
 
+_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
 _USUAL = {each.name: each.default for each in fields(Goal)}
 """Default fields of a goal that is given by its target and kind alone."""
 
 
+@lru_cache(maxsize=64)
+def _range_numbers(ranges: Ranges, swing: tuple[float, float, float] | None, cone: float) -> Array:
+    """Return what questions have behind the frame, (QUESTION - LOW,); the array must not be modified."""
+    row, ends = np.zeros(QUESTION), np.array(ranges)
+    row[LOW:HIGH], row[HIGH:SWING] = ends[:, 0], ends[:, 1]
+    if swing is not None:
+        row[SWING:SWINGS], row[SWINGS], row[CONE] = swing, 1.0, cone
+    return row[LOW:]
+
+
 def _unit_axis(axis: Any, name: str) -> tuple[float, float, float]:
     """Return an axis at length 1; one that has this length up to rounding stays as it is."""
+    if type(axis) is tuple and axis in _AXES:
+        return _AXES[_AXES.index(axis)]
     x, y, z = unit_vector(axis, name)
     given = np.asarray(axis, dtype=np.float64)
     if abs(float(given @ given) - 1.0) <= 1e-15 * 8:

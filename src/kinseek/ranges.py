@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from .errors import InvalidGoal, suggest
 from .kernels.arm.pose_error import LARGEST
 from .kinds import POSE, Kind
+from .support.validation import as_number
 
 Ranges = tuple[tuple[float, float], ...]
 """Lower and upper ends for x, y, z [m] and rx, ry, rz [rad]."""
@@ -83,6 +85,14 @@ def check_ranges(ranges: object) -> Ranges:
         InvalidGoal: Not six pairs, or a pair that is not a range.
     """
     try:
+        return _checked(ranges)
+    except TypeError:  # It cannot be a key of the cache.
+        return _checked.__wrapped__(ranges)
+
+
+@lru_cache(maxsize=256)
+def _checked(ranges: object) -> Ranges:
+    try:
         table = np.array(ranges, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         table = np.zeros(0)
@@ -90,6 +100,25 @@ def check_ranges(ranges: object) -> Ranges:
         raise InvalidGoal(f"ranges must be six pairs, of {', '.join(AXES)}, got {ranges!r}")
     read_ranges((), {axis: tuple(pair) for axis, pair in zip(AXES, table.tolist(), strict=True)})
     return tuple((float(low), float(high)) for low, high in table)
+
+
+def check_cone(cone: object, one_axis: bool) -> float:
+    """Validate the angle of a cone about the only free axis of rotation.
+
+    Args:
+        cone: The largest accepted angle [rad]; 0 for no cone.
+        one_axis: Whether one rotation axis is free, and the other two have no range.
+
+    Raises:
+        InvalidGoal: Not an angle in [0, π], or a cone about no axis or about several.
+    """
+    angle = as_number("cone, an angle in rad,", cone, 0.0, math.pi, InvalidGoal)
+    if angle and not one_axis:
+        raise InvalidGoal(
+            f"a cone of {angle:.6g} rad is about one axis of the tool: leave exactly that rotation free, as in "
+            "free='rz', and give no range about the other two"
+        )
+    return angle
 
 
 def free_turns(ranges: Ranges) -> list[int]:

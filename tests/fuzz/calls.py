@@ -192,7 +192,7 @@ def goal_of(rng: Rng, arm: kinseek.Arm, scale: float, count: int | None, ranges:
     if style == 2:
         target = target.copy()
         target[..., :3, 3] = scale * 10.0 ** rng.uniform(-3, 1) * rng.normal(size=(*target.shape[:-2], 3))
-    kinds = ["pose", "pose", "position", "pointing"] + ["box", "free"] * ranges
+    kinds = ["pose", "pose", "position", "pointing"] + ["box", "free", "cone"] * ranges
     kind = rng.choice(kinds)
     if kind == "position":
         return Goal.position(target[..., :3, 3], **options)
@@ -203,6 +203,9 @@ def goal_of(rng: Rng, arm: kinseek.Arm, scale: float, count: int | None, ranges:
     names = list(rng.permutation(AXES)[: rng.integers(1, 6)])
     frames: tuple[Literal["tool", "base"], ...] = ("tool", "base")
     frame = frames[rng.integers(2)]
+    if kind == "cone":
+        turn, angle = str(rng.choice(["rx", "ry", "rz"])), min(10.0 ** rng.uniform(-6, 1), np.pi)
+        return Goal.pose(target, free=turn, cone=angle, frame=frame, **options)
     if kind == "free":
         return Goal.pose(target, free=[str(name) for name in names], frame=frame, **options)
     box = {}
@@ -242,7 +245,8 @@ def deviations(T: Array, G: Array, goal: Goal) -> tuple[float, float]:
     if goal.swing is not None:
         a = np.array(goal.swing)
         b = turned @ a
-        return float(np.linalg.norm(out)), float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+        angle = float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+        return float(np.linalg.norm(out)), max(angle - goal.cone, 0.0)
     vector = Rotation.from_matrix(turned).as_rotvec()
     angle = np.linalg.norm(vector)
     both = [vector] if angle < 3.1 else [vector, vector * (1.0 - 2 * np.pi / angle)]

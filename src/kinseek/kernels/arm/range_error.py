@@ -30,11 +30,11 @@ from .vectors import (
     vector_at,
 )
 
-FRAME, LOW, HIGH, SWING, SWINGS = 12, 21, 27, 33, 36
+FRAME, LOW, HIGH, SWING, SWINGS, CONE = 12, 21, 27, 33, 36, 37
 """Indices into a question, an array that is passed by its address. After the target, (3, 4): the frame, (3, 3), lower and
-upper ends, (6,) each, the swing axis, (3,), and whether there is one."""
+upper ends, (6,) each, the swing axis, (3,), whether there is one, and the largest accepted angle of the swing [rad]."""
 
-QUESTION = SWINGS + 1
+QUESTION = CONE + 1
 """Length of a question."""
 
 OPPOSITE = 1e-12
@@ -116,11 +116,11 @@ def range_errors(out: Array, question: Array) -> tuple[float, float]:
         gap = beyond(out[i], question[LOW + i], question[HIGH + i])
         place += gap * gap
         angle = out[3 + i]
-        # A swing has no ranges, so all of it counts.
+        # The components of a swing have no ranges: its angle counts as far as it exceeds the cone.
         if question[SWINGS] == 0.0:
             angle = beyond(angle, question[LOW + 3 + i], question[HIGH + 3 + i])
         turn += angle * angle
-    return math.sqrt(place), math.sqrt(turn)
+    return math.sqrt(place), max(math.sqrt(turn) - question[CONE], 0.0)
 
 
 @inlined

@@ -13,6 +13,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from kinseek.kernels.arm.range_error import (
+    CONE,
     FRAME,
     HIGH,
     LOW,
@@ -22,7 +23,7 @@ from kinseek.kernels.arm.range_error import (
     deviation,
     range_errors,
 )
-from kinseek.kernels.arm.vectors import Vector, dot
+from kinseek.kernels.arm.vectors import Vector, dot, norm
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import LONGEST
 from kinseek.kernels.atlas.lanes import (
@@ -138,6 +139,25 @@ def past_the_half_turn(out: Array, question: Array) -> None:
 
 
 @inlined
+def cone_row(task: Task, lanes: Lanes, ranges: RangeScratch, hold: bool, l: int) -> float:
+    """Write residual and row of the angle between an axis and its direction in the target; return the squared residual.
+
+    A rotation ω of the hand changes the angle θ = |w| of the swing w by ω · w / θ.
+    """
+    question, rows, cone = ranges.question, ranges.rows, ranges.question[CONE]
+    F, w = question[FRAME:LOW], Vector(ranges.out[3], ranges.out[4], ranges.out[5])
+    angle = norm(w)
+    way, has = way_in(angle, -cone, cone, task.orientation_tolerance, hold)
+    e, scale = lanes.weight[1, l] * way, has / angle if angle > 0.0 else 0.0
+    lanes.residual[3, l], lanes.residual[4, l], lanes.residual[5, l] = e, 0.0, 0.0
+    for k in range(9):
+        rows[1, k, l] = 0.0
+    for k in range(3):
+        rows[1, k, l] = scale * (w.x * F[3 * k] + w.y * F[3 * k + 1] + w.z * F[3 * k + 2])
+    return float(e * e)
+
+
+@inlined
 def rows_of(task: Task, scratch: Scratch, ranges: RangeScratch, l: int) -> None:
     """Compute residual, errors and rows of lane l at its pose."""
     question, lanes, rows, out = ranges.question, scratch.lanes, ranges.rows, ranges.out
@@ -156,6 +176,9 @@ def rows_of(task: Task, scratch: Scratch, ranges: RangeScratch, l: int) -> None:
         total += e * e
         for k in range(3):
             rows[0, 3 * i + k, l] = has * F[3 * k + i]
+    if swings and question[CONE] > 0.0:
+        lanes.error[RESIDUAL2, l] = total + cone_row(task, lanes, ranges, hold, l)
+        return
     if not swings:
         past_the_half_turn(out, question)
     x, y, z = out[3], out[4], out[5]

@@ -68,6 +68,8 @@ class AtlasIndex(Lazy):
         """
         began = time.perf_counter()
         division = divide(chain, kind)
+        self.arrays = arrays
+        """The arm, with its tip at the goal's tool."""
         if of_tip is None or tool is None:
             points, first = middle_samples(chain, division, samples)
             head = inverse(chain.fixed[0]) if division.head != NONE else np.eye(4)[:3]

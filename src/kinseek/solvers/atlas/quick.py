@@ -1,4 +1,4 @@
-"""Solve one goal without ranges with the least overhead in Python; the bits are those of `Atlas.solve`."""
+"""Solve one goal with the least overhead in Python; the bits are those of `Atlas.solve`."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ from functools import lru_cache
 import numpy as np
 
 from kinseek.goal import Goal
+from kinseek.kernels.arm.range_error import judge_ranges
 from kinseek.kernels.arrays import Array
+from kinseek.kernels.atlas.batch import solve_many
+from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.near import solve_goal
+from kinseek.kernels.atlas.task import REPORT
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution, quick_solution
 
@@ -52,6 +56,38 @@ def solve_quickly(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array
     if not report[4] and retries_missed(goal, chain):
         return None
     return quick_solution(chain, goal, near, q, report)
+
+
+def is_central(goal: Goal, near: Array | None) -> bool:
+    """Return whether this is one goal with ranges that accept its target itself, to be solved without `near`."""
+    ranged = type(goal) is Goal and goal.target.ndim == 2 and goal.ranges is not None
+    return ranged and near is None and goal.accepts_target
+
+
+def solve_central(chain: SerialChain, index: AtlasIndex, goal: Goal) -> Solution | None:
+    """Solve the target of a goal with ranges itself, for which `is_central`; the bits are those of `solve_centres`.
+
+    Returns:
+        None if the fast search does not find it.
+    """
+    dof, left = chain.dof, np.empty(1, dtype=np.int64)
+    tolerances = _tolerances(
+        goal.position_tolerance,
+        goal.orientation_tolerance,
+        goal.position_weight,
+        goal.orientation_weight,
+        goal.seeded_as.columns,
+    )
+    row = np.empty((1, dof + REPORT))
+    if solve_many(index.handle, tolerances, goal.targets, row, left, 0, 1, LANES):
+        return None
+    weights = float(goal.position_weight), float(goal.orientation_weight)
+    (measured,) = judge_ranges(index.arrays, row[:, :dof], goal.questions, *weights).tolist()
+    success = measured[0] <= goal.position_tolerance and measured[1] <= goal.orientation_tolerance
+    if not success:
+        return None
+    report = measured[0], measured[1], measured[2], int(row[0, -1]), True
+    return quick_solution(chain, goal, None, row[0, :dof], report)
 
 
 @lru_cache(maxsize=64)

@@ -1,17 +1,22 @@
-"""Solve goals with free axes and ranges by the atlas: seeds are spread over the ranges, and steps reduce what exceeds them.
+"""Solve goals with free axes and ranges by the atlas.
 
-See `kernels.ranges.search`; `Atlas` calls this module for such goals.
+A pose at the centre of the ranges is tried first, since it is found much faster. If it is out of reach, seeds are spread
+over the ranges, and steps reduce what exceeds them. See `kernels.ranges.search`; `Atlas` calls this module for such goals.
 """
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinseek.goal import Goal
-from kinseek.kernels.arrays import Array
+from kinseek.kernels.arm.range_error import judge_ranges
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.atlas.batch import solve_many
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.task import REPORT
 from kinseek.kernels.ranges.search import solve_ranged
@@ -22,9 +27,9 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.sampling import low_discrepancy
 from kinseek.solution import Solution
 from kinseek.support.deadline import Deadline
-from kinseek.support.transforms import rotations
+from kinseek.support.transforms import rotation_onto, rotations
 
-from .index import atlas_of, tolerances_of
+from .index import AtlasIndex, atlas_of, tolerance_numbers, tolerances_of
 from .rows import batch_solution
 
 if TYPE_CHECKING:
@@ -53,51 +58,113 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
     nears = np.ascontiguousarray(np.broadcast_to(near, (*goal.shape, chain.dof))).reshape(-1, chain.dof)
     results, done = np.empty((count, chain.dof + REPORT)), np.zeros(count, dtype=bool)
     assert goal.ranges is not None
-    questions, (fractions, turns) = goal.questions, deviations(goal.ranges, goal.swing)
+    questions, (fractions, turns) = goal.questions, deviations(goal.ranges, goal.swing, goal.cone)
+
+    # With `near` the solution shall be near, and not at the centre; a budget and a trace count the work of the search.
+    central = problem.near is None and problem.budget is None and not problem.trace
 
     def work(begin: int, end: int, go_on: GoOn) -> None:
         for first in range(begin, end, _GROUP):
-            last = min(first + _GROUP, end)
-            poses = seed_poses(chain, goal, fractions, turns, slice(first, last))
-            for piece in range(first, last, _PIECE):
+            if not go_on():
+                return
+            some = np.arange(first, min(first + _GROUP, end))
+            if central:
+                solve_centres(index, problem, some, results, done)
+                some = some[~done[some]]
+            poses = seed_poses(chain, goal, fractions, turns, some)
+            for piece in range(0, len(some), _PIECE):
                 if not go_on():
                     return
-                until = min(piece + _PIECE, last)
+                rows = some[piece : piece + _PIECE]
+                found = np.empty((len(rows), results.shape[1]))
                 solve_ranged(
                     index.range_handle,
                     tolerances,
-                    questions[piece:until],
-                    poses[piece - first : until - first],
-                    nears[piece:until],
+                    questions[rows],
+                    poses[piece : piece + _PIECE],
+                    nears[rows],
                     problem.near is not None,
-                    results,
-                    piece,
+                    found,
+                    0,
                     LANES,
                 )
-                done[piece:until] = True
+                results[rows], done[rows] = found, True
 
     search.parallel_for(work, count, deadline)
     return batch_solution(problem, results, done)
 
 
+def solve_centres(
+    index: AtlasIndex, problem: Problem, some: Indices, results: Array, done: NDArray[np.bool_]
+) -> None:
+    """Solve poses at the centres of ranges, as far as the fast search for whole poses and positions reaches them.
+
+    Args:
+        index: The atlas for such goals.
+        problem: The problem.
+        some: Indices of the targets, (m,).
+        results: Receives the rows of the solutions, as from `solve_ranged`, (k, n + 4).
+        done: Receives which targets are solved, (k,).
+    """
+    goal, dof = problem.goal, problem.chain.dof
+    if goal.accepts_target:
+        poses = goal.targets[some]
+    else:
+        assert goal.ranges is not None
+        fractions, turns = deviations(goal.ranges, goal.swing, goal.cone)
+        poses = seed_poses(problem.chain, goal, fractions[:1], turns[:1], some)[:, 0]
+    poses = np.ascontiguousarray(poses)
+    rows, left = np.empty((len(some), dof + REPORT)), np.empty(len(some), dtype=np.int64)
+    count = solve_many(index.handle, inner_tolerances(goal), poses, rows, left, 0, len(some), LANES)
+    found = np.ones(len(some), dtype=np.bool_)
+    found[left[:count]] = False
+    rows, some = rows[found], some[found]
+    weights = float(goal.position_weight), float(goal.orientation_weight)
+    rows[:, dof:-1] = judge_ranges(index.arrays, rows[:, :dof], goal.questions[some], *weights)
+    results[some], done[some] = rows, goal.met(rows[:, dof:])
+
+
+def inner_tolerances(goal: Goal) -> Array:
+    """Return the tolerances and weights of the pose or position that is looked for inside the ranges."""
+    weights = goal.orientation_weight * (np.arange(3) < min(goal.seeded_as.columns, 2))
+    return tolerance_numbers(
+        goal.position_tolerance, goal.orientation_tolerance, goal.position_weight, np.inf, weights
+    )
+
+
 @lru_cache(maxsize=64)
-def deviations(ranges: Ranges, swing: tuple[float, float, float] | None) -> tuple[Array, Array]:
+def deviations(
+    ranges: Ranges, swing: tuple[float, float, float] | None, cone: float = 0.0
+) -> tuple[Array, Array]:
     """Return deviations spread over ranges: fractions of x, y and z in [0, 1], (POSES, 3), and rotations, (POSES, 3, 3)."""
     open_axes = [i for i, (low, high) in enumerate(ranges) if low < high]
     if swing is not None:
-        open_axes = [i for i in open_axes if i < 3] + [3]
+        open_axes = [i for i in open_axes if i < 3] + ([3, 4, 5] if cone else [3])
     fractions = np.zeros((POSES, 6))
     fractions[:, open_axes] = low_discrepancy(POSES, len(open_axes)) if open_axes else 0.0
-    return fractions[:, :3], rotations(turn_vectors(ranges, swing, fractions))
+    turns = rotations(turn_vectors(ranges, swing, fractions))
+    if swing is not None and cone:
+        turns = rotations(tilt_vectors(swing, cone, fractions[:, 4:])) @ turns
+    return fractions[:, :3], turns
 
 
-def seed_poses(chain: SerialChain, goal: Goal, fractions: Array, turns: Array, targets: slice) -> Array:
-    """Return poses spread over the ranges about each target, the first as near to it as they allow, (k, POSES, 3, 4)."""
-    about, frames = goal.targets[targets], goal.frames[targets]
+def tilt_vectors(axis: tuple[float, float, float], cone: float, fractions: Array) -> Array:
+    """Return rotation vectors that tilt an axis, spread evenly over a cone about it, the first zero, (POSES, 3)."""
+    # Equal fractions of the height of a spherical cap are equal fractions of its area (Archimedes).
+    half = np.sqrt(fractions[:, 0]) * math.sin(0.5 * cone)
+    half[0] = 0.0
+    angle, about = 2.0 * np.arcsin(half), 2.0 * np.pi * fractions[:, 1]
+    across = rotation_onto(np.array([0.0, 0.0, 1.0]), np.array(axis))[:, :2]
+    return np.asarray(angle[:, None] * (np.stack([np.cos(about), np.sin(about)], axis=1) @ across.T))
+
+
+def seed_poses(chain: SerialChain, goal: Goal, fractions: Array, turns: Array, some: Indices) -> Array:
+    """Return poses spread over the ranges about some targets, the first as near as they allow, (k, POSES, 3, 4)."""
+    about, frames = goal.targets[some], goal.frames[some]
     low, high = place_ranges(chain, goal, about, frames)
     place = low[:, None] + fractions[None] * (high - low)[:, None]
     place[:, 0] = np.clip(0.0, low, high)
-    poses = np.empty((len(about), POSES, 3, 4))
+    poses = np.empty((len(about), len(turns), 3, 4))
     poses[..., 3:] = about[:, None, :, 3:] + _product(frames[:, None], place[..., None])
     back = _product(np.swapaxes(frames, 1, 2), about[:, :, :3])
     poses[..., :3] = _product(_product(frames[:, None], turns[None]), back[:, None])
