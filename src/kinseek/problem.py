@@ -121,6 +121,10 @@ class Problem(Lazy):
         turned = q + nearest_turns(near - q)
         return np.where(free, np.clip(turned, near - np.pi, near + np.pi), q)
 
+    def at(self, target: Array) -> Problem:
+        """Return the same problem with another target, or other targets."""
+        return replace(self, goal=self.goal.at(target))
+
     def each(self) -> Iterator[Problem]:
         """Iterate over the targets, one problem each, in order."""
         if not self.goal.shape:

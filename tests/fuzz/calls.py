@@ -245,8 +245,8 @@ def deviations(T: Array, G: Array, goal: Goal) -> tuple[float, float]:
     if goal.swing is not None:
         a = np.array(goal.swing)
         b = turned @ a
-        angle = float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-        return float(np.linalg.norm(out)), max(angle - goal.cone, 0.0)
+        tilt = float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+        return float(np.linalg.norm(out)), max(tilt - goal.cone, 0.0)
     vector = Rotation.from_matrix(turned).as_rotvec()
     angle = np.linalg.norm(vector)
     both = [vector] if angle < 3.1 else [vector, vector * (1.0 - 2 * np.pi / angle)]

@@ -469,22 +469,51 @@ def test_ranges_with_a_start_and_an_end(asked: dict[str, Any]) -> None:
         arm.follow(goal, start=arm.ik(kinseek.pose([0.3, 0.3, 0.3])).q)
 
 
-def test_ranges_about_axes_that_joints_cannot_stand_for_are_refused() -> None:
+@pytest.mark.parametrize(
+    "ranges",
+    [
+        {"box": {"rx": (-0.3, 0.3), "ry": (-0.3, 0.3)}},
+        {"box": {"rx": (0.1, 0.3), "ry": (-0.3, 0.3)}, "free": "rz"},
+        {"box": {"rx": (0.1, 0.3), "rz": (0.5, 0.9), "x": (0.01, 0.02)}},
+        {"free": "rz", "cone": 0.17},
+        {"free": "rx", "cone": 0.5, "box": {"z": (-0.01, 0.05)}},
+        {"free": "rz", "cone": 0.3, "frame": "base"},
+    ],
+)
+def test_ranges_of_several_rotations_and_cones(ranges: dict[str, Any]) -> None:
     arm = kinseek.load("ur5e")
-    T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 4)
-    with pytest.raises(InvalidProblem, match="about rx, ry of the tool and none about the third"):
-        arm.follow(Goal.pose(T, box={"rx": (-0.3, 0.3), "ry": (-0.3, 0.3)}))
-    with pytest.raises(InvalidProblem, match="give ranges on both sides of 0"):
-        arm.follow(Goal.pose(T, free="rz", box={"rx": (0.1, 0.3), "ry": (-0.3, 0.3)}))
+    goal = Goal.pose(line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 60), **ranges)
+    path = arm.follow(goal).require()
+    errors = goal.measure(path.problem.arrays, path.q)
+    assert errors[:, :2].max() < 1e-6
+    assert np.abs(np.diff(path.q, axis=0)).max() < 0.1
+
+
+def test_a_cone_reaches_what_a_direction_does_not() -> None:
+    arm = kinseek.load("ur5e")
+    T = line(np.array([0.92, -0.1, 0.163]), np.array([0.92, 0.1, 0.163]), 30)
+    assert not arm.follow(Goal.pose(T, free="rz")).success
+    goal = Goal.pose(T, free="rz", cone=1.2)
+    path = arm.follow(goal).require()
+    tilt = np.arccos((arm.fk(path.q)[:, :3, 2] * T[:, :3, 2]).sum(axis=1))
+    assert 0.1 < tilt.max() <= 1.2 + 1e-6
 
 
 def test_ranges_whose_axes_change_are_refused() -> None:
     arm = kinseek.load("ur5e")
     T = np.array([kinseek.pose([0.4, a / 5, 0.3], rpy=[np.pi, a, 0.5]) for a in np.linspace(-0.3, 0.3, 20)])
-    with pytest.raises(InvalidProblem, match="along x needs an axis in the base that is the same"):
+    with pytest.raises(
+        InvalidProblem, match="along axes of the tool need axes in the base that are the same"
+    ):
         arm.follow(Goal.pose(T, free=("rx", "ry", "rz"), box={"x": (-0.05, 0.05)}))
-    with pytest.raises(InvalidProblem, match="about rz needs an axis in the tool that is the same"):
+    with pytest.raises(
+        InvalidProblem, match="about axes of the base need axes in the tool that are the same"
+    ):
         arm.follow(Goal.pose(T, box={"rz": (-0.5, 0.5)}, frame="base"))
+    with pytest.raises(InvalidProblem, match="Give the ranges with frame='tool'"):
+        arm.follow(Goal.pose(T, free="rz", frame="base"))
+    with pytest.raises(InvalidProblem, match="too little is left of the ranges"):
+        arm.follow(Goal.pose(T, box={"rx": (-3.0, 0.0), "ry": (-3.0, 3.0), "rz": (1.0, 1.2)}))
     # About y they turn themselves: the axis stays.
     T = np.array([kinseek.pose([0.4, a / 5, 0.3], rpy=[np.pi, a, 0]) for a in np.linspace(-0.3, 0.3, 20)])
     assert arm.follow(Goal.pose(T, box={"ry": (-0.5, 0.5)}, frame="base")).success

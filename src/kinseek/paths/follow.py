@@ -24,7 +24,6 @@ from .path import Path
 from .proofs import with_proofs
 from .request import PathRequest
 from .runs import follow_runs
-from .virtual_joints import with_virtual_joints
 
 Array = NDArray[np.float64]
 Advance = Callable[[int], object]
@@ -65,7 +64,7 @@ def follow(request: PathRequest, threads: int | None, advance: Advance, take: in
         advance: Called with the number of poses that were completed since the last call.
         take: Number of poses of the returned path; the others only serve as look-ahead. None returns all.
     """
-    part, own = with_virtual_joints(request)
+    part, own = request.without_ranges()
     take = len(request) if take is None else take
     taken = request.part(0, take)
     if freedom(part.problem) > 0:

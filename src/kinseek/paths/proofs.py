@@ -7,29 +7,24 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.kernels.arm.forward import forward_many
-from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.problem import Problem
+from kinseek.virtual_joints import extended
 
-from .certify import prove_rows, rims_of, turns_between
+from .certify import prove_rows, rims_of
 from .impossible import impossible_pairs
 from .joints import Turning
 from .missed import Missed, judge_missed
 from .path import Path, PathProof, intervals, met
 from .request import PathRequest
-from .virtual_joints import with_virtual_joints
 from .why import these
 
 Array = NDArray[np.float64]
 
-ROUNDS = 4
-"""Newton steps for the virtual joints of a goal's ranges; a rotation about one axis and slides take two."""
-
 
 def with_proofs(request: PathRequest, path: Path, threads: int | None) -> Path:
     """Return the path with what can be proved about it; see `Arm.follow`."""
-    part, own = with_virtual_joints(request)
-    steps, within = _unbroken(part, own, path, threads)
+    part, _ = request.without_ranges()
+    steps, within = _unbroken(part, _with_virtual_joints(request, path.q), path, threads)
     missed = ~(met(path) & path.planned)
     report = judge_missed(path, missed, threads, request.deadline)
     impossible = impossible_pairs(part.problem, path, request.deadline) if part is request else ()
@@ -63,11 +58,15 @@ def _words(path: Path, proof: PathProof, report: Missed) -> list[str]:
 
 
 def _unbroken(
-    request: PathRequest, own: slice, path: Path, threads: int | None
+    request: PathRequest, q: Array, path: Path, threads: int | None
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Return flags of the continuous steps, (N - 1,) or (N,), and how close the branches pass to each pose, (N,)."""
+    """Examine the path for an arm with joints for ranges, and its joint values, (N, more).
+
+    Returns:
+        Flags of the continuous steps, (N - 1,) or (N,), and how close the branches pass to each pose, (N,).
+    """
     problem = request.problem
-    count, goal, q = len(path), problem.goal, _with_goal_joints(problem, own, path.q)
+    count, goal = len(path), problem.goal
     last = count if path.closed and count > 1 else count - 1
     if last == count:
         back = q[-1] + Turning(problem.chain).way(q[0] - q[-1])
@@ -87,21 +86,12 @@ def _unbroken(
     return steps, np.where(np.isinf(within).all(axis=0), np.inf, known)
 
 
-def _with_goal_joints(problem: Problem, own: slice, q: Array) -> Array:
-    """Extend joint values of the arm by the virtual joints for the goal's ranges, (N, n) -> (N, more)."""
-    dof = problem.chain.dof
-    if q.shape[1] == dof:
+def _with_virtual_joints(request: PathRequest, q: Array) -> Array:
+    """Extend joint values of the arm by those of the goal's ranges, which turn without jumps, (N, n) -> (N, more)."""
+    if request.problem.goal.ranges is None:
         return q
-    whole = np.zeros((len(q), dof))
-    whole[:, own] = q
-    others, targets = np.setdiff1d(np.arange(dof), np.arange(dof)[own]), problem.goal.targets
-    for _ in range(ROUNDS):
-        T = forward_many(problem.arrays, whole)[:, :3]
-        turn = turns_between(T, targets, problem.goal.columns)
-        off = np.concatenate([targets[:, :, 3] - T[:, :, 3], turn], axis=1)
-        step = np.linalg.pinv(jacobian_many(problem.arrays, whole)[:, :, others]) @ off[:, :, None]
-        whole[:, others] += step[:, :, 0]
-    turning = Turning(problem.chain)
-    inside = np.clip(whole, turning.open_lower, turning.open_upper)
-    whole[:, others] = turning.unwrapped(inside)[:, others]
-    return whole
+    more = extended(request.problem, inside=True)
+    whole = more.with_virtual(q)
+    unwrapped = Turning(more.problem.chain).unwrapped(whole)
+    unwrapped[:, more.own] = q
+    return unwrapped

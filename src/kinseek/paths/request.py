@@ -10,10 +10,15 @@ from numpy.typing import NDArray
 from kinseek.branches.order import Cost
 from kinseek.problem import Problem
 from kinseek.support.deadline import Deadline
+from kinseek.virtual_joints import extended
 
 from .allowed import Allowed
 
 Array = NDArray[np.float64]
+
+LIGHT = 0.02
+"""Weight of a joint that stands for a free axis, relative to 1 for a joint of the arm: it moves at almost no cost, but
+smoothly. Not examined further."""
 
 ROUNDING = 1e-9
 """Poses closer than this, relative to the arm's reach and in [rad], count as equal up to rounding."""
@@ -57,6 +62,42 @@ class PathRequest:
         apart[:3, 3] /= max(self.problem.chain.reach, 1e-300)
         return len(self) > 1 and bool((apart <= ROUNDING).all())
 
+    def without_ranges(self) -> tuple[PathRequest, slice]:
+        """Return the same path for an arm with a virtual joint for each range of the goal, and the slice of its own joints.
+
+        Raises:
+            InvalidProblem: Ranges along and about axes that change from pose to pose.
+        """
+        if self.problem.goal.ranges is None:
+            return self, slice(None)
+        more = extended(self.problem, inside=True)
+        own, dof = more.own, more.problem.chain.dof
+        longest = np.full((len(self.longest), dof), np.inf)
+        longest[:, own] = self.longest
+        weights = np.full(dof, LIGHT)
+        weights[own] = self.weights
+        velocity = self.velocity
+        if velocity is not None:
+            velocity = np.full(dof, velocity.max())
+            velocity[own] = self.velocity
+        ends = []
+        for q, i in ((self.start, 0), (self.end, -1)):
+            one = extended(self.problem.at(self.problem.goal.target[[i]]), inside=True)
+            ends.append(None if q is None else one.with_virtual(q[None])[0])
+        valid, cost = self.valid, self.cost
+        part = replace(
+            self,
+            problem=more.problem,
+            longest=longest,
+            weights=weights,
+            velocity=velocity,
+            start=ends[0],
+            end=ends[1],
+            valid=None if valid is None else replace(valid, own=own),
+            cost=None if cost is None else _of_the_arm(cost, own),
+        )
+        return part, own
+
     def part(self, begin: int, end: int) -> PathRequest:
         """Return the request for poses `begin` up to `end`; start and end stay with the first and the last pose.
 
@@ -91,3 +132,8 @@ class PathRequest:
         """Return the request for an open path through other targets."""
         problem = Problem(self.problem.mechanism, self.problem.goal.at(targets))
         return replace(self, problem=problem, closed=False, longest=longest)
+
+
+def _of_the_arm(cost: Cost, own: slice) -> Cost:
+    """Return the user's cost as a function of all joints that only uses the joints of the arm."""
+    return lambda q: cost(q[:, own])
