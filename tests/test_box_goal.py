@@ -16,11 +16,16 @@ import kinseek
 from benchmarks.targets import plain_fk, random_joints, singular_joints
 from chains import poses
 from kinseek import Goal
+from kinseek.branches.result import Branches, BranchesBatch
 from kinseek.errors import InvalidGoal, InvalidProblem
 from kinseek.goal import Frame
 from kinseek.kernels.arm.range_error import judge_ranges
+from kinseek.problem import Problem
+from kinseek.proof.branch_and_bound import prove
+from kinseek.proof.certificate import Verdict
 from kinseek.ranges import AXES
 from kinseek.robots import catalog_entry, catalog_names
+from kinseek.solution import Status, conclude
 from kinseek.solvers.atlas.index import MOST_CACHED, atlas_of
 
 Array = NDArray[np.float64]
@@ -387,36 +392,129 @@ def test_other_solvers_refuse_ranges(solver: type[kinseek.Solver]) -> None:
         arm.ik(Goal.pose(np.eye(4), free=("x", "rz")), solver=solver())
 
 
-@pytest.mark.parametrize("wish", ["prefer", "cost", "valid", "scene", "clearance", "prove"])
-def test_the_message_recommends_a_call_that_works(wish: str) -> None:
-    arm = kinseek.load("planar2")
-    goal = Goal.pose(arm.fk([0.3, 0.4]), free=("x", "rz"))
-    scene = kinseek.Scene.of(arm, capsules=0.01)
-    wishes: dict[str, dict[str, Any]] = {
-        "prefer": {"prefer": "limits"},
-        "cost": {"cost": lambda q: q[:, 0]},
-        "valid": {"valid": lambda q: True},
-        "scene": {"scene": scene},
-        "clearance": {"scene": scene, "clearance": 0.01},
-        "prove": {"prove": True},
+COMBINED: dict[str, dict[str, Any]] = {
+    "cone": {"free": ("rz",), "cone": 0.2},
+    "two": {"box": {"rx": (-0.2, 0.2), "ry": (-0.1, 0.3)}},
+    "three": {"box": {"rx": (-0.2, 0.2), "ry": (-0.1, 0.3), "rz": (-0.5, 0.5), "z": (-0.02, 0.05)}},
+    "slide": {"free": ("x", "rx"), "frame": "base"},
+}
+HERE = kinseek.pose([0.4, 0.2, 0.3], rpy=[math.pi, 0.0, 0.5])
+
+
+@pytest.mark.parametrize("ranges", COMBINED.values(), ids=COMBINED)
+def test_goals_with_ranges_take_every_option(ranges: dict[str, Any]) -> None:
+    arm = kinseek.load("ur5e")
+    goal, scene = Goal.pose(HERE, **ranges), kinseek.Scene.of(arm, capsules=0.05)
+    sample = arm.branches(goal)
+    assert isinstance(sample, Branches)
+    assert len(sample) == 50
+    assert sample.sampled
+    near = np.array([0.0, -1.5, 1.5, 0.0, 0.0, 0.0])
+    options: dict[str, dict[str, Any]] = {
+        "near": {"near": near},
+        "cost": {"cost": lambda q: np.abs(q[:, 0] - 0.3)},
+        "valid": {"valid": lambda q: bool(q[2] < 0)},
+        "scene": {"scene": scene, "clearance": 0.01},
+        "limits": {"prefer": "limits"},
+        "mid-range": {"prefer": "mid-range"},
+        "dexterity": {"prefer": "dexterity"},
     }
-    with pytest.raises(InvalidProblem) as caught:
-        arm.ik(goal, **wishes[wish])
-    said = str(caught.value)
-    named = (
-        "proofs are not supported"
-        if wish == "prove"
-        else "prefer=, cost=, valid= and scene= are not supported"
+    solutions = {name: arm.ik(goal, **option) for name, option in options.items()}
+    for solution in solutions.values():
+        assert solution.success
+        assert goal.met(goal.measure(arm.axes.arrays, solution.q[None]))[0]  # type: ignore[union-attr]
+    assert (np.abs(sample.q[:, 0] - 0.3)).min() + 1e-3 >= abs(solutions["cost"].q[0] - 0.3)
+    assert solutions["valid"].q[2] < 0
+    assert scene.distance(solutions["scene"].q) >= 0.01
+    assert (np.abs(solutions["limits"].q / arm.upper).max()) <= np.abs(sample.q / arm.upper).max(
+        axis=1
+    ).min() + 1e-3
+    ordered = arm.branches(goal, near=near, count=20).q
+    gaps = np.linalg.norm(ordered - near, axis=1)
+    assert (np.diff(gaps) >= 0).all()
+    accepted = arm.branches(goal, valid=options["valid"]["valid"])
+    assert isinstance(accepted, Branches)
+    assert (accepted.q[:, 2] < 0).all()
+    assert len(accepted) + accepted.rejected == 50
+
+
+def test_a_tilt_avoids_what_the_straight_tool_hits() -> None:
+    arm = kinseek.load("ur5e")
+    goal = Goal.pose(HERE, free="rz", cone=0.9)
+    scene = kinseek.Scene.of(arm, capsules=0.03)
+    # A body on the tool axis above the target: no turn about that axis avoids it.
+    scene.add_box("body", (0.02, 0.02, 0.04), HERE @ kinseek.pose([0.0, 0.0, -0.075]))
+    assert arm.ik(Goal.pose(HERE, free="rz"), scene=scene).status is Status.BLOCKED
+    solution = arm.ik(goal, scene=scene)
+    assert solution.success
+    assert scene.free(solution.q)
+    assert goal.met(goal.measure(arm.axes.arrays, solution.q[None]))[0]  # type: ignore[union-attr]
+
+
+def test_batches_take_options_target_by_target() -> None:
+    arm = kinseek.load("ur5e")
+    T = np.array(
+        [HERE, kinseek.pose([0.3, -0.4, 0.2], rpy=[math.pi, 0.2, 0.0]), kinseek.pose([2.0, 0.0, 0.0])]
     )
-    assert said.startswith(named)
-    assert said.endswith("default solver, without prefer=, cost=, valid=, scene= and prove=")
-    assert arm.ik(goal).success
+    frames: tuple[Frame, ...] = ("tool", "base")
+    for frame in frames:  # In the base the axes of the ranges change from target to target.
+        goal = Goal.pose(T, box={"rx": (-0.2, 0.2)}, frame=frame)
+        together = arm.branches(goal)
+        assert isinstance(together, BranchesBatch)
+        assert together.counts.tolist() == [50, 50, 0]
+        preferred = arm.ik(goal, prefer="limits")
+        assert preferred.success.tolist() == [True, True, False]
+        for i in range(3):
+            np.testing.assert_array_equal(
+                np.array(list(arm.branches(goal.at(T[i])))), np.array(list(together[i]))
+            )
+            np.testing.assert_array_equal(arm.ik(goal.at(T[i]), prefer="limits").q, preferred.q[i])
+    assert len(arm.branches(goal.at(T[:0]))) == 0
 
 
-def test_proofs_refuse_ranges() -> None:
-    arm = kinseek.load("planar2")
-    goal = Goal.pose(np.eye(4), free=("x", "rz"))
-    with pytest.raises(InvalidProblem, match="proofs are not supported"):
-        arm.prove(goal)
-    with pytest.raises(InvalidProblem, match="proofs are not supported"):
-        arm.ik(goal, prove=True)
+@pytest.mark.parametrize("ranges", COMBINED.values(), ids=COMBINED)
+def test_nothing_in_reach_is_proved_out_of_reach(ranges: dict[str, Any]) -> None:
+    arm = kinseek.load("ur5e")
+    goal = Goal.pose(HERE, **ranges)
+    rng, case = (
+        np.random.default_rng(12),
+        {"free": (), "box": {}} | {k: v for k, v in ranges.items() if k != "cone"},
+    )
+    q = random_joints(arm.chain, 20, seed=13)
+    q[:, 2] *= 1e-3 * rng.random(20)  # Nearly stretched: the goals lie at the end of the workspace.
+    wanted = targets_from(plain_fk(arm.chain, q), away(case, 20, seed=14), ranges.get("frame", "tool"))
+    for T in wanted:
+        one = Problem(arm.chain, goal.at(T))
+        missed = conclude(one, one.start[None], np.zeros((1, 3), dtype=np.int64))
+        certificate = prove(one, solution=missed, budget=20_000)
+        assert certificate.verdict is not Verdict.UNREACHABLE
+        assert certificate.lower_bound <= 1e-12
+
+
+def test_goals_with_ranges_are_proved_out_of_reach() -> None:
+    arm = kinseek.load("ur5e")
+    for ranges in (
+        {"free": "rz", "cone": 0.2},
+        {"box": {"rx": (-0.2, 0.2), "ry": (-0.1, 0.3), "z": (-0.1, 0.0)}},
+    ):
+        goal = Goal.pose(np.array([HERE, kinseek.pose([1.2, 0.0, 0.0])]), **ranges)
+        solution = arm.ik(goal, prove=True)
+        assert solution.status.tolist() == [Status.SOLVED, Status.PROVED_UNREACHABLE]
+        certificate = arm.prove(goal.at(goal.target[1]))
+        assert certificate.verdict is Verdict.UNREACHABLE
+        assert 0.0 < certificate.lower_bound < certificate.upper_bound
+        narrow = arm.prove(goal.at(goal.target[1]), gap=0.2)
+        assert certificate.lower_bound <= narrow.lower_bound < narrow.upper_bound
+
+
+def test_a_pose_of_the_longer_arm_is_no_proof() -> None:
+    """Outside the ranges by less than the virtual joints allow: not reached, and not proved."""
+    arm = kinseek.load("planar2").with_limits({"joint1": (0.1, 0.1), "joint2": (0.2, 0.2)})
+    tool = kinseek.pose([0.1, 0.0, 0.0], rotvec=[0.9, -0.7, 0.5])
+    R = arm.fk(np.array([0.1, 0.2])) @ tool
+    ends = Rotation.from_matrix(R[:3, :3]).as_rotvec()
+    ends[0] -= 1e-4
+    box = {"rx": (-1.0, ends[0]), "ry": (-1.0, 1.0), "rz": (-1.0, 1.0)}
+    goal = Goal.pose(kinseek.pose(R[:3, 3]), box=box, tool=tool)
+    assert not arm.ik(goal).success
+    assert arm.prove(goal).verdict is not Verdict.REACHABLE

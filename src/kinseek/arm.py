@@ -575,9 +575,8 @@ class Arm(ForwardArm):
         return Tracker(self._mechanism, q0, period, velocity, recover)
 
     def _with_proofs(self, solution: Solution, deadline: Deadline) -> Solution:
-        from .proof.branch_and_bound import prove, refuse_ranges
+        from .proof.branch_and_bound import prove
 
-        refuse_ranges(solution.problem.goal)
         shape = solution.problem.goal.shape
         missed = np.atleast_1d(~(np.asarray(solution.success) | (np.asarray(solution.blocked) > 0)))
         unreachable = np.zeros(missed.shape, dtype=np.bool_)
@@ -609,7 +608,6 @@ def _require_choice(problem: Problem, solver: Solver | None) -> None:
         raise InvalidProblem(
             "solver= cannot be combined with prefer=, cost=, valid= or scene=: these choose among all branches"
         )
-    problem.goal.require_plain("prefer=, cost=, valid= and scene= are not supported for")
 
 
 def _require_scene(scene: Scene | None, clearance: float) -> None:

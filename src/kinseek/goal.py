@@ -329,8 +329,7 @@ class Goal(Lazy):
         if self.form.ranges:
             taken = ", ".join(kind.noun for kind in PLAIN_KINDS)
             raise InvalidProblem(
-                f"{what} {self.form.noun}, only of {taken}. Use arm.ik with its default solver, without prefer=, cost=, "
-                "valid=, scene= and prove="
+                f"{what} {self.form.noun}, only of {taken}. Use arm.ik with its default solver"
             )
 
     def measure(self, arrays: ChainArrays, q: Array) -> Array:

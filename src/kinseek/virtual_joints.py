@@ -22,17 +22,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InvalidProblem
-from .goal import Goal
 from .kernels.arm.forward import forward_many
 from .kinds import POINTING, POSE, POSITION, Kind
 from .problem import Problem
-from .ranges import AXES, FREE_TURN, PINNED
+from .ranges import AXES, FREE_TURN, PINNED, Ranges
 from .robots.chain import SerialChain, with_tool
 from .robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .support.caching import WeakCache
@@ -65,14 +65,33 @@ class Extended(NamedTuple):
         return not self.turns.several
 
     @property
+    def inside(self) -> bool:
+        """Return whether the ranges accept every motion of the virtual joints."""
+        return not self.turns.several or self.turns.narrowed
+
+    @property
     def leverage(self) -> float:
         """Return the longest slide along axes of the tool [m], by which an error of the orientation moves the hand."""
         chain, first = self.problem.chain, self.own.stop + len(self.turns.variables)
         return float(np.hypot.reduce(np.maximum(-chain.lower[first:], chain.upper[first:]), initial=0.0))
 
+    @property
+    def loosened(self) -> Problem:
+        """Return the problem with tolerances such that it is solved wherever the arm reaches the goal.
+
+        Slides along axes of the tool turn with it, so an error of the orientation moves the place they lead to.
+        """
+        goal = self.problem.goal
+        place = goal.position_tolerance + self.leverage * min(goal.orientation_tolerance, math.pi)
+        return (
+            replace(self.problem, goal=replace(goal, position_tolerance=place))
+            if self.leverage
+            else self.problem
+        )
+
     def accepts(self, q: Array) -> NDArray[np.bool_]:
         """Return for all joint values, (k, more), whether the deviation lies in the ranges of several rotations, (k,)."""
-        if self.exact:
+        if self.inside:
             return np.ones(len(q), dtype=np.bool_)
         first = self.own.stop
         w = self.turns.vectors(q[:, first : first + len(self.turns.variables)])
@@ -123,6 +142,8 @@ class _Turns(NamedTuple):
     """Kind of the goal that remains."""
     axis: Array
     """For a cone, and for a goal of a direction: the axis, (3,)."""
+    narrowed: bool = False
+    """Whether the limits of several axes are such that the ranges accept every motion."""
 
     @property
     def order(self) -> list[int]:
@@ -176,18 +197,19 @@ def extended(problem: Problem, inside: bool = False) -> Extended:
 
     Args:
         problem: The problem; its starts are not used.
-        inside: Of ranges about several axes the virtual joints reach a part, such that every motion of them is accepted,
-            instead of slightly more than the ranges.
+        inside: Of ranges about several axes the virtual joints shall reach a part, such that every motion of them is
+            accepted, instead of slightly more than the ranges; `Extended.inside` tells whether enough is left of these.
 
     Raises:
-        InvalidProblem: Ranges about axes that change from target to target, or with `inside` too little is left of them.
+        InvalidProblem: Ranges about axes that change from target to target.
     """
     goal, chain = problem.goal, problem.chain
     if goal.ranges is None:
         return Extended(problem, slice(0, chain.dof), problem, _Turns((), False, goal.form, np.zeros(3)))
     targets, base = goal.targets, np.eye(3) if goal.base is None else goal.base[:3, :3].T
     slides = [i for i in range(3) if goal.ranges[i] != PINNED]
-    turns = _turns_of(goal, bool(slides) and goal.frame == "tool", inside)
+    rotations_of = goal.ranges[3:], goal.swing, goal.cone, goal.orientation_tolerance
+    turns = _turns_of(*rotations_of, bool(slides) and goal.frame == "tool", inside)
     at_tip = goal.frame == "tool" and turns.kind is POSE
     own, along = np.eye(3), base
     if goal.frame == "base":
@@ -198,23 +220,14 @@ def extended(problem: Problem, inside: bool = False) -> Extended:
         used = [np.eye(3)[i] for i in slides]
         along = _constant(targets[:, :, :3], used, "along axes of the tool", "in the base", "base")
     # Limits of free slides are rounded up, so that targets at similar distances share an arm and its atlas.
-    far = 2.0 * chain.reach + float(np.linalg.norm(targets[:, :, 3], axis=1).max(initial=0.0))
+    reach = chain.reach + (0.0 if goal.tool is None else float(np.linalg.norm(goal.tool[:3, 3])))
+    far = 2.0 * reach + float(np.linalg.norm(targets[:, :, 3], axis=1).max(initial=0.0))
     far = 2.0 ** math.ceil(math.log2(max(far, 1e-300)))
     tool = None if goal.tool is None else goal.tool.tobytes()
-    key = (
-        goal.ranges,
-        goal.swing,
-        goal.cone,
-        goal.frame,
-        goal.orientation_tolerance,
-        tool,
-        far,
-        own.tobytes(),
-        along.tobytes(),
-    )
+    key = (rotations_of, goal.ranges[:3], goal.frame, inside, tool, far, own.tobytes(), along.tobytes())
 
     def make() -> SerialChain:
-        more = chain if goal.tool is None else with_tool(chain, square(goal.tool[:3]))
+        more = replace(chain) if goal.tool is None else with_tool(chain, square(goal.tool[:3]))
         more = _with_turns(more, turns, own)
         for i in slides:
             low, high = (float(np.clip(end, -far, far)) for end in (goal.ranges or ())[i])
@@ -246,40 +259,46 @@ def extended(problem: Problem, inside: bool = False) -> Extended:
 _chains: WeakCache[SerialChain, object, SerialChain] = WeakCache(_MOST)
 
 
-def _turns_of(goal: Goal, slides_at_tip: bool, inside: bool) -> _Turns:
+@lru_cache(maxsize=64)
+def _turns_of(
+    ranges: Ranges,
+    swing: tuple[float, float, float] | None,
+    cone: float,
+    tolerance: float,
+    slides_at_tip: bool,
+    inside: bool,
+) -> _Turns:
     """Return the joints for the rotation of a goal's deviation.
 
     Args:
-        goal: A goal with ranges.
+        ranges: Of rx, ry and rz.
+        swing: See `Goal`.
+        cone: See `Goal`.
+        tolerance: That of the orientation [rad].
         slides_at_tip: Whether there are slides along axes of the tool: they come after every turn of the hand, so that
             turns have to be joints as well, instead of being left out of the goal.
         inside: See `extended`.
     """
-    assert goal.ranges is not None
-    ranges = goal.ranges[3:]
     if ranges == (FREE_TURN,) * 3:
         return _Turns((), False, POSITION, np.zeros(3))
-    if goal.swing is not None:
-        axis = np.array(goal.swing)
+    if swing is not None:
+        axis = np.array(swing)
         spin = _Joint(_SPIN, axis, -math.pi, math.pi, CONTINUOUS)
         across = rotation_onto(np.array([0.0, 0.0, 1.0]), axis)[:, 0]
-        tilt = _Joint(_TILT, across, -goal.cone, goal.cone, REVOLUTE)
-        kind = POSE if slides_at_tip else POINTING
-        joints = [spin, tilt, spin._replace(name=_BACK)] if goal.cone else [spin]
+        tilt = _Joint(_TILT, across, -cone, cone, REVOLUTE)
+        joints = [spin, tilt, spin._replace(name=_BACK)] if cone else [spin]
         if not slides_at_tip:  # The goal of a direction leaves the last turn about it free.
             joints.pop()
-        return _Turns(tuple(joints), False, kind, axis)
+        return _Turns(tuple(joints), False, POSE if slides_at_tip else POINTING, axis)
     open_axes = [i for i in range(3) if ranges[i] != PINNED]
     if len(open_axes) < 2:
         single = tuple(_Joint(AXES[3 + i], np.eye(3)[i], *ranges[i], REVOLUTE) for i in open_axes)
         return _Turns(single, False, POSE, np.zeros(3))
-    turns = _Turns(_several(open_axes, ranges, goal.orientation_tolerance), True, POSE, np.zeros(3))
+    turns = _Turns(_several(open_axes, ranges, tolerance), True, POSE, np.zeros(3))
     return _narrowed(turns, ranges) if inside else turns
 
 
-def _several(
-    axes: list[int], ranges: tuple[tuple[float, float], ...], tolerance: float
-) -> tuple[_Joint, ...]:
+def _several(axes: list[int], ranges: Ranges, tolerance: float) -> tuple[_Joint, ...]:
     """Return joints for ranges of two or three components of a rotation vector, the widest range outermost.
 
     Their limits contain every rotation whose vector is within the tolerance of the ranges.
@@ -312,13 +331,11 @@ def _several(
     return (outer, *others)
 
 
-def _narrowed(turns: _Turns, ranges: tuple[tuple[float, float], ...]) -> _Turns:
+def _narrowed(turns: _Turns, ranges: Ranges) -> _Turns:
     """Return the joints of ranges about several axes with limits such that no values of them leave the ranges.
 
-    The limits move towards the values of the middle of the ranges, until no point of a grid leaves them.
-
-    Raises:
-        InvalidProblem: Too little is left of the ranges.
+    The limits move towards the values of the middle of the ranges, until no point of a grid leaves them. If too little is
+    left, they stay as they are.
     """
     low, high = np.array(ranges).T
     (middle,) = turns.values(rotations(0.5 * (low + high))[None])
@@ -332,11 +349,9 @@ def _narrowed(turns: _Turns, ranges: tuple[tuple[float, float], ...]) -> _Turns:
         vectors = turns.vectors(first + grid * (last - first))
         if ((vectors >= low - 1e-9) & (vectors <= high + 1e-9)).all():
             narrow = zip(turns.variables, first.tolist(), last.tolist(), strict=True)
-            return turns._replace(variables=tuple(joint._replace(lower=a, upper=b) for joint, a, b in narrow))
-    raise InvalidProblem(
-        f"a path needs ranges of angles, and too little is left of the ranges {ranges} rad of rx, ry and rz: give smaller "
-        "ranges, or ranges about fewer axes"
-    )
+            variables = tuple(joint._replace(lower=a, upper=b) for joint, a, b in narrow)
+            return turns._replace(variables=variables, narrowed=True)
+    return turns
 
 
 def _with_turns(chain: SerialChain, turns: _Turns, own: Array) -> SerialChain:

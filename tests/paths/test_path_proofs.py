@@ -284,10 +284,17 @@ def test_what_the_budget_leaves_open_is_said(monkeypatch: pytest.MonkeyPatch) ->
         for each in path.why
     )
     T[:, :3, 3] += [0.0, 0.0, 2.0]
-    ranges = arm.follow(Goal.pose(T[:3], free="x"), prove=True)
-    assert ranges.proof is not None
-    assert (ranges.proof.undecided == ~ranges.reached).all()
-    assert any("goals with ranges are not proved" in each for each in ranges.why)
+
+
+def test_missed_poses_of_goals_with_ranges_are_proved_out_of_reach() -> None:
+    arm = kinseek.load("ur5e")
+    T = np.array([kinseek.pose([x, -0.1, 0.4], rpy=[np.pi, 0, 0]) for x in np.linspace(0.5, 1.5, 11)])
+    for ranges in ({"free": "rz", "cone": 0.3}, {"box": {"rx": (-0.2, 0.2), "rz": (-0.3, 0.1)}}):
+        path = arm.follow(Goal.pose(T, **ranges), prove=True)
+        assert path.proof is not None
+        assert path.proof.out_of_reach.any()
+        assert not (path.proof.out_of_reach & path.reached).any()
+        assert path.proof.out_of_reach[-3:].all()
 
 
 def around(arm: kinseek.Arm, radius: float, count: int, height: float = 0.5) -> Array:

@@ -512,7 +512,7 @@ def test_ranges_whose_axes_change_are_refused() -> None:
         arm.follow(Goal.pose(T, box={"rz": (-0.5, 0.5)}, frame="base"))
     with pytest.raises(InvalidProblem, match="Give the ranges with frame='tool'"):
         arm.follow(Goal.pose(T, free="rz", frame="base"))
-    with pytest.raises(InvalidProblem, match="too little is left of the ranges"):
+    with pytest.raises(InvalidProblem, match="too little is left of these"):
         arm.follow(Goal.pose(T, box={"rx": (-3.0, 0.0), "ry": (-3.0, 3.0), "rz": (1.0, 1.2)}))
     # About y they turn themselves: the axis stays.
     T = np.array([kinseek.pose([0.4, a / 5, 0.3], rpy=[np.pi, a, 0]) for a in np.linspace(-0.3, 0.3, 20)])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
 from kinseek.errors import InvalidProblem, suggest
-from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.branches.refine_all import ANSWER, Metric
 from kinseek.kernels.branches.search import ROWS, many_branches
@@ -20,8 +20,9 @@ from kinseek.robots.geometry import open_limits
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, parallel_for
 from kinseek.support.deadline import Deadline
-from kinseek.support.turns import TURN
+from kinseek.support.turns import TURN, shortest
 from kinseek.support.validation import as_integer
+from kinseek.virtual_joints import extended
 
 from .index import SAMPLE_SIZE, BranchIndex, index_of
 from .order import ORDERS, Cost, Selection, scores, which_valid
@@ -44,6 +45,10 @@ SEARCHING = 0.5
 LAST = 0.1
 """Time [s] beyond the time limit for sorting and filtering solutions that were found, without a proof."""
 
+
+_SAME = 1e-6
+"""Solutions of goals with ranges that differ by less in every joint are one [rad or m]: different virtual joints may reach
+the same joint values."""
 
 _CHUNK = 64
 """Targets that a thread takes at a time."""
@@ -68,6 +73,8 @@ def branches_of(
     selection = _checked(problem, selection)
     whole = Deadline(problem.time_limit)
     deadline, last = (whole, whole.extended(LAST)) if deadline is None else (deadline, deadline)
+    if problem.goal.form.ranges:
+        return _ranged(problem, selection, threads, deadline, last)
     index, goal = index_of(problem), problem.goal
     if index.freedom and selection.count is not None and selection.count > MOST_SAMPLED:
         raise InvalidProblem(
@@ -98,6 +105,66 @@ def branches_of(
         return BranchesBatch((), goal.shape)
     ready = found if selection.as_found else _finished(problem, found, index, selection, deadline, last)
     return BranchesBatch(OfEachGoal(problem, ready, nears, index.freedom > 0, selection.count), goal.shape)
+
+
+def _ranged(
+    problem: Problem, selection: Selection, threads: int | None, deadline: Deadline, last: Deadline
+) -> Branches | BranchesBatch:
+    """Find solutions of goals with ranges, by the arm that has virtual joints for them."""
+    goal, dof = problem.goal, problem.chain.dof
+    try:
+        more = extended(problem, inside=True) if len(goal.targets) else None
+    except InvalidProblem:  # The axes of the ranges change from target to target.
+        if not goal.shape:
+            raise
+        each = (branches_of(one, selection, threads, deadline) for one in problem.each())
+        return BranchesBatch(tuple(cast(Iterator[Branches], each)), goal.shape)
+    if more is None:
+        return BranchesBatch((), goal.shape)
+    nears = None
+    if problem.near is not None:
+        rows = np.broadcast_to(problem.near, (*goal.shape, dof)).reshape(-1, dof)
+        nears = more.with_virtual(rows).reshape(*goal.shape, -1)
+    index = index_of(more.problem)
+    if not index.freedom:  # All solutions are found, also those at the ends of ranges.
+        more = extended(problem)
+        index = index_of(more.problem)
+    prove = selection.prove and more.exact and not index.freedom
+    inner = Selection(count=selection.count if index.freedom else None, prove=prove)
+    found = branches_of(replace(more.problem, near=nears), inner, threads, deadline)
+    answers = []
+    for one, wide in zip(problem.each(), [found] if isinstance(found, Branches) else found, strict=True):
+        if goal.shape and last.passed:
+            answers.append(late_branches((one, one.goal.target, one.near), dof, wide.sampled))
+            continue
+        q = _distinct(problem.placed(wide.q[more.accepts(wide.q)][:, more.own]), problem.chain)
+        errors = _errors(one, q)
+        met = one.goal.met(errors)
+        late = wide.out_of_time or (selection.prove and not wide.complete and deadline.passed)
+        of_one = Branches(
+            q=q[met],
+            position_error=errors[met, 0],
+            orientation_error=errors[met, 1],
+            complete=wide.complete,
+            sampled=wide.sampled,
+            evaluations=wide.evaluations,
+            rejected=0,
+            problem=one,
+            out_of_time=late,
+        )
+        answers.append(_chosen(of_one, selection, sort=True))
+    return BranchesBatch(tuple(answers), goal.shape) if goal.shape else answers[0]
+
+
+def _distinct(q: Array, chain: SerialChain) -> Array:
+    """Return solutions, (k, n), without those that differ from an earlier one by full turns and rounding alone."""
+    kept: list[int] = []
+    for i in range(len(q)):
+        gaps = q[i] - q[kept]
+        gaps = np.where(chain.periodic, shortest(gaps), gaps)
+        if not kept or np.abs(gaps).max(axis=1).min() > _SAME:
+            kept.append(i)
+    return np.ascontiguousarray(q[kept])
 
 
 def _finished(
@@ -190,16 +257,9 @@ def _finish(
     problem: Problem, rows: Array, index: BranchIndex, selection: Selection, deadline: Deadline
 ) -> Branches:
     """Prove, sort, filter and evaluate the solutions of one target."""
-    order, cost, valid, copies, prove = (
-        selection.order,
-        selection.cost,
-        selection.valid,
-        selection.copies,
-        selection.prove,
-    )
     found, complete, late = solutions_of(rows, problem.chain.dof), False, False
     q, errors = found.q.copy(), found.errors
-    if prove:
+    if selection.prove:
         from kinseek.proof.root_isolation import prove_complete
 
         # The proof returns solutions that the search missed; they come without errors, which are computed below.
@@ -207,32 +267,60 @@ def _finish(
             q, complete = prove_complete(problem, q, deadline=deadline)
         late = not complete and deadline.passed
         q = problem.placed(q)
-    if copies:
+        errors = _errors(problem, q)
+    branches = Branches(
+        q=q,
+        position_error=errors[:, 0].copy(),
+        orientation_error=errors[:, 1].copy(),
+        complete=complete,
+        sampled=bool(index.freedom) or (found.singular and not complete),
+        evaluations=found.evaluations,
+        rejected=0,
+        problem=problem,
+        out_of_time=late,
+    )
+    # The kernels have sorted by the default order already; a proof may have added solutions.
+    return _chosen(branches, selection, sort=selection.prove)
+
+
+def _chosen(found: Branches, selection: Selection, sort: bool) -> Branches:
+    """Add full turns to the solutions of one target, sort them, and keep those that are requested.
+
+    Args:
+        found: The solutions.
+        selection: What is requested.
+        sort: Whether they are not in the default order yet.
+    """
+    q, problem = found.q, found.problem
+    errors = np.stack([found.position_error, found.orientation_error], axis=1)
+    if selection.copies:
         q = full_turn_copies(problem.chain, q)
-    if copies or prove:
-        targets = np.repeat(problem.goal.targets, len(q), axis=0)
-        errors = judge(problem.arrays, np.ascontiguousarray(q), targets, problem.goal.arrays)
+        errors = _errors(problem, q)
     place = np.arange(len(q))
-    if cost is not None or order != "mid-range" or copies or prove:
-        # The kernels have sorted by the default order already; anything that changed the list is sorted again.
-        place = np.argsort(scores(problem, q, order, cost), kind="stable")
+    if sort or selection.copies or selection.cost is not None or selection.order != ORDERS[0]:
+        place = np.argsort(scores(problem, q, selection.order, selection.cost), kind="stable")
     rejected = 0
-    if valid is not None:
-        passed = which_valid(valid, q[place])
+    if selection.valid is not None:
+        passed = which_valid(selection.valid, q[place])
         # The check comes after sorting, so that calls of `valid` are in the order of preference.
         rejected, place = len(place) - int(passed.sum()), place[passed]
     place = place[: selection.count]
-    return Branches(
+    return replace(
+        found,
         q=q[place],
-        position_error=errors[place, 0].copy(),
-        orientation_error=errors[place, 1].copy(),
+        position_error=errors[place, 0],
+        orientation_error=errors[place, 1],
         # Complete only if `count` has cut off none of the solutions.
-        complete=complete and len(place) + rejected == len(q),
-        sampled=bool(index.freedom) or (found.singular and not complete),
-        evaluations=found.evaluations,
+        complete=found.complete and len(place) + rejected == len(q),
         rejected=rejected,
-        problem=problem,
-        out_of_time=late,
+    )
+
+
+def _errors(problem: Problem, q: Array) -> Array:
+    """Errors of joint values at one target, (k, n) -> (k, 3)."""
+    goal = problem.goal
+    return goal.at(np.repeat(goal.target[None], len(q), axis=0)).measure(
+        problem.arrays, np.ascontiguousarray(q)
     )
 
 

@@ -26,6 +26,7 @@ from kinseek.solvers.atlas.index import MOST_CACHED, PLAIN, AtlasIndex, atlas_of
 from kinseek.support.caching import WeakCache
 from kinseek.support.transforms import square
 from kinseek.support.turns import shortest
+from kinseek.virtual_joints import extended
 
 from .one_joint import NOTHING, one_joint_of
 from .result import Branches, quick_branches, solutions_of
@@ -153,6 +154,8 @@ _indices: WeakCache[SerialChain, _Key, BranchIndex] = WeakCache(MOST_CACHED, lam
 def index_of(problem: Problem) -> BranchIndex:
     """Return the index of an arm for a kind of goal: built at the first call, dropped with the arm.
 
+    For goals with ranges it is that of the arm with virtual joints for them.
+
     The indices of the last `MOST_CACHED` tools and tool axes are kept.
 
     Raises:
@@ -163,7 +166,10 @@ def index_of(problem: Problem) -> BranchIndex:
         raise InvalidProblem(
             f"{problem.mechanism.name!r} has black-box kinematics: branches need the axes of an arm"
         )
-    goal.require_plain("branches are not supported for")
+    if goal.form.ranges:
+        # What the first target of a batch leaves free, all of them do.
+        first = [*goal.target.reshape(-1, 4, 4)[:1], np.eye(4)][0]
+        return index_of(extended(problem.at(first)).problem)
     return _indices.of(problem.chain).get(goal.prepared_as, lambda: BranchIndex(problem))
 
 

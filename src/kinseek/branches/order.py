@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -15,6 +15,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.problem import Problem
 from kinseek.support.interrupts import raise_of_handler
 from kinseek.support.turns import shortest
+from kinseek.virtual_joints import extended
 
 from .index import constraint_jacobian, index_of
 
@@ -76,8 +77,12 @@ def scores(problem: Problem, q: Array, order: str, cost: Cost | None) -> Array:
 def manipulability(problem: Problem, q: Array) -> Array:
     """Product of the singular values of what the goal constrains, (k, n) -> (k,) (Yoshikawa 1985, eq. 4).
 
-    Only as many of them are used as can be nonzero for this arm: a planar arm moves in three directions of six.
+    Only as many of them are used as can be nonzero for this arm: a planar arm moves in three directions of six. A goal with
+    ranges constrains what it would without their widths.
     """
+    if problem.goal.form.ranges:
+        rigid = replace(extended(problem).problem.goal, tool=problem.goal.tool)
+        problem = Problem(problem.mechanism, rigid)
     values = np.linalg.svd(constraint_jacobian(problem, q), compute_uv=False)
     return np.asarray(values[:, : problem.chain.dof - index_of(problem).freedom].prod(axis=1))
 

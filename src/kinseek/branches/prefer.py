@@ -16,6 +16,7 @@ from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.atlas.solver import Atlas
 from kinseek.support.deadline import Deadline
+from kinseek.virtual_joints import extended
 
 from .find import LAST, SEARCHING, branches_of
 from .index import BranchIndex, constraint_jacobian, index_of
@@ -152,6 +153,8 @@ def slide(
     `valid` accepts the result.
     """
     goal = problem.goal
+    if goal.form.ranges:
+        return _slide_in_ranges(problem, q, measure, valid, deadline)
     tolerances, target = tolerances_of(goal), np.ascontiguousarray(goal.targets[0])
     value, step, spent, refused = float(measure(q[None])[0]), _FIRST, 0, 0
     lower, upper = problem.limits
@@ -185,6 +188,34 @@ def slide(
         if not accepted:
             break
     return Slide(q, value, spent, refused)
+
+
+def _slide_in_ranges(
+    problem: Problem, q: Array, measure: Callable[[Array], Array], valid: Valid | None, deadline: Deadline
+) -> Slide:
+    """Do the same for a goal with ranges, with virtual joints for them."""
+    more, refused = extended(problem), 0
+
+    def accepted(whole: Array) -> bool:
+        nonlocal refused
+        if not more.accepts(whole[None])[0]:
+            return False
+        if valid is None or is_valid(valid, whole[more.own]):
+            return True
+        refused += 1
+        return False
+
+    end = slide(
+        more.problem,
+        index_of(more.problem),
+        more.with_virtual(q[None])[0],
+        lambda many: measure(many[:, more.own]),
+        None if valid is None and more.exact else accepted,
+        deadline,
+    )
+    reached = problem.placed(end.q[more.own])
+    met = problem.goal.met(problem.goal.measure(problem.arrays, np.ascontiguousarray(reached[None])))[0]
+    return Slide(reached if met else q, end.cost, end.evaluations, refused)
 
 
 def _ways_down(

@@ -60,9 +60,8 @@ class SolveRequest:
         """Solve one goal, and keep the certificate of `prove`; in a scene it proves more than one statement."""
         if self.scene is not None:
             return self.solve(goal), None
-        from kinseek.proof.branch_and_bound import prove, refuse_ranges
+        from kinseek.proof.branch_and_bound import prove
 
-        refuse_ranges(goal)
         solution = replace(self, prove=False).solve(goal)
         proof = prove(solution.problem, solution=solution)
         return replace(solution, proved_unreachable=proof.verdict is Verdict.UNREACHABLE), proof

@@ -237,7 +237,7 @@ def free_branches(
         return found
 
     def marked(one: Branches) -> Branches:
-        if len(one) or not (one.complete and one.rejected):
+        if len(one) or not (one.complete and one.rejected) or one.problem.goal.form.ranges:
             return one
         if deadline.passed:
             return replace(one, out_of_time=True)
@@ -273,7 +273,7 @@ def all_blocked(problem: Problem, judge: Judge, deadline: Deadline) -> tuple[Arr
 
 def _proved(problem: Problem, pick: _Pick, deadline: Deadline) -> _Pick:
     """Prove that a target is blocked, or find the solution that the search missed."""
-    if index_of(problem).freedom:
+    if index_of(problem).freedom or problem.goal.form.ranges:
         return pick
     found, proved = all_blocked(problem, pick.judge, deadline)
     if found is not None:

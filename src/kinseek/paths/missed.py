@@ -21,6 +21,7 @@ from kinseek.proof.boxes import Watch, excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Verdict
 from kinseek.support.deadline import Deadline
+from kinseek.virtual_joints import extended
 
 from .path import Path, intervals
 
@@ -54,11 +55,9 @@ class Missed(NamedTuple):
 
 
 def judge_missed(path: Path, missed: Flags, threads: int | None, deadline: Deadline | None = None) -> Missed:
-    """Try to prove that missed poses, (N,), are out of reach; goals with ranges stay undecided."""
+    """Try to prove that missed poses, (N,), are out of reach; of a goal with ranges by virtual joints for them."""
     deadline = Deadline() if deadline is None else deadline
     search = _Search(path, MOST + EACH * int(missed.sum()), threads, deadline)
-    if path.problem.goal.ranges is not None:
-        return Missed(search.out_of_reach, search.in_reach)
     # Lengths and angles alone decide most poses that are far out of reach, without any box.
     for i in np.flatnonzero(missed).tolist():
         if deadline.passed:
@@ -67,13 +66,20 @@ def judge_missed(path: Path, missed: Flags, threads: int | None, deadline: Deadl
     for budget in ROUNDS:
         for first, last in intervals(missed & ~search.out_of_reach & ~search.in_reach):
             search.decide(first, last, budget)
-    return Missed(search.out_of_reach, search.in_reach)
+    return Missed(search.out_of_reach, search.in_reach & search.exact)
 
 
 class _Search:
     def __init__(self, path: Path, budget: int, threads: int | None, deadline: Deadline) -> None:
         self.deadline = deadline
-        self.problem, self.q, self.threads, self.left = path.problem, path.q, threads, budget
+        more = extended(path.problem)
+        self.exact = more.exact and not more.leverage
+        self.problem, self.q, self.threads, self.left = (
+            more.loosened,
+            more.with_virtual(path.q),
+            threads,
+            budget,
+        )
         self.out_of_reach, self.in_reach = np.zeros((2, len(path)), dtype=np.bool_)
 
     def decide(self, first: int, last: int, budget: int) -> None:

@@ -35,13 +35,8 @@ def with_proofs(request: PathRequest, path: Path, threads: int | None) -> Path:
 
 
 def _words(path: Path, proof: PathProof, report: Missed) -> list[str]:
-    ranges = path.problem.goal.ranges is not None
-    short = (
-        "goals with ranges are not proved"
-        if ranges
-        else "the work that a path may spend on proofs did not suffice"
-    )
-    short = "the time limit was reached" if proof.out_of_time and not ranges else short
+    short = "the work that a path may spend on proofs did not suffice"
+    short = "the time limit was reached" if proof.out_of_time else short
     said = [
         (proof.out_of_reach, "proved out of reach: no joint values inside the limits meet the tolerances"),
         (

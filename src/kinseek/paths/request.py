@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.order import Cost
+from kinseek.errors import InvalidProblem
 from kinseek.problem import Problem
 from kinseek.support.deadline import Deadline
 from kinseek.virtual_joints import extended
@@ -66,11 +67,17 @@ class PathRequest:
         """Return the same path for an arm with a virtual joint for each range of the goal, and the slice of its own joints.
 
         Raises:
-            InvalidProblem: Ranges along and about axes that change from pose to pose.
+            InvalidProblem: Ranges along and about axes that change from pose to pose, or ranges of several rotations that
+                are too wide for ranges of angles.
         """
         if self.problem.goal.ranges is None:
             return self, slice(None)
         more = extended(self.problem, inside=True)
+        if not more.inside:
+            raise InvalidProblem(
+                f"a path turns ranges about several axes into ranges of angles, and too little is left of these: "
+                f"{self.problem.goal.within} rad. Give smaller ranges, or ranges about fewer axes"
+            )
         own, dof = more.own, more.problem.chain.dof
         longest = np.full((len(self.longest), dof), np.inf)
         longest[:, own] = self.longest

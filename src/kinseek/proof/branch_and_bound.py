@@ -24,6 +24,7 @@ from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.solver import Atlas
 from kinseek.support.deadline import Deadline
 from kinseek.support.validation import as_integer
+from kinseek.virtual_joints import extended
 
 from .boxes import ENDLESS, Watch, enclosed, excluded
 from .certificate import Certificate, Verdict
@@ -63,7 +64,8 @@ def prove(
         raise InvalidProblem(f"a proof is about one target, got a batch of shape {problem.goal.shape}")
     if gap is not None and not (isinstance(gap, int | float | np.floating) and 0.0 < gap < 1.0):
         raise InvalidProblem(f"gap must be a number in (0, 1), got {gap!r:.200}")
-    refuse_ranges(problem.goal)
+    if problem.goal.form.ranges:
+        return _prove_in_ranges(problem, gap, budget, solution, threads, deadline)
     budget = as_integer("budget", budget, 0, error=InvalidProblem)
     best = solution if solution is not None else Atlas().solve(replace(problem, budget=None))
     if best.success:
@@ -101,13 +103,40 @@ def prove(
     return certificate
 
 
-def refuse_ranges(goal: Goal) -> None:
-    """Reject a goal with free axes or ranges.
+def _prove_in_ranges(
+    problem: Problem,
+    gap: float | None,
+    budget: int,
+    solution: Solution | None,
+    threads: int | None,
+    deadline: Deadline,
+) -> Certificate:
+    """Do the same for a goal with ranges: an arm with virtual joints for them reaches all that they accept.
 
-    Raises:
-        InvalidProblem: It has them.
+    If the joints allow more than the ranges do, a pose of that arm proves nothing, and the verdict is UNDECIDED.
     """
-    goal.require_plain("proofs are not supported for")
+    goal = problem.goal
+    best = solution if solution is not None else Atlas().solve(replace(problem, budget=None))
+    if best.success:
+        return _certificate(problem, Verdict.REACHABLE, best.q, 0.0, 0, 0.0)
+    more = extended(problem)
+    found = prove(more.loosened, gap=gap, budget=budget, threads=threads, deadline=deadline)
+    verdict = found.verdict
+    # The error of a whole orientation counts two axes, so it is at most twice that of a goal with ranges.
+    lower = found.lower_bound if more.problem.goal.columns < 3 else 0.5 * found.lower_bound
+    lower = 0.0 if more.leverage else lower
+    q = problem.placed(found.q[more.own])
+    errors = goal.measure(problem.arrays, np.ascontiguousarray(q[None]))
+    met = bool(goal.met(errors)[0])
+    if met:
+        verdict, lower = Verdict.REACHABLE, 0.0
+    elif verdict is Verdict.UNREACHABLE:
+        lower = least_outside(more.problem.goal)
+    elif verdict is Verdict.REACHABLE:
+        verdict, lower = Verdict.UNDECIDED, 0.0
+    if not met and best.weighted_error < errors[0, 2]:
+        q = best.q
+    return _certificate(problem, verdict, q, lower, found.boxes, found.largest_box, found.out_of_time)
 
 
 def least_outside(goal: Goal) -> float:

@@ -181,7 +181,7 @@ def boxes_left(arm: Arm, options: ViewerOptions, q: Array, examined: int) -> Clo
     if arm.axes is None:
         return "A proof needs the axes of an arm."
     try:
-        options.goal.require_plain("proofs are not supported for")
+        options.goal.require_plain("the boxes of a proof are not shown for")
         left = enclosed(Problem(arm.mechanism, options.goal), q, 1e-3, examined, threads=1).left
     except KinseekError as error:
         return str(error)
