@@ -178,7 +178,7 @@ def options_of(rng: Rng, scale: float) -> dict[str, Any]:
     return options
 
 
-def goal_of(rng: Rng, arm: kinseek.Arm, scale: float, count: int | None, ranges: bool = True) -> Goal:
+def goal_of(rng: Rng, arm: kinseek.Arm, scale: float, count: int | None) -> Goal:
     """A goal that is reached, nearly, or not at all."""
     options = options_of(rng, scale)
     target = arm.fk(joints_of(rng, arm, count))
@@ -192,7 +192,7 @@ def goal_of(rng: Rng, arm: kinseek.Arm, scale: float, count: int | None, ranges:
     if style == 2:
         target = target.copy()
         target[..., :3, 3] = scale * 10.0 ** rng.uniform(-3, 1) * rng.normal(size=(*target.shape[:-2], 3))
-    kinds = ["pose", "pose", "position", "pointing"] + ["box", "free", "cone"] * ranges
+    kinds = ["pose", "pose", "position", "pointing", "box", "free", "cone"]
     kind = rng.choice(kinds)
     if kind == "position":
         return Goal.position(target[..., :3, 3], **options)
@@ -312,7 +312,7 @@ def call_plain(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
 
 def call_branches(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
     """Every answer."""
-    goal = goal_of(rng, arm, scale, None, ranges=False)
+    goal = goal_of(rng, arm, scale, None)
     near = near_of(rng, arm, None) if rng.random() < 0.4 else None
     order = "mid-range" if near is not None else ORDERS[rng.integers(3)]
     count = None if rng.random() < 0.5 else int(rng.integers(1, 60))
@@ -325,7 +325,7 @@ def call_branches(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
 
 def call_prefer(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
     """The answer that is preferred."""
-    goal = goal_of(rng, arm, scale, None, ranges=False)
+    goal = goal_of(rng, arm, scale, None)
     choice = rng.integers(3)
     if choice == 0:
         wish: dict[str, Any] = {"prefer": str(rng.choice(["mid-range", "limits", "dexterity"]))}
@@ -338,7 +338,7 @@ def call_prefer(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
 
 def call_prove(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
     """A proof with a small budget."""
-    goal = goal_of(rng, arm, scale, None, ranges=False)
+    goal = goal_of(rng, arm, scale, None)
     found = arm.prove(goal, budget=int(rng.integers(0, 2000)))
     check_joints(arm, found.q, None)
     numbers = [found.lower_bound, found.upper_bound, found.position_error, found.orientation_error]
