@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidGoal, UnitWarning
 from kinseek.goal import Frame, Goal
 from kinseek.pose_arguments import pose
+from kinseek.ranges import check_cone
 from kinseek.support.units import warn_of_angles
 
 from .words import LENGTHS, numbers, option_of, split
@@ -30,6 +31,7 @@ class GoalSpec(NamedTuple):
     position_only: bool
     free: str | None
     frame: str
+    cone: float
     position_tolerance: float
     orientation_tolerance: float
     position_weight: float
@@ -37,10 +39,11 @@ class GoalSpec(NamedTuple):
 
     def goal(self, targets: Array) -> Goal:
         """Return the goal of one pose, (4, 4), or of many, (..., 4, 4)."""
-        free, options = split(self.free or ""), dict(zip(self._fields[3:], self[3:], strict=True))
+        free, options = split(self.free or ""), cast(Any, dict(zip(self._fields[4:], self[4:], strict=True)))
         if self.position_only:
-            return Goal.position(targets[..., :3, 3], free=free, **cast(Any, options))
-        return Goal.pose(targets, free=free, frame=cast("Frame", self.frame), **cast(Any, options))
+            check_cone(self.cone, one_axis=False)
+            return Goal.position(targets[..., :3, 3], free=free, **options)
+        return Goal.pose(targets, free=free, frame=cast("Frame", self.frame), cone=self.cone, **options)
 
 
 class PoseWords(NamedTuple):

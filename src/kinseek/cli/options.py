@@ -173,6 +173,14 @@ goal_options = bundle(
         group=GOAL,
         help="Frame of the axes of --free: tool (that of the target pose) or base.",
     ),
+    option(
+        "--cone",
+        type=float,
+        metavar="RAD",
+        default=0.0,
+        group=GOAL,
+        help="With one free rotation: how far its axis may tilt, rad.",
+    ),
     _number(
         "--position-tolerance", "M", DEFAULT_TOLERANCE, "Largest position error that counts as reached, m."
     ),
