@@ -556,6 +556,7 @@ class Arm(ForwardArm):
         period: float = 0.002,
         velocity: ArrayLike | None = None,
         recover: bool = True,
+        goal: Goal | None = None,
     ) -> Tracker:
         """Start servoing from joint values: each step takes one pose and returns joint values, with bounded work.
 
@@ -566,13 +567,15 @@ class Arm(ForwardArm):
                 in the robot's file; a joint without one is not limited in speed.
             recover: Return to the pose after a time out of reach, if necessary on another branch, see `Tracker`. This needs
                 the speed limit of every joint. False: the arm stays on its branch until `switch` is called.
+            goal: What counts of each pose: a goal whose target every step replaces, such as
+                ``Goal.pose(np.eye(4), free="rz", cone=0.17, tool=gripper)``. By default the whole pose of the tip.
 
         Raises:
             InvalidProblem: An argument does not fit the arm, or the arm has black-box kinematics.
         """
         from .paths.tracker import Tracker
 
-        return Tracker(self._mechanism, q0, period, velocity, recover)
+        return Tracker(self._mechanism, q0, period, velocity, recover, goal)
 
     def _with_proofs(self, solution: Solution, deadline: Deadline) -> Solution:
         from .proof.branch_and_bound import prove

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 import kinseek
-from kinseek import InvalidGoal, InvalidProblem, TrackStatus
+from kinseek import Goal, InvalidGoal, InvalidProblem, TrackStatus
+from kinseek.problem import Problem
 
 Array = NDArray[np.float64]
 
@@ -366,3 +367,69 @@ def test_misuse_is_refused(options: dict[str, Any], message: str) -> None:
     for wrong in (np.full((4, 4), np.nan), np.eye(3), 2 * np.eye(4)):
         with pytest.raises(InvalidGoal):
             tracker.step(wrong)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"free": "rz", "cone": 0.3},
+        {"free": "rz"},
+        {"free": ("rx", "ry", "rz")},
+        {"box": {"rx": (-0.2, 0.2), "ry": (-0.2, 0.2), "z": (-0.02, 0.02)}},
+        {"free": "rz", "cone": 0.3, "box": {"z": (-0.02, 0.02)}},
+    ],
+)
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_a_goal_leaves_free_what_it_does_not_constrain(name: str, options: dict[str, Any]) -> None:
+    arm = kinseek.load(name)
+    tool = kinseek.pose([0.02, 0.0, 0.12], rotvec=[0.0, 0.4, 0.0])
+    base = kinseek.pose([0.3, -0.2, 0.5], rotvec=[0.0, 0.0, 0.7])
+    goal = Goal.pose(np.eye(4), **options, tool=tool, base=base)
+    q0 = arm.ik(kinseek.pose([0.45, 0.1, 0.35], rotvec=[np.pi, 0.0, 0.2])).require().q
+    begin = base @ arm.fk(q0) @ tool
+    tracker, most = arm.track(q0, period=0.01, goal=goal), 0.0
+    assert arm.track(q0, period=0.01).step(arm.fk(q0)).status is TrackStatus.TRACKING
+    for k in range(150):
+        wiggle = kinseek.pose(
+            [0.1 * np.sin(k / 40), 0.08 * np.sin(k / 30), 0.0], rotvec=[0.5 * np.sin(k / 25), 0.0, 0.0]
+        )
+        T = begin @ wiggle
+        before = tracker.q
+        step = tracker.step(T)
+        assert step.status in (TrackStatus.TRACKING, TrackStatus.LAGGING)
+        assert (np.abs(step.q - before) <= tracker.velocity * 0.01 * (1 + 1e-12)).all()
+        one = goal.at(T)
+        position, orientation, _ = one.measure(Problem(arm.chain, one).arrays, step.q[None])[0]
+        assert abs(position - step.position_error) < 1e-6
+        if step.status is TrackStatus.TRACKING:
+            assert position <= 1e-6
+            assert orientation <= 1.2e-6
+        most = max(most, float(np.abs(step.q - q0).max()))
+    assert most > 0.05
+
+
+def test_a_cone_lags_less_than_a_pose() -> None:
+    arm = kinseek.load("ur5e")
+    q0 = arm.ik(kinseek.pose([0.45, 0.1, 0.35], rotvec=[np.pi, 0.0, 0.2])).require().q
+    begin, turned = arm.fk(q0), []
+    for goal in (None, Goal.pose(np.eye(4), free="rz", cone=0.3)):
+        tracker = arm.track(q0, period=0.01, goal=goal)
+        for k in range(100):
+            T = begin @ kinseek.pose(np.zeros(3), rotvec=[0.25 * np.sin(k / 8), 0.0, k / 60])
+            tracker.step(T)
+        turned.append(float(np.abs(tracker.q - q0).max()))
+    assert turned[1] < 0.2 * turned[0]
+
+
+@pytest.mark.parametrize(
+    ("goal", "words"),
+    [
+        (np.eye(4), "goal must be a Goal with one target"),
+        (Goal.pose(np.zeros((2, 4, 4)) + np.eye(4)), "goal must be a Goal with one target"),
+        (Goal.pose(np.eye(4), free="rz", cone=0.1, frame="base"), "ranges and cones with axes of the tool"),
+    ],
+)
+def test_what_a_tracker_cannot_track_is_refused(goal: Any, words: str) -> None:
+    arm = kinseek.load("ur5e")
+    with pytest.raises(InvalidProblem, match=words):
+        arm.track(np.zeros(6), goal=goal)

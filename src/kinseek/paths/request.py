@@ -11,7 +11,7 @@ from kinseek.branches.order import Cost
 from kinseek.errors import InvalidProblem
 from kinseek.problem import Problem
 from kinseek.support.deadline import Deadline
-from kinseek.virtual_joints import extended
+from kinseek.virtual_joints import Extended, extended
 
 from .allowed import Allowed
 
@@ -73,11 +73,7 @@ class PathRequest:
         if self.problem.goal.ranges is None:
             return self, slice(None)
         more = extended(self.problem, inside=True)
-        if not more.inside:
-            raise InvalidProblem(
-                f"a path turns ranges about several axes into ranges of angles, and too little is left of these: "
-                f"{self.problem.goal.within} rad. Give smaller ranges, or ranges about fewer axes"
-            )
+        require_inside(more)
         own, dof = more.own, more.problem.chain.dof
         longest = np.full((len(self.longest), dof), np.inf)
         longest[:, own] = self.longest
@@ -144,3 +140,16 @@ class PathRequest:
 def _of_the_arm(cost: Cost, own: slice) -> Cost:
     """Return the user's cost as a function of all joints that only uses the joints of the arm."""
     return lambda q: cost(q[:, own])
+
+
+def require_inside(more: Extended) -> None:
+    """Check that ranges of several rotations are ranges of angles, of which every motion is accepted.
+
+    Raises:
+        InvalidProblem: They are too wide.
+    """
+    if not more.inside:
+        raise InvalidProblem(
+            f"a path turns ranges about several axes into ranges of angles, and too little is left of these: "
+            f"{more.original.goal.within} rad. Give smaller ranges, or ranges about fewer axes"
+        )

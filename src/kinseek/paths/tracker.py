@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from kinseek.branches.index import index_of
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
+from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.kernels.atlas.near import solve_goal
 from kinseek.kernels.paths import servo
@@ -18,12 +19,15 @@ from kinseek.kernels.paths.servo import LAGGING, LIMIT, SINGULAR, State, look_ah
 from kinseek.poses import as_pose, one_pose, plain_array
 from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import Mechanism
-from kinseek.solvers.atlas.index import PLAIN, atlas_of
+from kinseek.solvers.atlas.index import atlas_of, tolerances_of
+from kinseek.support.transforms import inverse
 from kinseek.support.validation import as_number
+from kinseek.virtual_joints import extended
 
 from .arguments import positive
 from .joints import Turning
 from .past import TIMES, PastPoses
+from .request import require_inside
 
 Array = NDArray[np.float64]
 
@@ -103,7 +107,13 @@ class Tracker:
     """
 
     def __init__(
-        self, arm: Mechanism, q0: ArrayLike, period: float, velocity: ArrayLike | None, recover: bool = True
+        self,
+        arm: Mechanism,
+        q0: ArrayLike,
+        period: float,
+        velocity: ArrayLike | None,
+        recover: bool = True,
+        goal: Goal | None = None,
     ) -> None:
         """Start at joint values; see `Arm.track`."""
         if arm.axes is None:
@@ -122,12 +132,21 @@ class Tracker:
             else positive(arm, "velocity", velocity, "rad/s or m/s")
         )
         """Joint speed limits, (n,), [rad/s] or [m/s]; infinite if neither the caller nor the robot's file gives one."""
-        self._arm, self._turning = arm.axes, Turning(arm.axes)
-        self._index = atlas_of(arm.axes)
-        nothing, ends = np.zeros(arm.dof), (self._turning.open_lower, self._turning.open_upper)
-        rows = *ends, self.velocity * self.period, start, nothing, nothing, nothing, start
+        self._mechanism, self._constrained = arm, _one_goal(Goal.pose(np.eye(4)) if goal is None else goal)
+        more = extended(Problem(arm, self._constrained.at(self._pose_at(start))), inside=True)
+        require_inside(more)
+        # From here on the joints are those of the arm and of the ranges of the goal.
+        self._arm, self._own, self._goal = more.problem.chain, more.own, more.problem.goal
+        self._arrays, self._turning = more.problem.arrays, Turning(self._arm)
+        self._index, self._tolerances = atlas_of(self._arm, self._goal), tolerances_of(self._goal)
+        self._plain = goal is None
+        start = more.with_virtual(start[None])[0]
+        nothing, ends = np.zeros(self._arm.dof), (self._turning.open_lower, self._turning.open_upper)
+        reach = np.full(self._arm.dof, np.inf)
+        reach[self._own] = self.velocity * self.period
+        rows = *ends, reach, start, nothing, nothing, nothing, start
         self._state = State(*(np.array(row, dtype=np.float64) for row in rows))
-        self._memory = np.zeros(LAYOUT.count.of(dof=arm.dof, joints=len(arm.axes.leader)))
+        self._memory = np.zeros(LAYOUT.count.of(dof=self._arm.dof, joints=len(self._arm.leader)))
         self._past = PastPoses(self.period)
         self._way: list[Array] = []
         self._recover = recover and bool(np.isfinite(self.velocity).all())
@@ -142,10 +161,12 @@ class Tracker:
     @property
     def q(self) -> Array:
         """Current joint values, (n,), [rad] or [m]."""
-        return np.asarray(self._state.now.copy())
+        return np.asarray(self._state.now[self._own].copy())
 
     def step(self, T: Any) -> Step:
         """Move towards a pose, (4, 4) or an object that carries one, as far as one period allows.
+
+        The pose is the target of the goal that the tracker was started with.
 
         Raises:
             InvalidGoal: The argument is not one pose.
@@ -155,12 +176,12 @@ class Tracker:
         if self._there is not None:
             return self._recovered(T, self._there)
         state, given = self._state, plain_array(T, (4, 4))
-        T = _one(T) if given is None else given
-        position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
+        T = self._target(T) if given is None or not self._plain else given
+        position, orientation, ended = self._servo(T, state)
         # The kernel has moved nothing. Checking in Python repairs a pose that is nearly valid, or raises an error.
         if ended == servo.NO_POSE:
-            T = _one(T)
-            position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
+            T = self._target(T)
+            position, orientation, ended = self._servo(T, state)
         self._past.store(T)
         if ended == servo.TRACKING:
             if self._lost_for:
@@ -171,7 +192,31 @@ class Tracker:
                 # The search also notes whether the pose is out of reach, which matters even while the arm only lags.
                 found = self._found_again(T)
                 self._there = None if ended == LAGGING else found
-        return Step(state.now.copy(), _ENDED[ended], position, orientation)
+        return Step(state.now[self._own].copy(), _ENDED[ended], position, orientation)
+
+    def _servo(self, T: Array, state: State) -> tuple[float, float, int]:
+        """Do one step of `servo_step`."""
+        return servo_step(self._index.address, self._tolerances, T, self._memory, state)
+
+    def _target(self, T: Any) -> Array:
+        """Read one pose, and return it as kernels take it, (4, 4): in the arm's base, with the rotation of the tip.
+
+        Raises:
+            InvalidGoal: The argument is not one pose.
+        """
+        target = _one(T)
+        if self._plain:
+            return target
+        if self._constrained.base is not None:
+            target = np.vstack([inverse(self._constrained.base) @ target, np.eye(4)[3:]])
+        target[:3, :3] = target[:3, :3] @ self._goal.tip_rotation
+        return np.ascontiguousarray(target)
+
+    def _pose_at(self, q: Array) -> Array:
+        """Return the target that joint values of the arm, (n,), reach, (4, 4)."""
+        T, goal = self._mechanism.forward(q[None])[0], self._constrained
+        T = T if goal.tool is None else T @ goal.tool
+        return T if goal.base is None else np.asarray(goal.base @ T)
 
     def _forget_loss(self) -> None:
         """Clear the state of a lost pose."""
@@ -180,11 +225,11 @@ class Tracker:
     def _found_again(self, T: Array) -> State | None:
         """Look for joint values that reach a lost pose; return the state of a tracker at these values, or None."""
         reached, q = self._state.reached, np.empty(self._arm.dof)
-        *_, success = solve_goal(self._index.address, PLAIN, T[:3], reached, True, q)
+        *_, success = solve_goal(self._index.address, self._tolerances, T[:3], reached, True, q)
         if not success:
             self._was_unreachable = True
             return None
-        if not self._was_unreachable and np.abs(self._turning.step(q - reached)).max() > ELSEWHERE:
+        if not self._was_unreachable and np.abs(self._turning.step(q - reached)[self._own]).max() > ELSEWHERE:
             return None
         # A second tracker follows the pose from there, so that the arm arrives at where the target is by then.
         return self._standing(1, self._ways(q[None])[0])
@@ -194,12 +239,12 @@ class Tracker:
 
         The motion ends early if the pose can be reached from the current joint values, e.g. when the hand is to stop.
         """
-        T, state = _one(T), self._state
-        *_, at_once = servo_step(self._index.address, PLAIN, T, self._memory, _copied(state))
-        position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, there)
+        given, T, state = T, self._target(T), self._state
+        *_, at_once = self._servo(T, _copied(state))
+        position, orientation, ended = self._servo(T, there)
         if at_once == servo.TRACKING or (ended in (LIMIT, SINGULAR) and _is_away(position, orientation)):
             self._there = None
-            return self.step(T)
+            return self.step(given)
         self._past.store(T)
         step = there.now - state.now
         # A little longer than needed, so that rounding makes no joint faster than its limit.
@@ -208,7 +253,7 @@ class Tracker:
             self._state = there
             self._forget_loss()
             self._state.last[:] = step
-            return Step(there.now.copy(), _ENDED[ended], position, orientation)
+            return Step(there.now[self._own].copy(), _ENDED[ended], position, orientation)
         return self._moved(state.now + step / periods, T, TrackStatus.RECOVERING)
 
     def switch(self, to: ArrayLike | None = None) -> Array:
@@ -250,7 +295,7 @@ class Tracker:
         way = self._state.now + parts * step
         self._way = list(way)
         self._forget_loss()
-        return np.asarray(way)
+        return np.asarray(way[:, self._own])
 
     def continuing(self, seconds: float = 1.5, looks: int = 75) -> Array | None:
         """Find another branch of the last pose on which the extrapolated motion of the hand can continue.
@@ -273,14 +318,14 @@ class Tracker:
         for step in self._others(self._past.pose()):
             state = self._standing(at_once, step)
             if self._look(poses, state)[2] == servo.TRACKING:
-                return np.asarray(self._state.now + step)
+                return np.asarray((self._state.now + step)[self._own])
         return None
 
     def _others(self, target: Array) -> Array:
         """Return the joint motions to the other branches of a pose inside the limits, shortest time first, (k, n)."""
-        index = index_of(Problem(self._arm, Goal.pose(target)))
-        steps = self._ways(index.solutions(PLAIN, target[:3], SPREAD if index.freedom else 0))
-        steps = steps[np.abs(steps).max(axis=1, initial=0.0) > ELSEWHERE]
+        index = index_of(Problem(self._arm, self._goal))
+        steps = self._ways(index.solutions(self._tolerances, target[:3], SPREAD if index.freedom else 0))
+        steps = steps[np.abs(steps[:, self._own]).max(axis=1, initial=0.0) > ELSEWHERE]
         # Stable: equal times keep the order of the search, so the result has the same bits everywhere.
         return np.asarray(steps[np.argsort([self._time_of(step) for step in steps], kind="stable")])
 
@@ -295,9 +340,10 @@ class Tracker:
 
     def _given_branch(self, target: Array, to: ArrayLike) -> Array:
         """Return the joint motion to given joint values that reach a pose, (n,)."""
-        q = as_joints(self._arm, to, "to")
-        if q.shape != (self._arm.dof,):
-            raise InvalidProblem(f"to must have shape ({self._arm.dof},), got {q.shape}")
+        q = as_joints(self._mechanism, to, "to")
+        if q.shape != (self._mechanism.dof,):
+            raise InvalidProblem(f"to must have shape ({self._mechanism.dof},), got {q.shape}")
+        q = self._with_virtual(q, target)
         position, orientation = self._errors(q, target)
         if _is_away(position, orientation):
             raise InvalidProblem(
@@ -312,11 +358,24 @@ class Tracker:
 
     def _time_of(self, step: Array) -> float:
         """Time that the joints need for a motion [s]; the size of the motion if no speed is known."""
-        return float(np.abs(step / np.where(np.isfinite(self.velocity), self.velocity, 1.0)).max())
+        own = step[self._own]
+        return float(np.abs(own / np.where(np.isfinite(self.velocity), self.velocity, 1.0)).max())
+
+    def _with_virtual(self, q: Array, target: Array) -> Array:
+        """Add the joints of the goal's ranges to joint values of the arm, (n,), at a target as kernels take it."""
+        if self._constrained.ranges is None:
+            return q
+        T = target.copy()
+        T[:3, :3] = T[:3, :3] @ self._goal.tip_rotation.T
+        goal = self._constrained
+        T = T if goal.base is None else goal.base @ T
+        return np.asarray(
+            extended(Problem(self._mechanism, goal.at(T)), inside=True).with_virtual(q[None])[0]
+        )
 
     def _along(self, T: Any) -> Step:
         """Make one step of the motion to another branch."""
-        pose = _one(T)
+        pose = self._target(T)
         self._past.store(pose)
         return self._moved(self._way.pop(0), pose, TrackStatus.SWITCHED)
 
@@ -324,12 +383,11 @@ class Tracker:
         """Move to joint values, (n,), that do not follow the pose of the period."""
         state = self._state
         state.last[:], state.now[:] = q - state.now, q
-        return Step(q.copy(), status, *self._errors(q, T))
+        return Step(q[self._own].copy(), status, *self._errors(q, T))
 
     def _errors(self, q: Array, T: Array) -> tuple[float, float]:
         """Pose errors of joint values [m], [rad]."""
-        problem = Problem(self._arm, Goal.pose(T))
-        position, orientation, _ = problem.goal.measure(problem.arrays, q[None])[0]
+        position, orientation, _ = judge(self._arrays, q[None], T[None, :3], self._goal.arrays)[0]
         return float(position), float(orientation)
 
     def foresee(self, seconds: float = 1.0, looks: int = 50, poses: ArrayLike | None = None) -> Foresight:
@@ -351,7 +409,8 @@ class Tracker:
             coming, at_once = self._past.coming(seconds, looks, AFTER)
             near = int(np.ceil(seconds / self.period / at_once - 1e-9))
         else:
-            coming, at_once = np.ascontiguousarray(as_pose(poses)).reshape(-1, 4, 4), 1
+            given = as_pose(poses).reshape(-1, 4, 4)
+            coming, at_once = np.array([self._target(T) for T in given]).reshape(-1, 4, 4), 1
             near = len(coming)
         state = self._standing(at_once)
         tracked, lost, ended = self._look(coming[:near], state)
@@ -381,13 +440,32 @@ class Tracker:
 
     def _look(self, poses: Array, state: State) -> tuple[int, int, int]:
         """Follow poses as `kernels.paths.servo.look_ahead` does; the state is changed."""
-        return look_ahead(self._index.address, PLAIN, poses, *AWAY, self._memory, state)
+        return look_ahead(self._index.address, self._tolerances, poses, *AWAY, self._memory, state)
 
     def _limiting_joint(self, state: State, ended: int) -> str | None:
         at_limit = (state.now <= state.lower) | (state.now >= state.upper)
         fast = np.abs(state.last) >= state.reach * (1 - 1e-9)
-        some = np.flatnonzero(at_limit if ended == LIMIT else fast & ~at_limit)
-        return self._arm.joint_names[int(some[0])] if len(some) and ended != SINGULAR else None
+        some = np.flatnonzero((at_limit if ended == LIMIT else fast & ~at_limit)[self._own])
+        names = self._mechanism.joint_names
+        return names[int(some[0])] if len(some) and ended != SINGULAR else None
+
+
+def _one_goal(goal: Goal) -> Goal:
+    """Check the goal of a tracker.
+
+    Raises:
+        InvalidProblem: Not one goal, or ranges along axes that a moving target would turn.
+    """
+    if not isinstance(goal, Goal) or goal.shape != ():
+        raise InvalidProblem(
+            f"goal must be a Goal with one target, which every step replaces, got {goal!r:.80}"
+        )
+    if goal.ranges is not None and goal.frame != "tool":
+        raise InvalidProblem(
+            "a tracker supports ranges and cones with axes of the tool, since the target may turn: use Goal.pose with "
+            "frame='tool'"
+        )
+    return goal
 
 
 def _copied(state: State) -> State:
