@@ -198,7 +198,7 @@ def extended(problem: Problem, inside: bool = False) -> Extended:
     Args:
         problem: The problem; its starts are not used.
         inside: Of ranges about several axes the virtual joints shall reach a part, such that every motion of them is
-            accepted, instead of slightly more than the ranges; `Extended.inside` tells whether enough is left of these.
+            accepted, instead of slightly more than the ranges; `Extended.inside` is False if too little is left of these.
 
     Raises:
         InvalidProblem: Ranges about axes that change from target to target.

@@ -132,7 +132,7 @@ class Tracker:
             else positive(arm, "velocity", velocity, "rad/s or m/s")
         )
         """Joint speed limits, (n,), [rad/s] or [m/s]; infinite if neither the caller nor the robot's file gives one."""
-        self._mechanism, self._constrained = arm, _one_goal(Goal.pose(np.eye(4)) if goal is None else goal)
+        self._mechanism, self._constrained = arm, _one_goal(Goal(np.eye(4)) if goal is None else goal)
         more = extended(Problem(arm, self._constrained.at(self._pose_at(start))), inside=True)
         require_inside(more)
         # From here on the joints are those of the arm and of the ranges of the goal.
