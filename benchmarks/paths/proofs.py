@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import kinseek
 from benchmarks.page import Page, Row
 from kinseek import Goal, Problem
-from kinseek.branches.index import constraint_jacobian
+from kinseek.derivatives import constraint_jacobian
 from kinseek.paths.certify import prove_rows
 from kinseek.support.turns import TURN
 

@@ -12,6 +12,7 @@ from typing import Any, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .derivatives import freedom
 from .errors import InvalidProblem, suggest
 from .goal import Goal
 from .kernels.arm.forward import forward_many
@@ -303,8 +304,6 @@ class ForwardArm(Lazy):
             InvalidProblem: As `jacobian`.
         """
         J = self.jacobian(q)
-        from .branches.index import freedom
-
         rank = self.dof - freedom(Problem(self._mechanism, Goal.pose(np.eye(4))))
         flat = J.reshape(-1, 6, self.dof)
         values = in_chunks(lambda some: np.linalg.svd(some, compute_uv=False)[:, :rank].prod(axis=-1), flat)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from .derivatives import derivatives_of, null_spaces_of
 from .errors import InvalidUse, NotReached
 from .goal import Goal
 from .kernels.arm.pose_error import judge_poses
@@ -203,6 +204,42 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         `Arm.fk` and ``near=`` accept it. For a ROS JointState: ``name=list(joints), position=list(joints.values())``.
         """
         return by_name(self.problem.mechanism.joint_names, self.q)
+
+    @property
+    def derivative(self) -> Array:
+        """How the joint values move with the target: dq/dT by the implicit function theorem, (..., n, 6).
+
+        Its columns are the six components of the target's twist, as in the rows of `Arm.jacobian`: translation of its origin
+        [m], then rotation about its origin [rad], along the axes of the frame in which the goal is given (`base=`). So if
+        the target (R, p) moves to (exp(w) R, p + v), q moves by ``derivative @ [v, w]`` to first order. With `tool=` the
+        target is the pose of the tool.
+
+        - Six joints and a whole pose: the inverse of the Jacobian.
+        - A redundant arm: the motion with the least sum of squared joint motions (pseudo-inverse). All others are this one
+          plus any in the `null_space`.
+        - A position goal: the columns of rotations are 0. A pointing goal: so is a rotation about the tool axis.
+        - An arm that can follow only some motions of the target, such as one with five joints: the derivative is exact for
+          these. For others it is that of the nearest motion (least squares, with lengths relative to the arm's length).
+
+        It is NaN where `success` is False, and where the solution is singular: where the smallest nonzero singular value
+        of the Jacobian is at most 1e-6, with lengths relative to the arm's length. Joint limits are ignored.
+
+        Raises:
+            InvalidUse: The goal has free axes or ranges, or the arm has black-box kinematics.
+        """
+        return derivatives_of(self.problem, self.q, self.success)
+
+    @property
+    def null_space(self) -> Array:
+        """Directions in which joints move while the goal stays reached, as orthonormal columns, (..., n, r).
+
+        r is the degree of redundancy, 0 for an arm without any. The signs of columns, and for r > 1 their choice, are
+        arbitrary. It is NaN as in `derivative`.
+
+        Raises:
+            InvalidUse: As `derivative`.
+        """
+        return null_spaces_of(self.problem, self.q, self.success)
 
     @property
     def status(self) -> State:

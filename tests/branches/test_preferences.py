@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 import kinseek
 from benchmarks.targets import plain_fk, random_joints, strict
 from kinseek import Goal, InvalidProblem, NotReached, Status
-from kinseek.branches.index import constraint_jacobian, freedom
 from kinseek.branches.order import ORDERS, Order, scores
+from kinseek.derivatives import constraint_jacobian, freedom
 from kinseek.problem import Problem
 
 Array = NDArray[np.float64]

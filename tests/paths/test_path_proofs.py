@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal
-from kinseek.branches.index import constraint_jacobian
+from kinseek.derivatives import constraint_jacobian
 from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.paths.steps import INSIDE, LEAVES, OUTSIDE, SOMEWHERE, UNPROVED
 from kinseek.paths import missed

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import kinseek
 from benchmarks.paths.curves import curve
 from kinseek import Goal, InvalidGoal, InvalidProblem, InvalidSolver, NotReached, PathInterrupted, PathStatus
-from kinseek.branches.index import freedom
+from kinseek.derivatives import freedom
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.trace import ENDED, JOINED, TAKEN, part_ways
 from kinseek.kernels.paths.viterbi import COPIED, DISTANCE, STRAIGHT, Layers, Rules, Steps, Turns, viterbi

@@ -7,10 +7,10 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.derivatives import freedom
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.branches.refine_all import ANSWER
@@ -21,7 +21,6 @@ from kinseek.kernels.structure.candidates import NONE, STRUCTURE
 from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.sampling import weyl
 from kinseek.solvers.atlas.index import MOST_CACHED, PLAIN, AtlasIndex, atlas_of, tolerances_of
 from kinseek.support.caching import WeakCache
 from kinseek.support.transforms import square
@@ -41,10 +40,6 @@ SAMPLE_SIZE = 50
 
 _MOST_MIRRORED = 8
 """Largest number of joints for which mirror images are searched: there are 2ⁿ patterns of signs."""
-
-
-_PLACES = 7
-"""Configurations at which the redundancy is computed. The least value counts, since singularities increase it."""
 
 
 class BranchIndex:
@@ -171,26 +166,3 @@ def index_of(problem: Problem) -> BranchIndex:
         first = [*goal.target.reshape(-1, 4, 4)[:1], np.eye(4)][0]
         return index_of(extended(problem.at(first)).problem)
     return _indices.of(problem.chain).get(goal.prepared_as, lambda: BranchIndex(problem))
-
-
-def constraint_jacobian(problem: Problem, q: Array) -> Array:
-    """Jacobian of the pose components that the goal constrains, (k, n) -> (k, rows, n); [m] or [rad] per joint unit."""
-    J = jacobian_many(problem.arrays, np.ascontiguousarray(q))
-    columns = problem.goal.columns
-    if columns == 0:
-        return J[:, :3]
-    if columns == 1:
-        tool = forward_many(problem.arrays, np.ascontiguousarray(q))[:, :3, 0]
-        # A rotation about the tool axis does not change its direction, so that component is not constrained.
-        across = J[:, 3:] - tool[:, :, None] * np.einsum("kr,krn->kn", tool, J[:, 3:])[:, None, :]
-        return np.concatenate([J[:, :3], across], axis=1)
-    return J
-
-
-def freedom(problem: Problem) -> int:
-    """Return the number of joints minus the rank of the goal's constraints away from singularities."""
-    chain = problem.chain
-    q = chain.lower + (0.1 + 0.8 * weyl(_PLACES, chain.dof)) * (chain.upper - chain.lower)
-    values = np.linalg.svd(constraint_jacobian(problem, q), compute_uv=False)
-    rank = int((values > 1e-6 * values.max()).sum(axis=1).max())
-    return chain.dof - rank

@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.derivatives import constraint_jacobian
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.arrays import Array
 from kinseek.problem import Problem
@@ -17,7 +18,7 @@ from kinseek.support.interrupts import raise_of_handler
 from kinseek.support.turns import shortest
 from kinseek.virtual_joints import extended
 
-from .index import constraint_jacobian, index_of
+from .index import index_of
 
 Cost = Callable[[Array], Any]
 """Function from joint values, (k, n), to costs, (k,); the least is best."""

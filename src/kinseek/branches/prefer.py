@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kinseek.derivatives import constraint_jacobian
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.near import solve_goal
@@ -19,7 +20,7 @@ from kinseek.support.deadline import Deadline
 from kinseek.virtual_joints import extended
 
 from .find import LAST, SEARCHING, branches_of
-from .index import BranchIndex, constraint_jacobian, index_of
+from .index import BranchIndex, index_of
 from .order import ORDERS, Cost, Selection, Valid, is_valid, scores
 from .result import Branches, BranchesBatch
 

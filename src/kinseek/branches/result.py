@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.derivatives import derivatives_of, null_spaces_of
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
 from kinseek.kernels.branches.refine_all import ANSWERS, CONTINUUM, SPENT
 from kinseek.problem import DeferredProblem, Problem
@@ -75,6 +76,24 @@ class Branches(Lazy):
     def joints(self) -> dict[str, Array]:
         """Joint values by name, from base to tip; each holds one value per solution, (k,), [rad] or [m]."""
         return by_name(self.problem.mechanism.joint_names, self.q)
+
+    @property
+    def derivative(self) -> Array:
+        """dq/dT of each solution, (k, n, 6), as `Solution.derivative`.
+
+        Raises:
+            InvalidUse: The goal has free axes or ranges.
+        """
+        return derivatives_of(self.problem, self.q, np.ones(len(self.q)))
+
+    @property
+    def null_space(self) -> Array:
+        """Directions in which the joints of each solution move while the tip stays, (k, n, r), as `Solution.null_space`.
+
+        Raises:
+            InvalidUse: As `derivative`.
+        """
+        return null_spaces_of(self.problem, self.q, np.ones(len(self.q)))
 
     def to_frame(self) -> Any:
         """Return a ``pandas.DataFrame`` with a row for each solution: joint values by name, then errors.

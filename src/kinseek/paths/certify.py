@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.index import constraint_jacobian
+from kinseek.derivatives import constraint_jacobian
 from kinseek.kernels.paths.motion import Margins
 from kinseek.kernels.paths.steps import INSIDE, Moves, prove_steps
 from kinseek.problem import Problem

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.index import freedom
+from kinseek.derivatives import freedom
 from kinseek.errors import PathInterrupted
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.threads import progress_bar

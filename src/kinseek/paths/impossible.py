@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.index import freedom
+from kinseek.derivatives import freedom
 from kinseek.kernels.paths.steps import INSIDE, LEAVES, OUTSIDE, SOMEWHERE
 from kinseek.problem import Problem
 from kinseek.proof.root_isolation import isolate

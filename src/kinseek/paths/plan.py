@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.index import BranchIndex, freedom, index_of
+from kinseek.branches.index import BranchIndex, index_of
 from kinseek.branches.order import cost_of
+from kinseek.derivatives import freedom
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.propagation import Given, propagate_layer, spread_solutions
 from kinseek.kernels.paths.trace import Leg, trace

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.index import constraint_jacobian
+from kinseek.derivatives import constraint_jacobian
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.arrays import Limits
 from kinseek.kernels.paths.band import solve_band

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.index import constraint_jacobian
+from kinseek.derivatives import constraint_jacobian
 from kinseek.robots.mechanism import Mechanism
 
 from .allowed import Allowed
