@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from math import hypot
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, Literal, Never, Self, TypedDict, Unpack, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,7 @@ from .support.deadline import Deadline
 from .support.shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
 from .support.units import warn_of_distance
 from .support.validation import as_integer
+from .unknown_arguments import unknown_argument
 
 if TYPE_CHECKING:
     from .branches.index import BranchIndex
@@ -162,6 +163,7 @@ class Arm(ForwardArm):
         time_limit: float | None = None,
         trace: bool = False,
         bad: Literal["error", "skip"] = "error",
+        **unknown: Never,
     ) -> Solution:
         """Find joint values that reach a goal; if none are found, return the closest that the search found.
 
@@ -206,6 +208,8 @@ class Arm(ForwardArm):
             InvalidUse: Traces of more targets than fit into memory.
             InvalidSolver: The solver's parameters do not fit the arm, or `threads` is not an integer of at least 1.
         """
+        if unknown:
+            raise unknown_argument(Arm.ik, unknown)
         if threads is not None:
             threads = as_integer("threads", threads, 1)
         selects = prefer is not None or cost is not None or valid is not None or scene is not None
@@ -310,6 +314,7 @@ class Arm(ForwardArm):
         threads: int | None = None,
         prove: bool = False,
         time_limit: float | None = None,
+        **unknown: Never,
     ) -> Branches | BranchesBatch:
         """Find every distinct solution of a goal; if the arm is redundant, a well-spread sample of the solutions.
 
@@ -344,6 +349,8 @@ class Arm(ForwardArm):
                 that fails; the message names q.
             InvalidSolver: `threads` is not an integer of at least 1.
         """
+        if unknown:
+            raise unknown_argument(Arm.branches, unknown)
         if threads is not None:
             threads = as_integer("threads", threads, 1)
         plain = (
@@ -386,6 +393,7 @@ class Arm(ForwardArm):
         budget: int = 2_000_000,
         threads: int | None = None,
         time_limit: float | None = None,
+        **unknown: Never,
     ) -> Certificate:
         """Decide by branch and bound whether any joint values inside the limits reach a goal.
 
@@ -404,6 +412,8 @@ class Arm(ForwardArm):
             InvalidProblem: A batch, a gap or budget out of its range, or an arm with black-box kinematics.
             InvalidSolver: `threads` is not an integer of at least 1.
         """
+        if unknown:
+            raise unknown_argument(Arm.prove, unknown)
         self._require_axes(_NO_PROOF)
         if threads is not None:
             threads = as_integer("threads", threads, 1)
@@ -433,6 +443,7 @@ class Arm(ForwardArm):
         threads: int | None = None,
         progress: bool = False,
         time_limit: float | None = None,
+        **unknown: Never,
     ) -> Motion:
         """Find one continuous motion through many poses: first the fewest breaks, then the lowest cost.
 
@@ -478,6 +489,8 @@ class Arm(ForwardArm):
             InvalidSolver: `threads` is not an integer of at least 1.
             PathInterrupted: An iterator raised; the error carries the path through the poses before it.
         """
+        if unknown:
+            raise unknown_argument(Arm.follow, unknown)
         from .paths.follow import follow_poses
 
         deadline = Deadline(time_limit)
@@ -512,6 +525,7 @@ class Arm(ForwardArm):
         cost: Cost | None = None,
         valid: Valid | None = None,
         threads: int | None = None,
+        **unknown: Never,
     ) -> Iterator[Motion]:
         """Follow a stream of poses with memory that does not depend on their number.
 
@@ -541,6 +555,8 @@ class Arm(ForwardArm):
             InvalidSolver: `window`, `look_ahead` or `threads` is not an integer, or is too small.
             Exception: Any error that the iterator raises, after the pieces of all poses before it.
         """
+        if unknown:
+            raise unknown_argument(Arm.follow_stream, unknown)
         from .paths.stream import stream
 
         window, look_ahead = as_integer("window", window, 1), as_integer("look_ahead", look_ahead, 0)
@@ -557,6 +573,7 @@ class Arm(ForwardArm):
         velocity: ArrayLike | None = None,
         recover: bool = True,
         goal: Goal | None = None,
+        **unknown: Never,
     ) -> Tracker:
         """Start servoing from joint values: each step takes one pose and returns joint values, with bounded work.
 
@@ -573,6 +590,8 @@ class Arm(ForwardArm):
         Raises:
             InvalidProblem: An argument does not fit the arm, or the arm has black-box kinematics.
         """
+        if unknown:
+            raise unknown_argument(Arm.track, unknown)
         from .paths.tracker import Tracker
 
         return Tracker(self._mechanism, q0, period, velocity, recover, goal)
@@ -626,6 +645,7 @@ def load(
     args: Mapping[str, Any] | None = None,
     packages: Mapping[str, str | Path] | None = None,
     trusted: bool = True,
+    **unknown: Never,
 ) -> Arm:
     """Load an arm.
 
@@ -646,4 +666,6 @@ def load(
             file does not declare.
         MissingExtra: MuJoCo is not installed, and the source is an MJCF file.
     """
+    if unknown:
+        raise unknown_argument(load, unknown)
     return Arm(read(source, base, tip, args=args, packages=packages, trusted=trusted))

@@ -9,7 +9,7 @@
     ├── InvalidExport(ValueError)    the export for a controller: target, folder, memory
     ├── InvalidScene(ValueError)     a collision scene: shapes, bodies, pairs, files of geometry
     ├── InvalidMap(ValueError)       a map of the workspace: grid, store, workers
-    ├── InvalidUse(TypeError)        a result is misused, such as a solution as a truth value
+    ├── InvalidUse(TypeError)        an argument that a call does not have, or a result as a truth value
     ├── MissingExtra(ImportError)    an optional dependency is not installed
     ├── PathInterrupted(RuntimeError) an iterator of poses raised; carries the path through the poses before
     ├── MapInterrupted(RuntimeError) the making of a map ended early; finished blocks stay in its store
@@ -90,7 +90,7 @@ class InvalidMap(KinseekError, ValueError):
 
 
 class InvalidUse(KinseekError, TypeError):
-    """A result is misused: a solution as a truth value, or the solution of one target as a sequence."""
+    """A call has no argument of this name, or a result is misused, such as a solution as a truth value."""
 
 
 class MissingExtra(KinseekError, ImportError):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any, Literal, Self, Unpack
@@ -43,6 +43,7 @@ from .tolerances import (
     check_weight,
     said,
 )
+from .unknown_arguments import unknown_argument
 
 Array = NDArray[np.float64]
 
@@ -162,6 +163,8 @@ class Goal(Lazy):
             InvalidGoal: Not a pose, an option out of its range, an unknown axis, an axis that is both free and boxed, an
                 invalid range, a cone about no axis or about several, or a goal that leaves everything free.
         """
+        if options:
+            _require_options(cls.pose, options)
         ranges = read_ranges(free, box)
         if frame not in FRAMES:
             raise InvalidGoal(f"frame must be 'tool' or 'base', got {frame!r}")
@@ -198,6 +201,8 @@ class Goal(Lazy):
         Raises:
             InvalidGoal: Wrong shape, NaN or infinity, an option out of its range, or axes as in `Goal.pose`.
         """
+        if options:
+            _require_options(cls.position, options)
         # The short way skips checks that a plain position with default options does not need.
         usual = cls is Goal and not options and box is None and type(free) is tuple and not free
         if usual and (at := plain_place(position)) is not None:
@@ -233,6 +238,8 @@ class Goal(Lazy):
         Raises:
             InvalidGoal: Wrong shape, NaN or infinity, a zero vector, an option out of its range, or axes as in `Goal.pose`.
         """
+        if options:
+            _require_options(cls.pointing, options)
         axis, onto = unit_vector(tool_axis, "tool_axis"), unit_vector(direction, "direction")
         ranges, target = read_ranges(free, box, POINTING), at_position(position, rotation_onto(axis, onto))
         cone = check_cone(cone, True)
@@ -443,6 +450,16 @@ _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 _USUAL = {each.name: each.default for each in fields(Goal)}
 """Default fields of a goal that is given by its target and kind alone."""
+
+
+def _require_options(make: Callable[..., Goal], options: Mapping[str, Any]) -> None:
+    """Reject options that are no fields of a goal.
+
+    Raises:
+        InvalidUse: There is one.
+    """
+    if unknown := [name for name in options if name not in Goal.__dataclass_fields__]:
+        raise unknown_argument(make, unknown, GoalOptions.__annotations__)
 
 
 @lru_cache(maxsize=64)

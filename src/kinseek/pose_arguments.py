@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any, TypedDict, Unpack, overload
+from typing import Any, Never, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ from .support.shapes import Pose
 from .support.transforms import angles_between, from_axes, from_quaternion, from_rpy, rotation_onto, rotations
 from .support.units import warn_of_angles
 from .support.validation import as_float_array, as_number
+from .unknown_arguments import unknown_argument
 
 Array = NDArray[np.float64]
 
@@ -89,6 +90,7 @@ def pose(
     x_axis: ArrayLike | None = None,
     y_axis: ArrayLike | None = None,
     skew: float | None = None,
+    **unknown: Never,
 ) -> Array:
     """Build a pose from a position and at most one rotation; without one the pose is not rotated.
 
@@ -123,6 +125,8 @@ def pose(
         UnitWarning: `rpy` or `rotvec` has an angle beyond 2π, and `degrees` is not given.
         RepairWarning: A matrix was farther than 1e-6 from a rotation, and `repair` is given.
     """
+    if unknown:
+        raise unknown_argument(pose, unknown)
     named = _given(quat_wxyz=quat_wxyz, quat_xyzw=quat_xyzw, rpy=rpy, rotvec=rotvec, rotation=rotation)
     axes = _given(z_axis=z_axis, x_axis=x_axis, y_axis=y_axis)
     degrees, repair = _flag("degrees", degrees), _flag("repair", repair)

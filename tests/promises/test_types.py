@@ -94,6 +94,14 @@ WRONG = [
     'kinseek.Goal.pose(target, frame="world")',
     "arm.ik(target, nearr=[0.0] * 6)",
     "arm.fk(rows, link=7)",
+    "arm.branches(target, seed=[0.0] * 6)",
+    "arm.prove(target, timeout=1.0)",
+    "arm.follow(arm.fk(rows), seed=[0.0] * 6)",
+    "arm.follow_stream(arm.fk(rows), seed=[0.0] * 6)",
+    "arm.track([0.0] * 6, dt=0.01)",
+    'kinseek.load("ur5e", ee_link="tool0")',
+    "kinseek.pose([0.0, 0.0, 0.0], quat=[1.0, 0.0, 0.0, 0.0])",
+    "kinseek.Goal.pose(target, tol=1e-3)",
 ]
 
 
