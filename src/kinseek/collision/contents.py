@@ -272,11 +272,7 @@ class Contents:
         """
         self._require(name, self._others, "arm of the scene")
         arm = self._others[name]
-        moved = arm.at(one_q(arm.chain, q))
-        self._bodies |= {body.name: body for body in moved}
-        # The shapes stay the same, so only their places change in an engine that exists already.
-        if self._assembly is not None:
-            self._assembly.stand(moved)
+        self._stand(arm.at(one_q(arm.chain, q)))
 
     def allow(self, a: str, b: str, reason: str = "allowed: they may touch") -> None:
         """Exclude a pair of bodies from the checks.
@@ -349,6 +345,19 @@ class Contents:
         self._never |= sampled(self._chain, self._bodies.values(), open_pairs, samples, skip_never)
         self._assembly = None
 
+    @property
+    def _standing(self) -> list[Body]:
+        """The bodies that no joint of the arm moves, other than its links."""
+        return [body for body in self._bodies.values() if not (body.is_link or body.frame.joints)]
+
+    def _stand(self, moved: Sequence[Body]) -> None:
+        """Replace bodies that no joint moves by the same ones at other places."""
+        _require_near(moved)
+        self._bodies |= {body.name: body for body in moved}
+        # The shapes stay the same, so only their places change in an engine that exists already.
+        if self._assembly is not None:
+            self._assembly.stand(moved)
+
     def _one(self, q: Any) -> Array:
         return one_q(self._chain, q)
 
@@ -365,15 +374,7 @@ class Contents:
         return name
 
     def _require_room(self, bodies: Sequence[Body]) -> None:
-        for body in bodies:
-            for part in body.parts:
-                with np.errstate(over="ignore", invalid="ignore"):
-                    farthest = float(np.abs(body.frame.pose @ part.pose).max())
-                if not farthest <= LARGEST:  # It may be NaN.
-                    raise InvalidScene(
-                        f"{body.name!r}: a shape must stand within {LARGEST:g} m of the origin along each axis, got "
-                        f"{farthest:g} m"
-                    )
+        _require_near(bodies)
         require_number(sum(len(body.parts) for body in (*self._bodies.values(), *bodies)))
 
     def _require(self, name: str, among: Collection[str], noun: str = "body") -> None:
@@ -441,6 +442,23 @@ def one_q(chain: SerialChain, q: Any) -> Array:
     if joints.ndim > 1:
         raise InvalidProblem(f"expected one q of shape ({chain.dof},), got {joints.shape}")
     return joints
+
+
+def _require_near(bodies: Iterable[Body]) -> None:
+    """Reject bodies that stand too far from the base of the arm to compute with.
+
+    Raises:
+        InvalidScene: There is one.
+    """
+    for body in bodies:
+        for part in body.parts:
+            with np.errstate(over="ignore", invalid="ignore"):
+                farthest = float(np.abs(body.frame.pose @ part.pose).max())
+            if not farthest <= LARGEST:  # It may be NaN.
+                raise InvalidScene(
+                    f"{body.name!r}: a shape must stand within {LARGEST:g} m of the origin along each axis, got "
+                    f"{farthest:g} m"
+                )
 
 
 def _part(shape: Shape, pose: Any) -> Part:

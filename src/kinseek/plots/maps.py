@@ -227,7 +227,8 @@ def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] | None = Non
     """Draw base placements from above: how many poses each reaches, and the best.
 
     If several candidates have the same position, each is an arrow along the x axis of the base. Candidates that differ only
-    in height or tilt overlap, with the best in front.
+    in height or tilt overlap, with the best in front. The colour of a candidate that was not examined at all poses is an
+    estimate from those at which it was.
 
     Args:
         ranked: The result of `kinseek.maps.best_base`.
@@ -241,10 +242,10 @@ def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] | None = Non
         InvalidUse: Other axes.
         MissingExtra: Matplotlib is not installed.
     """
-    places, reached = ranked["base"].values[:, :2, 3], ranked["reached"].values
+    places, most = ranked["base"].values[:, :2, 3], ranked.attrs["poses"]
+    reached = ranked["reached"].values * (most / ranked["examined"].values)
     (left, low), (right, high) = places.min(axis=0), places.max(axis=0)
     figure, axes = given_or_new(ax, size or _size([left, right, low, high], 3.4))
-    most = ranked.attrs["poses"]
     shown = axes.scatter(*places[::-1].T, c=reached[::-1], cmap=SHARES, vmin=0, vmax=most, s=40)
     figure.colorbar(shown, ax=axes, label=f"poses reached, of {most}", shrink=0.8)
     if len(np.unique(places.round(6), axis=0)) < len(places):
