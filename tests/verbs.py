@@ -18,6 +18,10 @@ ARMS = ("planar2", "cylindrical3", "scara4", "so101", "ur5e", "panda", "ur10e_ra
 """2 to 7 joints, slides and full turns among them."""
 
 
+POSTURES: dict[str, dict[str, Any]] = {"ur5e": {"elbow": "down"}, "panda": {"arm_angle": 0.5}}
+"""A posture of arms that have names for it."""
+
+
 class Told(NamedTuple):
     """What a call said of some poses."""
 
@@ -94,6 +98,9 @@ VERBS: dict[str, Callable[[kinseek.Arm, Array], Told]] = {
     "ik, near": lambda arm, poses: _one_by_one(arm, poses, near=arm.upper),
     "ik, a batch near": lambda arm, poses: _solutions(arm.ik(poses, near=arm.lower), poses),
     "ik, preferred": lambda arm, poses: _one_by_one(arm, poses[:3], prefer="mid-range"),
+    "ik, at a posture": lambda arm, poses: _one_by_one(
+        arm, poses[:3], prefer=POSTURES.get(arm.name, "limits")
+    ),
     "ik, valid": lambda arm, poses: _one_by_one(arm, poses[:3], valid=lambda q: bool(q[0] <= arm.upper[0])),
     "branches": _branches,
     "branches, full turns": lambda arm, poses: _branches(arm, poses, copies=True),

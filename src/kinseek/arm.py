@@ -37,7 +37,7 @@ from .unknown_arguments import unknown_argument
 
 if TYPE_CHECKING:
     from .branches.index import BranchIndex
-    from .branches.order import Cost, Order, Valid
+    from .branches.order import Cost, Order, Preferred, Valid
     from .branches.result import Branches, BranchesBatch
     from .collision.scene import Scene
     from .paths.path import Path as Motion
@@ -59,7 +59,7 @@ class IkOptions(TypedDict, total=False):
     threads: int | None
     progress: bool
     prove: bool
-    prefer: Order | None
+    prefer: Preferred | None
     cost: Cost | None
     valid: Valid | None
     scene: Scene | None
@@ -155,7 +155,7 @@ class Arm(ForwardArm):
         threads: int | None = None,
         progress: bool = False,
         prove: bool = False,
-        prefer: Order | None = None,
+        prefer: Preferred | None = None,
         cost: Cost | None = None,
         valid: Valid | None = None,
         scene: Scene | None = None,
@@ -179,7 +179,9 @@ class Arm(ForwardArm):
             prove: Try to prove that each missed pose is out of reach, see `Arm.prove`. If the arm is not redundant, also try
                 to prove that every solution of a blocked pose collides.
             prefer: Which solution to return: ``"mid-range"``, ``"limits"`` (far from them) or ``"dexterity"``, as `order` in
-                `Arm.branches`. If the arm is redundant, the best one along the self-motion.
+                `Arm.branches`. If the arm is redundant, the best one along the self-motion. Or a posture by name, such as
+                ``{"elbow": "up"}`` or ``{"arm_angle": 0.5}``, see docs/postures.md: the solution with the most of these
+                names; among several the one nearest to `near`, of the lowest `cost`, or else in the middle of the ranges.
             cost: Alternative to `prefer`: a function from joint values, (k, n), to costs, (k,). The solution with the lowest
                 cost is returned.
             valid: A function from joint values, (n,), to a bool. It is called for one solution after the other until it

@@ -14,6 +14,7 @@ from .derivatives import derivatives_of, null_spaces_of
 from .errors import InvalidUse, NotReached
 from .goal import Goal
 from .kernels.arm.pose_error import judge_poses
+from .postures import configuration_of
 from .problem import DeferredProblem, Problem
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism
@@ -240,6 +241,20 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
             InvalidUse: As `derivative`.
         """
         return null_spaces_of(self.problem, self.q, self.success)
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """The posture by name, such as ``{"shoulder": "front", "elbow": "up", "wrist": "noflip"}``; see docs/postures.md.
+
+        Arms with six revolute joints and a closed form have ``"shoulder"``, ``"elbow"`` and ``"wrist"``, which differ
+        between all solutions of a pose. Arms with seven revolute joints have ``"arm_angle"`` [rad], NaN where it is
+        undefined. If joints can turn more than once, ``"turns"`` maps their names to the number of full turns outside
+        (-π, π]. In a batch every value has the shape (...) of the batch. ``prefer=`` of `Arm.ik` takes the same mapping.
+
+        Raises:
+            InvalidUse: Postures of this arm have no names.
+        """
+        return configuration_of(self.problem.mechanism, self.q)
 
     @property
     def status(self) -> State:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -33,6 +33,10 @@ Order = Literal["mid-range", "limits", "dexterity"]
 
 
 ORDERS: tuple[Order, ...] = get_args(Order)
+
+
+Preferred = Order | Mapping[str, Any]
+"""Preferred solution of `Arm.ik`: the first by a criterion, or one with a posture."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from kinseek.derivatives import constraint_jacobian
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.near import solve_goal
+from kinseek.postures import Wish, read_wish
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.index import tolerances_of
@@ -19,9 +20,10 @@ from kinseek.solvers.atlas.solver import Atlas
 from kinseek.support.deadline import Deadline
 from kinseek.virtual_joints import extended
 
+from .at_arm_angle import walk_to_arm_angle
 from .find import LAST, SEARCHING, branches_of
 from .index import BranchIndex, index_of
-from .order import ORDERS, Cost, Selection, Valid, is_valid, scores
+from .order import ORDERS, Cost, Preferred, Selection, Valid, is_valid, scores
 from .result import Branches, BranchesBatch
 
 _SLIDERS = 3
@@ -35,27 +37,62 @@ _FIRST, _LAST, _PROBE = 0.3, 1e-4, 1e-4
 examined further."""
 
 
+class Preference(NamedTuple):
+    """Which solution is preferred: first by posture, then by order."""
+
+    order: str
+    """One of `ORDERS`, unless the problem has joint values to be near to, or there is a cost."""
+    cost: Cost | None
+    wish: Wish | None
+
+    @property
+    def copies(self) -> bool:
+        """Whether full turns matter."""
+        return self.cost is not None or (self.wish is not None and bool(self.wish.turns))
+
+    def misses(self, q: Array) -> int:
+        """Return how many of the requested names a solution, (n,), has not."""
+        return 0 if self.wish is None else int(self.wish.misses(q[None])[0])
+
+    def sorted(self, q: Array) -> Array:
+        """Return solutions that are sorted by order, (k, n), sorted by posture first."""
+        return q if self.wish is None else q[np.argsort(self.wish.misses(q), kind="stable")]
+
+
+def preference_of(problem: Problem, prefer: Preferred | None, cost: Cost | None) -> Preference:
+    """Read a preference.
+
+    Raises:
+        InvalidProblem: An unknown order or posture, or two orders.
+    """
+    if isinstance(prefer, Mapping):
+        wish, order = read_wish(problem.mechanism, prefer), None
+    else:
+        wish, order = None, prefer
+        if order is not None and order not in ORDERS:
+            raise InvalidProblem(suggest(str(order), ORDERS, "preference"))
+    given = [("near", problem.near), ("prefer", order), ("cost", cost)]
+    chosen = [name for name, value in given if value is not None]
+    if len(chosen) > 1:
+        raise InvalidProblem(
+            f"{' and '.join(chosen)} cannot be combined, since each sets the order; give one of them"
+        )
+    return Preference(order or ORDERS[0], cost, wish)
+
+
 def preferred(
-    problem: Problem, prefer: str | None, cost: Cost | None, valid: Valid | None, threads: int | None
+    problem: Problem, prefer: Preferred | None, cost: Cost | None, valid: Valid | None, threads: int | None
 ) -> Solution:
     """Solve every target with the preferred solution; see `Arm.ik`.
 
     Raises:
         InvalidProblem: An unknown preference, more than one, or a `cost` or `valid` that fails.
     """
-    if prefer is not None and prefer not in ORDERS:
-        raise InvalidProblem(suggest(str(prefer), ORDERS, "preference"))
-    given = [("near", problem.near), ("prefer", prefer), ("cost", cost)]
-    chosen = [name for name, value in given if value is not None]
-    if len(chosen) > 1:
-        raise InvalidProblem(
-            f"{' and '.join(chosen)} cannot be combined, since each sets the order; give one of them"
-        )
-    deadline = Deadline(problem.time_limit)
-    order, index = prefer or ORDERS[0], index_of(problem)
+    preference = preference_of(problem, prefer, cost)
+    deadline, index = Deadline(problem.time_limit), index_of(problem)
     shape, count, dof = problem.goal.shape, len(problem.goal.targets), problem.chain.dof
     searching = deadline.share(SEARCHING) if shape else deadline
-    selection = Selection(order=order, cost=cost, copies=cost is not None)
+    selection = Selection(order=preference.order, cost=cost, copies=preference.copies)
     found = branches_of(problem, selection, threads, searching)
     # What a target keeps that the time does not suffice for; `valid` has not accepted it.
     q = np.broadcast_to(problem.start, (*shape, dof)).reshape(-1, dof).copy()
@@ -66,7 +103,7 @@ def preferred(
     for i, (one, branches) in enumerate(zip(problem.each(), each, strict=True)):
         if shape and last.passed:
             break
-        pick = _pick(one, branches, order, cost, valid, index, deadline)
+        pick = _pick(one, branches, preference, valid, index, deadline)
         q[i], work[i, 0], passed[i], refused[i] = pick.q, pick.evaluations, pick.passed, pick.refused
         late[i] = pick.out_of_time
     solution = conclude(problem, q, work, late)
@@ -103,8 +140,7 @@ class Slide(NamedTuple):
 def _pick(
     problem: Problem,
     branches: Branches,
-    order: str,
-    cost: Cost | None,
+    preference: Preference,
     valid: Valid | None,
     index: BranchIndex,
     deadline: Deadline,
@@ -119,24 +155,67 @@ def _pick(
             # The target is missed: the errors show it, and `valid` was not called.
             return Pick(last.q, spent, True, 0, last.out_of_time)
         candidates = last.q[None]
+    candidates, there, walked = _by_posture(problem, preference, candidates, index, deadline)
+    spent += walked
     if valid is not None:
         while refused < len(candidates) and not is_valid(valid, candidates[refused]):
             refused += 1
         if refused == len(candidates):
             return Pick(candidates[0], spent, False, refused, branches.out_of_time)
     best = candidates[refused]
-    if not index.freedom:
+    if not index.freedom or there:
         return Pick(best, spent, True, refused, branches.out_of_time)
+    wish, least = preference.wish, preference.misses(best)
 
     def measure(q: Array) -> Array:
-        return scores(problem, q, order, cost)
+        return _scores(problem, q, preference) if wish is None or wish.arm_angle is None else _astray(wish, q)
+
+    def keeps(q: Array) -> bool:
+        return preference.misses(q) <= least
 
     # With `valid` each further start costs the user's calls, so only the best accepted solution is improved.
-    starts = [best] if valid is not None else list(candidates[:_SLIDERS])
-    slides = [slide(problem, index, start, measure, valid, deadline) for start in starts]
+    starts = [best] if valid is not None else [q for q in candidates[:_SLIDERS] if keeps(q)]
+    slides = [slide(problem, index, start, measure, valid, deadline, keeps) for start in starts]
     spent += sum(slide.evaluations for slide in slides)
     refused += sum(slide.refused for slide in slides)
     return Pick(min(slides, key=lambda slide: slide.cost).q, spent, True, refused, deadline.passed)
+
+
+def _scores(problem: Problem, q: Array, preference: Preference) -> Array:
+    return scores(problem, q, preference.order, preference.cost)
+
+
+def _by_posture(
+    problem: Problem, preference: Preference, candidates: Array, index: BranchIndex, deadline: Deadline
+) -> tuple[Array, bool, int]:
+    """Sort solutions of one target by posture; if an arm angle is requested, move them there.
+
+    Returns:
+        The solutions, (k, n); whether they have the requested arm angle; FK evaluations spent.
+    """
+    wish = preference.wish
+    if wish is None or wish.arm_angle is None:
+        return preference.sorted(candidates), False, 0
+    starts, spent = candidates, 0
+    if problem.near is not None:
+        nearest, target = np.empty_like(problem.near), np.ascontiguousarray(problem.goal.targets[0])
+        *_, spent, met = solve_goal(
+            index.fine.address, tolerances_of(problem.goal), target, problem.near, True, nearest
+        )
+        starts = np.concatenate([nearest[None][:met], candidates])
+    walked = walk_to_arm_angle(problem, wish, starts, deadline)
+    spent += walked.evaluations
+    there = len(walked.q) > 0
+    if there:
+        candidates = walked.q[np.argsort(_scores(problem, walked.q, preference), kind="stable")]
+    else:
+        candidates = candidates[np.argsort(_astray(wish, candidates), kind="stable")]
+    return preference.sorted(candidates), there, spent
+
+
+def _astray(wish: Wish, q: Array) -> Array:
+    """Return how far each of some solutions, (k, n), is from the requested arm angle, (k,) [rad]."""
+    return np.nan_to_num(np.abs(wish.off(q)[0]), nan=np.pi)
 
 
 def slide(
@@ -146,12 +225,13 @@ def slide(
     measure: Callable[[Array], Array],
     valid: Valid | None,
     deadline: Deadline,
+    keeps: Callable[[Array], bool] = lambda q: True,
 ) -> Slide:
     """Minimise a cost along the self-motion.
 
     Every step follows the gradient inside the null space of what the goal constrains. It is projected back onto the
-    self-motion by the atlas's refinement. The step is accepted only if the tolerances are met, the cost decreases, and
-    `valid` accepts the result.
+    self-motion by the atlas's refinement. The step is accepted only if the tolerances are met, the cost decreases, `keeps`
+    returns True for the result, and `valid` accepts it.
     """
     goal = problem.goal
     if goal.form.ranges:
@@ -177,7 +257,7 @@ def slide(
                 if not met or np.abs(reached - aim).max() > 2 * step:
                     continue
                 less = float(measure(there[None])[0])
-                if less >= value:
+                if less >= value or not keeps(there):
                     continue
                 if valid is not None and not is_valid(valid, there):
                     refused += 1

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from kinseek.derivatives import derivatives_of, null_spaces_of
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
 from kinseek.kernels.branches.refine_all import ANSWERS, CONTINUUM, SPENT
+from kinseek.postures import configuration_of
 from kinseek.problem import DeferredProblem, Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.named import by_name
@@ -76,6 +77,15 @@ class Branches(Lazy):
     def joints(self) -> dict[str, Array]:
         """Joint values by name, from base to tip; each holds one value per solution, (k,), [rad] or [m]."""
         return by_name(self.problem.mechanism.joint_names, self.q)
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """The posture of each solution by name, as `Solution.configuration`; every value has the shape (k,).
+
+        Raises:
+            InvalidUse: Postures of this arm have no names.
+        """
+        return configuration_of(self.problem.mechanism, self.q)
 
     @property
     def derivative(self) -> Array:

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from kinseek.branches.find import SEARCHING, branches_of
 from kinseek.branches.index import SAMPLE_SIZE, BranchIndex, index_of
-from kinseek.branches.order import ORDERS, Cost, ManyAtOnce, Selection, Valid, is_valid
-from kinseek.branches.prefer import preferred, slide
+from kinseek.branches.order import Cost, ManyAtOnce, Preferred, Selection, Valid, is_valid
+from kinseek.branches.prefer import preference_of, preferred, slide
 from kinseek.branches.result import Branches, BranchesBatch, OfEachGoal
-from kinseek.errors import InvalidProblem, InvalidScene, suggest
+from kinseek.errors import InvalidScene
 from kinseek.problem import Problem
 from kinseek.proof.root_isolation import isolate
 from kinseek.robots.mechanism import Mechanism
@@ -121,7 +121,7 @@ def free_solution(
     problem: Problem,
     scene: Scene,
     clearance: float,
-    prefer: str | None,
+    prefer: Preferred | None,
     cost: Cost | None,
     valid: Valid | None,
     threads: int | None,
@@ -136,8 +136,7 @@ def free_solution(
         InvalidProblem: As `preferred`.
     """
     judge_of(scene, problem.mechanism, clearance, valid)
-    if prefer is not None and prefer not in ORDERS:
-        raise InvalidProblem(suggest(str(prefer), ORDERS, "preference"))
+    preference_of(problem, prefer, cost)
     deadline = Deadline(problem.time_limit)
     shape, count, dof = problem.goal.shape, len(problem.goal.targets), problem.chain.dof
     # What a target keeps that the time does not suffice for; it has not been checked for collisions.
@@ -181,7 +180,7 @@ def free_solution(
 def _pick(
     problem: Problem,
     judge: Judge,
-    prefer: str | None,
+    prefer: Preferred | None,
     cost: Cost | None,
     threads: int | None,
     deadline: Deadline,
@@ -194,7 +193,7 @@ def _pick(
         spent += solution.evaluations
         if solution.success or not (judge.blocked or judge.refused):
             return _Pick(solution.q, spent, True, judge, solution.out_of_time)
-    late = False
+    late, preference = False, preference_of(problem, prefer, cost)
     for many in (1, *_MORE) if index.freedom else (1,):
         if deadline.passed:
             late = True
@@ -202,7 +201,10 @@ def _pick(
         # The counts and contacts that are reported refer to the last sample alone.
         judge.blocked, judge.refused, judge.seen, judge.spared = 0, 0, [], None
         selection = Selection(
-            prefer or ORDERS[0], cost, copies=cost is not None, count=many * SAMPLE_SIZE if many > 1 else None
+            preference.order,
+            cost,
+            copies=preference.copies,
+            count=many * SAMPLE_SIZE if many > 1 else None,
         )
         found = branches_of(replace(problem, time_limit=deadline.left), selection, threads)
         assert isinstance(found, Branches)  # True for one target.
@@ -214,7 +216,7 @@ def _pick(
             if not last.success:
                 return _Pick(last.q, spent, True, judge, last.out_of_time)
             candidates = last.q[None]
-        if (best := judge.first(candidates)) is not None:
+        if (best := judge.first(preference.sorted(candidates))) is not None:
             return _Pick(best, spent, True, judge, late)
     return _escaped(problem, index, judge, spent, late, deadline)
 

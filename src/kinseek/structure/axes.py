@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.support.transforms import square
+from kinseek.support.transforms import rotations, square
 
 
 class Axes(NamedTuple):
@@ -92,3 +92,47 @@ def lean(before: Array, after: Array) -> tuple[float, float, float]:
 def nearest_on(direction: Array, point: Array, x: Array) -> Array:
     """Return the point of each line, (k, 3), that is nearest to x, (3,)."""
     return np.asarray(point + direction * np.einsum("kj,kj->k", direction, x - point)[:, None])
+
+
+BENT = 0.1
+"""Sine of the least angle between axes that must not be parallel. Not examined further."""
+
+
+def foot(axes: Axes, on: int, near: int) -> Array | None:
+    """Return the point on one axis nearest to another one, by index, (3,); None if they are nearly parallel."""
+    a, b = axes.direction[on], axes.direction[near]
+    normal = np.cross(a, b)
+    square = float(normal @ normal)
+    if square < BENT**2:
+        return None
+    between = axes.point[near] - axes.point[on]
+    return np.asarray(axes.point[on] + a * (np.cross(between, b) @ normal) / square)
+
+
+class Motions(NamedTuple):
+    """Displacement of one link from where it is at q = 0, at k configurations."""
+
+    R: Array
+    """(k, 3, 3)"""
+    p: Array
+    """(k, 3), [m]"""
+
+    def turned(self, direction: Array) -> Array:
+        """Return a direction of the link, (3,) at q = 0, at each configuration, (k, 3)."""
+        return self.R @ direction
+
+    def moved(self, point: Array) -> Array:
+        """Return a point of the link, (3,) at q = 0, at each configuration, (k, 3) [m]."""
+        return self.R @ point + self.p
+
+
+def displaced(axes: Axes, q: Array) -> list[Motions]:
+    """Return the displacements of the links distal to each of the first revolute joints, for q, (k, number of these)."""
+    R, p = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
+    found = []
+    for angles, h, point in zip(q.T, axes.direction, axes.point, strict=False):
+        turn = rotations(angles[:, None] * h)
+        p = p + (R @ (point - turn @ point)[:, :, None])[:, :, 0]
+        R = R @ turn
+        found.append(Motions(R, p))
+    return found

@@ -13,15 +13,11 @@ from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.structure import candidates as form
 from kinseek.support.transforms import inverse
 
-from .axes import Axes, axes_of, meeting, nearest_on, slant
+from .axes import BENT, Axes, axes_of, meeting, nearest_on, slant
 
 NEARLY = 0.005
 """Largest deviation at which the closed form of the nearby arm gives useful starts; see `Structure.deviation`. Not examined
 further."""
-
-
-BENT = 0.1
-"""Sine of the least angle between axes that must not be parallel. Not examined further."""
 
 
 SHORT = 1e-3
