@@ -291,6 +291,22 @@ def test_the_preferred_answer(run: Run, order: Any) -> None:
     assert np.allclose(facts["q"], expected.q[0], atol=1e-9)
 
 
+def test_the_preferred_posture(run: Run) -> None:
+    T = kinseek.pose([0.4, 0.2, 0.3], rpy=[np.pi, 0.0, 0.0])
+    arm, wanted = kinseek.load("ur5e"), {"elbow": "down", "wrist": "flip"}
+    facts = json.loads(run("solve", "ur5e", *TOP, "--prefer", "elbow=down,wrist=flip", "--json").out)
+    assert np.allclose(facts["q"], arm.ik(T, prefer=wanted).q, atol=1e-9)
+    near = ("--near", *map(str, facts["q"]))
+    again = json.loads(run("solve", "ur5e", *TOP, *near, "--prefer", "elbow=down", "--json").out)
+    assert np.allclose(again["q"], facts["q"], atol=1e-9)
+    panda = kinseek.load("panda")
+    for words, angle in (((), 0.5), (("--deg",), np.deg2rad(0.5))):
+        at = ("--at", "0.4", "0.1", "0.5", "--quat-wxyz", "0", "1", "0", "0")
+        q = json.loads(run("solve", "panda", *at, *words, "--prefer", "arm_angle=0.5", "--json").out)["q"]
+        read = panda.ik(panda.fk(q), near=q).configuration["arm_angle"]
+        assert read == pytest.approx(angle, abs=1e-8)
+
+
 def test_search_options_reach_the_search(run: Run) -> None:
     words = ("--solver", "divide-and-conquer", "--branching-factor", "100", "--breadth", "3,2", "--no-wrap")
     facts = json.loads(run("solve", "planar2", *REACHABLE, "--position-only", *words, "--json").out)
@@ -399,6 +415,16 @@ MISUSE = {
         "locked",
     ),
     "prefer": (("solve", "planar2", *REACHABLE, "--position-only", "--prefer", "limit"), "'limits'"),
+    "posture": (("solve", "ur5e", *REACHABLE, "--position-only", "--prefer", "elbow=top"), "Valid: down, up"),
+    "no posture": (("solve", "ur5e", *REACHABLE, "--position-only", "--prefer", "elbow=up,x"), "got 'x'"),
+    "a posture twice": (
+        ("solve", "ur5e", *REACHABLE, "--position-only", "--prefer", "elbow=up,elbow=up"),
+        "names 'elbow' twice",
+    ),
+    "a posture of all": (
+        ("solve", "ur5e", *REACHABLE, "--position-only", "--all", "--prefer", "elbow=up"),
+        "cannot be combined with --all",
+    ),
     "near and prefer": (
         ("solve", "planar2", *REACHABLE, "--position-only", "--near", "1", "1", "--prefer", "limits"),
         "--near and --prefer cannot be combined",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
-from kinseek.branches.order import Order
+from kinseek.branches.order import Preferred
 from kinseek.branches.result import Branches, BranchesBatch
 from kinseek.collision import Scene
 from kinseek.errors import InvalidProblem
@@ -31,7 +32,7 @@ class SolveRequest:
     """Are angles of the poses in degrees?"""
     near: NDArray[np.float64] | None = None
     search: Solver | None = None
-    prefer: str | None = None
+    prefer: str | Mapping[str, Any] | None = None
     prove: bool = False
     trace: bool = False
     scene: Scene | None = None
@@ -48,7 +49,7 @@ class SolveRequest:
             goal,
             near=self.near,
             solver=self.search,
-            prefer=cast("Order | None", self.prefer),
+            prefer=cast("Preferred | None", self.prefer),
             prove=self.prove,
             trace=self.trace,
             scene=self.scene,
@@ -74,6 +75,11 @@ class SolveRequest:
         """
         if self.search is not None or self.trace:
             raise InvalidProblem("--all has its own search; it cannot be combined with --solver or --trace")
+        if isinstance(self.prefer, Mapping):
+            raise InvalidProblem(
+                "--prefer NAME=VALUE chooses one solution by its posture; it cannot be combined with --all, which prints "
+                "every one. Valid with --all: --prefer mid-range, limits or dexterity"
+            )
         order: dict[str, Any] = {} if self.prefer is None else {"order": self.prefer}
         return self.arm.branches(
             goal,

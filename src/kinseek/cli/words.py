@@ -112,6 +112,26 @@ def named_values(text: str, option: str) -> dict[str, float]:
     return found
 
 
+def preference(text: str, option: str, degrees: bool) -> str | dict[str, str | float]:
+    """Read one word, or a posture as NAME=VALUE separated by commas, with an angle in [rad] unless `degrees` is set.
+
+    Raises:
+        InvalidProblem: A part of a posture is not NAME=VALUE, or names something twice.
+    """
+    if "=" not in text:
+        return text
+    posture: dict[str, str | float] = {}
+    for word in split(text):
+        name, equals, value = word.partition("=")
+        if not (equals and name and value):
+            raise InvalidProblem(f"{option} takes a word or NAME=VALUE, got {word!r}")
+        if name in posture:
+            raise InvalidProblem(f"{option} names {name!r} twice")
+        angle = float(value) if is_number(value) and "," not in value else None
+        posture[name] = value if angle is None else float(np.deg2rad(angle)) if degrees else angle
+    return posture
+
+
 def in_radians(arm: Arm, values: Mapping[str, float], option: str, degrees: bool) -> dict[str, float]:
     """Convert values of some joints to [m] for a prismatic joint, else [rad]; the input may be in degrees.
 

@@ -29,7 +29,7 @@ from kinseek.cli.options import (
 from kinseek.cli.request import SolveRequest
 from kinseek.cli.scenes import Cell, scene_options
 from kinseek.cli.searches import make_search, search_options, searches, searches_in_words
-from kinseek.cli.words import in_radians, joint_values, named_values, option_of
+from kinseek.cli.words import in_radians, joint_values, named_values, option_of, preference
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 
@@ -59,7 +59,9 @@ _MANY = "Many poses"
     ],
 )
 @pose_options
-@option("--deg", is_flag=True, group=GOAL, help="--rpy, --rotvec, --near and --lock are in degrees.")
+@option(
+    "--deg", is_flag=True, group=GOAL, help="--rpy, --rotvec, --near, --lock and arm_angle are in degrees."
+)
 @robot_options
 @option(
     "--lock",
@@ -80,10 +82,10 @@ _MANY = "Many poses"
 @option(
     "--prefer",
     metavar="WORD",
-    shell_complete=complete(lambda: ("mid-range", "limits", "dexterity")),
+    shell_complete=complete(lambda: ("mid-range", "limits", "dexterity", "elbow=up", "elbow=down")),
     group=_WHICH,
     help="The best of all solutions: mid-range (nearest to the middle of the limits), limits (farthest from them) or "
-    "dexterity (farthest from singular).",
+    "dexterity (farthest from singular); or a posture such as elbow=up,wrist=flip or arm_angle=0.5, rad.",
 )
 @option(
     "--all",
@@ -154,13 +156,14 @@ def command(
 ) -> int:
     """Find joint values that reach a pose."""
     loaded = _locked(robot.load(), lock, deg)
+    chosen = None if prefer is None else preference(prefer, "--prefer", deg)
     request = SolveRequest(
         loaded,
         goal_spec,
         deg,
         near=None if near is None else joint_values(loaded, near, "--near", deg),
         search=make_search(solver, more),
-        prefer=prefer,
+        prefer=chosen,
         prove=prove,
         trace=trace,
         scene=cell.of(loaded, robot),
@@ -168,7 +171,7 @@ def command(
         every=every,
         count=count,
     )
-    if near is not None and prefer is not None:
+    if near is not None and isinstance(chosen, str):
         raise InvalidProblem(
             "--near and --prefer cannot be combined, since each selects the best solution; give one of them"
         )
