@@ -48,6 +48,15 @@ def test_different_solutions_have_different_names(name: str) -> None:
         assert most == 8
 
 
+@pytest.mark.parametrize("value", [0.0, 0.7])
+def test_seven_joints_of_which_one_is_locked(value: float) -> None:
+    """Axes 2 and 3 of what is left are not parallel."""
+    arm = kinseek.load("iiwa14").with_locked({"joint_a3": value})
+    for q in arm.sample(30, seed=1):
+        words = words_of(branches_of(arm, q).configuration)
+        assert len(set(words)) == len(words) > 0
+
+
 @pytest.mark.parametrize("name", SIX)
 def test_the_names_change_at_singularities_only(name: str) -> None:
     """The determinant of the Jacobian is the product of the three numbers, up to one factor of the arm."""
@@ -382,6 +391,7 @@ def test_errors() -> None:
         (ur, {"elbow": "top"}, r"unknown value of 'elbow' 'top'.* Valid: down, up"),
         (ur, {"elbow": None}, r"unknown value of 'elbow' 'None'"),
         (ur, {"elbow": ["up"]}, r"unknown value of 'elbow'"),
+        (ur, {"elbow": np.array(["up", "down"])}, r"unknown value of 'elbow'"),
         (ur, {}, r"requests no posture; valid names: shoulder, elbow, wrist, turns"),
         (ur, {"arm_angle": 0.5}, r"unknown posture of 'ur5e' 'arm_angle'"),
         (ur, {"turns": 1}, r"must map joints to whole numbers, such as .*, got 1"),

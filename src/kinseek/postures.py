@@ -137,7 +137,7 @@ def read_wish(mechanism: Mechanism, given: Mapping[str, Any]) -> Wish:
             arm_angle = _angle(value)
         elif name == TURNS:
             turns = _turns(found, value)
-        elif value in NAMES[name]:
+        elif isinstance(value, str) and value in NAMES[name]:
             signs[list(NAMES).index(name)] = 1.0 if value == NAMES[name][0] else -1.0
         else:
             raise InvalidProblem(suggest(str(value), NAMES[name], f"value of {name!r}"))
