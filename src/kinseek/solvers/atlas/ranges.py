@@ -60,8 +60,8 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
     assert goal.ranges is not None
     questions, (fractions, turns) = goal.questions, deviations(goal.ranges, goal.swing, goal.cone)
 
-    # With `near` the solution shall be near, and not at the centre; a budget and a trace count the work of the search.
-    central = problem.near is None and problem.budget is None and not problem.trace
+    # With `near` the solution shall be near, and not at the centre; a budget limits the work of the search.
+    central = problem.near is None and problem.budget is None
 
     def work(begin: int, end: int, go_on: GoOn) -> None:
         for first in range(begin, end, _GROUP):
