@@ -220,6 +220,18 @@ def test_full_turns() -> None:
     )
 
 
+def test_an_arm_angle_and_full_turns() -> None:
+    arm = kinseek.load("xarm7")
+    q = np.array([-0.3 + math.tau, -0.4, 0.2, 1.2, 0.3 - math.tau, 0.9, 0.5])
+    solution = arm.ik(arm.fk(q), near=q)
+    read = solution.configuration
+    assert set(read["turns"].values()) == {-1, 0, 1}
+    again = arm.ik(arm.fk(q), prefer=read)
+    assert again.success
+    assert again.configuration["turns"] == read["turns"]
+    assert again.configuration["arm_angle"] == pytest.approx(read["arm_angle"], abs=1e-9)
+
+
 def test_positions_and_pointing_goals() -> None:
     arm = kinseek.load("ur5e")
     T = arm.fk([0.3, -1.2, 1.4, -0.8, 0.7, 0.5])

@@ -71,7 +71,7 @@ def turns_of(angles: Array) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
-class Wish:
+class PostureRequest:
     """A requested posture."""
 
     postures: Postures
@@ -81,20 +81,20 @@ class Wish:
     """Wanted full turns of each requested joint."""
     arm_angle: float | None
 
-    def misses(self, q: Array) -> NDArray[np.int64]:
-        """Return how many of the requested names each of some joint values has not, (k, n) -> (k,)."""
-        missed = np.zeros(len(q), dtype=np.int64)
+    def mismatches(self, q: Array) -> NDArray[np.int64]:
+        """Return how many of the requested names each of some joint values does not have, (k, n) -> (k,)."""
+        mismatched = np.zeros(len(q), dtype=np.int64)
         if self.signs and self.postures.signs is not None:
             values = self.postures.signs.values(q)
             for i, sign in self.signs.items():
                 # On the border between two names a posture has both.
-                missed += sign * values[:, i] < -UNDECIDED
+                mismatched += sign * values[:, i] < -UNDECIDED
         for i, turns in self.turns.items():
-            missed += turns_of(q[:, i]) != turns
-        return missed
+            mismatched += turns_of(q[:, i]) != turns
+        return mismatched
 
-    def off(self, q: Array) -> tuple[Array, Array]:
-        """Return the missing arm angle of each of some joint values, (k,), and the derivatives of it, (k, 7) [rad]."""
+    def angle_errors(self, q: Array) -> tuple[Array, Array]:
+        """Return how far some joint values, (k, 7), are from the arm angle, (k,) [rad], and its derivatives, (k, 7)."""
         assert self.postures.arm_angle is not None
         assert self.arm_angle is not None
         angles, gradients = self.postures.arm_angle.with_gradients(q)
@@ -116,7 +116,7 @@ def configuration_of(mechanism: Mechanism, q: Array) -> dict[str, Any]:
     return found.of(q)
 
 
-def read_wish(mechanism: Mechanism, given: Mapping[str, Any]) -> Wish:
+def read_posture(mechanism: Mechanism, given: Mapping[str, Any]) -> PostureRequest:
     """Read a requested posture.
 
     Raises:
@@ -141,7 +141,7 @@ def read_wish(mechanism: Mechanism, given: Mapping[str, Any]) -> Wish:
             signs[list(NAMES).index(name)] = 1.0 if value == NAMES[name][0] else -1.0
         else:
             raise InvalidProblem(suggest(str(value), NAMES[name], f"value of {name!r}"))
-    return Wish(found, signs, turns, arm_angle)
+    return PostureRequest(found, signs, turns, arm_angle)
 
 
 def _angle(value: Any) -> float:

@@ -10,7 +10,7 @@ from kinseek.derivatives import constraint_jacobian
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
-from kinseek.postures import Wish
+from kinseek.postures import PostureRequest
 from kinseek.problem import Problem, within_limits
 from kinseek.support.deadline import Deadline
 from kinseek.support.transforms import rotation_vectors
@@ -41,7 +41,7 @@ class Walked(NamedTuple):
     evaluations: int
 
 
-def walk_to_arm_angle(problem: Problem, wish: Wish, starts: Array, deadline: Deadline) -> Walked:
+def walk_to_arm_angle(problem: Problem, posture: PostureRequest, starts: Array, deadline: Deadline) -> Walked:
     """Move solutions of one target to a requested arm angle, and return those that arrive inside the limits.
 
     Each step solves the linear equations for the goal and the arm angle; if the arm is still redundant, the shortest step is
@@ -49,7 +49,7 @@ def walk_to_arm_angle(problem: Problem, wish: Wish, starts: Array, deadline: Dea
 
     Args:
         problem: One target.
-        wish: What is requested, an arm angle among it.
+        posture: What is requested, an arm angle among it.
         starts: Solutions, or joint values close to one, (k, n).
         deadline: When to end.
     """
@@ -60,7 +60,7 @@ def walk_to_arm_angle(problem: Problem, wish: Wish, starts: Array, deadline: Dea
         if not len(moving) or deadline.passed:
             break
         some = q[moving]
-        off, gradients = wish.off(some)
+        off, gradients = posture.angle_errors(some)
         error = _error(problem, some)
         spent += len(some)
         done = (np.abs(off) < EXACT) & (np.abs(error).max(axis=1) < EXACT)
@@ -79,10 +79,10 @@ def walk_to_arm_angle(problem: Problem, wish: Wish, starts: Array, deadline: Dea
         largest = np.abs(step).max(axis=1)
         q[moving[going]] += step * np.minimum(1.0, AT_ONCE / np.maximum(largest, AT_ONCE))[:, None]
     q = q[~np.isnan(q).any(axis=1)]
-    return Walked(_inside(problem, wish, q), spent)
+    return Walked(_inside(problem, posture, q), spent)
 
 
-def _inside(problem: Problem, wish: Wish, q: Array) -> Array:
+def _inside(problem: Problem, posture: PostureRequest, q: Array) -> Array:
     """Choose full turns, and return the joint values, (k, n), that are solutions at the requested arm angle."""
     chain, (lower, upper) = problem.chain, problem.limits
     q = problem.placed(np.where(chain.endless, q, within_limits(chain, q)))
@@ -91,7 +91,7 @@ def _inside(problem: Problem, wish: Wish, q: Array) -> Array:
         q = np.where((nearer >= lower) & (nearer <= upper), nearer, q)
     targets = np.repeat(problem.goal.targets, len(q), axis=0)
     met = problem.goal.met(judge(problem.arrays, np.ascontiguousarray(q), targets, problem.goal.arrays))
-    return q[met & (np.abs(wish.off(q)[0]) < MET) & ((q >= lower) & (q <= upper)).all(axis=1)]
+    return q[met & (np.abs(posture.angle_errors(q)[0]) < MET) & ((q >= lower) & (q <= upper)).all(axis=1)]
 
 
 def _error(problem: Problem, q: Array) -> Array:

@@ -12,7 +12,7 @@ from kinseek.derivatives import constraint_jacobian
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.near import solve_goal
-from kinseek.postures import Wish, read_wish
+from kinseek.postures import PostureRequest, read_posture
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.index import tolerances_of
@@ -21,7 +21,7 @@ from kinseek.support.deadline import Deadline
 from kinseek.virtual_joints import extended
 
 from .at_arm_angle import walk_to_arm_angle
-from .find import LAST, SEARCHING, branches_of
+from .find import LAST, SEARCHING, branches_of, full_turn_copies
 from .index import BranchIndex, index_of
 from .order import ORDERS, Cost, Preferred, Selection, Valid, is_valid, scores
 from .result import Branches, BranchesBatch
@@ -43,20 +43,20 @@ class Preference(NamedTuple):
     order: str
     """One of `ORDERS`, unless the problem has joint values to be near to, or there is a cost."""
     cost: Cost | None
-    wish: Wish | None
+    posture: PostureRequest | None
 
     @property
     def copies(self) -> bool:
         """Whether full turns matter."""
-        return self.cost is not None or (self.wish is not None and bool(self.wish.turns))
+        return self.cost is not None or (self.posture is not None and bool(self.posture.turns))
 
-    def misses(self, q: Array) -> int:
-        """Return how many of the requested names a solution, (n,), has not."""
-        return 0 if self.wish is None else int(self.wish.misses(q[None])[0])
+    def mismatches(self, q: Array) -> int:
+        """Return how many of the requested names a solution, (n,), does not have."""
+        return 0 if self.posture is None else int(self.posture.mismatches(q[None])[0])
 
     def sorted(self, q: Array) -> Array:
         """Return solutions that are sorted by order, (k, n), sorted by posture first."""
-        return q if self.wish is None else q[np.argsort(self.wish.misses(q), kind="stable")]
+        return q if self.posture is None else q[np.argsort(self.posture.mismatches(q), kind="stable")]
 
 
 def preference_of(problem: Problem, prefer: Preferred | None, cost: Cost | None) -> Preference:
@@ -66,9 +66,9 @@ def preference_of(problem: Problem, prefer: Preferred | None, cost: Cost | None)
         InvalidProblem: An unknown order or posture, or two orders.
     """
     if isinstance(prefer, Mapping):
-        wish, order = read_wish(problem.mechanism, prefer), None
+        posture, order = read_posture(problem.mechanism, prefer), None
     else:
-        wish, order = None, prefer
+        posture, order = None, prefer
         if order is not None and order not in ORDERS:
             raise InvalidProblem(suggest(str(order), ORDERS, "preference"))
     given = [("near", problem.near), ("prefer", order), ("cost", cost)]
@@ -77,7 +77,7 @@ def preference_of(problem: Problem, prefer: Preferred | None, cost: Cost | None)
         raise InvalidProblem(
             f"{' and '.join(chosen)} cannot be combined, since each sets the order; give one of them"
         )
-    return Preference(order or ORDERS[0], cost, wish)
+    return Preference(order or ORDERS[0], cost, posture)
 
 
 def preferred(
@@ -155,7 +155,7 @@ def _pick(
             # The target is missed: the errors show it, and `valid` was not called.
             return Pick(last.q, spent, True, 0, last.out_of_time)
         candidates = last.q[None]
-    candidates, there, walked = _by_posture(problem, preference, candidates, index, deadline)
+    candidates, at_angle, walked = _by_posture(problem, preference, candidates, index, deadline)
     spent += walked
     if valid is not None:
         while refused < len(candidates) and not is_valid(valid, candidates[refused]):
@@ -163,15 +163,17 @@ def _pick(
         if refused == len(candidates):
             return Pick(candidates[0], spent, False, refused, branches.out_of_time)
     best = candidates[refused]
-    if not index.freedom or there:
+    if not index.freedom or at_angle:
         return Pick(best, spent, True, refused, branches.out_of_time)
-    wish, least = preference.wish, preference.misses(best)
+    posture, least = preference.posture, preference.mismatches(best)
 
     def measure(q: Array) -> Array:
-        return _scores(problem, q, preference) if wish is None or wish.arm_angle is None else _astray(wish, q)
+        if posture is None or posture.arm_angle is None:
+            return _scores(problem, q, preference)
+        return _angle_errors(posture, q)
 
     def keeps(q: Array) -> bool:
-        return preference.misses(q) <= least
+        return preference.mismatches(q) <= least
 
     # With `valid` each further start costs the user's calls, so only the best accepted solution is improved.
     starts = [best] if valid is not None else [q for q in candidates[:_SLIDERS] if keeps(q)]
@@ -193,8 +195,8 @@ def _by_posture(
     Returns:
         The solutions, (k, n); whether they have the requested arm angle; FK evaluations spent.
     """
-    wish = preference.wish
-    if wish is None or wish.arm_angle is None:
+    posture = preference.posture
+    if posture is None or posture.arm_angle is None:
         return preference.sorted(candidates), False, 0
     starts, spent = candidates, 0
     if problem.near is not None:
@@ -203,19 +205,20 @@ def _by_posture(
             index.fine.address, tolerances_of(problem.goal), target, problem.near, True, nearest
         )
         starts = np.concatenate([nearest[None][:met], candidates])
-    walked = walk_to_arm_angle(problem, wish, starts, deadline)
+    walked = walk_to_arm_angle(problem, posture, starts, deadline)
     spent += walked.evaluations
-    there = len(walked.q) > 0
-    if there:
-        candidates = walked.q[np.argsort(_scores(problem, walked.q, preference), kind="stable")]
+    at_angle = len(walked.q) > 0
+    if at_angle:
+        found = full_turn_copies(problem.chain, walked.q) if preference.copies else walked.q
+        candidates = found[np.argsort(_scores(problem, found, preference), kind="stable")]
     else:
-        candidates = candidates[np.argsort(_astray(wish, candidates), kind="stable")]
-    return preference.sorted(candidates), there, spent
+        candidates = candidates[np.argsort(_angle_errors(posture, candidates), kind="stable")]
+    return preference.sorted(candidates), at_angle, spent
 
 
-def _astray(wish: Wish, q: Array) -> Array:
+def _angle_errors(posture: PostureRequest, q: Array) -> Array:
     """Return how far each of some solutions, (k, n), is from the requested arm angle, (k,) [rad]."""
-    return np.nan_to_num(np.abs(wish.off(q)[0]), nan=np.pi)
+    return np.nan_to_num(np.abs(posture.angle_errors(q)[0]), nan=np.pi)
 
 
 def slide(
