@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import struct
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,7 +16,7 @@ import pytest
 import kinseek
 from kinseek import InvalidRobot
 from kinseek.robots import obj
-from kinseek.robots.mesh_files import ENDINGS, LEAST_BODIES, MOST_BODIES, Beside, Budget
+from kinseek.robots.mesh_files import ENDINGS, LEAST_BODIES, MOST_BODIES, Beside, Budget, pixels_of_image
 from kinseek.robots.meshes import CHECKS, mesh_parts
 from kinseek.robots.obj import MOST_GROUPS
 from mesh_builders import (
@@ -336,6 +337,14 @@ def test_images_inside_a_file_are_too(size: tuple[int, int], kind: str, why: str
     told["images"] = [{"uri": "a.png"}]
     with pytest.raises(InvalidRobot, match="in other files"):
         read(tmp_path, "glb", written_glb(data, **told))
+
+
+def test_images_of_other_formats_are_not_opened() -> None:
+    """Pillow decodes an ICO image when it opens it: this one names a PNG that is not there."""
+    pytest.importorskip("PIL.Image")
+    icon = struct.pack("<HHHBBBBHHII", 0, 1, 1, 8, 8, 0, 0, 1, 32, 8, 22) + b"\x89PNG\r\n\x1a\n"
+    with pytest.raises(InvalidRobot, match="an image is ICO"):
+        pixels_of_image(icon)
 
 
 def test_images_count_for_each_body(tmp_path: Path) -> None:

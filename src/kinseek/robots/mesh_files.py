@@ -214,16 +214,38 @@ def pixels_of_image(text: bytes) -> int:
     except ImportError:  # Without Pillow, trimesh reads no images.
         return 0
     try:
-        with Image.open(io.BytesIO(text)) as image:
-            known, count = image.format, prod(image.size)
+        with Image.open(io.BytesIO(text), formats=_formats_to_try(text)) as image:
+            known, count = str(image.format), prod(image.size)
     except UnidentifiedImageError:
         return 0
+    except InvalidRobot:
+        raise
     except Exception as error:  # The image is too large for Pillow, or broken.
         raise_of_handler(error)
         raise InvalidRobot(f"an image cannot be read: {error}") from None
-    if known not in _IMAGES:
-        raise InvalidRobot(f"an image is {known}, expected one of {', '.join(_IMAGES)}")
+    _require_image_format(known)
     return count
+
+
+def _formats_to_try(text: bytes) -> list[str]:
+    """Return the image formats as which a file is opened: those that are decoded, and those without a mark at the beginning.
+
+    Raises:
+        InvalidRobot: The file begins like one of another format. It is not opened: Pillow decodes some, such as ICO, then.
+    """
+    from PIL import Image
+
+    Image.init()
+    begins = {name: accepts for name, (_, accepts) in Image.OPEN.items()}
+    for name, accepts in begins.items():
+        if name not in _IMAGES and accepts is not None and len(text) >= 16 and accepts(text[:16]) is True:
+            _require_image_format(name)
+    return [name for name, accepts in begins.items() if name in _IMAGES or accepts is None]
+
+
+def _require_image_format(name: str) -> None:
+    if name not in _IMAGES:
+        raise InvalidRobot(f"an image is {name}, expected one of {', '.join(_IMAGES)}")
 
 
 def drawn_corners(corners: int, text: bytes) -> int:
