@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import struct
 import subprocess
 import sys
@@ -345,6 +346,16 @@ def test_images_of_other_formats_are_not_opened() -> None:
     icon = struct.pack("<HHHBBBBHHII", 0, 1, 1, 8, 8, 0, 0, 1, 32, 8, 22) + b"\x89PNG\r\n\x1a\n"
     with pytest.raises(InvalidRobot, match="an image is ICO"):
         pixels_of_image(icon)
+
+
+def test_images_have_few_scans() -> None:
+    """Each scan of a JPEG image goes through all its pixels: 100 bytes take as long as a whole image."""
+    image, held = pytest.importorskip("PIL.Image"), io.BytesIO()
+    image.new("L", (16, 8)).save(held, format="JPEG", progressive=True)
+    assert pixels_of_image(held.getvalue()) == 128
+    head, _, scan = held.getvalue().removesuffix(b"\xff\xd9").rpartition(b"\xff\xda")
+    with pytest.raises(InvalidRobot, match="scans in a JPEG image, expected at most 100"):
+        pixels_of_image(head + 100 * (b"\xff\xda" + scan) + b"\xff\xd9")
 
 
 def test_images_count_for_each_body(tmp_path: Path) -> None:

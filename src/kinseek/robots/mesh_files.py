@@ -59,6 +59,10 @@ _IMAGES_OF = (
 """Attributes of a trimesh material that hold images."""
 _IMAGES = ("BMP", "GIF", "JPEG", "PNG", "TIFF", "WEBP")
 """Image formats that are decoded: other formats start programs, or are not used for textures."""
+_SCAN = b"\xff\xda"
+"""Beginning of a scan in JPEG; in the numbers of a scan, another byte follows 255."""
+MOST_SCANS = 100
+"""Most scans of a JPEG image: each of them goes through all pixels again. Progressive images have about ten."""
 
 
 def utf8(text: bytes) -> bytes:
@@ -206,7 +210,8 @@ def pixels_of_image(text: bytes) -> int:
     """Return the number of pixels of an image, without decoding it; 0 for anything else.
 
     Raises:
-        InvalidRobot: The image cannot be read, or its format is not supported because its reader does more than decode.
+        InvalidRobot: The image cannot be read, its format is not supported because its reader does more than decode, or
+            decoding it would take much more than its pixels.
     """
     try:
         with importing:
@@ -224,6 +229,7 @@ def pixels_of_image(text: bytes) -> int:
         raise_of_handler(error)
         raise InvalidRobot(f"an image cannot be read: {error}") from None
     _require_image_format(known)
+    at_most(text.count(_SCAN) if known == "JPEG" else 0, MOST_SCANS, "scans in a JPEG image")
     return count
 
 
