@@ -63,6 +63,8 @@ _SCAN = b"\xff\xda"
 """Beginning of a scan in JPEG; in the numbers of a scan, another byte follows 255."""
 MOST_SCANS = 100
 """Most scans of a JPEG image: each of them goes through all pixels again. Progressive images have about ten."""
+_TILE_WIDTH = 322
+"""Tag of a TIFF image that consists of tiles."""
 
 
 def utf8(text: bytes) -> bytes:
@@ -220,7 +222,7 @@ def pixels_of_image(text: bytes) -> int:
         return 0
     try:
         with Image.open(io.BytesIO(text), formats=_formats_to_try(text)) as image:
-            known, count = str(image.format), prod(image.size)
+            known, count, tags = str(image.format), prod(image.size), getattr(image, "tag_v2", {})
     except UnidentifiedImageError:
         return 0
     except InvalidRobot:
@@ -229,6 +231,10 @@ def pixels_of_image(text: bytes) -> int:
         raise_of_handler(error)
         raise InvalidRobot(f"an image cannot be read: {error}") from None
     _require_image_format(known)
+    if known == "TIFF" and _TILE_WIDTH in tags:
+        raise InvalidRobot(
+            "an image is a TIFF of tiles, expected strips: a tile may be much larger than its image; write it as PNG"
+        )
     at_most(text.count(_SCAN) if known == "JPEG" else 0, MOST_SCANS, "scans in a JPEG image")
     return count
 
