@@ -35,7 +35,8 @@ def solve_file(request: SolveRequest, source: Path, out: Path, as_json: bool) ->
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
     place = writable(out, source)  # Checked before any work is done.
-    goal = request.goal_spec.goal(read_poses(source, request.goal_spec.position_only, request.deg))
+    spec, deg = request.goal_spec, request.deg
+    goal = spec.goal(read_poses(source, spec.position_only, deg), deg)
     clock = time.perf_counter()
     if request.every:
         found = request.branches(goal)

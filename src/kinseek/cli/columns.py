@@ -27,6 +27,9 @@ ROTATIONS = {
 MATRIX = tuple(f"m{row}{column}" for row in range(4) for column in range(4))
 """Columns of a whole transform, row by row, as an alternative."""
 
+TIME = "t"
+"""Column of the time of each pose of a path [s]."""
+
 _TURNS = " or ".join(", ".join(names) for names in ROTATIONS.values())
 VALID = f"{', '.join(POSITION)} with {_TURNS}; or {MATRIX[0]} … {MATRIX[-1]}"
 """All valid columns, for messages."""

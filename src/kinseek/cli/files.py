@@ -9,7 +9,7 @@ import uuid
 import warnings
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -20,7 +20,7 @@ from kinseek.errors import InvalidGoal, InvalidProblem, MissingExtra
 from kinseek.robots.files import instead_of_a_file
 from kinseek.tables import Table
 
-from .columns import VALID, kind_of_rotation, poses_of, rigid
+from .columns import TIME, VALID, kind_of_rotation, poses_of, rigid
 from .parquet_pages import MOST_FOOTER, require_small_footer, unpacked_bytes
 from .words import is_number
 
@@ -52,18 +52,33 @@ def read_poses(path: Path, position_only: bool, deg: bool, option: str = "--batc
         InvalidGoal: Its contents are not poses; the message names the column and the row, counted from 1 without the header.
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
-    where = str(path)
+    return _read(path, position_only, deg, option, timed=False)[0]
+
+
+def read_path(path: Path, position_only: bool, deg: bool, option: str) -> tuple[Array, Array | None]:
+    """Read poses, (N, 4, 4), as `read_poses`, and their times, (N,) [s], if the table has a column of these.
+
+    Raises:
+        KinseekError: As `read_poses`.
+    """
+    return _read(path, position_only, deg, option, timed=True)
+
+
+def _read(path: Path, position_only: bool, deg: bool, option: str, timed: bool) -> tuple[Array, Array | None]:
+    where, extra = str(path), {TIME} if timed else set[str]()
     try:
         kind = ending(path, option)
         if what := instead_of_a_file(path):
             raise InvalidProblem(f"cannot read {where!r}: it is {what}, expected a regular file")
         match kind:
             case ".npy":
-                return rigid(_npy(path), where)
+                return rigid(_npy(path), where), None
             case ".parquet":
-                return poses_of(_parquet(path, position_only), where, position_only, deg)
+                columns = _parquet(path, position_only, extra)
             case _:
-                return poses_of(_csv(path), where, position_only, deg)
+                columns = _csv(path)
+        times = columns.pop(TIME, None) if timed else None
+        return poses_of(columns, where, position_only, deg), times
     except OSError as error:
         raise InvalidProblem(f"cannot read {where!r}: {error.strerror or error}") from None
 
@@ -211,7 +226,7 @@ def _npy(path: Path) -> Array:
     return np.array(array, dtype=np.float64)
 
 
-def _parquet(path: Path, position_only: bool) -> dict[str, Array]:
+def _parquet(path: Path, position_only: bool, extra: Collection[str]) -> dict[str, Array]:
     pyarrow, parquet = _pyarrow()
     try:
         with path.open("rb") as raw:
@@ -223,7 +238,8 @@ def _parquet(path: Path, position_only: bool) -> dict[str, Array]:
         with parquet.ParquetFile(path, **limits) as file:
             _require_numbers(file, path)
             # Not only when all is read.
-            kind_of_rotation(file.schema_arrow.names, str(path), position_only)
+            names = [name for name in file.schema_arrow.names if name not in extra]
+            kind_of_rotation(names, str(path), position_only)
             table = file.read()
         columns = {name: table.column(name).to_numpy() for name in table.column_names}
     except pyarrow.ArrowException as error:

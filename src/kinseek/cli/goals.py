@@ -9,11 +9,12 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidGoal, UnitWarning
+from kinseek.errors import InvalidGoal, InvalidProblem, UnitWarning
 from kinseek.goal import Frame, Goal
 from kinseek.pose_arguments import pose
 from kinseek.ranges import check_cone
 from kinseek.support.units import warn_of_angles
+from kinseek.tolerances import TOLERANCES, WEIGHTS
 
 from .words import LENGTHS, numbers, option_of, split
 
@@ -23,6 +24,8 @@ TURNS = ("rpy", "quat_wxyz", "quat_xyzw", "rotvec")
 """Forms of a rotation: the names of arguments of `kinseek.pose`, and of the options."""
 IN_DEGREES = ("rpy", "rotvec")
 """Forms that ``--deg`` applies to."""
+DIRECTIONS = ("z_axis", "x_axis", "y_axis")
+"""Directions, two of which are a rotation: the names of arguments of `kinseek.pose`, and of the options."""
 
 
 class GoalSpec(NamedTuple):
@@ -30,20 +33,57 @@ class GoalSpec(NamedTuple):
 
     position_only: bool
     free: str | None
-    frame: str
+    box: tuple[str, ...]
     cone: float
+    frame: str
+    tool: str | None
     position_tolerance: float
     orientation_tolerance: float
     position_weight: float
     orientation_weight: float
 
-    def goal(self, targets: Array) -> Goal:
-        """Return the goal of one pose, (4, 4), or of many, (..., 4, 4)."""
-        free, options = split(self.free or ""), cast(Any, dict(zip(self._fields[4:], self[4:], strict=True)))
+    def goal(self, targets: Array, deg: bool = False) -> Goal:
+        """Return the goal of one pose, (4, 4), or of many, (..., 4, 4); `deg`: the angles of the options are in degrees."""
+        options: Any = {name: getattr(self, name) for name in (*TOLERANCES, *WEIGHTS)}
+        options |= {"free": split(self.free or ""), "box": self._ranges(deg), "tool": self._tool(deg)}
+        cone = check_cone(np.deg2rad(self.cone) if deg else self.cone, not self.position_only)
         if self.position_only:
-            check_cone(self.cone, one_axis=False)
-            return Goal.position(targets[..., :3, 3], free=free, **options)
-        return Goal.pose(targets, free=free, frame=cast("Frame", self.frame), cone=self.cone, **options)
+            return Goal.position(targets[..., :3, 3], **options)
+        return Goal.pose(targets, frame=cast("Frame", self.frame), cone=cone, **options)
+
+    def _ranges(self, deg: bool) -> dict[str, tuple[float, ...]]:
+        """Read ``--box``: lower and upper end for each axis.
+
+        Raises:
+            InvalidProblem: Not AXIS=LOW:HIGH, or an axis is given twice.
+        """
+        ranges: dict[str, tuple[float, ...]] = {}
+        for word in split(" ".join(self.box)):
+            axis, equals, ends = word.partition("=")
+            if not equals or ends.count(":") != 1:
+                raise InvalidProblem(f"--box takes AXIS=LOW:HIGH, for example z=-0.01:0.01, got {word!r}")
+            if axis in ranges:
+                raise InvalidProblem(f"--box names the axis {axis!r} twice")
+            pair = numbers(ends.replace(":", " "), f"--box {axis}", 2)
+            ranges[axis] = tuple(np.deg2rad(pair).tolist() if deg and axis.startswith("r") else pair)
+        return ranges
+
+    def _tool(self, deg: bool) -> Array | None:
+        """Read ``--tool``: a pose, (4, 4).
+
+        Raises:
+            InvalidProblem: Neither three nor six numbers.
+        """
+        if self.tool is None:
+            return None
+        given = numbers(self.tool, "--tool")
+        if len(given) not in (3, 6):
+            raise InvalidProblem(
+                f"--tool needs 3 numbers, X Y Z, or 6, X Y Z ROLL PITCH YAW, got {len(given)}: {self.tool or 'none'}"
+            )
+        turn = {"rpy": given[3:]} if given[3:] else {}
+        suspect_degrees(turn, deg, f"--tool {self.tool}")
+        return silent_pose(given[:3], turn, deg)
 
 
 class PoseWords(NamedTuple):
@@ -54,6 +94,9 @@ class PoseWords(NamedTuple):
     quat_wxyz: str | None
     quat_xyzw: str | None
     rotvec: str | None
+    z_axis: str | None
+    x_axis: str | None
+    y_axis: str | None
 
     @property
     def given(self) -> dict[str, str]:
@@ -64,14 +107,15 @@ class PoseWords(NamedTuple):
         """Read the target pose, (4, 4).
 
         Raises:
-            InvalidGoal: No position, no rotation, or more than one.
+            InvalidGoal: No position, no rotation, more than one, or directions that are no rotation.
         """
         if self.at is None:
             raise InvalidGoal("a goal needs --at X Y Z, the target position in metres")
-        turns = {name: text for name, text in self.given.items() if name in TURNS}
+        turns = {name: text for name, text in self.given.items() if name != "at"}
         chosen = [*map(option_of, turns), *(["--position-only"] if position_only else [])]
-        if len(chosen) != 1:
-            valid = f"{', '.join(map(option_of, TURNS))} or --position-only"
+        axes = [name for name in turns if name in DIRECTIONS]
+        if len(chosen) - max(len(axes) - 1, 0) != 1:
+            valid = f"{', '.join(map(option_of, TURNS))}, --z-axis with --x-axis, or --position-only"
             raise InvalidGoal(f"a goal needs exactly one of {valid}; got {' and '.join(chosen) or 'none'}")
         position = numbers(self.at, "--at", LENGTHS["--at"])
         turn = {}

@@ -13,13 +13,13 @@ from kinseek.branches.result import Branches
 from kinseek.errors import InvalidGoal, InvalidProblem, KinseekError, suggest
 from kinseek.poses import one_pose
 
-from .goals import TURNS, silent_pose, suspect_degrees
+from .goals import DIRECTIONS, TURNS, silent_pose, suspect_degrees
 from .output import direct_output, write_out
 from .report import branches_facts, line_facts
 from .request import SolveRequest
 from .words import joints_in_order
 
-_KEYS = ("id", "matrix", "position", *TURNS, "near")
+_KEYS = ("id", "matrix", "position", *TURNS, *DIRECTIONS, "near")
 
 
 def solve_lines(request: SolveRequest) -> int:
@@ -87,7 +87,8 @@ def _finite(text: str) -> float:
 
 def _solve_line(request: SolveRequest, fields: dict[str, Any], number: int) -> tuple[dict[str, Any], bool]:
     in_scene = request.scene is not None
-    goal = request.goal_spec.goal(_target(fields, number, request.goal_spec.position_only, request.deg))
+    spec, deg = request.goal_spec, request.deg
+    goal = spec.goal(_target(fields, number, spec.position_only, deg), deg)
     if request.every:
         found = request.branches(goal)
         return branches_facts(cast(Branches, found), in_scene), len(found) > 0
@@ -96,7 +97,8 @@ def _solve_line(request: SolveRequest, fields: dict[str, Any], number: int) -> t
 
 
 def _target(fields: dict[str, Any], number: int, position_only: bool, deg: bool) -> Any:
-    turns = [name for name in TURNS if name in fields]
+    turns = [name for name in (*TURNS, *DIRECTIONS) if name in fields]
+    axes = [name for name in turns if name in DIRECTIONS]
     if "matrix" in fields:
         if turns or "position" in fields:
             raise InvalidGoal(
@@ -105,10 +107,9 @@ def _target(fields: dict[str, Any], number: int, position_only: bool, deg: bool)
         return one_pose(fields["matrix"], "matrix")
     if "position" not in fields:
         raise InvalidGoal("a line needs the key position or matrix")
-    if len(turns) != (0 if position_only else 1):
-        expected = (
-            "no rotation with --position-only" if position_only else f"exactly one of {', '.join(TURNS)}"
-        )
+    if len(turns) - max(len(axes) - 1, 0) != (0 if position_only else 1):
+        one = f"exactly one of {', '.join(TURNS)}, or z_axis with x_axis"
+        expected = "no rotation with --position-only" if position_only else one
         raise InvalidGoal(f"a line needs {expected}; got {' and '.join(turns) or 'none'}")
     turn = {name: fields[name] for name in turns}
     target = one_pose(silent_pose(fields["position"], turn, deg), "position")

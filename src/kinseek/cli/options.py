@@ -147,6 +147,14 @@ pose_options = bundle(
     option("--quat-wxyz", metavar="W X Y Z", group=GOAL, help="Quaternion, real part first."),
     option("--quat-xyzw", metavar="X Y Z W", group=GOAL, help="Quaternion, real part last."),
     option("--rotvec", metavar="X Y Z", group=GOAL, help="Axis times angle, rad."),
+    option(
+        "--z-axis",
+        metavar="X Y Z",
+        group=GOAL,
+        help="Direction of the tip's z axis, of any length; with one other axis, in place of a rotation.",
+    ),
+    option("--x-axis", metavar="X Y Z", group=GOAL, help="Direction of the tip's x axis."),
+    option("--y-axis", metavar="X Y Z", group=GOAL, help="Direction of the tip's y axis."),
 )
 
 
@@ -166,12 +174,11 @@ goal_options = bundle(
         help="Free axes: their deviation does not matter, e.g. rz or z,rx,ry.",
     ),
     option(
-        "--frame",
-        metavar="WORD",
-        default="tool",
-        shell_complete=complete(lambda: ("tool", "base")),
+        "--box",
+        metavar="AXIS=LOW:HIGH",
+        multiple=True,
         group=GOAL,
-        help="Frame of the axes of --free: tool (that of the target pose) or base.",
+        help="Ranges of accepted deviations, m or rad, e.g. z=-0.01:0.01,rx=-0.1:0.1.",
     ),
     option(
         "--cone",
@@ -180,6 +187,20 @@ goal_options = bundle(
         default=0.0,
         group=GOAL,
         help="With one free rotation: how far its axis may tilt, rad.",
+    ),
+    option(
+        "--frame",
+        metavar="WORD",
+        default="tool",
+        shell_complete=complete(lambda: ("tool", "base")),
+        group=GOAL,
+        help="Frame of the axes of --free and --box: tool (that of the target pose) or base.",
+    ),
+    option(
+        "--tool",
+        metavar="X Y Z [R P Y]",
+        group=GOAL,
+        help="Pose of a tool at the tip, m and rad: the poses are those of the tool.",
     ),
     _number(
         "--position-tolerance", "M", DEFAULT_TOLERANCE, "Largest position error that counts as reached, m."

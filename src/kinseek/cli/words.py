@@ -18,6 +18,10 @@ LENGTHS = {
     "--quat-wxyz": 4,
     "--quat-xyzw": 4,
     "--rotvec": 3,
+    "--z-axis": 3,
+    "--x-axis": 3,
+    "--y-axis": 3,
+    "--tool": 6,
     "--near": None,
     "--lock": None,
 }

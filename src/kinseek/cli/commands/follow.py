@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -10,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.cli import report
-from kinseek.cli.columns import VALID
-from kinseek.cli.files import read_poses, writable, write_table
+from kinseek.cli.columns import TIME, VALID
+from kinseek.cli.files import read_path, writable, write_table
 from kinseek.cli.goals import GoalSpec
 from kinseek.cli.help import Command, argument, option
 from kinseek.cli.options import (
@@ -46,10 +47,11 @@ _POSES, _OUT = "POSES", "OUT"
         "kinseek follow ur5e poses.csv q.csv --scene cell.urdf --capsules 0.05",
     ],
     more=[
-        f"Columns of POSES, lengths in m, angles in rad: {VALID}.",
+        f"Columns of POSES, lengths in m, angles in rad: {VALID}. The column {TIME} is optional: the time of each pose, "
+        "s; no joint exceeds the speed in the arm's file.",
         "With --step and --turn, POSES are key poses, and OUT has rows for the poses between them as well.",
-        "OUT has one row per pose: the joints, whether the pose is reached and its errors, and whether the motion has a "
-        "break after it.",
+        "OUT has one row per pose: the joints, the time if it is known, whether the pose is reached and its errors, and "
+        "whether the motion has a break after it.",
         "Exit codes: 0 one continuous motion, 1 breaks or missed poses, 2 misuse; 130 stopped with Ctrl-C.",
     ],
 )
@@ -67,7 +69,12 @@ _POSES, _OUT = "POSES", "OUT"
     help="Output file for the joint values, .csv, .npy or .parquet; written once all are computed.",
 )
 @scene_options
-@option("--deg", is_flag=True, group=GOAL, help="Angles of the poses, --start and --end are in degrees.")
+@option(
+    "--deg",
+    is_flag=True,
+    group=GOAL,
+    help="Angles of the poses, --start, --end, --tool and --box are in degrees.",
+)
 @option(
     "--start",
     metavar="Q...",
@@ -162,12 +169,11 @@ def command(
     """Find one continuous motion through many poses, with as few breaks as possible."""
     loaded = robot.load()
     place = writable(out, poses, _OUT, _POSES)  # Before any work is done.
-    given = read_poses(poses, goal_spec.position_only, deg, _POSES)
-    goal = goal_spec.goal(_with_poses_between(given, step, turn, blend))
+    given, times = read_path(poses, goal_spec.position_only, deg, _POSES)
+    goal = goal_spec.goal(_with_poses_between(given, step, turn, blend), deg)
+    times = _times(times, period, len(given), len(goal.target))
     first = None if start is None else joint_values(loaded, start, "--start", deg)
     last = None if end is None else joint_values(loaded, end, "--end", deg)
-    if period is not None and not 0 < period < np.inf:
-        raise InvalidProblem(f"--period must be above 0 [s], got {period:g}")
     scene = cell.of(loaded, robot)
     clock = time.perf_counter()
     path = loaded.follow(
@@ -176,7 +182,7 @@ def command(
         end=last,
         closed=closed,
         max_step=max_step,
-        times=None if period is None else period * np.arange(len(goal.target)),
+        times=times,
         prove=prove,
         scene=scene,
         clearance=cell.clearance,
@@ -184,9 +190,25 @@ def command(
         time_limit=time_limit,
     )
     seconds = time.perf_counter() - clock
-    write_table(place, path_table(path))
+    table = path_table(path)
+    if times is not None:
+        table = replace(table, columns={TIME: times, **table.columns})
+    write_table(place, table)
     report.print_path(loaded, path, str(out), seconds, as_json)
     return 0 if path.success else 1
+
+
+def _times(column: Array | None, period: float | None, given: int, count: int) -> Array | None:
+    """Return the time of each of `count` poses, [s], from the column of the file or from ``--period``."""
+    if period is None and column is None:
+        return None
+    if column is not None and (period is not None or count != given):
+        raise InvalidProblem(
+            f"the column {TIME} has the time of each pose; it cannot be combined with --period or --step"
+        )
+    if period is not None and not 0 < period < np.inf:
+        raise InvalidProblem(f"--period must be above 0 [s], got {period:g}")
+    return column if period is None else np.arange(count, dtype=np.float64) * period
 
 
 def _with_poses_between(poses: Array, step: float | None, turn: float | None, blend: float | None) -> Array:

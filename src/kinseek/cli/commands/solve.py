@@ -44,6 +44,7 @@ _MANY = "Many poses"
         "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg",
         "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --all",
         "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --free z,rz --lock wrist_3_joint=0",
+        "kinseek solve ur5e --at 0.4 0.2 0.3 --z-axis 0 0 -1 --x-axis 1 0 0 --tool 0 0 0.1 --box rx=-0.1:0.1",
         "kinseek solve planar2 --at 0.3 0.4 0 --position-only --near joint1=0.2,joint2=1.5",
         "kinseek solve panda --at 0.4 0.1 0.5 --quat-wxyz 0 1 0 0 --prefer limits --json",
         "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --scene cell.urdf --capsules 0.05 --clearance 0.01",
@@ -53,14 +54,17 @@ _MANY = "Many poses"
     more=[
         f"Columns of --batch, lengths in m, angles in rad: {VALID}. With --position-only those of a rotation may be "
         "omitted. A line of --jsonl is an object such as "
-        '{"position": [0.4, 0.2, 0.3], "rpy": [3.14, 0, 0]}; quat_wxyz, quat_xyzw or rotvec may replace rpy, '
-        "matrix may replace both, and id and near are optional.",
+        '{"position": [0.4, 0.2, 0.3], "rpy": [3.14, 0, 0]}; quat_wxyz, quat_xyzw, rotvec, or z_axis with x_axis may '
+        "replace rpy, matrix may replace both, and id and near are optional.",
         "Exit codes: 0 reached, 1 not reached, 2 misuse, or a wrong line of --jsonl; 130 stopped with Ctrl-C.",
     ],
 )
 @pose_options
 @option(
-    "--deg", is_flag=True, group=GOAL, help="--rpy, --rotvec, --near, --lock and arm_angle are in degrees."
+    "--deg",
+    is_flag=True,
+    group=GOAL,
+    help="Angles of --rpy, --rotvec, --near, --lock, --tool, --box, --cone and arm_angle are in degrees.",
 )
 @robot_options
 @option(
@@ -180,7 +184,7 @@ def command(
     if batch is None and not jsonl:
         if out is not None:
             raise InvalidProblem("--out names the output file of --batch; add --batch FILE")
-        return _one(request, goal_spec.goal(words.target(goal_spec.position_only, deg)), as_json)
+        return _one(request, goal_spec.goal(words.target(goal_spec.position_only, deg), deg), as_json)
     single = [*map(option_of, words.given), *(["--trace"] if trace else [])]
     if single:
         many = "--jsonl" if jsonl else "--batch"
