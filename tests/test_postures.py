@@ -378,6 +378,39 @@ def test_an_arm_angle_of_0_is_an_elbow_that_is_up(name: str) -> None:
     assert heights
 
 
+def test_valid_decides_before_the_arm_angle() -> None:
+    arm = kinseek.load("panda")
+    T = arm.fk([0.2, 0.3, 0.1, -1.8, 0.2, 2.0, 0.4])
+    found = arm_angle_in(arm)
+    wanted = float(found.angles(np.array([[0.2, 0.3, 0.1, -1.8, 0.2, 2.0, 0.4]]))[0])
+
+    def elsewhere(q: Array) -> bool:
+        return abs(math.remainder(float(found.angles(q[None])[0]) - wanted, math.tau)) > 0.2
+
+    solution = arm.ik(T, prefer={"arm_angle": wanted}, valid=elsewhere)
+    assert solution.success
+    error = abs(math.remainder(solution.configuration["arm_angle"] - wanted, math.tau))
+    assert 0.2 < error < 0.3
+    assert solution.rejected > 0
+    never = arm.ik(T, prefer={"arm_angle": wanted}, valid=lambda q: False)
+    assert never.status is kinseek.Status.REJECTED
+    assert never.configuration["arm_angle"] == pytest.approx(wanted, abs=1e-9)
+
+
+def test_an_arm_angle_in_a_scene() -> None:
+    arm = kinseek.load("panda")
+    T = arm.fk([0.2, 0.3, 0.1, -1.8, 0.2, 2.0, 0.4])
+    free = arm.ik(T, prefer={"arm_angle": -0.2})
+    scene = kinseek.Scene.of(arm, capsules=0.02)
+    same = arm.ik(T, prefer={"arm_angle": -0.2}, scene=scene)
+    assert same.configuration["arm_angle"] == pytest.approx(free.configuration["arm_angle"], abs=1e-9)
+    elbow = shoulder_elbow_wrist(arm, free.q[None])[0][0] + [0.0, 0.0, 0.333]
+    scene.add_sphere("in the way of the elbow", 0.03, kinseek.pose(elbow))
+    other = arm.ik(T, prefer={"arm_angle": -0.2}, scene=scene)
+    assert other.success
+    assert bool(scene.free(other.q))
+
+
 def test_where_the_arm_angle_is_undefined() -> None:
     arm = kinseek.load("iiwa14")
     stretched = arm.ik(arm.fk(np.zeros(7)), near=np.zeros(7))

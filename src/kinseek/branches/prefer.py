@@ -163,7 +163,7 @@ def _pick(
         if refused == len(candidates):
             return Pick(candidates[0], spent, False, refused, branches.out_of_time)
     best = candidates[refused]
-    if not index.freedom or at_angle:
+    if not index.freedom or refused < at_angle:
         return Pick(best, spent, True, refused, branches.out_of_time)
     posture, least = preference.posture, preference.mismatches(best)
 
@@ -189,15 +189,15 @@ def _scores(problem: Problem, q: Array, preference: Preference) -> Array:
 
 def _by_posture(
     problem: Problem, preference: Preference, candidates: Array, index: BranchIndex, deadline: Deadline
-) -> tuple[Array, bool, int]:
-    """Sort solutions of one target by posture; if an arm angle is requested, move them there.
+) -> tuple[Array, int, int]:
+    """Sort solutions of one target by posture; if an arm angle is requested, solutions at this angle come first.
 
     Returns:
-        The solutions, (k, n); whether they have the requested arm angle; FK evaluations spent.
+        The solutions, (k, n); how many of them have a requested arm angle; FK evaluations spent.
     """
     posture = preference.posture
     if posture is None or posture.arm_angle is None:
-        return preference.sorted(candidates), False, 0
+        return preference.sorted(candidates), 0, 0
     starts, spent = candidates, 0
     if problem.near is not None:
         nearest, target = np.empty_like(problem.near), np.ascontiguousarray(problem.goal.targets[0])
@@ -206,14 +206,12 @@ def _by_posture(
         )
         starts = np.concatenate([nearest[None][:met], candidates])
     walked = walk_to_arm_angle(problem, posture, starts, deadline)
-    spent += walked.evaluations
-    at_angle = len(walked.q) > 0
-    if at_angle:
-        found = full_turn_copies(problem.chain, walked.q) if preference.copies else walked.q
-        candidates = found[np.argsort(_scores(problem, found, preference), kind="stable")]
-    else:
-        candidates = candidates[np.argsort(_angle_errors(posture, candidates), kind="stable")]
-    return preference.sorted(candidates), at_angle, spent
+    found = full_turn_copies(problem.chain, walked.q) if preference.copies else walked.q
+    found = found[np.argsort(_scores(problem, found, preference), kind="stable")]
+    # `valid` may reject all of them, and accept a solution at another angle.
+    others = candidates[np.argsort(_angle_errors(posture, candidates), kind="stable")]
+    each = [preference.sorted(found), preference.sorted(others)]
+    return np.concatenate(each), len(found), spent + walked.evaluations
 
 
 def _angle_errors(posture: PostureRequest, q: Array) -> Array:
