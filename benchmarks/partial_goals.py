@@ -2,10 +2,11 @@
 
 Arms of three to five joints get positions, and directions of the tool (its z and its x axis): 10,000 targets each from
 joint values uniform inside the limits, and 2,000 near singularities and limits. Some arms get goals with free axes and
-ranges: the goal differs from a pose of the arm by a deviation drawn from the ranges. The searches get no starting guess. A
-goal is solved if plain NumPy forward kinematics confirms the result within 1e-6 m and 1e-6 rad, and every joint is inside
-its limits. *One goal* is the median wall time of 300 calls of `arm.ik(goal)`. *Batch* is processor time on one thread, the
-median of 3.
+ranges: the goal differs from a pose of the arm by a deviation drawn from the ranges. Others get a direction of the tool
+within a cone, and any turn about it: the goal is a pose of the arm, tilted by an angle inside the cone. The searches get no
+starting guess. A goal is solved if plain NumPy forward kinematics confirms the result within 1e-6 m and 1e-6 rad, and every
+joint is inside its limits. *One goal* is the median wall time of 300 calls of `arm.ik(goal)`. *Batch* is processor time on
+one thread, the median of 3.
 
     python -m benchmarks.partial_goals                 # writes benchmarks/partial_goals.md
     python -m benchmarks.partial_goals so101 --targets 1000
@@ -22,6 +23,7 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import Goal
+from kinseek.support.transforms import angles_between
 
 from .command import command
 from .page import Page, Row
@@ -35,6 +37,12 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 RANGED = ("so101", "m430ia2f", "scara4", "ur5e", "panda", "ur10e_rail")
 """Arms that are measured on goals with ranges."""
+
+CONED = ("ur5e", "panda", "iiwa14", "xarm7", "kr6r900", "irb120", "gen3", "puma560", "ur10e", "so101")
+"""Arms that are measured on goals with a cone."""
+
+CONES = (0.01, 0.17, 1.0)
+"""Largest angles between the tool's axis and its direction [rad]."""
 
 CASES: dict[str, tuple[tuple[str, ...], dict[str, tuple[float, float]]]] = {
     "free z, rx, ry": (("z", "rx", "ry"), {}),
@@ -71,14 +79,14 @@ def measure(
     }
 
 
-def at_place(T: Array, axis: str = "") -> Callable[[Array], Flags]:
-    """Judge poses by their place, and by the direction of an axis of the tool."""
+def at_place(T: Array, axis: str = "", cone: float = 0.0) -> Callable[[Array], Flags]:
+    """Judge poses by their place, and by the direction of an axis of the tool, which may lie within a cone [rad]."""
 
     def judge(reached: Array) -> Flags:
         good = np.linalg.norm(reached[:, :3, 3] - T[:, :3, 3], axis=1) <= STRICT
         if axis:
             a, b = (poses[:, :3, "xyz".index(axis)] for poses in (reached, T))
-            good &= np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)) <= STRICT
+            good &= angles_between(a, b) <= cone + STRICT
         return np.asarray(good)
 
     return judge
@@ -121,6 +129,23 @@ def ranged_arm(name: str, targets: int, seed: int, misses: list[str]) -> Iterato
 
             goal = Goal.pose(wanted, free=free, box=box, frame=frame)
             yield measure(arm, f"{label}, {frame}", goal, judge, q, misses)
+
+
+def coned_arm(name: str, targets: int, seed: int, misses: list[str]) -> Iterator[Row]:
+    """Goals with a cone of one arm."""
+    arm = kinseek.load(name)
+    q = random_joints(arm.chain, targets, seed)
+    T = plain_fk(arm.chain, q)
+    for cone in CONES:
+        rng = np.random.default_rng(seed)
+        # Even over the cone: the squares of small angles are evenly distributed.
+        angle, about, spin = cone * np.sqrt(rng.random(targets)), *rng.uniform(-np.pi, np.pi, (2, targets))
+        tilt = np.stack([angle * np.cos(about), angle * np.sin(about), np.zeros(targets)], axis=1)
+        turn = Rotation.from_rotvec(tilt) * Rotation.from_rotvec(spin[:, None] * np.eye(3)[2])
+        wanted = T.copy()
+        wanted[:, :3, :3] = T[:, :3, :3] @ turn.as_matrix()
+        goal = Goal.pose(wanted, free="rz", cone=cone)
+        yield measure(arm, f"z within {cone:g} rad", goal, at_place(wanted, "z", cone), q, misses)
 
 
 def wanted_from(T: Array, away: Array, frame: str) -> Array:
@@ -177,6 +202,7 @@ def main() -> None:
         targets=(10_000, 500, "random targets an arm and goal"),
         singular=(2_000, 100, "near-singular targets an arm and goal"),
         ranged=(1_000, 100, "targets with ranges an arm and goal"),
+        coned=(10_000, 100, "targets with a cone an arm and angle"),
         whole=(500, 50, "targets an arm whose goals are made and solved at once"),
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
@@ -192,6 +218,10 @@ def main() -> None:
     page.rows(row for name in few for row in small_arm(name, *sizes, misses))
     page.head("Free axes and ranges")
     page.rows(row for name in ranged for row in ranged_arm(name, options.ranged, seed, misses))
+    page.head("Cones")
+    page.rows(
+        row for name in options.arms if name in CONED for row in coned_arm(name, options.coned, seed, misses)
+    )
     list_misses(page, misses)
     page.end(options)
 
