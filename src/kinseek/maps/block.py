@@ -78,6 +78,8 @@ class Work:
     """Minimum distance between bodies of the scene [m]."""
     cell: str | None = None
     """Digest of the scene."""
+    goal: Goal | None = None
+    """What counts of each pose; None: all of it, within the tolerances."""
 
     def part(self, index: Index) -> tuple[slice, ...]:
         """Return the cells of a block."""
@@ -129,6 +131,8 @@ def answered(work: Work, scratch: BlockScratch, poses: Array, part: Sequence[sli
     """Return an array of each variable for poses, (..., 4, 4), at the centres of a part of the grid's cells."""
 
     def goal(T: Array) -> Goal:
+        if work.goal is not None:
+            return work.goal.at(T)
         position, orientation = work.position_tolerance, work.orientation_tolerance
         return Goal.pose(T, position_tolerance=position, orientation_tolerance=orientation)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
 
@@ -15,6 +16,7 @@ from kinseek.arm import Arm
 from kinseek.collision import Scene
 from kinseek.collision.solutions import judge_of
 from kinseek.errors import InvalidMap, MissingExtra, suggest
+from kinseek.goal import Goal
 from kinseek.support.validation import as_integer
 from kinseek.tolerances import DEFAULT_TOLERANCE, TOLERANCES, check_tolerance
 
@@ -69,6 +71,10 @@ class Options(TypedDict, total=False):
     """The collision scene: a pose is reached if a collision-free solution is found. For a `Grid` only."""
     clearance: float
     """Minimum distance between bodies of the scene [m]; default 0."""
+    goal: Goal | None
+    """What counts of each pose: a goal, with its tolerances, whose target every pose of the grid replaces, such as
+    ``Goal.pose(np.eye(4), free="rz", cone=0.17)``. By default the whole pose. For a `Grid` only, and without `prove`.
+    """
 
 
 PROVED = 8192
@@ -85,6 +91,7 @@ DEFAULTS = Options(
     orientation_tolerance=DEFAULT_TOLERANCE,
     scene=None,
     clearance=0.0,
+    goal=None,
 )
 
 
@@ -125,15 +132,15 @@ def reach(
             nobody else can reach. The cluster's settings control who may connect to it.
         progress: Show a progress bar.
         options: Options of the map, see `Options`: ``prove``, ``depth``, ``budget``, ``patience``, ``block``,
-            ``position_tolerance``, ``orientation_tolerance``, ``scene`` and ``clearance``.
+            ``position_tolerance``, ``orientation_tolerance``, ``scene``, ``clearance`` and ``goal``.
 
     Returns:
         A Dataset along the grid's dimensions and ``orientation``, with units and provenance; data in a store are read
         lazily.
 
     Raises:
-        InvalidMap: An arm with black-box kinematics, unknown measures, a store of another map or that another user can
-            change, workers with another version, or rings in a scene.
+        InvalidMap: An arm with black-box kinematics, a goal with a base, unknown measures, a store of another map or that
+            another user can change, workers with another version, or rings in a scene.
         InvalidScene: The scene belongs to another arm, or the clearance is not a length.
         MapInterrupted: Scheduler gone, disk full, or a block that kills its workers; the same call resumes.
         MissingExtra: xarray, Dask or Zarr is not installed.
@@ -214,6 +221,9 @@ def work_of(
                 "Rings are not supported in a scene: their poses rotate about the first axis, but obstacles do not; "
                 "use a Grid"
             )
+    goal = given["goal"]
+    if goal is not None:
+        _check_goal(goal, grid, given)
     chain, prove, patience = slim(arm.axes), bool(options["prove"]), options["patience"]
     block = options["block"] or (PROVED if prove else BLOCK)
     return Work(
@@ -233,7 +243,34 @@ def work_of(
         scene=scene,
         clearance=clearance,
         cell=None if scene is None else scene.digest,
+        goal=goal,
     )
+
+
+def _check_goal(goal: object, grid: Grid | Rings, options: Mapping[str, Any]) -> None:
+    """Check the goal of a map.
+
+    Raises:
+        InvalidMap: Not one goal, a goal with a base, or options that do not go with a goal.
+    """
+    if not isinstance(goal, Goal) or goal.shape != () or goal.base is not None:
+        raise InvalidMap(
+            "goal must be a Goal with one target, which every pose of the grid replaces, and without base=, got "
+            f"{goal!r:.200}"
+        )
+    if isinstance(grid, Rings) or options["prove"]:
+        raise InvalidMap("a map of a goal= needs a maps.Grid, and cannot be combined with prove=True")
+    if any(options[name] != DEFAULTS[name] for name in TOLERANCES):  # type: ignore[literal-required]
+        raise InvalidMap("give the tolerances to the goal, and not to the map of a goal=")
+
+
+def _description_of(goal: Goal) -> dict[str, str]:
+    """Return all that a goal asks of each pose, as text for the provenance of a map."""
+    named = {each.name: getattr(goal, each.name) for each in fields(goal) if each.name != "target"}
+    return {
+        name: repr(value.tolist() if isinstance(value, np.ndarray) else value)
+        for name, value in named.items()
+    }
 
 
 def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) -> Store:
@@ -283,6 +320,8 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
         "shape": list(grid.shape),
         "chunks": list(work.chunks),
     }
+    if work.goal is not None:
+        description["goal"] = _description_of(work.goal)
     if isinstance(grid, Rings):
         first = divided(work.chain)
         description["first_frame"] = first.place.tolist()

@@ -20,6 +20,7 @@ from kinseek.kernels.atlas.batch import solve_many, solve_some
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.maps.many_closed import LEFT, YES, many_closed
 from kinseek.kernels.maps.many_gates import many_gates
+from kinseek.kinds import POSE
 from kinseek.problem import Problem
 from kinseek.proof.reduce import LARGEST, question
 from kinseek.robots.geometry import divide
@@ -46,13 +47,16 @@ def reached(arm: Arm, goal: Goal, patience: int | None = PATIENCE) -> Flags:
 
     Args:
         arm: An arm with axes.
-        goal: Poses, (k, 4, 4), and tolerances.
-        patience: Maximum number of FK evaluations per pose; None: as many as `Arm.ik` uses.
+        goal: Poses, (k, 4, 4), and tolerances; or another goal.
+        patience: Maximum number of FK evaluations per pose; None: as many as `Arm.ik` uses, as for any goal but the tip's
+            whole pose.
 
     Returns:
         Is there a solution inside the limits and within the tolerances, by plain forward kinematics, (k,)? False proves
         nothing.
     """
+    if goal.form is not POSE or goal.tool is not None:
+        return np.asarray(arm.ik(goal, threads=1).success)
     last, targets = LastJoint.of(arm.chain), goal.targets
     if last is None or not last.free:
         return _reached(arm, goal, patience)
