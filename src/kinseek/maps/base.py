@@ -88,7 +88,7 @@ def best_base(
         clearance: Minimum distance of bodies of the scene [m].
         top: Number of best placements that must be ranked exactly; None: all. A placement is given up as soon as it cannot
             be among them. Not with `path`.
-        threads: Number of threads; by default every core. The result does not depend on it.
+        threads: Number of threads; by default every core, in a scene one. The result does not depend on it.
 
     Returns:
         A dataset along ``candidate``, the best first: its number in `candidates`, ``base``, the number of poses reached, of
@@ -185,7 +185,8 @@ class _Judge(NamedTuple):
         def judged(some: Indices) -> tuple[Flags, Array]:
             return self._piece(goal.at(goal.target[some]), scene)
 
-        found = in_threads(judged, pieces, self.threads)
+        # A scene is used by one thread at a time.
+        found = in_threads(judged, pieces, self.threads if scene is None else 1)
         return np.concatenate([each[0] for each in found]), np.concatenate([each[1] for each in found])
 
     def _piece(self, goal: Goal, scene: Scene | None) -> tuple[Flags, Array]:
