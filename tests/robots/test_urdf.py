@@ -335,6 +335,19 @@ def test_an_encoding_that_hides_markup_is_rejected(encoding: str, end: str, tmp_
         read_urdf(path)
 
 
+@pytest.mark.parametrize(
+    "declared",
+    ["<!-- ><robot name='other'/> -->", "<!ATTLIST axis xyz CDATA '1 0 0'>", "<!ENTITY e '<axis/>'>", ""],
+)
+def test_a_document_type_is_rejected(declared: str, tmp_path: Path) -> None:
+    """For readers of ROS it ends at the first >: the comment is another robot for them."""
+    path = write(tmp_path, f"<!DOCTYPE robot [{declared}]>{robot(joint(), SECOND)}")
+    with pytest.raises(
+        InvalidRobot, match=r"it has a document type \(<!DOCTYPE …>\), which MuJoCo and readers of ROS"
+    ):
+        read_urdf(path)
+
+
 @pytest.mark.parametrize("encoding", ["UTF-8", "UTF-16", "US-ASCII", "iso-8859-1", "Windows-1252", "GB2312"])
 def test_usual_encodings_are_read(encoding: str, tmp_path: Path) -> None:
     path = tmp_path / "r.urdf"

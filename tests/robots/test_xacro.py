@@ -262,6 +262,13 @@ def test_a_default_that_could_be_divided_in_many_ways_is_read_soon(tmp_path: Pat
         read(write(tmp_path, "r.xacro", XACRO.format(macro + '<link name="l"/>')))
 
 
+def test_entities_of_a_document_type_are_read(tmp_path: Path) -> None:
+    links = '<link name="&one;"/><link name="b"/>'
+    joint = '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>'
+    text = '<!DOCTYPE robot [<!ENTITY one "a">]>' + XACRO.format(links + joint)
+    assert read(write(tmp_path, "r.xacro", text)).joint_names == ("j",)
+
+
 def test_a_document_type_of_many_brackets_is_refused(tmp_path: Path) -> None:
     brackets = "<!DOCTYPE robot [<!ELEMENT a " + "(" * 300_000 + "a" + ")" * 300_000 + ">]>"
     with soon(2.0), pytest.raises(InvalidRobot, match="bytes in the document type, expected at most 10,000"):

@@ -145,12 +145,6 @@ class _Reader:
         text = file_bytes(path, self.left)
         self.left -= len(text)
         root = root_element(text, str(path))
-        if root.getroottree().docinfo.internalDTD is not None:
-            # MuJoCo ignores it: what it declares as an entity or a default would be in the model here alone.
-            raise InvalidRobot(
-                f"{path}: it has a document type (<!DOCTYPE …>), which MuJoCo does not read; take it out, and write what "
-                "its entities stand for"
-            )
         for element in root.iter("*"):
             element.tag = element.tag.rpartition("}")[2]  # MuJoCo does not support namespaces.
             if element.tag != _INCLUDE and element.tag.lower() == _INCLUDE:

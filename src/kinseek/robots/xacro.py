@@ -128,6 +128,8 @@ def _processed(xacro: Any, path: Path, arguments: _Arguments) -> bytes:
         # Once: xacrodoc repeats it until nothing changes, and so would evaluate $${…}, which stands for ${…}.
         document = xacro.parse(None, str(path))
         xacro.process_doc(document, mappings=arguments)
+        if document.doctype is not None:  # Its entities and defaults are in their places now.
+            document.removeChild(document.doctype)
         return bytes(document.toxml(encoding="utf-8"))
     except InvalidRobot:
         raise

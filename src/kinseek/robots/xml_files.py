@@ -27,7 +27,7 @@ def root_element(text: bytes, where: str) -> Any:
 
     Raises:
         InvalidRobot: The XML is broken, or uses an entity that is another file; the message contains the parser's own, with
-            the line. Or readers without encodings or namespaces would read something else.
+            the line. Or readers without document types, encodings or namespaces would read something else.
     """
     with importing:
         from lxml import etree
@@ -40,7 +40,14 @@ def root_element(text: bytes, where: str) -> Any:
         root = etree.fromstring(text, parser)
     except (etree.XMLSyntaxError, LookupError) as error:  # An unknown encoding raises LookupError.
         raise InvalidRobot(f"{where}: broken XML: {getattr(error, 'msg', None) or error}") from None
-    encoding = root.getroottree().docinfo.encoding or "UTF-8"
+    document = root.getroottree().docinfo
+    if document.internalDTD is not None:
+        # For these readers it ends at the first >, and they ignore what it declares as an entity or a default.
+        raise InvalidRobot(
+            f"{where}: it has a document type (<!DOCTYPE …>), which MuJoCo and readers of ROS do not read; take it out, and "
+            "write what its entities stand for"
+        )
+    encoding = document.encoding or "UTF-8"
     if _ENCODINGS.fullmatch(encoding) is None:
         raise InvalidRobot(f"{where}: the encoding {encoding!r:.100} is not read; write the file in UTF-8")
     own = etree.QName(root).namespace
