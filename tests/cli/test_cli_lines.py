@@ -90,6 +90,10 @@ BAD = {
     "NaN": ('{"position": [NaN, 0, 0], "rpy": [0, 0, 0]}', "NaN"),
     "two numbers": ({**GOOD, "position": [0.4, 0.2]}, "shape (3,)"),
     "many": ({**GOOD, "position": [[0.4, 0.2, 0.3]] * 2}, "must be one pose"),
+    "products": (
+        {"position": [[[0.4, 0.2, 0.3]]] * 6000, "quat_wxyz": [[[1, 0, 0, 0]] * 6000]},
+        "position must be one pose, got several rows for it and for quat_wxyz",
+    ),
     "NaN as id": (
         '{"position": [0.4, 0.2, 0.3], "rpy": [0, 0, 0], "id": NaN}',
         "numbers must be finite, got NaN",

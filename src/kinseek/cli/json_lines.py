@@ -112,9 +112,16 @@ def _target(fields: dict[str, Any], number: int, position_only: bool, deg: bool)
         expected = "no rotation with --position-only" if position_only else one
         raise InvalidGoal(f"a line needs {expected}; got {' and '.join(turns) or 'none'}")
     turn = {name: fields[name] for name in turns}
+    if turns and all(_has_rows(fields[name]) for name in ("position", *turns)):
+        # Each position with each rotation: a short line would be gigabytes of poses.
+        raise InvalidGoal(f"position must be one pose, got several rows for it and for {turns[0]}")
     target = one_pose(silent_pose(fields["position"], turn, deg), "position")
     suspect_degrees(turn, deg, f"line {number:,}: {' '.join(turn)}")
     return target
+
+
+def _has_rows(value: Any) -> bool:
+    return isinstance(value, list) and any(isinstance(each, list) for each in value)
 
 
 def _are_numbers(value: Any) -> bool:
