@@ -18,6 +18,7 @@ import kinseek
 from kinseek import InvalidRobot
 from kinseek.robots import xacro_untrusted
 from kinseek.robots.expressions import FUNCTIONS, Refused, evaluate
+from kinseek.robots.yaml_files import yaml_content
 from places import SHARED
 
 XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
@@ -155,13 +156,13 @@ def test_yaml_is_read_as_by_xacro(tmp_path: Path) -> None:
 
 def test_a_yaml_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.yaml").write_text("upper: 0.125\n", encoding="utf-8")
-    calls, read = [], xacro_untrusted._yaml_content
+    calls, read = [], yaml_content
 
     def content(*given: Any) -> Any:
         calls.append(given)
         return read(*given)
 
-    monkeypatch.setattr(xacro_untrusted, "_yaml_content", content)
+    monkeypatch.setattr(xacro_untrusted, "yaml_content", content)
     text = "${" + " + ".join(["load_yaml('a.yaml').upper"] * 20) + "}"
     assert upper_of(tmp_path, text, trusted=False) == 2.5
     assert len(calls) == 1

@@ -8,9 +8,9 @@ from typing import Any
 
 from kinseek.errors import InvalidRobot
 
-from .expressions import MOST_DIGITS, MOST_ENTRIES, Refused, evaluate
-from .files import require_few
-from .xacro_limits import FORMULA, MOST_NESTED, YAML, Changes, Spend
+from .expressions import Refused, evaluate
+from .xacro_limits import FORMULA, YAML, Changes, Spend
+from .yaml_files import yaml_content
 
 
 def evaluation(path: Path, spend: Spend) -> tuple[Changes, ...]:
@@ -27,6 +27,7 @@ def evaluation(path: Path, spend: Spend) -> tuple[Changes, ...]:
     from xacrodoc.xacrodoc import xacro
 
     contents: dict[str, Any] = {}
+    units = {unit.value.tag: unit.constructor for unit in xacro.ConstructUnits}
 
     def load_yaml(name: str) -> Any:
         # All callers share one content: expressions that are evaluated here cannot change it.
@@ -37,7 +38,7 @@ def evaluation(path: Path, spend: Spend) -> tuple[Changes, ...]:
             spend(YAML * len(text), "YAML files")
             xacro.filestack.append(file)
             try:
-                contents[file] = _yaml_content(text, xacro.ConstructUnits, f"{path}: {name}")
+                contents[file] = yaml_content(text, f"{path}: {name}", units)
             finally:
                 xacro.filestack.pop()
         return contents[file]
@@ -78,57 +79,3 @@ def evaluation(path: Path, spend: Spend) -> tuple[Changes, ...]:
             {"_eval": eval_extension, "_eval_env": unknown, "_eval_optenv": lambda name, default="": default},
         ),
     )
-
-
-def _yaml_content(text: bytes, units: Any, where: str) -> Any:
-    """Read YAML as xacro does, unless it is large with its aliases and merges expanded.
-
-    Args:
-        text: The file.
-        units: xacro's tags for units, such as ``!degrees``.
-        where: The file, for messages.
-
-    Raises:
-        InvalidRobot: The file has a number with too many digits, too many entries when expanded, or too many brackets
-            around one value.
-        yaml.YAMLError: The text is not YAML.
-    """
-    import yaml  # type: ignore[import-untyped]
-
-    class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        """A separate class, so that the tags for units are not added to the loader of other programs."""
-
-        def fetch_flow_collection_start(self, token: Any) -> None:
-            # At each word PyYAML goes through all brackets around it.
-            require_few(self.flow_level + 1, "brackets around one value", MOST_NESTED, where)
-            super().fetch_flow_collection_start(token)
-
-    for unit in units:
-        Loader.add_constructor(unit.value.tag, unit.constructor)
-    sizes: dict[Any, int] = {}
-
-    def written(node: Any) -> int:
-        """Return the number of entries with all aliases expanded; a merge counts as the map that it refers to."""
-        if node not in sizes:
-            # The value until it is known: a list that contains itself never ends.
-            sizes[node] = MOST_ENTRIES + 1
-            if isinstance(node, yaml.ScalarNode):
-                if node.tag.endswith((":int", ":float")):
-                    require_few(len(node.value), "digits of one number", MOST_DIGITS, where)
-                sizes[node] = 1 + len(node.value) // 64
-            else:
-                inner = (
-                    one for entry in node.value for one in (entry if isinstance(entry, tuple) else (entry,))
-                )
-                sizes[node] = min(1 + sum(map(written, inner)), MOST_ENTRIES + 1)
-        return sizes[node]
-
-    loader = Loader(text)
-    try:
-        node = loader.get_single_node()
-        if node is None:
-            return None
-        require_few(written(node), "entries of a YAML file", MOST_ENTRIES, where)
-        return loader.construct_document(node)
-    finally:
-        loader.dispose()
