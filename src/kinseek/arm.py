@@ -22,6 +22,7 @@ from .poses import plain_array
 from .problem import Problem, as_joints
 from .proof.certificate import Certificate, Verdict
 from .robots import Mechanism, SerialChain, read
+from .robots.calibration import Calibration
 from .solution import Solution, Status, quick_solution
 from .solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
 from .solvers.atlas.quick import can_solve_quickly, is_central, solve_central, solve_quickly
@@ -647,6 +648,7 @@ def load(
     args: Mapping[str, Any] | None = None,
     packages: Mapping[str, str | Path] | None = None,
     trusted: bool = True,
+    calibration: Calibration | None = None,
     **unknown: Never,
 ) -> Arm:
     """Load an arm.
@@ -662,12 +664,18 @@ def load(
         trusted: For a .xacro file: pass False if its origin is not trusted. xacro lets Python evaluate the expressions of a
             file; with False kinseek evaluates them itself, and rejects expressions other than arithmetic, comparisons and a
             list of functions.
+        calibration: Measured origins of joints, which replace those of a URDF: a calibration file of a Universal Robots arm,
+            as ur_calibration writes it; or a mapping from joints, or from the links that they move, to poses in the link
+            before, (4, 4), lengths in [m]. Joints that it does not name keep their origins. See docs/calibrated.md.
 
     Raises:
-        InvalidRobot: Unknown name, missing or broken file, unknown or unconnected links, bad joints, or arguments that the
-            file does not declare.
+        InvalidRobot: Unknown name, missing or broken file, unknown or unconnected links, bad joints, arguments that the
+            file does not declare, or a calibration that does not fit.
         MissingExtra: MuJoCo is not installed, and the source is an MJCF file.
     """
     if unknown:
         raise unknown_argument(load, unknown)
-    return Arm(read(source, base, tip, args=args, packages=packages, trusted=trusted))
+    mechanism = read(
+        source, base, tip, args=args, packages=packages, trusted=trusted, calibration=calibration
+    )
+    return Arm(mechanism)

@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Callable
 from dataclasses import fields
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -137,6 +138,20 @@ def test_fk_agrees_with_the_library(run: Run) -> None:
     assert np.allclose(facts["matrix"], arm.fk(q), atol=1e-15)
     for order in ("quat_wxyz", "quat_xyzw"):
         assert np.allclose(kinseek.pose(facts["position"], **{order: facts[order]}), arm.fk(q), atol=1e-12)
+
+
+def test_a_calibrated_arm(run: Run, tmp_path: Path) -> None:
+    file = tmp_path / "c.yaml"
+    file.write_text("kinematics: {forearm: {x: -0.424, y: 0, z: 0, roll: 0.001, pitch: 0, yaw: 0}}\n")
+    q = ["0.1", "-1", "1", "0", "0", "0"]
+    out = run("fk", "ur5e", *q, "--calibration", str(file), "--json").out
+    expected = kinseek.load("ur5e", calibration=file).fk([float(value) for value in q])
+    np.testing.assert_allclose(json.loads(out)["matrix"], expected, rtol=0, atol=1e-12)
+    assert not np.allclose(
+        json.loads(run("fk", "ur5e", *q, "--json").out)["matrix"], expected, rtol=0, atol=1e-4
+    )
+    code, _, err = run("check", "ur5e", "--calibration", str(file))
+    assert (code, "--calibration is not checked" in err) == (2, True)
 
 
 def test_fk_in_degrees_leaves_metres_alone(run: Run) -> None:

@@ -42,7 +42,7 @@ import make_site  # A script of the documentation.
 import kinseek
 import kinseek.errors
 
-LANGUAGES = {"python", "sh", "text", "c", "xml", "csv", "json", "cmake", "html", "js"}
+LANGUAGES = {"python", "sh", "text", "c", "xml", "csv", "json", "yaml", "cmake", "html", "js"}
 BLOCK = re.compile(
     r"(?:^<!-- (?P<mark>needs|not run|ends with|printed|file): (?P<words>[^>]+) -->\n+)?"
     r"^```(?P<language>\S*)[^\n]*\n(?P<code>.*?)^```$",

@@ -45,6 +45,8 @@ class Robot(NamedTuple):
     """Folders of ROS packages, by name."""
     untrusted: bool
     """Is the file from an untrusted source?"""
+    calibration: str | None
+    """File with measured origins of joints."""
 
     def load(self) -> Arm:
         """Load the arm.
@@ -52,8 +54,15 @@ class Robot(NamedTuple):
         Raises:
             KinseekError: As `kinseek.load`.
         """
-        trusted = not self.untrusted
-        return load(self.arm, self.base, self.tip, args=self.args, packages=self.packages, trusted=trusted)
+        return load(
+            self.arm,
+            self.base,
+            self.tip,
+            args=self.args,
+            packages=self.packages,
+            trusted=not self.untrusted,
+            calibration=self.calibration,
+        )
 
 
 _PLAIN = re.compile(r"[A-Za-z0-9_./:-]+")
@@ -133,6 +142,13 @@ robot_options = bundle(
         is_flag=True,
         group="The arm",
         help="Do not trust a xacro file: read it without Python, and reject expressions that need it.",
+    ),
+    option(
+        "--calibration",
+        metavar="FILE",
+        type=click.Path(),
+        group="The arm",
+        help="Measured origins of joints, as ur_calibration writes them for a Universal Robots arm.",
     ),
 )
 

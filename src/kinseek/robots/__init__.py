@@ -10,16 +10,25 @@ from typing import Any
 
 from kinseek.errors import InvalidRobot, suggest
 
-from .adapters import hint_at, is_described, is_text, read_described, read_model_of_library, read_text
+from .adapters import (
+    described,
+    hint_at,
+    is_described,
+    is_text,
+    read_model_of_library,
+    urdf_of_model,
+    urdf_of_text,
+)
 from .blackbox import BlackBox, black_box
 from .bundled import read_bundled
+from .calibration import Calibration, calibrated
 from .catalog import CatalogEntry, catalog_entry, catalog_names, catalog_path
 from .chain import SerialChain
 from .dh import read_dh
 from .files import instead_of_a_description
 from .mechanism import Mechanism
 from .mjcf import read_mjcf
-from .urdf import read_urdf
+from .urdf import Urdf, read_urdf, urdf_of_file
 
 MAKERS = "kinseek.load(name or file), Arm.from_dh(rows, lower, upper), Arm.from_fk(function, lower, upper)"
 """The ways to create an arm, for messages."""
@@ -49,6 +58,7 @@ def read(
     args: Mapping[str, Any] | None = None,
     packages: Mapping[str, str | Path] | None = None,
     trusted: bool = True,
+    calibration: Calibration | None = None,
 ) -> SerialChain:
     """Read an arm: a bundled one by name, a URDF, xacro or MJCF file by path, or a model of another library.
 
@@ -60,6 +70,7 @@ def read(
         args: Values of a xacro file's arguments, by name.
         packages: Folders of ROS packages for a xacro file, by name.
         trusted: Whether Python may evaluate the expressions of a xacro file.
+        calibration: Measured origins of joints, as in `kinseek.load`.
 
     Raises:
         InvalidRobot: The source is none of these, or it cannot be used.
@@ -67,34 +78,53 @@ def read(
     """
     _require_names(base, tip)
     _require_mappings(args, packages)
+    plain = base is None and tip is None and calibration is None and not (args or packages)
+    if plain and _is_bundled(source) and (chain := read_bundled(source)) is not None:
+        return chain
+    found = _find(source, args, packages, trusted)
+    if not isinstance(found, Urdf):
+        _require_no_changes(calibration)
+        return read_mjcf(found, base, tip) if isinstance(found, Path) else _read_model(found, base, tip)
+    if calibration is not None:
+        found = calibrated(found, calibration)
+    return found.arm(found.base if base is None else base, found.tip if tip is None else tip)
+
+
+def _find(
+    source: Any,
+    args: Mapping[str, Any] | None,
+    packages: Mapping[str, str | Path] | None,
+    trusted: bool,
+) -> Any:
+    """Return the URDF of a source, the path of an MJCF file, or the source itself if it is anything but text or a path.
+
+    Raises:
+        InvalidRobot: There is nothing of that name, or it cannot be read.
+    """
     if not isinstance(source, str | os.PathLike) or is_text(source):
         _refuse_options(args, packages, "what is no file")
-        return _read_model_of_library(source, base, tip)
+        return urdf_of_text(source) if is_text(source) else urdf_of_model(source) or source
     path = _path(source)
     if path.suffix.lower() == ".xacro":
-        return read_urdf(path, base, tip, args=args, packages=packages, trusted=trusted)
+        return urdf_of_file(path, args=args, packages=packages, trusted=trusted)
     _refuse_options(args, packages, repr(str(source)))
-    if isinstance(source, str) and source in catalog_names():
-        return _read_bundled(source, base, tip)
+    if _is_bundled(source):
+        entry, path = catalog_entry(str(source)), catalog_path(str(source))
+        return urdf_of_file(path)._replace(base=entry.base, tip=entry.tip)
     if is_described(source):
-        return read_described(str(source), base, tip, trusted)
+        return described(str(source), trusted)
     if path.suffix.lower() == ".urdf" or (path.suffix.lower() == ".xml" and _is_urdf(path)):
-        return read_urdf(path, base, tip)
+        return urdf_of_file(path)
     if path.suffix.lower() == ".xml":
-        return read_mjcf(path, base, tip)
+        return path
     raise InvalidRobot(_what_it_may_be(str(source)))
 
 
-def _read_bundled(name: str, base: str | None, tip: str | None) -> SerialChain:
-    if base is None and tip is None and (bundled := read_bundled(name)) is not None:
-        return bundled
-    entry = catalog_entry(name)
-    return read_urdf(catalog_path(name), base or entry.base, tip or entry.tip)
+def _is_bundled(source: Any) -> bool:
+    return isinstance(source, str) and source in catalog_names()
 
 
-def _read_model_of_library(source: Any, base: str | None, tip: str | None) -> SerialChain:
-    if is_text(source):
-        return read_text(source, base, tip)
+def _read_model(source: Any, base: str | None, tip: str | None) -> SerialChain:
     if (chain := read_model_of_library(source, base, tip)) is not None:
         return chain
     kind = type(source)
@@ -143,6 +173,14 @@ def _plain(name: str) -> str:
 def _refuse_options(args: object, packages: object, source: str) -> None:
     if args or packages:
         raise InvalidRobot(f"args and packages are for .xacro files, got {source}")
+
+
+def _require_no_changes(calibration: object) -> None:
+    if calibration is not None:
+        raise InvalidRobot(
+            "calibration replaces origins of joints of a URDF, and this source is no URDF; expected a bundled arm, a .urdf "
+            "or .xacro file, or the text of a URDF"
+        )
 
 
 def as_mechanism(value: Any) -> Mechanism:

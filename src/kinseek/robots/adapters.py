@@ -15,9 +15,9 @@ from kinseek.support.forks import importing
 from kinseek.support.interrupts import raise_of_handler
 
 from .chain import SerialChain
-from .mjcf import read_mjcf, read_model
+from .mjcf import read_model
 from .pinocchio_model import read_pinocchio
-from .urdf import read_urdf, read_urdf_text
+from .urdf import Urdf, urdf_of_file
 
 _DECLARATION = re.compile(r"^\s*<\?xml[^>]*\?>")
 """XML declaration. It names an encoding, which no longer applies to decoded text."""
@@ -31,11 +31,11 @@ def is_text(source: object) -> bool:
     return isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
 
 
-def read_text(text: str | bytes, base: str | None, tip: str | None) -> SerialChain:
-    """Read a URDF from its text.
+def urdf_of_text(text: str | bytes) -> Urdf:
+    """Return the URDF of a text.
 
     Raises:
-        InvalidRobot: The text is not a URDF, or the robot cannot be used.
+        InvalidRobot: It is the text of an MJCF file.
     """
     if isinstance(text, str):
         text = _DECLARATION.sub("", text.lstrip("\ufeff")).encode()
@@ -43,26 +43,36 @@ def read_text(text: str | bytes, base: str | None, tip: str | None) -> SerialCha
         raise InvalidRobot(
             "this is the text of an MJCF file: give its path, or the model, mujoco.MjModel.from_xml_string(text)"
         )
-    return read_urdf_text(text.lstrip(), base, tip, where="the URDF text")
+    return Urdf(text.lstrip(), "the URDF text")
+
+
+def urdf_of_model(source: Any) -> Urdf | None:
+    """Return the URDF of a model of yourdfpy or urdf_parser_py; None for anything else."""
+    packages = _packages(source)
+    if "yourdfpy" in packages and hasattr(source, "write_xml_string"):
+        return Urdf(_text_of_yourdfpy(source), "the yourdfpy model")
+    if "urdf_parser_py" in packages and hasattr(source, "to_xml_string"):
+        return Urdf(source.to_xml_string().encode(), "the urdf_parser_py model")
+    return None
 
 
 def read_model_of_library(source: Any, base: str | None, tip: str | None) -> SerialChain | None:
-    """Read a model of yourdfpy, urdf_parser_py, pinocchio or MuJoCo; return None for anything else.
+    """Read a model of pinocchio or MuJoCo; return None for anything else.
 
     Raises:
         InvalidRobot: The model cannot be used.
     """
-    packages = {kind.__module__.partition(".")[0] for kind in type(source).__mro__}
-    if "yourdfpy" in packages and hasattr(source, "write_xml_string"):
-        return read_urdf_text(_text_of_yourdfpy(source), base, tip, where="the yourdfpy model")
-    if "urdf_parser_py" in packages and hasattr(source, "to_xml_string"):
-        return read_urdf_text(source.to_xml_string().encode(), base, tip, where="the urdf_parser_py model")
+    packages = _packages(source)
     if "pinocchio" in packages:
         model = getattr(source, "model", source)  # A RobotWrapper holds its model.
         return read_pinocchio(model, base, tip) if hasattr(model, "jointPlacements") else None
     if "mujoco" in packages and hasattr(source, "body_parentid"):
         return read_model(source, base, tip, where="the MuJoCo model")
     return None
+
+
+def _packages(source: Any) -> set[str]:
+    return {kind.__module__.partition(".")[0] for kind in type(source).__mro__}
 
 
 def _text_of_yourdfpy(model: Any) -> bytes:
@@ -91,17 +101,18 @@ def is_described(name: object) -> bool:
     return isinstance(name, str) and name.isidentifier() and name.endswith(_DESCRIPTION)
 
 
-def read_described(name: str, base: str | None, tip: str | None, trusted: bool) -> SerialChain:
-    """Read a robot of the package robot_descriptions, which downloads its files at the first request.
+def described(name: str, trusted: bool) -> Urdf | Path:
+    """Return a robot of the package robot_descriptions, which downloads its files at the first request.
 
     Args:
         name: Its name there.
-        base: As in `kinseek.load`.
-        tip: As in `kinseek.load`.
         trusted: Whether Python may evaluate the expressions of a xacro file.
 
+    Returns:
+        Its URDF, or the path of its MJCF file if it has no URDF.
+
     Raises:
-        InvalidRobot: The package is not installed, has no such robot, or cannot download it; or the robot cannot be used.
+        InvalidRobot: The package is not installed, has no such robot, or cannot download it; or the file cannot be read.
     """
     try:
         known = importlib.import_module("robot_descriptions").DESCRIPTIONS
@@ -115,17 +126,17 @@ def read_described(name: str, base: str | None, tip: str | None, trusted: bool) 
         hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
         raise InvalidRobot(f"robot_descriptions has no {name!r}{hint}")
     try:
-        described = importlib.import_module(f"robot_descriptions.{name}")
+        module = importlib.import_module(f"robot_descriptions.{name}")
     except Exception as error:  # Downloading over the network may raise anything.
         raise_of_handler(error)
         raise InvalidRobot(
             f"robot_descriptions cannot fetch {name!r}: {type(error).__name__}: {error}"
         ) from error
-    if path := getattr(described, "URDF_PATH", None):
-        return read_urdf(path, base, tip)
-    if path := getattr(described, "XACRO_PATH", None):
-        return read_urdf(path, base, tip, args=getattr(described, "XACRO_ARGS", None), trusted=trusted)
-    return read_mjcf(described.MJCF_PATH, base, tip)
+    if path := getattr(module, "URDF_PATH", None):
+        return urdf_of_file(path)
+    if path := getattr(module, "XACRO_PATH", None):
+        return urdf_of_file(path, args=getattr(module, "XACRO_ARGS", None), trusted=trusted)
+    return Path(module.MJCF_PATH)
 
 
 def hint_at(source: str) -> str:

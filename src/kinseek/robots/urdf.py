@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,50 @@ from .joints import Joint, Mimics, serial_chain
 from .tree import frame_path
 from .urdf_file import Robot, UrdfJoint, read_robot
 from .xacro import urdf_text
+
+
+class Urdf(NamedTuple):
+    """The text of a URDF, before an arm in it is chosen."""
+
+    text: bytes
+    where: str
+    """Source of the text, for messages."""
+    name: str = "robot"
+    """Name of the robot, if the text has none."""
+    packages: Mapping[str, str | Path] = {}
+    """Folders of ROS packages that were given with it, by name."""
+    base: str | None = None
+    """The base link of its arm, unless the caller chooses another; None for the root."""
+    tip: str | None = None
+    """The tip link of its arm, unless the caller chooses another; None for the only leaf."""
+
+    def arm(self, base: str | None, tip: str | None) -> SerialChain:
+        """Read the arm between two links.
+
+        Raises:
+            InvalidRobot: As `read_urdf`.
+        """
+        chain = read_arm(read_robot(self.text, self.where), base, tip, self.name)
+        return replace(chain, urdf=self.text, packages=dict(self.packages))
+
+
+def urdf_of_file(
+    path: str | Path,
+    *,
+    args: Mapping[str, Any] | None = None,
+    packages: Mapping[str, str | Path] | None = None,
+    trusted: bool = True,
+) -> Urdf:
+    """Return the URDF of a ``.urdf`` or ``.xacro`` file; the arguments are those of `read_urdf`.
+
+    Raises:
+        InvalidRobot: The file cannot be read or expanded.
+    """
+    path = Path(path)
+    if (args or packages) and path.suffix.lower() != ".xacro":
+        raise InvalidRobot(f"args and packages are for .xacro files, got {str(path)!r}")
+    text = urdf_text(path, args, packages, trusted)
+    return Urdf(text, str(path), path.name.split(".")[0], packages or {})
 
 
 def read_urdf(
@@ -48,34 +92,11 @@ def read_urdf(
     Raises:
         InvalidRobot: The file, the tree of links, or a joint between base and tip cannot be used.
     """
-    path = Path(path)
-    if (args or packages) and path.suffix.lower() != ".xacro":
-        raise InvalidRobot(f"args and packages are for .xacro files, got {str(path)!r}")
-    text = urdf_text(path, args, packages, trusted)
-    chain = read_urdf_text(text, base, tip, where=str(path), name=path.name.split(".")[0])
-    return replace(chain, packages=dict(packages or {}))
-
-
-def read_urdf_text(
-    text: bytes, base: str | None = None, tip: str | None = None, *, where: str, name: str = "robot"
-) -> SerialChain:
-    """Read the arm between two links of a URDF text.
-
-    Args:
-        text: The URDF.
-        base: As in `read_urdf`.
-        tip: As in `read_urdf`.
-        where: Source of the text, for messages.
-        name: Name of the robot, if the text has none.
-
-    Raises:
-        InvalidRobot: As `read_urdf`.
-    """
-    return replace(read_arm(read_robot(text, where), base, tip, name), urdf=text)
+    return urdf_of_file(path, args=args, packages=packages, trusted=trusted).arm(base, tip)
 
 
 def read_arm(robot: Robot, base: str | None, tip: str | None, name: str = "robot") -> SerialChain:
-    """Read the arm between two links of a robot, as `read_urdf_text` does.
+    """Read the arm between two links of a robot, as `Urdf.arm` does.
 
     Raises:
         InvalidRobot: A check refuses the file or the arm.

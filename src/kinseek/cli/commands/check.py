@@ -9,7 +9,7 @@ import click
 from kinseek.cli import report
 from kinseek.cli.help import Command
 from kinseek.cli.options import Robot, json_option, robot_options
-from kinseek.errors import InvalidRobot, suggest
+from kinseek.errors import InvalidProblem, InvalidRobot, suggest
 from kinseek.robots import catalog_entry, catalog_names, catalog_path
 from kinseek.robots.checks import Severity
 from kinseek.robots.files import instead_of_a_description
@@ -31,6 +31,8 @@ def command(robot: Robot, as_json: bool) -> int:
     tree of links, limits and soft limits, axes, mimic joints, kinds of joints, masses and inertias, and missing meshes. For
     a bundled arm, one more line gives the source of its limits and speeds.
     """
+    if robot.calibration is not None:
+        raise InvalidProblem("--calibration is not checked: check reads the description of the robot alone")
     arm = robot.arm
     path = catalog_path(arm) if arm in catalog_names() else Path(arm).expanduser()
     if path.suffix.lower() not in READABLE:
