@@ -28,6 +28,7 @@ FOREIGN: list[tuple[Any, tuple[Any, ...], str, str]] = [
     (ARM.ik, (T,), "avoid_collisions", "scene="),
     (ARM.ik, (T,), "consistency_limits", "valid="),
     (ARM.ik, (T,), "n_jobs", "threads="),
+    (ARM.ik, (T,), "elbow", "prefer="),
     (ARM.ik, (T,), "damping", "no such setting"),
     (ARM.branches, (T,), "seed", "near="),
     (ARM.branches, (T,), "max_solutions", "count="),

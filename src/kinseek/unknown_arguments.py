@@ -59,7 +59,7 @@ _FOREIGN = (
     ),
     _Words("linearweight positioncost poscost", ("position_weight",)),
     _Words("angularweight orientationcost rotcost", ("orientation_weight",)),
-    _Words("solvetype solutionmode redundancy", ("prefer",)),
+    _Words("solvetype solutionmode redundancy posture elbow shoulder wrist armangle sew", ("prefer",)),
     _Words("avoidcollisions collision collisions collisioncheck checkcollision planningscene", ("scene",)),
     _Words("margin safetymargin collisionmargin padding", ("clearance",)),
     _Words("callback solutioncallback constraintfn isvalid validity filter gsvcf", ("valid",)),
