@@ -518,3 +518,18 @@ def test_a_pose_of_the_longer_arm_is_no_proof() -> None:
     goal = Goal.pose(kinseek.pose(R[:3, 3]), box=box, tool=tool)
     assert not arm.ik(goal).success
     assert arm.prove(goal).verdict is not Verdict.REACHABLE
+
+
+def test_corners_of_the_ranges_at_the_limits_of_the_joints_are_reached() -> None:
+    """There a step that is free inside the ranges turns back and forth; see `solvers.atlas.ranges`."""
+    arm, rng = kinseek.load("so101"), np.random.default_rng(4)
+    for _ in range(100):
+        q = arm.lower + rng.choice([0.0, 0.5, 1.0], arm.dof) * (arm.upper - arm.lower)
+        ends = np.zeros((6, 2))
+        for i in rng.permutation(6)[:3]:
+            ends[i, 0] = rng.uniform(-0.5, 0.1)
+            ends[i, 1] = ends[i, 0] + 10 ** rng.uniform(-3, -0.3)
+        corner = ends[np.arange(6), rng.choice([0, 1], 6)]
+        wanted = targets_from(arm.fk(q)[None], corner[None], "base")[0]
+        goal = Goal.pose(wanted, box=dict(zip(AXES, map(tuple, ends), strict=True)), frame="base")
+        assert arm.ik(goal).success

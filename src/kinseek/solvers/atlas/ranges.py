@@ -7,6 +7,7 @@ over the ranges, and steps reduce what exceeds them. See `kernels.ranges.search`
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,7 @@ from kinseek.robots.sampling import low_discrepancy
 from kinseek.solution import Solution
 from kinseek.support.deadline import Deadline
 from kinseek.support.transforms import rotation_onto, rotations
+from kinseek.virtual_joints import extended
 
 from .index import AtlasIndex, atlas_of, tolerance_numbers, tolerances_of
 from .rows import batch_solution
@@ -39,6 +41,9 @@ if TYPE_CHECKING:
 
 TINY = 1e-300
 """Lower bound of a divisor: prevents division by zero for a vector of length zero."""
+
+CLOSE = 100.0
+"""Goals that are missed by at most this many tolerances are searched once more. Not examined further."""
 
 _GROUP = 64
 """Targets whose poses are computed at once."""
@@ -91,7 +96,33 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
                 results[rows], done[rows] = found, True
 
     search.parallel_for(work, count, deadline)
+    if problem.budget is None:
+        _retry_close(search, problem, results, deadline)
     return batch_solution(problem, results, done)
+
+
+def _retry_close(search: Atlas, problem: Problem, results: Array, deadline: Deadline) -> None:
+    """Search narrow misses once more, by an arm with virtual joints for the ranges.
+
+    Where only a corner of the ranges is reached, with joints at their limits, a step that is free inside the ranges turns
+    back and forth; Newton's method for a plain pose converges.
+    """
+    goal, chain = problem.goal, problem.chain
+    errors = results[:, chain.dof : -1]
+    close = errors[:, 0] <= CLOSE * goal.position_tolerance
+    close &= errors[:, 1] <= CLOSE * goal.orientation_tolerance
+    for i in np.flatnonzero(close & ~goal.met(errors)):
+        if deadline.passed:
+            return
+        one = problem.at(goal.target.reshape(-1, 4, 4)[i])
+        more = extended(replace(one, near=None))
+        near = more.with_virtual(results[i : i + 1, : chain.dof])[0]
+        found = replace(search, progress=False, threads=1).solve(replace(more.problem, near=near))
+        q = one.placed(found.q[more.own])
+        measured = one.goal.measure(one.arrays, np.ascontiguousarray(q[None]))
+        results[i, -1] += found.evaluations
+        if one.goal.met(measured)[0]:
+            results[i, : chain.dof], results[i, chain.dof : -1] = q, measured[0]
 
 
 def solve_centres(
