@@ -649,6 +649,8 @@ def load(
     packages: Mapping[str, str | Path] | None = None,
     trusted: bool = True,
     calibration: Calibration | None = None,
+    srdf: str | Path | bytes | None = None,
+    group: str | None = None,
     **unknown: Never,
 ) -> Arm:
     """Load an arm.
@@ -657,8 +659,8 @@ def load(
         source: Name of a bundled arm (`kinseek robots` lists them); a path to a .urdf, .xacro or MJCF .xml file; the text of
             a URDF; a model of yourdfpy (``URDF``), pinocchio (``Model``) or MuJoCo (``MjModel``); or, if the package
             robot_descriptions is installed, a name of one of its descriptions, such as ``"panda_description"``.
-        base: Fixed link; by default the root of the file.
-        tip: Link whose pose is controlled; by default the only leaf of the file.
+        base: Fixed link; by default that of the `group`, or the root of the file.
+        tip: Link whose pose is controlled; by default that of the `group`, or the only leaf of the file.
         args: For a .xacro file: values of its arguments, by name.
         packages: For a .xacro file: folders of the ROS packages in which it finds files, by name.
         trusted: For a .xacro file: pass False if its origin is not trusted. xacro lets Python evaluate the expressions of a
@@ -667,15 +669,26 @@ def load(
         calibration: Measured origins of joints, which replace those of a URDF: a calibration file of a Universal Robots arm,
             as ur_calibration writes it; or a mapping from joints, or from the links that they move, to poses in the link
             before, (4, 4), lengths in [m]. Joints that it does not name keep their origins. See docs/calibrated.md.
+        srdf: For a URDF: the SRDF file of the robot, .srdf or .xacro, or its text. `Arm.states` has its named joint values,
+            and `Scene.of` does not check the pairs that it disables.
+        group: Name of the group of the SRDF that is the arm. It must be one serial chain.
 
     Raises:
         InvalidRobot: Unknown name, missing or broken file, unknown or unconnected links, bad joints, arguments that the
-            file does not declare, or a calibration that does not fit.
+            file does not declare, a calibration that does not fit, or a group that is not one serial chain.
         MissingExtra: MuJoCo is not installed, and the source is an MJCF file.
     """
     if unknown:
         raise unknown_argument(load, unknown)
     mechanism = read(
-        source, base, tip, args=args, packages=packages, trusted=trusted, calibration=calibration
+        source,
+        base,
+        tip,
+        args=args,
+        packages=packages,
+        trusted=trusted,
+        calibration=calibration,
+        srdf=srdf,
+        group=group,
     )
     return Arm(mechanism)

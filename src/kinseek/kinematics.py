@@ -196,6 +196,21 @@ class ForwardArm(Lazy):
         """
         return self._mechanism.velocity.copy()
 
+    @property
+    def states(self) -> dict[str, dict[str, float]]:
+        """The named joint values of the SRDF that was given to `kinseek.load`; empty without one.
+
+        Each is a mapping from the names of joints to values, [rad] or [m], and is accepted wherever joint values are, as in
+        ``arm.fk(arm.states["home"])``. They are the states of the group that was loaded; without a group, of all groups.
+        A state has the joints of this arm that the file gives, which may be a part of them, and may lie outside the limits.
+        """
+        states = {} if self._axes is None else self._axes.states
+        names = set(self.joint_names)
+        return {
+            state: {joint: value for joint, value in values.items() if joint in names}
+            for state, values in states.items()
+        }
+
     def sample(self, n: int, seed: int = 0) -> Rows:
         """Draw joint values uniformly from inside the limits; the same seed gives the same values.
 

@@ -136,7 +136,7 @@ def test_the_arm_alone(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["--clearance", "0.01"], "add --scene FILE, or --scene self"),
         (["--capsules", "0.05"], "--capsules needs a scene"),
-        (["--srdf", "arm.srdf"], "--srdf needs a scene"),
+        (["--group", "arm"], "group='arm' names a group of an SRDF; give the SRDF too"),
         (["--scene", "cell.urdf"], "capsules=0.05; on a command line --capsules 0.05"),
         ([*IN_CELL, "--clearance", "-1"], "clearance must be a length of at least 0 m, and at most"),
         (["--scene", "shelf.urdf", "--capsules", "0.05"], "no file 'shelf.urdf'"),

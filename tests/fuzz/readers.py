@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from kinseek import Goal
+from kinseek import Arm, Goal
 from kinseek.cli.files import read_poses
 from kinseek.cli.json_lines import _read, _target
 from kinseek.collision.bodies import ArmBodies, arm_bodies
@@ -21,6 +21,7 @@ from kinseek.collision.obstacles import obstacles
 from kinseek.collision.pairs import disabled_by
 from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.robots import SerialChain, read, read_dh, read_urdf
+from kinseek.robots.srdf import read_srdf
 
 CORPUS = Path(__file__).resolve().parent / "corpus"
 """Files to start from; README.md there says of each why."""
@@ -95,9 +96,13 @@ def _bodies() -> ArmBodies:
 
 
 def some_pairs(path: Path) -> None:
-    """Pairs that an SRDF file disables."""
-    pairs, _ = disabled_by(path, _bodies())
+    """Pairs that an SRDF file disables, and the arms that are its groups."""
+    pairs, _ = disabled_by(path, _bodies(), trusted=False)
     assert all(len(pair) == 2 for pair in pairs), "no pair"
+    for group in list(read_srdf(path, trusted=False).groups)[:5]:
+        arm = Arm(read(CORPUS / "every_joint.urdf", srdf=path, group=group, trusted=False))
+        check(arm.chain)
+        assert all(np.isfinite(list(state.values())).all() for state in arm.states.values()), "a state"
 
 
 def some_poses(path: Path) -> None:

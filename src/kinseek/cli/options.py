@@ -47,6 +47,10 @@ class Robot(NamedTuple):
     """Is the file from an untrusted source?"""
     calibration: str | None
     """File with measured origins of joints."""
+    srdf: str | None
+    """SRDF file."""
+    group: str | None
+    """Group of the SRDF file."""
 
     def load(self) -> Arm:
         """Load the arm.
@@ -62,6 +66,8 @@ class Robot(NamedTuple):
             packages=self.packages,
             trusted=not self.untrusted,
             calibration=self.calibration,
+            srdf=self.srdf,
+            group=self.group,
         )
 
 
@@ -150,6 +156,14 @@ robot_options = bundle(
         group="The arm",
         help="Measured origins of joints, as ur_calibration writes them for a Universal Robots arm.",
     ),
+    option(
+        "--srdf",
+        metavar="FILE",
+        type=click.Path(),
+        group="The arm",
+        help="SRDF file of the robot; its disabled pairs may touch.",
+    ),
+    option("--group", metavar="NAME", group="The arm", help="Group of the SRDF file that is the arm."),
 )
 
 

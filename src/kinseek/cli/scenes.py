@@ -33,7 +33,6 @@ class Cell(NamedTuple):
     scene: tuple[str, ...]
     clearance: float
     """Minimum distance of bodies [m]."""
-    srdf: str | None
     capsules: float | None
     """Radius of capsules that replace links [m]."""
     meshes: tuple[str, ...]
@@ -46,7 +45,7 @@ class Cell(NamedTuple):
             KinseekError: As `Scene.of` and `Scene.add_file`.
         """
         if not self.scene:
-            given = {"--clearance": self.clearance, "--srdf": self.srdf, "--capsules": self.capsules}
+            given = {"--clearance": self.clearance, "--capsules": self.capsules}
             for name, value in (given | {"--meshes": self.meshes}).items():
                 if value:
                     raise InvalidProblem(
@@ -56,7 +55,7 @@ class Cell(NamedTuple):
         folders = [folder for folder in self.meshes if folder != SKIP]
         missing: Literal["error", "skip"] = "skip" if SKIP in self.meshes else "error"
         try:
-            scene = Scene.of(arm, folders, self.srdf, capsules=self.capsules, missing=missing)
+            scene = Scene.of(arm, folders, capsules=self.capsules, missing=missing)
             for name in self.scene:
                 if name != SELF:
                     scene.add_file(name, meshes=folders, missing=missing, trusted=not robot.untrusted)
@@ -87,13 +86,6 @@ scene_options = bundle(
         default=0.0,
         group=GROUP,
         help="Minimum distance of bodies, m.",
-    ),
-    option(
-        "--srdf",
-        metavar="FILE",
-        type=click.Path(),
-        group=GROUP,
-        help="SRDF file; its disabled pairs may touch.",
     ),
     option(
         "--capsules",

@@ -8,9 +8,7 @@ from pathlib import Path
 
 from kinseek.errors import InvalidRobot, InvalidScene
 from kinseek.printable import printable
-from kinseek.robots.adapters import is_text
-from kinseek.robots.files import file_bytes
-from kinseek.robots.xml_files import root_element
+from kinseek.robots.srdf import Srdf, read_srdf
 
 from .bodies import ArmBodies, Body
 
@@ -74,38 +72,39 @@ def pairs_of(bodies: Iterable[Body], never: dict[tuple[str, str], str]) -> list[
     return pairs
 
 
-def disabled_by(srdf: str | Path | bytes, arm: ArmBodies) -> tuple[dict[tuple[str, str], str], list[str]]:
-    """Return the pairs that an SRDF file disables, with the reason, and notes.
+def disabled_by(
+    srdf: Srdf | str | Path | bytes, arm: ArmBodies, trusted: bool = True
+) -> tuple[dict[tuple[str, str], str], list[str]]:
+    """Return the pairs that an SRDF disables, with the reason, and notes.
+
+    Args:
+        srdf: The SRDF, its path, or its text.
+        arm: The bodies of the arm.
+        trusted: Whether Python may evaluate the expressions of a xacro file.
 
     Raises:
         InvalidScene: It cannot be read, or belongs to another robot.
     """
-    where = "the SRDF text" if is_text(srdf) else str(srdf)
     try:
-        if isinstance(srdf, str | bytes) and is_text(srdf):
-            text = srdf.encode() if isinstance(srdf, str) else srdf
-        else:
-            text = file_bytes(Path(str(srdf)).expanduser())
-        root = root_element(text, where)
+        srdf = srdf if isinstance(srdf, Srdf) else read_srdf(srdf, trusted=trusted)
     except InvalidRobot as error:
         raise InvalidScene(str(error)) from error
-    if root.tag != "robot":
-        raise InvalidScene(f"{where}: not an SRDF: the root tag is <{root.tag}>, expected <robot>")
     found: dict[tuple[str, str], str] = {}
     unknown: set[str] = set()
     named: set[str] = set()
-    for element in root.findall("disable_collisions"):
-        a, b = element.get("link1") or "", element.get("link2") or ""
+    for a, b, reason in srdf.disabled:
         named |= {a, b}
         unknown |= {a, b} - arm.links.keys()
-        found[key(a, b)] = f"SRDF: {element.get('reason') or 'disabled'}"
-    other = (root.get("name") or arm.robot) != arm.robot
+        found[key(a, b)] = f"SRDF: {reason or 'disabled'}"
+    other = (srdf.robot or arm.robot) != arm.robot
     if unknown and (other or unknown == named):
         raise InvalidScene(
-            f"{where}: this is the SRDF of robot {root.get('name')!r}, and the arm is of {arm.robot!r}, which has no link "
+            f"{srdf.where}: this is the SRDF of robot {srdf.robot!r}, and the arm is of {arm.robot!r}, which has no link "
             f"{min(unknown)!r}"
         )
     notes = (
-        [f"{where} names links that the file does not have: {', '.join(sorted(unknown))}"] if unknown else []
+        [f"{srdf.where} names links that the file does not have: {', '.join(sorted(unknown))}"]
+        if unknown
+        else []
     )
     return found, notes

@@ -69,7 +69,8 @@ class Scene(Contents):
             arm: An `Arm`, or anything that `kinseek.load` takes.
             meshes: Folders of the packages that ``package://`` addresses in the file name: packages, folders of packages, or
                 a mapping from names to folders. ``"skip"`` is short for ``missing="skip"``.
-            srdf: An SRDF file, or its text, whose disabled pairs are not checked.
+            srdf: An SRDF file, or its text, whose disabled pairs are not checked; by default the one that the arm was loaded
+                with.
             padding: Added to every shape of the arm on every side [m].
             capsules: For an arm whose file has no collision elements: the radius of capsules that replace its links [m].
             urdf: The file with the geometry, or its text, if the arm was not loaded from it.
@@ -80,8 +81,8 @@ class Scene(Contents):
             samples: Number of random joint values inside the limits that determine which links always touch each other.
             never: How to treat links that touch at none of these: ``"check"`` checks them; ``"skip"`` leaves them out, as
                 MoveIt's assistant does. This is faster, but samples cannot prove that it is right.
-            trusted: May Python evaluate the expressions of a xacro file that is given as `urdf` or `arm`? An arm that is
-                loaded already has the text of its file.
+            trusted: May Python evaluate the expressions of a xacro file that is given as `urdf`, `srdf` or `arm`? An arm
+                that is loaded already has the text of its file.
 
         Raises:
             InvalidScene: No geometry and no `capsules`; a mesh that is missing, empty or broken; folders, an SRDF or joints
@@ -103,8 +104,8 @@ class Scene(Contents):
         for body in found.bodies:
             body.padding = padding
         left_out = {key(a, b): NEIGHBOURS for a, b in found.neighbours}
-        if srdf is not None:
-            disabled, notes = disabled_by(srdf, found)
+        if (pairs := chain.srdf if srdf is None else srdf) is not None:
+            disabled, notes = disabled_by(pairs, found, trusted)
             left_out, found.notes = disabled | left_out, [*found.notes, *notes]
         scene = cls(chain, found, left_out, samples)
         scene._sample(samples, never == "skip")

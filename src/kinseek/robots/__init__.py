@@ -26,8 +26,10 @@ from .catalog import CatalogEntry, catalog_entry, catalog_names, catalog_path
 from .chain import SerialChain
 from .dh import read_dh
 from .files import instead_of_a_description
+from .groups import arm_of_group
 from .mechanism import Mechanism
 from .mjcf import read_mjcf
+from .srdf import read_srdf
 from .urdf import Urdf, read_urdf, urdf_of_file
 
 MAKERS = "kinseek.load(name or file), Arm.from_dh(rows, lower, upper), Arm.from_fk(function, lower, upper)"
@@ -59,6 +61,8 @@ def read(
     packages: Mapping[str, str | Path] | None = None,
     trusted: bool = True,
     calibration: Calibration | None = None,
+    srdf: str | Path | bytes | None = None,
+    group: str | None = None,
 ) -> SerialChain:
     """Read an arm: a bundled one by name, a URDF, xacro or MJCF file by path, or a model of another library.
 
@@ -71,6 +75,8 @@ def read(
         packages: Folders of ROS packages for a xacro file, by name.
         trusted: Whether Python may evaluate the expressions of a xacro file.
         calibration: Measured origins of joints, as in `kinseek.load`.
+        srdf: An SRDF file, or its text, as in `kinseek.load`.
+        group: Name of a group of the SRDF.
 
     Raises:
         InvalidRobot: The source is none of these, or it cannot be used.
@@ -78,15 +84,23 @@ def read(
     """
     _require_names(base, tip)
     _require_mappings(args, packages)
-    plain = base is None and tip is None and calibration is None and not (args or packages)
+    _require_group(srdf, group)
+    changed = calibration is not None or srdf is not None
+    plain = base is None and tip is None and not (changed or args or packages)
     if plain and _is_bundled(source) and (chain := read_bundled(source)) is not None:
         return chain
     found = _find(source, args, packages, trusted)
     if not isinstance(found, Urdf):
-        _require_no_changes(calibration)
+        if changed:
+            raise InvalidRobot(
+                f"{'srdf' if calibration is None else 'calibration'} is for a URDF, and this source is none; expected a "
+                "bundled arm, a .urdf or .xacro file, or the text of a URDF"
+            )
         return read_mjcf(found, base, tip) if isinstance(found, Path) else _read_model(found, base, tip)
     if calibration is not None:
         found = calibrated(found, calibration)
+    if srdf is not None:
+        return arm_of_group(found, base, tip, read_srdf(srdf, packages, trusted), group)
     return found.arm(found.base if base is None else base, found.tip if tip is None else tip)
 
 
@@ -175,12 +189,13 @@ def _refuse_options(args: object, packages: object, source: str) -> None:
         raise InvalidRobot(f"args and packages are for .xacro files, got {source}")
 
 
-def _require_no_changes(calibration: object) -> None:
-    if calibration is not None:
-        raise InvalidRobot(
-            "calibration replaces origins of joints of a URDF, and this source is no URDF; expected a bundled arm, a .urdf "
-            "or .xacro file, or the text of a URDF"
-        )
+def _require_group(srdf: object, group: object) -> None:
+    if group is None:
+        return
+    if not isinstance(group, str):
+        raise InvalidRobot(f"group must be the name of a group of the SRDF, got {group!r:.80}")
+    if srdf is None:
+        raise InvalidRobot(f"group={group!r} names a group of an SRDF; give the SRDF too, srdf=...")
 
 
 def as_mechanism(value: Any) -> Mechanism:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ from kinseek.support.transforms import rotation, square, transform
 from kinseek.support.turns import TURN
 
 from .mechanism import CONTINUOUS, REVOLUTE, Mechanism, Variables
+
+if TYPE_CHECKING:
+    from .srdf import Srdf
 
 Array = NDArray[np.float64]
 
@@ -68,6 +71,10 @@ class SerialChain(Variables):
     """The URDF description with meshes, if there is one; for a xacro file its expanded text."""
     packages: Mapping[str, str | Path] = field(default_factory=dict, compare=False, repr=False)
     """Folders of ROS packages that were given with it, by name."""
+    srdf: Srdf | None = field(default=None, compare=False, repr=False)
+    """The SRDF that was given with it, if any."""
+    states: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
+    """Values of its joints by joint, [rad] or [m], in each state of its group in the SRDF, by state."""
     frames: Mapping[str, Frame] = field(default_factory=dict, repr=False)
     """Links and joints whose poses can be computed, by name; a link takes precedence over a joint of the same name."""
     locked: tuple[tuple[str, float], ...] = ()

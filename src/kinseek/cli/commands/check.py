@@ -31,8 +31,9 @@ def command(robot: Robot, as_json: bool) -> int:
     tree of links, limits and soft limits, axes, mimic joints, kinds of joints, masses and inertias, and missing meshes. For
     a bundled arm, one more line gives the source of its limits and speeds.
     """
-    if robot.calibration is not None:
-        raise InvalidProblem("--calibration is not checked: check reads the description of the robot alone")
+    for name in ("calibration", "srdf", "group"):
+        if getattr(robot, name) is not None:
+            raise InvalidProblem(f"--{name} is not checked: check reads the description of the robot alone")
     arm = robot.arm
     path = catalog_path(arm) if arm in catalog_names() else Path(arm).expanduser()
     if path.suffix.lower() not in READABLE:
