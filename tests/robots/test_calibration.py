@@ -218,9 +218,7 @@ def test_a_wrong_calibration_is_rejected(calibration: Any, message: str) -> None
 def test_a_source_without_a_urdf_is_rejected() -> None:
     pinocchio = pytest.importorskip("pinocchio")
     model = pinocchio.buildModelFromUrdf(str(catalog_path("ur5e")))
-    with pytest.raises(
-        InvalidRobot, match="calibration replaces origins of joints of a URDF, and this source is no URDF"
-    ):
+    with pytest.raises(InvalidRobot, match="calibration is for a URDF, and this source is none"):
         kinseek.load(model, tip="tool0", calibration={})
 
 
