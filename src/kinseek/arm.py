@@ -651,6 +651,7 @@ def load(
     calibration: Calibration | None = None,
     srdf: str | Path | bytes | None = None,
     group: str | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
     **unknown: Never,
 ) -> Arm:
     """Load an arm.
@@ -659,8 +660,9 @@ def load(
         source: Name of a bundled arm (`kinseek robots` lists them); a path to a .urdf, .xacro or MJCF .xml file; the text of
             a URDF; a model of yourdfpy (``URDF``), pinocchio (``Model``) or MuJoCo (``MjModel``); or, if the package
             robot_descriptions is installed, a name of one of its descriptions, such as ``"panda_description"``.
-        base: Fixed link; by default that of the `group`, or the root of the file.
-        tip: Link whose pose is controlled; by default that of the `group`, or the only leaf of the file.
+        base: Link in which poses are given; by default that of the `group`, or the root of the file.
+        tip: Link whose pose is controlled; by default that of the `group`, or the only leaf of the file. Any two links can
+            be base and tip: the chain goes up from the base to their common ancestor and then down.
         args: For a .xacro file: values of its arguments, by name.
         packages: For a .xacro file: folders of the ROS packages in which it finds files, by name.
         trusted: For a .xacro file: pass False if its origin is not trusted. xacro lets Python evaluate the expressions of a
@@ -672,9 +674,11 @@ def load(
         srdf: For a URDF: the SRDF file of the robot, .srdf or .xacro, or its text. `Arm.states` has its named joint values,
             and `Scene.of` does not check the pairs that it disables.
         group: Name of the group of the SRDF that is the arm. It must be one serial chain.
+        limits: Lower and upper limits of joints by name, [rad] or [m]: those of the slides of planar and floating joints of
+            a URDF, such as ``{"base/x": (-2, 2), "base/y": (-2, 2)}`` (docs/arms.md), and narrower ones of other joints.
 
     Raises:
-        InvalidRobot: Unknown name, missing or broken file, unknown or unconnected links, bad joints, arguments that the
+        InvalidRobot: Unknown name, missing or broken file, unknown links, bad joints, arguments that the
             file does not declare, a calibration that does not fit, or a group that is not one serial chain.
         MissingExtra: MuJoCo is not installed, and the source is an MJCF file.
     """
@@ -690,5 +694,6 @@ def load(
         calibration=calibration,
         srdf=srdf,
         group=group,
+        limits=limits,
     )
     return Arm(mechanism)

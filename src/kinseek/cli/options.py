@@ -51,6 +51,8 @@ class Robot(NamedTuple):
     """SRDF file."""
     group: str | None
     """Group of the SRDF file."""
+    limits: dict[str, tuple[float, float]]
+    """Lower and upper limits of joints by name, [rad] or [m]."""
 
     def load(self) -> Arm:
         """Load the arm.
@@ -68,6 +70,7 @@ class Robot(NamedTuple):
             calibration=self.calibration,
             srdf=self.srdf,
             group=self.group,
+            limits=self.limits or None,
         )
 
 
@@ -112,6 +115,20 @@ def _pairs(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -
             raise InvalidProblem(f"{param.opts[0]} names {name!r} twice")
         pairs[name] = value
     return pairs
+
+
+def _ranges(
+    context: click.Context, param: click.Parameter, given: tuple[str, ...]
+) -> dict[str, tuple[float, float]]:
+    """Read NAME=LOWER,UPPER, each name once."""
+    ranges: dict[str, tuple[float, float]] = {}
+    for name, value in _pairs(context, param, given).items():
+        try:
+            lower, upper = map(float, value.split(","))
+        except ValueError:
+            raise InvalidProblem(f"{param.opts[0]} takes {param.metavar}, got {name}={value}") from None
+        ranges[name] = lower, upper
+    return ranges
 
 
 robot_options = bundle(
@@ -164,6 +181,14 @@ robot_options = bundle(
         help="SRDF file of the robot; its disabled pairs may touch.",
     ),
     option("--group", metavar="NAME", group="The arm", help="Group of the SRDF file that is the arm."),
+    option(
+        "--limits",
+        metavar="NAME=LOWER,UPPER",
+        multiple=True,
+        callback=_ranges,
+        group="The arm",
+        help="Limits of a joint, rad or m; repeat it for each. A planar joint NAME needs those of NAME/x and NAME/y.",
+    ),
 )
 
 

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidRobot, InvalidScene, suggest
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.pose_error import LARGEST
-from kinseek.robots.chain import Frame, SerialChain
+from kinseek.robots.chain import Frame, Limits, SerialChain
 from kinseek.robots.mechanism import PRISMATIC
+from kinseek.robots.tree import tree_path
 from kinseek.robots.urdf import read_arm
 from kinseek.robots.urdf_file import Robot, UrdfJoint, origin_of
 from kinseek.support.transforms import rotation, transform
@@ -32,7 +33,7 @@ def same_robot(chain: SerialChain, root: Any, path: Path) -> Robot:
     """
     try:
         robot = Robot(root, str(path))
-        other = read_arm(robot, chain.base, chain.tip)
+        other = read_arm(robot, chain.base, chain.tip, limits=_ranges(chain))
     except InvalidRobot as error:
         raise InvalidScene(f"this file does not describe the arm {chain.name!r}: {error}") from error
     locked = dict(chain.locked)
@@ -62,6 +63,14 @@ def same_robot(chain: SerialChain, root: Any, path: Path) -> Robot:
     return robot
 
 
+def _ranges(chain: SerialChain) -> Limits:
+    """Return the limits of the joints of an arm by name, locked ones included."""
+    ranges = {name: (value, value) for name, value in chain.locked}
+    return ranges | dict(
+        zip(chain.joint_names, zip(chain.lower.tolist(), chain.upper.tolist(), strict=True), strict=True)
+    )
+
+
 def link_frames(
     robot: Robot, chain: SerialChain, joints: Mapping[str, float], notes: list[str]
 ) -> dict[str, Frame]:
@@ -76,9 +85,7 @@ def link_frames(
     Raises:
         InvalidScene: A joint beside the arm has another value than a number, or cannot be used.
     """
-    spine = [chain.tip]
-    while spine[-1] != chain.base:
-        spine.append(str(robot.parents[spine[-1]]))
+    spine = tree_path(robot.parents, chain.base, chain.tip).names[::-1]
     frames = {name: chain.frames[name] for name in spine}
     near: dict[str, list[tuple[str, UrdfJoint, bool]]] = {}
     for joint in robot.joints:

@@ -23,7 +23,7 @@ from .blackbox import BlackBox, black_box
 from .bundled import read_bundled
 from .calibration import Calibration, calibrated
 from .catalog import CatalogEntry, catalog_entry, catalog_names, catalog_path
-from .chain import SerialChain
+from .chain import Limits, SerialChain, with_limits
 from .dh import read_dh
 from .files import instead_of_a_description
 from .groups import arm_of_group
@@ -63,6 +63,7 @@ def read(
     calibration: Calibration | None = None,
     srdf: str | Path | bytes | None = None,
     group: str | None = None,
+    limits: Limits | None = None,
 ) -> SerialChain:
     """Read an arm: a bundled one by name, a URDF, xacro or MJCF file by path, or a model of another library.
 
@@ -77,6 +78,7 @@ def read(
         calibration: Measured origins of joints, as in `kinseek.load`.
         srdf: An SRDF file, or its text, as in `kinseek.load`.
         group: Name of a group of the SRDF.
+        limits: As in `kinseek.load`.
 
     Raises:
         InvalidRobot: The source is none of these, or it cannot be used.
@@ -85,10 +87,12 @@ def read(
     _require_names(base, tip)
     _require_mappings(args, packages)
     _require_group(srdf, group)
+    if limits is not None and not isinstance(limits, Mapping):
+        raise InvalidRobot(f"limits must be a mapping from names of joints to pairs, got {limits!r:.80}")
     changed = calibration is not None or srdf is not None
     plain = base is None and tip is None and not (changed or args or packages)
-    if plain and _is_bundled(source) and (chain := read_bundled(source)) is not None:
-        return chain
+    if plain and _is_bundled(source) and (bundled := read_bundled(source)) is not None:
+        return bundled if limits is None else with_limits(bundled, limits)
     found = _find(source, args, packages, trusted)
     if not isinstance(found, Urdf):
         if changed:
@@ -96,12 +100,16 @@ def read(
                 f"{'srdf' if calibration is None else 'calibration'} is for a URDF, and this source is none; expected a "
                 "bundled arm, a .urdf or .xacro file, or the text of a URDF"
             )
-        return read_mjcf(found, base, tip) if isinstance(found, Path) else _read_model(found, base, tip)
+        chain = read_mjcf(found, base, tip) if isinstance(found, Path) else _read_model(found, base, tip)
+        return chain if limits is None else with_limits(chain, limits)
     if calibration is not None:
         found = calibrated(found, calibration)
+    found = found._replace(limits=limits or {})
     if srdf is not None:
-        return arm_of_group(found, base, tip, read_srdf(srdf, packages, trusted), group)
-    return found.arm(found.base if base is None else base, found.tip if tip is None else tip)
+        chain = arm_of_group(found, base, tip, read_srdf(srdf, packages, trusted), group)
+    else:
+        chain = found.arm(found.base if base is None else base, found.tip if tip is None else tip)
+    return chain if limits is None else with_limits(chain, limits)
 
 
 def _find(

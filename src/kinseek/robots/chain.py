@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from .srdf import Srdf
 
 Array = NDArray[np.float64]
+Limits = Mapping[str, tuple[float, float]]
+"""Lower and upper limit of joints, by name, [rad] or [m]."""
+_Any = TypeVar("_Any", bound=Mechanism)
 
 
 class Frame(NamedTuple):
@@ -225,7 +228,7 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
     )
 
 
-def with_limits(chain: Mechanism, limits: Mapping[str, tuple[float, float]]) -> Mechanism:
+def with_limits(chain: _Any, limits: Limits) -> _Any:
     """Narrow the limits of joints; a continuous joint with limits becomes a revolute one.
 
     Args:
@@ -239,16 +242,7 @@ def with_limits(chain: Mechanism, limits: Mapping[str, tuple[float, float]]) -> 
     lower, upper, kinds = chain.lower.copy(), chain.upper.copy(), list(chain.kinds)
     for name, pair in _named(chain, limits, "limits (lower, upper)"):
         i = chain.joint_names.index(name)
-        try:
-            low, high = (_number(end, f"a limit of joint {name!r}") for end in pair)
-        except (TypeError, ValueError, OverflowError) as error:
-            if isinstance(error, InvalidRobot):
-                raise
-            raise InvalidRobot(
-                f"limits of joint {name!r} must be a pair (lower, upper), got {pair!r}"
-            ) from None
-        if low > high:
-            raise InvalidRobot(f"joint {name!r}: lower limit {low:g} is above upper limit {high:g}")
+        low, high = limits_pair(name, pair)
         # Such limits would admit several turns of a joint that is defined modulo one turn.
         if kinds[i] == CONTINUOUS and high - low > TURN:
             raise InvalidRobot(
@@ -261,7 +255,24 @@ def with_limits(chain: Mechanism, limits: Mapping[str, tuple[float, float]]) -> 
             )
         lower[i], upper[i] = low, high
         kinds[i] = REVOLUTE if kinds[i] == CONTINUOUS else kinds[i]
-    return chain.limited(lower, upper, tuple(kinds))
+    return cast("_Any", chain.limited(lower, upper, tuple(kinds)))
+
+
+def limits_pair(name: str, pair: Any) -> tuple[float, float]:
+    """Return the lower and the upper limit of a joint from a pair of numbers.
+
+    Raises:
+        InvalidRobot: It is no pair of finite numbers, or the lower limit is above the upper one.
+    """
+    try:
+        low, high = (_number(end, f"a limit of joint {name!r}") for end in pair)
+    except (TypeError, ValueError, OverflowError) as error:
+        if isinstance(error, InvalidRobot):
+            raise
+        raise InvalidRobot(f"limits of joint {name!r} must be a pair (lower, upper), got {pair!r}") from None
+    if low > high:
+        raise InvalidRobot(f"joint {name!r}: lower limit {low:g} is above upper limit {high:g}")
+    return low, high
 
 
 def with_tool(chain: SerialChain, tool: Array) -> SerialChain:

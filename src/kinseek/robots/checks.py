@@ -25,6 +25,7 @@ from kinseek.support.units import TURNS_OF_A_JOINT
 from .joints import wrong_axis, wrong_limits
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .packages import in_package, mesh_path
+from .several_axes import SEVERAL_AXES
 from .urdf_file import JOINT_TYPES, MOVING, Robot, UrdfJoint, UrdfLink, numbers, parse_numbers
 from .xml_files import XACRO
 
@@ -285,13 +286,10 @@ def joint_numbers(joint: UrdfJoint) -> Iterator[str]:
     yield from _malformed(joint, _READ)
 
 
-def joint_moves(joint: UrdfJoint) -> Iterator[str]:
-    """Find joints that cannot be used between base and tip."""
-    if joint.kind in JOINT_TYPES and joint.kind != "fixed" and not joint.moves:
-        yield (
-            f" is {joint.kind}: between base and tip only fixed, {', '.join(MOVING)} joints can be used. "
-            f"Choose base={joint.child!r} to leave it out"
-        )
+def several_axes(joint: UrdfJoint) -> Iterator[str]:
+    """Find joints that are read as several joints."""
+    if joint.kind in SEVERAL_AXES:
+        yield f" is {joint.kind}: between base and tip it needs the limits= of kinseek.load, as files have none for it"
 
 
 def needs_limits(joint: UrdfJoint) -> Iterator[str]:
@@ -319,7 +317,7 @@ def soft_limits(joint: UrdfJoint) -> Iterator[str]:
 
 def unit_axis(joint: UrdfJoint) -> Iterator[str]:
     """Find axes whose length is not 1."""
-    if joint.moves and (why := wrong_axis(joint.axis)):
+    if (joint.moves or joint.kind == "planar") and (why := wrong_axis(joint.axis)):
         yield f": {why}"
 
 
@@ -423,12 +421,12 @@ CHECKS = (
     Check("robot", two_parents, _ERROR, Refuses.FILE),
     Check("robot", loops, _ERROR, Refuses.FILE),
     Check("robot", roots, _ERROR, Refuses.FILE),
-    Check("joint", joint_moves, _WARNING, Refuses.ARM),
     Check("joint", needs_limits, _ERROR, Refuses.ARM),
     Check("joint", limits_in_order, _ERROR, Refuses.ARM),
     Check("joint", soft_limits, _ERROR, Refuses.ARM),
     Check("joint", unit_axis, _ERROR, Refuses.ARM),
     Check("robot", leaders, _ERROR),
+    Check("joint", several_axes, _WARNING),
     Check("joint", ignored_numbers, _WARNING),
     Check("link", ignored_numbers, _WARNING),
     Check("joint", units, _WARNING),

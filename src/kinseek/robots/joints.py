@@ -6,11 +6,13 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.pose_error import LARGEST
+from kinseek.support.transforms import inverse, square
 
 from .chain import Array, Frame, SerialChain
 from .files import MOST_JOINTS, require_few
@@ -44,6 +46,43 @@ class Joint:
     offset: float = 0.0
     velocity: float = np.nan
     """Speed limit, [rad/s] or [m/s], above 0; NaN if unknown. The limit of a mimic joint also bounds its leader."""
+
+
+class Segment(NamedTuple):
+    """Joints from one frame of a tree down to another one."""
+
+    joints: list[Joint]
+    end: Array
+    """Pose of the lower frame in that of the last joint, (4, 4), lengths in [m]."""
+    frames: list[tuple[str, Frame]]
+    """Frames on the way by name, the upper one included."""
+
+
+def joined(up: Segment, down: Segment) -> Segment:
+    """Return the chain that goes up one segment and then down another one, which begins at the same frame.
+
+    A joint that is taken upward moves the other way: of ``O J(q)`` the inverse is ``J(-q) O⁻¹``, and J(-q) is a motion by q
+    about, or along, the opposite axis. So its value and limits keep their meaning.
+    """
+    if not up.joints and np.array_equal(up.end, np.eye(4)):
+        return down  # It keeps its bits.
+    backward = [_inverse(pose) for pose in (*(joint.origin for joint in up.joints), up.end)]
+    """What follows each joint in the opposite direction, and what comes before all of them."""
+    count = len(up.joints)
+    joints = [
+        replace(joint, origin=before, axis=-joint.axis)
+        for joint, before in zip(up.joints[::-1], backward[:0:-1], strict=True)
+    ]
+    # A frame behind joint k is carried by the inverse of joint k + 1.
+    frames = [(name, Frame(count - k, backward[k] @ pose)) for name, (k, pose) in reversed(up.frames)]
+    top = backward[0]
+    joints += [replace(joint, origin=top @ joint.origin) for joint in down.joints[:1]] + down.joints[1:]
+    frames += [(name, Frame(count + k, pose if k else top @ pose)) for name, (k, pose) in down.frames]
+    return Segment(joints, down.end if down.joints else top @ down.end, frames)
+
+
+def _inverse(pose: Array) -> Array:
+    return square(inverse(pose))
 
 
 def serial_chain(
@@ -98,7 +137,7 @@ def serial_chain(
     for k, joint in enumerate(joints):
         align = np.eye(4)
         # Kernels rotate about z and slide along z only; the fixed transforms turn every axis there and back.
-        align[:3, :3] = _z_to(_unit_axis(joint))
+        align[:3, :3] = z_to(_unit_axis(joint))
         fixed[k] = (undo @ _rigid_pose(joint.origin, f"origin of joint {joint.name!r}") @ align)[:3]
         undo = align.T
         undone.append(undo)
@@ -259,12 +298,12 @@ def wrong_axis(axis: Array) -> str:
     return f"axis {' '.join(f'{v:g}' for v in axis)} has length {length:g}, expected 1; write {unit}"
 
 
-def _z_to(axis: Array) -> Array:
+def z_to(axis: Array) -> Array:
     """Return the shortest rotation from z to `axis`, (3, 3)."""
     x, y, z = axis
     if z < 0:  # Use the other hemisphere, so that the formula never divides by almost zero.
         half_turn = np.diag([-1.0, 1.0, -1.0])
-        return np.asarray(half_turn @ _z_to(half_turn @ axis))
+        return np.asarray(half_turn @ z_to(half_turn @ axis))
     return np.array(
         [
             [1 - x * x / (1 + z), -x * y / (1 + z), x],

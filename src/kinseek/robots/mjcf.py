@@ -24,7 +24,7 @@ from kinseek.support.units import warn_of_joints
 
 from .chain import Array, Frame, SerialChain
 from .files import MOST_JOINTS, require_few
-from .joints import Joint, serial_chain
+from .joints import Joint, Segment, joined, serial_chain
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path
 
@@ -83,38 +83,40 @@ def _read(model: Any, base: str | None, tip: str | None, where: str, called: str
             sites[name] = i
             above[name] = bodies[model.site_bodyid[i]]
 
-    moving: list[Joint] = []
-    pose = np.eye(4)
-    start = base
-    if base is not None and base in sites:  # A site has no children: start from its body.
-        start = above[base]
-        site_pose = _pose(model.site_pos[sites[base]], model.site_quat[sites[base]])
-        pose[:] = np.linalg.inv(site_pose)
-    frames = frame_path(above, start, tip, ends=leaves, noun="body or site", moving=moved)
+    if tip is None and base in sites:  # A site has no children: the tip is below its body.
+        tip = frame_path(above, above[base], None, ends=leaves, noun="body or site", moving=moved).down[-1]
+    path = frame_path(above, base, tip, ends=leaves, noun="body or site", moving=moved)
     joints = _names(model, model.name_jntadr, "joint")
     index = {name: i for i, name in enumerate(bodies)}
-    count = sum(int(model.body_jntnum[index[frame]]) for frame in frames[1:] if frame in index)
+    passed = [*path.up[1:], *path.down[1:]]
+    count = sum(int(model.body_jntnum[index[frame]]) for frame in passed if frame in index)
     require_few(count, "moving joints between base and tip", MOST_JOINTS, where)
-    links = [(frames[0], Frame(0, pose))]
-    for frame in frames[1:]:
-        if frame in sites:
-            pose = pose @ _pose(model.site_pos[sites[frame]], model.site_quat[sites[frame]])
+
+    def segment(frames: list[str]) -> Segment:
+        pose, moving = np.eye(4), list[Joint]()
+        links = [(frames[0], Frame(0, pose))]
+        for frame in frames[1:]:
+            if frame in sites:
+                pose = pose @ _pose(model.site_pos[sites[frame]], model.site_quat[sites[frame]])
+                links.append((frame, Frame(len(moving), pose)))
+                continue
+            body = index[frame]
+            pose = pose @ _pose(model.body_pos[body], model.body_quat[body])
+            first = model.body_jntadr[body]
+            for joint in range(first, first + model.body_jntnum[body]):
+                moving.append(_moving_joint(model, joint, joints[joint], pose, frame))
+                # The joint rotates about a point of the body: translate to it, rotate, and translate back.
+                pose = transform(np.eye(3), -model.jnt_pos[joint])
             links.append((frame, Frame(len(moving), pose)))
-            continue
-        body = index[frame]
-        pose = pose @ _pose(model.body_pos[body], model.body_quat[body])
-        first = model.body_jntadr[body]
-        for joint in range(first, first + model.body_jntnum[body]):
-            moving.append(_moving_joint(model, joint, joints[joint], pose, frame))
-            # The joint rotates about a point of the body: translate to it, rotate, and translate back.
-            pose = transform(np.eye(3), -model.jnt_pos[joint])
-        links.append((frame, Frame(len(moving), pose)))
+        return Segment(moving, pose, links)
+
+    moving, end, links = joined(segment(path.up), segment(path.down))
     return serial_chain(
         moving,
-        pose,
+        end,
         name=_name(model, called),
-        base=base or frames[0],
-        tip=frames[-1],
+        base=path.names[0],
+        tip=path.names[-1],
         source=where,
         links=links,
     )

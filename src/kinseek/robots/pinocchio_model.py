@@ -17,7 +17,7 @@ from kinseek.errors import InvalidRobot
 
 from .chain import Array, Frame, SerialChain
 from .files import MOST_JOINTS, require_few
-from .joints import Joint, serial_chain
+from .joints import Joint, Segment, joined, serial_chain
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path
 
@@ -42,33 +42,42 @@ def read_pinocchio(model: Any, base: str | None = None, tip: str | None = None) 
     carried = {name: str(model.names[joint]) for name, (joint, _) in places.items()}
     moved = {name for name, above in parents.items() if above is not None and carried[name] != carried[above]}
     path = frame_path(parents, base, tip, ends=ends, noun="frame", moving=moved)
-    first, start = places[path[0]]
-    last, end = places[path[-1]]
-    joints = [last]
-    while joints[-1] != first:
-        joints.append(int(model.parents[joints[-1]]))
-    # From the base to the tip, without the joint that carries the base.
-    joints = joints[-2::-1]
-    require_few(len(joints), "moving joints between base and tip", MOST_JOINTS, "the pinocchio model")
+    ways = [_joints_to(model, places[frames[-1]][0]) for frames in path]
+    shared = sum(1 for one, other in zip(*ways, strict=False) if one == other)
+    """Number of joints that carry both the base and the tip."""
+    count = sum(len(way) - shared for way in ways)
+    require_few(count, "moving joints between base and tip", MOST_JOINTS, "the pinocchio model")
 
-    before, moving = np.linalg.inv(start), []
-    for joint in joints:
-        moving.append(_moving_joint(model, joint, before @ model.jointPlacements[joint].homogeneous))
-        before = np.eye(4)
-    count = {joint: i + 1 for i, joint in enumerate(joints)}
-    links = [
-        (name, Frame(count[joint], pose) if joint in count else Frame(0, np.linalg.inv(start) @ pose))
-        for name, (joint, pose) in ((name, places[name]) for name in path[1:])
-    ]
+    def segment(way: list[int], frames: list[str]) -> Segment:
+        number = {joint: i for i, joint in enumerate(way[shared - 1 :])}
+        joints = [
+            _moving_joint(model, joint, model.jointPlacements[joint].homogeneous) for joint in way[shared:]
+        ]
+        links = [
+            (name, Frame(number[joint], pose))
+            for name, (joint, pose) in ((name, places[name]) for name in frames)
+            if joint in number
+        ]
+        return Segment(joints, places[frames[-1]][1], links)
+
+    moving, end, links = joined(*map(segment, ways, path))
     return serial_chain(
         moving,
-        before @ end,
+        end,
         name=str(model.name) or "robot",
-        base=path[0],
-        tip=path[-1],
+        base=path.names[0],
+        tip=path.names[-1],
         source="the pinocchio model",
         links=links,
     )
+
+
+def _joints_to(model: Any, joint: int) -> list[int]:
+    """Return the numbers of the joints that carry what a joint moves, from the root, which counts as joint 0."""
+    way = [joint]
+    while way[-1]:
+        way.append(int(model.parents[way[-1]]))
+    return way[::-1]
 
 
 def _frames(model: Any) -> tuple[dict[str, str | None], dict[str, tuple[int, Array]], set[str]]:

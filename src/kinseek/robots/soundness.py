@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from kinseek.errors import InvalidRobot, UnitWarning
 
-from .chain import SerialChain
+from .chain import Limits, SerialChain
 from .checks import CHECKS, Severity, findings, some
 from .mjcf import read_mjcf
 from .urdf import arm_of
@@ -68,6 +68,7 @@ def check(
     args: Mapping[str, Any] | None = None,
     packages: Mapping[str, str | Path] | None = None,
     trusted: bool = True,
+    limits: Limits | None = None,
 ) -> Checkup:
     """Check the description of a robot.
 
@@ -79,6 +80,7 @@ def check(
         args: Values of a xacro file's arguments, by name.
         packages: Folders of ROS packages by name; meshes are searched there too.
         trusted: Whether Python may evaluate the expressions of a xacro file.
+        limits: Limits of planar and floating joints, as in `kinseek.load`.
 
     Raises:
         InvalidRobot: The file does not exist, or is not a robot description.
@@ -98,7 +100,7 @@ def check(
         for part, sentence in findings(each, robot):
             found.add(each.severity, part, sentence.removeprefix(part).removeprefix(":").strip())
     if not any(finding.severity is Severity.ERROR for finding in found.findings):
-        _check_chains(found, path, partial(arm_of, robot, base), tip, robot.parents)
+        _check_chains(found, path, partial(arm_of, robot, base, limits=limits), tip, robot.parents)
     return found
 
 

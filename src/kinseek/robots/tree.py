@@ -4,11 +4,33 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Mapping
+from typing import NamedTuple
 
 from kinseek.errors import InvalidRobot, suggest
 
 _LISTED = 40
 """Largest number of candidate tips in a message."""
+
+
+class TreePath(NamedTuple):
+    """The path between two frames of a tree: from the base up to their common ancestor, and from there down to the tip."""
+
+    up: list[str]
+    """Names of the frames from the common ancestor to the base, both included."""
+    down: list[str]
+    """Names of the frames from the common ancestor to the tip, both included."""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the frames from base to tip."""
+        return [*self.up[:0:-1], *self.down]
+
+
+def tree_path(parents: Mapping[str, str | None], base: str, tip: str) -> TreePath:
+    """Return the path between two frames of a tree with one root."""
+    above_base, above_tip = _root_to(parents, base), _root_to(parents, tip)
+    shared = sum(1 for one, other in zip(above_base, above_tip, strict=False) if one == other)
+    return TreePath(above_base[shared - 1 :], above_tip[shared - 1 :])
 
 
 def frame_path(
@@ -19,8 +41,8 @@ def frame_path(
     ends: Collection[str],
     noun: str,
     moving: Collection[str],
-) -> list[str]:
-    """Return the names of the frames from base to tip, both included.
+) -> TreePath:
+    """Return the path from base to tip; any two frames of the tree have one.
 
     Args:
         parents: Parent of each frame, None for the root. There is one root, and there are no loops.
@@ -31,23 +53,14 @@ def frame_path(
         moving: Frames that a joint moves relative to their parent.
 
     Raises:
-        InvalidRobot: An unknown name, several possible tips, or a base that is not above the tip.
+        InvalidRobot: An unknown name, or several possible tips.
     """
     for frame in (base, tip):
         if frame is not None and frame not in parents:
             raise InvalidRobot(suggest(frame, parents, noun))
     if base is None:
         base = next(frame for frame, parent in parents.items() if parent is None)
-    if tip is None:
-        tip = _only_end(parents, base, ends, noun, moving)
-
-    above = _root_to(parents, tip)
-    if base not in above:
-        raise InvalidRobot(
-            f"base {base!r} is not above tip {tip!r}. "
-            f"Above it, from the root: {', '.join(above[:-1]) or 'none'}"
-        )
-    return above[above.index(base) :]
+    return tree_path(parents, base, _only_end(parents, base, ends, noun, moving) if tip is None else tip)
 
 
 def _root_to(parents: Mapping[str, str | None], frame: str) -> list[str]:

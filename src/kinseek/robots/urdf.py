@@ -1,8 +1,8 @@
 """Read a serial arm from a URDF or xacro file.
 
-Fixed joints are folded into the joints after them. Soft limits of a `<safety_controller>` narrow the limits of a joint, as
-in MoveIt (`jointBoundsFromURDF` in moveit_core/robot_model). Meshes, masses, transmissions and simulator tags are ignored,
-so ROS packages need not be installed.
+Fixed joints are folded into the joints after them. Planar and floating joints become several joints (`several_axes`). Soft
+limits of a `<safety_controller>` narrow the limits of a joint, as in MoveIt (`jointBoundsFromURDF` in
+moveit_core/robot_model). Meshes, masses, transmissions and simulator tags are ignored, so no ROS package is needed.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ import numpy as np
 from kinseek.errors import InvalidRobot
 from kinseek.support.units import warn_of_joints
 
-from .chain import Array, Frame, SerialChain
+from .chain import Array, Frame, Limits, SerialChain
 from .checks import refuse_arm, refuse_file
 from .files import MOST_JOINTS, require_few
-from .joints import Joint, Mimics, serial_chain
+from .joints import Joint, Mimics, Segment, joined, serial_chain
+from .several_axes import SEVERAL_AXES, joints_of
 from .tree import frame_path
 from .urdf_file import Robot, UrdfJoint, read_robot
 from .xacro import urdf_text
@@ -40,6 +41,8 @@ class Urdf(NamedTuple):
     """The base link of its arm, unless the caller chooses another; None for the root."""
     tip: str | None = None
     """The tip link of its arm, unless the caller chooses another; None for the only leaf."""
+    limits: Mapping[str, tuple[float, float]] = {}
+    """Limits of the slides of planar and floating joints."""
 
     def arm(self, base: str | None, tip: str | None) -> SerialChain:
         """Read the arm between two links.
@@ -47,7 +50,7 @@ class Urdf(NamedTuple):
         Raises:
             InvalidRobot: As `read_urdf`.
         """
-        chain = read_arm(read_robot(self.text, self.where), base, tip, self.name)
+        chain = read_arm(read_robot(self.text, self.where), base, tip, self.name, self.limits)
         return replace(chain, urdf=self.text, packages=dict(self.packages))
 
 
@@ -78,6 +81,7 @@ def read_urdf(
     args: Mapping[str, Any] | None = None,
     packages: Mapping[str, str | Path] | None = None,
     trusted: bool = True,
+    limits: Limits | None = None,
 ) -> SerialChain:
     """Read the arm between two links of a ``.urdf`` or ``.xacro`` file.
 
@@ -88,31 +92,37 @@ def read_urdf(
         args: Values of a xacro file's arguments, by name.
         packages: Folders of ROS packages for a xacro file, by name.
         trusted: Whether Python may evaluate the expressions of a xacro file.
+        limits: Limits of planar and floating joints, see `several_axes.joints_of`.
 
     Raises:
         InvalidRobot: The file, the tree of links, or a joint between base and tip cannot be used.
     """
-    return urdf_of_file(path, args=args, packages=packages, trusted=trusted).arm(base, tip)
+    urdf = urdf_of_file(path, args=args, packages=packages, trusted=trusted)
+    return urdf._replace(limits=limits or {}).arm(base, tip)
 
 
-def read_arm(robot: Robot, base: str | None, tip: str | None, name: str = "robot") -> SerialChain:
+def read_arm(
+    robot: Robot, base: str | None, tip: str | None, name: str = "robot", limits: Limits | None = None
+) -> SerialChain:
     """Read the arm between two links of a robot, as `Urdf.arm` does.
 
     Raises:
         InvalidRobot: A check refuses the file or the arm.
     """
     refuse_file(robot)
-    return arm_of(robot, base, tip, name)
+    return arm_of(robot, base, tip, name, limits)
 
 
-def arm_of(robot: Robot, base: str | None, tip: str | None, name: str = "robot") -> SerialChain:
+def arm_of(
+    robot: Robot, base: str | None, tip: str | None, name: str = "robot", limits: Limits | None = None
+) -> SerialChain:
     """Read the arm between two links of a robot of which no check refuses the file.
 
     Raises:
         InvalidRobot: There is no such arm, or a check refuses it.
     """
     with np.errstate(all="ignore"):  # Overflowing numbers are rejected when the chain is built.
-        chain = _chain(robot, base, tip, name)
+        chain = _chain(robot, base, tip, name, limits or {})
     warn_of_joints(
         chain.joint_names,
         chain.kinds,
@@ -124,32 +134,38 @@ def arm_of(robot: Robot, base: str | None, tip: str | None, name: str = "robot")
     return chain
 
 
-def _chain(robot: Robot, base: str | None, tip: str | None, name: str) -> SerialChain:
+def _chain(robot: Robot, base: str | None, tip: str | None, name: str, limits: Limits) -> SerialChain:
     leaves = robot.parents.keys() - {parent for parent in robot.parents.values() if parent}
-    above = {joint.child: joint for joint in robot.joints}
     moved = {joint.child for joint in robot.joints if joint.kind != "fixed"}
-    links = frame_path(robot.parents, base, tip, ends=leaves, noun="link", moving=moved)
-    joints = [above[link] for link in links[1:]]
-    count = sum(joint.kind != "fixed" for joint in joints)
+    path = frame_path(robot.parents, base, tip, ends=leaves, noun="link", moving=moved)
+    above = {joint.child: joint for joint in robot.joints}
+    count = sum(above[link].kind != "fixed" for link in (*path.up[1:], *path.down[1:]))
     require_few(count, "moving joints between base and tip", MOST_JOINTS, robot.where)
-    moving, pose, mimics = list[Joint](), np.eye(4), robot.mimics
-    of_links, of_joints = [], []
-    for joint in joints:
+    up, down = (_segment(links, above, robot.mimics, limits) for links in path)
+    joints, end, frames = joined(up, down)
+    return serial_chain(
+        joints,
+        end,
+        name=robot.name or name,
+        base=path.names[0],
+        tip=path.names[-1],
+        source=robot.where,
+        links=frames,
+    )
+
+
+def _segment(links: list[str], above: Mapping[str, UrdfJoint], mimics: Mimics, limits: Limits) -> Segment:
+    """Return the joints from the first of some links down to the last one; `above` has the joint above each link."""
+    moving, pose = list[Joint](), np.eye(4)
+    of_links, of_joints = [(links[0], Frame(0, pose))], []
+    for joint in (above[link] for link in links[1:]):
         pose = pose @ joint.pose
         if joint.kind != "fixed":
-            moving.append(_moving_joint(joint, pose, mimics))
+            moving += _moving_joints(joint, pose, mimics, limits)
             pose = np.eye(4)
         of_links.append((joint.child, Frame(len(moving), pose)))
         of_joints.append((joint.name, Frame(len(moving), pose)))
-    return serial_chain(
-        moving,
-        pose,
-        name=robot.name or name,
-        base=links[0],
-        tip=links[-1],
-        source=robot.where,
-        links=of_links + of_joints,
-    )
+    return Segment(moving, pose, of_links + of_joints)
 
 
 def fixed_links(robot: Robot) -> dict[str, Array]:
@@ -178,18 +194,23 @@ def fixed_links(robot: Robot) -> dict[str, Array]:
     return poses
 
 
-def _moving_joint(joint: UrdfJoint, origin: Array, mimics: Mimics) -> Joint:
+def _moving_joints(joint: UrdfJoint, origin: Array, mimics: Mimics, limits: Limits) -> list[Joint]:
+    """Return the joints with one variable each that make the motion of a joint."""
     refuse_arm(joint)
+    if joint.kind in SEVERAL_AXES:
+        return joints_of(joint.name, joint.kind, origin, joint.normal, limits, joint.child)
     leader, multiplier, offset = mimics.driver(joint.name)
-    return Joint(
-        name=joint.name,
-        kind=joint.kind,
-        origin=origin,
-        axis=joint.axis,
-        lower=joint.narrowed[0],
-        upper=joint.narrowed[1],
-        mimic=leader if joint.name in mimics else None,
-        multiplier=multiplier,
-        offset=offset,
-        velocity=joint.velocity,
-    )
+    return [
+        Joint(
+            name=joint.name,
+            kind=joint.kind,
+            origin=origin,
+            axis=joint.axis,
+            lower=joint.narrowed[0],
+            upper=joint.narrowed[1],
+            mimic=leader if joint.name in mimics else None,
+            multiplier=multiplier,
+            offset=offset,
+            velocity=joint.velocity,
+        )
+    ]

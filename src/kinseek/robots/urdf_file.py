@@ -77,6 +77,16 @@ class UrdfJoint:
         return np.array(numbers(self.get("axis", "xyz"), 3) or (1.0, 0.0, 0.0))
 
     @property
+    def normal(self) -> Array:
+        """Normal of the plane of a planar joint in the joint frame, a unit vector, (3,); without an axis it is z.
+
+        URDF defines x as the default of an axis, but MoveIt and pinocchio let all planar joints move in x and y.
+        """
+        if self.element.find("axis") is None:
+            return np.array([0.0, 0.0, 1.0])
+        return np.asarray(self.axis / np.linalg.norm(self.axis))
+
+    @property
     def velocity(self) -> float:
         """Speed limit, [rad/s] or [m/s]; NaN if unknown.
 

@@ -42,7 +42,7 @@ def command(robot: Robot, as_json: bool) -> int:
         raise InvalidRobot(
             f"{suggest(arm, catalog_names(), 'robot')}. A path must end in {', '.join(READABLE)}"
         )
-    found = check(path, robot.base, robot.tip, robot.args, robot.packages, not robot.untrusted)
+    found = check(path, robot.base, robot.tip, robot.args, robot.packages, not robot.untrusted, robot.limits)
     if arm in catalog_names():
         entry = catalog_entry(arm)
         found.add(Severity.WARNING if entry.differs else Severity.NOTE, "limits", entry.limits)
