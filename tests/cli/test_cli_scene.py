@@ -55,6 +55,22 @@ def test_an_answer_is_free_in_the_scene(capsys: pytest.CaptureFixture[str]) -> N
 
 
 @pytest.mark.slow
+def test_a_group_of_an_srdf(capsys: pytest.CaptureFixture[str]) -> None:
+    group = '<group name="arm"><chain base_link="base_link" tip_link="wrist_3_link"/></group>'
+    pairs = '<disable_collisions link1="shoulder_link" link2="forearm_link"/>'
+    Path("arm.srdf").write_text(f'<robot name="ur5e">{group}{pairs}</robot>', encoding="utf-8")
+    options = ["--srdf", "arm.srdf", "--group", "arm"]
+    assert run(["solve", "ur5e", *ABOVE, "--scene", "self", "--capsules", "0.05", *options, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    arm = kinseek.load("ur5e", srdf="arm.srdf", group="arm")
+    assert kinseek.Scene.of(arm, capsules=0.05).free(told["q"])
+    assert run(["fk", "ur5e", "0", "0", "0", "0", "0", "0", *options, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["base"], told["tip"]) == ("base_link", "wrist_3_link")
+    np.testing.assert_allclose(told["matrix"], arm.fk(np.zeros(6)), rtol=0, atol=1e-15)
+
+
+@pytest.mark.slow
 def test_what_is_in_the_way_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["solve", "ur5e", *INSIDE, *IN_CELL]) == 1
     told = " ".join(capsys.readouterr().out.split())

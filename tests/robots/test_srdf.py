@@ -232,6 +232,27 @@ def test_a_scene_uses_the_pairs_of_the_arm() -> None:
         kinseek.Scene.of(arm, srdf="<robot>")
 
 
+def test_pairs_that_are_disabled_by_default() -> None:
+    pytest.importorskip("pinocchio")
+    more = (
+        '<disable_default_collisions link="hand"/><disable_default_collisions link="left1"/>'
+        '<enable_collisions link1="left1" link2="hand"/><enable_collisions link1="base" link2="hand"/>'
+        '<disable_collisions link1="base" link2="hand" reason="User"/>'
+    )
+    scene = kinseek.Scene.of(kinseek.load(URDF, srdf=srdf(GROUPS, more), group="whole_left"))
+    reasons = {frozenset((pair.a, pair.b)): pair.reason for pair in scene.pairs}
+    assert reasons[frozenset(("base", "hand"))] == "SRDF: User"
+    assert reasons[frozenset(("left1", "hand"))] == ""
+    assert (
+        reasons[frozenset(("left1", "base"))]
+        == reasons[frozenset(("torso", "hand"))]
+        == "SRDF: disabled by default"
+    )
+    assert reasons[frozenset(("base", "left2"))] == ""
+    scene.add_box("table", (1, 1, 1), kinseek.pose([5, 0, 0]))
+    assert {pair.a for pair in scene.pairs if pair.b == "table" and pair.counts} >= {"hand", "left1"}
+
+
 def test_a_xacro_file(tmp_path: Path) -> None:
     file = tmp_path / "torso.srdf.xacro"
     head = '<robot name="torso" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="side" default="left"/>'

@@ -90,8 +90,13 @@ def disabled_by(
     except InvalidRobot as error:
         raise InvalidScene(str(error)) from error
     found: dict[tuple[str, str], str] = {}
-    unknown: set[str] = set()
-    named: set[str] = set()
+    bodies = [body.name for body in arm.bodies]
+    for link in set(srdf.unchecked).intersection(bodies):
+        found |= {key(link, other): "SRDF: disabled by default" for other in bodies if other != link}
+    for a, b, _ in srdf.enabled:
+        found.pop(key(a, b), None)
+    named = set(srdf.unchecked)
+    unknown = named - arm.links.keys()
     for a, b, reason in srdf.disabled:
         named |= {a, b}
         unknown |= {a, b} - arm.links.keys()

@@ -39,7 +39,7 @@ class State(NamedTuple):
 
 
 class Pair(NamedTuple):
-    """Two links that are not checked for collision, and why."""
+    """Two links, and why they are checked for collision or not."""
 
     a: str
     b: str
@@ -60,6 +60,10 @@ class Srdf:
     virtual: Mapping[str, str] = field(repr=False)
     """Type of each virtual joint, by its name."""
     disabled: tuple[Pair, ...] = field(repr=False)
+    unchecked: tuple[str, ...] = field(repr=False)
+    """Links that are checked against no other link, except in pairs that are enabled."""
+    enabled: tuple[Pair, ...] = field(repr=False)
+    """Pairs that are checked in spite of `unchecked`, unless they are disabled too."""
 
 
 def read_srdf(
@@ -95,10 +99,9 @@ def read_srdf(
             _get(element, "name"): _get(element, "type").lower()
             for element in root.iterchildren("virtual_joint")
         },
-        tuple(
-            Pair(_get(element, "link1"), _get(element, "link2"), _get(element, "reason"))
-            for element in root.iterchildren("disable_collisions")
-        ),
+        _pairs(root, "disable_collisions"),
+        tuple(_get(element, "link") for element in root.iterchildren("disable_default_collisions")),
+        _pairs(root, "enable_collisions"),
     )
 
 
@@ -116,6 +119,13 @@ def _group(element: Any) -> Group:
 def _state(element: Any) -> State:
     values = tuple((_get(joint, "name"), _get(joint, "value")) for joint in element.iterchildren("joint"))
     return State(_get(element, "name"), _get(element, "group"), values)
+
+
+def _pairs(root: Any, tag: str) -> tuple[Pair, ...]:
+    return tuple(
+        Pair(_get(element, "link1"), _get(element, "link2"), _get(element, "reason"))
+        for element in root.iterchildren(tag)
+    )
 
 
 def _get(element: Any, name: str) -> str:
