@@ -105,6 +105,11 @@ def some_pairs(path: Path) -> None:
         assert all(np.isfinite(list(state.values())).all() for state in arm.states.values()), "a state"
 
 
+def a_calibration(path: Path) -> None:
+    """Measured origins of the joints of a bundled arm."""
+    check(read("ur5e", calibration=path))
+
+
 def some_poses(path: Path) -> None:
     """A table of poses, as `kinseek solve --batch` reads it."""
     _rigid(read_poses(path, position_only=False, deg=False))
@@ -174,6 +179,7 @@ READERS: Mapping[str, Callable[[Path], None]] = {
     ".obstacles.urdf": some_obstacles,
     ".scene": some_obstacles,
     ".srdf": some_pairs,
+    ".calibration.yaml": a_calibration,
     ".csv": some_poses,
     ".jsonl": some_lines,
     ".goal.json": a_goal,
