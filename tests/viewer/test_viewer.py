@@ -115,11 +115,14 @@ def test_a_goal_in_other_units_is_said(sessions: dict[str, Session]) -> None:
     assert np.array_equal(result.q, begin.q)
 
 
-def test_nothing_is_proved_of_free_axes_and_that_is_said(sessions: dict[str, Session]) -> None:
-    options = far(sessions["ur5e"].begin).but(free=("z",))
-    (proof,) = sessions["ur5e"].proofs(options, lambda: False)
-    assert "free axes" in " ".join(proof.sentences())
-    assert isinstance(sessions["ur5e"].branches(options), str)
+def test_goals_with_free_axes_are_proved_and_have_branches(sessions: dict[str, Session]) -> None:
+    session = sessions["ur5e"]
+    far_off = far(session.begin).but(free=("rx",))
+    *_, last = session.proofs(far_off, lambda: False)
+    assert last.unreachable
+    branches = session.branches(session.begin.but(free=("z", "rx")))
+    assert not isinstance(branches, str)
+    assert len(branches) > 1
 
 
 def test_picking_a_branch_shows_it_and_the_next_answer_stays_near(sessions: dict[str, Session]) -> None:

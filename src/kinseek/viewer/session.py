@@ -224,7 +224,7 @@ class Session:
             yield Proof(best)
             if best.verdict is Verdict.REACHABLE or until.passed:
                 return
-            if problem.goal.columns:
+            if problem.goal.form.columns:
                 spot = Problem(self.arm.mechanism, Goal.position(options.target[:3, 3]))
                 place = prove(spot, gap=GAPS[-1], budget=FIRST_BOXES, threads=threads, deadline=until)
             for gap in GAPS:
