@@ -136,7 +136,7 @@ def test_a_group_is_the_arm_between_its_links(group: str, base: str, tip: str, t
             "gripper",
             r"branches: 'finger1' and 'finger2' are not on one way|'finger2' and 'finger1' are not on one way",
         ),
-        ("moving", r"has the virtual joint 'floor' of type planar, which is not supported; expected fixed"),
+        ("moving", r"leaves out joint 'lift', which moves between its links 'world' and 'hand'"),
         ("empty", r"has no joints that move"),
         ("still", r"has no joints that move"),
         ("ring1", r"has no joints"),
@@ -319,3 +319,35 @@ def test_large_files_take_no_long_time() -> None:
 
 def test_the_name_of_the_text_is_not_a_path() -> None:
     assert read_srdf(TEXT.encode()).groups == read_srdf(TEXT).groups
+
+
+@pytest.mark.parametrize("kind", ["planar", "floating"])
+def test_a_virtual_joint_moves_the_base(kind: str) -> None:
+    pytest.importorskip("coal")
+    values = {"planar": "1 -2 0.5", "floating": "1 -2 0.5 0 0 0.6 0.8"}[kind]
+    text = (
+        '<robot name="torso"><group name="mobile"><joint name="drive"/><group name="arm"/></group>'
+        '<group name="arm"><chain base_link="base" tip_link="hand"/></group>'
+        f'<virtual_joint name="drive" type="{kind}" parent_frame="odom" child_link="base"/>'
+        + state("away", "mobile", drive=values, lift=0.1, a1=0.2, a2=0.3)
+        + "</robot>"
+    )
+    limits = {f"drive/{axis}": (-3.0, 3.0) for axis in "xyz"[: 2 if kind == "planar" else 3]}
+    arm = kinseek.load(URDF, srdf=text, group="mobile", limits=limits)
+    plain = kinseek.load(URDF, srdf=text, group="arm")
+    assert (arm.base, arm.tip, plain.base) == ("odom", "hand", "base")
+    assert arm.joint_names[-plain.dof :] == plain.joint_names
+    yaw = 0.5 if kind == "planar" else 2 * np.arctan2(0.6, 0.8)
+    moved = kinseek.pose([1, -2, 0 if kind == "planar" else 0.5], rpy=[0, 0, yaw])
+    expected = moved @ plain.fk({"lift": 0.1, "a1": 0.2, "a2": 0.3})
+    np.testing.assert_allclose(arm.fk(arm.states["away"]), expected, rtol=0, atol=1e-15)
+    assert arm.ik(arm.fk(arm.sample(20))).success.all()
+    with pytest.raises(InvalidRobot, match=r"'drive' is .*limits=\{'drive/x': \(-1, 1\).*Choose base='base'"):
+        kinseek.load(URDF, srdf=text, group="mobile")
+    # The joint counts only if it is used: the default base is the root of the URDF.
+    assert kinseek.load(URDF, tip="hand", srdf=text).base == "base"
+    assert (
+        kinseek.load(URDF, base="odom", tip="hand", srdf=text, limits=limits).joint_names == arm.joint_names
+    )
+    for some in (arm, plain):
+        kinseek.Scene.of(some).free(some.sample(2))

@@ -107,7 +107,6 @@ def described(name: str, trusted: bool) -> Urdf | Path:
     Args:
         name: Its name there.
         trusted: Whether Python may evaluate the expressions of a xacro file.
-        limits: As in `kinseek.load`.
 
     Returns:
         Its URDF, or the path of its MJCF file if it has no URDF.

@@ -28,7 +28,7 @@ from .chain import Array
 from .checks import refuse_file
 from .urdf import Urdf
 from .urdf_file import Robot, UrdfJoint, parse_numbers
-from .xml_files import root_element
+from .xml_files import root_element, text_of
 from .yaml_files import read_yaml
 
 Calibration = str | Path | Mapping[str, Any]
@@ -68,9 +68,7 @@ def calibrated(urdf: Urdf, calibration: Calibration) -> Urdf:
             "calibration must be the path of a .yaml file, or a mapping from joints to poses, got "
             f"{calibration!r:.80} ({type(calibration).__name__})"
         )
-    with importing:
-        from lxml import etree
-    return urdf._replace(text=etree.tostring(root))
+    return urdf._replace(text=text_of(root))
 
 
 def _set_origins_of_file(robot: Robot, path: Path) -> None:

@@ -5,15 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from kinseek.errors import InvalidRobot, suggest
 from kinseek.printable import printable
+from kinseek.support.transforms import from_quaternion
 
 from .chain import SerialChain
 from .checks import refuse_file
 from .files import require_few
-from .srdf import Group, Srdf
+from .several_axes import SEVERAL_AXES
+from .srdf import Group, Srdf, VirtualJoint
 from .urdf import Urdf
 from .urdf_file import Robot, UrdfJoint, parse_numbers, read_robot
+from .xml_files import text_of
 
 Ends = tuple[str, str]
 """Names of a base link and a tip link."""
@@ -40,6 +45,7 @@ def arm_of_group(urdf: Urdf, base: str | None, tip: str | None, srdf: Srdf, grou
     """
     robot = read_robot(urdf.text, urdf.where)
     refuse_file(robot)
+    virtual = _add_virtual_joint(robot, srdf)
     if group is not None:
         own_base, own_tip = _ends(srdf, group, robot)
         urdf = urdf._replace(base=own_base, tip=own_tip)
@@ -48,8 +54,35 @@ def arm_of_group(urdf: Urdf, base: str | None, tip: str | None, srdf: Srdf, grou
             f"{urdf.where} has several leaves, so choose group= from the groups of {srdf.where}, or tip=. "
             f"{_serial_groups(srdf, robot)}"
         )
-    chain = urdf.arm(urdf.base if base is None else base, urdf.tip if tip is None else tip)
+    ends = urdf.base if base is None else base, urdf.tip if tip is None else tip
+    if virtual is not None and virtual.parent in ends:
+        urdf = urdf._replace(text=text_of(robot.root))
+    chain = urdf.arm(*ends)
     return replace(chain, srdf=srdf, states=_states(srdf, group, chain.joint_names))
+
+
+def _add_virtual_joint(robot: Robot, srdf: Srdf) -> VirtualJoint | None:
+    """Add the virtual joint of an SRDF to its robot, a planar or floating one if there are several; None if there is none.
+
+    As in MoveIt, a virtual joint counts only if its child is the root of the robot.
+    """
+    root = next(link for link, parent in robot.parents.items() if parent is None)
+    known = {joint.name for joint in robot.joints}
+    found = [
+        (name, joint)
+        for name, joint in srdf.virtual.items()
+        if joint.child == root
+        and joint.kind in (*SEVERAL_AXES, "fixed")
+        and name
+        and name not in known
+        and joint.parent
+        and joint.parent not in robot.parents
+    ]
+    if not found:
+        return None
+    name, joint = min(found, key=lambda each: each[1].kind == "fixed")
+    robot.add_root(name, joint.kind, joint.parent, joint.child)
+    return joint
 
 
 def _leaves(robot: Robot) -> set[str]:
@@ -64,16 +97,43 @@ def _states(srdf: Srdf, group: str | None, names: Sequence[str]) -> dict[str, di
     """
     found: dict[str, dict[str, float]] = {}
     for state in srdf.states:
-        values = {joint: text for joint, text in state.values if joint in names}
+        values = {joint: text for joint, text in state.values if _variables(joint, names)}
         if not values or group not in (None, state.group):
             continue
         known = found.setdefault(state.name, {})
         for joint, text in values.items():
+            variables = _variables(joint, names)
             try:
-                (known[joint],) = parse_numbers(text, 1)
+                known |= zip(variables, _numbers(text, len(variables)), strict=True)
             except ValueError as error:
                 raise InvalidRobot(f"{srdf.where}: state {state.name!r}, joint {joint!r}: {error}") from None
     return found
+
+
+def _variables(joint: str, names: Sequence[str]) -> list[str]:
+    """Return the names of an arm's joints that make the motion of a joint, in the order of its values in an SRDF."""
+    if joint in names:
+        return [joint]
+    return [
+        f"{joint}/{axis}" for axis in ("x", "y", "z", "roll", "pitch", "yaw") if f"{joint}/{axis}" in names
+    ]
+
+
+def _numbers(text: str, count: int) -> tuple[float, ...]:
+    """Return the values of a joint with so many variables; MoveIt has a quaternion, x y z w, for a floating joint.
+
+    Raises:
+        ValueError: The text has other values.
+    """
+    if count < 6:
+        return parse_numbers(text, count)
+    x, y, z, *xyzw = parse_numbers(text, 7)
+    if not any(xyzw):
+        raise ValueError("the quaternion is 0")
+    turn = from_quaternion(np.array([xyzw[3], *xyzw[:3]]))
+    roll, yaw = np.arctan2(turn[2, 1], turn[2, 2]), np.arctan2(turn[1, 0], turn[0, 0])
+    pitch = np.arctan2(-turn[2, 0], np.hypot(turn[2, 1], turn[2, 2]))
+    return x, y, z, float(roll), float(pitch), float(yaw)
 
 
 def _serial_groups(srdf: Srdf, robot: Robot) -> str:
@@ -136,19 +196,15 @@ class _Members:
             for link in chain:
                 self._require_link(link)
         for name in group.joints:
-            if (kind := self._srdf.virtual.get(name)) in ("planar", "floating"):
-                raise InvalidRobot(
-                    f"has the virtual joint {name!r} of type {kind}, which is not supported; expected fixed"
-                )
-            if kind is not None:
-                continue  # A fixed one moves nothing.
+            if name in self._srdf.virtual and name not in self._joints:
+                continue  # It moves nothing: it is fixed, or does not carry the root.
             if name not in self._joints:
                 raise InvalidRobot(f"has {self._unknown(name, self._joints, 'joint')}")
             self._moved[name] = self._joints[name]
         for name in group.links:
             self._require_link(name)
             joint = self._above.get(name)
-            if joint is None or joint.kind == "fixed":
+            if joint is None or joint.kind == "fixed" or joint.name in self._srdf.virtual:
                 self._links[name] = None
             else:
                 self._moved[joint.name] = joint
@@ -176,7 +232,7 @@ class _Members:
         covered = dict.fromkeys(self._links)
         for joint in self._moved.values():
             covered |= {joint.parent: None, joint.child: None}
-        if not any(joint.moves for joint in self._moved.values()):
+        if all(joint.kind == "fixed" for joint in self._moved.values()):
             raise InvalidRobot("has no joints that move")
         depth = _depths(self._robot)
         path = self._root_to(max(covered, key=depth.__getitem__))
@@ -186,7 +242,7 @@ class _Members:
         path = path[min(place[link] for link in covered) :]
         for link in path[1:]:
             joint = self._above[link]
-            if joint.moves and joint.mimic is None and joint.name not in self._moved:
+            if joint.kind != "fixed" and joint.mimic is None and joint.name not in self._moved:
                 raise InvalidRobot(
                     f"leaves out joint {joint.name!r}, which moves between its links {path[0]!r} and {path[-1]!r}; give "
                     "these as base= and tip=, and lock the joint by with_locked"

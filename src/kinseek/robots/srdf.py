@@ -46,6 +46,17 @@ class Pair(NamedTuple):
     reason: str
 
 
+class VirtualJoint(NamedTuple):
+    """One ``<virtual_joint>``: how the robot moves, or stands, in a frame that its URDF does not have."""
+
+    kind: str
+    """Type, in lower case: fixed, planar or floating."""
+    parent: str
+    """The frame."""
+    child: str
+    """The root link of the robot."""
+
+
 @dataclass(frozen=True)
 class Srdf:
     """The content of an SRDF."""
@@ -57,8 +68,8 @@ class Srdf:
     groups: Mapping[str, Group] = field(repr=False)
     """Groups by name."""
     states: tuple[State, ...] = field(repr=False)
-    virtual: Mapping[str, str] = field(repr=False)
-    """Type of each virtual joint, by its name."""
+    virtual: Mapping[str, VirtualJoint] = field(repr=False)
+    """Virtual joints by name."""
     disabled: tuple[Pair, ...] = field(repr=False)
     unchecked: tuple[str, ...] = field(repr=False)
     """Links that are checked against no other link, except in pairs that are enabled."""
@@ -96,7 +107,9 @@ def read_srdf(
         {_get(element, "name"): _group(element) for element in root.iterchildren("group")},
         tuple(_state(element) for element in root.iterchildren("group_state")),
         {
-            _get(element, "name"): _get(element, "type").lower()
+            _get(element, "name"): VirtualJoint(
+                _get(element, "type").lower(), _get(element, "parent_frame"), _get(element, "child_link")
+            )
             for element in root.iterchildren("virtual_joint")
         },
         _pairs(root, "disable_collisions"),

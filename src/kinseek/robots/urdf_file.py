@@ -137,6 +137,18 @@ class Robot:
             if joint.parent in self.parents and joint.child in self.parents:
                 self.parents[joint.child] = joint.parent
 
+    def add_root(self, name: str, kind: str, parent: str, child: str) -> None:
+        """Add a joint with the root as its child, and a link without geometry as its parent, also to the element."""
+        make = self.root.makeelement
+        link, joint = make("link", name=parent), make("joint", name=name, type=kind)
+        joint.append(make("parent", link=parent))
+        joint.append(make("child", link=child))
+        self.root.append(link)
+        self.root.append(joint)
+        self.links.append(UrdfLink(link))
+        self.joints.append(UrdfJoint(joint))
+        self.parents |= {parent: None, child: parent}
+
     @property
     def mimics(self) -> Mimics:
         """The moving joints that follow others."""

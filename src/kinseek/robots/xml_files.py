@@ -62,3 +62,11 @@ def root_element(text: bytes, where: str) -> Any:
         if (name.namespace == own and not foreign) or (element.prefix is None and name.namespace != XACRO):
             element.tag = name.localname
     return root
+
+
+def text_of(root: Any) -> bytes:
+    """Return the XML of a root element."""
+    with importing:
+        from lxml import etree
+
+    return bytes(etree.tostring(root))
