@@ -194,6 +194,30 @@ def test_hand_to_hand_is_solved_and_proved_like_any_arm() -> None:
     assert arm.prove(kinseek.pose([2.0, 0, 0])).verdict is Verdict.UNREACHABLE
 
 
+@pytest.mark.parametrize("name", ["ur5e", "irb120"])
+def test_an_arm_from_tip_to_base_has_the_same_branches(name: str) -> None:
+    there = kinseek.load(name)
+    back = kinseek.load(catalog_path(name), there.tip, there.base)
+    assert back.joint_names == there.joint_names[::-1]
+    for q in there.sample(20):
+        T = there.fk(q)
+        found = there.branches(T)
+        other = back.branches(np.linalg.inv(T))
+        assert isinstance(found, kinseek.Branches)
+        assert isinstance(other, kinseek.Branches)
+        if found.complete:
+            assert len(other) == len(found)
+            gaps = np.abs(np.asarray(other.q)[:, None, ::-1] - np.asarray(found.q)[None]).max(axis=2)
+            assert gaps.min(axis=0).max() < 1e-5
+
+
+def test_a_hand_as_base_needs_a_tip() -> None:
+    with pytest.raises(
+        InvalidRobot, match=r"no link is below base 'left_hand', so tip= is needed.*right_hand"
+    ):
+        kinseek.load(two_arms(), "left_hand")
+
+
 def test_a_redundant_chain_of_two_arms_is_solved() -> None:
     arm = kinseek.load(two_arms(), "left_hand", "right_hand")
     T = arm.fk(arm.sample(50))

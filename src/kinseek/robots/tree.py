@@ -79,14 +79,25 @@ def _only_end(
 ) -> str:
     below = dict.fromkeys(_below(parents, base))
     found = [frame for frame in ends if frame in below]
+    if found == [base] and len(parents) > 1:
+        root = _root_to(parents, base)[0]
+        others = [tip for tip in _usual_tips(parents, root, _below(parents, root), moving) if tip != base]
+        raise InvalidRobot(
+            f"no {noun} is below base {base!r}, so tip= is needed. Choose it from: {_listed(others)}; "
+            f"any other {noun} that moves against the base will do, too"
+        )
     if len(found) == 1:
         return found[0]
     tips = _usual_tips(parents, base, below, moving)
-    listed = ", ".join(tips[:_LISTED]) + (f" and {len(tips) - _LISTED} more" if len(tips) > _LISTED else "")
     raise InvalidRobot(
-        f"the arm branches below base {base!r}. Choose tip= from: {listed or 'none'}"
+        f"the arm branches below base {base!r}. Choose tip= from: {_listed(tips)}"
         + (f"; any other {noun} that moves against the base will do, too" if tips else "")
     )
+
+
+def _listed(tips: list[str]) -> str:
+    more = f" and {len(tips) - _LISTED} more" if len(tips) > _LISTED else ""
+    return (", ".join(tips[:_LISTED]) or "none") + more
 
 
 def _usual_tips(
