@@ -351,3 +351,14 @@ def test_a_virtual_joint_moves_the_base(kind: str) -> None:
     )
     for some in (arm, plain):
         kinseek.Scene.of(some).free(some.sample(2))
+
+
+def test_a_chain_may_go_up_and_down() -> None:
+    text = srdf(
+        {"hands": '<chain base_link="hand" tip_link="right2"/>'},
+        state("in", "hands", a1=0.1, a2=0, b1=0, b2=0),
+    )
+    arm = kinseek.load(URDF, srdf=text, group="hands")
+    assert arm.joint_names == ("a2", "a1", "b1", "b2")
+    expected = kinseek.load(URDF, "hand", "right2").fk({"a1": 0.1, "a2": 0, "b1": 0, "b2": 0})
+    assert np.array_equal(arm.fk(arm.states["in"]), expected)
