@@ -40,7 +40,7 @@ def test_two_directions_are_a_rotation(words: list[str], capsys: pytest.CaptureF
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--z-axis", "0", "0", "-1"], "two of"),
+        (["--z-axis", "0", "0", "-1"], "two of --z-axis, --x-axis, --y-axis, got --z-axis; for any turn"),
         (["--z-axis", "0", "0", "-1", "--x-axis", "0", "0", "1"], "parallel"),
         (["--z-axis", "0", "0", "-1", "--x-axis", "1", "0", "0", "--rpy", "0", "0", "0"], "exactly one of"),
         (["--z-axis", "0", "0"], "--z-axis needs 3 numbers"),

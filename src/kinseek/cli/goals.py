@@ -107,7 +107,7 @@ class PoseWords(NamedTuple):
         """Read the target pose, (4, 4).
 
         Raises:
-            InvalidGoal: No position, no rotation, more than one, or directions that are no rotation.
+            InvalidGoal: No position, no rotation, more than one, one direction or three, or directions that are no rotation.
         """
         if self.at is None:
             raise InvalidGoal("a goal needs --at X Y Z, the target position in metres")
@@ -123,6 +123,11 @@ class PoseWords(NamedTuple):
             option = option_of(name)
             turn[name] = numbers(text, option, LENGTHS[option])
             suspect_degrees(turn, deg, f"{option} {text}")
+        if len(axes) not in (0, 2):
+            raise InvalidGoal(
+                f"give exactly two of {', '.join(map(option_of, DIRECTIONS))}, got {' and '.join(map(option_of, axes))}; "
+                "for any turn about z, also give any x axis and --free rz"
+            )
         return silent_pose(position, turn, deg)
 
 
