@@ -94,7 +94,7 @@ def test_out_of_the_cone_the_tilt_beyond_it_is_reported() -> None:
         ({"cone": 0.1}, "a cone of 0.1 rad is about one axis of the tool"),
         ({"free": ("rx", "rz"), "cone": 0.1}, "leave exactly that rotation free"),
         ({"free": "rz", "box": {"rx": (-0.1, 0.1)}, "cone": 0.1}, "no range about the other two"),
-        ({"free": "z", "cone": 0.1}, "leave exactly that rotation free"),
+        ({"free": "z", "cone": 0.1}, "leave exactly that rotation free, as in free='rz' or --free rz"),
     ],
 )
 def test_what_is_no_cone_is_refused(options: dict[str, Any], words: str) -> None:

@@ -116,7 +116,7 @@ def check_cone(cone: object, one_axis: bool) -> float:
     if angle and not one_axis:
         raise InvalidGoal(
             f"a cone of {angle:.6g} rad is about one axis of the tool: leave exactly that rotation free, as in "
-            "free='rz', and give no range about the other two"
+            "free='rz' or --free rz, and give no range about the other two"
         )
     return angle
 
