@@ -94,6 +94,7 @@ def test_out_of_the_cone_the_tilt_beyond_it_is_reported() -> None:
         ({"cone": 0.1}, "a cone of 0.1 rad is about one axis of the tool"),
         ({"free": ("rx", "rz"), "cone": 0.1}, "leave exactly that rotation free"),
         ({"free": "rz", "box": {"rx": (-0.1, 0.1)}, "cone": 0.1}, "no range about the other two"),
+        ({"free": "yaw", "cone": 0.1}, "unknown axis 'yaw': kinseek calls it 'rz'"),
         ({"free": "z", "cone": 0.1}, "leave exactly that rotation free, as in free='rz' or --free rz"),
     ],
 )

@@ -115,7 +115,10 @@ __getattr__, __dir__ = _lazy_names(
         "TrackStatus": ".paths.tracker",
         "branches": ".branches",
         "collision": ".collision",
+        "maps": ".maps",
         "paths": ".paths",
+        "plots": ".plots",
+        "viewer": ".viewer",
         **{name: f".solvers{module}" for name, module in _SEARCHES.items()},
     },
 )

@@ -429,11 +429,10 @@ class Goal(Lazy):
     @lazy
     def questions(self) -> Array:
         """Targets, frames and ranges of a box goal as kernels take them, (k, `QUESTION`)."""
-        assert self.ranges is not None
         rows = np.empty((len(self.targets), QUESTION))
         rows[:, :FRAME] = self.targets.reshape(-1, 12)
         rows[:, FRAME:LOW] = self.frames.reshape(-1, 9)
-        rows[:, LOW:] = _range_numbers(self.ranges, self.swing, self.cone)
+        rows[:, LOW:] = _range_numbers(self.ranges or (PINNED,) * 6, self.swing, self.cone)
         return rows
 
     @lazy

@@ -18,6 +18,7 @@ Ranges = tuple[tuple[float, float], ...]
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 FRAMES = ("tool", "base")
+_TURNS = {"roll": "rx", "pitch": "ry", "yaw": "rz"}
 
 FREE_PLACE, FREE_TURN = (-math.inf, math.inf), (-math.pi, math.pi)
 PINNED = (0.0, 0.0)
@@ -50,6 +51,10 @@ def read_ranges(
         return None
     for name in [*names, *given]:
         if name not in AXES:
+            if name in _TURNS:
+                raise InvalidGoal(
+                    f"unknown axis {name!r}: kinseek calls it {_TURNS[name]!r}. Valid: {', '.join(AXES)}"
+                )
             raise InvalidGoal(suggest(str(name), AXES, "axis"))
         if kind.columns < POSE.columns and name.startswith("r"):
             raise InvalidGoal(

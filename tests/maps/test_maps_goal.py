@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -74,3 +76,9 @@ def test_no_pose_is_reached_without_a_solution() -> None:
     arm = kinseek.load("ur5e")
     far = kinseek.pose([[2.0, 0.0, 0.0], [0.4, 0.1, 0.3]], rpy=[np.pi, 0.0, 0.0])
     assert reached(arm, GOALS["cone"].at(far)).tolist() == [False, True]
+
+
+def test_maps_plots_and_viewer_need_no_import_of_their_own() -> None:
+    code = "import kinseek; print(kinseek.maps.reach.__name__, kinseek.viewer.show.__name__, kinseek.plots.__name__)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["reach", "show", "kinseek.plots"]

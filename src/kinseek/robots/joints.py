@@ -64,7 +64,7 @@ def joined(up: Segment, down: Segment) -> Segment:
     A joint that is taken upward moves the other way: of ``O J(q)`` the inverse is ``J(-q) O⁻¹``, and J(-q) is a motion by q
     about, or along, the opposite axis. So its value and limits keep their meaning.
     """
-    if not up.joints and np.array_equal(up.end, np.eye(4)):
+    if not up.joints and (up.end == np.eye(4)).all():
         return down  # It keeps its bits.
     backward = [_inverse(pose) for pose in (*(joint.origin for joint in up.joints), up.end)]
     """What follows each joint in the opposite direction, and what comes before all of them."""
