@@ -471,3 +471,22 @@ def test_all_eight() -> None:
     arm = kinseek.load("ur5e")
     words = words_of(branches_of(arm, np.array([0.3, -1.0, 1.2, 0.4, 0.8, 0.2])).configuration)
     assert set(words) == set(itertools.product(*NAMES.values()))
+
+
+@pytest.mark.parametrize(
+    "ranges", [{"free": "rz", "cone": 0.2}, {"box": {"rx": (-0.2, 0.2), "x": (-0.1, 0.1)}}]
+)
+def test_goals_with_ranges_take_postures_and_arm_angles(ranges: dict[str, Any]) -> None:
+    T = kinseek.pose([0.4, 0.2, 0.4], rpy=[np.pi, 0.0, 0.3])
+    goal = kinseek.Goal.pose(T, **ranges)
+    wanted: tuple[tuple[str, dict[str, Any]], ...] = (
+        ("panda", {"arm_angle": 0.3}),
+        ("ur5e", {"elbow": "down"}),
+    )
+    for name, posture in wanted:
+        arm = kinseek.load(name)
+        solution = arm.ik(goal, prefer=posture).require()
+        assert goal.met(goal.measure(arm.chain.arrays, solution.q[None]))[0]
+        for key, value in posture.items():
+            found = solution.configuration[key]
+            assert found == value if isinstance(value, str) else abs(found - value) < 1e-9

@@ -8,13 +8,13 @@ import numpy as np
 
 from kinseek.derivatives import constraint_jacobian
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
 from kinseek.postures import PostureRequest
 from kinseek.problem import Problem, within_limits
 from kinseek.support.deadline import Deadline
 from kinseek.support.transforms import rotation_vectors
 from kinseek.support.turns import nearest_turns
+from kinseek.virtual_joints import extended
 
 STEPS = 40
 """Largest number of steps; half a turn of the arm angle takes eleven. Not examined further."""
@@ -53,15 +53,18 @@ def walk_to_arm_angle(problem: Problem, posture: PostureRequest, starts: Array, 
         starts: Solutions, or joint values close to one, (k, n).
         deadline: When to end.
     """
-    q, spent = starts.copy(), 0
+    # The joints of an arm with virtual joints for the ranges of a goal move, too; the arm angle is that of the arm itself.
+    more = extended(problem, inside=True)
+    q, spent, own = more.with_virtual(starts), 0, more.own
     walking = np.ones(len(q), dtype=np.bool_)
     for _ in range(STEPS):
         moving = np.flatnonzero(walking)
         if not len(moving) or deadline.passed:
             break
         some = q[moving]
-        off, gradients = posture.angle_errors(some)
-        error = _error(problem, some)
+        off, gradients = np.empty(len(some)), np.zeros_like(some)
+        off[:], gradients[:, own] = posture.angle_errors(some[:, own])
+        error = _error(more.problem, some)
         spent += len(some)
         done = (np.abs(off) < EXACT) & (np.abs(error).max(axis=1) < EXACT)
         lost = np.isnan(off)
@@ -70,7 +73,7 @@ def walk_to_arm_angle(problem: Problem, posture: PostureRequest, starts: Array, 
         going = ~(done | lost)
         if not going.any():
             break
-        rows = np.concatenate([constraint_jacobian(problem, some[going]), gradients[going, None, :]], axis=1)
+        rows = np.concatenate([constraint_jacobian(more.problem, some[going]), gradients[going, None, :]], axis=1)
         wanted = np.concatenate([error[going], np.clip(off[going], -AT_ONCE, AT_ONCE)[:, None]], axis=1)
         across = np.swapaxes(rows, 1, 2)
         step = (
@@ -78,7 +81,7 @@ def walk_to_arm_angle(problem: Problem, posture: PostureRequest, starts: Array, 
         )[:, :, 0]
         largest = np.abs(step).max(axis=1)
         q[moving[going]] += step * np.minimum(1.0, AT_ONCE / np.maximum(largest, AT_ONCE))[:, None]
-    q = q[~np.isnan(q).any(axis=1)]
+    q = q[~np.isnan(q).any(axis=1)][:, own]
     return Walked(_inside(problem, posture, q), spent)
 
 
@@ -89,8 +92,8 @@ def _inside(problem: Problem, posture: PostureRequest, q: Array) -> Array:
     if problem.near is not None:
         nearer = q + np.where(chain.periodic, nearest_turns(problem.near - q), 0.0)
         q = np.where((nearer >= lower) & (nearer <= upper), nearer, q)
-    targets = np.repeat(problem.goal.targets, len(q), axis=0)
-    met = problem.goal.met(judge(problem.arrays, np.ascontiguousarray(q), targets, problem.goal.arrays))
+    goals = problem.goal.at(np.repeat(problem.goal.target[None], len(q), axis=0))
+    met = goals.met(goals.measure(problem.arrays, np.ascontiguousarray(q)))
     return q[met & (np.abs(posture.angle_errors(q)[0]) < MET) & ((q >= lower) & (q <= upper)).all(axis=1)]
 
 
