@@ -73,7 +73,9 @@ def walk_to_arm_angle(problem: Problem, posture: PostureRequest, starts: Array, 
         going = ~(done | lost)
         if not going.any():
             break
-        rows = np.concatenate([constraint_jacobian(more.problem, some[going]), gradients[going, None, :]], axis=1)
+        rows = np.concatenate(
+            [constraint_jacobian(more.problem, some[going]), gradients[going, None, :]], axis=1
+        )
         wanted = np.concatenate([error[going], np.clip(off[going], -AT_ONCE, AT_ONCE)[:, None]], axis=1)
         across = np.swapaxes(rows, 1, 2)
         step = (
