@@ -311,7 +311,8 @@ def _several(axes: list[int], ranges: Ranges, tolerance: float) -> tuple[_Joint,
     cosine = math.cos(0.5 * min(math.pi, max(map(abs, ends[inner]))))
     slope = math.tan(0.5 * longest) / longest if longest < math.pi else math.inf
 
-    def angle(i: int, end: float) -> float:
+    def farthest(i: int, end: float) -> float:
+        """Bound an angle by the end of its range that is farther from 0."""
         if i == order[0]:  # tan A = w_i tan(θ/2) / θ, and |w_i| ≤ θ ≤ `longest`.
             return math.atan(end * slope) if end else 0.0
         end = max(-math.pi, min(math.pi, end))
@@ -319,10 +320,19 @@ def _several(axes: list[int], ranges: Ranges, tolerance: float) -> tuple[_Joint,
             return end
         return math.asin(max(-1.0, min(1.0, math.sin(0.5 * end) / max(cosine, 1e-300))))
 
+    def nearest(i: int, end: float) -> float:
+        """Bound an angle by the end of its range that is nearer to 0, of a range on one side of 0."""
+        if i == order[0]:  # tan(θ/2) / θ grows with θ ≥ |w_i|.
+            return 0.5 * end
+        # sin(θ/2) / θ falls with θ, and the cosine in sin B = v_j / cos(c/2) is at most 1.
+        sine = end * math.sin(0.5 * longest) / longest
+        return 2.0 * math.asin(sine) if i == inner else math.asin(sine)
+
     def joint(i: int) -> _Joint:
-        # Of a range on one side of 0 the bounds hold for the far end only, so the limits include 0.
-        low, high = min(angle(i, ends[i][0]), 0.0), max(angle(i, ends[i][1]), 0.0)
-        return _Joint(AXES[3 + i], np.eye(3)[i], low, high, REVOLUTE)
+        low, high = ends[i]
+        lower = nearest(i, low) if low > 0.0 else farthest(i, low)
+        upper = nearest(i, high) if high < 0.0 else farthest(i, high)
+        return _Joint(AXES[3 + i], np.eye(3)[i], lower, upper, REVOLUTE)
 
     outer, *others = map(joint, order)
     if ranges[order[0]] == FREE_TURN and all(ranges[i][0] == -ranges[i][1] for i in order[1:]):
