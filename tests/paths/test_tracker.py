@@ -410,6 +410,31 @@ def test_a_goal_leaves_free_what_it_does_not_constrain(name: str, options: dict[
     assert most > 0.05
 
 
+def test_the_errors_of_a_step_are_those_of_its_goal() -> None:
+    """They used to be the distances from one point of the ranges, so a hand inside the cone seemed to lag."""
+    arm = kinseek.load("ur5e")
+    goal = Goal.pose(np.eye(4), free="rz", cone=0.3, box={"z": (-0.02, 0.02)})
+    q0 = arm.ik(kinseek.pose([0.45, 0.1, 0.35], rotvec=[np.pi, 0.0, 0.2])).require().q
+    begin = arm.fk(q0)
+    tracker, seen = arm.track(q0, period=0.01, velocity=1.0, goal=goal), set()
+    for k in range(200):
+        T = begin @ kinseek.pose([0.12 * np.sin(k / 8), 0.0, 0.0], rotvec=[0.6 * np.sin(k / 9), 0.3, 0.0])
+        if k == 100:
+            tracker.switch()
+        step = tracker.step(T)
+        hand = arm.fk(step.q)
+        away = T[:3, :3].T @ (hand[:3, 3] - T[:3, 3])
+        away[2] -= np.clip(away[2], -0.02, 0.02)
+        tilt = np.arctan2(np.linalg.norm(np.cross(hand[:3, 2], T[:3, 2])), hand[:3, 2] @ T[:3, 2])
+        position, orientation = float(np.linalg.norm(away)), max(float(tilt) - 0.3, 0.0)
+        assert abs(step.position_error - position) <= 1.1e-6
+        assert abs(step.orientation_error - orientation) <= 1.1e-6
+        if step.status is not TrackStatus.SWITCHED:
+            assert (step.status is TrackStatus.TRACKING) == (max(position, orientation) <= 1e-6)
+        seen.add(step.status)
+    assert seen >= {TrackStatus.TRACKING, TrackStatus.LAGGING, TrackStatus.SWITCHED}
+
+
 def test_a_cone_lags_less_than_a_pose() -> None:
     arm = kinseek.load("ur5e")
     q0 = arm.ik(kinseek.pose([0.45, 0.1, 0.35], rotvec=[np.pi, 0.0, 0.2])).require().q

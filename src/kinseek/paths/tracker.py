@@ -195,8 +195,16 @@ class Tracker:
         return Step(state.now[self._own].copy(), _ENDED[ended], position, orientation)
 
     def _servo(self, T: Array, state: State) -> tuple[float, float, int]:
-        """Do one step of `servo_step`."""
-        return servo_step(self._index.address, self._tolerances, T, self._memory, state)
+        """Do one step of `servo_step`; a pose that the goal accepts counts as reached."""
+        position, orientation, ended = servo_step(
+            self._index.address, self._tolerances, T, self._memory, state
+        )
+        if ended in (LAGGING, LIMIT, SINGULAR) and self._constrained.ranges is not None:
+            # The kernel compares the pose with one point of the ranges: the values of their joints in this period.
+            position, orientation = self._errors(state.now, T)
+            if self._constrained.met(np.array([[position, orientation]]))[0]:
+                ended = servo.TRACKING
+        return position, orientation, ended
 
     def _target(self, T: Any) -> Array:
         """Read one pose, and return it as kernels take it, (4, 4): in the arm's base, with the rotation of the tip.
@@ -365,13 +373,14 @@ class Tracker:
         """Add the joints of the goal's ranges to joint values of the arm, (n,), at a target as kernels take it."""
         if self._constrained.ranges is None:
             return q
-        T = target.copy()
+        one = Problem(self._mechanism, self._goal_at(target))
+        return np.asarray(extended(one, inside=True).with_virtual(q[None])[0])
+
+    def _goal_at(self, target: Array) -> Goal:
+        """Return the goal that the caller gave, with a target as kernels take it."""
+        T, goal = target.copy(), self._constrained
         T[:3, :3] = T[:3, :3] @ self._goal.tip_rotation.T
-        goal = self._constrained
-        T = T if goal.base is None else goal.base @ T
-        return np.asarray(
-            extended(Problem(self._mechanism, goal.at(T)), inside=True).with_virtual(q[None])[0]
-        )
+        return goal.at(T if goal.base is None else goal.base @ T)
 
     def _along(self, T: Any) -> Step:
         """Make one step of the motion to another branch."""
@@ -386,8 +395,14 @@ class Tracker:
         return Step(q[self._own].copy(), status, *self._errors(q, T))
 
     def _errors(self, q: Array, T: Array) -> tuple[float, float]:
-        """Pose errors of joint values [m], [rad]."""
-        position, orientation, _ = judge(self._arrays, q[None], T[None, :3], self._goal.arrays)[0]
+        """Pose errors of joint values [m], [rad]: what lies outside the ranges of the goal."""
+        if self._constrained.ranges is None:
+            measured = judge(self._arrays, q[None], T[None, :3], self._goal.arrays)
+        else:
+            goal = self._goal_at(T)
+            own = np.ascontiguousarray(q[None, self._own])
+            measured = goal.measure(Problem(self._mechanism, goal).arrays, own)
+        position, orientation, _ = measured[0]
         return float(position), float(orientation)
 
     def foresee(self, seconds: float = 1.0, looks: int = 50, poses: ArrayLike | None = None) -> Foresight:
