@@ -533,3 +533,20 @@ def test_corners_of_the_ranges_at_the_limits_of_the_joints_are_reached() -> None
         wanted = targets_from(arm.fk(q)[None], corner[None], "base")[0]
         goal = Goal.pose(wanted, box=dict(zip(AXES, map(tuple, ends), strict=True)), frame="base")
         assert arm.ik(goal).success
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_narrow_ranges_far_from_zero_have_a_branch_wherever_they_are_solved(name: str) -> None:
+    """The sample is of slightly larger ranges; none of it may lie in the ranges of the goal."""
+    arm = kinseek.load(name)
+    box = {"rx": (0.1, 0.4), "ry": (0.2, 0.3), "rz": (-1.0, -0.2)}
+    goal = Goal.pose(arm.fk(arm.sample(60, seed=5)), box=box)
+    found = arm.branches(goal)
+    assert isinstance(found, BranchesBatch)
+    for i, (one, solved) in enumerate(zip(found, arm.ik(goal).success, strict=True)):
+        assert bool(len(one)) >= solved, f"pose {i}"
+        for q in one.q:
+            D = goal.target[i, :3, :3].T @ arm.fk(q)[:3, :3]
+            w = Rotation.from_matrix(D).as_rotvec()
+            assert (w >= np.array([0.1, 0.2, -1.0]) - 1e-6).all()
+            assert (w <= np.array([0.4, 0.3, -0.2]) + 1e-6).all()

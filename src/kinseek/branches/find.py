@@ -18,6 +18,7 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import open_limits
 from kinseek.solvers.atlas.index import tolerances_of
+from kinseek.solvers.atlas.solver import Atlas
 from kinseek.solvers.threads import GoOn, parallel_for
 from kinseek.support.deadline import Deadline
 from kinseek.support.turns import TURN, shortest
@@ -140,6 +141,13 @@ def _ranged(
         q = _distinct(problem.placed(wide.q[more.accepts(wide.q)][:, more.own]), problem.chain)
         errors = _errors(one, q)
         met = one.goal.met(errors)
+        evaluations = wide.evaluations
+        if not (met.any() or wide.complete or deadline.passed):
+            # Ranges that are narrow and far from 0 may contain none of the sample, which is of slightly larger ones.
+            searched = Atlas(threads=threads).solve(replace(one, time_limit=deadline.left))
+            q, evaluations = searched.q[None], evaluations + searched.evaluations
+            errors = _errors(one, q)
+            met = one.goal.met(errors)
         late = wide.out_of_time or (selection.prove and not wide.complete and deadline.passed)
         of_one = Branches(
             q=q[met],
@@ -147,7 +155,7 @@ def _ranged(
             orientation_error=errors[met, 1],
             complete=wide.complete,
             sampled=wide.sampled,
-            evaluations=wide.evaluations,
+            evaluations=evaluations,
             rejected=0,
             problem=one,
             out_of_time=late,
