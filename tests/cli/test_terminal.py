@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import subprocess
@@ -197,6 +198,12 @@ def test_json_says_what_is_free(
     assert run(["solve", "ur5e", *AT, *options]) == 0
     goal = json.loads(capsys.readouterr().out)["goal"]
     assert (goal["free"], goal["ranges"], goal["frame"]) == (free, {}, frame)
+
+
+def test_json_says_the_cone(capsys: pytest.CaptureFixture[str]) -> None:
+    for options, cone in ((("--free", "rz", "--cone", "10"), 10.0), (("--free", "rz"), 0.0)):
+        assert run(["solve", "ur5e", *AT, *options]) == 0
+        assert json.loads(capsys.readouterr().out)["goal"]["cone"] == pytest.approx(math.radians(cone))
 
 
 def test_json_says_ranges() -> None:

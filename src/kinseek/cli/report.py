@@ -356,6 +356,7 @@ def _goal_facts(goal: Goal) -> dict[str, Any]:
         "target": goal.target.tolist(),
         "free": list(goal.free),
         "ranges": ranges,
+        "cone": goal.cone,
         "frame": goal.frame,
         "position_tolerance": goal.position_tolerance,
         "orientation_tolerance": goal.orientation_tolerance,
