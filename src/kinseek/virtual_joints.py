@@ -389,22 +389,24 @@ def _constant(frames: Array, used: list[Array], which: str, where: str, other: s
 
 def _at_tip(chain: SerialChain, joint: _Joint, variable: int) -> SerialChain:
     """Return the chain with one more joint about or along an axis of its tip, of a new variable or of the given one."""
-    turn = np.zeros((3, 4))
-    turn[:, :3] = rotation_onto(np.array([0.0, 0.0, 1.0]), joint.axis)
-    back = np.zeros((3, 4))
-    back[:, :3] = turn[:, :3].T
+    turn, back = _onto(joint.axis)
     fixed = np.concatenate([chain.fixed[:-1], _product(chain.fixed[-1], turn)[None], back[None]])
     return _more(chain, fixed, joint, variable, len(chain.leader))
 
 
 def _at_base(chain: SerialChain, joint: _Joint) -> SerialChain:
     """Return the chain on a slide along an axis of its base."""
-    turn = np.zeros((3, 4))
-    turn[:, :3] = rotation_onto(np.array([0.0, 0.0, 1.0]), joint.axis)
-    back = np.zeros((3, 4))
-    back[:, :3] = turn[:, :3].T
+    turn, back = _onto(joint.axis)
     fixed = np.concatenate([turn[None], _product(back, chain.fixed[0])[None], chain.fixed[1:]])
     return _more(chain, fixed, joint, 0, 0)
+
+
+def _onto(axis: Array) -> tuple[Array, Array]:
+    """Return the rotation from z, the axis of every joint, onto an axis, and the one back, (3, 4) each."""
+    turn, back = np.zeros((2, 3, 4))
+    turn[:, :3] = rotation_onto(np.array([0.0, 0.0, 1.0]), axis)
+    back[:, :3] = turn[:, :3].T
+    return turn, back
 
 
 def _product(A: Array, B: Array) -> Array:
