@@ -32,20 +32,21 @@ _PLACES = 7
 
 def constraint_jacobian(problem: Problem, q: Array) -> Array:
     """Jacobian of the pose components that the goal constrains, (k, n) -> (k, rows, n); [m] or [rad] per joint unit."""
-    J = jacobian_many(problem.arrays, np.ascontiguousarray(q))
+    return _constrained(problem, q, jacobian_many(problem.arrays, np.ascontiguousarray(q)))
+
+
+def _constrained(problem: Problem, q: Array, twists: Array) -> Array:
+    """Return the components of twists of the tip, the columns of (k, 6, m), that the goal constrains at q, (k, rows, m)."""
     columns = problem.goal.columns
     if columns == 0:
-        return J[:, :3]
+        return twists[:, :3]
     if columns == 1:
         # A rotation about the tool axis does not change its direction, so that component is not constrained.
-        return np.concatenate([J[:, :3], _across_tool(problem, q, J[:, 3:])], axis=1)
-    return J
-
-
-def _across_tool(problem: Problem, q: Array, rotations: Array) -> Array:
-    """Return rotation vectors, the columns of (k, 3, m), without their components along the tool axis at q, (k, n)."""
-    tool = forward_many(problem.arrays, np.ascontiguousarray(q))[:, :3, 0]
-    return np.asarray(rotations - tool[:, :, None] * np.einsum("kr,krn->kn", tool, rotations)[:, None, :])
+        tool = forward_many(problem.arrays, np.ascontiguousarray(q))[:, :3, 0]
+        turns = twists[:, 3:]
+        across = turns - tool[:, :, None] * np.einsum("kr,krn->kn", tool, turns)[:, None, :]
+        return np.concatenate([twists[:, :3], across], axis=1)
+    return twists
 
 
 def freedom(problem: Problem) -> int:
@@ -79,7 +80,9 @@ def derivatives_of(problem: Problem, q: Array, reached: Any) -> Array:
     def differentiate(q: Array, reached: NDArray[np.bool_]) -> Array:
         scale, U, values, V = _decomposed(problem, q)
         inverted = np.swapaxes(V[:, :rank], 1, 2) / values[:, None, :rank] @ np.swapaxes(U[:, :, :rank], 1, 2)
-        D = inverted * scale @ _constrained_twist(problem, q) @ axes
+        # The target may move in any way.
+        free = _constrained(problem, q, np.broadcast_to(np.eye(6), (len(q), 6, 6)))
+        D = inverted * scale @ free @ axes
         D[~reached | _is_singular(values, rank)] = np.nan
         return np.asarray(D)
 
@@ -147,14 +150,3 @@ def _decomposed(problem: Problem, q: Array) -> tuple[Array, Array, Array, Array]
 
 def _is_singular(values: Array, rank: int) -> NDArray[np.bool_]:
     return np.asarray(values[:, rank - 1] <= SINGULAR)
-
-
-def _constrained_twist(problem: Problem, q: Array) -> Array:
-    """Return the rows of `constraint_jacobian` for a target that moves freely, (k, rows, 6)."""
-    twist = np.broadcast_to(np.eye(6), (len(q), 6, 6))
-    columns = problem.goal.columns
-    if columns == 0:
-        return twist[:, :3]
-    if columns == 1:
-        return np.concatenate([twist[:, :3], _across_tool(problem, q, twist[:, 3:])], axis=1)
-    return twist
