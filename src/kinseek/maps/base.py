@@ -16,7 +16,6 @@ from kinseek.collision.bodies import Body
 from kinseek.collision.solutions import judge_of
 from kinseek.errors import InvalidMap
 from kinseek.goal import Goal
-from kinseek.kinds import POSE
 from kinseek.poses import as_pose
 from kinseek.printable import printable
 from kinseek.robots.chain import Frame
@@ -191,16 +190,17 @@ class _Judge(NamedTuple):
 
     def _piece(self, goal: Goal, scene: Scene | None) -> tuple[Flags, Array]:
         quality = np.full(len(goal.target), -np.inf)
-        if goal.form is not POSE or goal.tool is not None:  # `reached` rejects whole poses of the tip alone.
+        if goal.form.ranges:
             solution = self.arm.ik(goal, scene=scene, clearance=self.clearance, threads=1)
             found = np.asarray(solution.success)
-        elif scene is None:
-            found = reached(self.arm, goal)
-        else:
-            found = reached_freely(self.arm, goal, scene, self.clearance)
-        if goal.form.ranges:
             quality[found] = QUALITIES[self.by](self.arm, solution.q[found])
-        elif found.any():
+            return found, quality
+        found = (
+            reached(self.arm, goal)
+            if scene is None
+            else reached_freely(self.arm, goal, scene, self.clearance)
+        )
+        if found.any():
             q, firsts, _ = all_solutions(self.arm, goal.at(goal.target[found]), scene, self.clearance)
             quality[found] = np.maximum.reduceat(QUALITIES[self.by](self.arm, q), firsts)
         return found, quality
