@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import InvalidRobot
 from kinseek.robots import catalog_path
+from pinocchio_poses import pinocchio_poses
 
 Array = NDArray[np.float64]
 ARMS = ("ur5e", "panda", "jaco2_6", "ur10e_rail", "scara4")
@@ -137,22 +138,6 @@ def test_a_model_of_yourdfpy(name: str, tmp_path: Path) -> None:
     q = arm.sample(1)[0]
     model.update_cfg(dict(zip(arm.joint_names, q, strict=True)))
     np.testing.assert_allclose(model.get_transform(arm.tip, arm.base), arm.fk(q), rtol=0, atol=1e-9)
-
-
-def pinocchio_poses(pin: Any, model: Any, arm: kinseek.Arm, q: Array) -> Array:
-    """Poses of the tip in the base by pinocchio, (k, n) -> (k, 4, 4)."""
-    data, poses = model.createData(), []
-    base, tip = model.getFrameId(arm.base), model.getFrameId(arm.tip)
-    for row in q:
-        full = pin.neutral(model)
-        for name, value in zip(arm.joint_names, row, strict=True):
-            joint = model.joints[model.getJointId(name)]
-            full[joint.idx_q : joint.idx_q + joint.nq] = (
-                [np.cos(value), np.sin(value)] if joint.nq == 2 else [value]
-            )
-        pin.framesForwardKinematics(model, data, full)
-        poses.append((data.oMf[base].inverse() * data.oMf[tip]).homogeneous)
-    return np.array(poses)
 
 
 @pytest.mark.parametrize("name", ARMS)

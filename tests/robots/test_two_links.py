@@ -15,6 +15,7 @@ from kinseek.cli.program import run
 from kinseek.errors import InvalidRobot
 from kinseek.proof.certificate import Verdict
 from kinseek.robots import catalog_path
+from pinocchio_poses import pinocchio_poses
 
 Array = NDArray[np.float64]
 
@@ -79,22 +80,6 @@ def hands() -> str:
     return f'<robot name="h">{"".join(f"<link name={link!r}/>" for link in links)}{text}</robot>'
 
 
-def poses_of_pinocchio(pin: Any, model: Any, arm: kinseek.Arm, q: Array) -> Array:
-    """Poses of the tip in the base, (k, n) -> (k, 4, 4)."""
-    data, poses = model.createData(), []
-    base, tip = model.getFrameId(arm.base), model.getFrameId(arm.tip)
-    for row in q:
-        full = pin.neutral(model)
-        for name, value in zip(arm.joint_names, row, strict=True):
-            moved = model.joints[model.getJointId(name)]
-            full[moved.idx_q : moved.idx_q + moved.nq] = (
-                [np.cos(value), np.sin(value)] if moved.nq == 2 else [value]
-            )
-        pin.framesForwardKinematics(model, data, full)
-        poses.append((data.oMf[base].inverse() * data.oMf[tip]).homogeneous)
-    return np.array(poses)
-
-
 TREES = ("two", "two long", "yumi", "panda", "ur10e_rail", "pr2_left")
 
 
@@ -122,7 +107,7 @@ def test_forward_kinematics_between_any_two_links_is_pinocchios(name: str) -> No
             continue
         tried += 1
         q = arm.sample(3)
-        expected = poses_of_pinocchio(pin, model, arm, q)
+        expected = pinocchio_poses(pin, model, arm, q)
         np.testing.assert_allclose(arm.fk(q), expected, rtol=0, atol=1e-12)
         # The other way round it is the inverse, with the same joint values by name; and so is pinocchio's model itself.
         back = kinseek.load(text, tip, base)
@@ -146,7 +131,7 @@ def test_links_and_joints_on_the_way_have_their_poses() -> None:
     for link in ("left_4", "left_0", "torso", "right_3"):
         part = kinseek.load(text, "left_hand", link)
         some = [arm.joint_names.index(name) for name in part.joint_names]
-        expected = poses_of_pinocchio(pin, model, part, q[:, some])[0]
+        expected = pinocchio_poses(pin, model, part, q[:, some])[0]
         np.testing.assert_allclose(arm.fk(q[0], link=link), expected, rtol=0, atol=1e-12)
     # A joint's frame is that of its child link, whichever way the chain goes.
     np.testing.assert_allclose(arm.fk(q[0], link="left_j2"), arm.fk(q[0], link="left_2"), rtol=0, atol=1e-15)
