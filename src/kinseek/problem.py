@@ -121,6 +121,11 @@ class Problem(Lazy):
         turned = q + nearest_turns(near - q)
         return np.where(free, np.clip(turned, near - np.pi, near + np.pi), q)
 
+    def errors_of(self, q: Array) -> Array:
+        """Return position [m], orientation [rad] and weighted error of joint values at the one target, (k, n) -> (k, 3)."""
+        goals = self.goal.at(np.repeat(self.goal.target[None], len(q), axis=0))
+        return goals.measure(self.arrays, np.ascontiguousarray(q))
+
     def at(self, target: Array) -> Problem:
         """Return the same problem with another target, or other targets."""
         return replace(self, goal=self.goal.at(target))

@@ -94,8 +94,7 @@ def _inside(problem: Problem, posture: PostureRequest, q: Array) -> Array:
     if problem.near is not None:
         nearer = q + np.where(chain.periodic, nearest_turns(problem.near - q), 0.0)
         q = np.where((nearer >= lower) & (nearer <= upper), nearer, q)
-    goals = problem.goal.at(np.repeat(problem.goal.target[None], len(q), axis=0))
-    met = goals.met(goals.measure(problem.arrays, np.ascontiguousarray(q)))
+    met = problem.goal.met(problem.errors_of(q))
     return q[met & (np.abs(posture.angle_errors(q)[0]) < MET) & ((q >= lower) & (q <= upper)).all(axis=1)]
 
 

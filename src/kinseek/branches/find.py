@@ -139,14 +139,14 @@ def _ranged(
             answers.append(late_branches((one, one.goal.target, one.near), dof, wide.sampled))
             continue
         q = _distinct(problem.placed(wide.q[more.accepts(wide.q)][:, more.own]), problem.chain)
-        errors = _errors(one, q)
+        errors = one.errors_of(q)
         met = one.goal.met(errors)
         evaluations = wide.evaluations
         if not (met.any() or wide.complete or deadline.passed):
             # Ranges that are narrow and far from 0 may contain none of the sample, which is of slightly larger ones.
             searched = Atlas(threads=threads).solve(replace(one, time_limit=deadline.left))
             q, evaluations = searched.q[None], evaluations + searched.evaluations
-            errors = _errors(one, q)
+            errors = one.errors_of(q)
             met = one.goal.met(errors)
         late = wide.out_of_time or (selection.prove and not wide.complete and deadline.passed)
         of_one = Branches(
@@ -275,7 +275,7 @@ def _finish(
             q, complete = prove_complete(problem, q, deadline=deadline)
         late = not complete and deadline.passed
         q = problem.placed(q)
-        errors = _errors(problem, q)
+        errors = problem.errors_of(q)
     branches = Branches(
         q=q,
         position_error=errors[:, 0].copy(),
@@ -303,7 +303,7 @@ def _chosen(found: Branches, selection: Selection, sort: bool) -> Branches:
     errors = np.stack([found.position_error, found.orientation_error], axis=1)
     if selection.copies:
         q = full_turn_copies(problem.chain, q)
-        errors = _errors(problem, q)
+        errors = problem.errors_of(q)
     place = np.arange(len(q))
     if sort or selection.copies or selection.cost is not None or selection.order != ORDERS[0]:
         place = np.argsort(scores(problem, q, selection.order, selection.cost), kind="stable")
@@ -321,14 +321,6 @@ def _chosen(found: Branches, selection: Selection, sort: bool) -> Branches:
         # Complete only if `count` has cut off none of the solutions.
         complete=found.complete and len(place) + rejected == len(q),
         rejected=rejected,
-    )
-
-
-def _errors(problem: Problem, q: Array) -> Array:
-    """Errors of joint values at one target, (k, n) -> (k, 3)."""
-    goal = problem.goal
-    return goal.at(np.repeat(goal.target[None], len(q), axis=0)).measure(
-        problem.arrays, np.ascontiguousarray(q)
     )
 
 

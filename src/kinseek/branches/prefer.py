@@ -296,7 +296,7 @@ def _slide_in_ranges(
         deadline,
     )
     reached = problem.placed(end.q[more.own])
-    met = problem.goal.met(problem.goal.measure(problem.arrays, np.ascontiguousarray(reached[None])))[0]
+    met = problem.goal.met(problem.errors_of(reached[None]))[0]
     return Slide(reached if met else q, end.cost, end.evaluations, refused)
 
 

@@ -126,7 +126,7 @@ def _prove_in_ranges(
     lower = found.lower_bound if more.problem.goal.columns < 3 else 0.5 * found.lower_bound
     lower = 0.0 if more.leverage else lower
     q = problem.placed(found.q[more.own])
-    errors = goal.measure(problem.arrays, np.ascontiguousarray(q[None]))
+    errors = problem.errors_of(q[None])
     met = bool(goal.met(errors)[0])
     if met:
         verdict, lower = Verdict.REACHABLE, 0.0

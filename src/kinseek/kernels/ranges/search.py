@@ -118,8 +118,7 @@ def solve_ranged(
     poses: Annotated[Array, "k", POSES, 3, 4],
     near: Annotated[Array, "k", "n"],
     close: bool,
-    results: Annotated[Array, "*", "n+4", OUT],
-    begin: int,
+    results: Annotated[Array, "k", "n+4", OUT],
     w: int,
 ) -> None:
     """Solve goals with ranges, one after the other.
@@ -131,9 +130,8 @@ def solve_ranged(
         poses: Poses at which starts are looked up, (k, POSES, 3, 4), the most promising of each goal first.
         near: Reference joint values of each goal, to which continuous joints are moved by full turns, (k, n).
         close: True to choose the solution nearest to `near` of all that are found.
-        results: Receives joint values, position error [m], orientation error [rad], weighted error and FK evaluations
-            from row `begin` on, (…, n + 4).
-        begin: Row of the first goal.
+        results: Receives joint values, position error [m], orientation error [rad], weighted error and FK evaluations,
+            (k, n + 4).
         w: LANES.
     """
     task = task_of(handle, tolerances)
@@ -152,7 +150,7 @@ def solve_ranged(
             copy_pose(poses[i, k], ranges.poses[k])
         for k in range(len(ranges.used)):
             ranges.used[k] = -1
-        row = (begin + i) * width
+        row = i * width
         q, report = part1(address, row, dof), part1(address, row + dof, REPORT)
         target = part2(questions.ctypes.data, i * QUESTION, 3, 4)  # A question begins with its target.
         report[EVALUATIONS] = search_near(job, target, task.budget, near[i], close, q)

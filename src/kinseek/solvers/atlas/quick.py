@@ -13,6 +13,7 @@ from kinseek.kernels.atlas.batch import solve_many
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.near import solve_goal
 from kinseek.kernels.atlas.task import REPORT
+from kinseek.kinds import Kind
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution, quick_solution
 
@@ -42,13 +43,7 @@ def solve_quickly(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array
     Returns:
         None if a missed goal has to be searched again.
     """
-    tolerances = _tolerances(
-        goal.position_tolerance,
-        goal.orientation_tolerance,
-        goal.position_weight,
-        goal.orientation_weight,
-        goal.form.columns,
-    )
+    tolerances = _tolerances_as(goal, goal.form)
     moved = goal.base is not None or goal.form.turned
     # A target has the memory layout of the array it was created from.
     q, target = np.empty(chain.dof), goal.targets[0] if moved else np.ascontiguousarray(goal.target[:3])
@@ -71,15 +66,8 @@ def solve_central(chain: SerialChain, index: AtlasIndex, goal: Goal) -> Solution
         None if the fast search does not find it.
     """
     dof, left = chain.dof, np.empty(1, dtype=np.int64)
-    tolerances = _tolerances(
-        goal.position_tolerance,
-        goal.orientation_tolerance,
-        goal.position_weight,
-        goal.orientation_weight,
-        goal.seeded_as.columns,
-    )
     row = np.empty((1, dof + REPORT))
-    if solve_many(index.handle, tolerances, goal.targets, row, left, 0, 1, LANES):
+    if solve_many(index.handle, central_tolerances(goal), goal.targets, row, left, 0, 1, LANES):
         return None
     weights = float(goal.position_weight), float(goal.orientation_weight)
     (measured,) = judge_ranges(index.arrays, row[:, :dof], goal.questions, *weights).tolist()
@@ -88,6 +76,21 @@ def solve_central(chain: SerialChain, index: AtlasIndex, goal: Goal) -> Solution
         return None
     report = measured[0], measured[1], measured[2], int(row[0, -1]), True
     return quick_solution(chain, goal, None, row[0, :dof], report)
+
+
+def central_tolerances(goal: Goal) -> Array:
+    """Return the tolerances and weights of the pose or position that is looked for inside ranges, (TOLERANCES,)."""
+    return _tolerances_as(goal, goal.seeded_as)
+
+
+def _tolerances_as(goal: Goal, kind: Kind) -> Array:
+    return _tolerances(
+        goal.position_tolerance,
+        goal.orientation_tolerance,
+        goal.position_weight,
+        goal.orientation_weight,
+        kind.columns,
+    )
 
 
 @lru_cache(maxsize=64)

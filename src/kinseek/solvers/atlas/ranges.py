@@ -31,7 +31,8 @@ from kinseek.support.deadline import Deadline
 from kinseek.support.transforms import rotation_onto, rotations
 from kinseek.virtual_joints import extended
 
-from .index import AtlasIndex, atlas_of, tolerance_numbers, tolerances_of
+from .index import AtlasIndex, atlas_of, tolerances_of
+from .quick import central_tolerances
 from .rows import batch_solution
 
 if TYPE_CHECKING:
@@ -90,7 +91,6 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
                     nears[rows],
                     problem.near is not None,
                     found,
-                    0,
                     LANES,
                 )
                 results[rows], done[rows] = found, True
@@ -119,7 +119,7 @@ def _retry_close(search: Atlas, problem: Problem, results: Array, deadline: Dead
         near = more.with_virtual(results[i : i + 1, : chain.dof])[0]
         found = replace(search, progress=False, threads=1).solve(replace(more.problem, near=near))
         q = one.placed(found.q[more.own])
-        measured = one.goal.measure(one.arrays, np.ascontiguousarray(q[None]))
+        measured = one.errors_of(q[None])
         results[i, -1] += found.evaluations
         if one.goal.met(measured)[0]:
             results[i, : chain.dof], results[i, chain.dof : -1] = q, measured[0]
@@ -146,21 +146,13 @@ def solve_centres(
         poses = seed_poses(problem.chain, goal, fractions[:1], turns[:1], some)[:, 0]
     poses = np.ascontiguousarray(poses)
     rows, left = np.empty((len(some), dof + REPORT)), np.empty(len(some), dtype=np.int64)
-    count = solve_many(index.handle, inner_tolerances(goal), poses, rows, left, 0, len(some), LANES)
+    count = solve_many(index.handle, central_tolerances(goal), poses, rows, left, 0, len(some), LANES)
     found = np.ones(len(some), dtype=np.bool_)
     found[left[:count]] = False
     rows, some = rows[found], some[found]
     weights = float(goal.position_weight), float(goal.orientation_weight)
     rows[:, dof:-1] = judge_ranges(index.arrays, rows[:, :dof], goal.questions[some], *weights)
     results[some], done[some] = rows, goal.met(rows[:, dof:])
-
-
-def inner_tolerances(goal: Goal) -> Array:
-    """Return the tolerances and weights of the pose or position that is looked for inside the ranges."""
-    weights = goal.orientation_weight * (np.arange(3) < min(goal.seeded_as.columns, 2))
-    return tolerance_numbers(
-        goal.position_tolerance, goal.orientation_tolerance, goal.position_weight, np.inf, weights
-    )
 
 
 @lru_cache(maxsize=64)
