@@ -22,7 +22,6 @@ from .poses import plain_array
 from .problem import Problem, as_joints
 from .proof.certificate import Certificate, Verdict
 from .robots import Mechanism, SerialChain, read
-from .robots.calibration import Calibration
 from .solution import Solution, Status, quick_solution
 from .solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
 from .solvers.atlas.quick import can_solve_quickly, is_central, solve_central, solve_quickly
@@ -43,6 +42,7 @@ if TYPE_CHECKING:
     from .collision.scene import Scene
     from .paths.path import Path as Motion
     from .paths.tracker import Tracker
+    from .robots.calibration import Calibration
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any, Generic, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from .derivatives import derivatives_of, null_spaces_of
 from .errors import InvalidUse, NotReached
 from .goal import Goal
 from .kernels.arm.pose_error import judge_poses
-from .postures import configuration_of
 from .problem import DeferredProblem, Problem
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism
@@ -228,6 +226,8 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         Raises:
             InvalidUse: The goal has free axes or ranges, or the arm has black-box kinematics.
         """
+        from .derivatives import derivatives_of
+
         return derivatives_of(self.problem, self.q, self.success)
 
     @property
@@ -240,6 +240,8 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         Raises:
             InvalidUse: As `derivative`.
         """
+        from .derivatives import null_spaces_of
+
         return null_spaces_of(self.problem, self.q, self.success)
 
     @property
@@ -254,6 +256,8 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         Raises:
             InvalidUse: Postures of this arm have no names.
         """
+        from .postures import configuration_of
+
         return configuration_of(self.problem.mechanism, self.q)
 
     @property

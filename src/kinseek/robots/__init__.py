@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kinseek.errors import InvalidRobot, suggest
 
@@ -21,19 +21,19 @@ from .adapters import (
 )
 from .blackbox import BlackBox, black_box
 from .bundled import read_bundled
-from .calibration import Calibration, calibrated
 from .catalog import CatalogEntry, catalog_entry, catalog_names, catalog_path
 from .chain import Limits, SerialChain, with_limits
 from .dh import read_dh
 from .files import instead_of_a_description
-from .groups import arm_of_group
 from .mechanism import Mechanism
 from .mjcf import read_mjcf
-from .srdf import read_srdf
 from .urdf import Urdf, read_urdf, urdf_of_file
 
 MAKERS = "kinseek.load(name or file), Arm.from_dh(rows, lower, upper), Arm.from_fk(function, lower, upper)"
 """The ways to create an arm, for messages."""
+
+if TYPE_CHECKING:
+    from .calibration import Calibration
 
 __all__ = [
     "BlackBox",
@@ -103,9 +103,14 @@ def read(
         chain = read_mjcf(found, base, tip) if isinstance(found, Path) else _read_model(found, base, tip)
         return chain if limits is None else with_limits(chain, limits)
     if calibration is not None:
+        from .calibration import calibrated
+
         found = calibrated(found, calibration)
     found = found._replace(limits=limits or {})
     if srdf is not None:
+        from .groups import arm_of_group
+        from .srdf import read_srdf
+
         chain = arm_of_group(found, base, tip, read_srdf(srdf, packages, trusted), group)
     else:
         chain = found.arm(found.base if base is None else base, found.tip if tip is None else tip)
