@@ -53,6 +53,7 @@ if typing.TYPE_CHECKING:
     from .solvers.every import ALL_SOLVERS
     from .solvers.polished import Polished
     from .solvers.separate_chains import SeparateChains
+    from .timing.trajectory import Trajectory
 
 __version__ = "0.1.0"
 
@@ -95,6 +96,7 @@ __all__ = [
     "Status",
     "Trace",
     "TrackStatus",
+    "Trajectory",
     "UnitWarning",
     "Verdict",
     "arc",
@@ -113,6 +115,7 @@ __getattr__, __dir__ = _lazy_names(
         "PathStatus": ".paths.path",
         "Scene": ".collision",
         "TrackStatus": ".paths.tracker",
+        "Trajectory": ".timing.trajectory",
         "branches": ".branches",
         "collision": ".collision",
         "maps": ".maps",

@@ -50,11 +50,14 @@ class Speeds:
         self._moves = (moving >= ends[:, :1]) & (moving < ends[:, 1:])
         """Joints between the two parts, (pairs, joints)."""
 
-    def of(self, q0: Array, q1: Array) -> Array:
-        """Return bounds on the motion of any point of each pair's parts from q0 to q1, (k, n) each, (k, pairs) [m]."""
+    def of(self, q0: Array, q1: Array, moved: Array | None = None) -> Array:
+        """Return bounds on the motion of any point of each pair's parts from q0 to q1, (k, n) each, (k, pairs) [m].
+
+        With `moved`, (k, n), the joints move by this much between q0 and q1 instead.
+        """
         chain = self._chain
         ends = [chain.multiplier * q[:, chain.leader] + chain.offset for q in (q0, q1)]
-        travel = np.abs(ends[1] - ends[0])
+        travel = np.abs(ends[1] - ends[0] if moved is None else chain.multiplier * moved[:, chain.leader])
         slides = np.where(chain.prismatic, np.maximum(np.abs(ends[0]), np.abs(ends[1])), 0.0)
         lengths = np.linalg.norm(chain.fixed[:-1, :, 3], axis=1) + slides
         before = np.concatenate([np.zeros((len(q0), 1)), np.cumsum(lengths, axis=1)], axis=1)
@@ -64,18 +67,28 @@ class Speeds:
         return np.asarray(np.where(self._moves, far, 0.0).sum(axis=2))
 
 
-def stops(speeds: Speeds, q0: Array, q1: Array, clearance: float) -> Array:
+def stops(speeds: Speeds, q0: Array, q1: Array, clearance: float, around: Array | None = None) -> Array:
     """Return where the linear motions from q0 to q1, (k, n) each, are not free, as fractions, (k,); NaN if all is free.
 
     The place is not necessarily the first on the way. See `Scene.free_motion`.
+
+    Args:
+        speeds: The pairs, and bounds of their motion.
+        q0: Begins of the motions, (k, n).
+        q1: Their ends.
+        clearance: Minimum distance of bodies [m].
+        around: How far each joint may be from the linear motion, (k, n); None for not at all.
     """
     found = np.full(len(q0), np.nan)
     if speeds.engine.pairs:
         for begin in range(0, len(q0), _TOGETHER):
             some = slice(begin, begin + _TOGETHER)
-            found[some] = _stops_of(
-                speeds.engine, speeds.of(q0[some], q1[some]), q0[some], q1[some], clearance
-            )
+            rates, least = speeds.of(q0[some], q1[some]), np.array(clearance + FINEST)
+            if around is not None:
+                # The ranges of slides, and with them the levers, are those of the whole motion.
+                low, high = np.minimum(q0, q1)[some] - around[some], np.maximum(q0, q1)[some] + around[some]
+                least = least + speeds.of(low, high, around[some])
+            found[some] = _stops_of(speeds.engine, rates, q0[some], q1[some], least)
     return found
 
 
@@ -97,9 +110,12 @@ def surely_hits(speeds: Speeds, q: Array, reach: Array, clearance: float) -> boo
     )
 
 
-def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, clearance: float) -> Array:
-    """Check the middle of every motion, then the middles of the halves that it does not cover, and so on."""
-    least, found = clearance + FINEST, np.full(len(q0), np.nan)
+def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, least: Array) -> Array:
+    """Check the middle of every motion, then the middles of the halves that it does not cover, and so on.
+
+    `least` is the distance that each pair keeps in each motion, (k, pairs) or a number.
+    """
+    least, found = np.broadcast_to(least, rates.shape), np.full(len(q0), np.nan)
     number, moment, half = np.arange(len(q0)), np.full(len(q0), 0.5), 0.5
     left, looked = np.ones(rates.shape, dtype=np.bool_), np.zeros(len(q0), dtype=np.int64)
     while len(number):
@@ -109,17 +125,18 @@ def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, clearance: flo
         found[number[late]] = moment[late]
         q = q0[number] + moment[:, None] * (q1 - q0)[number]
         # Bounds from spheres exclude most pairs; only the rest is measured exactly.
-        left &= engine.bounds(q) - least <= rates[number] * half
+        left &= engine.bounds(q) - least[number] <= rates[number] * half
         for row in np.flatnonzero(left.any(axis=1)):
             if found[number[row]] >= 0:
                 continue
             engine.place(q[row])
             for n in np.flatnonzero(left[row]):
                 distance = engine.near_pair(int(n)).distance
-                if distance <= least:
+                need = least[number[row], n]
+                if distance <= need:
                     found[number[row]] = moment[row]
                     break
-                left[row, n] = distance - least <= rates[number[row], n] * half
+                left[row, n] = distance - need <= rates[number[row], n] * half
         on = left.any(axis=1) & np.isnan(found[number])
         half /= 2
         # Both halves of an interval inherit the pairs that its middle did not cover.

@@ -184,7 +184,7 @@ class Scene(Contents):
         contacts = [Contact(a, b, -near.distance) for (a, b), near in found.items()]
         return tuple(sorted(contacts, key=lambda contact: -contact.depth))
 
-    def free_motion(self, q0: Any, q1: Any, clearance: float = 0.0) -> Any:
+    def free_motion(self, q0: Any, q1: Any, clearance: float = 0.0, around: Any = None) -> Any:
         """Return whether every q of the linear motion between two joint values is free of collision.
 
         The result is proved by bounds on the motion of links and on distances, not by samples. A motion that comes within a
@@ -194,16 +194,19 @@ class Scene(Contents):
             q0: Joint values, (..., n), [rad] or [m], or by name.
             q1: The other ends, in the same form; a continuous joint moves linearly, including full turns.
             clearance: Minimum distance of bodies along the motion [m].
+            around: How far each joint may deviate from the linear motion on the way, (..., n), at least 0: every motion
+                that stays this close to it is then free, for example a curved one.
 
         Returns:
             bool, or (...) bool.
 
         Raises:
-            InvalidProblem: `q0` or `q1` does not fit the arm, or they do not fit each other.
+            InvalidProblem: `q0`, `q1` or `around` does not fit the arm, or they do not fit each other.
             InvalidScene: `clearance` is not a length.
         """
         starts, way, shape = self._ways(q0, q1)
-        free = np.isnan(self._stops(starts, way, clearance))
+        deviation = None if around is None else self._around(around, len(starts))
+        free = np.isnan(self._stops(starts, way, clearance, deviation))
         return free.reshape(shape) if shape else bool(free[0])
 
     def hits_between(self, q0: Any, q1: Any, clearance: float = 0.0) -> tuple[Contact, ...]:
@@ -238,10 +241,19 @@ class Scene(Contents):
         a, b = one.reshape(-1, self._chain.dof), other.reshape(-1, self._chain.dof)
         return a, b - a, one.shape[:-1]
 
-    def _stops(self, starts: Array, way: Array, clearance: float) -> Array:
+    def _around(self, around: Any, count: int) -> Array:
+        """Read how far joints may deviate from motions, (..., n), as (count, n)."""
+        rows = as_joints(self._chain, around, "around").reshape(-1, self._chain.dof)
+        if len(rows) not in (1, count) or (rows < 0.0).any():
+            raise InvalidProblem(
+                f"around must be one deviation of each joint for each of the {count} motions, at least 0, got {around!r:.80}"
+            )
+        return np.broadcast_to(rows, (count, self._chain.dof))
+
+    def _stops(self, starts: Array, way: Array, clearance: float, around: Array | None = None) -> Array:
         least = length_or_zero("clearance", clearance)
         with self._engine:
-            return stops(self._made.speeds, starts, starts + way, least)
+            return stops(self._made.speeds, starts, starts + way, least, around)
 
     def hits_around(self, q: Any, reach: Any, clearance: float = 0.0) -> bool:
         """Return whether bodies certainly touch, or are too close, wherever no joint is farther than `reach` from q.

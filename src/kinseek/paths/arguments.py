@@ -18,6 +18,7 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.support.deadline import Deadline
 from kinseek.support.interrupts import raise_of_handler
 from kinseek.support.validation import arrays_equal
+from kinseek.timing.limits import positive
 
 from .allowed import Allowed, Obstacles
 from .request import PathRequest
@@ -211,26 +212,6 @@ def _own_speeds(arm: Mechanism) -> Array:
             f"{', '.join(arm.joint_names[i] for i in unsaid)}: give velocity=, [rad/s] or [m/s]"
         )
     return arm.velocity
-
-
-def positive(arm: Mechanism, name: str, value: ArrayLike, unit: str) -> Array:
-    """Read one number for all joints or one for each, all above zero, (n,).
-
-    Raises:
-        InvalidProblem: They are not.
-    """
-    try:
-        numbers = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (arm.dof,)))
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidProblem(
-            f"{name} must be a number or {arm.dof} of them [{unit}], got {value!r:.80}"
-        ) from None
-    if not (np.isfinite(numbers) & (numbers > 0)).all():
-        bad = int(np.flatnonzero(~(np.isfinite(numbers) & (numbers > 0)))[0])
-        raise InvalidProblem(
-            f"{name} must be above 0 and finite [{unit}], got {numbers[bad]:g} for joint {arm.joint_names[bad]!r}"
-        )
-    return numbers
 
 
 def _check_end(problem: Problem, q: Array, name: str, i: int) -> None:

@@ -95,5 +95,7 @@ def judged(request: PathRequest, plan: Plan) -> Path:
         closed=request.closed,
         planned=planned,
         out_of_time=request.deadline.passed or not bool(planned.all()),
+        scene=None if request.valid is None else request.valid.scene,
+        clearance=0.0 if request.valid is None else request.valid.clearance,
     )
     return path if path.success else replace(path, why=reasons(request, path, plan.layers))

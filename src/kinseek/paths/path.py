@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import NotReached
 from kinseek.problem import Problem
 from kinseek.support.lazy import Lazy, lazy
+from kinseek.timing.limits import read_limits
 
+from .allowed import Obstacles
 from .between import deviation_between
 from .joints import Turning
+
+if TYPE_CHECKING:
+    from kinseek.timing.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -97,6 +102,8 @@ class Path(Lazy):
         out_of_time: Whether the time was up before the path was planned. A continuous path may then cost more than with more
             time.
         proof: Proofs for the path, see `PathProof`; None without `prove=True`.
+        scene: The collision scene in which it is free, or None.
+        clearance: Minimum distance of bodies in the scene [m].
     """
 
     q: Array
@@ -110,6 +117,8 @@ class Path(Lazy):
     planned: NDArray[np.bool_]
     out_of_time: bool
     proof: PathProof | None = None
+    scene: Obstacles | None = None
+    clearance: float = 0.0
 
     @property
     def success(self) -> bool:
@@ -190,6 +199,55 @@ class Path(Lazy):
         axes free, the straight motion is the one between the reached poses.
         """
         return Deviation(*deviation_between(self.problem, self.q, self._apart))
+
+    def timed(
+        self,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        jerk: ArrayLike | None = None,
+        tool_speed: float | None = None,
+        *,
+        start_velocity: float = 0.0,
+        end_velocity: float = 0.0,
+    ) -> Trajectory:
+        """Return the fastest motion through the joint values of all poses that keeps limits everywhere, not at samples only.
+
+        The joints move along cubic splines through the rows of `q`, with continuous velocities; `Trajectory.deviation` says
+        how far the tip is from the straight lines between the poses. The limits are kept by bounds of the polynomials
+        between the points at which the speed is chosen (docs/trajectories.md). The arm stops at breaks, and moves across
+        them with every joint moving linearly. In a scene the motion is proved free of collision; where the spline is not,
+        the arm moves linearly from pose to pose, and stops at both.
+
+        Args:
+            velocity: Speed limit of each joint, one number or (n,), [rad/s] or [m/s]; by default that of the arm.
+            acceleration: Limit of the acceleration of each joint, one number or (n,), [rad/s²] or [m/s²]; by default that
+                of the arm.
+            jerk: Limit of the jerk of each joint, one number or (n,), [rad/s³] or [m/s³]; None for no limit.
+            tool_speed: Largest speed of the tip, or of the tool of the goal [m/s]. It is kept constant where the other
+                limits permit it.
+            start_velocity: Speed of the tip at the first pose [m/s].
+            end_velocity: Speed of the tip at the last pose [m/s].
+
+        Raises:
+            NotReached: Some poses are missed; the error carries the path.
+            InvalidProblem: A limit is not a finite number above 0, or the arm has none for a joint; the speed at an end
+                cannot be kept; or in a scene the linear motion across a break is not free.
+        """
+        from kinseek.timing.timed import Way, timed
+
+        if not self.reached.all():
+            raise NotReached(
+                f"a path with missed poses has no motion in time. {self.status} {'; '.join(self.why[:3])}",
+                self,
+            )
+        problem = self.problem
+        limits = read_limits(problem.mechanism, velocity, acceleration, jerk, tool_speed)
+        q = self.q
+        if self.closed:
+            q = np.concatenate([q, q[-1:] + Turning(problem.chain).way(q[:1] - q[-1:])])
+        way = Way(problem.mechanism, problem.goal.tool, q, self.breaks, self.scene, self.clearance)
+        trajectory = timed(way, limits, (start_velocity, end_velocity))
+        return replace(trajectory, pose_times=trajectory.pose_times[: len(self)])
 
     def require(self) -> Path:
         """Return the path if it is a success.

@@ -22,9 +22,9 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
 from kinseek.support.transforms import inverse
 from kinseek.support.validation import as_number
+from kinseek.timing.limits import positive
 from kinseek.virtual_joints import extended
 
-from .arguments import positive
 from .joints import Turning
 from .past import TIMES, PastPoses
 from .request import require_inside

@@ -1,0 +1,126 @@
+"""A curve through joint values: cubic polynomials from pose to pose, with continuous first and second derivatives."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.kernels.timing.spline import spline_slopes
+
+from . import bernstein
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ENDS = 4
+"""Points that determine the slope at an end: it is that of the cubic polynomial through them."""
+
+
+class Curve(NamedTuple):
+    """Joint values q(s) in m pieces, each a cubic polynomial."""
+
+    knots: Array
+    """Increasing ends of the pieces, (m + 1,)."""
+    begins: Array
+    """Joint values at the begin of each piece, (m, n), [rad] or [m]."""
+    slopes: Array
+    """Bernstein coefficients of dq/ds on each piece, (m, n, 3)."""
+
+    @property
+    def widths(self) -> Array:
+        """Widths of the pieces, (m,)."""
+        return np.diff(self.knots)
+
+    @property
+    def coefficients(self) -> Array:
+        """Bernstein coefficients of q on each piece, (m, n, 4)."""
+        inner = self.begins[..., None] + np.cumsum(self.slopes, axis=2) * self.widths[:, None, None] / 3.0
+        return np.concatenate([self.begins[..., None], inner], axis=2)
+
+    @property
+    def values(self) -> Array:
+        """Joint values at all knots, (m + 1, n)."""
+        return np.concatenate([self.begins, self.coefficients[-1:, :, 3]])
+
+    def rates(self, order: int) -> Array:
+        """Return the Bernstein coefficients of a derivative with respect to s on each piece, (m, n, 4 - order)."""
+        rates = self.slopes if order else self.coefficients
+        for _ in range(order - 1):
+            rates = bernstein.derivative(rates) / self.widths[:, None, None]
+        return rates
+
+    def at(self, s: Array, piece: Indices, order: int = 0) -> Array:
+        """Return q, or a derivative with respect to s, at points, (k,), of given pieces, (k,), as (k, n)."""
+        share = (s - self.knots[piece]) / self.widths[piece]
+        return bernstein.value(self.rates(order)[piece], share[:, None])
+
+    @property
+    def deviation(self) -> Array:
+        """How far each joint is at most from linear motion along each piece, (m, n), [rad] or [m]."""
+        begin, inner1, inner2, end = np.moveaxis(self.coefficients, 2, 0)
+        off = np.maximum(
+            np.abs(inner1 - (2.0 * begin + end) / 3.0), np.abs(inner2 - (begin + 2.0 * end) / 3.0)
+        )
+        # The two inner basis polynomials add up to 3 s (1 - s), at most 3/4.
+        return np.asarray(0.75 * off)
+
+    def divided(self, parts: int) -> Curve:
+        """Return the same curve with each piece divided into equal parts."""
+        if parts == 1:
+            return self
+        shares = np.arange(parts) / parts
+        knots = np.append((self.knots[:-1, None] + shares * self.widths[:, None]).ravel(), self.knots[-1])
+        piece = np.repeat(np.arange(len(self.begins)), parts)
+        return Curve(knots, self.at(knots[:-1], piece), bernstein.subdivided(self.slopes, parts))
+
+
+def spline(q: Array, speeds: Array, lower: Array, upper: Array) -> Curve:
+    """Return the cubic spline through joint values.
+
+    Its parameter grows with the distance, in which each joint is measured by its speed: so it is about the time that the
+    motion takes at full speed. Where the spline would leave the limits of a joint, its slopes are reduced, and its second
+    derivative is no longer continuous.
+
+    Args:
+        q: Joint values, (k, n), k >= 2, each unlike the one before.
+        speeds: Limits of the speeds, (n,).
+        lower: Lower limits of the joints, (n,), -inf for none; q may lie outside by rounding.
+        upper: Upper limits, (n,).
+    """
+    knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0) / speeds, axis=1))])
+    slopes = np.empty_like(q)
+    slopes[0], slopes[-1] = _end_slope(knots, q), _end_slope(knots[::-1], q[::-1])
+    spline_slopes(knots, q, slopes)
+    width = np.diff(knots)[:, None]
+    third = width / 3.0
+    before, after = np.concatenate([third[:1], third]), np.concatenate([third, third[-1:]])
+    below, above = np.maximum(q - lower, 0.0), np.maximum(upper - q, 0.0)
+    # The inner coefficients q + after m and q - before m stay inside the limits, and with them the curve.
+    most, least = np.minimum(above / after, below / before), np.minimum(below / after, above / before)
+    begin, end = np.clip(slopes, -least, most)[:-1], np.clip(slopes, -least, most)[1:]
+    # The mean of the coefficients is the mean slope.
+    return Curve(
+        knots, q[:-1], np.stack([begin, 3.0 * np.diff(q, axis=0) / width - begin - end, end], axis=-1)
+    )
+
+
+def _end_slope(knots: Array, q: Array) -> Array:
+    """Return the slope at the first point of the polynomial through the first points, (n,)."""
+    near = knots[:ENDS] - knots[0]
+    return np.asarray(np.linalg.solve(np.vander(near, increasing=True), q[:ENDS])[1])
+
+
+def joined(curves: list[Curve]) -> Curve:
+    """Return curves one after another, each with as many pieces as before."""
+    knots = [curves[0].knots[:1]]
+    for curve in curves:
+        knots.append(knots[-1][-1] + curve.knots[1:] - curve.knots[0])
+    begins, slopes = ([curve[k] for curve in curves] for k in (1, 2))
+    return Curve(np.concatenate(knots), np.concatenate(begins), np.concatenate(slopes))
+
+
+def rest(q: Array) -> Curve:
+    """Return the curve of an arm that stays where it is, (n,)."""
+    return Curve(np.array([0.0, 1.0]), q[None], np.zeros((1, len(q), 3)))

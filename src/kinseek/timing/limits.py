@@ -1,0 +1,93 @@
+"""Limits of a motion, read from the arguments or from the arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinseek.errors import InvalidProblem
+from kinseek.robots.mechanism import Mechanism
+from kinseek.support.validation import as_number
+
+Array = NDArray[np.float64]
+
+UNITS = {"velocity": "rad/s or m/s", "acceleration": "rad/s² or m/s²", "jerk": "rad/s³ or m/s³"}
+"""Units of the limits of joints."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits that a motion keeps at every time."""
+
+    velocity: Array
+    """Largest speed of each joint, (n,), [rad/s] or [m/s]."""
+    acceleration: Array
+    """Largest acceleration of each joint, (n,), [rad/s²] or [m/s²]."""
+    jerk: Array | None = None
+    """Largest jerk of each joint, (n,), [rad/s³] or [m/s³]; None for no limit."""
+    tool_speed: float | None = None
+    """Largest speed of the tip [m/s]; None for no limit."""
+
+
+def read_limits(
+    arm: Mechanism,
+    velocity: ArrayLike | None,
+    acceleration: ArrayLike | None,
+    jerk: ArrayLike | None,
+    tool_speed: float | None = None,
+) -> Limits:
+    """Read limits; speeds and accelerations that are not given are those of the arm.
+
+    Raises:
+        InvalidProblem: A limit is not a finite number above zero, or neither is given nor known.
+    """
+    if tool_speed is not None and not (
+        as_number("tool_speed", tool_speed, 0.0, np.inf, InvalidProblem) > 0.0
+    ):
+        raise InvalidProblem(f"tool_speed must be above 0 [m/s], got {tool_speed:g}")
+    return Limits(
+        _known(arm, "velocity", velocity, 2.0),
+        _known(arm, "acceleration", acceleration, 10.0),
+        None if jerk is None else positive(arm, "jerk", jerk, UNITS["jerk"]),
+        tool_speed,
+    )
+
+
+def _known(arm: Mechanism, name: str, value: ArrayLike | None, example: float) -> Array:
+    """Return a limit of every joint, (n,): the given one or that of the arm.
+
+    Raises:
+        InvalidProblem: It is not given, and the arm has none.
+    """
+    if value is not None:
+        return positive(arm, name, value, UNITS[name])
+    own: Array = getattr(arm, name, np.full(arm.dof, np.nan))
+    unknown = np.flatnonzero(np.isnan(own))
+    if len(unknown):
+        raise InvalidProblem(
+            f"{arm.name!r} has no {name} limit for {', '.join(arm.joint_names[i] for i in unknown)}: give {name}= "
+            f"[{UNITS[name]}], for example {name}={example:g} for every joint, or {arm.dof} numbers"
+        )
+    return own
+
+
+def positive(arm: Mechanism, name: str, value: ArrayLike, unit: str) -> Array:
+    """Read one number for all joints or one for each, all above zero, (n,).
+
+    Raises:
+        InvalidProblem: They are not.
+    """
+    try:
+        numbers = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (arm.dof,)))
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidProblem(
+            f"{name} must be a number or {arm.dof} of them [{unit}], got {value!r:.80}"
+        ) from None
+    if not (np.isfinite(numbers) & (numbers > 0)).all():
+        bad = int(np.flatnonzero(~(np.isfinite(numbers) & (numbers > 0)))[0])
+        raise InvalidProblem(
+            f"{name} must be above 0 and finite [{unit}], got {numbers[bad]:g} for joint {arm.joint_names[bad]!r}"
+        )
+    return numbers

@@ -1,0 +1,235 @@
+"""A path in time: limits hold everywhere, every pose is passed, and no slower motion is taken than necessary."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import Goal
+from motions import arc, corner, worst
+
+ARMS = ("ur5e", "panda", "iiwa14", "so101", "puma560")
+
+
+def accelerations(arm: kinseek.Arm) -> Any:
+    return np.linspace(4.0, 12.0, arm.dof)
+
+
+def speeds(arm: kinseek.Arm) -> Any:
+    return np.where(np.isnan(arm.velocity), 2.0, arm.velocity)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("tool_speed", [None, 0.15])
+def test_limits_hold_between_samples(name: str, tool_speed: float | None) -> None:
+    arm, rng = kinseek.load(name), np.random.default_rng(5)
+    for make in (arc, corner):
+        path = make(arm, rng)
+        trajectory = path.timed(speeds(arm), accelerations(arm), tool_speed=tool_speed)
+        found = worst(trajectory)
+        shares = [found["velocity"], found["acceleration"], found.get("tool_speed", 0.0)]
+        assert max(shares) <= 1.0
+        # Some limit is used in full somewhere, otherwise the motion could be faster.
+        assert max(shares) > 0.999
+        assert found["outside"] <= 1e-12
+        assert found["integral of velocity"] < 1e-5
+        assert found["integral of acceleration"] < 0.02
+        kept = trajectory.limits_kept
+        bounds = [kept.velocity.max(), kept.acceleration.max(), kept.tool_speed or 0.0]
+        assert all(share <= bound <= 1.0 for share, bound in zip(shares, bounds, strict=True))
+        np.testing.assert_allclose(trajectory.q(trajectory.pose_times), path.q, atol=1e-12)
+
+
+def test_a_straight_motion_has_the_known_duration() -> None:
+    # From rest to rest over a length L with speed v and acceleration a: L / v + v / a.
+    arm = kinseek.load("ur5e")
+    q = np.array([0.1, -1.0, 1.2, -0.4, 0.5, 0.0]) + np.linspace(0.0, 1.0, 30)[:, None] * np.eye(6)[0]
+    path = arm.follow(arm.fk(q), start=q[0], end=q[-1])
+    trajectory = path.timed(velocity=0.8, acceleration=2.0)
+    assert trajectory.duration == pytest.approx(1.0 / 0.8 + 0.8 / 2.0, rel=1e-5)
+    assert [cap.limit for cap in trajectory.bottleneck] == ["acceleration", "velocity", "acceleration"]
+    assert {cap.joint for cap in trajectory.bottleneck} == {arm.joint_names[0]}
+
+
+def test_the_tool_keeps_its_speed() -> None:
+    arm = kinseek.load("ur5e")
+    path = arm.follow(
+        kinseek.interpolate(
+            [kinseek.pose([0.4, y, 0.3], rpy=[np.pi, 0, 0]) for y in (-0.2, 0.2)], step=0.005, turn=0.02
+        )
+    )
+    trajectory = path.timed(acceleration=10.0, tool_speed=0.1)
+    speed = trajectory.tip_speed(np.linspace(0.1, trajectory.duration - 0.1, 1000))
+    np.testing.assert_allclose(speed, 0.1, rtol=2e-3)
+    assert trajectory.duration == pytest.approx(4.0, abs=0.05)
+
+
+def test_the_greatest_constant_speed() -> None:
+    arm = kinseek.load("ur5e")
+    angle = np.linspace(0.0, 6.0 * np.pi, 600)
+    T = np.repeat(kinseek.pose([0.4, 0.1, 0.3], rpy=[np.pi, 0, 0])[None], 600, axis=0)
+    T[:, :2, 3] += 0.1 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    path = arm.follow(T)
+    constant = path.timed(acceleration=8.0).constant_tool_speed
+    assert constant.joint in arm.joint_names
+    just, beyond = (path.timed(acceleration=8.0, tool_speed=share * constant.speed) for share in (0.99, 1.1))
+    inner = [
+        trajectory.tip_speed(np.linspace(0.1, 0.9, 5000) * trajectory.duration)
+        for trajectory in (just, beyond)
+    ]
+    np.testing.assert_allclose(inner[0], 0.99 * constant.speed, rtol=2e-3)
+    # Faster than that, the speed is not constant.
+    assert inner[1].min() < 1.05 * constant.speed < inner[1].max()
+
+
+def test_the_arm_stops_at_breaks() -> None:
+    arm = kinseek.load("ur5e")
+    rng = np.random.default_rng(0)
+    one, other = arc(arm, rng, 40), arc(arm, rng, 30)
+    path = arm.follow(np.concatenate([arm.fk(one.q), arm.fk(other.q)]), max_step=0.1)
+    assert path.breaks.tolist() == [39]
+    trajectory = path.timed(acceleration=8.0)
+    assert trajectory.stops.tolist() == [39, 40]
+    np.testing.assert_allclose(trajectory.velocity(trajectory.pose_times[[39, 40]]), 0.0, atol=1e-9)
+    assert max(worst(trajectory)[limit] for limit in ("velocity", "acceleration")) <= 1.0
+
+
+def test_a_closed_path_returns() -> None:
+    arm = kinseek.load("ur5e")
+    angle = np.linspace(0.0, 2.0 * np.pi, 100, endpoint=False)
+    T = np.repeat(kinseek.pose([0.4, 0.1, 0.3], rpy=[np.pi, 0, 0])[None], 100, axis=0)
+    T[:, :2, 3] += 0.1 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    path = arm.follow(T, closed=True)
+    trajectory = path.timed(acceleration=8.0)
+    assert len(trajectory.pose_times) == 100
+    assert trajectory.duration > trajectory.pose_times[-1]
+    np.testing.assert_allclose(trajectory.q(trajectory.duration), path.q[0], atol=1e-12)
+
+
+def test_free_axes_and_tools() -> None:
+    arm, tool = kinseek.load("panda"), kinseek.pose([0.0, 0.05, 0.2], rpy=[0.3, 0, 0])
+    T = kinseek.interpolate(
+        [kinseek.pose([0.4, y, 0.4], rpy=[np.pi, 0, 0]) for y in (-0.2, 0.2)], step=0.005, turn=0.02
+    )
+    path = arm.follow(Goal.pose(T, free="rz", tool=tool))
+    trajectory = path.timed(acceleration=10.0, tool_speed=0.05)
+    found = worst(trajectory)
+    assert max(found["velocity"], found["acceleration"], found["tool_speed"]) <= 1.0
+    np.testing.assert_allclose(trajectory.tip(trajectory.pose_times)[:, :3, 3], T[:, :3, 3], atol=1e-6)
+
+
+def test_joints_stay_inside_their_limits() -> None:
+    # The joint moves along its limit and leaves it: a plain spline would overshoot.
+    arm = kinseek.load("ur5e").with_limits({"elbow_joint": (0.2, 1.5)})
+    q = np.tile([0.1, -1.0, 1.5, -0.4, 0.5, 0.0], (40, 1))
+    q[:, 0] += np.linspace(0.0, 0.6, 40)
+    q[20:, 2] -= np.linspace(0.0, 0.9, 20)
+    path = arm.follow(arm.fk(q), start=q[0], end=q[-1])
+    trajectory = path.timed(acceleration=10.0)
+    assert worst(trajectory)["outside"] <= 1e-12
+    assert worst(trajectory)["acceleration"] <= 1.0
+
+
+def test_the_deviation_is_bounded() -> None:
+    arm, rng = kinseek.load("panda"), np.random.default_rng(7)
+    for make in (arc, corner):
+        path = make(arm, rng)
+        trajectory = path.timed(acceleration=10.0)
+        t = np.linspace(0.0, trajectory.duration, 10_000)
+        points, ends = trajectory.tip(t)[:, :3, 3], arm.fk(path.q)[:, :3, 3]
+        i = np.clip(np.searchsorted(trajectory.pose_times, t, side="right") - 1, 0, len(path) - 2)
+        a, along = ends[i], ends[i + 1] - ends[i]
+        share = np.clip(((points - a) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+        true = np.linalg.norm(points - a - share[:, None] * along, axis=1).max()
+        assert true <= trajectory.deviation <= 2.0 * true + 1e-12
+
+
+def test_speeds_at_the_ends() -> None:
+    arm = kinseek.load("ur5e")
+    path = arc(arm, np.random.default_rng(3))
+    trajectory = path.timed(acceleration=10.0, start_velocity=0.2, end_velocity=0.1)
+    np.testing.assert_allclose(trajectory.tip_speed([0.0, trajectory.duration]), [0.2, 0.1], rtol=1e-6)
+    with pytest.raises(
+        kinseek.InvalidProblem,
+        match="start_velocity: the tip has 50 m/s there, but inside the limits at most",
+    ):
+        path.timed(acceleration=10.0, start_velocity=50.0)
+    with pytest.raises(kinseek.InvalidProblem, match="end_velocity: the tip has 50 m/s"):
+        path.timed(acceleration=10.0, end_velocity=50.0)
+
+
+def test_samples() -> None:
+    trajectory = arc(kinseek.load("ur5e"), np.random.default_rng(3)).timed(acceleration=10.0)
+    samples = trajectory.sample(0.008)
+    assert samples.times[-1] == trajectory.duration
+    np.testing.assert_allclose(np.diff(samples.times)[:-1], 0.008)
+    np.testing.assert_array_equal(samples.q, trajectory.q(samples.times))
+    np.testing.assert_array_equal(samples.acceleration, trajectory.acceleration(samples.times))
+    assert trajectory.q(0.1).shape == (6,)
+    assert trajectory.q([[0.1, 0.2]]).shape == (1, 2, 6)
+    again = pickle.loads(pickle.dumps(trajectory))
+    np.testing.assert_array_equal(again.q(samples.times), samples.q)
+
+
+def test_one_pose_and_equal_poses() -> None:
+    arm = kinseek.load("ur5e")
+    T = kinseek.pose([0.4, 0.1, 0.3], rpy=[np.pi, 0, 0])
+    for count in (1, 3):
+        path = arm.follow(np.repeat(T[None], count, axis=0))
+        trajectory = path.timed(acceleration=10.0)
+        assert trajectory.duration == 0.0
+        np.testing.assert_array_equal(trajectory.q(0.0), path.q[0])
+        assert trajectory.pose_times.tolist() == [0.0] * count
+        assert trajectory.bottleneck == ()
+        assert len(trajectory.sample(0.01).times) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"acceleration": 0.0}, "acceleration must be above 0 and finite"),
+        ({"acceleration": np.nan}, "acceleration must be above 0 and finite"),
+        ({"acceleration": [1.0, 2.0]}, "acceleration must be a number or 6 of them"),
+        ({}, r"no acceleration limit for shoulder_pan_joint, .* for example acceleration=10"),
+        ({"acceleration": 1.0, "tool_speed": 0.0}, "tool_speed must be above 0"),
+        ({"acceleration": 1.0, "tool_speed": "fast"}, "tool_speed must be a number"),
+        ({"acceleration": 1.0, "start_velocity": -1.0}, "start_velocity must be a number from 0"),
+    ],
+)
+def test_bad_limits(arguments: dict[str, Any], message: str) -> None:
+    path = arc(kinseek.load("ur5e"), np.random.default_rng(3), 20)
+    with pytest.raises(kinseek.InvalidProblem, match=message):
+        path.timed(**arguments)
+
+
+def test_bad_times() -> None:
+    trajectory = arc(kinseek.load("ur5e"), np.random.default_rng(3), 20).timed(acceleration=10.0)
+    for t in (-0.1, trajectory.duration + 0.1, np.nan):
+        with pytest.raises(kinseek.InvalidProblem, match="t must be from 0 to the duration"):
+            trajectory.q(t)
+    with pytest.raises(kinseek.InvalidProblem, match="period"):
+        trajectory.sample(0.0)
+
+
+def test_missed_poses_have_no_motion() -> None:
+    arm = kinseek.load("ur5e")
+    path = arm.follow(
+        kinseek.interpolate([kinseek.pose([x, 0.1, 0.3]) for x in (0.4, 3.0)], step=0.05, turn=0.1)
+    )
+    with pytest.raises(kinseek.NotReached, match="a path with missed poses has no motion in time"):
+        path.timed(acceleration=10.0)
+
+
+def test_a_turn_in_place_has_no_tool_speed_at_its_ends() -> None:
+    arm = kinseek.load("ur5e")
+    T = kinseek.interpolate(
+        [kinseek.pose([0.4, 0.1, 0.3], rpy=[np.pi, 0, yaw]) for yaw in (0.0, 1.0)], step=0.01, turn=0.02
+    )
+    path = arm.follow(T)
+    assert path.timed(acceleration=10.0, tool_speed=0.1).duration > 0.1
+    assert path.timed(acceleration=10.0).constant_tool_speed.speed < 1e-3
