@@ -192,9 +192,24 @@ class ForwardArm(Lazy):
         """Speed limits from the robot's file, (n,), [rad/s] or [m/s]; NaN where the file has no limit above 0.
 
         A URDF gives it in ``<limit velocity=…>``, where 0 means that the speed is unknown. MJCF, Denavit-Hartenberg rows and
-        black-box kinematics cannot specify it. The limit of a joint that others mimic takes their speed limits into account.
+        black-box kinematics cannot specify it, `with_limits` can. The limit of a joint that others mimic takes their speed
+        limits into account.
         """
         return self._mechanism.velocity.copy()
+
+    @property
+    def acceleration(self) -> Array:
+        """Acceleration limits, (n,), [rad/s^2] or [m/s^2], in both directions; NaN where none is known.
+
+        They come from the joint_limits.yaml of `kinseek.load(..., limits=)`, from `with_limits`, or from the
+        ``<limit acceleration=… deceleration=…>`` of URDF 1.2. Most robot files have none.
+        """
+        return self._mechanism.acceleration.copy()
+
+    @property
+    def jerk(self) -> Array:
+        """Jerk limits, (n,), [rad/s^3] or [m/s^3]; NaN where none is known. They have the sources of `acceleration`."""
+        return self._mechanism.jerk.copy()
 
     @property
     def states(self) -> dict[str, dict[str, float]]:
@@ -335,17 +350,29 @@ class ForwardArm(Lazy):
         """
         return self._with(with_locked(self._require_axes("joints are locked along axes"), values))
 
-    def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Self:
-        """Return the arm with narrower limits.
+    def with_limits(
+        self,
+        limits: Mapping[str, tuple[float, float]] | None = None,
+        *,
+        velocity: ArrayLike | Mapping[str, float] | None = None,
+        acceleration: ArrayLike | Mapping[str, float] | None = None,
+        jerk: ArrayLike | Mapping[str, float] | None = None,
+    ) -> Self:
+        """Return the arm with narrower limits, and with limits that its file does not have.
 
         Args:
             limits: Lower and upper limit of each joint to narrow, [rad] or [m]. A continuous joint takes any limits up to a
                 full turn apart.
+            velocity: Speed limits [rad/s] or [m/s]: one number, one for each joint, (n,), or a mapping from some joints to
+                numbers. A joint without a limit takes any.
+            acceleration: Acceleration limits [rad/s^2] or [m/s^2], in the same form.
+            jerk: Jerk limits [rad/s^3] or [m/s^3], in the same form.
 
         Raises:
-            InvalidRobot: Unknown joints, limits that are not numbers, inverted, or wider than those of the arm.
+            InvalidRobot: Unknown joints, limits that are not numbers, inverted, not above 0, or wider than those of the arm.
         """
-        return self._with(with_limits(self._mechanism, limits))
+        rates = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk}
+        return self._with(with_limits(self._mechanism, {} if limits is None else limits, rates))
 
     def with_tool(self, tool: Any) -> Self:
         """Return the arm with its tip moved to a tool: `fk` and goals then refer to the tool.

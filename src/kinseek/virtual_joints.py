@@ -440,5 +440,5 @@ def _more(chain: SerialChain, fixed: Array, joint: _Joint, at: int, place: int) 
         kinds=(*chain.kinds[:at], kind, *chain.kinds[at:]),
         lower=np.insert(chain.lower, at, lower),
         upper=np.insert(chain.upper, at, upper),
-        velocity=np.insert(chain.velocity, at, np.nan),
+        rates=np.insert(chain.rates, at, np.nan, axis=1),
     )

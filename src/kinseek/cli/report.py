@@ -49,17 +49,24 @@ def print_robots() -> None:
 
 
 def print_arm(arm: Arm, limits: str = "") -> None:
-    """Print joints, limits, speeds and reach, and the source of the limits if it is known."""
+    """Print joints, limits, speeds and reach, and the source of the limits if it is known.
+
+    Accelerations and jerks are printed if any is known.
+    """
     _print(f"{arm.name}: {arm.dof} joints, base {arm.base}, tip {arm.tip}")
     small, large = _units(arm.kinds)
+    rates = [(">speed\nper second", arm.velocity)]
+    more = (">acceleration\nper second^2", arm.acceleration), (">jerk\nper second^3", arm.jerk)
+    rates += [(title, values) for title, values in more if np.isfinite(values).any()]
     rows = []
-    for name, kind, lower, upper, speed in zip(
-        arm.joint_names, arm.kinds, arm.lower, arm.upper, arm.velocity, strict=True
+    for i, (name, kind, lower, upper) in enumerate(
+        zip(arm.joint_names, arm.kinds, arm.lower, arm.upper, strict=True)
     ):
         scale = 1000.0 if kind == "prismatic" else float(np.rad2deg(1.0))
         ends = [f"{lower:.6f}", f"{upper:.6f}", f"{lower * scale:.3f}", f"{upper * scale:.3f}"]
         limits_of_it = ["none"] * 4 if kind == "continuous" else ends
-        rows.append((name, kind, *limits_of_it, f"{speed:.4g}" if np.isfinite(speed) else "-"))
+        fastest = [f"{values[i]:.4g}" if np.isfinite(values[i]) else "-" for _, values in rates]
+        rows.append((name, kind, *limits_of_it, *fastest))
     columns = (
         "joint",
         "kind",
@@ -67,9 +74,9 @@ def print_arm(arm: Arm, limits: str = "") -> None:
         f">upper\n{small}",
         f">lower\n{large}",
         f">upper\n{large}",
-        ">speed\nper second",
+        *(title for title, _ in rates),
     )
-    _print_table(columns, rows, (2, 2, 2, 1))
+    _print_table(columns, rows, (2, 2, 2, len(rates)))
     if limits:
         _print(f"limits: {limits}")
     least, most = reach(arm)

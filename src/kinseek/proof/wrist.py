@@ -70,7 +70,7 @@ def without_wrist(problem: Problem) -> Problem | None:
         leader=chain.leader[:remaining],
         multiplier=chain.multiplier[:remaining],
         offset=chain.offset[:remaining],
-        velocity=chain.velocity[:-WRIST],
+        rates=chain.rates[:, :-WRIST],
         frames={},
     )
     return Problem(

@@ -52,6 +52,8 @@ class BlackBox(Variables):
     lower: Array
     """Lower limits, (n,), [rad], [m] or the function's own unit; a continuous joint is kept in [-π, π]."""
     upper: Array
+    rates: Array
+    """Limits of velocity, acceleration and jerk of each variable, (3, n), above 0; NaN if unknown."""
     function: Function
     """(k, n) -> (k, 4, 4) if `vectorized`, otherwise (n,) -> (4, 4); lengths in [m]."""
     vectorized: bool
@@ -77,14 +79,12 @@ class BlackBox(Variables):
         """Whether one more row costs little, since no Python code runs for it."""
         return self.vectorized or _is_compiled(self.function)
 
-    @property
-    def velocity(self) -> Array:
-        """NaN for each variable, (n,): no speed limits are known."""
-        return np.full(self.dof, np.nan)
-
-    def limited(self, lower: Array, upper: Array, kinds: tuple[str, ...]) -> BlackBox:
-        """Return the same mechanism with other limits, (n,), and kinds that fit them."""
-        return replace(self, lower=lower, upper=upper, kinds=kinds)
+    def limited(
+        self, lower: Array, upper: Array, kinds: tuple[str, ...], rates: Array | None = None
+    ) -> BlackBox:
+        """Return the same mechanism with other limits, (n,), kinds that fit them, and if given other rates, (3, n)."""
+        rates = self.rates if rates is None else rates
+        return replace(self, lower=lower, upper=upper, kinds=kinds, rates=rates)
 
     def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> BlackBox:
         """Return the same mechanism in which only some joints move; see `Mechanism`."""
@@ -103,6 +103,7 @@ class BlackBox(Variables):
             kinds=tuple(self.kinds[i] for i in joints),
             lower=self.lower[chosen],
             upper=self.upper[chosen],
+            rates=self.rates[:, chosen],
             function=poses,
             vectorized=True,
         )
@@ -290,7 +291,8 @@ def black_box(
             )
         if low[i] > high[i]:
             raise InvalidRobot(f"joint {called[i]!r}: lower limit {low[i]} is above upper limit {high[i]}")
-    box = BlackBox(name, called, kind_of, low, high, function, bool(vectorized), bool(partial))
+    rates = np.full((3, dof), np.nan)
+    box = BlackBox(name, called, kind_of, low, high, rates, function, bool(vectorized), bool(partial))
     _require_own_rows(box)
     one = box.lower + (box.upper - box.lower) / 2
     given = np.asarray(function(one[None] if vectorized else one))

@@ -17,6 +17,7 @@ import numpy as np
 
 from .catalog import catalog_path
 from .chain import Frame, SerialChain
+from .mechanism import RATES
 
 _WORDS = ("name", "base", "tip")
 _FLOATS = ("lower", "upper", "fixed", "multiplier", "offset")
@@ -35,11 +36,12 @@ def read_bundled(name: str) -> SerialChain | None:
 
 def _chain(data: dict[str, Any], path: Path) -> SerialChain:
     given: dict[str, Any] = {word: data[word] for word in _WORDS}
-    given |= {name: np.array(data[name], dtype=np.float64) for name in (*_FLOATS, "velocity")}
+    given |= {name: np.array(data[name], dtype=np.float64) for name in _FLOATS}
     return SerialChain(
         **given,
         joint_names=tuple(data["joint_names"]),
         kinds=tuple(data["kinds"]),
+        rates=np.array([data[name] for name in RATES], dtype=np.float64),
         prismatic=np.array(data["prismatic"], dtype=np.bool_),
         leader=np.array(data["leader"], dtype=np.int64),
         source=str(path),
@@ -59,7 +61,10 @@ def as_json(chain: SerialChain, path: Path) -> dict[str, Any]:
         "joint_names": chain.joint_names,
         "kinds": chain.kinds,
         **{name: getattr(chain, name).tolist() for name in (*_FLOATS, "prismatic", "leader")},
-        "velocity": [None if np.isnan(value) else value for value in chain.velocity.tolist()],
+        **{
+            name: [None if np.isnan(value) else value for value in row]
+            for name, row in zip(RATES, chain.rates.tolist(), strict=True)
+        },
         "frames": {name: (frame.joints, frame.pose[:3].tolist()) for name, frame in chain.frames.items()},
     }
 

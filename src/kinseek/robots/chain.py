@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
@@ -23,8 +24,10 @@ from kinseek.support.interrupts import in_chunks
 from kinseek.support.lazy import lazy
 from kinseek.support.transforms import rotation, square, transform
 from kinseek.support.turns import TURN
+from kinseek.support.units import warn_of_rates
+from kinseek.support.validation import as_float_array
 
-from .mechanism import CONTINUOUS, REVOLUTE, Mechanism, Variables
+from .mechanism import CONTINUOUS, RATES, REVOLUTE, Mechanism, Variables
 
 if TYPE_CHECKING:
     from .srdf import Srdf
@@ -66,8 +69,9 @@ class SerialChain(Variables):
     """Index of the variable that drives each physical joint, (m,)."""
     multiplier: Array
     offset: Array
-    velocity: Array
-    """Speed limit of each variable, (n,), [rad/s] or [m/s], above 0; NaN if unknown."""
+    rates: Array
+    """Limits of velocity, acceleration and jerk of each variable, (3, n), in the units of `RATES`, above 0; NaN if
+    unknown."""
     source: str = field(default="", compare=False)
     """Source of the description, for display."""
     urdf: bytes = field(default=b"", compare=False, repr=False)
@@ -136,9 +140,12 @@ class SerialChain(Variables):
         """False: all computations use double precision."""
         return False
 
-    def limited(self, lower: Array, upper: Array, kinds: tuple[str, ...]) -> SerialChain:
-        """Return the same chain with other limits, (n,), and kinds that fit them."""
-        return replace(self, lower=lower, upper=upper, kinds=kinds)
+    def limited(
+        self, lower: Array, upper: Array, kinds: tuple[str, ...], rates: Array | None = None
+    ) -> SerialChain:
+        """Return the same chain with other limits, (n,), kinds that fit them, and if given other rates, (3, n)."""
+        rates = self.rates if rates is None else rates
+        return replace(self, lower=lower, upper=upper, kinds=kinds, rates=rates)
 
     def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> SerialChain:
         """Return the same chain in which only some joints move; see `Mechanism`."""
@@ -214,7 +221,7 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
         kinds=tuple(chain.kinds[i] for i in left),
         lower=chain.lower[left],
         upper=chain.upper[left],
-        velocity=chain.velocity[left],
+        rates=chain.rates[:, left],
         fixed=np.array(fixed),
         prismatic=chain.prismatic[moving],
         leader=np.array([left.index(i) for i in chain.leader[moving]], dtype=np.int64),
@@ -228,12 +235,14 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
     )
 
 
-def with_limits(chain: _Any, limits: Limits) -> _Any:
+def with_limits(chain: _Any, limits: Limits, rates: Mapping[str, Any] = MappingProxyType({})) -> _Any:
     """Narrow the limits of joints; a continuous joint with limits becomes a revolute one.
 
     Args:
         chain: The arm.
         limits: Lower and upper limit of each joint to narrow, by name, [rad] or [m].
+        rates: Limits of some of `RATES`, by their name, in their units: one number, one for each joint, or a mapping from
+            some joints to numbers; None leaves a limit as it is.
 
     Raises:
         InvalidRobot: A joint is unknown, or limits are invalid, inverted, or wider than those of the arm; for a continuous
@@ -255,7 +264,51 @@ def with_limits(chain: _Any, limits: Limits) -> _Any:
             )
         lower[i], upper[i] = low, high
         kinds[i] = REVOLUTE if kinds[i] == CONTINUOUS else kinds[i]
-    return cast("_Any", chain.limited(lower, upper, tuple(kinds)))
+    return cast("_Any", chain.limited(lower, upper, tuple(kinds), _narrowed_rates(chain, rates)))
+
+
+def _narrowed_rates(chain: Mechanism, given: Mapping[str, Any]) -> Array:
+    """Return the limits of velocity, acceleration and jerk of an arm, (3, n), with those that are given in their place.
+
+    Raises:
+        InvalidRobot: They do not fit the arm, or one is wider than that of the arm.
+    """
+    rates = chain.rates.copy()
+    for row, (name, unit) in zip(rates, RATES.items(), strict=True):
+        if given.get(name) is None:
+            continue
+        for joint, limit in _by_joint(chain, name, given[name]).items():
+            i = chain.joint_names.index(joint)
+            value = _number(limit, f"joint {joint!r}: the {name} limit [{unit}]")
+            if value <= 0:
+                raise InvalidRobot(
+                    f"joint {joint!r}: the {name} limit [{unit}] must be above 0, got {value:g}"
+                )
+            if value > row[i]:
+                raise InvalidRobot(
+                    f"joint {joint!r}: {name} limit {value:g} is wider than that of the arm, {row[i]:g} [{unit}]"
+                )
+            row[i] = value
+        warn_of_rates(name, chain.joint_names, chain.kinds, row, "with_limits", 4)
+    return rates
+
+
+def _by_joint(chain: Mechanism, name: str, given: Any) -> dict[str, Any]:
+    """Return limits by joint: those of a mapping, or one number or a number for each joint.
+
+    Raises:
+        InvalidRobot: A joint is unknown, or they are none of these.
+    """
+    if isinstance(given, Mapping):
+        return dict(_named(chain, given, "numbers"))
+    try:
+        row = np.broadcast_to(as_float_array(given), (chain.dof,)).tolist()
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidRobot(
+            f"{name} must be one number, {chain.dof} of them, or a mapping from joints to numbers [{RATES[name]}], got "
+            f"{given!r:.80}"
+        ) from None
+    return dict(zip(chain.joint_names, row, strict=True))
 
 
 def limits_pair(name: str, pair: Any) -> tuple[float, float]:

@@ -23,7 +23,7 @@ from kinseek.support.turns import TURN, holds_a_turn
 from kinseek.support.units import TURNS_OF_A_JOINT
 
 from .joints import wrong_axis, wrong_limits
-from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
+from .mechanism import CONTINUOUS, PRISMATIC, RATES, REVOLUTE
 from .packages import in_package, mesh_path
 from .several_axes import SEVERAL_AXES
 from .urdf_file import JOINT_TYPES, MOVING, Robot, UrdfJoint, UrdfLink, numbers, parse_numbers
@@ -53,7 +53,7 @@ _READ = {
 _ENDS = {tag: tuple(_READ[tag]) for tag in ("limit", "safety_controller")}
 """Attributes that limit a joint."""
 _IGNORED = {
-    "limit": {"effort": 1, "velocity": 1},
+    "limit": dict.fromkeys(("effort", *RATES, "deceleration"), 1),
     "inertial/mass": {"value": 1},
     "inertial/inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 1),
 }
@@ -355,8 +355,8 @@ def stuck(joint: UrdfJoint) -> Iterator[str]:
 
 
 def odd_limits(joint: UrdfJoint) -> Iterator[str]:
-    """Find limits of effort and speed below 0, and reversed limits of mimic joints."""
-    for name in ("effort", "velocity"):
+    """Find limits of effort and of `RATES` below 0, and reversed limits of mimic joints."""
+    for name in _IGNORED["limit"]:
         value = numbers(joint.get("limit", name), 1)
         if joint.is_limited and value is not None and value[0] < 0:
             yield f": {name} limit {value[0]:g} is below 0"

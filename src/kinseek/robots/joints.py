@@ -44,8 +44,9 @@ class Joint:
     """Name of the joint that this one follows by ``multiplier`` and ``offset``."""
     multiplier: float = 1.0
     offset: float = 0.0
-    velocity: float = np.nan
-    """Speed limit, [rad/s] or [m/s], above 0; NaN if unknown. The limit of a mimic joint also bounds its leader."""
+    rates: tuple[float, float, float] = (np.nan, np.nan, np.nan)
+    """Limits of velocity, acceleration and jerk, in the units of `RATES`, above 0; NaN if unknown. Those of a mimic joint
+    also bound its leader."""
 
 
 class Segment(NamedTuple):
@@ -169,7 +170,7 @@ def serial_chain(
         leader=np.array(leader, dtype=np.int64),
         multiplier=np.array(multiplier, dtype=float),
         offset=np.array(offset, dtype=float),
-        velocity=_velocities(joints, drive, len(variables)),
+        rates=_rates(joints, drive, len(variables)),
         source=source,
         frames=frames,
     )
@@ -272,14 +273,14 @@ def wrong_limits(lower: float, upper: float) -> str:
     return f"lower limit {lower} is above upper limit {upper}" if lower > upper else ""
 
 
-def _velocities(joints: Sequence[Joint], drive: Sequence[tuple[int, float, float]], variables: int) -> Array:
-    """Return the speed limit of each variable, (n,): that of its slowest joint; NaN if none is known."""
-    velocity = np.full(variables, np.nan)
+def _rates(joints: Sequence[Joint], drive: Sequence[tuple[int, float, float]], variables: int) -> Array:
+    """Return the limits of velocity, acceleration and jerk of each variable, (3, n): those of its slowest joint."""
+    rates = np.full((3, variables), np.nan)
     for joint, (leader, multiplier, _) in zip(joints, drive, strict=True):
         if multiplier != 0:
-            # `fmin` ignores NaN, the value of an unknown speed.
-            velocity[leader] = np.fmin(velocity[leader], joint.velocity / abs(multiplier))
-    return velocity
+            # `fmin` ignores NaN, the value of an unknown limit.
+            rates[:, leader] = np.fmin(rates[:, leader], np.divide(joint.rates, abs(multiplier)))
+    return rates
 
 
 def _unit_axis(joint: Joint) -> Array:

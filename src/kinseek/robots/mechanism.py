@@ -22,6 +22,13 @@ Flags = NDArray[np.bool_]
 
 REVOLUTE, CONTINUOUS, PRISMATIC = "revolute", "continuous", "prismatic"
 
+RATES = {
+    "velocity": "rad/s or m/s",
+    "acceleration": "rad/s^2 or m/s^2",
+    "jerk": "rad/s^3 or m/s^3",
+}
+"""The derivatives of joint values that have limits, in the order of rows, with their units."""
+
 
 class Mechanism(Protocol):
     """Joint variables with limits, and the pose of the tip at their values: a `SerialChain` or a `BlackBox`."""
@@ -55,8 +62,20 @@ class Mechanism(Protocol):
         """Upper limits, (n,), [rad] or [m]; a continuous joint has no limits, and is represented by π."""
 
     @property
+    def rates(self) -> Array:
+        """Limits of velocity, acceleration and jerk of each variable, (3, n), in the units of `RATES`; NaN if unknown."""
+
+    @property
     def velocity(self) -> Array:
         """Speed limit of each variable, (n,), [rad/s] or [m/s]; NaN if unknown."""
+
+    @property
+    def acceleration(self) -> Array:
+        """Acceleration limit of each variable, (n,), [rad/s^2] or [m/s^2]; NaN if unknown."""
+
+    @property
+    def jerk(self) -> Array:
+        """Jerk limit of each variable, (n,), [rad/s^3] or [m/s^3]; NaN if unknown."""
 
     @property
     def dof(self) -> int:
@@ -102,8 +121,10 @@ class Mechanism(Protocol):
     def single(self) -> bool:
         """Whether poses are computed in single precision."""
 
-    def limited(self, lower: Array, upper: Array, kinds: tuple[str, ...]) -> Mechanism:
-        """Return the same mechanism with other limits, (n,), and kinds that fit them."""
+    def limited(
+        self, lower: Array, upper: Array, kinds: tuple[str, ...], rates: Array | None = None
+    ) -> Mechanism:
+        """Return the same mechanism with other limits, (n,), kinds that fit them, and if given other rates, (3, n)."""
 
     def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> Mechanism:
         """Return the same mechanism in which only some joints move, by index; the others stay at q, (n,).
@@ -126,12 +147,28 @@ class Variables(Lazy):
         kinds: tuple[str, ...]
         lower: Array
         upper: Array
+        rates: Array
         periodic: Any
 
     @property
     def dof(self) -> int:
         """Number of joint variables n."""
         return len(self.kinds)
+
+    @property
+    def velocity(self) -> Array:
+        """Speed limit of each variable, (n,), [rad/s] or [m/s]; NaN if unknown."""
+        return np.asarray(self.rates[0])
+
+    @property
+    def acceleration(self) -> Array:
+        """Acceleration limit of each variable, (n,), [rad/s^2] or [m/s^2]; NaN if unknown."""
+        return np.asarray(self.rates[1])
+
+    @property
+    def jerk(self) -> Array:
+        """Jerk limit of each variable, (n,), [rad/s^3] or [m/s^3]; NaN if unknown."""
+        return np.asarray(self.rates[2])
 
     @lazy
     def turns(self) -> Flags:

@@ -158,7 +158,7 @@ def _moving_joint(model: Any, joint: int, origin: Array) -> Joint:
     velocity = fastest if 0 < fastest < _UNLIMITED else np.nan
     endless = min(-lower, upper) >= _UNLIMITED
     moves = PRISMATIC if slide.any() else CONTINUOUS if endless else REVOLUTE
-    return Joint(name, moves, origin, axis, lower, upper, velocity=velocity)
+    return Joint(name, moves, origin, axis, lower, upper, rates=(velocity, np.nan, np.nan))
 
 
 def _start(model: Any) -> Array:

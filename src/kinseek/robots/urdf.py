@@ -211,6 +211,6 @@ def _moving_joints(joint: UrdfJoint, origin: Array, mimics: Mimics, limits: Limi
             mimic=leader if joint.name in mimics else None,
             multiplier=multiplier,
             offset=offset,
-            velocity=joint.velocity,
+            rates=joint.rates,
         )
     ]

@@ -87,13 +87,22 @@ class UrdfJoint:
         return np.asarray(self.axis / np.linalg.norm(self.axis))
 
     @property
-    def velocity(self) -> float:
-        """Speed limit, [rad/s] or [m/s]; NaN if unknown.
+    def rates(self) -> tuple[float, float, float]:
+        """Limits of velocity, acceleration and jerk, in the units of `RATES`; NaN if unknown.
 
-        The format requires a number in every limit, so files contain 0 for an unknown one. Poses do not depend on it: a
+        URDF 1.2 has acceleration and jerk too, and a separate limit for slowing down; here one limit holds in both
+        directions, the smaller of the two.
+        """
+        fastest, jerk = self._rate("velocity"), self._rate("jerk")
+        return fastest, float(np.fmin(self._rate("acceleration"), self._rate("deceleration"))), jerk
+
+    def _rate(self, name: str) -> float:
+        """Return a limit of the element ``<limit>``; NaN if unknown.
+
+        URDF 1.0 requires a velocity in every limit, so files contain 0 for an unknown one. Poses do not depend on it: a
         value that is negative or malformed counts as unknown too.
         """
-        (value,) = numbers(self.get("limit", "velocity"), 1) or (0.0,)
+        (value,) = numbers(self.get("limit", name), 1) or (0.0,)
         return value if value > 0 else math.nan
 
     def _mimic(self) -> tuple[str, float, float]:

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 
 TURNS_OF_A_JOINT = 4 * math.pi * 1.001
 """Limits beyond this cause a warning [rad]: the wrists with the widest range turn twice to either side."""
+FAST = {"velocity": 50.0, "acceleration": 500.0}
+"""Limits beyond these cause a warning [rad/s], [rad/s^2]. The fastest wrists of small SCARA arms have some 50 rad/s and 350
+rad/s^2; a slow joint has 60 degrees per second. Known limits of jerk, 500 to 10,000 rad/s^3, do not show their unit."""
 FAR = 10.0
 """A goal farther away than this multiple of the reach causes a warning."""
 
@@ -66,6 +69,34 @@ def warn_of_joints(
             f"{where}: joints with limits of many turns in rad: {listed}; if these are degrees, {advice}",
             UnitWarning,
             stacklevel=2,
+        )
+
+
+def warn_of_rates(
+    name: str, joints: Sequence[str], kinds: Sequence[str], limits: Array, where: str, level: int
+) -> None:
+    """Warn of limits of speed or acceleration that no joint has.
+
+    Args:
+        name: The derivative that is limited, a key of `FAST`; others are not judged.
+        joints: Names of the joints.
+        kinds: Kinds of the joints; prismatic ones are not judged.
+        limits: Their limits, (n,), [rad/s] or [rad/s^2]; NaN if unknown.
+        where: The file or the call.
+        level: Number of calls between here and the line to blame.
+    """
+    fast = [
+        f"{joint!r} {limit:g}"
+        for joint, kind, limit in zip(joints, kinds, limits, strict=True)
+        if kind in ("revolute", "continuous") and limit > FAST.get(name, math.inf)
+    ]
+    if fast:
+        listed = ", ".join(fast[:8]) + (f" and {len(fast) - 8} more" if len(fast) > 8 else "")
+        warnings.warn(
+            f"{where}: {name} limits in radians that hardly any joint has: {listed}; if these are degrees, multiply them by "
+            "π/180",
+            UnitWarning,
+            stacklevel=level + 1,
         )
 
 
