@@ -25,6 +25,7 @@ FOREIGN: list[tuple[Any, tuple[Any, ...], str, str]] = [
     *((ARM.ik, (T,), word, "position_tolerance=") for word in ("tol", "eps", "epsilon", "residualThreshold")),
     *((ARM.ik, (T,), word, "free=") for word in ("mask", "orientation_mode", "bounds")),
     (ARM.ik, (T,), "joint_limits", "arm.with_limits("),
+    (kinseek.load, ("ur5e",), "joint_limits", "limits="),
     (ARM.ik, (T,), "avoid_collisions", "scene="),
     (ARM.ik, (T,), "consistency_limits", "valid="),
     (ARM.ik, (T,), "n_jobs", "threads="),

@@ -651,7 +651,7 @@ def load(
     calibration: Calibration | None = None,
     srdf: str | Path | bytes | None = None,
     group: str | None = None,
-    limits: Mapping[str, tuple[float, float]] | None = None,
+    limits: Mapping[str, tuple[float, float]] | str | Path | None = None,
     **unknown: Never,
 ) -> Arm:
     """Load an arm.
@@ -675,11 +675,13 @@ def load(
             and `Scene.of` does not check the pairs that it disables.
         group: Name of the group of the SRDF that is the arm. It must be one serial chain.
         limits: Lower and upper limits of joints by name, [rad] or [m]: those of the slides of planar and floating joints of
-            a URDF, such as ``{"base/x": (-2, 2), "base/y": (-2, 2)}`` (docs/arms.md), and narrower ones of other joints.
+            a URDF, such as ``{"base/x": (-2, 2), "base/y": (-2, 2)}`` (docs/arms.md), and narrower ones of other joints. Or,
+            for a URDF, the path of a joint_limits.yaml of MoveIt, whose limits of positions, velocity, acceleration and jerk
+            replace those of the URDF; wider ones raise a `LimitWarning`. See docs/limits.md.
 
     Raises:
         InvalidRobot: Unknown name, missing or broken file, unknown links, bad joints, arguments that the
-            file does not declare, a calibration that does not fit, or a group that is not one serial chain.
+            file does not declare, a calibration or limits that do not fit, or a group that is not one serial chain.
         MissingExtra: MuJoCo is not installed, and the source is an MJCF file.
     """
     if unknown:

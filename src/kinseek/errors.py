@@ -18,8 +18,9 @@
 
 A missed tolerance is reported as a status of the solution; no exception is raised.
 
-Two warnings: `UnitWarning(UserWarning)`, a number is probably in another unit, but is used unchanged; and
-`RepairWarning(UserWarning)`, a matrix that was not a rotation was replaced by the nearest one, as the caller requested.
+Three warnings: `UnitWarning(UserWarning)`, a number is probably in another unit, but is used unchanged;
+`RepairWarning(UserWarning)`, a matrix that was not a rotation was replaced by the nearest one, as the caller requested; and
+`LimitWarning(UserWarning)`, a file of limits allows more than the URDF, and its limits are used.
 """
 
 from __future__ import annotations
@@ -154,6 +155,10 @@ class UnitWarning(_OneLine, UserWarning):
 
 class RepairWarning(_OneLine, UserWarning):
     """A rounded matrix was replaced by the nearest rotation; the message reports how far it was from one."""
+
+
+class LimitWarning(_OneLine, UserWarning):
+    """A file of limits allows more than the description of the robot; its limits are used, as in MoveIt."""
 
 
 def suggest(got: str, valid: Iterable[str], noun: str, listed: str = "") -> str:

@@ -102,7 +102,9 @@ _FOREIGN = (
     _Words("time timestamps stamps", ("times",)),
     _Words("mappings xacroargs xacroarguments arguments", ("args",)),
     _Words("packagedirs packagepaths packagedir packagemap meshdir", ("packages",)),
-    _Words("jointlimits limits lowerlimits upperlimits qlim lowerbound upperbound", ("with_limits",)),
+    _Words(
+        "jointlimits limits lowerlimits upperlimits qlim lowerbound upperbound", ("limits", "with_limits")
+    ),
     _Words("activejoints activelinksmask activedofs lockedjoints locked", ("with_locked",)),
     _Words(
         "damping jointdamping lmdamping gain alpha stepsize learningrate lr optimizer regularization "
@@ -148,6 +150,7 @@ _PLACES = {
     "base": "kinseek.load(file, base=…)",
     "args": "kinseek.load(file, args=…)",
     "packages": "kinseek.load(file, packages=…)",
+    "limits": "kinseek.load(file, limits=…)",
     "position": "kinseek.pose(position)",
     **{
         name: f"kinseek.pose(p, {name}=…)" for name in ("quat_wxyz", "quat_xyzw", "rpy", "rotvec", "rotation")

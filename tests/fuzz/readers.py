@@ -110,6 +110,14 @@ def a_calibration(path: Path) -> None:
     check(read("ur5e", calibration=path))
 
 
+def some_limits(path: Path) -> None:
+    """Limits of the joints of a bundled arm, which stay above 0 or unknown."""
+    chain = read("ur5e", limits=path)
+    check(chain)
+    assert not (chain.rates <= 0).any(), "a limit is not above 0"
+    assert not np.isinf(chain.rates).any(), "a limit is infinite"
+
+
 def some_poses(path: Path) -> None:
     """A table of poses, as `kinseek solve --batch` reads it."""
     _rigid(read_poses(path, position_only=False, deg=False))
@@ -180,6 +188,7 @@ READERS: Mapping[str, Callable[[Path], None]] = {
     ".scene": some_obstacles,
     ".srdf": some_pairs,
     ".calibration.yaml": a_calibration,
+    ".limits.yaml": some_limits,
     ".csv": some_poses,
     ".jsonl": some_lines,
     ".goal.json": a_goal,

@@ -51,8 +51,8 @@ class Robot(NamedTuple):
     """SRDF file."""
     group: str | None
     """Group of the SRDF file."""
-    limits: dict[str, tuple[float, float]]
-    """Lower and upper limits of joints by name, [rad] or [m]."""
+    limits: dict[str, tuple[float, float]] | str
+    """Lower and upper limits of joints by name, [rad] or [m]; or a joint_limits.yaml."""
 
     def load(self) -> Arm:
         """Load the arm.
@@ -117,10 +117,12 @@ def _pairs(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -
     return pairs
 
 
-def _ranges(
+def _limits(
     context: click.Context, param: click.Parameter, given: tuple[str, ...]
-) -> dict[str, tuple[float, float]]:
-    """Read NAME=LOWER,UPPER, each name once."""
+) -> dict[str, tuple[float, float]] | str:
+    """Read NAME=LOWER,UPPER, each name once; or the path of one file."""
+    if len(given) == 1 and "=" not in given[0]:
+        return given[0]
     ranges: dict[str, tuple[float, float]] = {}
     for name, value in _pairs(context, param, given).items():
         try:
@@ -183,11 +185,12 @@ robot_options = bundle(
     option("--group", metavar="NAME", group="The arm", help="Group of the SRDF file that is the arm."),
     option(
         "--limits",
-        metavar="NAME=LOWER,UPPER",
+        metavar="NAME=LOWER,UPPER|FILE",
         multiple=True,
-        callback=_ranges,
+        callback=_limits,
         group="The arm",
-        help="Limits of a joint, rad or m; repeat it for each. A planar joint NAME needs those of NAME/x and NAME/y.",
+        help="Limits of a joint, rad or m; repeat it for each. A planar joint NAME needs those of NAME/x and NAME/y. "
+        "Or a joint_limits.yaml of MoveIt.",
     ),
 )
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from click.exceptions import Exit
 
-from kinseek.errors import UnitWarning
+from kinseek.errors import LimitWarning, UnitWarning
 from kinseek.printable import printable
 from kinseek.support.notices import notice
 
@@ -103,18 +103,19 @@ def on_terminal() -> bool:
 
 @contextlib.contextmanager
 def warnings_in_one_line() -> Iterator[None]:
-    """Print each unit warning in one line, without the line of kinseek's code that raised it."""
+    """Print each warning of a unit or a limit in one line, without the line of kinseek's code that raised it."""
     with warnings.catch_warnings():
         show = warnings.showwarning
 
         def show_one(message: Any, category: type[Warning], *where: Any, **rest: Any) -> None:
-            if issubclass(category, UnitWarning):
+            if issubclass(category, UnitWarning | LimitWarning):
                 complain(f"warning: {message}")
             else:
                 show(message, category, *where, **rest)
 
         warnings.showwarning = show_one
         warnings.simplefilter("always", UnitWarning)
+        warnings.simplefilter("always", LimitWarning)
         yield
 
 

@@ -63,7 +63,7 @@ def read(
     calibration: Calibration | None = None,
     srdf: str | Path | bytes | None = None,
     group: str | None = None,
-    limits: Limits | None = None,
+    limits: Limits | str | os.PathLike[str] | None = None,
 ) -> SerialChain:
     """Read an arm: a bundled one by name, a URDF, xacro or MJCF file by path, or a model of another library.
 
@@ -87,26 +87,31 @@ def read(
     _require_names(base, tip)
     _require_mappings(args, packages)
     _require_group(srdf, group)
-    if limits is not None and not isinstance(limits, Mapping):
-        raise InvalidRobot(f"limits must be a mapping from names of joints to pairs, got {limits!r:.80}")
-    changed = calibration is not None or srdf is not None
+    limits_file, ranges = _limits(limits)
+    of_urdf = {"calibration": calibration, "srdf": srdf, "limits": limits_file}
+    changed = [name for name, value in of_urdf.items() if value is not None]
     plain = base is None and tip is None and not (changed or args or packages)
     if plain and _is_bundled(source) and (bundled := read_bundled(source)) is not None:
-        return bundled if limits is None else with_limits(bundled, limits)
+        return bundled if ranges is None else with_limits(bundled, ranges)
     found = _find(source, args, packages, trusted)
     if not isinstance(found, Urdf):
         if changed:
             raise InvalidRobot(
-                f"{'srdf' if calibration is None else 'calibration'} is for a URDF, and this source is none; expected a "
+                f"{changed[0]}{' of a file' * (changed[0] == 'limits')} is for a URDF, and this source is none; expected a "
                 "bundled arm, a .urdf or .xacro file, or the text of a URDF"
             )
         chain = read_mjcf(found, base, tip) if isinstance(found, Path) else _read_model(found, base, tip)
-        return chain if limits is None else with_limits(chain, limits)
+        return chain if ranges is None else with_limits(chain, ranges)
     if calibration is not None:
         from .calibration import calibrated
 
         found = calibrated(found, calibration)
-    found = found._replace(limits=limits or {})
+    found = found._replace(limits=ranges or {})
+    variables: dict[str, dict[str, float]] = {}
+    if limits_file is not None:
+        from .joint_limits import limited
+
+        found, variables = limited(found, limits_file)
     if srdf is not None:
         from .groups import arm_of_group
         from .srdf import read_srdf
@@ -114,7 +119,27 @@ def read(
         chain = arm_of_group(found, base, tip, read_srdf(srdf, packages, trusted), group)
     else:
         chain = found.arm(found.base if base is None else base, found.tip if tip is None else tip)
-    return chain if limits is None else with_limits(chain, limits)
+    if variables:
+        from .joint_limits import with_variables
+
+        chain = with_variables(chain, variables)
+    return chain if ranges is None else with_limits(chain, ranges)
+
+
+def _limits(limits: Any) -> tuple[str | os.PathLike[str] | None, Limits | None]:
+    """Return the path of a file of limits, or limits by name, or neither.
+
+    Raises:
+        InvalidRobot: The argument is anything else.
+    """
+    if isinstance(limits, str | os.PathLike):
+        return limits, None
+    if isinstance(limits, Mapping | None):
+        return None, limits
+    raise InvalidRobot(
+        "limits must be a mapping from names of joints to pairs, or the path of a joint_limits.yaml of MoveIt, got "
+        f"{limits!r:.80}"
+    )
 
 
 def _find(

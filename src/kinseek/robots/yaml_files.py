@@ -13,12 +13,13 @@ from .files import file_bytes, require_few
 from .xacro_limits import MOST_NESTED
 
 
-def read_yaml(path: Path, most: int) -> Any:
+def read_yaml(path: Path, most: int, tags: Mapping[str, Callable[..., Any]] | None = None) -> Any:
     """Read a YAML file.
 
     Args:
         path: The file.
         most: Largest allowed size in bytes; PyYAML reads some 100 kB a second.
+        tags: Constructors of further tags, as in `yaml_content`.
 
     Raises:
         InvalidRobot: The file cannot be read, is not YAML, or is too large, as it is or with its aliases expanded.
@@ -27,7 +28,7 @@ def read_yaml(path: Path, most: int) -> Any:
 
     text = file_bytes(path, most)
     try:
-        return yaml_content(text, str(path))
+        return yaml_content(text, str(path), tags)
     except InvalidRobot:
         raise
     except RecursionError:

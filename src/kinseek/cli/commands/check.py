@@ -34,6 +34,8 @@ def command(robot: Robot, as_json: bool) -> int:
     for name in ("calibration", "srdf", "group"):
         if getattr(robot, name) is not None:
             raise InvalidProblem(f"--{name} is not checked: check reads the description of the robot alone")
+    if isinstance(robot.limits, str):
+        raise InvalidProblem("--limits FILE is not checked: check reads the description of the robot alone")
     arm = robot.arm
     path = catalog_path(arm) if arm in catalog_names() else Path(arm).expanduser()
     if path.suffix.lower() not in READABLE:
