@@ -199,7 +199,7 @@ class ForwardArm(Lazy):
 
     @property
     def acceleration(self) -> Array:
-        """Acceleration limits, (n,), [rad/s^2] or [m/s^2], in both directions; NaN where none is known.
+        """Acceleration limits, (n,), [rad/s²] or [m/s²], in both directions; NaN where none is known.
 
         They come from the joint_limits.yaml of `kinseek.load(..., limits=)`, from `with_limits`, or from the
         ``<limit acceleration=… deceleration=…>`` of URDF 1.2. Most robot files have none.
@@ -208,7 +208,7 @@ class ForwardArm(Lazy):
 
     @property
     def jerk(self) -> Array:
-        """Jerk limits, (n,), [rad/s^3] or [m/s^3]; NaN where none is known. They have the sources of `acceleration`."""
+        """Jerk limits, (n,), [rad/s³] or [m/s³]; NaN where none is known. They have the sources of `acceleration`."""
         return self._mechanism.jerk.copy()
 
     @property
@@ -365,8 +365,8 @@ class ForwardArm(Lazy):
                 full turn apart.
             velocity: Speed limits [rad/s] or [m/s]: one number, one for each joint, (n,), or a mapping from some joints to
                 numbers. A joint without a limit takes any.
-            acceleration: Acceleration limits [rad/s^2] or [m/s^2], in the same form.
-            jerk: Jerk limits [rad/s^3] or [m/s^3], in the same form.
+            acceleration: Acceleration limits [rad/s²] or [m/s²], in the same form.
+            jerk: Jerk limits [rad/s³] or [m/s³], in the same form.
 
         Raises:
             InvalidRobot: Unknown joints, limits that are not numbers, inverted, not above 0, or wider than those of the arm.

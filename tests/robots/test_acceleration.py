@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 import kinseek
 from kinseek import InvalidRobot, UnitWarning
+from kinseek.robots.soundness import check
 
 NAN = np.nan
 LIMITED = 'lower="-2" upper="2" velocity="2.5" '
@@ -55,6 +57,14 @@ def test_a_urdf_may_have_them(given: str, expected: list[float]) -> None:
     np.testing.assert_array_equal(
         [arm.velocity, arm.acceleration, arm.jerk], [[1.5, 2.5], *([NAN, x] for x in expected)]
     )
+
+
+def test_a_check_reports_those_below_zero_and_broken_ones(tmp_path: Path) -> None:
+    path = tmp_path / "two.urdf"
+    path.write_text(TWO.format(limit=LIMITED + 'acceleration="-6" jerk="fast"', mimic=""), encoding="utf-8")
+    found = {finding.what for finding in check(path).findings if finding.part == "joint 'b'"}
+    assert any("acceleration limit -6 is below 0" in what for what in found)
+    assert any("jerk" in what and "'fast' is not a number" in what for what in found)
 
 
 def test_mimic_joints_bound_their_leader() -> None:
@@ -140,9 +150,9 @@ def test_what_is_given_is_a_copy() -> None:
         ({"jerk": {"panda_joint3": "fast"}}, "finite number, got 'fast'"),
         (
             {"jerk": "fast"},
-            r"jerk must be one number, 7 of them, or a mapping .*rad/s\^3 or m/s\^3\], got 'fast'",
+            r"jerk must be one number, 7 of them, or a mapping .*rad/s³ or m/s³\], got 'fast'",
         ),
-        ({"acceleration": [1, 2]}, r"7 of them.*rad/s\^2 or m/s\^2.*got \[1, 2\]"),
+        ({"acceleration": [1, 2]}, r"7 of them.*rad/s² or m/s².*got \[1, 2\]"),
         ({"acceleration": 1j}, "got 1j"),
         ({"acceleration": {"panda_joint9": 1}}, "unknown joint 'panda_joint9'.*did you mean"),
         ({"velocity": 2.5}, "joint 'panda_joint1': velocity limit 2.5 is wider than that of the arm, 2.175"),

@@ -24,8 +24,8 @@ REVOLUTE, CONTINUOUS, PRISMATIC = "revolute", "continuous", "prismatic"
 
 RATES = {
     "velocity": "rad/s or m/s",
-    "acceleration": "rad/s^2 or m/s^2",
-    "jerk": "rad/s^3 or m/s^3",
+    "acceleration": "rad/s² or m/s²",
+    "jerk": "rad/s³ or m/s³",
 }
 """The derivatives of joint values that have limits, in the order of rows, with their units."""
 
@@ -71,11 +71,11 @@ class Mechanism(Protocol):
 
     @property
     def acceleration(self) -> Array:
-        """Acceleration limit of each variable, (n,), [rad/s^2] or [m/s^2]; NaN if unknown."""
+        """Acceleration limit of each variable, (n,), [rad/s²] or [m/s²]; NaN if unknown."""
 
     @property
     def jerk(self) -> Array:
-        """Jerk limit of each variable, (n,), [rad/s^3] or [m/s^3]; NaN if unknown."""
+        """Jerk limit of each variable, (n,), [rad/s³] or [m/s³]; NaN if unknown."""
 
     @property
     def dof(self) -> int:
@@ -162,12 +162,12 @@ class Variables(Lazy):
 
     @property
     def acceleration(self) -> Array:
-        """Acceleration limit of each variable, (n,), [rad/s^2] or [m/s^2]; NaN if unknown."""
+        """Acceleration limit of each variable, (n,), [rad/s²] or [m/s²]; NaN if unknown."""
         return np.asarray(self.rates[1])
 
     @property
     def jerk(self) -> Array:
-        """Jerk limit of each variable, (n,), [rad/s^3] or [m/s^3]; NaN if unknown."""
+        """Jerk limit of each variable, (n,), [rad/s³] or [m/s³]; NaN if unknown."""
         return np.asarray(self.rates[2])
 
     @lazy

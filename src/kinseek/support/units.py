@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 TURNS_OF_A_JOINT = 4 * math.pi * 1.001
 """Limits beyond this cause a warning [rad]: the wrists with the widest range turn twice to either side."""
 FAST = {"velocity": 50.0, "acceleration": 500.0}
-"""Limits beyond these cause a warning [rad/s], [rad/s^2]. The fastest wrists of small SCARA arms have some 50 rad/s and 350
-rad/s^2; a slow joint has 60 degrees per second. Known limits of jerk, 500 to 10,000 rad/s^3, do not show their unit."""
+"""Limits beyond these cause a warning [rad/s], [rad/s²]: 50 rad/s are 8 turns a second. Not examined further. Limits of jerk
+are not judged: common ones, 500 to 10,000 rad/s³, could be either unit."""
 FAR = 10.0
 """A goal farther away than this multiple of the reach causes a warning."""
 
@@ -81,7 +81,7 @@ def warn_of_rates(
         name: The derivative that is limited, a key of `FAST`; others are not judged.
         joints: Names of the joints.
         kinds: Kinds of the joints; prismatic ones are not judged.
-        limits: Their limits, (n,), [rad/s] or [rad/s^2]; NaN if unknown.
+        limits: Their limits, (n,), [rad/s] or [rad/s²]; NaN if unknown.
         where: The file or the call.
         level: Number of calls between here and the line to blame.
     """
