@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -14,6 +14,8 @@ import kinseek
 from benchmarks.targets import plain_fk, random_joints
 from kinseek import Goal
 from kinseek.errors import InvalidGoal
+from kinseek.kernels.ranges.search import solve_ranged
+from kinseek.solvers.atlas import ranges
 
 Array = NDArray[np.float64]
 
@@ -104,14 +106,80 @@ def test_what_is_no_cone_is_refused(options: dict[str, Any], words: str) -> None
     assert words in str(caught.value)
 
 
-def test_one_goal_and_a_batch_give_the_same_bits() -> None:
-    arm = kinseek.load("iiwa14")
-    goal = Goal.pose(
-        tilted(plain_fk(arm.chain, random_joints(arm.chain, 64, seed=6)), 0.5, 7), free="rz", cone=0.5
-    )
+TOOL = kinseek.pose([0.02, -0.01, 0.1], rpy=[0.3, -0.2, 1.0])
+
+
+@pytest.mark.parametrize("tool", [None, TOOL], ids=["tip", "tool"])
+@pytest.mark.parametrize("frame", ["tool", "base"])
+@pytest.mark.parametrize("name", ["iiwa14", "puma560", "so101", "gen3"])
+def test_one_goal_and_a_batch_give_the_same_bits(
+    name: str, frame: Literal["tool", "base"], tool: Array | None
+) -> None:
+    arm = kinseek.load(name)
+    wanted = tilted(plain_fk(arm.chain, random_joints(arm.chain, 64, seed=6)), 0.5, 7)
+    wanted = wanted if tool is None else wanted @ tool
+    goal = Goal.pose(wanted, free="rz", cone=0.5, frame=frame, tool=tool)
     together = arm.ik(goal, threads=2)
     for i in range(64):
-        np.testing.assert_array_equal(arm.ik(goal.at(goal.target[i])).q, together.q[i])
+        one = arm.ik(goal.at(goal.target[i]))
+        np.testing.assert_array_equal(one.q, together.q[i])
+        for name in ("position_error", "orientation_error", "weighted_error", "evaluations"):
+            assert getattr(one, name) == getattr(together, name)[i]
+
+
+@pytest.mark.parametrize("cone", [0.17, 1.0])
+@pytest.mark.parametrize("name", ["so101", "m430ia2f", "scara4", "puma560", "ur5e", "panda"])
+def test_few_goals_need_the_search_over_the_ranges(
+    name: str, cone: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searched = []
+
+    def count(*given: Any) -> None:
+        searched.append(len(given[2]))
+        solve_ranged(*given)
+
+    monkeypatch.setattr(ranges, "solve_ranged", count)
+    arm = kinseek.load(name)
+    wanted = tilted(plain_fk(arm.chain, random_joints(arm.chain, 300, seed=8)), cone, seed=9)
+    assert arm.ik(Goal.pose(wanted, free="rz", cone=cone)).success.all()
+    assert sum(searched) <= 30
+    searched.clear()
+    for T in wanted[:50]:
+        assert arm.ik(Goal.pose(T, free="rz", cone=cone)).success
+        assert arm.ik(Goal.pointing(T[:3, 3], T[:3, 2], cone=cone)).success
+    assert sum(searched) <= 10
+
+
+@pytest.mark.parametrize("name", ["so101", "puma560", "ur5e"])
+def test_a_direction_in_reach_is_met_itself(name: str) -> None:
+    arm = kinseek.load(name)
+    T = plain_fk(arm.chain, random_joints(arm.chain, 200, seed=10))
+    reached = plain_fk(arm.chain, arm.ik(Goal.pose(T, free="rz", cone=0.5)).q)
+    away = between(reached[:, :3, 2], T[:, :3, 2])
+    assert (away <= TOLERANCE + ROUNDING).mean() >= 0.9
+
+
+@pytest.mark.parametrize("name", ["gen3", "ur5e", "irb120"])
+def test_joints_are_not_turned_more_than_they_need(name: str) -> None:
+    arm = kinseek.load(name)
+    wanted = tilted(plain_fk(arm.chain, random_joints(arm.chain, 2000, seed=11)), 2.0, seed=12)
+    solution = arm.ik(Goal.pose(wanted, free="rz", cone=2.0))
+    whole = arm.upper - arm.lower >= 2.0 * math.pi - 1e-9
+    away = np.abs(solution.q - (arm.lower + arm.upper) / 2)[:, whole]
+    assert solution.success.all()
+    assert away.max() <= math.pi + ROUNDING
+
+
+@pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (1.0, 2.0, -0.5)])
+@pytest.mark.parametrize("name", ["ur5e", "so101"])
+def test_any_axis_of_the_tool_may_point_within_a_cone(name: str, axis: tuple[float, float, float]) -> None:
+    arm, own = kinseek.load(name), np.array(axis) / np.linalg.norm(axis)
+    for T in plain_fk(arm.chain, random_joints(arm.chain, 40, seed=13)):
+        solution = arm.ik(Goal.pointing(T[:3, 3], T[:3, :3] @ own, axis, cone=0.3))
+        reached = plain_fk(arm.chain, solution.q[None])[0]
+        assert solution.success
+        assert np.linalg.norm(reached[:3, 3] - T[:3, 3]) <= TOLERANCE + ROUNDING
+        assert between(reached[:3, :3] @ own, T[:3, :3] @ own) <= 0.3 + TOLERANCE + ROUNDING
 
 
 def test_the_goal_shows_its_cone() -> None:

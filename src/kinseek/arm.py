@@ -23,8 +23,9 @@ from .problem import Problem, as_joints
 from .proof.certificate import Certificate, Verdict
 from .robots import Mechanism, SerialChain, read
 from .solution import Solution, Status, quick_solution
+from .solvers.atlas.centres import CentralIndices, central_indices, is_central, solve_central
 from .solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
-from .solvers.atlas.quick import can_solve_quickly, is_central, solve_central, solve_quickly
+from .solvers.atlas.quick import can_solve_quickly, solve_quickly
 from .solvers.atlas.solver import Atlas
 from .solvers.base import Solver
 from .solvers.black_box.samples import Samples, samples_of
@@ -98,6 +99,7 @@ class Arm(ForwardArm):
         super().__init__(mechanism)
         self._index: AtlasIndex | None = None
         self._place_index: AtlasIndex | None = None
+        self._central: CentralIndices | None = None
         self._branch_index: BranchIndex | None = None
 
     def __getstate__(self) -> Any:
@@ -108,6 +110,7 @@ class Arm(ForwardArm):
             **cast("dict[str, Any]", attributes),
             "_index": None,
             "_place_index": None,
+            "_central": None,
             "_branch_index": None,
         }
         return attributes if slots is None else (attributes, slots)
@@ -115,7 +118,7 @@ class Arm(ForwardArm):
     def _with(self, mechanism: Mechanism) -> Self:
         """Return a copy of this arm with another mechanism."""
         arm = super()._with(mechanism)
-        arm._index = arm._place_index = arm._branch_index = None
+        arm._index = arm._place_index = arm._central = arm._branch_index = None
         return arm
 
     @property
@@ -290,7 +293,11 @@ class Arm(ForwardArm):
             return None
         if can_solve_quickly(goal, near):
             return solve_quickly(axes, self._atlas_for(axes, goal), goal, near)
-        return solve_central(axes, self._atlas_for(axes, goal), goal) if is_central(goal, near) else None
+        if not is_central(goal, near):
+            return None
+        central = central_indices(axes, goal, last=self._central)
+        self._central = central or self._central
+        return solve_central(axes, goal, central)
 
     @overload
     def branches(  # type: ignore[overload-overlap]  # Wanted: of an array without a shape neither answer is promised.

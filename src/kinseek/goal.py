@@ -245,8 +245,12 @@ class Goal(Lazy):
         cone = check_cone(cone, True)
         if ranges is None and not cone:
             return cls(target, kind=POINTING.name, tool_axis=(axis[0], axis[1], axis[2]), **options)
+        if (
+            ranges is None
+        ):  # The axes of the tool and of the base are equivalent then. Searches of the former are faster.
+            swing = (axis[0], axis[1], axis[2])
+            return cls(target, kind=BOX.name, ranges=(PINNED,) * 6, swing=swing, cone=cone, **options)
         swing = (float(onto[0]), float(onto[1]), float(onto[2]))
-        ranges = ranges or (PINNED,) * 6
         return cls(target, kind=BOX.name, ranges=ranges, frame="base", swing=swing, cone=cone, **options)
 
     @classmethod
@@ -429,9 +433,10 @@ class Goal(Lazy):
     @lazy
     def questions(self) -> Array:
         """Targets, frames and ranges of a box goal as kernels take them, (k, `QUESTION`)."""
-        rows = np.empty((len(self.targets), QUESTION))
-        rows[:, :FRAME] = self.targets.reshape(-1, 12)
-        rows[:, FRAME:LOW] = self.frames.reshape(-1, 9)
+        targets = self.targets
+        rows = np.empty((len(targets), QUESTION))
+        rows[:, :FRAME] = targets.reshape(-1, 12)
+        rows[:, FRAME:LOW] = (targets[:, :, :3] if self.frame == "tool" else self.frames).reshape(-1, 9)
         rows[:, LOW:] = _range_numbers(self.ranges or (PINNED,) * 6, self.swing, self.cone)
         return rows
 

@@ -1,7 +1,8 @@
 """Solve goals with free axes and ranges by the atlas.
 
-A pose at the centre of the ranges is tried first, since it is found much faster. If it is out of reach, seeds are spread
-over the ranges, and steps reduce what exceeds them. See `kernels.ranges.search`; `Atlas` calls this module for such goals.
+The centre of the ranges is tried first, since it is found much faster; see `centres`. If it is out of reach, seeds are
+spread over the ranges, and steps reduce what exceeds them. See `kernels.ranges.search`; `Atlas` calls this module for such
+goals.
 """
 
 from __future__ import annotations
@@ -12,12 +13,9 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinseek.goal import Goal
-from kinseek.kernels.arm.range_error import judge_ranges
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.atlas.batch import solve_many
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.task import REPORT
 from kinseek.kernels.ranges.search import solve_ranged
@@ -31,8 +29,8 @@ from kinseek.support.deadline import Deadline
 from kinseek.support.transforms import rotation_onto, rotations
 from kinseek.virtual_joints import extended
 
-from .index import AtlasIndex, atlas_of, tolerances_of
-from .quick import central_tolerances
+from .centres import solve_centres
+from .index import atlas_of, tolerances_of
 from .rows import batch_solution
 
 if TYPE_CHECKING:
@@ -75,7 +73,8 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
                 return
             some = np.arange(first, min(first + _GROUP, end))
             if central:
-                solve_centres(index, problem, some, results, done)
+                centres = _centres(chain, goal, fractions, turns, some)
+                solve_centres(problem, search.samples, centres, some, results, done)
                 some = some[~done[some]]
             poses = seed_poses(chain, goal, fractions, turns, some)
             for piece in range(0, len(some), _PIECE):
@@ -101,6 +100,13 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
     return batch_solution(problem, results, done)
 
 
+def _centres(chain: SerialChain, goal: Goal, fractions: Array, turns: Array, some: Indices) -> Array:
+    """Return the poses at the centres of the ranges of some targets, (k, 3, 4); see `seed_poses`."""
+    if goal.accepts_target:
+        return np.ascontiguousarray(goal.targets[some])
+    return np.ascontiguousarray(seed_poses(chain, goal, fractions[:1], turns[:1], some)[:, 0])
+
+
 def _retry_close(search: Atlas, problem: Problem, results: Array, deadline: Deadline) -> None:
     """Search narrow misses once more, by an arm with virtual joints for the ranges.
 
@@ -123,36 +129,6 @@ def _retry_close(search: Atlas, problem: Problem, results: Array, deadline: Dead
         results[i, -1] += found.evaluations
         if one.goal.met(measured)[0]:
             results[i, : chain.dof], results[i, chain.dof : -1] = q, measured[0]
-
-
-def solve_centres(
-    index: AtlasIndex, problem: Problem, some: Indices, results: Array, done: NDArray[np.bool_]
-) -> None:
-    """Solve poses at the centres of ranges, as far as the fast search for whole poses and positions reaches them.
-
-    Args:
-        index: The atlas for such goals.
-        problem: The problem.
-        some: Indices of the targets, (m,).
-        results: Receives the rows of the solutions, as from `solve_ranged`, (k, n + 4).
-        done: Receives which targets are solved, (k,).
-    """
-    goal, dof = problem.goal, problem.chain.dof
-    if goal.accepts_target:
-        poses = goal.targets[some]
-    else:
-        assert goal.ranges is not None
-        fractions, turns = deviations(goal.ranges, goal.swing, goal.cone)
-        poses = seed_poses(problem.chain, goal, fractions[:1], turns[:1], some)[:, 0]
-    poses = np.ascontiguousarray(poses)
-    rows, left = np.empty((len(some), dof + REPORT)), np.empty(len(some), dtype=np.int64)
-    count = solve_many(index.handle, central_tolerances(goal), poses, rows, left, 0, len(some), LANES)
-    found = np.ones(len(some), dtype=np.bool_)
-    found[left[:count]] = False
-    rows, some = rows[found], some[found]
-    weights = float(goal.position_weight), float(goal.orientation_weight)
-    rows[:, dof:-1] = judge_ranges(index.arrays, rows[:, :dof], goal.questions[some], *weights)
-    results[some], done[some] = rows, goal.met(rows[:, dof:])
 
 
 @lru_cache(maxsize=64)
