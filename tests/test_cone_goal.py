@@ -150,6 +150,24 @@ def test_few_goals_need_the_search_over_the_ranges(
     assert sum(searched) <= 10
 
 
+@pytest.mark.parametrize("along", [0.0, 0.1])
+def test_a_last_joint_about_the_axis_does_not_limit_the_closed_form(along: float) -> None:
+    arm, tool = (
+        kinseek.load("puma560"),
+        kinseek.pose([0.0, 0.0, along]),
+    )  # Its last joint turns by 180 degrees.
+    wanted = tilted(plain_fk(arm.chain, random_joints(arm.chain, 300, seed=14)) @ tool, 0.1, seed=15)
+    goal = Goal.pose(wanted, free="rz", cone=0.2, tool=tool)
+    solution = arm.ik(goal)
+    assert ((solution.q >= arm.lower) & (solution.q <= arm.upper)).all()
+    assert solution.success.all()
+    assert (solution.evaluations == 1).mean() >= 0.9
+    aside = arm.ik(Goal.pose(wanted, free="rx", cone=0.2, tool=tool))
+    assert (aside.evaluations == 1).mean() <= 0.1
+    for i in range(20):
+        np.testing.assert_array_equal(arm.ik(goal.at(wanted[i])).q, solution.q[i])
+
+
 @pytest.mark.parametrize("name", ["so101", "puma560", "ur5e"])
 def test_a_direction_in_reach_is_met_itself(name: str) -> None:
     arm = kinseek.load(name)

@@ -3,7 +3,8 @@
 The centre is usually the target itself. Goals without ranges are found much faster, and most goals are met this way. If the
 direction of one axis counts, three searches follow each other, each limited to one pass:
 
-1. the whole pose, by the closed form, if the arm has one and its last joint turns far enough to reach most of such poses;
+1. the whole pose, by the closed form, if the arm has one and its last joint turns far enough to reach most of such poses. A
+   last joint that turns about the axis itself may take any value, so its limits do not matter;
 2. the position and the direction of the axis;
 3. with a cone, the position alone, from the joint values at which the second search ended. They are near the position, and
    point as closely in the direction as the arm can, which is often close enough. An arm of five joints usually needs this.
@@ -14,11 +15,13 @@ The ranges themselves decide whether the result is a success.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.goal import Goal
+from kinseek.kernels.arm.division import TURN
 from kinseek.kernels.arm.range_error import judge_ranges
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.batch import solve_many, solve_some
@@ -29,7 +32,7 @@ from kinseek.kernels.atlas.task import OPEN, REPORT
 from kinseek.kinds import POINTING, POSE, POSITION
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.geometry import open_limits
+from kinseek.robots.geometry import divide, open_limits
 from kinseek.solution import Solution, quick_solution
 from kinseek.support.caching import WeakCache
 from kinseek.support.transforms import transform
@@ -46,9 +49,12 @@ ONE_PASS, ONE_WALK = float((FIRST_STEPS + 1) * LANES), float((DEEP_STEPS + 1) * 
 """Budgets: of a closed form or of one pass from the nearest samples, and of one walk from given joint values."""
 
 WIDE = 1.5 * math.pi
-"""Range of the last joint [rad] from which on whole poses are tried first. Of the arms with closed forms in the
-section "Cones" of `benchmarks.partial_goals`, those with a range of 5.8 rad or more reach nearly every pose whose direction
-they reach; puma560, with a range of π, reaches half of them."""
+"""Range of the last joint [rad] from which on its limits seldom matter. Of the arms with closed forms in the section "Cones"
+of `benchmarks.partial_goals`, those with a range of 5.8 rad or more reach nearly every pose whose direction they reach;
+puma560, with a range of π, reaches half of them."""
+
+ALONG = 1e-9
+"""Largest distance of a last axis from the tool [m], and of their directions, at which it counts as the axis of the tool."""
 
 
 _Key = tuple[Axis, bytes | None, int]
@@ -63,9 +69,16 @@ class CentralIndices:
         axis, _, samples = self.key = key
         self.pose = atlas_of(chain, goal, samples)
         """That of whole poses. Its arm has its tip at the tool."""
-        last = float(chain.upper[-1] - chain.lower[-1])
-        self.pose_first = self.pose.structure.word != "none" and last >= WIDE
-        """Whether the first search is made."""
+        self.first: AtlasIndex | None = None
+        """That of the first search; None if it is not made."""
+        self.last: tuple[float, float] | None = None
+        """Limits of the last joint if the first search ignores them."""
+        if self.pose.structure.word != "none":
+            low, high = float(chain.lower[-1]), float(chain.upper[-1])
+            if high - low >= WIDE:
+                self.first = self.pose
+            elif _turns_about(chain, self.pose, axis):
+                self.first, self.last = atlas_of(_freed(chain), goal, samples), (low, high)
         direction = Goal(np.eye(4), POINTING.name, axis, tool=goal.tool)
         self.turn = transform(direction.tip_rotation, np.zeros(3))
         """Rotation of the tip that maps the axis to x, (4, 4)."""
@@ -96,6 +109,22 @@ class CentralIndices:
         if not beyond.any():
             return q
         return np.where(beyond, np.clip(self._middle + shortest(gap), *self._limits), q)
+
+
+def _turns_about(chain: SerialChain, index: AtlasIndex, axis: Axis) -> bool:
+    """Return whether the last joint, and no other, turns the tool about an axis of it."""
+    tool = index.arrays.fixed[-1]
+    across, slant = tool[:2, 3], tool[:2, :3] @ np.array(axis)
+    near = max(float(np.linalg.norm(across)), float(np.linalg.norm(slant))) <= ALONG
+    return near and divide(chain, POSE).tail == TURN
+
+
+def _freed(chain: SerialChain) -> SerialChain:
+    """Return an arm whose last joint turns by half a turn to either side of the middle of its limits."""
+    lower, upper = chain.lower.copy(), chain.upper.copy()
+    middle = (lower[-1] + upper[-1]) / 2
+    lower[-1], upper[-1] = middle - math.pi, middle + math.pi
+    return replace(chain, lower=lower, upper=upper)
 
 
 _central: WeakCache[SerialChain, _Key, CentralIndices] = WeakCache(MOST_CACHED)
@@ -155,9 +184,11 @@ def solve_central(chain: SerialChain, goal: Goal, indices: CentralIndices | None
 def _find_axis(chain: SerialChain, indices: CentralIndices, goal: Goal) -> tuple[Array, int] | None:
     """Search as `_find_axes` for one target: return joint values, (n,), and FK evaluations; None if nothing is found."""
     q, target, total, met = np.empty(chain.dof), goal.targets[0], 0, False
-    if indices.pose_first:
+    if indices.first is not None:
         tolerances = tolerances_as(goal, POSE, ONE_PASS)
-        *_, total, met = solve_goal(indices.pose.address, tolerances, target, q, False, q)
+        *_, total, met = solve_goal(indices.first.address, tolerances, target, q, False, q)
+        if indices.last is not None:
+            q[-1] = min(max(q[-1], indices.last[0]), indices.last[1])
     if not met:
         address, tolerances = indices.pointing(chain).address, tolerances_as(goal, POINTING, ONE_PASS)
         *_, spent, met = solve_goal(address, tolerances, (goal.targets @ indices.turn)[0], q, False, q)
@@ -217,9 +248,11 @@ def _find_axes(chain: SerialChain, indices: CentralIndices, goal: Goal, poses: A
     """
     dof, rows = chain.dof, np.empty((len(poses), chain.dof + REPORT))
     total, left, none = np.zeros(len(poses)), np.arange(len(poses)), np.empty((0, dof))
-    if indices.pose_first:
+    if indices.first is not None:
         tolerances = tolerances_as(goal, POSE, ONE_PASS)
-        solve_some(indices.pose.handle, tolerances, poses, none, rows, left, LANES)
+        solve_some(indices.first.handle, tolerances, poses, none, rows, left, LANES)
+        if indices.last is not None:
+            rows[:, dof - 1] = np.clip(rows[:, dof - 1], *indices.last)
         total[left] += rows[left, -1]
         left = left[~goal.met(rows[left, dof:])]
     if len(left):
