@@ -1,4 +1,4 @@
-"""Paths for the tests of trajectories, and judges that use finite differences and plain samples."""
+"""Judges of trajectories that use finite differences and plain samples."""
 
 from __future__ import annotations
 
@@ -7,49 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import kinseek
 from kinseek import Trajectory
 
 Array = NDArray[np.float64]
 
 DENSE = 10_000
 """Samples of a trajectory."""
-
-
-TRIALS = 200
-"""Random paths that are tried until one is continuous."""
-
-
-def _goal(arm: kinseek.Arm, T: Array) -> Any:
-    """All of the poses, or their positions for an arm with too few joints."""
-    return T if arm.dof >= 6 else kinseek.Goal.position(T[:, :3, 3])
-
-
-def arc(arm: kinseek.Arm, rng: np.random.Generator, count: int = 150) -> kinseek.Path:
-    """A continuous path along a random arc."""
-    for _ in range(TRIALS):
-        q = rng.uniform(np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0))
-        T = np.repeat(arm.fk(q)[None], count, axis=0)
-        angle = np.linspace(0.0, rng.uniform(0.5, 2.0), count)
-        a, b = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
-        T[:, :3, 3] += 0.15 * ((np.cos(angle) - 1.0)[:, None] * a + np.sin(angle)[:, None] * b)
-        path = arm.follow(_goal(arm, T))
-        if path.success:
-            return path
-    raise AssertionError(f"no continuous arc of {arm.name}")
-
-
-def corner(arm: kinseek.Arm, rng: np.random.Generator) -> kinseek.Path:
-    """A continuous path along two lines with a sharp corner."""
-    for _ in range(TRIALS):
-        q = rng.uniform(np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0))
-        ends = [arm.fk(q + 0.3 * rng.normal(size=arm.dof)) for _ in range(2)]
-        path = arm.follow(
-            _goal(arm, kinseek.interpolate([ends[0], arm.fk(q), ends[1]], step=0.005, turn=0.03))
-        )
-        if path.success:
-            return path
-    raise AssertionError(f"no continuous path of {arm.name}")
 
 
 def worst(trajectory: Trajectory) -> dict[str, float]:

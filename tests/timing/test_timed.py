@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import kinseek
+from benchmarks.trajectories import arc, corner
 from kinseek import Goal
-from motions import arc, corner, worst
+from motions import worst
 
 ARMS = ("ur5e", "panda", "iiwa14", "so101", "puma560")
 
@@ -43,6 +44,48 @@ def test_limits_hold_between_samples(name: str, tool_speed: float | None) -> Non
         bounds = [kept.velocity.max(), kept.acceleration.max(), kept.tool_speed or 0.0]
         assert all(share <= bound <= 1.0 for share, bound in zip(shares, bounds, strict=True))
         np.testing.assert_allclose(trajectory.q(trajectory.pose_times), path.q, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("jerk", [1000.0, 100.0])
+def test_jerks_hold_between_samples(name: str, jerk: float) -> None:
+    arm, rng = kinseek.load(name), np.random.default_rng(5)
+    for make in (arc, corner):
+        path = make(arm, rng)
+        free, trajectory = (path.timed(speeds(arm), accelerations(arm), limit) for limit in (None, jerk))
+        found = worst(trajectory)
+        shares = [found["velocity"], found["acceleration"], found["jerk"]]
+        assert max(shares) <= 1.0
+        assert max(shares) > 0.99
+        kept = trajectory.limits_kept
+        assert kept.jerk is not None
+        bounds = [kept.velocity.max(), kept.acceleration.max(), kept.jerk.max()]
+        assert all(share <= bound <= 1.0 for share, bound in zip(shares, bounds, strict=True))
+        assert free.duration < trajectory.duration < 2.5 * free.duration
+        # Accelerations are continuous: they change by at most the jerk times the time.
+        t = np.linspace(0.0, trajectory.duration, 10_000)
+        steps = np.abs(np.diff(trajectory.acceleration(t), axis=0)) / np.diff(t)[:, None]
+        assert steps.max() <= jerk * (1.0 + 1e-6)
+        np.testing.assert_allclose(trajectory.acceleration([0.0, trajectory.duration]), 0.0, atol=1e-6)
+        np.testing.assert_allclose(trajectory.q(trajectory.pose_times), path.q, atol=1e-12)
+
+
+def test_a_straight_motion_with_jerk_is_nearly_the_best() -> None:
+    # From rest to rest, so short that neither speed nor acceleration is reached: four parts with the full jerk, each of the
+    # duration (L / 2 j)^(1/3).
+    arm = kinseek.load("ur5e")
+    q = np.array([0.1, -1.0, 1.2, -0.4, 0.5, 0.0]) + np.linspace(0.0, 0.02, 30)[:, None] * np.eye(6)[0]
+    path = arm.follow(arm.fk(q), start=q[0], end=q[-1])
+    trajectory = path.timed(velocity=3.0, acceleration=100.0, jerk=50.0)
+    assert trajectory.duration == pytest.approx(4.0 * (0.02 / 100.0) ** (1 / 3), rel=0.03)
+    assert trajectory.duration > 4.0 * (0.02 / 100.0) ** (1 / 3) * (1.0 - 1e-6)
+
+
+def test_with_jerk_a_motion_begins_at_rest() -> None:
+    path = arc(kinseek.load("ur5e"), np.random.default_rng(3), 20)
+    with pytest.raises(kinseek.InvalidProblem, match="with limits of jerk a motion begins and ends at rest"):
+        path.timed(acceleration=10.0, jerk=100.0, start_velocity=0.1)
 
 
 def test_a_straight_motion_has_the_known_duration() -> None:
@@ -130,9 +173,11 @@ def test_joints_stay_inside_their_limits() -> None:
     q[:, 0] += np.linspace(0.0, 0.6, 40)
     q[20:, 2] -= np.linspace(0.0, 0.9, 20)
     path = arm.follow(arm.fk(q), start=q[0], end=q[-1])
-    trajectory = path.timed(acceleration=10.0)
-    assert worst(trajectory)["outside"] <= 1e-12
-    assert worst(trajectory)["acceleration"] <= 1.0
+    for jerk in (None, 500.0):
+        trajectory = path.timed(acceleration=10.0, jerk=jerk)
+        found = worst(trajectory)
+        assert found["outside"] <= 1e-12
+        assert max(found["acceleration"], found.get("jerk", 0.0)) <= 1.0
 
 
 def test_the_deviation_is_bounded() -> None:
@@ -196,6 +241,7 @@ def test_one_pose_and_equal_poses() -> None:
         ({"acceleration": np.nan}, "acceleration must be above 0 and finite"),
         ({"acceleration": [1.0, 2.0]}, "acceleration must be a number or 6 of them"),
         ({}, r"no acceleration limit for shoulder_pan_joint, .* for example acceleration=10"),
+        ({"acceleration": 1.0, "jerk": -1.0}, "jerk must be above 0 and finite"),
         ({"acceleration": 1.0, "tool_speed": 0.0}, "tool_speed must be above 0"),
         ({"acceleration": 1.0, "tool_speed": "fast"}, "tool_speed must be a number"),
         ({"acceleration": 1.0, "start_velocity": -1.0}, "start_velocity must be a number from 0"),

@@ -98,7 +98,8 @@ VERDICTS = tuple(
 
 
 VECTORIZED = tuple(
-    f"kinseek.kernels.{room}." for room in ("arm", "atlas", "branches", "collision", "paths", "structure")
+    f"kinseek.kernels.{room}."
+    for room in ("arm", "atlas", "branches", "collision", "paths", "structure", "timing")
 )
 """Modules of kernels whose loops LLVM vectorizes. In the others this makes nothing faster and takes a sixth of the time to
 compile: look with `python -m benchmarks.since` before a room is added or taken away."""

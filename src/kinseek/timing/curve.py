@@ -76,7 +76,7 @@ class Curve(NamedTuple):
         return Curve(knots, self.at(knots[:-1], piece), bernstein.subdivided(self.slopes, parts))
 
 
-def spline(q: Array, speeds: Array, lower: Array, upper: Array) -> Curve:
+def spline(q: Array, speeds: Array, lower: Array, upper: Array) -> tuple[Curve, Indices]:
     """Return the cubic spline through joint values.
 
     Its parameter grows with the distance, in which each joint is measured by its speed: so it is about the time that the
@@ -88,22 +88,27 @@ def spline(q: Array, speeds: Array, lower: Array, upper: Array) -> Curve:
         speeds: Limits of the speeds, (n,).
         lower: Lower limits of the joints, (n,), -inf for none; q may lie outside by rounding.
         upper: Upper limits, (n,).
+
+    Returns:
+        The curve, and its inner points at which the second derivative jumps, (j,).
     """
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0) / speeds, axis=1))])
-    slopes = np.empty_like(q)
-    slopes[0], slopes[-1] = _end_slope(knots, q), _end_slope(knots[::-1], q[::-1])
-    spline_slopes(knots, q, slopes)
     width = np.diff(knots)[:, None]
     third = width / 3.0
     before, after = np.concatenate([third[:1], third]), np.concatenate([third, third[-1:]])
     below, above = np.maximum(q - lower, 0.0), np.maximum(upper - q, 0.0)
     # The inner coefficients q + after m and q - before m stay inside the limits, and with them the curve.
-    most, least = np.minimum(above / after, below / before), np.minimum(below / after, above / before)
-    begin, end = np.clip(slopes, -least, most)[:-1], np.clip(slopes, -least, most)[1:]
+    most, least = np.minimum(above / after, below / before), -np.minimum(below / after, above / before)
+    slopes, ends = np.empty_like(q), [0, -1]
+    slopes[ends] = _end_slope(knots, q), _end_slope(knots[::-1], q[::-1])
+    slopes[ends] = np.clip(slopes[ends], least[ends], most[ends])
+    spline_slopes(knots, q, slopes)
+    kept = np.clip(slopes, least, most)
+    begin, end = kept[:-1], kept[1:]
     # The mean of the coefficients is the mean slope.
-    return Curve(
-        knots, q[:-1], np.stack([begin, 3.0 * np.diff(q, axis=0) / width - begin - end, end], axis=-1)
-    )
+    inner = 3.0 * np.diff(q, axis=0) / width - begin - end
+    jumps = np.flatnonzero((kept != slopes)[1:-1].any(axis=1)) + 1
+    return Curve(knots, q[:-1], np.stack([begin, inner, end], axis=-1)), jumps
 
 
 def _end_slope(knots: Array, q: Array) -> Array:

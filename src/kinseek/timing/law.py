@@ -100,6 +100,36 @@ def constant_acceleration(s: Array, x: Array) -> Law:
     return Law(s, times, speed[:-1], np.diff(x) / (2.0 * widths), zero, zero)
 
 
+def quadratic(s: Array, x: Array) -> Law:
+    """Return the law of a motion from rest to rest whose squared speed is a quadratic spline, see `kernels.timing.smooth`.
+
+    Args:
+        s: Ends of intervals, (m + 1,).
+        x: Middle Bernstein coefficients of the squared speed on each interval, (m,); for the first and the last interval its
+            value at their inner ends.
+    """
+    h = np.diff(s)
+    # At the knots the squared speed is a mean of both neighbours.
+    inner = (h[2:-1] * x[1:-2] + h[1:-2] * x[2:-1]) / (h[1:-2] + h[2:-1])
+    squares = np.concatenate([[0.0, x[0]], inner, [x[-1], 0.0]])
+    speed, u, gain = np.sqrt(squares), np.zeros(len(h)), np.zeros(len(h))
+    u[1:-1] = (x[1:-1] - squares[1:-2]) / h[1:-1]
+    gain[1:-1] = (squares[2:-1] - 2.0 * x[1:-1] + squares[1:-2]) / h[1:-1] ** 2
+    # On the intervals at rest the jerk is constant in time.
+    jerk = np.zeros(len(h))
+    jerk[[0, -1]] = 2.0 * x[[0, -1]] ** 1.5 / (9.0 * h[[0, -1]] ** 2)
+    u[-1] = -2.0 * x[-1] / (3.0 * h[-1])
+    omega, mean = np.sqrt(np.abs(gain)), h / (speed[:-1] + speed[1:])
+    # t = 2/ω artanh(ω σ / (v0 + v1)), and with the arc tangent for g = -ω².
+    angle = omega * mean
+    small, w = angle < SMALL, np.maximum(omega, 1e-300)
+    turned = np.where(gain > 0.0, np.arctanh(np.where(gain > 0.0, angle, 0.0)), np.arctan(angle)) / w
+    series = mean * (1.0 + gain * mean**2 / 3.0 + gain**2 * mean**4 / 5.0)
+    durations = 2.0 * np.where(small, series, turned)
+    durations[[0, -1]] = 3.0 * h[[0, -1]] / np.sqrt(x[[0, -1]])
+    return Law(s, np.concatenate([[0.0], np.cumsum(durations)]), speed[:-1], u, gain, jerk)
+
+
 def rest() -> Law:
     """Return the law of a motion that ends when it begins."""
     zero = np.zeros(1)

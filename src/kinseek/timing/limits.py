@@ -8,13 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidProblem
-from kinseek.robots.mechanism import Mechanism
+from kinseek.robots.mechanism import RATES, Mechanism
 from kinseek.support.validation import as_number
 
 Array = NDArray[np.float64]
-
-UNITS = {"velocity": "rad/s or m/s", "acceleration": "rad/s² or m/s²", "jerk": "rad/s³ or m/s³"}
-"""Units of the limits of joints."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,7 @@ def read_limits(
     return Limits(
         _known(arm, "velocity", velocity, 2.0),
         _known(arm, "acceleration", acceleration, 10.0),
-        None if jerk is None else positive(arm, "jerk", jerk, UNITS["jerk"]),
+        None if jerk is None else positive(arm, "jerk", jerk, RATES["jerk"]),
         tool_speed,
     )
 
@@ -62,13 +59,14 @@ def _known(arm: Mechanism, name: str, value: ArrayLike | None, example: float) -
         InvalidProblem: It is not given, and the arm has none.
     """
     if value is not None:
-        return positive(arm, name, value, UNITS[name])
-    own: Array = getattr(arm, name, np.full(arm.dof, np.nan))
+        return positive(arm, name, value, RATES[name])
+    own: Array = getattr(arm, name)
     unknown = np.flatnonzero(np.isnan(own))
     if len(unknown):
         raise InvalidProblem(
             f"{arm.name!r} has no {name} limit for {', '.join(arm.joint_names[i] for i in unknown)}: give {name}= "
-            f"[{UNITS[name]}], for example {name}={example:g} for every joint, or {arm.dof} numbers"
+            f"[{RATES[name]}], for example {name}={example:g} for every joint, or {arm.dof} numbers; or give the arm limits by "
+            f"with_limits({name}=...) or load(..., limits='joint_limits.yaml')"
         )
     return own
 

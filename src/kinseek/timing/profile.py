@@ -7,13 +7,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidProblem
+from kinseek.errors import InternalError, InvalidProblem
+from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.timing.fastest import fastest_profile
+from kinseek.kernels.timing.smooth import smooth_profile
 from kinseek.robots.chain import SerialChain
 
 from .curve import Curve
-from .law import Law, constant_acceleration
+from .law import Law, constant_acceleration, quadratic
 from .limits import Limits
+from .shares import shares_of_limits
 from .tip import speed_bounds
 
 Array = NDArray[np.float64]
@@ -24,8 +27,20 @@ ROUNDING = 1e-9
 MOTION_PIECES = 1000
 """Pieces into which a curve is divided at least, so that a limit is nowhere kept by much more than necessary."""
 
+SMOOTH_PIECES = 400
+"""The same with limits of jerk."""
+
+RUN_PIECES = 32
+"""Pieces from stop to stop at least."""
+
 MOST_PARTS = 8
-"""Largest number of parts into which a piece of a curve is divided."""
+"""Largest number of parts into which a piece of a curve is divided, if `RUN_PIECES` do not demand more."""
+
+GAP = 0.01
+"""Share by which a motion with limits of jerk may be longer than the best one that the search tends to."""
+
+GUESS = 1e-4
+"""Smallest squared speed of a first guess, relative to the largest."""
 
 
 def fastest(
@@ -40,8 +55,12 @@ def fastest(
         tip_speeds: Speeds of the tip at the start and at the end [m/s].
 
     Raises:
-        InvalidProblem: The speed at an end cannot be kept.
+        InvalidProblem: The speed at an end cannot be kept, or is not 0 though jerks are limited.
     """
+    if limits.jerk is not None and any(tip_speeds):
+        raise InvalidProblem(
+            "with limits of jerk a motion begins and ends at rest: start_velocity and end_velocity must be 0"
+        )
     count = len(curve.widths)
     tool = np.zeros((count, 2))
     if limits.tool_speed is not None and chain is not None:
@@ -64,7 +83,8 @@ def fastest(
                 f"{name}_velocity: the tip has {math.sqrt(wanted) * rate:g} m/s there, but inside the limits at most "
                 f"{math.sqrt(most) * rate:.6g} m/s"
             )
-    return constant_acceleration(curve.knots, x)
+    law = constant_acceleration(curve.knots, x)
+    return law if limits.jerk is None else smooth(curve, limits, tool, law)
 
 
 def _rates_of_tip(curve: Curve, chain: SerialChain | None) -> tuple[float, float]:
@@ -82,8 +102,36 @@ def _rates_of_tip(curve: Curve, chain: SerialChain | None) -> tuple[float, float
     return float(np.sqrt(square[0])), float(np.sqrt(square[1]))
 
 
-def parts_for(count: int, limits: Limits) -> int:
-    """Return into how many parts each of `count` pieces of a curve is divided."""
+def smooth(curve: Curve, limits: Limits, tool: Array, first: Law) -> Law:
+    """Return the law of a motion from rest to rest along a curve that keeps limits of jerk too.
+
+    Args:
+        curve: The curve, of at least 3 pieces; each piece is an interval of the law.
+        limits: The limits, with jerks.
+        tool: See `smooth_profile`, (m, 2).
+        first: The fastest motion without limits of jerk.
+    """
+    assert limits.jerk is not None
+    widths, squares = curve.widths, first.speed**2
+    guess = np.minimum(squares, np.append(squares[1:], 0.0)) + GUESS * squares.max()
+    report = np.zeros(2)
+    allowed = np.stack([limits.velocity, limits.acceleration, limits.jerk]) * (1.0 - ROUNDING)
+    smooth_profile(curve.slopes, widths, allowed, tool, GAP, LANES, guess, report)
+    if not report[0]:
+        raise InternalError("no motion was found inside the limits, though every slow motion is possible")
+    law = quadratic(curve.knots, guess)
+    jerk = shares_of_limits(curve, law, limits, None).jerk
+    assert jerk is not None
+    # The bound of the jerk is less close here than in the kernel. It grows with the power 3/2 of the squared speed.
+    over = float(jerk.max()) / (1.0 - ROUNDING)
+    return law if over <= 1.0 else quadratic(curve.knots, guess * over ** (-2.0 / 3.0))
+
+
+def parts_for(pieces: int, total: int, limits: Limits) -> int:
+    """Return into how many parts the pieces of a curve are divided, of `total` pieces of a motion."""
     # The speed of the tip is bounded less closely than that of the joints.
     wanted = MOTION_PIECES * (1 if limits.tool_speed is None else 2)
-    return min(max(-(-wanted // count), 1), MOST_PARTS)
+    if limits.jerk is not None:
+        wanted = SMOOTH_PIECES
+    parts = min(max(-(-wanted // total), 1), MOST_PARTS)
+    return max(parts, -(-RUN_PIECES // pieces))

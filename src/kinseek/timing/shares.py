@@ -18,6 +18,10 @@ from .tip import speed_bounds
 Array = NDArray[np.float64]
 
 
+TINY = 1e-300
+"""Prevents division by zero."""
+
+
 class Shares(NamedTuple):
     """Upper bounds of the shares of limits that a motion uses on each of m intervals; 1 is the limit."""
 
@@ -56,7 +60,7 @@ def shares_of_limits(curve: Curve, law: Law, limits: Limits, chain: SerialChain 
     jerk = None
     if limits.jerk is not None:
         terms = _sum(product(third, squares), 3.0 * product(second, pulls))
-        jerk = _largest(_sum(terms, law.gain[:, None, None] * first)) * speed
+        jerk = _with_root(np.abs(_sum(terms, law.gain[:, None, None] * first)), squares)
         jumps = _largest(third) * speed**3 + 3.0 * bend * speed * pull + rate * np.abs(law.jerk)[:, None]
         jerk[timed] = jumps[timed]
         jerk /= limits.jerk
@@ -80,6 +84,21 @@ def _polynomials(law: Law) -> tuple[Array, Array]:
     squares[timed] = np.maximum(v2, end**2)[timed, None]
     pulls[timed] = np.stack([u, u + law.jerk * tau], axis=1)[timed]
     return np.maximum(squares, 0.0), pulls
+
+
+def _with_root(rates: Array, squares: Array) -> Array:
+    """Bound the products of polynomials of degree 2 with the root of x, given as in `Shares` but with absolute coefficients.
+
+    The root is at most ``2 √M / (3 - x/M)`` for any M > 0, as 1/√x lies above its tangent. The values of x at three points
+    are tried as M, and the largest x.
+    """
+    bound: Array = rates.max(axis=2) * np.sqrt(squares.max(axis=2))
+    for k in range(squares.shape[2]):
+        M = np.maximum(squares[:, :, k : k + 1], TINY)
+        room = 3.0 - squares / M
+        roots = np.where(room > 0.0, 2.0 * np.sqrt(M) / np.where(room > 0.0, room, 1.0), np.inf)
+        bound = np.minimum(bound, (rates * roots).max(axis=2))
+    return bound
 
 
 def _sum(a: Array, b: Array) -> Array:

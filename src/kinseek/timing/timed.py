@@ -71,8 +71,6 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
         InvalidProblem: The speed at an end cannot be kept; or the tip has no axes but a speed; or the motion across a break
             is not free of collision.
     """
-    if limits.jerk is not None:
-        raise InvalidProblem("jerk is not limited yet")
     if way.chain is None and (limits.tool_speed is not None or any(tip_speeds)):
         raise InvalidProblem(no_axes(way.arm, "the speed of the tip is computed from axes and links"))
     for name, speed in zip(("start_velocity", "end_velocity"), tip_speeds, strict=True):
@@ -85,15 +83,15 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
     way = way._replace(breaks=way.breaks[moves[way.breaks]])
     straight[knots[way.breaks]] = True
     if not len(straight):
-        curve, law, stops, parts = curves.rest(rows[0]), laws.rest(), straight, 1
+        curve, law, stops, ends = curves.rest(rows[0]), laws.rest(), straight, np.zeros(1, dtype=np.int64)
     else:
         runs, stops = _free_curves(way, rows, straight, limits)
-        parts = parts_for(len(straight), limits)
-        law = _law(way, runs, parts, limits, tip_speeds)
-        curve = curves.joined(runs)
-    times = law.times[::parts][knots]
+        parts = [parts_for(len(run.widths), len(straight), limits) for run in runs]
+        divided = [run.divided(k) for run, k in zip(runs, parts, strict=True)]
+        law, curve = _law(way, divided, limits, tip_speeds), curves.joined(divided)
+        ends = np.cumsum(np.concatenate([[0], np.repeat(parts, [len(run.widths) for run in runs])]))
     inner = np.searchsorted(knots, np.flatnonzero(stops), side="left")
-    return Trajectory(way.arm, limits, times, inner, way.tool, curve, law, knots, parts)
+    return Trajectory(way.arm, limits, law.times[ends][knots], inner, way.tool, curve, law, ends[knots])
 
 
 def _free_curves(way: Way, rows: Array, straight: Flags, limits: Limits) -> tuple[list[Curve], Flags]:
@@ -112,35 +110,37 @@ def _free_curves(way: Way, rows: Array, straight: Flags, limits: Limits) -> tupl
                 f"at the break after pose {way.breaks[np.flatnonzero(~free)[0]]} the linear motion of the joints is not "
                 f"free of collision, so the path has no motion in time"
             )
+    stops = np.zeros(len(rows), dtype=np.bool_)
     while True:
-        stops = np.zeros(len(rows), dtype=np.bool_)
         stops[:-1] |= straight
         stops[1:] |= straight
         stops[0] = stops[-1] = True
         at = np.flatnonzero(stops)
-        runs = [spline(rows[begin : end + 1], limits.velocity, *way.ends) for begin, end in pairwise(at)]
+        found = [spline(rows[i : j + 1], limits.velocity, *way.ends) for i, j in pairwise(at)]
+        jumps = np.concatenate([i + jump for i, (_, jump) in zip(at, found, strict=False)])
+        if limits.jerk is not None and len(jumps):
+            # Where the second derivative jumps, the jerk is finite only at rest.
+            stops[jumps] = True
+            continue
+        runs = [curve for curve, _ in found]
         stops[0] = stops[-1] = False
         if way.scene is None:
             return runs, stops
         curved = np.flatnonzero(~straight)
         around = np.concatenate([run.deviation for run in runs])[curved]
-        free = np.asarray(
-            way.scene.free_motion(rows[curved], rows[curved + 1], way.clearance, around), dtype=bool
-        )
+        free = np.asarray(way.scene.free_motion(rows[curved], rows[curved + 1], way.clearance, around))
         if free.all():
             return runs, stops
         straight[curved[~free]] = True
 
 
-def _law(
-    way: Way, runs: list[Curve], parts: int, limits: Limits, tip_speeds: tuple[float, float]
-) -> laws.Law:
+def _law(way: Way, runs: list[Curve], limits: Limits, tip_speeds: tuple[float, float]) -> laws.Law:
     """Return the law of the fastest motion along curves, from rest to rest but for the first start and the last end."""
     last = len(runs) - 1
     return laws.joined(
         [
             fastest(
-                run.divided(parts),
+                run,
                 limits,
                 way.chain,
                 (tip_speeds[0] if i == 0 else 0.0, tip_speeds[1] if i == last else 0.0),

@@ -105,9 +105,7 @@ class Trajectory(Lazy):
     _curve: Curve = field(repr=False)
     _law: Law = field(repr=False)
     _poses: Indices = field(repr=False)
-    """Knot of the curve at each pose of the path, (N,)."""
-    _parts: int = 1
-    """Equal parts of a piece of the curve that are intervals of the law."""
+    """Knot of the curve at each pose of the path, (N,); each piece of the curve is an interval of the law."""
 
     @property
     def duration(self) -> float:
@@ -226,7 +224,7 @@ class Trajectory(Lazy):
         Raises:
             InvalidProblem: The arm has no axes.
         """
-        curve = self._curve.divided(self._parts)
+        curve = self._curve
         square = speed_bounds(self._chain, curve)[1]
         if not (square > 0.0).all():
             return ConstantSpeed(0.0, "tool_speed", None, self._pose_before(int(np.argmin(square))))
@@ -244,7 +242,7 @@ class Trajectory(Lazy):
 
     def _pose_before(self, interval: int) -> int:
         """Return the last pose before an interval of the law."""
-        return int(np.searchsorted(self._poses, interval // self._parts, side="right")) - 1
+        return int(np.searchsorted(self._poses, interval, side="right")) - 1
 
     @lazy
     def deviation(self) -> float:
@@ -260,7 +258,7 @@ class Trajectory(Lazy):
     @lazy
     def _shares(self) -> Shares:
         chain = None if self.limits.tool_speed is None else self._chain
-        return shares_of_limits(self._curve.divided(self._parts), self._law, self.limits, chain)
+        return shares_of_limits(self._curve, self._law, self.limits, chain)
 
     @lazy
     def _chain(self) -> SerialChain:
@@ -284,8 +282,7 @@ class Trajectory(Lazy):
         if not ((times >= 0.0) & (times <= self.duration)).all():
             bad = times[~((times >= 0.0) & (times <= self.duration))].ravel()[0]
             raise InvalidProblem(f"t must be from 0 to the duration, {self.duration:.9g} s, got {bad:.9g}")
-        (s, v, a, j), interval = self._law.at(times.ravel())
-        piece = interval // self._parts
+        (s, v, a, j), piece = self._law.at(times.ravel())
         rates = [self._curve.at(s, piece, k) for k in range(order + 1)]
         v, a, j = v[:, None], a[:, None], j[:, None]
         if order == 0:

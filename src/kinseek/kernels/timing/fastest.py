@@ -13,7 +13,7 @@ limits, and one pass from the start takes the largest x that this permits (*Pham
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -77,6 +77,22 @@ def largest_after(rows: Array, before: float, most: float, steps: Array) -> floa
     return min(most, smallest(steps))
 
 
+class Line(NamedTuple):
+    """A linear function on an interval: its values at both ends."""
+
+    begin: float
+    end: float
+
+
+@inlined
+def squared_rate(d0: float, d1: float, d2: float) -> Line:
+    """Bound the square of a quadratic polynomial, given by its Bernstein coefficients, by a linear function."""
+    c0, c1, c2, c3, c4 = d0 * d0, d0 * d1, (2.0 * d1 * d1 + d0 * d2) / 3.0, d1 * d2, d2 * d2
+    # The line between the ends of the square, lifted by the largest difference of coefficients.
+    over = max(0.0, c1 - 0.75 * c0 - 0.25 * c4, c2 - 0.5 * (c0 + c4), c3 - 0.25 * c0 - 0.75 * c4)
+    return Line(c0 + over, c4 + over)
+
+
 @inlined
 def write_rows(
     rates: Array, width: float, velocity: Array, acceleration: Array, tool: Array, rows: Array
@@ -94,11 +110,9 @@ def write_rows(
     begin, end = tool[0], tool[1]
     for j in range(len(velocity)):
         d0, d1, d2 = rates[j, 0], rates[j, 1], rates[j, 2]
-        # The squared rate in Bernstein form, less the line between its ends; the largest remainder lifts the line.
-        c0, c1, c2, c3, c4 = d0 * d0, d0 * d1, (2.0 * d1 * d1 + d0 * d2) / 3.0, d1 * d2, d2 * d2
-        over = max(0.0, c1 - 0.75 * c0 - 0.25 * c4, c2 - 0.5 * (c0 + c4), c3 - 0.25 * c0 - 0.75 * c4)
+        square = squared_rate(d0, d1, d2)
         weight = 1.0 / (velocity[j] * velocity[j])
-        begin, end = max(begin, weight * (c0 + over)), max(end, weight * (c4 + over))
+        begin, end = max(begin, weight * square.begin), max(end, weight * square.end)
         # q'' = 2 (d1 - d0) / h, ... and u = (x1 - x0) / 2h.
         share = 1.0 / (2.0 * width * acceleration[j])
         at = RATES + PER_JOINT * j
