@@ -123,3 +123,24 @@ def test_no_point_moves_faster_than_said(cell: tuple[kinseek.Arm, Scene]) -> Non
     assert (
         changed.max(axis=0).sum() > 0.05 * rates.sum() / steps
     )  # The bound is not a hundred times too large.
+
+
+def test_every_motion_near_a_free_one_is_free() -> None:
+    arm = kinseek.load("ur5e")
+    scene = Scene.of(arm, capsules=0.05)
+    scene.add_box("wall", (0.1, 2.0, 2.0), kinseek.pose([0.75, 0.0, 0.0]))
+    rng = np.random.default_rng(6)
+    q0 = rng.uniform(-1.5, 1.5, (200, 6))
+    q1 = q0 + rng.uniform(-0.2, 0.2, (200, 6))
+    around = rng.uniform(0.0, 0.05, (200, 6))
+    free = scene.free_motion(q0, q1, 0.01, around)
+    assert 20 < free.sum() < scene.free_motion(q0, q1, 0.01).sum()
+    share = np.linspace(0.0, 1.0, 12)[:, None]
+    for i in np.flatnonzero(free):
+        off = rng.choice([-1.0, 1.0], (12, 6)) * around[i]
+        assert scene.free(q0[i] + share * (q1[i] - q0[i]) + off, 0.01).all()
+    np.testing.assert_array_equal(
+        scene.free_motion(q0, q1, 0.01, np.zeros(6)), scene.free_motion(q0, q1, 0.01)
+    )
+    with pytest.raises(kinseek.InvalidProblem, match="around must be one deviation of each joint"):
+        scene.free_motion(q0[0], q1[0], 0.0, -around[0])

@@ -61,6 +61,9 @@ from kinseek.kernels.paths.viterbi import (
 )
 from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.python_backend import Bounded, bounded, call_at, unbounded, view_of
+from kinseek.kernels.timing.fastest import fastest_profile
+from kinseek.kernels.timing.smooth import smooth_profile
+from kinseek.kernels.timing.spline import spline_slopes
 from kinseek.kinds import POINTING, POSE
 from kinseek.maps.search import ruled_out
 from kinseek.paths.certify import margins_of, prove_rows
@@ -386,6 +389,21 @@ def best_ways() -> Any:
     return found, right
 
 
+def motions_in_time() -> Any:
+    """A spline through joint values, and the motions along it with limits of accelerations, and of jerks."""
+    rng, knots = np.random.default_rng(4), np.linspace(0.0, 1.0, 7)
+    q, slopes = np.cumsum(rng.uniform(0.0, 0.1, (7, 2)), axis=0), np.zeros((7, 2))
+    spline_slopes(knots, q, slopes)
+    inner = 3.0 * np.diff(q, axis=0) / np.diff(knots)[:, None] - slopes[:-1] - slopes[1:]
+    rates, widths = np.stack([slopes[:-1], inner, slopes[1:]], axis=-1), np.diff(knots)
+    limits, tool = np.array([[2.0] * 2, [10.0] * 2, [100.0] * 2]), np.full((6, 2), 0.1)
+    reachable, x, report = np.zeros(7), np.zeros(7), np.zeros(2)
+    fastest_profile(rates, widths, limits[0], limits[1], tool, reachable, x)
+    smooth = np.full(6, 0.1)
+    smooth_profile(rates, widths, limits, tool, 0.1, 2, smooth, report)
+    return slopes, reachable, x, smooth, report
+
+
 def steps_proved(name: str) -> Any:
     """Of steps of a path what is proved: some calm ones, one through a jump, one beyond a limit."""
     arm = kinseek.load(name)
@@ -442,6 +460,7 @@ RUNS: list[tuple[Any, ...]] = [
     *[(around, name) for name in ("ur5e", "panda")],
     (positions_and_directions, "elbow6"),
     (box, "elbow6"),
+    (motions_in_time,),
     (plain_calls,),
     *[(branches, name) for name in ("planar2", "elbow6", "ur5e", "jaco2_6")],
     (nearly_branches,),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -251,6 +252,53 @@ def test_bad_limits(arguments: dict[str, Any], message: str) -> None:
     path = arc(kinseek.load("ur5e"), np.random.default_rng(3), 20)
     with pytest.raises(kinseek.InvalidProblem, match=message):
         path.timed(**arguments)
+
+
+def test_in_a_scene_the_whole_motion_is_free() -> None:
+    pytest.importorskip("pinocchio")
+    arm = kinseek.load("ur5e")
+    scene = kinseek.Scene.of(arm, capsules=0.05)
+    scene.add_box("table", (1.0, 1.6, 0.04), kinseek.pose([0.55, 0.0, -0.06]))
+    scene.add_capsule("pole", 0.03, 0.8, kinseek.pose([0.3, -0.2, 0.4]))
+    T = [kinseek.pose([0.5, y, 0.3], rpy=[np.pi, 0, 0]) for y in np.linspace(-0.3, 0.3, 60)]
+    path = arm.follow(T, scene=scene, clearance=0.01).require()
+    trajectory = path.timed(acceleration=10.0)
+    assert not len(trajectory.stops)
+    assert scene.free(trajectory.q(np.linspace(0.0, trajectory.duration, 2000)), 0.01).all()
+
+
+def test_where_the_spline_is_not_free_the_arm_moves_linearly() -> None:
+    class Narrow:
+        """A scene in which the third step has to be linear."""
+
+        def free_motion(self, q0: Any, q1: Any, clearance: float = 0.0, around: Any = None) -> Any:
+            third = (q0 == path.q[2]).all(axis=1)
+            return ~third if around is not None else np.ones(len(q0), dtype=bool)
+
+    path = arc(kinseek.load("ur5e"), np.random.default_rng(3), 8)
+    trajectory = replace(path, scene=Narrow()).timed(acceleration=10.0)
+    assert trajectory.stops.tolist() == [2, 3]
+    q = trajectory.q(np.linspace(*trajectory.pose_times[[2, 3]], 20)[1:-1])
+    share = (q - path.q[2]) / (path.q[3] - path.q[2])
+    np.testing.assert_allclose(share, share[:, :1] + np.zeros(6), atol=1e-9)
+    assert max(worst(trajectory)[limit] for limit in ("velocity", "acceleration")) <= 1.0
+
+
+def test_a_break_is_crossed_only_if_it_is_free() -> None:
+    class Wall:
+        """A scene in which nothing is free."""
+
+        def free_motion(self, q0: Any, q1: Any, clearance: float = 0.0, around: Any = None) -> Any:
+            return np.zeros(len(q0), dtype=bool)
+
+    arm, rng = kinseek.load("ur5e"), np.random.default_rng(0)
+    one, other = arc(arm, rng, 10), arc(arm, rng, 10)
+    path = arm.follow(np.concatenate([arm.fk(one.q), arm.fk(other.q)]), max_step=0.5)
+    assert path.breaks.tolist() == [9]
+    with pytest.raises(
+        kinseek.InvalidProblem, match="at the break after pose 9 the linear motion of the joints is not"
+    ):
+        replace(path, scene=Wall()).timed(acceleration=10.0)
 
 
 def test_bad_times() -> None:

@@ -65,8 +65,8 @@ def _known(arm: Mechanism, name: str, value: ArrayLike | None, example: float) -
     if len(unknown):
         raise InvalidProblem(
             f"{arm.name!r} has no {name} limit for {', '.join(arm.joint_names[i] for i in unknown)}: give {name}= "
-            f"[{RATES[name]}], for example {name}={example:g} for every joint, or {arm.dof} numbers; or give the arm limits by "
-            f"with_limits({name}=...) or load(..., limits='joint_limits.yaml')"
+            f"[{RATES[name]}], for example {name}={example:g} for every joint, or {arm.dof} numbers; or give the arm limits "
+            f"by with_limits({name}=...) or load(..., limits='joint_limits.yaml')"
         )
     return own
 
