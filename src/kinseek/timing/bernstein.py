@@ -1,7 +1,7 @@
 """Polynomials on an interval in Bernstein form: sums of coefficients times ``C(p, k) (1-s)^(p-k) s^k``, 0 <= s <= 1.
 
 A polynomial stays between its smallest and its largest coefficient, and its first and last coefficient are its values at the
-ends (*Farouki 2012, section 2*). The last axis of an array holds the coefficients, in order of k.
+ends (*Farouki 2012*). The last axis of an array holds the coefficients, in order of k.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def derivative(coefficients: Array) -> Array:
 
 
 def product(a: Array, b: Array) -> Array:
-    """Return products of polynomials, (..., p + 1) and (..., r + 1), of degree p + r (*Farouki 2012, equation 44*)."""
+    """Return products of polynomials, (..., p + 1) and (..., r + 1), of degree p + r."""
     shares = _shares(a.shape[-1] - 1, b.shape[-1] - 1)
     return np.asarray(np.einsum("...i,...j,ijk->...k", a, b, shares))
 
@@ -48,7 +48,7 @@ def subdivided(coefficients: Array, parts: int) -> Array:
     ends = np.arange(parts + 1) / parts
     begin, width = ends[:-1].reshape(-1, *[1] * (coefficients.ndim - 2)), 1.0 / parts
     part = np.repeat(coefficients[:, None], parts, axis=1)
-    # The blossom: coefficient k of a part is its value at p - k times the begin and k times the end (*Farouki 2012, 5*).
+    # The blossom: coefficient k of a part is its value at p - k times the begin and k times the end.
     degree = coefficients.shape[-1] - 1
     rows = []
     for k in range(degree + 1):

@@ -2,13 +2,13 @@
 
 The curve q(s) is divided into intervals of width h. On each, q'(s) is a quadratic polynomial, and the squared speed
 ``x = ds²/dt²`` is linear, from x0 at its begin to x1 at its end, so that the acceleration ``u = d²s/dt² = (x1 - x0) / 2h``
-is constant. The acceleration of a joint, ``q'' x + q' u`` (*Bobrow, Dubowsky, Gibson 1985, eq. 6*), is then a quadratic
-polynomial in s. It stays between its smallest and its largest Bernstein coefficient (*Farouki 2012, section 2*), and the
+is constant. The acceleration of a joint, ``q'' x + q' u`` (*Bobrow, Dubowsky, Gibson 1985*), is then a quadratic
+polynomial in s. It stays between its smallest and its largest Bernstein coefficient (*Farouki 2012*), and the
 coefficients are linear in x0 and x1. So are those of the bound ``r² x`` of the squared speeds, where the squared rate r² is
 bounded by a linear polynomial. Limits of the coefficients therefore hold on the whole interval; `Row` is one of them.
 
 As every row admits rest (x0 = x1 = 0), one pass from the end finds the largest x from which the arm can still keep all
-limits, and one pass from the start takes the largest x that this permits (*Pham, Pham 2018, section IV*).
+limits, and one pass from the start takes the largest x that this permits (*Pham, Pham 2018*).
 """
 
 from __future__ import annotations

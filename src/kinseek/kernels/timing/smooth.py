@@ -7,7 +7,7 @@ convex, it lies above its tangent at any M: the limit of the jerk holds where ::
 
     |q''' x + 3 q'' u + q' u'| <= jerk (3 - x/M) / (2 √M)
 
-This is linear in x, and exact at x = M (*Debrouwere et al. 2013, section IV*: a convex part of a set that is not convex).
+This is linear in x, and exact at x = M (*Debrouwere et al. 2013*: a convex part of a set that is not convex).
 Its Bernstein coefficients bound it between the knots, as in `fastest`.
 
 The duration ``Σ h/√c`` is minimised under these linear constraints by a barrier method (*Boyd, Vandenberghe 2004, chapter
