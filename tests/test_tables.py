@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import kinseek
-from kinseek.cli.files import write_table
-from kinseek.tables import branches_table, path_table, solution_table
+from kinseek.tables import Table, branches_table, path_table, solution_table, write_table
 
 UR5E = kinseek.load("ur5e")
 TARGETS = UR5E.fk(UR5E.sample(30, seed=2))
@@ -67,6 +66,17 @@ def test_a_joint_called_as_a_column_is(tmp_path: Path) -> None:
     assert list(table.by_name()) == ["joint status", "b", *FACTS]
     write_table(tmp_path / "q.csv", table)
     assert (tmp_path / "q.csv").read_text().startswith("joint status,b,success,")
+
+
+def test_a_column_may_have_a_number_for_each_joint(tmp_path: Path) -> None:
+    q = np.array([[0.1, 0.2], [0.3, 0.4]])
+    columns = {"t": np.array([0.0, 1.0]), "velocity": 10 * q}
+    table = Table(["a", "a velocity"], q, columns, {"sample": np.arange(2)})
+    assert list(table.by_name()) == ["a", "joint a velocity", "t", "a velocity", "a velocity velocity"]
+    np.testing.assert_array_equal(table.by_name()["a velocity"], [1.0, 3.0])
+    assert table.records()[1] == {"q": [0.3, 0.4], "t": 1.0, "velocity": [3.0, 4.0]}
+    write_table(tmp_path / "q.npy", table)
+    np.testing.assert_array_equal(np.load(tmp_path / "q.npy")["velocity"], 10 * q)
 
 
 @pytest.mark.parametrize("every", [False, True])

@@ -1,21 +1,28 @@
-"""Results as tables, from which all writers take their columns: pandas, and the files and JSON of the command line.
+"""Results as tables, from which all writers take their columns: pandas, files, and the JSON of the command line.
 
 Each kind of result has one function here that names its columns. A writer does not know what a column means.
 """
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidUse, MissingExtra
+from kinseek.support.whole_file import whole_file
 
 Column = NDArray[Any]
+
+TABLE_ENDINGS = (".csv", ".npy", ".parquet")
+"""Endings of the files that `write_table` can write."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +32,8 @@ class Table:
     Attributes:
         joint_names: Names of the joints.
         q: Joint values, (k, n), [rad] or [m].
-        columns: Further columns by name, (k,) each: flags, counts, texts, lengths in [m] and angles in [rad].
+        columns: Further columns by name, (k,) each: flags, counts, texts, lengths in [m] and angles in [rad]; or with a
+            number for each joint, (k, n), such as velocities.
         index: What numbers the rows, from 0: the numbers by name, (k,) each; several names for nested rows.
     """
 
@@ -37,10 +45,17 @@ class Table:
     def by_name(self) -> dict[str, Column]:
         """Return a column for each joint, then the further columns.
 
-        A joint with the name of one of these is called ``joint NAME``.
+        A joint with the name of one of these is called ``joint NAME``. Of a column with a number for each joint, those of a
+        joint are called ``JOINT COLUMN``.
         """
-        names = [f"joint {name}" if name in self.columns else name for name in self.joint_names]
-        return dict(zip(names, self.q.T, strict=True)) | dict(self.columns)
+        further: dict[str, Column] = {}
+        for name, values in self.columns.items():
+            if values.ndim == 1:
+                further[name] = values
+            else:
+                further |= {f"{joint} {name}": values[:, j] for j, joint in enumerate(self.joint_names)}
+        names = [f"joint {name}" if name in further else name for name in self.joint_names]
+        return dict(zip(names, self.q.T, strict=True)) | further
 
     def records(self) -> list[dict[str, Any]]:
         """Return a mapping for each row, as JSON takes it: ``q`` and the further columns, None for a number that is NaN."""
@@ -60,6 +75,66 @@ class Table:
         levels = [pd.Index(numbers, name=name) for name, numbers in self.index.items()]
         rows = levels[0] if len(levels) == 1 else pd.MultiIndex.from_arrays(levels)
         return pd.DataFrame(self.by_name(), index=rows)
+
+
+def write_table(path: Path, table: Table) -> None:
+    """Write a table completely, or not at all; a .npy file has the joint values in one field ``q``, (k, n).
+
+    Args:
+        path: A path from `output_path`, with one of the `TABLE_ENDINGS`.
+        table: The table.
+
+    Raises:
+        InvalidProblem: It cannot be written.
+        MissingExtra: A .parquet file, and pyarrow is not installed.
+    """
+    with whole_file(path) as file:
+        match path.suffix.lower():
+            case ".npy":
+                np.save(file, _records({"q": table.q, **table.columns}))
+            case ".parquet":
+                pyarrow, parquet = import_pyarrow()
+                parquet.write_table(pyarrow.table(table.by_name()), file)
+            case _:
+                _write_csv(file, table.by_name())
+
+
+def import_pyarrow() -> tuple[Any, Any]:
+    """Import pyarrow, and return it with its module for Parquet files.
+
+    Raises:
+        MissingExtra: It is not installed.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise MissingExtra("A .parquet file", "parquet") from None
+    return pyarrow, pyarrow.parquet
+
+
+def _records(fields: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    """Return one record per row."""
+    records = np.empty(
+        len(fields["q"]), [(name, values.dtype, values.shape[1:]) for name, values in fields.items()]
+    )
+    for name, values in fields.items():
+        records[name] = values
+    return records
+
+
+def _write_csv(file: BinaryIO, columns: Mapping[str, NDArray[Any]]) -> None:
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    lists = [values.tolist() for values in columns.values()]
+    lists = [
+        [str(value).lower() for value in each] if isinstance(each[0], bool) else each
+        for each in lists
+        if each
+    ]
+    writer.writerows(zip(*lists, strict=True))
+    text.detach()  # Flushes, and leaves the file open.
 
 
 def solution_table(solution: Any, in_scene: bool = False) -> Table:

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 import kinseek
+from kinseek import tables
 from kinseek.cli import files
 from kinseek.cli.columns import MATRIX
 from kinseek.cli.parquet_pages import unpacked_bytes
@@ -114,14 +115,14 @@ def test_a_file_that_a_killed_process_left_is_not_in_the_way(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(files, "_write_csv", killed)
+        patch.setattr(tables, "_write_csv", killed)
         with pytest.raises(KeyboardInterrupt):
-            files.write_table(out, TABLE)
+            tables.write_table(out, TABLE)
     (tmp_path / cut[0]).touch()
-    files.write_table(out, TABLE)  # By a process of the same id, as in a container.
+    tables.write_table(out, TABLE)  # By a process of the same id, as in a container.
     assert out.read_text() == "a\n0.0\n"
     longest = tmp_path / f"{'a' * 251}.csv"
-    files.write_table(longest, TABLE)
+    tables.write_table(longest, TABLE)
     assert longest.exists()
 
 
@@ -428,7 +429,7 @@ def test_a_damaged_header_of_a_page_is_refused(case: str) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
-@pytest.mark.parametrize("ending", files.ENDINGS)
+@pytest.mark.parametrize("ending", tables.TABLE_ENDINGS)
 def test_a_pipe_or_a_device_is_no_table(ending: str, tmp_path: Path) -> None:
     """A pipe that nobody writes to hung, and /dev/zero filled the memory."""
     table = tmp_path / f"in{ending}"
@@ -608,7 +609,7 @@ def test_nothing_is_half_written(
         file.write(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(files, "_write_csv", stopped)
+    monkeypatch.setattr(tables, "_write_csv", stopped)
     monkeypatch.setattr("numpy.save", stopped)
     assert solve("in.npy", out.name) == 130
     assert out.read_text(encoding="utf-8") == "what was there"

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from kinseek.branches.result import BranchesBatch
-from kinseek.tables import branches_batch_table, solution_table
+from kinseek.tables import branches_batch_table, solution_table, write_table
 
 from . import report
-from .files import read_poses, writable, write_table
+from .files import read_poses, writable
 from .output import on_terminal
 from .request import SolveRequest
 

@@ -1,24 +1,23 @@
-"""Tables in files by file type: reading of poses, and atomic writing of solutions."""
+"""Tables in files by file type: reading of poses, and checks of output files."""
 
 from __future__ import annotations
 
 import contextlib
 import csv
-import io
-import uuid
 import warnings
 from array import array
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidGoal, InvalidProblem, MissingExtra
+from kinseek.errors import InvalidGoal, InvalidProblem
 from kinseek.robots.files import instead_of_a_file
-from kinseek.tables import Table
+from kinseek.support.whole_file import output_path
+from kinseek.tables import TABLE_ENDINGS, import_pyarrow
 
 from .columns import TIME, VALID, kind_of_rotation, poses_of, rigid
 from .parquet_pages import MOST_FOOTER, require_small_footer, unpacked_bytes
@@ -34,8 +33,6 @@ VALUES_OF_A_BYTE = 16
 """Maximum number of values per byte of a larger one: those of a constant column take hardly any space."""
 BYTES_OF_A_VALUE = 16
 """Maximum size of all unpacked pages, per allowed value: 8 in a page of numbers, and as many in a dictionary."""
-
-ENDINGS = (".csv", ".npy", ".parquet")
 
 
 def read_poses(path: Path, position_only: bool, deg: bool, option: str = "--batch") -> Array:
@@ -90,8 +87,10 @@ def ending(path: Path, option: str) -> str:
         InvalidProblem: The ending is unknown.
     """
     found = path.suffix.lower()
-    if found not in ENDINGS:
-        raise InvalidProblem(f"{option} takes a file that ends in {', '.join(ENDINGS)}, got {str(path)!r}")
+    if found not in TABLE_ENDINGS:
+        raise InvalidProblem(
+            f"{option} takes a file that ends in {', '.join(TABLE_ENDINGS)}, got {str(path)!r}"
+        )
     return found
 
 
@@ -103,57 +102,12 @@ def writable(path: Path, source: Path, option: str = "--out", read: str = "--bat
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
     if ending(path, option) == ".parquet":
-        _pyarrow()
-    place = path.resolve()
-    if not place.parent.is_dir():
-        raise InvalidProblem(f"{option} {str(path)!r}: folder {str(place.parent)!r} does not exist")
-    if place.exists() and not place.is_file():
-        raise InvalidProblem(f"{option} {str(path)!r} is not a regular file")
+        import_pyarrow()
+    place = output_path(path, option)
     # The same file may have two names, by links or by letter case.
     if source.exists() and place.exists() and place.samefile(source):
         raise InvalidProblem(f"{option} {str(path)!r} is the file that {read} reads")
     return place
-
-
-def write_table(path: Path, table: Table) -> None:
-    """Write a table completely, or not at all; a .npy file has the joint values in one field ``q``, (N, n).
-
-    Args:
-        path: A path from `writable`.
-        table: The table.
-
-    Raises:
-        InvalidProblem: It cannot be written.
-    """
-    try:
-        with _whole(path) as file:
-            match path.suffix.lower():
-                case ".npy":
-                    np.save(file, _records({"q": table.q, **table.columns}))
-                case ".parquet":
-                    pyarrow, parquet = _pyarrow()
-                    parquet.write_table(pyarrow.table(table.by_name()), file)
-                case _:
-                    _write_csv(file, table.by_name())
-    except OSError as error:
-        reason = error.strerror or error
-        raise InvalidProblem(f"cannot write {str(path)!r}: {reason}; nothing was written") from None
-
-
-@contextlib.contextmanager
-def _whole(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that replaces `path` when it is complete; until then, and after a failure, nothing is changed."""
-    # In the same folder, since only a file of the same file system can be replaced in one step.
-    # Process ids repeat in containers, and a process that was killed leaves its file.
-    part = path.with_name(f".{uuid.uuid4().hex}.part")
-    file = part.open("xb")
-    try:
-        with file:
-            yield file
-        part.replace(path)
-    except BaseException:  # Includes Ctrl-C.
-        part.unlink(missing_ok=True)
-        raise
 
 
 def _csv(path: Path) -> dict[str, Array]:
@@ -227,7 +181,7 @@ def _npy(path: Path) -> Array:
 
 
 def _parquet(path: Path, position_only: bool, extra: Collection[str]) -> dict[str, Array]:
-    pyarrow, parquet = _pyarrow()
+    pyarrow, parquet = import_pyarrow()
     try:
         with path.open("rb") as raw:
             require_small_footer(raw)
@@ -288,36 +242,3 @@ def _require_numbers(file: Any, path: Path) -> None:
         raise InvalidGoal(
             f"{path}: pages of {unpacked:,} bytes, expected at most {most:,} for a file of its size"
         )
-
-
-def _pyarrow() -> tuple[Any, Any]:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise MissingExtra("A .parquet file", "parquet") from None
-    return pyarrow, pyarrow.parquet
-
-
-def _records(fields: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
-    """Return one record per row."""
-    records = np.empty(
-        len(fields["q"]), [(name, values.dtype, values.shape[1:]) for name, values in fields.items()]
-    )
-    for name, values in fields.items():
-        records[name] = values
-    return records
-
-
-def _write_csv(file: BinaryIO, columns: Mapping[str, NDArray[Any]]) -> None:
-    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    lists = [values.tolist() for values in columns.values()]
-    lists = [
-        [str(value).lower() for value in each] if isinstance(each[0], bool) else each
-        for each in lists
-        if each
-    ]
-    writer.writerows(zip(*lists, strict=True))
-    text.detach()  # Flushes, and leaves the file open.

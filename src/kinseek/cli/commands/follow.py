@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kinseek.cli import report
 from kinseek.cli.columns import TIME, VALID
-from kinseek.cli.files import read_path, writable, write_table
+from kinseek.cli.files import read_path, writable
 from kinseek.cli.goals import GoalSpec
 from kinseek.cli.help import Command, argument, option
 from kinseek.cli.options import (
@@ -28,7 +28,7 @@ from kinseek.cli.scenes import Cell, scene_options
 from kinseek.cli.words import joint_values
 from kinseek.errors import InvalidProblem
 from kinseek.interpolation import interpolate
-from kinseek.tables import path_table
+from kinseek.tables import path_table, write_table
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,56 @@
+"""Output files that are written completely, or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from kinseek.errors import InvalidProblem
+
+
+def output_path(path: Path, what: str) -> Path:
+    """Return the path of an output file, with links resolved.
+
+    Args:
+        path: The file, which may exist.
+        what: The option or argument that names it, for messages.
+
+    Raises:
+        InvalidProblem: A missing folder, or a target that is not a regular file.
+    """
+    place = path.resolve()
+    if not place.parent.is_dir():
+        raise InvalidProblem(f"{what} {str(path)!r}: folder {str(place.parent)!r} does not exist")
+    if place.exists() and not place.is_file():
+        raise InvalidProblem(f"{what} {str(path)!r} is not a regular file")
+    return place
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """Open a file that replaces `path` when it is complete; until then, and after a failure, nothing is changed.
+
+    Args:
+        path: A path from `output_path`.
+
+    Raises:
+        InvalidProblem: It cannot be written.
+    """
+    # In the same folder, since only a file of the same file system can be replaced in one step.
+    # Process ids repeat in containers, and a process that was killed leaves its file.
+    part = path.with_name(f".{uuid.uuid4().hex}.part")
+    try:
+        file = part.open("xb")
+        try:
+            with file:
+                yield file
+            part.replace(path)
+        except BaseException:  # Includes Ctrl-C.
+            part.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        reason = error.strerror or error
+        raise InvalidProblem(f"cannot write {str(path)!r}: {reason}; nothing was written") from None
