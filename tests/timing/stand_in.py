@@ -35,6 +35,7 @@ class Smooth:
     end: Array
     duration: float = 2.0
     pose_times: Any = (0.0, 1.0, 2.0)
+    tool: Any = None
 
     def __post_init__(self) -> None:
         self.pose_times = np.array(self.pose_times)

@@ -130,7 +130,7 @@ def test_hostile_names_stay_in_their_cell(tmp_path: Path) -> None:
         ("seam", {}, kinseek.InvalidProblem, "another ending needs language="),
         ("seam.csv", {"language": "kral"}, kinseek.InvalidProblem, "unknown language 'kral'.*Valid: krl"),
         ("seam.csv", {"name": "a"}, kinseek.InvalidUse, "name and axes are for programs"),
-        ("seam.script", {"period": None}, kinseek.InvalidProblem, "needs period=.*0.008"),
+        ("seam.script", {"period": None}, kinseek.InvalidProblem, "needs a period.*0.008"),
         ("seam.mod", {"blend": -1.0}, kinseek.InvalidProblem, "blend must be a number from 0"),
         ("no/seam.mod", {}, kinseek.InvalidProblem, "folder .* does not exist"),
         ("folder.src", {"name": "a1"}, kinseek.InvalidProblem, "is not a regular file"),

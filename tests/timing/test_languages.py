@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,14 @@ def test_times_of_a_program_are_those_of_the_motion(tmp_path: Path) -> None:
     mod = written(tmp_path, "a1.mod", trajectory)
     np.testing.assert_allclose([float(each) for each in re.findall(r"T:=([0-9.]+)", mod)], [0.3, 0.8, 0.9])
     assert re.findall(r"(z0|fine)", mod) == ["fine", "z0", "z0", "fine"]
+
+
+def test_the_last_move_is_not_too_short(tmp_path: Path) -> None:
+    for duration, last in ((2.04, 0.14), (2.06, 0.06), (2.0, 0.1), (0.02, 0.02)):
+        text = written(tmp_path, "seam.mod", smooth(duration=duration), 0.1)
+        times = [float(each) for each in re.findall(r"T:=([0-9.]+)", text)]
+        assert times[-1] == pytest.approx(last)
+        assert sum(times) == pytest.approx(duration)
 
 
 @pytest.mark.parametrize(("file", "language", "period"), PROGRAMS)
@@ -227,6 +236,21 @@ def test_moves_of_a_program_keep_the_limits(tmp_path: Path) -> None:
         assert radius.max() <= 0.05
 
 
+def test_blends_are_measured_at_the_tool(tmp_path: Path) -> None:
+    """A tool far from the tip moves farther, so a blend around it may be larger."""
+    tool = np.eye(4)
+    tool[:3, 3] = [0.0, 0.3, 0.4]
+    largest = []
+    for trajectory in (smooth(), smooth(tool=tool)):
+        text = written(tmp_path, "seam.script", trajectory, 0.5, language="movel", blend=10.0)
+        largest.append(max(float(each) for each in re.findall(r"r=([0-9.]+)", text)))
+        q = trajectory.sample(0.5).q
+        poses = trajectory.mechanism.forward(q) @ (np.eye(4) if trajectory.tool is None else tool)
+        distances = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+        assert largest[-1] == pytest.approx(np.minimum(distances[:-1], distances[1:]).max() / 2, abs=1.1e-6)
+    assert largest[0] < largest[1]
+
+
 def test_a_joint_without_a_limit_has_the_default_acceleration(tmp_path: Path) -> None:
     trajectory = smooth()
     trajectory.limits.acceleration[:] = np.inf
@@ -271,4 +295,8 @@ def test_a_language_of_ones_own(tmp_path: Path) -> None:
         wrong = Language(axes=own.axes, header="", line=text, footer="", comment="//")
         with pytest.raises(kinseek.InvalidUse, match=said):
             save(smooth(), tmp_path / "seam2.nc", language=wrong)
+    with pytest.raises(kinseek.InvalidUse, match="unknown field 'number'"):
+        save(smooth(), tmp_path / "seam2.nc", language=replace(own, axis="{number}"))
     assert not (tmp_path / "seam2.nc").exists()
+    save(smooth(), tmp_path / "seam2.nc", language=replace(own, footer="Schluß"))
+    assert (tmp_path / "seam2.nc").read_text(encoding="utf-8").endswith("Schluß")

@@ -72,6 +72,10 @@ class Trajectory(Protocol):
         """Limits."""
 
     @property
+    def tool(self) -> Array | None:
+        """Pose of the tool."""
+
+    @property
     def pose_times(self) -> Array:
         """Times of the poses, (N,) [s]."""
 
@@ -116,18 +120,16 @@ def save(
         InvalidUse: An argument of programs for a table, or a template with an unknown field.
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
-    form = output_form(trajectory.mechanism, file, language, name, axes)
+    form = output_form(trajectory.mechanism, file, period, language, name, axes)
     if form.language is None:
         write_table(form.place, table(trajectory, period))
         return
-    if period is None and form.language.needs_period:
-        raise InvalidProblem(
-            f"{str(file)!r} needs period=, the time between two points [s], such as 0.008 or 0.002"
-        )
     points = _samples(trajectory, period)
+    if period is not None:
+        points = _without_short_end(points)
     text = program(
         trajectory.mechanism,
-        Motion(points.times, points.q),
+        Motion(points.times, points.q, _tip(trajectory, points.q)),
         form.language,
         form.name,
         acceleration=trajectory.limits.acceleration,
@@ -135,7 +137,21 @@ def save(
         axes=axes,
     )
     with whole_file(form.place) as opened:
-        opened.write(text.encode("ascii"))
+        opened.write(text.encode())
+
+
+def _without_short_end(points: Samples) -> Samples:
+    """Leave out the last point but one if it is nearer to the last than half a period: controllers cannot move at once."""
+    intervals = np.diff(points.times)
+    if len(intervals) > 1 and intervals[-1] < 0.5 * intervals[0]:
+        return Samples(*(np.delete(each, -2, axis=0) for each in points))
+    return points
+
+
+def _tip(trajectory: Trajectory, q: Array) -> Array:
+    """Return the positions of the tip or of the tool, (k, n) -> (k, 3) [m]."""
+    poses = trajectory.mechanism.forward(q)
+    return np.asarray((poses if trajectory.tool is None else poses @ trajectory.tool)[:, :3, 3])
 
 
 class Form(NamedTuple):
@@ -152,6 +168,7 @@ class Form(NamedTuple):
 def output_form(
     mechanism: Mechanism,
     file: str | Path,
+    period: float | None = None,
     language: str | Language | None = None,
     name: str | None = None,
     axes: Mapping[str, str] | None = None,
@@ -167,6 +184,10 @@ def output_form(
     if template is not None:
         require_name(form.name, template)
         assigned(mechanism, template, axes)
+        if period is None and template.needs_period:
+            raise InvalidProblem(
+                f"{str(file)!r} needs a period, the time between two points [s], such as 0.008 or 0.002"
+            )
     elif name is not None or axes is not None:
         raise InvalidUse(f"name and axes are for programs, and {str(file)!r} is a table")
     elif path.suffix.lower() == ".parquet":

@@ -179,6 +179,8 @@ class Motion(NamedTuple):
     """Time of each point, increasing, (k,) [s]."""
     q: Array
     """Joint values, (k, n), [rad] or [m]."""
+    tip: Array
+    """Positions of the tip, or of the tool, (k, 3) [m]."""
 
 
 def program(
@@ -218,7 +220,7 @@ def program(
         "time": motion.times,
         "duration": np.diff(motion.times, prepend=0.0),
         "share": 100.0 * np.diff(motion.times, prepend=0.0) / total,
-        **_moves(mechanism, motion, scale, acceleration, language, blend),
+        **_moves(motion, scale, acceleration, language, blend),
     }
     columns = {field: values.tolist() for field, values in fields.items()}
     values = np.round(motion.q * scale, language.decimals) + 0.0  # No "-0".
@@ -358,7 +360,7 @@ def _texts(
 ) -> list[str]:
     """Return the texts of the values of some axes; `unused` is that of an axis without a joint."""
     texts = [
-        language.axis.format(name=axis, value=f"{row[joint_of[axis]]:.{language.decimals}f}")
+        _filled(language.axis, {"name": axis, "value": f"{row[joint_of[axis]]:.{language.decimals}f}"})
         if axis in joint_of
         else unused
         for axis in axes
@@ -367,7 +369,6 @@ def _texts(
 
 
 def _moves(
-    mechanism: Mechanism,
     motion: Motion,
     scale: Array,
     acceleration: Array,
@@ -386,8 +387,7 @@ def _moves(
         # On a straight way joint j moves steps[j] / leading as fast as the leading one.
         most = np.where(steps > 0.0, acceleration * leading[:, None] / steps, np.inf).min(axis=1)
     most = np.where(np.isfinite(most), np.maximum(most, _SOFTEST), _DEFAULT_ACCELERATION)
-    places = mechanism.forward(motion.q)[:, :3, 3]
-    distances = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    distances = np.linalg.norm(np.diff(motion.tip, axis=0), axis=1)
     tip = distances / durations
     # From rest to the mean speed of the first move within half of its time, and so on.
     changes = np.abs(np.diff(tip, prepend=0.0, append=0.0))
