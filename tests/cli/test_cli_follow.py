@@ -124,6 +124,25 @@ def test_ctrl_c_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.Monkey
             "blend must be at most half",
         ),
         (["line.npy", "joints.csv", "--period", "0"], "--period must be above 0"),
+        (["line.npy"], "follow needs an output file: OUT for joint values, or --out for a trajectory"),
+        (["line.npy", "joints.csv", "--jerk", "5"], "limits of a motion in time are for --out"),
+        (
+            ["line.npy", "--out", "seam.txt"],
+            "ends in .csv, .npy, .parquet, .script, .src, .mod, got 'seam.txt'",
+        ),
+        (
+            ["line.npy", "--out", "line.npy", "--acceleration", "5"],
+            "--out 'line.npy' is the file of POSES too",
+        ),
+        (["line.npy", "a.csv", "--out", "a.csv", "--acceleration", "5"], "is the file of OUT too"),
+        (["line.npy", "--out", "a b.src", "--acceleration", "5"], "a program cannot be called 'a b'"),
+        (
+            ["line.npy", "--out", "a.mod", "--acceleration", "5", "6"],
+            "--acceleration needs 1 or 6 numbers, got 2",
+        ),
+        (["line.npy", "--out", "seam.script", "--acceleration", "5"], "needs a period"),
+        (["line.npy", "--out", "seam.mod"], "has no acceleration limit"),
+        (["line.npy", "--out", "seam.mod", "--acceleration", "0"], "acceleration must be above 0"),
     ],
 )
 def test_misuse_is_one_line(
@@ -199,3 +218,87 @@ def test_what_is_proved_is_told(line: Any, tmp_path: Path, capsys: pytest.Captur
     assert told["proved_steps"] == 36
     assert told["impossible"] == []
     assert any("poses 7 to 8 are proved out of reach" in each for each in told["why"])
+
+
+@pytest.mark.usefixtures("line")
+def test_a_trajectory_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["follow", "ur5e", str(tmp_path / "line.npy"), "--acceleration", "5", "--tool-speed", "0.1"]
+    assert run([*words, "--period", "0.01", "--out", str(tmp_path / "seam.npy")]) == 0
+    told = capsys.readouterr().out
+    assert "fastest motion within the limits: " in told
+    assert "tool speed" in told
+    assert f"trajectory: {tmp_path / 'seam.npy'}" in told.replace("\n", " ")
+    arm = kinseek.load("ur5e")
+    trajectory = arm.follow(np.load(tmp_path / "line.npy")).timed(acceleration=5.0, tool_speed=0.1)
+    rows, samples = np.load(tmp_path / "seam.npy"), trajectory.sample(0.01)
+    np.testing.assert_array_equal(rows["t"], samples.times)
+    np.testing.assert_array_equal(rows["q"], samples.q)
+    np.testing.assert_array_equal(rows["acceleration"], samples.acceleration)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["line.npy", "seam.npy"]
+    assert run([*words, str(tmp_path / "q.csv"), "--out", str(tmp_path / "seam.mod"), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["out"] == str(tmp_path / "q.csv")
+    assert facts["trajectory"]["out"] == str(tmp_path / "seam.mod")
+    assert facts["trajectory"]["duration"] == trajectory.duration
+    assert facts["trajectory"]["bottleneck"][0]["limit"] == trajectory.bottleneck[0].limit
+    assert max(facts["trajectory"]["limits_kept"]["acceleration"]) <= 1.0
+    assert (tmp_path / "seam.mod").read_text().count("MoveAbsJ") == 40  # One for each pose.
+    assert (tmp_path / "q.csv").exists()
+
+
+@pytest.mark.usefixtures("line")
+def test_limits_may_differ_from_joint_to_joint(tmp_path: Path) -> None:
+    words = [
+        "follow",
+        "ur5e",
+        str(tmp_path / "line.npy"),
+        "--out",
+        str(tmp_path / "seam.npy"),
+        "--period",
+        "0.1",
+    ]
+    arm = kinseek.load("ur5e")
+    path = arm.follow(np.load(tmp_path / "line.npy"))
+    each = [3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
+    expected = path.timed(acceleration=each, velocity=0.5).sample(0.1)
+    named = [f"{name}={value}" for name, value in zip(arm.joint_names, each, strict=True)]
+    for accelerations in (map(str, each), named):
+        assert run([*words, "--acceleration", *accelerations, "--velocity", "0.5"]) == 0
+        np.testing.assert_array_equal(np.load(tmp_path / "seam.npy")["q"], expected.q)
+
+
+def test_all_limits_reach_the_time_law(
+    line: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def timed(self: kinseek.Path, **limits: Any) -> None:
+        assert len(self) == len(line)
+        assert limits == {"velocity": 1.0, "acceleration": 2.0, "jerk": 3.0, "tool_speed": 4.0}
+        raise kinseek.InvalidProblem("seen")
+
+    monkeypatch.setattr(kinseek.Path, "timed", timed)
+    words = ["--velocity", "1", "--acceleration", "2", "--jerk", "3", "--tool-speed", "4"]
+    assert (
+        run(["follow", "ur5e", str(tmp_path / "line.npy"), "--out", str(tmp_path / "seam.mod"), *words]) == 2
+    )
+    assert capsys.readouterr().err == "kinseek: seen\n"
+
+
+def test_without_all_poses_there_is_no_trajectory(
+    line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line[7, 0, 3] = 3.0
+    np.save(tmp_path / "line.npy", line)
+    words = [
+        "follow",
+        "ur5e",
+        str(tmp_path / "line.npy"),
+        "--acceleration",
+        "5",
+        "--out",
+        str(tmp_path / "a.mod"),
+    ]
+    assert run(words) == 1
+    assert "no trajectory, since some poses are missed" in " ".join(capsys.readouterr().out.split())
+    assert run([*words, "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["trajectory"] is None
+    assert not (tmp_path / "a.mod").exists()

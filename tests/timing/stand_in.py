@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.timing.formats import Samples
+from kinseek.timing.trajectory import Samples
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ class Smooth:
         return Samples(times, self.q(times), self.velocity(times), self.acceleration(times))
 
 
-def smooth(arm: str | kinseek.Arm = "ur5e", **changes: Any) -> Smooth:
+def smooth(arm: str | kinseek.Arm = "ur5e", **changes: Any) -> Any:
     loaded = kinseek.load(arm) if isinstance(arm, str) else arm
     start = np.asarray(0.1 * np.arange(1, loaded.dof + 1) - 0.5)
     end = start + 0.25 * (-1.0) ** np.arange(loaded.dof)

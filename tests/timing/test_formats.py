@@ -156,6 +156,33 @@ def test_a_failure_leaves_what_was_there(file: str, tmp_path: Path, monkeypatch:
     assert (tmp_path / file).read_text() == "before"
 
 
+def test_the_methods_of_a_trajectory(tmp_path: Path) -> None:
+    arm = kinseek.load("ur5e")
+    q = arm.sample(1, seed=1)[0]
+    trajectory = arm.follow(arm.fk([q, q + 0.05, q + 0.1]), start=q).timed(acceleration=5.0)
+    options: dict[str, Any] = {
+        "language": "movej",
+        "name": "weld",
+        "blend": 0.002,
+        "axes": dict(zip(arm.joint_names, ("J6", "J5", "J4", "J3", "J2", "J1"), strict=True)),
+    }
+    trajectory.save(tmp_path / "a.txt", 0.01, **options)
+    save(trajectory, tmp_path / "b.txt", 0.01, **options)
+    assert (tmp_path / "a.txt").read_text() == (tmp_path / "b.txt").read_text()
+    assert trajectory.to_ros(0.01) == to_ros(trajectory, 0.01)
+    assert type(trajectory.to_ros(messages=MESSAGES)) is JointTrajectory
+    points = trajectory.to_ros()["points"]  # The poses of the path.
+    np.testing.assert_array_equal(
+        [point["positions"] for point in points], trajectory.q(trajectory.pose_times)
+    )
+    for point, t in zip(points, trajectory.pose_times, strict=True):
+        stamp = point["time_from_start"]
+        assert stamp["sec"] + stamp["nanosec"] / 1e9 == pytest.approx(t, abs=1e-9)
+    np.testing.assert_allclose([points[i]["velocities"] for i in (0, -1)], 0.0, atol=1e-12)
+    pytest.importorskip("pandas")
+    assert trajectory.to_frame(0.01).equals(to_frame(trajectory, 0.01))
+
+
 def test_the_default_language_can_be_replaced(tmp_path: Path) -> None:
     save(smooth(), tmp_path / "seam.csv", language="krl")
     assert (tmp_path / "seam.csv").read_text().startswith("&ACCESS RVP\nDEF seam()")

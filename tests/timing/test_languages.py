@@ -13,7 +13,7 @@ import pytest
 import kinseek
 from kinseek.timing.formats import save
 from kinseek.timing.languages import KRL, Language
-from stand_in import HOSTILE, Smooth, arm_with, smooth
+from stand_in import HOSTILE, arm_with, smooth
 
 COMMENTS = {".script": "#", ".src": ";", ".mod": "!"}
 PROGRAMS = [
@@ -25,7 +25,7 @@ PROGRAMS = [
 ]
 
 
-def written(folder: Path, file: str, trajectory: Smooth, *args: Any, **options: Any) -> str:
+def written(folder: Path, file: str, trajectory: Any, *args: Any, **options: Any) -> str:
     save(trajectory, folder / file, *args, **options)
     return (folder / file).read_bytes().decode("ascii")
 

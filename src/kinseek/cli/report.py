@@ -7,7 +7,7 @@ import shlex
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ from .layout import sentence, table, terminal_width
 
 if TYPE_CHECKING:
     from kinseek.export import Parts
+    from kinseek.timing.trajectory import Trajectory
 
 
 Array = NDArray[np.float64]
@@ -310,7 +311,18 @@ def print_batch(arm: Arm, reached: NDArray[np.bool_], out: str, seconds: float, 
     _print(f"solutions: {out}")
 
 
-def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) -> None:
+class PathFiles(NamedTuple):
+    """Output files of `follow`."""
+
+    out: FilePath | None
+    """That of the joint values."""
+    trajectory: FilePath | None
+    """That of the trajectory."""
+
+
+def print_path(
+    arm: Arm, path: Path, trajectory: Trajectory | None, files: PathFiles, seconds: float, as_json: bool
+) -> None:
     """Print the result for a path. Poses count from 0 as in Python; rows of a file, called "row", count from 1."""
     facts = {
         "poses": len(path),
@@ -326,7 +338,13 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
         if path.proof is not None:
             facts |= {"certified": path.certified, "proved_steps": int(path.proved.sum())}
             facts |= {"impossible": [list(pair) for pair in path.impossible]}
-        print_json({**_arm_facts(arm), **facts, "out": out, "seconds": seconds})
+        if files.out is not None:
+            facts["out"] = str(files.out)
+        if files.trajectory is not None:
+            facts["trajectory"] = (
+                None if trajectory is None else _trajectory_facts(trajectory, files.trajectory)
+            )
+        print_json({**_arm_facts(arm), **facts, "seconds": seconds})
         return
     _print(f"{len(path):,} poses, {seconds:.3g} s. {path.status}")
     if path.why:
@@ -344,7 +362,51 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
     if path.proof is not None:
         whole = "the whole path" if path.certified else f"{path.proved.sum():,} of {len(path.proved):,} steps"
         _print(f"proved to be unbroken, inside the limits: {whole}")
-    _print(f"joint values: {out}")
+    if files.out is not None:
+        _print(f"joint values: {files.out}")
+    if files.trajectory is not None:
+        _print_trajectory(trajectory, files.trajectory)
+
+
+def _print_trajectory(trajectory: Trajectory | None, file: FilePath) -> None:
+    if trajectory is None:
+        _print(f"no trajectory, since some poses are missed; {file} is not written")
+        return
+    _print(
+        f"fastest motion within the limits: {trajectory.duration:.4g} s, {_count(len(trajectory.stops), 'stop')}"
+    )
+    shares = _shares_of_caps(trajectory)
+    rows = [(limit, joint or "", f"{100 * share:.0f} %") for (limit, joint), share in shares.items()]
+    _print_table(("speed is capped by", "joint", ">of the time"), rows)
+    _print(
+        f"between two poses the tip is at most {trajectory.deviation * 1e3:.3g} mm from the straight line, which is proved"
+    )
+    _print(f"trajectory: {file}")
+
+
+def _shares_of_caps(trajectory: Trajectory) -> dict[tuple[str, str | None], float]:
+    """Return the share of the time in which each limit of each joint caps the speed, the largest first."""
+    seconds = dict[tuple[str, str | None], float]()
+    for cap in trajectory.bottleneck:
+        key = cap.limit.replace("_", " "), cap.joint
+        seconds[key] = seconds.get(key, 0.0) + cap.end - cap.begin
+    listed = sorted(seconds.items(), key=lambda each: -each[1])
+    return {key: spent / trajectory.duration for key, spent in listed}
+
+
+def _trajectory_facts(trajectory: Trajectory, file: FilePath) -> dict[str, Any]:
+    kept = trajectory.limits_kept
+    return {
+        "out": str(file),
+        "duration": trajectory.duration,
+        "stops": trajectory.stops.tolist(),
+        "deviation": trajectory.deviation,
+        "limits_kept": {
+            limit: share.tolist() if isinstance(share, np.ndarray) else share
+            for limit, share in kept._asdict().items()
+        },
+        "bottleneck": [cap._asdict() for cap in trajectory.bottleneck],
+    }
 
 
 def _how_many(found: Branches) -> str:

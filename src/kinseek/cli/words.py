@@ -24,6 +24,9 @@ LENGTHS = {
     "--tool": 6,
     "--near": None,
     "--lock": None,
+    "--velocity": None,
+    "--acceleration": None,
+    "--jerk": None,
 }
 """Options that take a list, and its length; None means any number of values, or of JOINT=VALUE."""
 
@@ -178,6 +181,22 @@ def joints_in_order(
         outside = turns & ((q < arm.lower) | (q > arm.upper))
         warn_of_angles(np.where(outside & np.isfinite(q), q, 0.0), option, "add --deg", 1)
     return np.where(turns & degrees, np.deg2rad(q), q)
+
+
+def limits(arm: Arm, text: str, option: str) -> float | NDArray[np.float64]:
+    """Read one number for all joints, one per joint, or JOINT=VALUE of every joint: a number or (n,).
+
+    Raises:
+        InvalidProblem: Something else.
+    """
+    values = named_values(text, option) if "=" in text else numbers(text, option)
+    if len(values) == 1 and isinstance(values, list):
+        return values[0]
+    listed = in_order(values, arm.joint_names, option, InvalidProblem)
+    if len(listed) != arm.dof:
+        names = ", ".join(arm.joint_names)
+        raise InvalidProblem(f"{option} needs 1 or {arm.dof} numbers, got {len(listed)}. Joints: {names}")
+    return np.array(listed, dtype=np.float64)
 
 
 def _is_named(word: str, most: int | None) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from .languages import (
     program,
     require_name,
 )
+from .trajectory import Samples, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -39,59 +40,6 @@ _SAME_TIME = 1e-9
 """Points closer together than this are one point [s]: it is the resolution of ROS."""
 
 
-class Samples(NamedTuple):
-    """Points of a trajectory."""
-
-    times: Array
-    q: Array
-    velocity: Array
-    acceleration: Array
-
-
-class Limits(Protocol):
-    """Limits of a trajectory."""
-
-    @property
-    def acceleration(self) -> Array:
-        """Largest accelerations, (n,), [rad/s²] or [m/s²]."""
-
-
-class Trajectory(Protocol):
-    """What the forms need of a trajectory."""
-
-    @property
-    def mechanism(self) -> Mechanism:
-        """The arm."""
-
-    @property
-    def duration(self) -> float:
-        """Duration [s]."""
-
-    @property
-    def limits(self) -> Limits:
-        """Limits."""
-
-    @property
-    def tool(self) -> Array | None:
-        """Pose of the tool."""
-
-    @property
-    def pose_times(self) -> Array:
-        """Times of the poses, (N,) [s]."""
-
-    def q(self, t: Array) -> Array:
-        """Return joint values, (k,) -> (k, n)."""
-
-    def velocity(self, t: Array) -> Array:
-        """Return velocities, (k,) -> (k, n)."""
-
-    def acceleration(self, t: Array) -> Array:
-        """Return accelerations, (k,) -> (k, n)."""
-
-    def sample(self, period: float) -> Samples:
-        """Return points in a period."""
-
-
 def save(
     trajectory: Trajectory,
     file: str | Path,
@@ -102,24 +50,7 @@ def save(
     blend: float = 0.001,
     axes: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a trajectory to a file, completely or not at all.
-
-    Args:
-        trajectory: The trajectory.
-        file: Its ending selects the form: a table in a .csv, .npy or .parquet file, or a program in a .script (URScript),
-            .src (KRL) or .mod (RAPID) file. With a `language`, the ending may be any other.
-        period: Time between points [s]; None takes a point at each pose of the path.
-        language: Language of a program: ``"servoj"``, ``"movej"``, ``"movel"``, ``"krl"``, ``"rapid"``, or a `Language`.
-        name: Name of a program; by default that of the file.
-        blend: Largest radius in which the motion of a program may leave a point aside [m], where its language blends.
-        axes: Name of the axis of each joint in a program, by joint; by default they are assigned in order.
-
-    Raises:
-        InvalidProblem: An unknown ending, a missing folder, a file that cannot be written, a name that is no identifier, or
-            an arm that does not have the axes of the language.
-        InvalidUse: An argument of programs for a table, or a template with an unknown field.
-        MissingExtra: A .parquet file, and pyarrow is not installed.
-    """
+    """Write a trajectory to a file, see `Trajectory.save`."""
     form = output_form(trajectory.mechanism, file, period, language, name, axes)
     if form.language is None:
         write_table(form.place, table(trajectory, period))
@@ -231,30 +162,12 @@ def _samples(trajectory: Trajectory, period: float | None) -> Samples:
 
 
 def to_frame(trajectory: Trajectory, period: float | None = None) -> Any:
-    """Return a ``pandas.DataFrame`` with a row for each point: joint values, the time ``t``, velocities and accelerations.
-
-    Args:
-        trajectory: The trajectory.
-        period: Time between points [s]; None takes a point at each pose of the path.
-
-    Raises:
-        MissingExtra: pandas is not installed.
-    """
+    """Return a ``pandas.DataFrame``, see `Trajectory.to_frame`."""
     return table(trajectory, period).to_frame()
 
 
 def to_ros(trajectory: Trajectory, period: float | None = None, messages: Any = None) -> Any:
-    """Return a ``trajectory_msgs/JointTrajectory`` of ROS 2, as a dict or as a message.
-
-    Args:
-        trajectory: The trajectory.
-        period: Time between points [s]; None takes a point at each pose of the path.
-        messages: The module ``trajectory_msgs.msg``, to get a message. kinseek imports nothing of ROS.
-
-    Returns:
-        The message, or a dict of its shape: ``joint_names`` and ``points``, each with ``positions``, ``velocities``,
-        ``accelerations`` and ``time_from_start``, which has ``sec`` and ``nanosec``.
-    """
+    """Return a ``trajectory_msgs/JointTrajectory``, see `Trajectory.to_ros`."""
     points = _samples(trajectory, period)
     names = list(trajectory.mechanism.joint_names)
     nanoseconds = [round(t * 1e9) for t in points.times.tolist()]
@@ -277,7 +190,7 @@ def to_ros(trajectory: Trajectory, period: float | None = None, messages: Any = 
 
 
 def table(trajectory: Trajectory, period: float | None) -> Table:
-    """Return a row for each point of a trajectory, see `to_frame`."""
+    """Return a row for each point of a trajectory: joint values, the time ``t``, velocities and accelerations."""
     points = _samples(trajectory, period)
     columns = {"t": points.times, "velocity": points.velocity, "acceleration": points.acceleration}
     return Table(trajectory.mechanism.joint_names, points.q, columns, {"point": np.arange(len(points.times))})

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +23,9 @@ from .law import Law, constant_acceleration
 from .limits import Limits
 from .shares import Shares, shares_of_limits
 from .tip import line_distance, speed_bounds
+
+if TYPE_CHECKING:
+    from .languages import Language
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -180,6 +185,67 @@ class Trajectory(Lazy):
             period * np.arange(max(int(np.ceil(self.duration / period - 1e-9)), 0)), self.duration
         )
         return Samples(times, self.q(times), self.velocity(times), self.acceleration(times))
+
+    def save(
+        self,
+        file: str | Path,
+        period: float | None = None,
+        *,
+        language: str | Language | None = None,
+        name: str | None = None,
+        blend: float = 0.001,
+        axes: Mapping[str, str] | None = None,
+    ) -> None:
+        """Write the motion to a file, completely or not at all: a table, or a program for a robot.
+
+        No program was run on a controller; docs/trajectories.md says what each form keeps of the time.
+
+        Args:
+            file: Its ending selects the form: a table in a .csv, .npy or .parquet file, or a program in a .script
+                (URScript), .src (KRL) or .mod (RAPID) file. With a `language`, the ending may be any other.
+            period: Time between two points [s]; None takes a point at each pose of the path.
+            language: Language of a program: ``"servoj"``, ``"movej"``, ``"movel"``, ``"krl"``, ``"rapid"``, or a `Language`.
+            name: Name of a program; by default that of the file.
+            blend: Largest radius in which the motion of a program may leave a point aside [m], where its language blends.
+            axes: Name of the axis of each joint in a program, by joint; by default they are assigned in order.
+
+        Raises:
+            InvalidProblem: An unknown ending, a missing folder, a file that cannot be written, a name that is no identifier,
+                or an arm that does not have the axes of the language.
+            InvalidUse: An argument of programs for a table, or a template with an unknown field.
+            MissingExtra: A .parquet file, and pyarrow is not installed.
+        """
+        from .formats import save
+
+        save(self, file, period, language=language, name=name, blend=blend, axes=axes)
+
+    def to_frame(self, period: float | None = None) -> Any:
+        """Return a ``pandas.DataFrame`` with a row for each point: joint values, the time ``t``, velocities, accelerations.
+
+        Args:
+            period: Time between two points [s]; None takes a point at each pose of the path.
+
+        Raises:
+            MissingExtra: pandas is not installed.
+        """
+        from .formats import to_frame
+
+        return to_frame(self, period)
+
+    def to_ros(self, period: float | None = None, messages: Any = None) -> Any:
+        """Return a ``trajectory_msgs/JointTrajectory`` of ROS 2, as a dict or as a message.
+
+        Args:
+            period: Time between two points [s]; None takes a point at each pose of the path.
+            messages: The module ``trajectory_msgs.msg``, to get a message. kinseek imports nothing of ROS.
+
+        Returns:
+            The message, or a dict of its shape: ``joint_names`` and ``points``, each with ``positions``, ``velocities``,
+            ``accelerations`` and ``time_from_start``, which has ``sec`` and ``nanosec``.
+        """
+        from .formats import to_ros
+
+        return to_ros(self, period, messages)
 
     @lazy
     def limits_kept(self) -> LimitsKept:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.arm import Arm
 from kinseek.cli import report
 from kinseek.cli.columns import TIME, VALID
 from kinseek.cli.files import read_path, writable
 from kinseek.cli.goals import GoalSpec
-from kinseek.cli.help import Command, argument, option
+from kinseek.cli.help import Command, argument, bundle, option
 from kinseek.cli.options import (
     GOAL,
     Robot,
@@ -25,15 +27,73 @@ from kinseek.cli.options import (
 )
 from kinseek.cli.output import on_terminal
 from kinseek.cli.scenes import Cell, scene_options
-from kinseek.cli.words import joint_values
+from kinseek.cli.words import joint_values, limits
 from kinseek.errors import InvalidProblem
 from kinseek.interpolation import interpolate
 from kinseek.tables import path_table, write_table
+from kinseek.timing.formats import output_form, save
+from kinseek.timing.limits import read_limits
 
 Array = NDArray[np.float64]
 
-_MOTION = "The motion"
-_POSES, _OUT = "POSES", "OUT"
+_MOTION, _TIME = "The motion", "The motion in time"
+_POSES, _OUT, _TRAJECTORY = "POSES", "OUT", "--out"
+
+
+class Speed(NamedTuple):
+    """Limits of a motion in time, as words."""
+
+    velocity: str | None
+    acceleration: str | None
+    jerk: str | None
+    tool_speed: float | None
+
+    def values(self, arm: Arm) -> dict[str, Any]:
+        """Return the limits as `Path.timed` takes them.
+
+        Raises:
+            InvalidProblem: Words that are not one number, or one for each joint.
+        """
+        texts = {"velocity": self.velocity, "acceleration": self.acceleration, "jerk": self.jerk}
+        read = {
+            name: None if text is None else limits(arm, text, f"--{name}") for name, text in texts.items()
+        }
+        return read | {"tool_speed": self.tool_speed}
+
+
+_speed_options = bundle(
+    "speed",
+    Speed,
+    option(
+        "--velocity",
+        metavar="X...",
+        shell_complete=complete_joints,
+        group=_TIME,
+        help="Speed limits, rad/s or m/s, also with --deg: one for all joints, one per joint, or JOINT=VALUE for every "
+        "joint; by default those of the arm's file.",
+    ),
+    option(
+        "--acceleration",
+        metavar="X...",
+        shell_complete=complete_joints,
+        group=_TIME,
+        help="Limits of acceleration, rad/s^2 or m/s^2, in the form of --velocity.",
+    ),
+    option(
+        "--jerk",
+        metavar="X...",
+        shell_complete=complete_joints,
+        group=_TIME,
+        help="Limits of jerk, rad/s^3 or m/s^3, in the form of --velocity; by default there are none.",
+    ),
+    option(
+        "--tool-speed",
+        metavar="X",
+        type=float,
+        group=_TIME,
+        help="Largest speed of the tip, m/s; it is kept constant where the other limits permit it.",
+    ),
+)
 
 
 @click.command(
@@ -45,6 +105,7 @@ _POSES, _OUT = "POSES", "OUT"
         "kinseek follow ur5e poses.csv q.csv --period 0.01",
         "kinseek follow ur5e poses.csv q.csv --step 0.005 --turn 0.02",
         "kinseek follow ur5e poses.csv q.csv --scene cell.urdf --capsules 0.05",
+        "kinseek follow ur5e poses.csv --acceleration 5 --period 0.008 --out seam.script",
     ],
     more=[
         f"Columns of POSES, lengths in m, angles in rad: {VALID}. The column {TIME} is optional: the time of each pose, "
@@ -52,6 +113,8 @@ _POSES, _OUT = "POSES", "OUT"
         "With --step and --turn, POSES are key poses, and OUT has rows for the poses between them as well.",
         "OUT has one row per pose: the joints, the time if it is known, whether the pose is reached and its errors, and "
         "whether the motion has a break after it.",
+        "With --out, the fastest motion through the poses within limits is written too: a table, or a program for a robot. "
+        "No program was run on a controller: try it in simulation first.",
         "Exit codes: 0 one continuous motion, 1 breaks or missed poses, 2 misuse; 130 stopped with Ctrl-C.",
     ],
 )
@@ -65,8 +128,10 @@ _POSES, _OUT = "POSES", "OUT"
 @argument(
     "out",
     metavar=_OUT,
+    required=False,
     type=click.Path(path_type=Path),
-    help="Output file for the joint values, .csv, .npy or .parquet; written once all are computed.",
+    help="Output file for the joint values, .csv, .npy or .parquet; written once all are computed. It may be left out with "
+    "--out.",
 )
 @scene_options
 @option(
@@ -129,7 +194,8 @@ _POSES, _OUT = "POSES", "OUT"
     metavar="X",
     type=float,
     group=_MOTION,
-    help="Time from pose to pose, s; no joint exceeds the speed in the arm's file.",
+    help="Time from pose to pose, s; no joint exceeds the speed in the arm's file. With --out, time between two points of "
+    "the trajectory; without it there is a point at each pose.",
 )
 @option(
     "--prove",
@@ -145,11 +211,20 @@ _POSES, _OUT = "POSES", "OUT"
     group=_MOTION,
     help="Time limit, s: no further part of the work is begun after it; poses that are not planned by then are missed.",
 )
+@option(
+    _TRAJECTORY,
+    "trajectory_file",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    group=_TIME,
+    help="Output file for the trajectory: .csv, .npy, .parquet, .script (URScript), .src (KRL) or .mod (RAPID).",
+)
+@_speed_options
 @goal_options
 @json_option
 def command(
     poses: Path,
-    out: Path,
+    out: Path | None,
     robot: Robot,
     cell: Cell,
     goal_spec: GoalSpec,
@@ -164,14 +239,28 @@ def command(
     period: float | None,
     prove: bool,
     time_limit: float | None,
+    trajectory_file: Path | None,
+    speed: Speed,
     as_json: bool,
 ) -> int:
     """Find one continuous motion through many poses, with as few breaks as possible."""
     loaded = robot.load()
-    place = writable(out, poses, _OUT, _POSES)  # Before any work is done.
+    # Before any work is done.
+    place = None if out is None else writable(out, poses, _OUT, _POSES)
+    _require_output(loaded, poses, out, trajectory_file, period)
+    fastest = speed.values(loaded)
+    if trajectory_file is not None:
+        read_limits(loaded.mechanism, **fastest)
+    elif any(each is not None for each in fastest.values()):
+        raise InvalidProblem(f"limits of a motion in time are for {_TRAJECTORY}, which is not given")
     given, times = read_path(poses, goal_spec.position_only, deg, _POSES)
     goal = goal_spec.goal(_with_poses_between(given, step, turn, blend), deg)
-    times = _times(times, period, len(given), len(goal.target))
+    if trajectory_file is None:
+        times = _times(times, period, len(given), len(goal.target))
+    elif times is not None:
+        raise InvalidProblem(
+            f"the column {TIME} has the time of each pose; it cannot be combined with {_TRAJECTORY}"
+        )
     first = None if start is None else joint_values(loaded, start, "--start", deg)
     last = None if end is None else joint_values(loaded, end, "--end", deg)
     scene = cell.of(loaded, robot)
@@ -193,9 +282,34 @@ def command(
     table = path_table(path)
     if times is not None:
         table = replace(table, columns={TIME: times, **table.columns})
-    write_table(place, table)
-    report.print_path(loaded, path, str(out), seconds, as_json)
+    if place is not None:
+        write_table(place, table)
+    trajectory = path.timed(**fastest) if trajectory_file is not None and path.reached.all() else None
+    if trajectory_file is not None and trajectory is not None:
+        save(trajectory, trajectory_file, period)
+    files = report.PathFiles(out, trajectory_file)
+    report.print_path(loaded, path, trajectory, files, seconds, as_json)
     return 0 if path.success else 1
+
+
+def _require_output(
+    arm: Arm, poses: Path, out: Path | None, trajectory: Path | None, period: float | None
+) -> None:
+    """Check that there is an output file, and that a trajectory can be written to its file.
+
+    Raises:
+        KinseekError: There is none, or it cannot.
+    """
+    if trajectory is None:
+        if out is None:
+            raise InvalidProblem(
+                f"follow needs an output file: {_OUT} for joint values, or {_TRAJECTORY} for a trajectory"
+            )
+        return
+    place = output_form(arm.mechanism, trajectory, period).place
+    for name, other in ((_POSES, poses), (_OUT, out)):
+        if other is not None and place == other.resolve():
+            raise InvalidProblem(f"{_TRAJECTORY} {str(trajectory)!r} is the file of {name} too")
 
 
 def _times(column: Array | None, period: float | None, given: int, count: int) -> Array | None:
