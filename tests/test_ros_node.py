@@ -171,18 +171,22 @@ def test_every_code_of_the_table_is_one_of_moveit() -> None:
 def test_a_path_fills_a_trajectory(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, module in modules([]).items():
         monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr(
+        sys.modules["trajectory_msgs"], "msg", sys.modules["trajectory_msgs.msg"], raising=False
+    )
     arm = kinseek.load("ur5e")
     start = kinseek.pose([0.4, 0.2, 0.3], rpy=[np.pi, 0, 0])
     poses = kinseek.interpolate([start, kinseek.pose([0, 0, 0.1]) @ start], step=0.01, turn=0.1)
     names: dict[str, Any] = {"arm": arm, "poses": poses, "solution": arm.ik(poses[0])}
-    names["times"] = np.linspace(0.0, 2.5, len(poses))
-    exec(block("JointTrajectoryPoint("), names)
-    trajectory = names["trajectory"]
+    exec(block("to_ros("), names)
+    trajectory, motion = names["trajectory"], names["path"].timed(acceleration=5.0)
     assert type(trajectory) is JointTrajectory
-    assert len(trajectory.points) == len(poses)
-    assert trajectory.points[-1].time_from_start.sec == 2
-    assert trajectory.points[-1].time_from_start.nanosec == 500_000_000
-    assert np.abs(arm.fk(trajectory.points[-1].positions) - poses[-1]).max() < 1e-6
+    assert len(trajectory.points) == len(motion.sample(0.01).times)
+    stamp = trajectory.points[-1].time_from_start
+    assert stamp.sec + stamp.nanosec / 1e9 == pytest.approx(motion.duration, abs=1e-9)
+    for point, pose in ((trajectory.points[0], poses[0]), (trajectory.points[-1], poses[-1])):
+        assert np.abs(arm.fk(point.positions) - pose).max() < 1e-6
+        assert np.abs(point.velocities).max() < 1e-12
 
 
 def test_the_stand_ins_reject_what_ros_rejects() -> None:

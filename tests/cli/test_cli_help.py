@@ -46,7 +46,9 @@ def test_examples_run(
     example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("poses.csv").write_text("x,y,z,roll,pitch,yaw\n0.4,0.2,0.3,3.1,0,0\n0.4,0.21,0.3,3.1,0,0\n", encoding="utf-8")
+    Path("poses.csv").write_text(
+        "x,y,z,roll,pitch,yaw\n0.4,0.2,0.3,3.1,0,0\n0.4,0.21,0.3,3.1,0,0\n", encoding="utf-8"
+    )
     if "--scene" in example:
         pytest.importorskip("pinocchio")
         box = '<collision><origin xyz="0.9 0 0"/><geometry><box size="0.1 1 1"/></geometry></collision>'

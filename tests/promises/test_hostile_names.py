@@ -31,6 +31,7 @@ OBJECT = "\x1b]0;owned\x07\x9b31m\u202e"
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
 AT = ("--at", "0.1", "0.1", "0.3", "--position-only")
+FOLLOW = ("follow", "arm.urdf", "poses.csv", "--position-only", "--acceleration", "5")
 
 
 def urdf() -> str:
@@ -91,8 +92,11 @@ def test_every_such_character_is_escaped_and_no_other() -> None:
         ("solve", "arm.urdf", *AT, "--lock", f"j0{NAME}=0"),
         ("solve", "arm.urdf", *AT, "--scene", "cell.scene"),
         ("solve", "arm.urdf", "--batch", "poses.csv", "--out", "out.csv"),
+        ("follow", "arm.urdf", "poses.csv", "out.csv"),
+        ("follow", "arm.urdf", "poses.csv", "out.csv", "--scene", "cell.scene"),
         ("follow", "arm.urdf", "poses.csv", "--out", "out.csv"),
-        ("follow", "arm.urdf", "poses.csv", "--out", "out.csv", "--scene", "cell.scene"),
+        (*FOLLOW, "--out", "out.src"),
+        (*FOLLOW, "--out", "out.script", "--acceleration", f"j0{NAME}=1"),
         ("map", "arm.urdf", "--estimate", "--step", "0.2"),
         ("\x1b]0;owned\x07",),
         ("show", "\x1b]0;owned\x07.urdf"),
@@ -108,6 +112,15 @@ def test_no_command_prints_them(
     out, err = capsys.readouterr()
     assert out + err
     assert hidden(out + err) == set()
+
+
+@pytest.mark.slow
+def test_a_program_for_a_robot_has_them_in_comments_alone(folder: Path) -> None:
+    assert run([*FOLLOW, "--out", "out.src"]) == 0
+    lines = Path("out.src").read_bytes().decode("ascii").split("\r\n")
+    assert f"; A1: j0{SHOWN}" in lines
+    assert hidden("".join(lines)) == set()
+    assert not [line for line in lines if "j0" in line and not line.startswith(";")]
 
 
 @pytest.mark.slow
