@@ -12,7 +12,7 @@ import pytest
 
 import kinseek
 from kinseek.timing.formats import save
-from kinseek.timing.languages import KRL, Language
+from kinseek.timing.languages import KRL, SERVOJ, Language
 from stand_in import HOSTILE, arm_with, smooth
 
 COMMENTS = {".script": "#", ".src": ";", ".mod": "!"}
@@ -209,6 +209,9 @@ def test_a_prismatic_joint_is_no_axis_of_urscript(tmp_path: Path) -> None:
     axes = dict(zip("uvwxyz", ("J1", "J2", "J3", "J4", "J5", "J6"), strict=True))
     with pytest.raises(kinseek.InvalidProblem, match="J6 would be prismatic"):
         save(smooth(arm), tmp_path / "seam.script", 0.5, axes=axes)
+    fewer = replace(SERVOJ, axes=(*SERVOJ.axes, "J7"), unused_axis="0")
+    with pytest.raises(kinseek.InvalidProblem, match="J6 would be prismatic"):
+        save(smooth(arm), tmp_path / "seam.script", 0.5, axes=axes, language=fewer)
 
 
 def test_moves_of_a_program_keep_the_limits(tmp_path: Path) -> None:

@@ -290,10 +290,10 @@ def assigned(mechanism: Mechanism, language: Language, axes: Mapping[str, str] |
         raise InvalidProblem(f"axes has the same axis for two joints: {', '.join(sought.values())}")
     if language.unused_axis is None and (unused := [axis for axis in language.axes if axis not in joint_of]):
         raise InvalidProblem(_misfit(mechanism, language, f"no joint is left for {', '.join(unused)}"))
-    if language.only_turning:
-        sliding = [axis for axis in language.axes if kinds[joint_of[axis]] == PRISMATIC]
-        if sliding:
-            raise InvalidProblem(_misfit(mechanism, language, f"{', '.join(sliding)} would be prismatic"))
+    used = [axis for axis in language.axes if axis in joint_of]
+    sliding = [axis for axis in used if kinds[joint_of[axis]] == PRISMATIC]
+    if language.only_turning and sliding:
+        raise InvalidProblem(_misfit(mechanism, language, f"{', '.join(sliding)} would be prismatic"))
     return joint_of
 
 

@@ -70,21 +70,21 @@ _speed_options = bundle(
         shell_complete=complete_joints,
         group=_TIME,
         help="Speed limits, rad/s or m/s, also with --deg: one for all joints, one per joint, or JOINT=VALUE for every "
-        "joint; by default those of the arm's file.",
+        "joint; by default those of the arm's file or of a joint_limits.yaml (--limits).",
     ),
     option(
         "--acceleration",
         metavar="X...",
         shell_complete=complete_joints,
         group=_TIME,
-        help="Limits of acceleration, rad/s^2 or m/s^2, in the form of --velocity.",
+        help="Limits of acceleration, rad/s² or m/s², in the form of --velocity and with the same default.",
     ),
     option(
         "--jerk",
         metavar="X...",
         shell_complete=complete_joints,
         group=_TIME,
-        help="Limits of jerk, rad/s^3 or m/s^3, in the form of --velocity; by default there are none.",
+        help="Limits of jerk, rad/s³ or m/s³, in the form of --velocity; by default there are none.",
     ),
     option(
         "--tool-speed",
