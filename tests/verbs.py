@@ -88,6 +88,20 @@ def _tracked(arm: kinseek.Arm, poses: Array) -> Told:
     )
 
 
+def _moved(arm: kinseek.Arm, poses: Array) -> Told:
+    """A pose is reached by a motion in time, from the middle of the ranges."""
+    middle, rows, reached = (arm.lower + arm.upper) / 2.0, [], []
+    for pose in poses[:3]:
+        try:
+            motion = arm.move(middle, pose, velocity=1.0, acceleration=5.0)
+            rows.append(motion.q(motion.duration))
+            reached.append(True)
+        except kinseek.NotReached as error:
+            rows.append(error.solution.q)
+            reached.append(False)
+    return Told(np.array(rows), np.array(reached), poses[:3])
+
+
 def _searched(solver: kinseek.Solver) -> Callable[[kinseek.Arm, Array], Told]:
     return lambda arm, poses: _solutions(arm.ik(poses[:2], solver=solver), poses[:2])
 
@@ -113,6 +127,8 @@ VERBS: dict[str, Callable[[kinseek.Arm, Array], Told]] = {
     "blind search": _searched(kinseek.BlindSearch(most_steps=10)),
     "polished": _searched(kinseek.Polished()),
 }
+if find_spec("ruckig") is not None:
+    VERBS["move"] = _moved
 if find_spec("coal") is not None:
     VERBS["ik in a scene"] = lambda arm, poses: _one_by_one(arm, poses[:2], scene=scene_of(arm.name))
 

@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from .paths.path import Path as Motion
     from .paths.tracker import Tracker
     from .robots.calibration import Calibration
+    from .timing.move import Move
+    from .timing.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -575,6 +577,87 @@ class Arm(ForwardArm):
         request: dict[str, Any] = {"start": start, "end": None, "closed": False, "max_step": max_step}
         request |= {"times": None, "velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
         return stream(self._mechanism, poses, window, look_ahead, request, threads)
+
+    def move(
+        self,
+        q0: Joints,
+        goal: Any,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        jerk: ArrayLike | None = None,
+        *,
+        scene: Scene | None = None,
+        clearance: float = 0.0,
+        time_limit: float | None = None,
+        **unknown: Never,
+    ) -> Trajectory:
+        """Move from joint values to a goal in the shortest time, from rest to rest, each joint inside its limits.
+
+        All joints begin and end at the same time; the tip does not move on a straight line. Of all solutions of the goal,
+        with all full turns, the one with the shortest motion is the end; if the arm is redundant, the best that is found
+        along the self-motion. Needs Ruckig: ``pip install 'kinseek[motion]'``.
+
+        Args:
+            q0: Joint values at the start, (n,), [rad] or [m], or by name as in `fk`.
+            goal: Joint values, (n,) or by name; they are reached with the full turns that are given. Or a pose, (4, 4), an
+                object that carries one, or a `Goal`.
+            velocity: Speed limit of each joint, one number or (n,), [rad/s] or [m/s]; by default that of the arm.
+            acceleration: Limit of the acceleration of each joint, one number or (n,), [rad/s²] or [m/s²]; by default that of
+                the arm.
+            jerk: Limit of the jerk of each joint, one number or (n,), [rad/s³] or [m/s³]; None for no limit.
+            scene: The collision scene, see docs/collisions.md. The solutions of the goal are tried with all full turns, in
+                order of duration, until a motion is proved free as a whole.
+            clearance: Minimum distance between bodies of the scene [m].
+            time_limit: [s], after which no further motion is tried. One is tried in any case.
+
+        Returns:
+            The motion in time. `pose_times` are those of its begin and its end.
+
+        Raises:
+            NotReached: No solution of the goal is found, or none is free of collision; the error carries the closest one.
+            InvalidGoal: Not a pose.
+            InvalidProblem: Joint values that are not n finite numbers inside the limits, more than one goal, a limit that is
+                not a finite number above 0 or that the arm does not have, or no motion is proved free.
+            InvalidScene: The scene belongs to another arm, or the clearance is not a length.
+            MissingExtra: Ruckig is not installed.
+        """
+        if unknown:
+            raise unknown_argument(Arm.move, unknown)
+        from .timing.limits import read_limits
+        from .timing.move import Move, are_joints, fastest_free, inside_limits
+
+        deadline = Deadline(time_limit)
+        _require_scene(scene, clearance)
+        if scene is not None:
+            from .collision.solutions import judge_of
+
+            clearance = judge_of(scene, self._mechanism, clearance, None).clearance
+        begin = inside_limits(self._mechanism, q0, "q0")
+        limits = read_limits(self._mechanism, velocity, acceleration, jerk)
+        move = Move(self._mechanism, begin, limits, scene, clearance)
+        if are_joints(goal):
+            return fastest_free(move, inside_limits(self._mechanism, goal, "goal")[None], deadline)
+        requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
+        ends = self._ends(move, requested, scene, deadline)
+        return fastest_free(move._replace(tool=requested.tool), ends, deadline)
+
+    def _ends(self, move: Move, goal: Goal, scene: Scene | None, deadline: Deadline) -> Array:
+        """Return the solutions of a goal to which the arm may move, (k, n): the best, and in a scene all others too.
+
+        Raises:
+            NotReached: There are none.
+            InvalidProblem: More than one goal.
+        """
+        if goal.shape:
+            raise InvalidProblem(f"goal must be one goal, got a batch of shape {goal.shape}")
+        first: IkOptions = {"scene": scene, "clearance": move.clearance, "time_limit": deadline.left}
+        first |= {"near": move.begin} if self._axes is None else {"cost": move.cost}
+        best = np.asarray(self.ik(goal, **first).require().q)[None]
+        if scene is None:
+            return move.nearest(best)
+        others: BranchesOptions = {"scene": scene, "clearance": move.clearance, "time_limit": deadline.left}
+        others |= {"cost": move.cost, "copies": True}
+        return move.both_ways(np.concatenate([best, self.branches(goal, **others).q]))
 
     def track(
         self,

@@ -59,12 +59,7 @@ class Curve(NamedTuple):
     @property
     def deviation(self) -> Array:
         """How far each joint is at most from linear motion along each piece, (m, n), [rad] or [m]."""
-        begin, inner1, inner2, end = np.moveaxis(self.coefficients, 2, 0)
-        off = np.maximum(
-            np.abs(inner1 - (2.0 * begin + end) / 3.0), np.abs(inner2 - (begin + 2.0 * end) / 3.0)
-        )
-        # The two inner basis polynomials add up to 3 s (1 - s), at most 3/4.
-        return np.asarray(0.75 * off)
+        return deviation(self.coefficients)
 
     def divided(self, parts: int) -> Curve:
         """Return the same curve with each piece divided into equal parts."""
@@ -74,6 +69,14 @@ class Curve(NamedTuple):
         knots = np.append((self.knots[:-1, None] + shares * self.widths[:, None]).ravel(), self.knots[-1])
         piece = np.repeat(np.arange(len(self.begins)), parts)
         return Curve(knots, self.at(knots[:-1], piece), bernstein.subdivided(self.slopes, parts))
+
+
+def deviation(coefficients: Array) -> Array:
+    """Return how far cubic polynomials, (..., 4), are at most from linear ones between the same ends, (...)."""
+    begin, inner1, inner2, end = np.moveaxis(coefficients, -1, 0)
+    off = np.maximum(np.abs(inner1 - (2.0 * begin + end) / 3.0), np.abs(inner2 - (begin + 2.0 * end) / 3.0))
+    # The two inner basis polynomials add up to 3 s (1 - s), at most 3/4.
+    return np.asarray(0.75 * off)
 
 
 def spline(q: Array, speeds: Array, lower: Array, upper: Array) -> tuple[Curve, Indices]:

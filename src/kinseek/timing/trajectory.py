@@ -123,7 +123,9 @@ class Trajectory(Lazy):
         Raises:
             InvalidProblem: A time is not a number from 0 to the duration.
         """
-        return self._at(t, 0)
+        q, arm = self._at(t, 0), self.mechanism
+        # Rounding errors may leave the limits.
+        return np.where(arm.endless, q, np.clip(q, arm.lower, arm.upper))
 
     def velocity(self, t: ArrayLike) -> Array:
         """Return the joint velocities at times, (...), as (..., n), [rad/s] or [m/s].
