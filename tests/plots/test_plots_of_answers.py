@@ -176,6 +176,51 @@ def test_lengths_and_angles_have_a_largest_step_each() -> None:
     assert "0.5 rad of turn to row 1 and 0.2 m of lift to row 1" in figure.get_suptitle()
 
 
+def circle(arm: kinseek.Arm, **limits: Any) -> kinseek.Trajectory:
+    """A motion of the hand along a circle."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 100)
+    poses = np.repeat(DOWN[None], 100, axis=0)
+    poses[:, :2, 3] += 0.1 * np.stack([np.cos(angle) - 1.0, np.sin(angle)], axis=1)
+    return arm.follow(poses).timed(acceleration=6.0, **limits)
+
+
+def test_a_trajectory_is_drawn_as_shares_of_its_limits() -> None:
+    motion = circle(PANDA, tool_speed=0.3)
+    figure = plots.trajectory(motion)
+    panels = {axes.get_ylabel().replace("\n", " "): axes for axes in figure.axes}
+    assert list(panels) == ["joint / limit", "velocity / limit", "acceleration / limit", "tip [m/s]"]
+    drawn = [line.get_data() for line in panels["velocity / limit"].lines[:7]]
+    for i, (t, share) in enumerate(drawn):
+        np.testing.assert_allclose(share, motion.velocity(t)[:, i] / PANDA.velocity[i])
+    t, speed = panels["tip [m/s]"].lines[0].get_data()
+    np.testing.assert_allclose(speed, motion.tip_speed(t))
+    limits = [line.get_ydata()[0] for line in panels["tip [m/s]"].lines if line.get_linestyle() == "--"]
+    assert limits == [0.3]
+    # Thick is where the tool has its full speed, and this is in the title.
+    thick = [line for line in panels["tip [m/s]"].lines if line.get_linewidth() > 2.0]
+    assert len(thick) == 1
+    marked = np.isfinite(thick[0].get_ydata())
+    np.testing.assert_array_equal(
+        marked,
+        np.any([(t >= cap.begin) & (t <= cap.end) for cap in motion.bottleneck if cap.joint is None], axis=0),
+    )
+    assert speed[marked].min() > 0.29
+    assert f"tool speed {100 * marked.mean():.0f} %" in figure.get_suptitle()
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend == list(PANDA.joint_names)
+
+
+def test_stops_of_a_trajectory_are_dotted() -> None:
+    q = np.array([[0.1, -1.0, 1.2, -0.4, 0.5, 0.0]]) + np.linspace(0.0, 0.5, 20)[:, None]
+    path = UR5E.follow(UR5E.fk(np.concatenate([q, q[:10] + 1.5])), max_step=0.2)
+    motion = path.timed(acceleration=6.0)
+    assert len(motion.stops) > 0
+    dotted = [
+        line.get_xdata()[0] for line in plots.trajectory(motion).axes[1].lines if line.get_linestyle() == ":"
+    ]
+    assert dotted == motion.pose_times[motion.stops].tolist()
+
+
 @pytest.mark.parametrize("arm", [UR5E, PANDA], ids=lambda arm: arm.name)
 def test_samples_have_the_coordinates_they_are_sorted_by(arm: kinseek.Arm) -> None:
     from kinseek.kernels.atlas.tree import LEAF_SIZE
@@ -275,6 +320,8 @@ PICTURES: dict[str, Callable[[], Any]] = {
     "joints that slide": lambda: plots.joints(
         kinseek.load("scara4").sample(300), kinseek.load("scara4"), times=np.arange(300) * 0.01
     ),
+    "trajectory": lambda: plots.trajectory(circle(UR5E)),
+    "trajectory of a tool": lambda: plots.trajectory(circle(PANDA, tool_speed=0.3)),
 }
 
 
@@ -330,6 +377,8 @@ def test_without_matplotlib_the_extra_is_named(name: str, monkeypatch: pytest.Mo
         (lambda: plots.joints(np.zeros((3, 7)), PANDA, breaks=[3]), "from 1 to 2"),
         (lambda: plots.joints(np.zeros((3, 7)), PANDA, breaks=[0.5]), "from 1 to 2"),  # type: ignore[list-item]
         (lambda: plots.joints(np.zeros((3, 7)), PANDA, times=[0, 1, 1]), "3 increasing numbers"),
+        (lambda: plots.trajectory(UR5E.follow([DOWN])), "got Path"),  # type: ignore[arg-type]
+        (lambda: plots.trajectory(UR5E.follow([DOWN]).timed(acceleration=1.0)), "takes no time"),
     ],
 )
 def test_what_cannot_be_drawn_says_so(draw: Callable[[], Any], words: str) -> None:

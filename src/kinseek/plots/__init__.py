@@ -21,6 +21,7 @@ from .maps import bases, cloud, map_slice, volumes
 from .paths import joints
 from .proofs import boxes
 from .traces import breadths, circles, progress, tree
+from .trajectories import trajectory
 from .workspaces import workspace
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
     "samples",
     "save",
     "space",
+    "trajectory",
     "tree",
     "trim",
     "volumes",
