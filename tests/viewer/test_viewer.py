@@ -682,6 +682,85 @@ def test_a_page_that_cannot_begin_leaves_no_threads(
         assert not thread.is_alive()
 
 
+def motion_of(arm: Arm) -> kinseek.Trajectory:
+    """A short motion in time."""
+    q = np.linspace(arm.lower, arm.upper, 9)[3:5]
+    q = q[0] + np.linspace(0.0, 0.3, 12)[:, None] * (q[1] - q[0])
+    return arm.follow(arm.fk(q), start=q[0]).timed(acceleration=20.0)
+
+
+def _rest(page: Any) -> None:
+    """Wait until all work of a page is done."""
+    began = time.monotonic()
+    while not page.idle:
+        assert time.monotonic() < began + 60.0
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_a_motion_is_shown_at_every_time(
+    name: str, sessions: dict[str, Session], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("trimesh")
+    from kinseek.viewer.page import Page
+
+    monkeypatch.setattr(Page, "_fetch", lambda page: None)
+    session = sessions[name]
+    motion = motion_of(session.arm)
+    client = MagicMock(client_id=1)
+    client.camera.aspect = 1.5
+    for name in ("add_html", "add_slider"):  # Not the same one at each call.
+        getattr(client.gui, name).side_effect = lambda *given, **named: MagicMock(value=0.0)
+    page = Page(client, session, Meshes(), motion)
+    try:
+        _rest(page)
+        begins, ends = np.moveaxis(client.scene.add_line_segments.call_args_list[-1].args[1], 1, 0)
+        ends_of_motion = session.arm.fk(motion.q([0.0, motion.duration]))[:, :3, 3]
+        np.testing.assert_allclose([begins[0], ends[-1]], ends_of_motion, atol=1e-5)
+        for t in (0.0, 0.4 * motion.duration, motion.duration, motion.duration + 0.001):
+            page.show_time(t)
+            shown = min(t, motion.duration)
+            np.testing.assert_array_equal(page.options.q, motion.q(shown))
+            assert page.panel.time.value == shown
+            assert f"{shown:.3f} of {motion.duration:.3f} s; tip {motion.tip_speed(shown):.3f} m/s" in (
+                page.panel.motion.content
+            )
+        # Played in real time from its begin, as its end is shown.
+        times: list[tuple[float, float]] = []
+        monkeypatch.setattr(page, "show_time", lambda t: times.append((time.monotonic(), t)))
+        page._player.give("motion")
+        _rest(page)
+        real, played = np.array(times).T
+        assert played[0] < 0.5 * motion.duration
+        assert (np.diff(played) > 0.0).all()
+        assert played[-1] == motion.duration
+        # A picture shows a time that has come, and none is shown too early.
+        assert ((real - real[0])[:-1] >= (played - played[0])[:-1] - 1e-3).all()
+    finally:
+        page.close()
+
+
+def test_what_caps_a_motion_is_said() -> None:
+    arm = kinseek.load("ur5e")
+    motion = motion_of(arm)
+    cap = motion.bottleneck[0]
+    assert f"capped by the {cap.limit} of {cap.joint}" in words.motion_html(
+        motion, 0.5 * (cap.begin + cap.end)
+    )
+
+
+def test_a_motion_must_be_one_of_the_arm() -> None:
+    ur5e, panda = kinseek.load("ur5e"), kinseek.load("panda")
+    still = ur5e.follow([ur5e.fk(np.full(6, 0.3))]).timed(acceleration=1.0)
+    for motion, text in (
+        (np.zeros((3, 6)), "got ndarray"),
+        (motion_of(panda), "one of 'ur5e' .*got one of 'panda'"),
+        (still, "takes no time"),
+    ):
+        with pytest.raises(InvalidUse, match=text):
+            kinseek.viewer.show(ur5e, trajectory=motion, port=0)  # type: ignore[arg-type]
+
+
 @pytest.mark.slow
 def test_viser_is_quiet_and_other_threads_print_on(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("viser")

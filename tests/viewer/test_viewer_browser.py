@@ -255,6 +255,27 @@ def test_out_of_reach_is_shown_and_proved(visit: Visit) -> None:
     visit.until(lambda: visit.status == "good")
 
 
+def test_a_motion_is_played(browser: Any) -> None:
+    arm = kinseek.load("ur5e")
+    q = np.array([0.1, -1.0, 1.2, -0.4, 0.5, 0.0]) + np.linspace(0.0, 1.0, 40)[:, None]
+    motion = arm.follow(arm.fk(q), start=q[0]).timed(acceleration=4.0)
+    with viewer.show(arm, trajectory=motion, port=0, block=False, open_browser=False) as running:
+        visit = Visit(browser, running)
+        visit.page.show_time(0.0)
+        visit.until(lambda: f"0.000 of {motion.duration:.3f} s" in visit.words)
+        np.testing.assert_array_equal(visit.page.options.q, motion.q(0.0))
+        before = visit.look("motion begin")
+        visit.tab.get_by_role("button", name="play").first.click()
+        visit.until(lambda: f"{motion.duration:.3f} of {motion.duration:.3f} s" in visit.words)
+        np.testing.assert_array_equal(visit.page.options.q, motion.q(motion.duration))
+        assert (np.abs(visit.look("motion end") - before) > 40).any(axis=2).mean() > 0.01
+        # The slider, one step back from the end.
+        visit.tab.get_by_role("slider").first.press("ArrowLeft")
+        visit.until(lambda: f"{motion.duration:.3f} of" not in visit.words)
+        assert np.abs(visit.page.options.q - motion.q(motion.duration)).max() < 0.1
+        visit.leave()
+
+
 def test_a_search_is_switched_and_shown_pass_by_pass(visit: Visit) -> None:
     visit.tab.get_by_text("Search", exact=True).first.click()
     visit.page.change(search="DivideAndConquer")

@@ -16,6 +16,7 @@ from pathlib import Path
 from kinseek.arm import Arm
 from kinseek.errors import InvalidUse
 from kinseek.printable import printable
+from kinseek.timing.trajectory import Trajectory
 
 from .server import Viewer, browser_here, open_page
 
@@ -25,6 +26,7 @@ __all__ = ["Viewer", "show"]
 def show(
     arm: Arm,
     *,
+    trajectory: Trajectory | None = None,
     host: str = "127.0.0.1",
     port: int = 8080,
     share: bool = False,
@@ -38,6 +40,7 @@ def show(
 
     Args:
         arm: Any arm; with black-box kinematics only the tip is shown, and nothing can be proved.
+        trajectory: A motion of this arm, to be played in real time or moved through by a slider.
         host: Address to listen at. The default is reachable from this machine only; ``"0.0.0.0"`` accepts the network. Pages
             of other sites are rejected.
         port: Port to listen at; if it is taken, the next free one is used and reported. 0 uses any free port.
@@ -51,11 +54,14 @@ def show(
 
     Raises:
         MissingExtra: viser is not installed.
-        InvalidUse: Not an arm, an address that is not this machine's, no free port, or an unsupported version of viser.
+        InvalidUse: Not an arm, a trajectory of another arm or one that takes no time, an address that is not this
+            machine's, no free port, or an unsupported version of viser.
     """
     if not isinstance(arm, Arm):
         raise InvalidUse(f"show takes an Arm, as kinseek.load gives it, got {type(arm).__name__}")
-    viewer = Viewer(arm, host, port, share, packages)
+    if trajectory is not None:
+        _require_motion(trajectory, arm)
+    viewer = Viewer(arm, host, port, share, packages, trajectory)
     try:
         _announce(viewer, browser_here() if open_browser is None else open_browser, share)
         if block:
@@ -66,6 +72,25 @@ def show(
     if block:
         viewer.wait()
     return viewer
+
+
+def _require_motion(trajectory: Trajectory, arm: Arm) -> None:
+    """Reject what is no motion of an arm.
+
+    Raises:
+        InvalidUse: It is not.
+    """
+    if not isinstance(trajectory, Trajectory):
+        raise InvalidUse(
+            f"trajectory must be the result of path.timed() or arm.move(), got {type(trajectory).__name__}"
+        )
+    if trajectory.mechanism.joint_names != arm.joint_names:
+        raise InvalidUse(
+            f"the trajectory must be one of {arm.name!r} with joints {', '.join(arm.joint_names)}, got one of "
+            f"{trajectory.mechanism.name!r} with joints {', '.join(trajectory.mechanism.joint_names)}"
+        )
+    if trajectory.duration == 0.0:
+        raise InvalidUse("the trajectory takes no time, so there is nothing to play")
 
 
 def _announce(viewer: Viewer, open_browser: bool, share: bool) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.result import Branches
 from kinseek.errors import KinseekError
+from kinseek.timing.trajectory import Trajectory
 from kinseek.trace import Trace
 
 from . import clouds, words
@@ -30,6 +32,12 @@ QUIET = 0.12
 NARROW = 0.7
 """Ratio of a window's width to its height below which it is treated as an upright telephone."""
 
+FRAME = 1.0 / 30.0
+"""Time from one picture of a played motion to the next [s]."""
+
+CURVE_POINTS = 400
+"""Number of places of the tip through which the line of a motion is drawn."""
+
 PASS, SHOW = 0.9, 12.0
 """Time for which a pass is shown during playback, and maximum time of the whole playback [s]."""
 
@@ -37,9 +45,12 @@ PASS, SHOW = 0.9, 12.0
 class Page:
     """One person's page. Any thread may report a change by `change`; the page responds in threads of its own."""
 
-    def __init__(self, client: Any, session: Session, meshes: Meshes) -> None:
+    def __init__(
+        self, client: Any, session: Session, meshes: Meshes, trajectory: Trajectory | None = None
+    ) -> None:
         """Lay out the scene and the panel with the options stored in this browser, and solve the first goal."""
         self._client, self._session, self.arm = client, session, session.arm
+        self.trajectory = trajectory
         self._lock = threading.RLock()
         self.options = read_selection(self._fetch(), session.begin)
         self.result = GoalResult(self.options, self.options.q)
@@ -58,8 +69,11 @@ class Page:
             self._show_passes,
             self.show_pass,
             lambda: self._player.give("play"),
+            self._choose_time,
+            lambda on: self._player.give("motion" if on else "stop"),
         )
-        self.panel = Panel(client.gui, self.arm, self.options, actions, meshes)
+        duration = None if trajectory is None else trajectory.duration
+        self.panel = Panel(client.gui, self.arm, self.options, actions, meshes, duration)
         name = f"kinseek page {id(self):x}"
         self._solver = Newest(self._solve, f"{name}: solutions")
         self._prover = Newest(self._prove, f"{name}: proofs", QUIET)
@@ -98,6 +112,9 @@ class Page:
         self.scene.goal.on_update(dragged)
         client.camera.on_update(looked)
         self.scene.on_ghost(self.pick)
+        if self.trajectory is not None:
+            t = np.linspace(0.0, self.trajectory.duration, CURVE_POINTS)
+            self.scene.show_curve(self.arm.fk(self.trajectory.q(t))[:, :3, 3])
         self._solver.give(None)
 
     @property
@@ -123,6 +140,7 @@ class Page:
         ):
             self.scene.show_goal(after.target)
         if {"target", "free", "search", "parameters", "follow"} & changes.keys():
+            self._player.give("stop")
             self._solver.give(None)
         else:
             self._clouder.give("again")
@@ -144,6 +162,25 @@ class Page:
         self.panel.show_number(number, len(trace))
         self.panel.pass_text.content = words.pass_html(trace, number)
         self.panel.joints.content = words.joints_html(self.arm, self.result.q, one)
+
+    def show_time(self, t: float) -> None:
+        """Show the trajectory at a time [s]; the next goal is solved near the joint values shown then."""
+        trajectory = self.trajectory
+        if trajectory is None:
+            return
+        t = min(t, trajectory.duration)
+        q = trajectory.q(t)
+        with self._lock, self._client.atomic():
+            self.options = self.options.but(q=q)
+            self.scene.show_arm(q, self.options.target, True)
+            self.scene.show_ghosts(np.zeros((0, self.arm.dof)), -1)
+            self.panel.joints.content = words.joints_html(self.arm, q)
+            self.panel.motion.content = words.motion_html(trajectory, t)
+            self.panel.time.value = t
+
+    def _choose_time(self, t: float) -> None:
+        self._player.give("stop")
+        self.show_time(t)
 
     def close(self) -> None:
         """End the threads after the page was closed."""
@@ -190,7 +227,7 @@ class Page:
             self.pick((nearest_of(known, self.result.q) + step) % len(known))
 
     def _goal_to_arm(self) -> None:
-        target = self.arm.fk(self.result.q)
+        target = self.arm.fk(self.options.q)
         if np.isfinite(target).all():
             self.change(target=target)
 
@@ -302,7 +339,27 @@ class Page:
             self.panel.joints.content = words.joints_html(self.arm, self.result.q)
         self._clouder.give("again")
 
-    def _play(self, _: str) -> None:
+    def _play(self, what: str) -> None:
+        if what == "motion":
+            self._play_motion()
+        elif what == "play":
+            self._play_passes()
+
+    def _play_motion(self) -> None:
+        """Play the trajectory in real time from the time that is shown, or from its begin if that is the end."""
+        trajectory = self.trajectory
+        if trajectory is None:
+            return
+        shown = float(self.panel.time.value)
+        begin = time.monotonic() - (shown if shown < trajectory.duration else 0.0)
+        t = 0.0
+        while t < trajectory.duration and not self._player.stale():
+            t = min(time.monotonic() - begin, trajectory.duration)
+            self.show_time(t)
+            self._client.flush()
+            self._player.wait(FRAME)
+
+    def _play_passes(self) -> None:
         trace = self.trace
         for number in range(len(trace or ())):
             if trace is not self.trace or self._player.stale():

@@ -23,6 +23,10 @@ from .words import joints_html, note_html, refused_html
 Array = NDArray[np.float64]
 
 
+MOMENTS = 200
+"""Number of times at least that the slider of a motion can show."""
+
+
 @dataclass(frozen=True)
 class Actions:
     """Actions of a panel on its page."""
@@ -38,19 +42,34 @@ class Actions:
     show_pass: Callable[[int], object]
     """Show the pass with this index."""
     play: Callable[[], object]
+    """Show one pass after another."""
+    show_time: Callable[[float], object]
+    """Show a motion at a time [s]."""
+    play_motion: Callable[[bool], object]
+    """Play a motion from the time that is shown, or stop."""
 
 
 class Panel:
     """One person's panel; `gui` is that of their connection alone."""
 
-    def __init__(self, gui: Any, arm: Arm, options: ViewerOptions, actions: Actions, meshes: Meshes) -> None:
-        """Lay out the panel."""
+    def __init__(
+        self,
+        gui: Any,
+        arm: Arm,
+        options: ViewerOptions,
+        actions: Actions,
+        meshes: Meshes,
+        duration: float | None,
+    ) -> None:
+        """Lay out the panel; `duration` is that of a motion to be played, if there is one [s]."""
         self._gui, self._arm, self._do = gui, arm, actions
         self.result = gui.add_html("")
         self.branches = gui.add_html("")
         step = gui.add_button_group("Branch", ("previous", "next"))
         self._on(step, lambda value: actions.step_branch(-1 if value == "previous" else 1), click=True)
         self.joints = gui.add_html(joints_html(arm, options.q))
+        if duration is not None:
+            self._motion(duration)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Goal"):
             self._goal(options)
@@ -58,6 +77,14 @@ class Panel:
             self._search(options)
         with tabs.add_tab("See"):
             self._see(options, meshes)
+
+    def _motion(self, duration: float) -> None:
+        step = 10.0 ** np.floor(np.log10(duration / MOMENTS))
+        self.time = self._gui.add_slider("Time [s]", 0.0, step * np.ceil(duration / step), step, 0.0)
+        self._on(self.time, lambda t: self._do.show_time(float(t)))
+        playing = self._gui.add_button_group("Motion", ("play", "stop"))
+        self._on(playing, lambda value: self._do.play_motion(value == "play"), click=True)
+        self.motion = self._gui.add_html("")
 
     def _goal(self, options: ViewerOptions) -> None:
         gui, change = self._gui, self._do.change

@@ -25,6 +25,7 @@ LINK, JOINT = (232, 125, 10), (84, 92, 106)
 GHOST = (20, 90, 205)
 SEARCH = (194, 59, 0)
 REACHED, CLOUD = (0, 158, 115), (122, 78, 142)
+CURVE = (122, 78, 142)
 
 _FAR = 1e-6
 """An invisible size [m]."""
@@ -176,6 +177,11 @@ class Scene:
         """Draw these solutions, (k, n), transparent, except for the one already shown."""
         if self._ghosts is not None:
             self._ghosts.show(q, shown)
+
+    def show_curve(self, places: Array) -> None:
+        """Draw the curve of the tip along a motion through places, (k, 3) [m]."""
+        points = np.stack([places[:-1], places[1:]], axis=1).astype(np.float32)
+        self._api.add_line_segments("/motion", points, CURVE, thickness=2.0, thickness_units="screen")
 
     def show_pass(self, q: Array | None, places: Array | None) -> None:
         """Show the best joint values after a pass, (n,), and the tip positions at its nodes, (k, 3); None: nothing."""

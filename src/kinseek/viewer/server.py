@@ -20,6 +20,7 @@ from kinseek.arm import Arm
 from kinseek.errors import InvalidUse, MissingExtra
 from kinseek.printable import printable
 from kinseek.support.validation import as_integer
+from kinseek.timing.trajectory import Trajectory
 
 from .door import Door, is_loopback
 from .meshes import meshes_of
@@ -41,6 +42,7 @@ class Viewer:
         port: int = 8080,
         share: bool = False,
         packages: Mapping[str, str | Path] | None = None,
+        trajectory: Trajectory | None = None,
     ) -> None:
         """Start serving; the arguments are those of `kinseek.viewer.show`."""
         try:
@@ -95,7 +97,7 @@ class Viewer:
             # The client may leave at any time, also while its page is laid out.
             _leave_quietly(client)
             try:
-                page = Page(client, self._session, self.meshes)
+                page = Page(client, self._session, self.meshes, trajectory)
             except Exception:  # viser would print it; usually a client left at once.
                 if client.client_id in self._server.get_clients():
                     _log.exception("a page could not be laid out")

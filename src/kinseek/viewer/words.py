@@ -9,6 +9,7 @@ from kinseek.arm import Arm
 from kinseek.branches.result import Branches
 from kinseek.printable import in_html
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
+from kinseek.timing.trajectory import Trajectory
 from kinseek.trace import Pass, Trace
 
 from .session import GoalResult, Proof, call_of, status_of
@@ -165,6 +166,19 @@ def call_html(result: GoalResult) -> str:
     return _block(
         f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{in_html(call_of(result.options))}</code>"
     )
+
+
+def motion_html(trajectory: Trajectory, t: float) -> str:
+    """What a motion does at a time [s]: the speed of the tip, and the limit that caps the speed."""
+    parts = [f"{t:.3f} of {trajectory.duration:.3f} s"]
+    if trajectory.mechanism.axes is not None:
+        parts.append(f"tip {float(trajectory.tip_speed(t)):.3f} m/s")
+    for cap in trajectory.bottleneck:
+        if cap.begin <= t <= cap.end:
+            what = "the tool speed" if cap.joint is None else f"the {cap.limit} of {cap.joint}"
+            parts.append(f"capped by {what}")
+            break
+    return note_html("; ".join(parts))
 
 
 def note_html(*sentences: str) -> str:
