@@ -296,6 +296,9 @@ def pictures(arm: kinseek.Arm) -> dict[str, Callable[[], Any]]:
         "passes": lambda: plots.passes(searched(), points=9),
         "progress": lambda: plots.progress([searched()]),
         "samples": lambda: plots.samples(arm, arm.fk(q)),
+        "trajectory": lambda: plots.trajectory(
+            arm.follow(arm.fk(np.linspace(q, 1.1 * q, 5)), start=q).timed(1.0, 5.0, tool_speed=0.1)
+        ),
         "tree": lambda: plots.tree(searched()),
         "volumes": lambda: plots.volumes([proved()]),
         "windows": lambda: plots.windows(searched(), points=9),
@@ -315,7 +318,8 @@ PICTURES = (
         "cloud",
         "joints",
     ),
-    *("landscape", "map_slice", "passes", "progress", "samples", "tree", "volumes", "windows", "workspace"),
+    *("landscape", "map_slice", "passes", "progress", "samples", "trajectory", "tree"),
+    *("volumes", "windows", "workspace"),
 )
 
 
