@@ -14,18 +14,12 @@ import importlib.util
 import os
 import sys
 from collections.abc import Generator, Iterator
-from dataclasses import fields
 from importlib import metadata
-from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-
-if TYPE_CHECKING:
-    from kinseek.collision import Shape
 
 settings.register_profile(
     "kinseek",
@@ -98,25 +92,3 @@ def _no_picture_and_no_style_is_left() -> Iterator[None]:
     if pyplot := sys.modules.get("matplotlib.pyplot"):
         pyplot.close("all")
         pyplot.rcdefaults()
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _spheres_are_fitted_once_to_a_shape() -> Iterator[None]:
-    """Reuse the cover of an equal shape or group of shapes in another scene: to fit spheres takes up to half a second.
-
-    Other modules have the public functions of `spheres` under names of their own, so what these call is replaced.
-    """
-    from kinseek.collision import spheres
-
-    fit, covers = spheres._fitted, dict[Any, spheres.Cover]()
-
-    def fitted(shape: Shape) -> spheres.Cover:
-        numbers = (np.asarray(getattr(shape, field.name)).tobytes() for field in fields(shape))
-        key = (type(shape), *numbers)
-        if key not in covers:
-            covers[key] = fit(shape)
-        return covers[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(spheres, "_fitted", fitted)
-        yield

@@ -12,7 +12,7 @@ import kinseek
 from cells import FACES, TETRAHEDRON, write_arm
 from kinseek import Scene
 from kinseek.collision import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere
-from kinseek.collision.spheres import COUNT, FEW, cover_of, cover_of_many, pieces_of
+from kinseek.collision.spheres import COUNT, FEW, Boxed, cover_of, cover_of_many, covers_of, halved
 from kinseek.kernels.collision.gaps import DOUBT, FREE, TOUCH
 
 pytest.importorskip("coal")
@@ -101,17 +101,29 @@ def test_inner_spheres_lie_in_the_shape(shape: Shape) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shape", [SHAPES[0], SHAPES[1], SHAPES[4], SHAPES[6], SHAPES[7]], ids=name_of)
-def test_the_pieces_of_a_hull_make_up_the_hull(shape: Shape) -> None:
-    hull = spatial.ConvexHull(shape.corners)
-    pieces = pieces_of(hull.points[hull.simplices], hull.equations.T)
-    assert len(pieces) == COUNT
-    volume = 0.0
-    for _, ball, surface in pieces:
-        points = surface.reshape(-1, 3) + (hull.points.min(axis=0) + hull.points.max(axis=0)) / 2
-        assert np.linalg.norm(points - ball[:3], axis=1).max() <= ball[3]
-        volume += spatial.ConvexHull(points, qhull_options="QJ").volume
-    assert volume == pytest.approx(hull.volume, rel=1e-6)
+def test_the_pieces_of_hulls_make_up_the_hulls() -> None:
+    shapes = [SHAPES[0], SHAPES[1], SHAPES[4], SHAPES[6], SHAPES[7]]
+    bodies = [Boxed.of(shape.corners, 0.0, exact=False) for shape in shapes]
+    for count, (corners, centre) in zip((2, 4, 8, 16, 32), halved(bodies), strict=True):
+        assert len(centre) == count * len(bodies)
+        volumes = [
+            spatial.ConvexHull(corners.points[corners.piece == i], qhull_options="QJ").volume
+            for i in range(len(centre))
+        ]
+        for body, volume in zip(bodies, np.reshape(volumes, (-1, count)).sum(axis=1), strict=True):
+            assert volume == pytest.approx(body.hull.volume, rel=1e-6)
+
+
+def test_shapes_together_and_again_have_the_same_covers() -> None:
+    shapes = [Mesh(size * SHAPES[7].corners, np.array([[0, 1, 2]])) for size in np.linspace(1, 2, 40)]
+    for shape, cover in zip(shapes, covers_of(shapes), strict=True):
+        again = Mesh(shape.vertices, shape.faces, name="another name")
+        assert again == shape
+        assert cover_of(again) is cover
+    assert len({id(cover) for cover in covers_of([*shapes, *shapes])}) == len(shapes)
+    assert Box((0.1, 0.2, 0.3)) == Box([0.1, 0.2, 0.3])
+    assert Cylinder(0.1, 0.2) != Capsule(0.1, 0.2) != Capsule(0.2, 0.1)
+    assert Mesh(TETRAHEDRON, FACES) != Mesh(TETRAHEDRON, FACES, hull=False)
 
 
 def test_what_holds_two_shapes_holds_both() -> None:

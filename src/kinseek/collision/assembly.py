@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from .bodies import Body
 from .engine import Engine, Solid, joints_of
 from .motion import Speeds
 from .pairs import Pair, key
+from .shapes import measures_of
 
 MOST_PAIRS = 200_000
 """Maximum number of checked pairs of shapes: each takes some 6 kB."""
@@ -88,9 +89,8 @@ def digest(bodies: Iterable[Body], pairs: Iterable[Pair]) -> str:
         for part in body.parts:
             sha.update(type(part.shape).__name__.encode())
             sha.update(np.ascontiguousarray(body.frame.pose @ part.pose).tobytes())
-            for item in fields(part.shape):
-                if item.name != "name":  # The name of a mesh, for messages.
-                    sha.update(np.ascontiguousarray(getattr(part.shape, item.name)).tobytes())
+            for numbers in measures_of(part.shape):
+                sha.update(numbers.tobytes())
     for pair in pairs:
         sha.update(f"{pair.a!r} {pair.b!r} {pair.counts}".encode())
     return sha.hexdigest()[:16]

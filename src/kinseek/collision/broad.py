@@ -18,7 +18,7 @@ from kinseek.robots.chain import Frame, SerialChain
 from .cells import NEVER_APART, Meeting, Member, make_collision_model
 from .charts import Carried, Chart, chart_of, charts_of
 from .shapes import GRAIN, Points
-from .spheres import COUNT, rough_cover
+from .spheres import COUNT, covers_of, rough_cover
 
 if TYPE_CHECKING:
     from .engine import Solid
@@ -53,7 +53,8 @@ class Broad:
     ) -> None:
         """Attach the covers of all parts to their joints."""
         self.count = len(pairs)
-        parts = [Member.of(solid) for solid in solids]
+        covers = covers_of([solid.shape for solid in solids])
+        parts = [Member.of(solid, cover) for solid, cover in zip(solids, covers, strict=True)]
         # A cloud is split into small neighbourhoods: free of all of them implies free of the cloud.
         pieces = [[i] for i in range(len(parts))]
         for i, solid in enumerate(solids):
@@ -76,7 +77,7 @@ class Broad:
         for i, solid in enumerate(solids):
             if not parts[i].solid and len(solid.shape.inner_corners):
                 within[i] = len(parts)
-                parts.append(Member.inside(solid))
+                parts.append(parts[i].inside(solid))
                 within.append(within[i])
         charts = [_chart(chain, solids, each, pairs, pads) for each in gathered]
         sides = [(number[each.groups[0]], number[each.groups[1]]) for each in gathered]

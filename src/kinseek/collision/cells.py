@@ -14,7 +14,7 @@ from kinseek.kernels.collision.gaps import NUMBERS
 from kinseek.kernels.collision.model import BLOCK, LANES, CollisionModel
 
 from .shapes import GRAIN, Points
-from .spheres import COUNT, Cover, cover_of, cover_of_many
+from .spheres import COUNT, Cover, cover_of_many
 
 if TYPE_CHECKING:
     from .engine import Solid
@@ -46,17 +46,16 @@ class Member(NamedTuple):
     """Sphere around all of it: x, y, z, radius, (4,)."""
 
     @classmethod
-    def of(cls, solid: Solid) -> Self:
-        """Return the cover of a part in the frame of its joint."""
+    def of(cls, solid: Solid, cover: Cover) -> Self:
+        """Return the cover of a part, given in its own frame, in the frame of its joint."""
         # coal represents a point as a small triangle; a pair reported as free must be free of it, too.
         thick = solid.shape.thickness + GRAIN * isinstance(solid.shape, Points)
-        return cls.placed(solid.joint, solid.pose, cover_of(solid.shape), thick)
+        return cls.placed(solid.joint, solid.pose, cover, thick)
 
-    @classmethod
-    def inside(cls, solid: Solid) -> Self:
-        """Return the inner cover of a part in the frame of its joint."""
-        cover = cover_of_many(solid.shape.inner_corners, solid.shape.thickness)
-        return cls.placed(solid.joint, solid.pose, cover, solid.shape.thickness)._replace(solid=True)
+    def inside(self, solid: Solid) -> Self:
+        """Return the hull inside a part that this covers; its spheres and its box only help to find a plane."""
+        corners = solid.pose[:3, :3] @ solid.shape.inner_corners.T + solid.pose[:3, 3:]
+        return self._replace(corners=corners, solid=True)
 
     @classmethod
     def placed(cls, joint: int, pose: Array, cover: Cover, thick: float) -> Self:

@@ -113,7 +113,7 @@ def _inside_farthest(points: Array, count: int) -> NDArray[np.bool_]:
     """Return which points lie inside the hull of the farthest points in `count` directions."""
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     scaled = (points - low) / np.where(size > 0, size, 1.0)
-    farthest = np.unique([np.argmax(scaled @ way) for way in _directions(count)])
+    farthest = np.unique([np.argmax(scaled @ way) for way in directions(count)])
     spatial = library("scipy.spatial")
     try:
         hull = spatial.ConvexHull(scaled[farthest])
@@ -122,7 +122,7 @@ def _inside_farthest(points: Array, count: int) -> NDArray[np.bool_]:
     return farthest_beyond(scaled, np.ascontiguousarray(hull.equations.T)) < -_DEEP
 
 
-def _directions(count: int) -> Array:
+def directions(count: int) -> Array:
     """Return evenly spread unit vectors, (count, 3): a Fibonacci lattice (Swinbank and Purser 2006)."""
     numbers = np.arange(count) + 0.5
     z, angles = 1 - 2 * numbers / count, np.pi * (1 + np.sqrt(5)) * numbers

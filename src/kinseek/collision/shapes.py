@@ -6,9 +6,10 @@ and the reach of its points, are computed from these two alone.
 
 from __future__ import annotations
 
+import hashlib
 import os
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,7 +51,24 @@ _SIDES = 16
 
 @dataclass(frozen=True, eq=False)
 class Shape(Lazy, ABC):
-    """A shape in its own frame, lengths in [m]."""
+    """A shape in its own frame, lengths in [m]; equal to another one of its kind with the same measures."""
+
+    @lazy
+    def _digest(self) -> bytes:
+        """A digest of its kind and its measures."""
+        sha = hashlib.sha256(type(self).__name__.encode())
+        for numbers in measures_of(self):
+            sha.update(repr(numbers.shape).encode())
+            sha.update(numbers.tobytes())
+        return sha.digest()
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether the other one is an equal shape."""
+        return isinstance(other, Shape) and self._digest == other._digest
+
+    def __hash__(self) -> int:
+        """Return equal numbers for equal shapes."""
+        return hash(self._digest)
 
     @property
     def thickness(self) -> float:
@@ -447,6 +465,16 @@ class Points(Shape):
         grain = GRAIN * np.array([[1.0, 0.0, 0.0], [-0.5, 0.75, 0.25], [-0.5, -0.75, -0.25]])
         vertices = (self.places[:, None] + grain).reshape(-1, 3)
         return triangles(vertices, np.arange(len(vertices)).reshape(-1, 3))
+
+
+def measures_of(shape: Shape) -> list[NDArray[Any]]:
+    """Return all numbers of a shape: what two shapes of one kind differ by, other than a name for messages."""
+    return [np.ascontiguousarray(getattr(shape, item.name)) for item in fields(shape) if item.name != "name"]
+
+
+def digest_of(shape: Shape) -> bytes:
+    """Return a digest that is the same for equal shapes only."""
+    return shape._digest
 
 
 def file_path(path: Any) -> Path:

@@ -39,11 +39,15 @@ class LRUCache(Generic[Key, Thing]):
             return self._things[key]
 
     def _forget(self) -> None:
-        if self._most is None:
+        if self._most is None or len(self._things) <= self._most:
             return
         going = [key for key in self._things if self._may_go(key)]
         for oldest in going[: max(len(going) - self._most, 0)]:
             del self._things[oldest]
+
+    def __contains__(self, key: Key) -> bool:
+        """Return whether there is a value for a key now."""
+        return key in self._things
 
     def __len__(self) -> int:
         """Number of values."""
