@@ -104,7 +104,7 @@ def test_inner_spheres_lie_in_the_shape(shape: Shape) -> None:
 def test_the_pieces_of_hulls_make_up_the_hulls() -> None:
     shapes = [SHAPES[0], SHAPES[1], SHAPES[4], SHAPES[6], SHAPES[7]]
     bodies = [Boxed.of(shape.corners, 0.0, exact=False) for shape in shapes]
-    for count, (corners, centre) in zip((2, 4, 8, 16, 32), halved(bodies), strict=True):
+    for count, (corners, centre) in zip((2, 4, 8, 16, 32), halved(bodies, COUNT), strict=True):
         assert len(centre) == count * len(bodies)
         volumes = [
             spatial.ConvexHull(corners.points[corners.piece == i], qhull_options="QJ").volume
@@ -132,7 +132,7 @@ def test_what_holds_two_shapes_holds_both() -> None:
     assert not cover.solid
     assert (cover.inner[3] < 0).all()
     for shape, off in ((SHAPES[0], 0.0), (SHAPES[7], 1.0)):
-        away = np.linalg.norm(inside(shape)[:, None] + off - cover.outer[:3].T, axis=2) - cover.outer[3]
+        away = np.linalg.norm(inside(shape)[:, None] + off - cover.rough[:3].T, axis=2) - cover.rough[3]
         assert away.min(axis=1).max() <= -0.05 + 1e-12
 
 

@@ -20,7 +20,7 @@ from kinseek.support.caching import LRUCache
 
 from .geometry import library
 from .hulls import directions, farthest_beyond
-from .shapes import Box, Capsule, Shape, Sphere, digest_of
+from .shapes import Box, Capsule, Cylinder, Shape, Sphere, digest_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -113,9 +113,10 @@ def covers_of(shapes: Sequence[Shape]) -> list[Cover]:
 
 
 def cover_of_many(points: Array, thickness: float) -> Cover:
-    """Fit spheres and a box to the thickened hull of points; the cover has no inner spheres."""
+    """Fit a few spheres and a box to the thickened hull of points; the cover has no inner spheres."""
     body = Boxed.of(points, thickness, False)
-    return body.cover(*_spheres_around([body])[0], np.zeros((4, 0)), False)
+    (few,) = _spheres_around([body], [FEW])[0]
+    return body.cover(few, few, np.zeros((4, 0)), False)
 
 
 def rough_cover(points: Array, thickness: float) -> Cover:
@@ -152,9 +153,9 @@ class Boxed(NamedTuple):
     def cover(self, rough: Array, outer: Array, inner: Array, solid: bool) -> Cover:
         """Return the cover with these spheres, (4, at most so many)."""
         spheres = (_padded(rough, FEW), _padded(outer), _padded(inner))
-        return Cover(
-            *spheres, self.core, self.half, self.exact, self.corners, solid, ball_around(self.corners)
-        )
+        middle = np.array([*self.core[:3, 3], np.linalg.norm(self.half)])
+        ball = middle if self.exact else ball_around(self.corners)
+        return Cover(*spheres, self.core, self.half, self.exact, self.corners, solid, ball)
 
     def inside(self, points: Array) -> Array:
         """Return points, (..., 3), in the frame of the box."""
@@ -180,23 +181,25 @@ def _fitted(shapes: Sequence[Shape]) -> list[Cover]:
         for shape in shapes
     ]
     return [
-        body.cover(*around, _spheres_inside(shape, body), shape.is_hull)
-        for shape, body, around in zip(shapes, bodies, _spheres_around(bodies), strict=True)
+        body.cover(few, more, _spheres_inside(shape, body), shape.is_hull)
+        for shape, body, (few, more) in zip(
+            shapes, bodies, _spheres_around(bodies, [FEW, COUNT]), strict=True
+        )
     ]
 
 
-def _spheres_around(bodies: Sequence[Boxed]) -> list[tuple[Array, Array]]:
-    """Return at most `FEW`, and at most `COUNT`, spheres around each body: x, y, z, radius, (4, s)."""
-    around: dict[int, tuple[Array, Array]] = {}
+def _spheres_around(bodies: Sequence[Boxed], counts: Sequence[int]) -> list[list[Array]]:
+    """Return spheres around each body, at most so many of these numbers, `FEW` or more: x, y, z, radius, (4, s)."""
+    around: dict[int, list[Array]] = {}
     for i, body in enumerate(bodies):
         if body.exact:
-            around[i] = (_around_cells(body, FEW), _around_cells(body, COUNT))
+            around[i] = [_around_cells(body, count) for count in counts]
         elif body.hull is None:
-            around[i] = (slices(body.corners, body.thickness, FEW), slices(body.corners, body.thickness))
+            around[i] = [slices(body.corners, body.thickness, count) for count in counts]
     left = [i for i in range(len(bodies)) if i not in around]
     for first in range(0, len(left), _TOGETHER):
         some = left[first : first + _TOGETHER]
-        around |= zip(some, _around_pieces([bodies[i] for i in some]), strict=True)
+        around |= zip(some, _around_pieces([bodies[i] for i in some], counts), strict=True)
     return [around[i] for i in range(len(bodies))]
 
 
@@ -211,21 +214,21 @@ def _around_cells(body: Boxed, most: int) -> Array:
     return body.spheres(centres, np.full(len(centres), np.linalg.norm(body.half / best)))
 
 
-def _around_pieces(hulls: Sequence[Boxed]) -> list[tuple[Array, Array]]:
-    """Return spheres around `FEW`, and around `COUNT`, pieces of each hull."""
+def _around_pieces(hulls: Sequence[Boxed], counts: Sequence[int]) -> list[list[Array]]:
+    """Return spheres around these numbers of pieces of each hull, which are powers of two."""
     around = []
-    for corners, centre in halved(hulls):
-        if len(centre) in (FEW * len(hulls), COUNT * len(hulls)):
+    for corners, centre in halved(hulls, max(counts)):
+        if len(centre) // len(hulls) in counts:
             radii = np.zeros(len(centre))
             away = np.linalg.norm(corners.points - centre[corners.piece], axis=1)
             np.maximum.at(radii, corners.piece, away)
             each = zip(hulls, np.split(centre, len(hulls)), np.split(radii, len(hulls)), strict=True)
             around.append([hull.spheres(*spheres) for hull, *spheres in each])
-    return list(zip(*around, strict=True))
+    return [list(spheres) for spheres in zip(*around, strict=True)]
 
 
-def halved(hulls: Sequence[Boxed]) -> Iterator[tuple[_Grouped, Array]]:
-    """Cut each hull into 2 pieces, 4, 8 and so on, up to `COUNT`.
+def halved(hulls: Sequence[Boxed], most: int) -> Iterator[tuple[_Grouped, Array]]:
+    """Cut each hull into 2 pieces, 4, 8 and so on, up to `most`.
 
     Yields:
         Corners of all pieces, first those of the first hull, and the centres of their spheres, in the frames of the boxes.
@@ -234,7 +237,7 @@ def halved(hulls: Sequence[Boxed]) -> Iterator[tuple[_Grouped, Array]]:
     edges = _Grouped.of(hulls, [_edges(hull.hull) for hull in hulls])
     heights = np.stack([(hull.inside(hull.corners) @ _WAYS).max(axis=0) for hull in hulls])
     middle = np.zeros((len(hulls), 3))
-    while len(middle) < COUNT * len(hulls):
+    while len(middle) < most * len(hulls):
         # Piece i becomes the pieces 2 i and 2 i + 1.
         halves, every = _halves(corners, edges, middle), np.arange(len(middle))
         heights = heights.repeat(2, axis=0)
@@ -371,23 +374,24 @@ def _edges(hull: Any) -> Array:
 
 def _spheres_inside(shape: Shape, body: Boxed) -> Array:
     """Return spheres inside a shape, those that contain most of it first: x, y, z, radius, (4, at most `COUNT`) [m]."""
-    ends = shape.inner_corners
+    ends, grid = shape.inner_corners, _GRID * body.half
+    points = grid @ body.core[:3, :3].T + body.core[:3, 3]
+    # The depth below all sides is the radius of the largest sphere inside the shape at that point.
     if not len(ends):
         return np.zeros((4, 0))
     if isinstance(shape, Box):
-        sides = np.concatenate([np.eye(3), -np.eye(3)])
-        planes = np.vstack([sides.T, -np.tile(body.half, 2)])
-    elif (hull := body.hull if shape.is_hull else _hull(ends)) is not None:
-        planes = _unique_planes(hull.equations)
+        depths = (body.half - np.abs(grid)).min(axis=1)
+    elif isinstance(shape, Cylinder):
+        across = shape.radius - np.hypot(points[:, 0], points[:, 1])
+        depths = np.minimum(across, shape.length / 2 - np.abs(points[:, 2]))
+    elif body.hull is not None:
+        depths = -farthest_beyond(points, _unique_planes(body.hull.equations))
     else:
         # A ball, a line, a flat hull or one of too many corners: after thickening, every point is the centre of a sphere
         # inside.
         share = np.linspace(0.0, 1.0, COUNT)[:, None] if len(ends) > 1 else np.zeros((1, 1))
         places = ends[0] + share * (ends[-1] - ends[0])
         return np.vstack([places.T, np.full(len(places), shape.thickness)])
-    # The depth below all sides is the radius of the largest sphere inside the hull at that point.
-    points = (_GRID * body.half) @ body.core[:3, :3].T + body.core[:3, 3]
-    depths = -farthest_beyond(points, planes)
     points, depths = points[depths > 0], depths[depths > 0]
     tried = np.argsort(-depths)[:_CANDIDATES]
     one, other = points.astype(np.float32), points[tried].astype(np.float32)
