@@ -114,6 +114,13 @@ def test_the_pieces_of_hulls_make_up_the_hulls() -> None:
             assert volume == pytest.approx(body.hull.volume, rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("shape", "most"), [(Cylinder(0.5, 0.02), 0.2), (Cylinder(0.1, 0.7), 0.14), (Box((1, 1, 0.01)), 0.16)]
+)
+def test_spheres_around_plates_and_rods_are_small(shape: Shape, most: float) -> None:
+    assert cover_of(shape).outer[3].max() < most
+
+
 def test_shapes_together_and_again_have_the_same_covers() -> None:
     shapes = [Mesh(size * SHAPES[7].corners, np.array([[0, 1, 2]])) for size in np.linspace(1, 2, 40)]
     for shape, cover in zip(shapes, covers_of(shapes), strict=True):
