@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -276,9 +276,9 @@ def test_where_the_spline_is_not_free_the_arm_moves_linearly() -> None:
             return ~third if around is not None else np.ones(len(q0), dtype=bool)
 
     path = arc(kinseek.load("ur5e"), np.random.default_rng(3), 8)
-    trajectory = replace(path, scene=Narrow()).timed(acceleration=10.0)
+    trajectory = replace(path, scene=cast(Any, Narrow())).timed(acceleration=10.0)
     assert trajectory.stops.tolist() == [2, 3]
-    q = trajectory.q(np.linspace(*trajectory.pose_times[[2, 3]], 20)[1:-1])
+    q = trajectory.q(np.linspace(trajectory.pose_times[2], trajectory.pose_times[3], 20)[1:-1])
     share = (q - path.q[2]) / (path.q[3] - path.q[2])
     np.testing.assert_allclose(share, share[:, :1] + np.zeros(6), atol=1e-9)
     assert max(worst(trajectory)[limit] for limit in ("velocity", "acceleration")) <= 1.0
@@ -298,7 +298,7 @@ def test_a_break_is_crossed_only_if_it_is_free() -> None:
     with pytest.raises(
         kinseek.InvalidProblem, match="at the break after pose 9 the linear motion of the joints is not"
     ):
-        replace(path, scene=Wall()).timed(acceleration=10.0)
+        replace(path, scene=cast(Any, Wall())).timed(acceleration=10.0)
 
 
 def test_bad_times() -> None:
