@@ -232,6 +232,7 @@ def test_one_pose_and_equal_poses() -> None:
         np.testing.assert_array_equal(trajectory.q(0.0), path.q[0])
         assert trajectory.pose_times.tolist() == [0.0] * count
         assert trajectory.bottleneck == ()
+        assert trajectory.deviation == 0.0
         assert len(trajectory.sample(0.01).times) == 1
 
 

@@ -321,7 +321,8 @@ class Trajectory(Lazy):
         Raises:
             InvalidProblem: The arm has no axes.
         """
-        return float(line_distance(self._chain, self._curve, np.unique(self._poses)).max(initial=0.0))
+        poses = np.unique(self._poses)
+        return float(line_distance(self._chain, self._curve, poses).max()) if len(poses) > 1 else 0.0
 
     @lazy
     def _shares(self) -> Shares:
