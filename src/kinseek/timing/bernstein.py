@@ -6,7 +6,6 @@ ends (*Farouki 2012*). The last axis of an array holds the coefficients, in orde
 
 from __future__ import annotations
 
-from functools import lru_cache
 from math import comb
 
 import numpy as np
@@ -29,18 +28,13 @@ def derivative(coefficients: Array) -> Array:
 
 def product(a: Array, b: Array) -> Array:
     """Return products of polynomials, (..., p + 1) and (..., r + 1), of degree p + r."""
-    shares = _shares(a.shape[-1] - 1, b.shape[-1] - 1)
-    return np.asarray(np.einsum("...i,...j,ijk->...k", a, b, shares))
-
-
-@lru_cache(maxsize=32)
-def _shares(p: int, r: int) -> Array:
-    """Return the share of each product of two coefficients in each coefficient of the product, (p + 1, r + 1, p + r + 1)."""
-    shares = np.zeros((p + 1, r + 1, p + r + 1))
+    p, r = a.shape[-1] - 1, b.shape[-1] - 1
+    result = np.zeros((*np.broadcast_shapes(a.shape[:-1], b.shape[:-1]), p + r + 1))
     for i in range(p + 1):
         for j in range(r + 1):
-            shares[i, j, i + j] = comb(p, i) * comb(r, j) / comb(p + r, i + j)
-    return shares
+            share = comb(p, i) * comb(r, j) / comb(p + r, i + j)
+            result[..., i + j] += share * a[..., i] * b[..., j]
+    return result
 
 
 def subdivided(coefficients: Array, parts: int) -> Array:

@@ -16,7 +16,7 @@ from kinseek.robots.chain import SerialChain
 from .curve import Curve
 from .law import Law, constant_acceleration, quadratic
 from .limits import Limits
-from .shares import shares_of_limits
+from .shares import share_of_jerk
 from .tip import speed_bounds
 
 Array = NDArray[np.float64]
@@ -120,10 +120,8 @@ def smooth(curve: Curve, limits: Limits, tool: Array, first: Law) -> Law:
     if not report[0]:
         raise InternalError("no motion was found inside the limits, though every slow motion is possible")
     law = quadratic(curve.knots, guess)
-    jerk = shares_of_limits(curve, law, limits, None).jerk
-    assert jerk is not None
     # The bound of the jerk is less close here than in the kernel. It grows with the power 3/2 of the squared speed.
-    over = float(jerk.max()) / (1.0 - ROUNDING)
+    over = float(share_of_jerk(curve, law, limits.jerk).max()) / (1.0 - ROUNDING)
     return law if over <= 1.0 else quadratic(curve.knots, guess * over ** (-2.0 / 3.0))
 
 

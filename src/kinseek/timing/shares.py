@@ -48,27 +48,37 @@ def shares_of_limits(curve: Curve, law: Law, limits: Limits, chain: SerialChain 
         limits: The limits.
         chain: The arm up to its tip; needed for a limit of the tool speed.
     """
-    first, second, third = (curve.rates(order) for order in (1, 2, 3))
+    first, second = curve.rates(1), curve.rates(2)
     squares, pulls = (values[:, None] for values in _polynomials(law))
     velocity = np.sqrt(_largest(product(product(first, first), squares)))
     acceleration = _largest(_sum(product(second, squares), product(first, pulls)))
     # Where the jerk is constant in time, v² and u are no polynomials in s: the largest values of all factors are multiplied.
-    timed = law.jerk != 0.0
-    speed, pull = np.sqrt(squares.max(axis=2)), np.abs(pulls).max(axis=2)
-    rate, bend = _largest(first), _largest(second)
-    acceleration[timed] = (bend * speed**2 + rate * pull)[timed]
-    jerk = None
-    if limits.jerk is not None:
-        terms = _sum(product(third, squares), 3.0 * product(second, pulls))
-        jerk = _with_root(np.abs(_sum(terms, law.gain[:, None, None] * first)), squares)
-        jumps = _largest(third) * speed**3 + 3.0 * bend * speed * pull + rate * np.abs(law.jerk)[:, None]
-        jerk[timed] = jumps[timed]
-        jerk /= limits.jerk
+    timed, square, pull = law.jerk != 0.0, squares.max(axis=2), np.abs(pulls).max(axis=2)
+    acceleration[timed] = (_largest(second) * square + _largest(first) * pull)[timed]
     tool_speed = None
     if limits.tool_speed is not None and chain is not None:
         bound = product(speed_bounds(chain, curve)[0], squares[:, 0])
         tool_speed = np.sqrt(_largest(bound)) / limits.tool_speed
-    return Shares(velocity / limits.velocity, acceleration / limits.acceleration, jerk, tool_speed)
+    return Shares(
+        velocity / limits.velocity,
+        acceleration / limits.acceleration,
+        None if limits.jerk is None else share_of_jerk(curve, law, limits.jerk),
+        tool_speed,
+    )
+
+
+def share_of_jerk(curve: Curve, law: Law, limit: Array) -> Array:
+    """Bound the jerks of a motion as shares of their limits, (n,), on each interval of its law, (m, n)."""
+    first, second, third = (curve.rates(order) for order in (1, 2, 3))
+    squares, pulls = (values[:, None] for values in _polynomials(law))
+    terms = _sum(product(third, squares), 3.0 * product(second, pulls))
+    jerk = _with_root(np.abs(_sum(terms, law.gain[:, None, None] * first)), squares)
+    # Where it is constant in time, see above.
+    timed = law.jerk != 0.0
+    speed, pull = np.sqrt(squares[timed].max(axis=2)), np.abs(pulls[timed]).max(axis=2)
+    rate, bend, bow = (_largest(rates[timed]) for rates in (first, second, third))
+    jerk[timed] = bow * speed**3 + 3.0 * bend * speed * pull + rate * np.abs(law.jerk[timed])[:, None]
+    return np.asarray(jerk / limit)
 
 
 def _polynomials(law: Law) -> tuple[Array, Array]:

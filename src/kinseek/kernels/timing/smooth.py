@@ -72,7 +72,7 @@ class Lanes(NamedTuple):
     sums: Array
     """Gradient with respect to X, 3 rows, and the upper triangle of the Hessian, by rows, 6 rows, (9, w)."""
     least: Array
-    """Smallest slack, or the longest step until a constraint is met, (w,)."""
+    """Smallest slack, or the largest share of a slack that D uses up, (w,)."""
     bound: Array
     """Rooms of constraints at x = 0, for others and for jerks, (2, w)."""
     slope: Array
@@ -223,7 +223,8 @@ def add_logarithms(rows: Array, mu: float, lanes: Lanes, w: int) -> None:
             room = lanes.bound[jerk, l] - k0 * X[0, l] - k1 * X[1, l] - k2 * X[2, l]
             least[l] = min(least[l], room - abs(y))
             # The slacks room - y and room + y.
-            above, below = 1.0 / (room - y), 1.0 / (room + y)
+            inverse = 1.0 / ((room - y) * (room + y))
+            above, below = (room + y) * inverse, (room - y) * inverse
             pull, push = mu * (above - below), mu * (above + below)
             curve, twist = mu * (above * above + below * below), pull * (above + below)
             sums[0, l] += pull * r0 + push * k0
@@ -252,10 +253,10 @@ def smallest_slack(rows: Array, lanes: Lanes, w: int) -> None:
 
 
 @inlined
-def longest_step(rows: Array, lanes: Lanes, w: int) -> None:
-    """Write how many times D can be added to X until a constraint is met; arguments as `add_logarithms`."""
-    X, D, least = lanes.X, lanes.D, lanes.least
-    least[:] = np.inf
+def nearest_constraint(rows: Array, lanes: Lanes, w: int) -> None:
+    """Write the largest share of a slack that D uses up, at least 0, into `lanes`; arguments as `add_logarithms`."""
+    X, D, most = lanes.X, lanes.D, lanes.least
+    most[:] = 0.0
     for k in range(len(rows)):
         jerk, e0, e1, e2 = room_of(k)
         for l in range(w):
@@ -264,8 +265,10 @@ def longest_step(rows: Array, lanes: Lanes, w: int) -> None:
             moved = rows[k, 0, l] * D[0, l] + rows[k, 1, l] * D[1, l] + rows[k, 2, l] * D[2, l]
             room = lanes.bound[jerk, l] - slope * (e0 * X[0, l] + e1 * X[1, l] + e2 * X[2, l])
             shrinks = slope * (e0 * D[0, l] + e1 * D[1, l] + e2 * D[2, l])
-            above, below = max(moved + shrinks, TINY), max(shrinks - moved, TINY)
-            least[l] = min(least[l], (room - y) / above, (room + y) / below)
+            inverse = 1.0 / ((room - y) * (room + y))
+            most[l] = max(
+                most[l], (shrinks + moved) * (room + y) * inverse, (shrinks - moved) * (room - y) * inverse
+            )
 
 
 @entry
@@ -366,9 +369,9 @@ def smooth_profile(
             fill(c, b * w, near, lanes.X, w)
             fill(step, b * w, near, lanes.D, w)
             tangents(M[b], lanes)
-            longest_step(rows[b], lanes, w)
+            nearest_constraint(rows[b], lanes, w)
             for l in range(w):
-                way = min(way, lanes.least[l])
+                way = min(way, 1.0 / max(lanes.least[l], TINY))
         for i in range(1, count + 1):
             way = min(way, c[i] / max(-step[i], TINY))
         for i in range(1, count + 1):
