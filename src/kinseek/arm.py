@@ -447,7 +447,8 @@ class Arm(ForwardArm):
         times: ArrayLike | None = None,
         velocity: ArrayLike | None = None,
         weights: ArrayLike | None = None,
-        cost: Cost | None = None,
+        cost: Cost | Literal["time"] | None = None,
+        acceleration: ArrayLike | None = None,
         valid: Valid | None = None,
         scene: Scene | None = None,
         clearance: float = 0.0,
@@ -474,7 +475,11 @@ class Arm(ForwardArm):
                 motion.
             weights: Weight of each joint in the cost, (n,).
             cost: A function from joint values, (k, n), to costs, (k,), summed over all poses, in place of distance or time.
-                If the arm is redundant, the squared steps are added to it.
+                If the arm is redundant, the squared steps are added to it. Or ``"time"``: the cost is the duration of the
+                motion that `Path.timed` makes within `velocity` and `acceleration`. It is never longer than that of the
+                shortest path, see docs/paths.md.
+            acceleration: With ``cost="time"``: limit of the acceleration of each joint, one number or (n,), [rad/s²] or
+                [m/s²]; by default that of the arm.
             valid: A function from joint values, (n,), to a bool, called at the poses and at points between them.
             scene: The collision scene, see docs/collisions.md. Poses are free of collision, and so is the whole motion
                 between consecutive poses, with every joint moving linearly; this is proved, not sampled. If that is
@@ -521,6 +526,7 @@ class Arm(ForwardArm):
             "times": times,
         }
         request |= {"velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
+        request |= {"acceleration": acceleration}
         request |= {"scene": scene, "clearance": clearance, "deadline": deadline}
         return follow_poses(self._mechanism, Ts, request, prove, threads, progress)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import fields, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,7 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.support.deadline import Deadline
 from kinseek.support.interrupts import raise_of_handler
 from kinseek.support.validation import arrays_equal
-from kinseek.timing.limits import positive
+from kinseek.timing.limits import Limits, positive, read_limits
 
 from .allowed import Allowed, Obstacles
 from .request import PathRequest
@@ -134,8 +134,9 @@ def read(
     times: ArrayLike | None,
     velocity: ArrayLike | None,
     weights: ArrayLike | None,
-    cost: Cost | None,
+    cost: Cost | Literal["time"] | None,
     valid: Valid | None,
+    acceleration: ArrayLike | None = None,
     scene: Obstacles | None = None,
     clearance: float = 0.0,
     deadline: Deadline | None = None,
@@ -149,6 +150,7 @@ def read(
     if problem.axes is None:
         raise InvalidProblem(f"{arm.name!r} has black-box kinematics: a path needs the axes of an arm")
     count = len(goal.targets)
+    limits = _limits_of_duration(arm, cost, velocity, acceleration, times)
     longest = np.tile(positive(arm, "max_step", max_step, "rad or m"), (count if closed else count - 1, 1))
     speed = None if velocity is None else positive(arm, "velocity", velocity, "rad/s or m/s")
     if times is not None:
@@ -189,14 +191,46 @@ def read(
         end=ends[1],
         closed=closed,
         longest=longest,
-        velocity=speed,
+        velocity=speed if limits is None else None,
         weights=np.ones(arm.dof) if weights is None else positive(arm, "weights", weights, "no unit"),
-        cost=cost,
+        cost=None if isinstance(cost, str) else cost,
         valid=None if valid is None and scene is None else Allowed(valid, scene, clearance, deadline=limit),
         deadline=limit,
+        limits=limits,
     )
     # A closed path that repeats its first pose at the end returns to exactly the given joint values.
     return replace(request, end=request.start) if closed and request.ends_where_it_begins else request
+
+
+def _limits_of_duration(
+    arm: Mechanism,
+    cost: Cost | Literal["time"] | None,
+    velocity: ArrayLike | None,
+    acceleration: ArrayLike | None,
+    times: ArrayLike | None,
+) -> Limits | None:
+    """Return the limits of the motion whose duration is the cost, or None if the cost is another.
+
+    Raises:
+        InvalidProblem: The cost is unknown, a limit is not known, or an argument does not belong to the cost.
+    """
+    if not isinstance(cost, str):
+        if acceleration is not None:
+            raise InvalidProblem(
+                'acceleration= limits the motion whose duration is the cost: give cost="time" too, or give acceleration= '
+                "to Path.timed"
+            )
+        return None
+    if cost != "time":
+        raise InvalidProblem(
+            f'cost must be "time" or a function from joint values, (k, n), to costs, (k,), got {cost!r:.80}'
+        )
+    if times is not None:
+        raise InvalidProblem(
+            'times= says when each pose is due, and with cost="time" the poses are passed as soon as possible: give one of '
+            "them"
+        )
+    return read_limits(arm, velocity, acceleration, None)
 
 
 def _own_speeds(arm: Mechanism) -> Array:

@@ -16,6 +16,7 @@ from kinseek.solvers.threads import progress_bar
 from .arguments import goals_of, read
 from .branches import SAME
 from .bridge import bridged
+from .fastest import fastest_of
 from .graph import LayerGraph, best_allowed
 from .joints import Turning
 from .judge import Plan, checked, judged
@@ -43,7 +44,7 @@ def follow_poses(
         options = options | {"end": None, "times": None, "closed": False}
     request = read(arm, goal, **options)
     with progress_bar(progress, len(goal.targets)) as advance:
-        path = follow(request, threads, advance)
+        path = (follow if request.limits is None else fastest)(request, threads, advance)
     if prove:
         path = with_proofs(request, path, threads)
     if broken is not None:
@@ -75,6 +76,11 @@ def follow(request: PathRequest, threads: int | None, advance: Advance, take: in
     # Solutions for an arm with joints for ranges do not explain the path of the arm itself.
     layers = plan.layers if part is request else None
     return judged(taken, plan._replace(q=q, layers=layers))
+
+
+def fastest(request: PathRequest, threads: int | None, advance: Advance) -> Path:
+    """Find the path with the shortest duration; see `fastest_of`."""
+    return fastest_of(request, lambda one, report: follow(one, threads, report), advance)
 
 
 def _isolated(request: PathRequest, threads: int | None, advance: Advance) -> Plan:

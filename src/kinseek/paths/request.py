@@ -11,6 +11,7 @@ from kinseek.branches.order import Cost
 from kinseek.errors import InvalidProblem
 from kinseek.problem import Problem
 from kinseek.support.deadline import Deadline
+from kinseek.timing.limits import Limits
 from kinseek.virtual_joints import Extended, extended
 
 from .allowed import Allowed
@@ -45,6 +46,8 @@ class PathRequest:
     valid: Allowed | None
     """Checks of the user's `valid` and the scene; None if neither is given."""
     deadline: Deadline = field(default_factory=Deadline)
+    limits: Limits | None = None
+    """Limits of the motion whose duration is the cost; None for another cost."""
 
     def __len__(self) -> int:
         """Return the number of poses."""

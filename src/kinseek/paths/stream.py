@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidGoal
+from kinseek.errors import InvalidGoal, InvalidProblem
 from kinseek.goal import Goal
 from kinseek.robots.mechanism import Mechanism
 from kinseek.support.interrupts import raise_of_handler
@@ -30,6 +30,12 @@ def stream(
     threads: int | None,
 ) -> Iterator[Path]:
     """Yield pieces of a path as soon as their poses and those of the look-ahead have arrived; see `Arm.follow_stream`."""
+    if isinstance(options["cost"], str):
+        raise InvalidProblem(
+            "the cost of a stream must be a function from joint values, (k, n), to costs, (k,), got "
+            f"{options['cost']!r:.80}; "
+            'cost="time" needs all poses at once: use Arm.follow'
+        )
     source, handed = _Source(poses), 0
     rows: list[Any] = []
     here: Array | None = None
