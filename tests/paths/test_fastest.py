@@ -112,6 +112,7 @@ def test_equal_poses_and_short_paths() -> None:
     assert np.abs(arm.fk(path.q) - np.repeat(poses, 2, axis=0)).max() < 1e-6
     for count in (1, 2, 3):
         assert arm.follow(poses[:count], cost="time", acceleration=10.0).success
+    assert arm.follow(poses, cost="time", acceleration=10.0, closed=True).success
 
 
 def test_missed_poses_and_breaks_give_the_shortest_path() -> None:

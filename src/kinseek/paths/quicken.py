@@ -61,6 +61,10 @@ INSIDE = 1.002
 LEAST_GAP = 1e-3
 """Distance from the end of its range [rad or m] below which the barrier of a joint does not grow any more."""
 
+SMALL = 200_000
+"""Multiplications in one call of BLAS: OpenBLAS uses several threads above 262,144. With one thread the bits do not depend
+on their number, and no thread waits for another one on a busy machine."""
+
 DAMPING = 1e-6
 """Levenberg's damping of the displacement, relative to the mean diagonal element."""
 
@@ -187,8 +191,10 @@ class Quickener:
     ) -> tuple[Array, Array, bool]:
         """Return joint values and time steps after a pass, and whether the pass succeeded."""
         displacement = self._displacement(rows, steps)
+        if not displacement.joints.shape[2]:
+            return rows, steps, False
         y, c = self._minimised(rows, steps, displacement, barrier)
-        away = displacement.joints @ c
+        away = _times(displacement.joints, c)
         for share in SHARES:
             moved = rows + share * away
             if self.smoother.project(moved, targets).all():
@@ -215,7 +221,8 @@ class Quickener:
         first = 0 if self.request.start is None else 3
         splines = splines[:, first : splines.shape[1] - (0 if self.request.end is None else 3)]
         bases = aligned_null_spaces(J, self.freedom)
-        joints = np.einsum("ijr,ik->ijkr", bases, splines).reshape(*rows.shape, -1)
+        joints = np.einsum("ijr,ik->ijkr", bases, splines)
+        joints = joints.reshape(*rows.shape, splines.shape[1] * self.freedom)
         return Displacement(joints, np.diff(joints[:, self.own], axis=0))
 
     def _minimised(
@@ -228,18 +235,18 @@ class Quickener:
 
         def merit(y: Array, c: Array) -> float:
             durations = steps * np.exp(y)
-            shares = shares_of(moves + displacement.own @ c, durations, self.limits)
+            shares = shares_of(moves + _times(displacement.own, c), durations, self.limits)
             used = np.concatenate([shares.velocity, shares.acceleration])
             if (np.abs(used) >= 1.0).any():
                 return np.inf
-            gaps, _ = self._gaps(rows + displacement.joints @ c)
+            gaps, _ = self._gaps(rows + _times(displacement.joints, c))
             return float(durations.sum() - weight * (np.log1p(-(used**2)).sum() + np.log(gaps).sum()))
 
         for _ in range(NEWTON_STEPS):
             self.request.deadline.check()
             durations = steps * np.exp(y)
             step_y, step_c = self._newton(rows, moves, durations, displacement, c, weight)
-            far = np.abs(displacement.joints @ (c + step_c)).max(initial=0.0)
+            far = np.abs(_times(displacement.joints, c + step_c)).max()
             share = min(1.0, STEP / max(far, 1e-12), LOG_STEP / max(np.abs(step_y).max(), 1e-12))
             before = merit(y, c)
             for _ in range(HALVINGS):
@@ -262,7 +269,7 @@ class Quickener:
     ) -> tuple[Array, Array]:
         """Return a Newton step for y, (k,), and c, (m,); second derivatives of the shares are left out."""
         by_c = displacement.own / durations[:, None, None]
-        shares = shares_of(moves + displacement.own @ c, durations, self.limits)
+        shares = shares_of(moves + _times(displacement.own, c), durations, self.limits)
         rest = np.zeros((1, *by_c.shape[1:]))
         span = np.append(0.0, durations) + np.append(durations, 0.0)
         changes = np.diff(np.concatenate([rest, by_c, rest]), axis=0)
@@ -280,7 +287,7 @@ class Quickener:
         mixed = -np.einsum("ij,ijk->ik", bend_v * shares.velocity, velocity_c)
         mixed += np.einsum("ij,ijk->ik", (bend_a * after)[:-1], acceleration_c[:-1])
         mixed += np.einsum("ij,ijk->ik", (bend_a * before)[1:], acceleration_c[1:])
-        gaps, limited = self._gaps(rows + displacement.joints @ c)
+        gaps, limited = self._gaps(rows + _times(displacement.joints, c))
         bound = displacement.joints[:, limited]
         slope_c = np.einsum("ij,ijk->k", slope_v, velocity_c) + np.einsum(
             "ij,ijk->k", slope_a, acceleration_c
@@ -288,12 +295,14 @@ class Quickener:
         slope_c += weight * np.einsum("ij,ijk->k", 1.0 / gaps[1] - 1.0 / gaps[0], bound)
         square = _weighted_square(velocity_c, bend_v) + _weighted_square(acceleration_c, bend_a)
         square += _weighted_square(bound, weight * (1.0 / gaps**2).sum(axis=0))
-        square += (DAMPING * np.trace(square) / max(len(square), 1) + 1e-9) * np.eye(len(square))
+        square += (DAMPING * np.trace(square) / len(square) + 1e-9) * np.eye(len(square))
         # The time steps are eliminated: their part of the system is tridiagonal.
         solved = _tridiagonal(diagonal, beside, np.concatenate([mixed, slope_y[:, None]], axis=1))
-        reduced = square - mixed.T @ solved[:, :-1]
-        step_c = np.linalg.solve(reduced, mixed.T @ solved[:, -1] - slope_c)
-        return -solved[:, -1] - solved[:, :-1] @ step_c, step_c
+        reduced = _inner(mixed, solved)
+        step_c = (reduced[:, -1] - slope_c)[None]
+        solve_band((square - reduced[:, :-1])[None], np.zeros_like(step_c), step_c)
+        step_c = step_c[0]
+        return -solved[:, -1] - _times(solved[:, :-1], step_c), step_c
 
 
 def _barrier(shares: Array, weight: float) -> tuple[Array, Array]:
@@ -305,7 +314,21 @@ def _barrier(shares: Array, weight: float) -> tuple[Array, Array]:
 def _weighted_square(A: Array, weights: Array) -> Array:
     """Return the sum of ``w a aᵀ`` over vectors, (..., m), with weights, (...), as (m, m)."""
     flat = A.reshape(-1, A.shape[-1])
-    return np.asarray(flat.T @ (weights.reshape(-1, 1) * flat))
+    return _inner(flat, weights.reshape(-1, 1) * flat)
+
+
+def _inner(A: Array, B: Array) -> Array:
+    """Return ``Aᵀ B``, (k, m) and (k, p) -> (m, p), in small parts; see `SMALL`."""
+    total = np.zeros((A.shape[1], B.shape[1]))
+    size = max(SMALL // max(total.size, 1), 1)
+    for begin in range(0, len(A), size):
+        total += A[begin : begin + size].T @ B[begin : begin + size]
+    return total
+
+
+def _times(A: Array, c: Array) -> Array:
+    """Return ``A c``, (..., m) and (m,) -> (...), without BLAS; see `SMALL`."""
+    return np.asarray(np.einsum("...m,m->...", A, c))
 
 
 def _tridiagonal(diagonal: Array, beside: Array, columns: Array) -> Array:
