@@ -63,7 +63,7 @@ from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.python_backend import Bounded, bounded, call_at, unbounded, view_of
 from kinseek.kernels.timing.fastest import fastest_profile
 from kinseek.kernels.timing.smooth import smooth_profile
-from kinseek.kernels.timing.spline import spline_slopes
+from kinseek.kernels.timing.spline import divide_pieces, spline_slopes
 from kinseek.kinds import POINTING, POSE
 from kinseek.maps.search import ruled_out
 from kinseek.paths.certify import margins_of, prove_rows
@@ -401,7 +401,9 @@ def motions_in_time() -> Any:
     fastest_profile(rates, widths, limits[0], limits[1], tool, reachable, x)
     smooth = np.full(6, 0.1)
     smooth_profile(rates, widths, limits, tool, 0.1, 2, smooth, report)
-    return slopes, reachable, x, smooth, report
+    begins, divided = np.zeros((6, 2, 2)), np.zeros((6, 2, 2, 3))
+    divide_pieces(q[:-1], rates, widths, begins, divided)
+    return slopes, reachable, x, smooth, report, begins, divided
 
 
 def steps_proved(name: str) -> Any:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.kernels.timing.spline import spline_slopes
+from kinseek.kernels.timing.spline import divide_pieces, spline_slopes
 
 from . import bernstein
 
@@ -65,10 +65,11 @@ class Curve(NamedTuple):
         """Return the same curve with each piece divided into equal parts."""
         if parts == 1:
             return self
-        shares = np.arange(parts) / parts
-        knots = np.append((self.knots[:-1, None] + shares * self.widths[:, None]).ravel(), self.knots[-1])
-        piece = np.repeat(np.arange(len(self.begins)), parts)
-        return Curve(knots, self.at(knots[:-1], piece), bernstein.subdivided(self.slopes, parts))
+        count, dof = self.begins.shape
+        begins, slopes = np.empty((count, parts, dof)), np.empty((count, parts, dof, 3))
+        divide_pieces(self.begins, self.slopes, self.widths, begins, slopes)
+        knots = self.knots[:-1, None] + np.arange(parts) / parts * self.widths[:, None]
+        return Curve(np.append(knots, self.knots[-1]), begins.reshape(-1, dof), slopes.reshape(-1, dof, 3))
 
 
 def deviation(coefficients: Array) -> Array:
