@@ -21,14 +21,17 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.entry import OUT
 from kinseek.kernels.jit import entry, inlined
 
-RATES = 3
-"""Rows of an interval that limit its rate: the joint speeds and the speed of the tool."""
+RATES = 2
+"""Rows of an interval that limit its rate, at its begin and at its end: the joint speeds and the speed of the tool."""
 
 PER_JOINT = 6
 """Rows of an interval for each joint: three coefficients of the acceleration, each with two signs."""
 
 PARALLEL = 1e-13
 """Smallest slope of a row along a direction, relative to its coefficients: less is rounding."""
+
+SLIGHT = 1e-11
+"""A row whose left side changes by less over all x1 does not limit x1."""
 
 
 @inlined
@@ -73,7 +76,8 @@ def largest_after(rows: Array, before: float, most: float, steps: Array) -> floa
     """Return the largest x1, at most `most`, that satisfies all rows, (2, k), together with x0; `steps` is memory."""
     for k in range(len(steps)):
         left = max(1.0 - rows[0, k] * before, 0.0)
-        steps[k] = left / rows[1, k] if rows[1, k] > 0.0 else np.inf
+        # A row that hardly depends on x1 holds up to rounding, as it did when `most` was found.
+        steps[k] = left / rows[1, k] if rows[1, k] * most > SLIGHT else np.inf
     return min(most, smallest(steps))
 
 
@@ -120,11 +124,18 @@ def write_rows(
         rows[0, at + 1], rows[1, at + 1] = share * (2.0 * d2 - 3.0 * d1), share * (3.0 * d1 - 2.0 * d0)
         rows[0, at + 2], rows[1, at + 2] = -share * d2, share * (5.0 * d2 - 4.0 * d1)
         for k in range(at, at + 3):
-            rows[0, k + 3], rows[1, k + 3] = -rows[0, k], -rows[1, k]
+            first, second = rows[0, k], rows[1, k]
+            opposite = first * second < 0.0
+            # A sum of both is limited by limits of each: only with these it is best to be fast early.
+            rows[0, k], rows[1, k] = first if opposite else abs(first + second), second if opposite else 0.0
+            rows[0, k + 3], rows[1, k + 3] = (
+                -first if opposite else 0.0,
+                -second if opposite else abs(first + second),
+            )
     # r² x <= 1, where r² is at most linear, from `begin` to `end`.
-    rows[0, 0], rows[1, 0] = begin, 0.0
-    rows[0, 1], rows[1, 1] = 0.5 * end, 0.5 * begin
-    rows[0, 2], rows[1, 2] = 0.0, end
+    mean = 0.5 * (begin + end)
+    rows[0, 0], rows[1, 0] = max(begin, mean), 0.0
+    rows[0, 1], rows[1, 1] = 0.0, max(end, mean)
 
 
 @entry
