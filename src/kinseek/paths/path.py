@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.errors import NotReached
+from kinseek.errors import InvalidProblem, NotReached
 from kinseek.problem import Problem
 from kinseek.support.lazy import Lazy, lazy
+from kinseek.support.validation import as_number
 from kinseek.timing.limits import read_limits
 
 from .allowed import Obstacles
@@ -209,6 +210,7 @@ class Path(Lazy):
         *,
         start_velocity: float = 0.0,
         end_velocity: float = 0.0,
+        tolerance: float | None = None,
     ) -> Trajectory:
         """Return the fastest motion through the joint values of all poses that keeps limits everywhere, not at samples only.
 
@@ -227,6 +229,9 @@ class Path(Lazy):
                 limits permit it.
             start_velocity: Speed of the tip at the first pose [m/s].
             end_velocity: Speed of the tip at the last pose [m/s].
+            tolerance: How far the tip may pass the joint values of a pose, [m] and as many [rad]; by default the tolerances
+                of the goal. Poses with rounding errors, as from a file with few decimals, need a larger one: a spline that
+                passes many close poses exactly follows each error.
 
         Raises:
             NotReached: Some poses are missed; the error carries the path.
@@ -245,9 +250,13 @@ class Path(Lazy):
         q = self.q
         if self.closed:
             q = np.concatenate([q, q[-1:] + Turning(problem.chain).way(q[:1] - q[-1:])])
-        way = Way(problem.mechanism, problem.goal.tool, q, self.breaks, self.scene, self.clearance)
+        goal = problem.goal
+        near = (goal.position_tolerance, goal.orientation_tolerance)
+        if tolerance is not None:
+            near = (as_number("tolerance", tolerance, 0.0, np.inf, InvalidProblem),) * 2
+        way = Way(problem.mechanism, goal.tool, q, self.breaks, self.scene, self.clearance, near)
         trajectory = timed(way, limits, (start_velocity, end_velocity))
-        return replace(trajectory, pose_times=trajectory.pose_times[: len(self)])
+        return replace(trajectory, _places=trajectory._places[: len(self)])
 
     def require(self) -> Path:
         """Return the path if it is a success.

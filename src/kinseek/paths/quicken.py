@@ -179,7 +179,9 @@ class Quickener:
     def _timed(self, rows: Array) -> tuple[float, Array]:
         """Return the duration of the fastest motion through joint values and its time steps, (k,), [s]."""
         own = np.ascontiguousarray(rows[:, self.own])
-        way = Way(self.mechanism, None, own, np.zeros(0, dtype=np.int64), None, 0.0)
+        goal = self.request.problem.goal
+        near = (goal.position_tolerance, goal.orientation_tolerance)
+        way = Way(self.mechanism, None, own, np.zeros(0, dtype=np.int64), None, 0.0, near)
         trajectory = timed(way, self.limits, (0.0, 0.0))
         return trajectory.duration, np.maximum(np.diff(trajectory.pose_times), 1e-9)
 

@@ -71,6 +71,18 @@ class Curve(NamedTuple):
         knots = self.knots[:-1, None] + np.arange(parts) / parts * self.widths[:, None]
         return Curve(np.append(knots, self.knots[-1]), begins.reshape(-1, dof), slopes.reshape(-1, dof, 3))
 
+    def cut(self, places: Array) -> Curve:
+        """Return the same curve with more knots, (k,), increasing."""
+        knots = np.union1d(self.knots, places[(places > self.knots[0]) & (places < self.knots[-1])])
+        piece = np.clip(np.searchsorted(self.knots, knots[:-1], side="right") - 1, 0, len(self.begins) - 1)
+        width = self.widths[piece]
+        a, b = ((ends - self.knots[piece]) / width for ends in (knots[:-1], knots[1:]))
+        d0, d1, d2 = np.moveaxis(self.slopes[piece], 2, 0)
+        # The blossom at two arguments, see `kernels.timing.spline.divide_pieces`.
+        ends = [((1 - s) * (1 - t), (1 - s) * t + s * (1 - t), s * t) for s, t in ((a, a), (a, b), (b, b))]
+        slopes = [u[:, None] * d0 + v[:, None] * d1 + w[:, None] * d2 for u, v, w in ends]
+        return Curve(knots, self.at(knots[:-1], piece), np.stack(slopes, axis=-1))
+
 
 def deviation(coefficients: Array) -> Array:
     """Return how far cubic polynomials, (..., 4), are at most from linear ones between the same ends, (...)."""
@@ -80,23 +92,29 @@ def deviation(coefficients: Array) -> Array:
     return np.asarray(0.75 * off)
 
 
-def spline(q: Array, speeds: Array, lower: Array, upper: Array) -> tuple[Curve, Indices]:
+def parameters(q: Array, speeds: Array) -> Array:
+    """Return the lengths of polygons from the first of some joint values, (k, n), to each, (k,).
+
+    Each joint is measured by its speed, (n,): so a length is about the time that the motion takes at full speed.
+    """
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0) / speeds, axis=1))])
+
+
+def spline(knots: Array, q: Array, lower: Array, upper: Array) -> tuple[Curve, Indices]:
     """Return the cubic spline through joint values.
 
-    Its parameter grows with the distance, in which each joint is measured by its speed: so it is about the time that the
-    motion takes at full speed. Where the spline would leave the limits of a joint, its slopes are reduced, and its second
-    derivative is no longer continuous.
+    Where the spline would leave the limits of a joint, its slopes are reduced, and its second derivative is no longer
+    continuous.
 
     Args:
-        q: Joint values, (k, n), k >= 2, each unlike the one before.
-        speeds: Limits of the speeds, (n,).
+        knots: Increasing, (k,), k >= 2.
+        q: Joint values at the knots, (k, n).
         lower: Lower limits of the joints, (n,), -inf for none; q may lie outside by rounding.
         upper: Upper limits, (n,).
 
     Returns:
         The curve, and its inner points at which the second derivative jumps, (j,).
     """
-    knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0) / speeds, axis=1))])
     width = np.diff(knots)[:, None]
     third = width / 3.0
     before, after = np.concatenate([third[:1], third]), np.concatenate([third, third[-1:]])

@@ -14,6 +14,10 @@ SMALL = 1e-3
 """Below this angle the first terms of a power series replace the functions of an oscillation; the next is below 1e-15."""
 
 
+TINY = 1e-300
+"""Prevents division by zero."""
+
+
 class Moment(NamedTuple):
     """A position on a curve and its derivatives with respect to time, (k,) each."""
 
@@ -60,14 +64,32 @@ class Law(NamedTuple):
         return moment, i
 
     def time_at(self, s: Array) -> Array:
-        """Return the times at which the motion is at positions, (k,), [s], by bisection to the last bit."""
+        """Return the times at which the motion is at positions, (k,), [s]."""
         i = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.speed) - 1)
-        low, high = self.times[i], self.times[i + 1]
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            behind = self.at(middle)[0].s < s
-            low, high = np.where(behind, middle, low), np.where(behind, high, middle)
-        return np.where(s <= self.s[i], self.times[i], np.where(s >= self.s[i + 1], self.times[i + 1], high))
+        moved, v, u, g, j = s - self.s[i], self.speed[i], self.acceleration[i], self.gain[i], self.jerk[i]
+        speed = np.sqrt(np.maximum(v**2 + 2.0 * u * moved + g * moved**2, 0.0))
+        after = _durations(moved, v, speed, g)
+        # Where the jerk is constant in time, the motion begins or ends at rest: σ = j τ³ / 6 from there.
+        length, cube = np.diff(self.times)[i], 6.0 / np.where(j > 0.0, j, 1.0)
+        left = np.maximum(self.s[i + 1] - s, 0.0)
+        from_rest = np.where(v == 0.0, np.cbrt(cube * moved), length - np.cbrt(cube * left))
+        after = np.clip(np.where(j > 0.0, from_rest, after), 0.0, length)
+        return np.where(s >= self.s[i + 1], self.times[i + 1], self.times[i] + after)
+
+
+def _durations(width: Array, v0: Array, v1: Array, g: Array) -> Array:
+    """Return the durations of motions with ``σ'' = u + g σ`` over some widths, from the speed v0 to v1.
+
+    They are ``2/ω artanh(ω h / (v0 + v1))`` for g = ω², and with the arc tangent for g = -ω².
+    """
+    # Where there is no speed, there is no width either.
+    mean = np.where(v0 + v1 > 0.0, width / np.maximum(v0 + v1, TINY), 0.0)
+    omega = np.sqrt(np.abs(g))
+    angle = omega * mean
+    small, w, grows = angle < SMALL, np.maximum(omega, TINY), g > 0.0
+    turned = np.where(grows, np.arctanh(np.where(grows, np.minimum(angle, 1.0), 0.0)), np.arctan(angle)) / w
+    series = mean * (1.0 + g * mean**2 / 3.0 + g**2 * mean**4 / 5.0)
+    return np.asarray(2.0 * np.where(small, series, turned))
 
 
 def _fundamental(g: Array, tau: Array) -> tuple[Array, Array]:
@@ -119,13 +141,7 @@ def quadratic(s: Array, x: Array) -> Law:
     jerk = np.zeros(len(h))
     jerk[[0, -1]] = 2.0 * x[[0, -1]] ** 1.5 / (9.0 * h[[0, -1]] ** 2)
     u[-1] = -2.0 * x[-1] / (3.0 * h[-1])
-    omega, mean = np.sqrt(np.abs(gain)), h / (speed[:-1] + speed[1:])
-    # t = 2/ω artanh(ω σ / (v0 + v1)), and with the arc tangent for g = -ω².
-    angle = omega * mean
-    small, w = angle < SMALL, np.maximum(omega, 1e-300)
-    turned = np.where(gain > 0.0, np.arctanh(np.where(gain > 0.0, angle, 0.0)), np.arctan(angle)) / w
-    series = mean * (1.0 + gain * mean**2 / 3.0 + gain**2 * mean**4 / 5.0)
-    durations = 2.0 * np.where(small, series, turned)
+    durations = _durations(h, speed[:-1], speed[1:], gain)
     durations[[0, -1]] = 3.0 * h[[0, -1]] / np.sqrt(x[[0, -1]])
     return Law(s, np.concatenate([[0.0], np.cumsum(durations)]), speed[:-1], u, gain, jerk)
 

@@ -205,8 +205,8 @@ def point_to_point(move: Move, end: Array) -> Trajectory:
         curve = _by_ruckig(move.begin, end, move.limits)
         one, zero = np.ones(len(curve.widths)), np.zeros(len(curve.widths))
         law = laws.Law(curve.knots, curve.knots, one, zero, zero, zero)
-    stops, poses = np.zeros(0, dtype=np.int64), np.array([0, len(curve.widths)])
-    return Trajectory(move.arm, move.limits, law.times[poses], stops, move.tool, curve, law, poses)
+    stops = np.zeros(0, dtype=np.int64)
+    return Trajectory(move.arm, move.limits, stops, move.tool, curve, law, curve.knots[[0, -1]])
 
 
 def _by_ruckig(begin: Array, end: Array, limits: Limits) -> Curve:

@@ -33,7 +33,7 @@ SMOOTH_PIECES = 400
 RUN_PIECES = 32
 """Pieces from stop to stop at least."""
 
-MOST_PARTS = 8
+MOST_PARTS = 64
 """Largest number of parts into which a piece of a curve is divided, if `RUN_PIECES` do not demand more."""
 
 GAP = 0.01
@@ -127,9 +127,6 @@ def smooth(curve: Curve, limits: Limits, tool: Array, first: Law) -> Law:
 
 def parts_for(pieces: int, total: int, limits: Limits) -> int:
     """Return into how many parts the pieces of a curve are divided, of `total` pieces of a motion."""
-    # The speed of the tip is bounded less closely than that of the joints.
-    wanted = MOTION_PIECES * (1 if limits.tool_speed is None else 2)
-    if limits.jerk is not None:
-        wanted = SMOOTH_PIECES
+    wanted = MOTION_PIECES if limits.jerk is None else SMOOTH_PIECES
     parts = min(max(-(-wanted // total), 1), MOST_PARTS)
     return max(parts, -(-RUN_PIECES // pieces))

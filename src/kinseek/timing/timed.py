@@ -15,14 +15,25 @@ from kinseek.support.validation import as_number
 
 from . import curve as curves
 from . import law as laws
-from .curve import Curve, spline
+from .curve import Curve, parameters, spline
 from .limits import Limits
 from .profile import fastest, parts_for
+from .tip import levers
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+
+
+COARSE = 17
+"""Poses through which a spline from stop to stop goes at least."""
+
+LEAST = 1e-12
+"""Smallest tolerance, in place of 0."""
+
+EXACT = 1e-9
+"""How far the joints of black-box kinematics may pass the poses [rad or m]: how this moves the tip is not known."""
 
 
 class Obstacles(Protocol):
@@ -45,12 +56,32 @@ class Way(NamedTuple):
     scene: Obstacles | None
     clearance: float
     """Minimum distance of bodies in the scene [m]."""
+    tolerances: tuple[float, float]
+    """How far the tip may pass the poses, [m] and [rad]."""
 
     @property
     def chain(self) -> SerialChain | None:
         """The arm up to the tip or the tool; None for black-box kinematics."""
         axes = self.arm.axes
         return axes if axes is None or self.tool is None else with_tool(axes, self.tool)
+
+    @property
+    def weights(self) -> Array:
+        """How much of the tolerances a unit of motion of each joint uses up at most, (n, 2): position and orientation."""
+        chain = self.chain
+        if chain is None:
+            return np.full((self.arm.dof, 1), 1.0 / EXACT)
+        reach, turn = np.zeros(self.arm.dof), np.zeros(self.arm.dof)
+        scale = np.abs(chain.multiplier)
+        np.add.at(reach, chain.leader, scale * levers(chain))
+        np.add.at(turn, chain.leader, np.where(chain.prismatic, 0.0, scale))
+        near = np.maximum(self.tolerances, LEAST)
+        return np.asarray(np.stack([reach, turn], axis=1) / near)
+
+    def closeness(self, limits: Limits) -> float:
+        """Return up to which distance, as `parameters` measures it, joint values differ by less than the tolerances."""
+        # |dq| w <= |dq / v| |w v| (Cauchy and Schwarz).
+        return float(1.0 / np.linalg.norm(self.weights * limits.velocity[:, None], axis=0).max())
 
     @property
     def ends(self) -> tuple[Array, Array]:
@@ -75,63 +106,134 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
         raise InvalidProblem(no_axes(way.arm, "the speed of the tip is computed from axes and links"))
     for name, speed in zip(("start_velocity", "end_velocity"), tip_speeds, strict=True):
         as_number(name, speed, 0.0, np.inf, InvalidProblem)
-    # Poses with equal joint values are passed at the same time.
-    moves = (np.diff(way.q, axis=0) != 0.0).any(axis=1)
-    knots = np.concatenate([[0], np.cumsum(moves)])
-    rows = np.ascontiguousarray(way.q[np.concatenate([[True], moves])])
-    straight = np.zeros(max(len(rows) - 1, 0), dtype=np.bool_)
-    way = way._replace(breaks=way.breaks[moves[way.breaks]])
-    straight[knots[way.breaks]] = True
-    if not len(straight):
-        curve, law, stops, ends = curves.rest(rows[0]), laws.rest(), straight, np.zeros(1, dtype=np.int64)
-    else:
-        runs, stops = _free_curves(way, rows, straight, limits)
-        parts = [parts_for(len(run.widths), len(straight), limits) for run in runs]
-        divided = [run.divided(k) for run, k in zip(runs, parts, strict=True)]
-        law, curve = _law(way, divided, limits, tip_speeds), curves.joined(divided)
-        ends = np.cumsum(np.concatenate([[0], np.repeat(parts, [len(run.widths) for run in runs])]))
-    inner = np.searchsorted(knots, np.flatnonzero(stops), side="left")
-    return Trajectory(way.arm, limits, law.times[ends][knots], inner, way.tool, curve, law, ends[knots])
+    places = parameters(way.q, limits.velocity)
+    # Poses with nearly equal joint values are passed at the same time: the way between them has no direction.
+    rows = spaced(places, way.closeness(limits))
+    if len(rows) == 1:
+        nowhere = np.zeros(0, dtype=np.int64)
+        return Trajectory(
+            way.arm, limits, nowhere, way.tool, curves.rest(way.q[0]), laws.rest(), 0.0 * places
+        )
+    runs, stops = _free_curves(way, places, rows, limits)
+    total = sum(len(run.widths) for run in runs)
+    divided = [run.divided(parts_for(len(run.widths), total, limits)) for run in runs]
+    law, curve = _law(way, divided, limits, tip_speeds), curves.joined(divided)
+    return Trajectory(way.arm, limits, stops, way.tool, curve, law, np.clip(places, 0.0, curve.knots[-1]))
 
 
-def _free_curves(way: Way, rows: Array, straight: Flags, limits: Limits) -> tuple[list[Curve], Flags]:
-    """Return splines from stop to stop, proved free in the scene, and flags of the inner points with stops, (k,).
+def _free_curves(way: Way, places: Array, rows: Indices, limits: Limits) -> tuple[list[Curve], Indices]:
+    """Return splines from stop to stop, proved free in the scene, and the inner poses with stops, (k,).
 
     Steps whose spline is not free become straight, until all splines are.
+
+    Args:
+        way: The joint values.
+        places: Positions of the poses on the curve, (N,).
+        rows: Poses that are not nearly equal to the one before, (m,), the first among them.
+        limits: The limits.
 
     Raises:
         InvalidProblem: A step that is straight from the beginning is not free.
     """
-    if way.scene is not None and straight.any():
-        steps = np.flatnonzero(straight)
-        free = np.asarray(way.scene.free_motion(rows[steps], rows[steps + 1], way.clearance))
-        if not free.all():
-            raise InvalidProblem(
-                f"at the break after pose {way.breaks[np.flatnonzero(~free)[0]]} the linear motion of the joints is not "
-                f"free of collision, so the path has no motion in time"
-            )
-    stops = np.zeros(len(rows), dtype=np.bool_)
+    s, q = places[rows], way.q[rows]
+    # A break between nearly equal poses is none.
+    straight = np.isin(rows[:-1], rows[np.searchsorted(rows, way.breaks, side="right") - 1])
+    straight &= np.isin(rows[1:], way.breaks + 1)
+    _require_free(way, q, rows, np.flatnonzero(straight))
+    stops, whole = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
     while True:
         stops[:-1] |= straight
         stops[1:] |= straight
         stops[0] = stops[-1] = True
         at = np.flatnonzero(stops)
-        found = [spline(rows[i : j + 1], limits.velocity, *way.ends) for i, j in pairwise(at)]
-        jumps = np.concatenate([i + jump for i, (_, jump) in zip(at, found, strict=False)])
-        if limits.jerk is not None and len(jumps):
-            # Where the second derivative jumps, the jerk is finite only at rest.
-            stops[jumps] = True
+        found, knots = [], []
+        for i, j in pairwise(at):
+            kept = i + thinned(s[i : j + 1], q[i : j + 1], whole[i : j + 1], way)
+            curve, jumps = spline(s[kept], q[kept], *way.ends)
+            found.append(curve)
+            knots.append(kept)
+            if limits.jerk is not None:
+                # Where the second derivative jumps, the jerk is finite only at rest.
+                stops[kept[jumps]] = True
+        if stops.sum() > len(at):
             continue
-        runs = [curve for curve, _ in found]
         stops[0] = stops[-1] = False
         if way.scene is None:
-            return runs, stops
-        curved = np.flatnonzero(~straight)
-        around = np.concatenate([run.deviation for run in runs])[curved]
-        free = np.asarray(way.scene.free_motion(rows[curved], rows[curved + 1], way.clearance, around))
+            return found, rows[stops]
+        begins, ends = np.concatenate([k[:-1] for k in knots]), np.concatenate([k[1:] for k in knots])
+        curved = ~((ends == begins + 1) & straight[begins])
+        around = np.concatenate([curve.deviation for curve in found])[curved]
+        free = np.asarray(way.scene.free_motion(q[begins[curved]], q[ends[curved]], way.clearance, around))
         if free.all():
-            return runs, stops
-        straight[curved[~free]] = True
+            return found, rows[stops]
+        for i, j in zip(begins[curved][~free], ends[curved][~free], strict=True):
+            # First the spline passes all poses of the piece, then the motion is linear.
+            straight[i] |= j == i + 1
+            whole[i : j + 1] = True
+
+
+def _require_free(way: Way, q: Array, rows: Indices, steps: Indices) -> None:
+    """Check that the linear motions across breaks are free.
+
+    Raises:
+        InvalidProblem: One is not.
+    """
+    if way.scene is None or not len(steps):
+        return
+    free = np.asarray(way.scene.free_motion(q[steps], q[steps + 1], way.clearance))
+    if not free.all():
+        raise InvalidProblem(
+            f"at the break after pose {rows[steps[~free][0]]} the linear motion of the joints is not free of "
+            f"collision, so the path has no motion in time"
+        )
+
+
+def spaced(places: Array, apart: float) -> Indices:
+    """Return the poses that are more than a distance behind the one returned before; both ends are among them if they are.
+
+    Args:
+        places: Positions of the poses, not decreasing, (N,).
+        apart: The distance.
+    """
+    if (np.diff(places) > apart).all():
+        return np.arange(len(places))
+    rows = [0]
+    while (following := int(np.searchsorted(places, places[rows[-1]] + apart, side="right"))) < len(places):
+        rows.append(following)
+    if len(rows) > 1:
+        rows[-1] = len(places) - 1
+    return np.array(rows)
+
+
+def thinned(s: Array, q: Array, whole: Flags, way: Way) -> Indices:
+    """Return the poses through which a spline has to go to pass all others within the tolerances.
+
+    Joint values contain rounding errors, which would make the spline curved if it passed many close poses exactly. The poses
+    are chosen from coarse to fine: where the spline misses some by too much, the one in the middle is added.
+
+    Args:
+        s: Positions of the poses, increasing, (k,), k >= 2.
+        q: Their joint values, (k, n).
+        whole: Whether the spline has to go through each pose exactly, (k,).
+        way: The tolerances and limits.
+    """
+    last, weights = len(s) - 1, way.weights
+    kept = whole.copy()
+    kept[np.clip(np.searchsorted(s, np.linspace(s[0], s[-1], COARSE)), 0, last)] = True
+    kept[[0, last]] = True
+    while True:
+        knots = np.flatnonzero(kept)
+        if len(knots) == len(s):
+            return knots
+        curve, _ = spline(s[knots], q[knots], *way.ends)
+        left = np.flatnonzero(~kept)
+        piece = np.searchsorted(knots, left) - 1
+        off = np.abs(curve.at(s[left], piece) - q[left])
+        missed = (off @ weights > 1.0).any(axis=1)
+        if not missed.any():
+            return knots
+        for k in np.unique(piece[missed]):
+            kept[(knots[k] + knots[k + 1]) // 2] = True
 
 
 def _law(way: Way, runs: list[Curve], limits: Limits, tip_speeds: tuple[float, float]) -> laws.Law:

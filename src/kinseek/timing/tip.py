@@ -25,6 +25,9 @@ Indices = NDArray[np.int64]
 MOST_PARTS = 2**12
 """Largest number of parts of a piece for which the distance of the tip from a line is bounded."""
 
+INNER = 4
+"""Parts of a piece at whose ends the speed of the tip is computed."""
+
 NOTHING = 1e-12
 """Distances below this are not bounded more closely [m]."""
 
@@ -71,14 +74,17 @@ def speed_bounds(chain: SerialChain, curve: Curve) -> tuple[Array, Array]:
     Returns:
         Its values at the ends of the pieces, (m, 2); and |p'|² itself at all knots, (m + 1,).
     """
-    rates = curve.rates(1)
-    rate = np.concatenate([rates[:, :, 0], rates[-1:, :, 2]])
-    velocity = np.einsum("kij,kj->ki", jacobian_many(chain.arrays, curve.values)[:, :3], rate)
-    square, bounds, width = (velocity**2).sum(axis=1), TipBounds(chain, curve), curve.widths
-    # Linear interpolation deviates by at most h²/8 of the second derivative, here 2 |p''|² + 2 p' p'''.
-    speed = np.sqrt(np.maximum(square[:-1], square[1:])) + width * bounds.second
-    over = width**2 / 4.0 * (bounds.second**2 + speed * bounds.third)
-    return np.stack([square[:-1] + over, square[1:] + over], axis=1), square
+    fine = curve.divided(INNER)
+    rate = np.concatenate([fine.slopes[:, :, 0], fine.slopes[-1:, :, 2]])
+    velocity = np.einsum("kij,kj->ki", jacobian_many(chain.arrays, fine.values)[:, :3], rate)
+    square = (velocity**2).sum(axis=1)
+    knots, bounds, width = square[::INNER], TipBounds(chain, curve), curve.widths / INNER
+    # Between two points linear interpolation deviates by at most h²/8 of the second derivative, 2 |p''|² + 2 p' p'''.
+    inner = np.arange(INNER) / INNER
+    above = square[:-1].reshape(-1, INNER) - knots[:-1, None] - inner * np.diff(knots)[:, None]
+    speed = np.sqrt(square[:-1].reshape(-1, INNER).max(axis=1)) + INNER * width * bounds.second
+    over = above.max(axis=1) + width**2 / 4.0 * (bounds.second**2 + speed * bounds.third)
+    return np.stack([knots[:-1] + over, knots[1:] + over], axis=1), knots
 
 
 def line_distance(chain: SerialChain, curve: Curve, poses: Indices) -> Array:

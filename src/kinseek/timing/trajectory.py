@@ -96,7 +96,6 @@ class Trajectory(Lazy):
     Attributes:
         mechanism: The arm.
         limits: The limits that are kept.
-        pose_times: Time of each pose of the path, (N,), [s].
         stops: Indices of the poses, between the first and the last, at which the arm stops, (k,): at breaks, and where a
             joint is kept inside its limits.
         tool: Pose of the tool of the path at the tip, (4, 4), or None.
@@ -104,13 +103,17 @@ class Trajectory(Lazy):
 
     mechanism: Mechanism
     limits: Limits
-    pose_times: Array
     stops: Indices
     tool: Array | None
     _curve: Curve = field(repr=False)
     _law: Law = field(repr=False)
-    _poses: Indices = field(repr=False)
-    """Knot of the curve at each pose of the path, (N,); each piece of the curve is an interval of the law."""
+    _places: Array = field(repr=False)
+    """Position of each pose of the path on the curve, (N,); each piece of the curve is an interval of the law."""
+
+    @lazy
+    def pose_times(self) -> Array:
+        """Time of each pose of the path, (N,), [s]."""
+        return self._law.time_at(self._places)
 
     @property
     def duration(self) -> float:
@@ -310,7 +313,7 @@ class Trajectory(Lazy):
 
     def _pose_before(self, interval: int) -> int:
         """Return the last pose before an interval of the law."""
-        return int(np.searchsorted(self._poses, interval, side="right")) - 1
+        return int(np.searchsorted(self._places, self._curve.knots[interval], side="right")) - 1
 
     @lazy
     def deviation(self) -> float:
@@ -321,8 +324,11 @@ class Trajectory(Lazy):
         Raises:
             InvalidProblem: The arm has no axes.
         """
-        poses = np.unique(self._poses)
-        return float(line_distance(self._chain, self._curve, poses).max()) if len(poses) > 1 else 0.0
+        places = np.unique(self._places)
+        if len(places) < 2:
+            return 0.0
+        curve = self._curve.cut(places)
+        return float(line_distance(self._chain, curve, np.searchsorted(curve.knots, places)).max())
 
     @lazy
     def _shares(self) -> Shares:

@@ -30,6 +30,9 @@ PER_JOINT = 6
 PARALLEL = 1e-13
 """Smallest slope of a row along a direction, relative to its coefficients: less is rounding."""
 
+CLOSE = 1.1
+"""Mean of the quotients of two numbers up to which they count as close."""
+
 SLIGHT = 1e-11
 """A row whose left side changes by less over all x1 does not limit x1."""
 
@@ -132,10 +135,14 @@ def write_rows(
                 -first if opposite else 0.0,
                 -second if opposite else abs(first + second),
             )
-    # r² x <= 1, where r² is at most linear, from `begin` to `end`.
+    # r² x <= 1, where r² is at most linear, from `begin` to `end`. The middle coefficient of the product is at most 1 if x0
+    # and x1 are at most 1 / (c begin) and 1 / (c end), where c is the mean of both quotients, or at most the inverse mean.
+    low, high = min(begin, end), max(begin, end)
+    scale = 0.5 * (low / high + high / low) if low > 0.0 else np.inf
     mean = 0.5 * (begin + end)
-    rows[0, 0], rows[1, 0] = max(begin, mean), 0.0
-    rows[0, 1], rows[1, 1] = 0.0, max(end, mean)
+    near = scale < CLOSE
+    rows[0, 0], rows[1, 0] = scale * begin if near else max(begin, mean), 0.0
+    rows[0, 1], rows[1, 1] = 0.0, scale * end if near else max(end, mean)
 
 
 @entry
