@@ -83,6 +83,19 @@ def test_a_straight_motion_with_jerk_is_nearly_the_best() -> None:
     assert trajectory.duration > 4.0 * (0.02 / 100.0) ** (1 / 3) * (1.0 - 1e-6)
 
 
+@pytest.mark.parametrize(("jerk", "best"), [(1e12, 0.8), (100.0, 0.85)])
+def test_few_poses_with_jerk_are_nearly_the_best(jerk: float, best: float) -> None:
+    # Along a line of length L: L / v + v / a + a / j.
+    arm = kinseek.load("planar2")
+    for count in (2, 3, 30):
+        q = np.linspace([0.3, 0.5], [0.9, 0.2], count)
+        path = arm.follow(arm.fk(q), start=q[0], max_step=1.0)
+        trajectory = path.timed(velocity=1.0, acceleration=5.0, jerk=jerk)
+        assert best * (1.0 - 1e-6) < trajectory.duration < 1.015 * best
+        # What caps the speed is known nearly everywhere.
+        assert sum(cap.end - cap.begin for cap in trajectory.bottleneck) > 0.9 * trajectory.duration
+
+
 def test_with_jerk_a_motion_begins_at_rest() -> None:
     path = arc(kinseek.load("ur5e"), np.random.default_rng(3), 20)
     with pytest.raises(kinseek.InvalidProblem, match="with limits of jerk a motion begins and ends at rest"):
@@ -218,6 +231,7 @@ def test_samples() -> None:
     np.testing.assert_array_equal(samples.acceleration, trajectory.acceleration(samples.times))
     assert trajectory.q(0.1).shape == (6,)
     assert trajectory.q([[0.1, 0.2]]).shape == (1, 2, 6)
+    assert trajectory.q([]).shape == (0, 6)
     again = pickle.loads(pickle.dumps(trajectory))
     np.testing.assert_array_equal(again.q(samples.times), samples.q)
 
@@ -244,7 +258,10 @@ def test_one_pose_and_equal_poses() -> None:
         ({"acceleration": [1.0, 2.0]}, "acceleration must be a number or 6 of them"),
         ({}, r"no acceleration limit for shoulder_pan_joint, .* for example acceleration=10"),
         ({"acceleration": 1.0, "jerk": -1.0}, "jerk must be above 0 and finite"),
-        ({"acceleration": 1.0, "tool_speed": 0.0}, "tool_speed must be above 0"),
+        ({"acceleration": 1.0, "tool_speed": 0.0}, "tool_speed must be a number from 1e-09 to 1e\\+12"),
+        ({"acceleration": 1e300}, "acceleration must be from 1e-09 to 1e\\+12"),
+        ({"acceleration": 1.0, "velocity": 1e-300}, "velocity must be from 1e-09 to 1e\\+12"),
+        ({"acceleration": 1.0, "tolerance": -1.0}, "tolerance must be a number from 0"),
         ({"acceleration": 1.0, "tool_speed": "fast"}, "tool_speed must be a number"),
         ({"acceleration": 1.0, "start_velocity": -1.0}, "start_velocity must be a number from 0"),
     ],

@@ -14,6 +14,10 @@ from kinseek.support.validation import as_number
 Array = NDArray[np.float64]
 
 
+SMALLEST, LARGEST = 1e-9, 1e12
+"""Range of limits: beyond it, squares and cubes of speeds lose their digits."""
+
+
 @dataclass(frozen=True)
 class Limits:
     """Limits that a motion keeps at every time."""
@@ -38,18 +42,23 @@ def read_limits(
     """Read limits; speeds and accelerations that are not given are those of the arm.
 
     Raises:
-        InvalidProblem: A limit is not a finite number above zero, or neither is given nor known.
+        InvalidProblem: A limit is not a number from `SMALLEST` to `LARGEST`, or neither is given nor known.
     """
-    if tool_speed is not None and not (
-        as_number("tool_speed", tool_speed, 0.0, np.inf, InvalidProblem) > 0.0
-    ):
-        raise InvalidProblem(f"tool_speed must be above 0 [m/s], got {tool_speed:g}")
-    return Limits(
+    limits = Limits(
         _known(arm, "velocity", velocity, 2.0),
         _known(arm, "acceleration", acceleration, 10.0),
         None if jerk is None else positive(arm, "jerk", jerk, RATES["jerk"]),
-        tool_speed,
+        None
+        if tool_speed is None
+        else as_number("tool_speed", tool_speed, SMALLEST, LARGEST, InvalidProblem),
     )
+    for name in RATES:
+        values = getattr(limits, name)
+        if values is not None and not ((values >= SMALLEST) & (values <= LARGEST)).all():
+            raise InvalidProblem(
+                f"{name} must be from {SMALLEST:g} to {LARGEST:g} [{RATES[name]}], got {values.min():g} to {values.max():g}"
+            )
+    return limits
 
 
 def _known(arm: Mechanism, name: str, value: ArrayLike | None, example: float) -> Array:

@@ -27,7 +27,7 @@ ROUNDING = 1e-9
 MOTION_PIECES = 1000
 """Pieces into which a curve is divided at least, so that a limit is nowhere kept by much more than necessary."""
 
-SMOOTH_PIECES = 400
+SMOOTH_PIECES = 200
 """The same with limits of jerk."""
 
 RUN_PIECES = 32
@@ -35,6 +35,10 @@ RUN_PIECES = 32
 
 MOST_PARTS = 64
 """Largest number of parts into which a piece of a curve is divided, if `RUN_PIECES` do not demand more."""
+
+SHORTER, CUTS = 0.7, 16
+"""With limits of jerk, the first and the last interval are divided into this many more, each shorter by this factor towards
+rest."""
 
 GAP = 0.01
 """Share by which a motion with limits of jerk may be longer than the best one that the search tends to."""
@@ -125,8 +129,16 @@ def smooth(curve: Curve, limits: Limits, tool: Array, first: Law) -> Law:
     return law if over <= 1.0 else quadratic(curve.knots, guess * over ** (-2.0 / 3.0))
 
 
-def parts_for(pieces: int, total: int, limits: Limits) -> int:
-    """Return into how many parts the pieces of a curve are divided, of `total` pieces of a motion."""
+def in_intervals(curve: Curve, total: int, limits: Limits) -> Curve:
+    """Return a curve from stop to stop, divided into the intervals of a law, of `total` pieces of a motion."""
+    pieces = len(curve.widths)
     wanted = MOTION_PIECES if limits.jerk is None else SMOOTH_PIECES
-    parts = min(max(-(-wanted // total), 1), MOST_PARTS)
-    return max(parts, -(-RUN_PIECES // pieces))
+    parts = max(min(-(-wanted // total), MOST_PARTS), -(-RUN_PIECES // pieces))
+    curve = curve.divided(parts)
+    if limits.jerk is None:
+        return curve
+    # Near rest the squared speed grows with a power of the distance: the intervals become shorter towards both ends.
+    near = SHORTER ** np.arange(CUTS, 0, -1)
+    first, last = curve.knots[0], curve.knots[-1]
+    begin, end = first + near * curve.widths[0], last - near[::-1] * curve.widths[-1]
+    return curve.cut(np.concatenate([begin, end]))

@@ -17,7 +17,7 @@ from . import curve as curves
 from . import law as laws
 from .curve import Curve, parameters, spline
 from .limits import Limits
-from .profile import fastest, parts_for
+from .profile import fastest, in_intervals
 from .tip import levers
 from .trajectory import Trajectory
 
@@ -116,7 +116,7 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
         )
     runs, stops = _free_curves(way, places, rows, limits)
     total = sum(len(run.widths) for run in runs)
-    divided = [run.divided(parts_for(len(run.widths), total, limits)) for run in runs]
+    divided = [in_intervals(run, total, limits) for run in runs]
     law, curve = _law(way, divided, limits, tip_speeds), curves.joined(divided)
     return Trajectory(way.arm, limits, stops, way.tool, curve, law, np.clip(places, 0.0, curve.knots[-1]))
 

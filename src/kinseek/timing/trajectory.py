@@ -33,7 +33,10 @@ Indices = NDArray[np.int64]
 MOST_SAMPLES = 50_000_000
 """Largest number of samples of a trajectory."""
 
-LIMITING = 0.999
+TINY = 1e-300
+"""Prevents division by zero."""
+
+LIMITING = 0.95
 """A limit counts as the one that caps the speed if this share of it is used."""
 
 
@@ -303,7 +306,11 @@ class Trajectory(Lazy):
         shares = shares_of_limits(curve, constant_acceleration(curve.knots, 1.0 / square), limits, None)
         # With the speed v the shares of velocity, acceleration and jerk grow as v, v² and v³.
         most = [
-            (float(share.max()) ** (-1.0 / power), power, *np.unravel_index(share.argmax(), share.shape))
+            (
+                max(float(share.max()), TINY) ** (-1.0 / power),
+                power,
+                *np.unravel_index(share.argmax(), share.shape),
+            )
             for power, share in enumerate((shares.velocity, shares.acceleration, shares.jerk), 1)
             if share is not None
         ]
@@ -368,7 +375,7 @@ class Trajectory(Lazy):
             result = rates[2] * v**2 + rates[1] * a
         else:
             result = rates[3] * v**3 + 3.0 * rates[2] * v * a + rates[1] * j
-        return result.reshape(*times.shape, -1)
+        return result.reshape(*times.shape, self.mechanism.dof)
 
     def __repr__(self) -> str:
         """Return a short representation for a shell."""
