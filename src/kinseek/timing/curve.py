@@ -140,10 +140,8 @@ def _end_slope(knots: Array, q: Array) -> Array:
 
 
 def joined(curves: list[Curve]) -> Curve:
-    """Return curves one after another, each with as many pieces as before."""
-    knots = [curves[0].knots[:1]]
-    for curve in curves:
-        knots.append(knots[-1][-1] + curve.knots[1:] - curve.knots[0])
+    """Return curves that begin where the one before ends, as one."""
+    knots = [curve.knots[:-1] for curve in curves] + [curves[-1].knots[-1:]]
     begins, slopes = ([curve[k] for curve in curves] for k in (1, 2))
     return Curve(np.concatenate(knots), np.concatenate(begins), np.concatenate(slopes))
 

@@ -153,10 +153,9 @@ def rest() -> Law:
 
 
 def joined(laws: list[Law]) -> Law:
-    """Return laws one after another."""
-    s, times = [laws[0].s[:1]], [laws[0].times[:1]]
+    """Return laws, each of which begins at the position where the one before ends, one after another."""
+    s, times = [law.s[:-1] for law in laws] + [laws[-1].s[-1:]], [laws[0].times[:1]]
     for law in laws:
-        s.append(s[-1][-1] + law.s[1:] - law.s[0])
         times.append(times[-1][-1] + law.times[1:])
     rest = [np.concatenate([law[k] for law in laws]) for k in range(2, 6)]
     return Law(np.concatenate(s), np.concatenate(times), *rest)
