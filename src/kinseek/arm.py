@@ -656,9 +656,16 @@ class Arm(ForwardArm):
         """
         if goal.shape:
             raise InvalidProblem(f"goal must be one goal, got a batch of shape {goal.shape}")
-        first: IkOptions = {"scene": scene, "clearance": move.clearance, "time_limit": deadline.left}
-        first |= {"near": move.begin} if self._axes is None else {"cost": move.cost}
-        best = np.asarray(self.ik(goal, **first).require().q)[None]
+        near: IkOptions = {"scene": scene, "clearance": move.clearance, "time_limit": deadline.left}
+        least: IkOptions = {**near, "cost": move.cost}
+        near["near"] = move.begin
+        found = self.ik(goal, **near)
+        if self._axes is not None:
+            cheapest = self.ik(goal, **least)
+            # The search for the least cost begins at samples, and may overlook a solution beside the begin.
+            if not (found.success and 1.01 * move.cost(found.q[None])[0] < move.cost(cheapest.q[None])[0]):
+                found = cheapest
+        best = np.asarray(found.require().q)[None]
         if scene is None:
             return move.nearest(best)
         others: BranchesOptions = {"scene": scene, "clearance": move.clearance, "time_limit": deadline.left}

@@ -145,6 +145,15 @@ def test_the_shortest_motion_to_all_solutions(name: str) -> None:
         assert trajectory.duration == pytest.approx(min(durations), rel=3e-6)
 
 
+def test_a_pose_beside_the_begin_is_near_for_a_redundant_arm() -> None:
+    # Joint values from which the search for the least cost alone found a solution far away.
+    arm = kinseek.load("yumi_left")
+    q0 = np.clip([-1.5401, 0.5647, -1.9305, -0.2775, -4.7284, 1.1435, -1.0111], arm.lower, arm.upper)
+    q1 = np.clip(q0 + 0.001 * np.array([1.0, 0, 0, 0.6, 0, 0, 0]), arm.lower, arm.upper)
+    joints, pose = (arm.move(q0, goal, velocity=4.0, acceleration=50.0) for goal in (q1, arm.fk(q1)))
+    assert pose.duration <= 1.01 * joints.duration
+
+
 def test_of_equal_durations_the_joints_that_do_not_matter_move_least() -> None:
     # The wrist can turn by a full turn while the slow base moves.
     arm = kinseek.load("ur5e")
