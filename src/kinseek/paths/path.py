@@ -214,11 +214,11 @@ class Path(Lazy):
     ) -> Trajectory:
         """Return the fastest motion through the joint values of all poses that keeps limits everywhere, not at samples only.
 
-        The joints move along cubic splines through the rows of `q`, with continuous velocities; `Trajectory.deviation` says
-        how far the tip is from the straight lines between the poses. The limits are kept by bounds of the polynomials
-        between the points at which the speed is chosen (docs/trajectories.md). The arm stops at breaks, and moves across
-        them with every joint moving linearly. In a scene the motion is proved free of collision; where the spline is not,
-        the arm moves linearly from pose to pose, and stops at both.
+        The joints move along cubic splines that pass the rows of `q` within `tolerance`, with continuous velocities;
+        `Trajectory.deviation` says how far the tip is from the straight lines between the poses. The limits are kept by
+        bounds of the polynomials between the points at which the speed is chosen (docs/trajectories.md). The arm stops at
+        breaks, and moves across them with every joint moving linearly. In a scene the motion is proved free of collision;
+        where the spline is not, the arm moves linearly from pose to pose, and stops at both.
 
         Args:
             velocity: Speed limit of each joint, one number or (n,), [rad/s] or [m/s]; by default that of the arm.
