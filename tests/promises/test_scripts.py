@@ -28,6 +28,7 @@ SCRIPTS = [
     ROOT / "benchmarks" / "field" / "__main__.py",
     ROOT / "benchmarks" / "maps" / "__main__.py",
     ROOT / "benchmarks" / "paths" / "__main__.py",
+    ROOT / "benchmarks" / "paths" / "fastest.py",
     ROOT / "benchmarks" / "field" / "agree.py",
     ROOT / "experiments" / "__main__.py",
 ]

@@ -313,7 +313,7 @@ def test_the_command_line_takes_two_links_and_limits(
     assert run(["show", str(path), "--tip", "right_hand", *wide]) == 0
     assert "drive/yaw" in capsys.readouterr().out
     assert run(["show", str(path), "--tip", "right_hand", "--limits", "drive/x=2"]) == 2
-    assert "--limits takes NAME=LOWER,UPPER, got drive/x=2" in capsys.readouterr().err
+    assert "--limits takes NAME=LOWER,UPPER|FILE, got drive/x=2" in capsys.readouterr().err
     assert run(["check", str(path), "--base", "left_hand", "--tip", "right_hand"]) == 1
     assert "needs the limits= of kinseek.load" in capsys.readouterr().out
 

@@ -26,7 +26,7 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
-COARSE = 17
+COARSE = 65
 """Poses through which a spline from stop to stop goes at least."""
 
 LEAST = 1e-12
@@ -148,13 +148,12 @@ def _free_curves(way: Way, places: Array, rows: Indices, limits: Limits) -> tupl
         at = np.flatnonzero(stops)
         found, knots = [], []
         for i, j in pairwise(at):
-            kept = i + thinned(s[i : j + 1], q[i : j + 1], whole[i : j + 1], way)
-            curve, jumps = spline(s[kept], q[kept], *way.ends)
+            kept, curve, jumps = thinned(s[i : j + 1], q[i : j + 1], whole[i : j + 1], way)
             found.append(curve)
-            knots.append(kept)
+            knots.append(i + kept)
             if limits.jerk is not None:
                 # Where the second derivative jumps, the jerk is finite only at rest.
-                stops[kept[jumps]] = True
+                stops[i + kept[jumps]] = True
         if stops.sum() > len(at):
             continue
         stops[0] = stops[-1] = False
@@ -205,8 +204,8 @@ def spaced(places: Array, apart: float) -> Indices:
     return np.array(rows)
 
 
-def thinned(s: Array, q: Array, whole: Flags, way: Way) -> Indices:
-    """Return the poses through which a spline has to go to pass all others within the tolerances.
+def thinned(s: Array, q: Array, whole: Flags, way: Way) -> tuple[Indices, Curve, Indices]:
+    """Choose the poses through which a spline has to go to pass all others within the tolerances.
 
     Joint values contain rounding errors, which would make the spline curved if it passed many close poses exactly. The poses
     are chosen from coarse to fine: where the spline misses some by too much, the one in the middle is added.
@@ -216,6 +215,9 @@ def thinned(s: Array, q: Array, whole: Flags, way: Way) -> Indices:
         q: Their joint values, (k, n).
         whole: Whether the spline has to go through each pose exactly, (k,).
         way: The tolerances and limits.
+
+    Returns:
+        The poses, (m,), the spline, and those of the poses at which its second derivative jumps, (j,).
     """
     last, weights = len(s) - 1, way.weights
     kept = whole.copy()
@@ -223,15 +225,13 @@ def thinned(s: Array, q: Array, whole: Flags, way: Way) -> Indices:
     kept[[0, last]] = True
     while True:
         knots = np.flatnonzero(kept)
-        if len(knots) == len(s):
-            return knots
-        curve, _ = spline(s[knots], q[knots], *way.ends)
+        curve, jumps = spline(s[knots], q[knots], *way.ends)
         left = np.flatnonzero(~kept)
         piece = np.searchsorted(knots, left) - 1
         off = np.abs(curve.at(s[left], piece) - q[left])
         missed = (off @ weights > 1.0).any(axis=1)
         if not missed.any():
-            return knots
+            return knots, curve, jumps
         for k in np.unique(piece[missed]):
             kept[(knots[k] + knots[k + 1]) // 2] = True
 
