@@ -5,10 +5,12 @@ The curve q(s) is divided into intervals of width h. On each, q'(s) is a quadrat
 is constant. The acceleration of a joint, ``q'' x + q' u`` (*Bobrow, Dubowsky, Gibson 1985*), is then a quadratic
 polynomial in s. It stays between its smallest and its largest Bernstein coefficient (*Farouki 2012*), and the
 coefficients are linear in x0 and x1. So are those of the bound ``r² x`` of the squared speeds, where the squared rate r² is
-bounded by a linear polynomial. Limits of the coefficients therefore hold on the whole interval; `Row` is one of them.
+bounded by a linear polynomial. Limits of the coefficients, the rows of an interval, therefore hold on all of it.
 
 As every row admits rest (x0 = x1 = 0), one pass from the end finds the largest x from which the arm can still keep all
-limits, and one pass from the start takes the largest x that this permits (*Pham, Pham 2018*).
+limits, and one pass from the start takes the largest x that this permits (*Pham, Pham 2018*). To take the largest x at once
+is best if a larger x0 never reduces the largest x1. So a row with two positive coefficients is replaced by limits of x0 and
+of x1 alone, which imply it; they differ from it by the change of x on an interval.
 """
 
 from __future__ import annotations
