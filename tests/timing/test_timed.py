@@ -8,10 +8,14 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import kinseek
 from benchmarks.trajectories import arc, corner
 from kinseek import Goal
+from kinseek.timing.limits import Limits
+from kinseek.timing.timed import Way, timed
 from motions import worst
 
 ARMS = ("ur5e", "panda", "iiwa14", "so101", "puma560")
@@ -338,6 +342,39 @@ def test_with_no_tolerance_every_pose_is_passed_exactly() -> None:
     path = corner(kinseek.load("panda"), np.random.default_rng(3))
     trajectory = path.timed(acceleration=10.0, tolerance=0.0)
     np.testing.assert_allclose(trajectory.q(trajectory.pose_times), path.q, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.slow
+@settings(max_examples=150)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(2, 60),
+    style=st.sampled_from(["walk", "reversals", "repeats", "tiny", "line"]),
+    jerk=st.booleans(),
+    stop=st.booleans(),
+)
+def test_any_joint_values_and_limits(seed: int, count: int, style: str, jerk: bool, stop: bool) -> None:
+    arm, rng = kinseek.load("ur5e").mechanism, np.random.default_rng(seed)
+    scale = 10.0 ** rng.uniform(-4.0, 0.0)
+    q = scale * np.cumsum(rng.normal(size=(count, 6)), axis=0) / count
+    if style == "reversals":
+        q = scale * rng.normal(size=6) * (np.arange(count) % 2)[:, None]
+    elif style == "repeats":
+        q = np.repeat(q, rng.integers(1, 4, count), axis=0)
+    elif style == "tiny":
+        q *= 1e-8
+    elif style == "line":
+        q = scale * rng.normal(size=6) * np.linspace(0.0, 1.0, count)[:, None]
+    velocity, acceleration = 10.0 ** rng.uniform(-2.0, 2.0, (2, 6))
+    limits = Limits(velocity, acceleration, 10.0 ** rng.uniform(-1.0, 4.0, 6) if jerk else None)
+    breaks = np.array([len(q) // 2] if stop and len(q) > 3 else [], dtype=np.int64)
+    trajectory = timed(Way(arm, None, q, breaks, None, 0.0, (1e-6, 1e-6)), limits, (0.0, 0.0))
+    assert np.isfinite(trajectory.duration)
+    found = worst(trajectory)
+    assert max(found["velocity"], found["acceleration"], found.get("jerk", 0.0)) <= 1.0 + 1e-9
+    kept = trajectory.limits_kept
+    assert max(np.max(share) for share in kept if share is not None) <= 1.0 + 1e-9
+    np.testing.assert_allclose(trajectory.q(trajectory.pose_times), q, rtol=0.0, atol=2e-6)
 
 
 def test_where_the_spline_is_not_free_the_arm_moves_linearly() -> None:
