@@ -663,7 +663,8 @@ class Arm(ForwardArm):
         if self._axes is not None:
             cheapest = self.ik(goal, **least)
             # The search for the least cost begins at samples, and may overlook a solution beside the begin.
-            if not (found.success and 1.01 * move.cost(found.q[None])[0] < move.cost(cheapest.q[None])[0]):
+            costs = move.cost(np.stack([found.q, cheapest.q]))
+            if not found.success or (cheapest.success and 1.01 * costs[0] >= costs[1]):
                 found = cheapest
         best = np.asarray(found.require().q)[None]
         if scene is None:
