@@ -26,6 +26,7 @@ import kinseek
 
 from .command import command
 from .page import Page, Row
+from .timing import timed
 
 Array = NDArray[np.float64]
 
@@ -126,16 +127,6 @@ def kept_by_toppra(path: kinseek.Path, velocity: Array, acceleration: Array) -> 
     return np.nan
 
 
-def best_time(work: Callable[[], object], repeats: int = 5) -> float:
-    """Median wall time of some calls [ms]."""
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        work()
-        times.append((time.perf_counter() - began) * 1e3)
-    return float(np.median(times))
-
-
 def compared(name: str, paths: int, seed: int) -> Row:
     """One arm's motions beside toppra's."""
     arm, rng = kinseek.load(name), np.random.default_rng(seed)
@@ -195,6 +186,11 @@ def with_jerk(name: str, paths: int, seed: int, jerk: float) -> Row:
     }
 
 
+def median(work: Callable[[], object], repeats: int = 5) -> float:
+    """Median wall time of some calls [ms]."""
+    return float(np.median(timed(lambda _: work(), range(repeats))[1])) / 1e3
+
+
 def long_path(name: str, count: int, seed: int) -> Row:
     """Time for a path of many poses."""
     arm = kinseek.load(name)
@@ -204,8 +200,8 @@ def long_path(name: str, count: int, seed: int) -> Row:
         "arm": name,
         ">joints": arm.dof,
         ">poses": count,
-        ">ms": f"{best_time(partial(path.timed, velocity, acceleration)):.2f}",
-        ">with jerk, ms": f"{best_time(partial(path.timed, velocity, acceleration, 1000.0)):.1f}",
+        ">ms": f"{median(partial(path.timed, velocity, acceleration)):.2f}",
+        ">with jerk, ms": f"{median(partial(path.timed, velocity, acceleration, 1000.0)):.1f}",
         ">toppra, ms": f"{np.median([by_toppra(path, velocity, acceleration)[2] for _ in range(5)]):.1f}",
     }
 

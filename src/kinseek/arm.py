@@ -511,11 +511,7 @@ class Arm(ForwardArm):
         from .paths.follow import follow_poses
 
         deadline = Deadline(time_limit)
-        _require_scene(scene, clearance)
-        if scene is not None:
-            from .collision.solutions import judge_of
-
-            clearance = judge_of(scene, self._mechanism, clearance, None).clearance
+        clearance = self._clearance(scene, clearance)
         if threads is not None:
             threads = as_integer("threads", threads, 1)
         request: dict[str, Any] = {
@@ -633,11 +629,7 @@ class Arm(ForwardArm):
         from .timing.move import Move, are_joints, fastest_free, inside_limits
 
         deadline = Deadline(time_limit)
-        _require_scene(scene, clearance)
-        if scene is not None:
-            from .collision.solutions import judge_of
-
-            clearance = judge_of(scene, self._mechanism, clearance, None).clearance
+        clearance = self._clearance(scene, clearance)
         begin = inside_limits(self._mechanism, q0, "q0")
         limits = read_limits(self._mechanism, velocity, acceleration, jerk)
         move = Move(self._mechanism, begin, limits, scene, clearance)
@@ -646,6 +638,20 @@ class Arm(ForwardArm):
         requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
         ends = self._ends(move, requested, scene, deadline)
         return fastest_free(move._replace(tool=requested.tool), ends, deadline)
+
+    def _clearance(self, scene: Scene | None, clearance: float) -> float:
+        """Read the clearance in a scene [m].
+
+        Raises:
+            InvalidProblem: A clearance without a scene.
+            InvalidScene: The scene belongs to another arm, or the clearance is not a length.
+        """
+        _require_scene(scene, clearance)
+        if scene is None:
+            return clearance
+        from .collision.solutions import judge_of
+
+        return judge_of(scene, self._mechanism, clearance, None).clearance
 
     def _ends(self, move: Move, goal: Goal, scene: Scene | None, deadline: Deadline) -> Array:
         """Return the solutions of a goal to which the arm may move, (k, n): the best, and in a scene all others too.

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.order import Valid, is_valid
 from kinseek.support.deadline import Deadline
+from kinseek.timing.obstacles import Obstacles
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -26,25 +27,6 @@ ROWS = 128
 
 FEW = 16
 """Poses per call of the user's `valid` if there is a deadline: each may take milliseconds."""
-
-
-class Obstacles(Protocol):
-    """Methods of a scene that a path uses."""
-
-    def free(self, q: Any, clearance: float = 0.0) -> Any:
-        """See `Scene.free`."""
-
-    def free_motion(self, q0: Any, q1: Any, clearance: float = 0.0, around: Any = None) -> Any:
-        """See `Scene.free_motion`."""
-
-    def hits_between(self, q0: Any, q1: Any, clearance: float = 0.0) -> Sequence[object]:
-        """See `Scene.hits_between`."""
-
-    def distance(self, q: Any) -> Any:
-        """See `Scene.distance`."""
-
-    def hits(self, q: Any, clearance: float = 0.0) -> Sequence[object]:
-        """See `Scene.hits`."""
 
 
 @dataclass(frozen=True)

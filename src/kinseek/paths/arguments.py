@@ -19,8 +19,9 @@ from kinseek.support.deadline import Deadline
 from kinseek.support.interrupts import raise_of_handler
 from kinseek.support.validation import arrays_equal
 from kinseek.timing.limits import Limits, positive, read_limits
+from kinseek.timing.obstacles import Obstacles
 
-from .allowed import Allowed, Obstacles
+from .allowed import Allowed
 from .request import PathRequest
 
 Array = NDArray[np.float64]

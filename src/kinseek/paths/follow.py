@@ -16,7 +16,6 @@ from kinseek.solvers.threads import progress_bar
 from .arguments import goals_of, read
 from .branches import SAME
 from .bridge import bridged
-from .fastest import fastest_of
 from .graph import LayerGraph, best_allowed
 from .joints import Turning
 from .judge import Plan, checked, judged
@@ -80,6 +79,8 @@ def follow(request: PathRequest, threads: int | None, advance: Advance, take: in
 
 def fastest(request: PathRequest, threads: int | None, advance: Advance) -> Path:
     """Find the path with the shortest duration; see `fastest_of`."""
+    from .fastest import fastest_of
+
     return fastest_of(request, lambda one, report: follow(one, threads, report), advance)
 
 

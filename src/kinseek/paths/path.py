@@ -14,8 +14,8 @@ from kinseek.problem import Problem
 from kinseek.support.lazy import Lazy, lazy
 from kinseek.support.validation import as_number
 from kinseek.timing.limits import read_limits
+from kinseek.timing.obstacles import Obstacles
 
-from .allowed import Obstacles
 from .between import deviation_between
 from .joints import Turning
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -111,14 +111,10 @@ MOVEJ = Language(
 )
 """URScript: straight motions of the joints with blends. The controller plans the time."""
 
-MOVEL = Language(
-    axes=_UR,
-    only_turning=True,
-    header=_UR_HEADER,
+MOVEL = replace(
+    MOVEJ,
     # The controller computes the poses from joint values, so neither its base nor its tool has to be the arm's.
     line="  movel([{axes}], a={tip_acceleration:.6f}, v={tip_velocity:.6f}, r={blend:.6f})\n",
-    footer="end\n",
-    comment="  #",
 )
 """URScript: straight motions of the tool with blends. The controller plans the time."""
 

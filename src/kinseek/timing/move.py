@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from . import curve as curves
 from . import law as laws
 from .curve import Curve, deviation
 from .limits import Limits
+from .obstacles import Obstacles
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -48,19 +49,6 @@ MOST_HALVINGS = 7
 
 OUTSIDE = 1e-9
 """Joint values that are outside the limits by less than this are moved onto them [rad] or [m]."""
-
-
-class Obstacles(Protocol):
-    """The methods of a scene that a motion uses."""
-
-    def free(self, q: Any, clearance: float = 0.0) -> Any:
-        """See `Scene.free`."""
-
-    def free_motion(self, q0: Any, q1: Any, clearance: float = 0.0, around: Any = None) -> Any:
-        """See `Scene.free_motion`."""
-
-    def hits(self, q: Any, clearance: float = 0.0) -> Any:
-        """See `Scene.hits`."""
 
 
 class Move(NamedTuple):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidProblem
-from kinseek.robots.chain import SerialChain, with_tool
+from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import Mechanism, no_axes
 from kinseek.support.validation import as_number
 
@@ -17,8 +17,9 @@ from . import curve as curves
 from . import law as laws
 from .curve import Curve, parameters, spline
 from .limits import Limits
+from .obstacles import Obstacles
 from .profile import fastest, in_intervals
-from .tip import levers
+from .tip import chain_to_tip, levers
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -34,13 +35,6 @@ LEAST = 1e-12
 
 EXACT = 1e-9
 """How far the joints of black-box kinematics may pass the poses [rad or m]: how this moves the tip is not known."""
-
-
-class Obstacles(Protocol):
-    """The method of a scene that a motion uses."""
-
-    def free_motion(self, q0: Any, q1: Any, clearance: float = 0.0, around: Any = None) -> Any:
-        """See `Scene.free_motion`."""
 
 
 class Way(NamedTuple):
@@ -60,34 +54,21 @@ class Way(NamedTuple):
     """How far the tip may pass the poses, [m] and [rad]."""
 
     @property
-    def chain(self) -> SerialChain | None:
-        """The arm up to the tip or the tool; None for black-box kinematics."""
-        axes = self.arm.axes
-        return axes if axes is None or self.tool is None else with_tool(axes, self.tool)
-
-    @property
-    def weights(self) -> Array:
-        """How much of the tolerances a unit of motion of each joint uses up at most, (n, 2): position and orientation."""
-        chain = self.chain
-        if chain is None:
-            return np.full((self.arm.dof, 1), 1.0 / EXACT)
-        reach, turn = np.zeros(self.arm.dof), np.zeros(self.arm.dof)
-        scale = np.abs(chain.multiplier)
-        np.add.at(reach, chain.leader, scale * levers(chain))
-        np.add.at(turn, chain.leader, np.where(chain.prismatic, 0.0, scale))
-        near = np.maximum(self.tolerances, LEAST)
-        return np.asarray(np.stack([reach, turn], axis=1) / near)
-
-    def closeness(self, limits: Limits) -> float:
-        """Return up to which distance, as `parameters` measures it, joint values differ by less than the tolerances."""
-        # |dq| w <= |dq / v| |w v| (Cauchy and Schwarz).
-        return float(1.0 / np.linalg.norm(self.weights * limits.velocity[:, None], axis=0).max())
-
-    @property
     def ends(self) -> tuple[Array, Array]:
         """Limits of the joints, (n,) each; infinite for continuous joints."""
         endless = self.arm.endless
         return np.where(endless, -np.inf, self.arm.lower), np.where(endless, np.inf, self.arm.upper)
+
+
+def weights_of(chain: SerialChain | None, way: Way) -> Array:
+    """Return how much of the tolerances a unit of motion of each joint uses up at most, (n, 2): position and orientation."""
+    if chain is None:
+        return np.full((way.arm.dof, 1), 1.0 / EXACT)
+    reach, turn = np.zeros(way.arm.dof), np.zeros(way.arm.dof)
+    scale = np.abs(chain.multiplier)
+    np.add.at(reach, chain.leader, scale * levers(chain))
+    np.add.at(turn, chain.leader, np.where(chain.prismatic, 0.0, scale))
+    return np.asarray(np.stack([reach, turn], axis=1) / np.maximum(way.tolerances, LEAST))
 
 
 def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajectory:
@@ -102,40 +83,46 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
         InvalidProblem: The speed at an end cannot be kept; or the tip has no axes but a speed; or the motion across a break
             is not free of collision.
     """
-    if way.chain is None and (limits.tool_speed is not None or any(tip_speeds)):
+    chain = chain_to_tip(way.arm, way.tool)
+    if chain is None and (limits.tool_speed is not None or any(tip_speeds)):
         raise InvalidProblem(no_axes(way.arm, "the speed of the tip is computed from axes and links"))
     for name, speed in zip(("start_velocity", "end_velocity"), tip_speeds, strict=True):
         as_number(name, speed, 0.0, np.inf, InvalidProblem)
     places = parameters(way.q, limits.velocity)
     # Poses with nearly equal joint values are passed at the same time: the way between them has no direction.
-    rows = spaced(places, way.closeness(limits))
+    # |dq| w <= |dq / v| |w v| (Cauchy and Schwarz), so that they differ by less than the tolerances.
+    weights = weights_of(chain, way)
+    rows = spaced(places, float(1.0 / np.linalg.norm(weights * limits.velocity[:, None], axis=0).max()))
     if len(rows) == 1:
         nowhere = np.zeros(0, dtype=np.int64)
         return Trajectory(
             way.arm, limits, nowhere, way.tool, curves.rest(way.q[0]), laws.rest(), 0.0 * places
         )
-    runs, stops = _free_curves(way, places, rows, limits)
+    runs, stops = _free_curves(way, weights, (places, rows), limits)
     total = sum(len(run.widths) for run in runs)
     divided = [in_intervals(run, total, limits) for run in runs]
-    law, curve = _law(way, divided, limits, tip_speeds), curves.joined(divided)
+    law, curve = _law(chain, divided, limits, tip_speeds), curves.joined(divided)
     return Trajectory(way.arm, limits, stops, way.tool, curve, law, np.clip(places, 0.0, curve.knots[-1]))
 
 
-def _free_curves(way: Way, places: Array, rows: Indices, limits: Limits) -> tuple[list[Curve], Indices]:
+def _free_curves(
+    way: Way, weights: Array, poses: tuple[Array, Indices], limits: Limits
+) -> tuple[list[Curve], Indices]:
     """Return splines from stop to stop, proved free in the scene, and the inner poses with stops, (k,).
 
     Steps whose spline is not free become straight, until all splines are.
 
     Args:
         way: The joint values.
-        places: Positions of the poses on the curve, (N,).
-        rows: Poses that are not nearly equal to the one before, (m,), the first among them.
+        weights: See `weights_of`, (n, 2).
+        poses: Positions of the poses on the curve, (N,); and those that are not nearly equal to the one before, (m,).
         limits: The limits.
 
     Raises:
         InvalidProblem: A step that is straight from the beginning is not free.
     """
-    s, q = places[rows], way.q[rows]
+    places, rows = poses
+    s, q, ends_of_joints = places[rows], way.q[rows], way.ends
     # A break between nearly equal poses is none.
     straight = np.isin(rows[:-1], rows[np.searchsorted(rows, way.breaks, side="right") - 1])
     straight &= np.isin(rows[1:], way.breaks + 1)
@@ -148,7 +135,9 @@ def _free_curves(way: Way, places: Array, rows: Indices, limits: Limits) -> tupl
         at = np.flatnonzero(stops)
         found, knots = [], []
         for i, j in pairwise(at):
-            kept, curve, jumps = thinned(s[i : j + 1], q[i : j + 1], whole[i : j + 1], way)
+            kept, curve, jumps = thinned(
+                s[i : j + 1], q[i : j + 1], whole[i : j + 1], weights, ends_of_joints
+            )
             found.append(curve)
             knots.append(i + kept)
             if limits.jerk is not None:
@@ -204,7 +193,9 @@ def spaced(places: Array, apart: float) -> Indices:
     return np.array(rows)
 
 
-def thinned(s: Array, q: Array, whole: Flags, way: Way) -> tuple[Indices, Curve, Indices]:
+def thinned(
+    s: Array, q: Array, whole: Flags, weights: Array, limits: tuple[Array, Array]
+) -> tuple[Indices, Curve, Indices]:
     """Choose the poses through which a spline has to go to pass all others within the tolerances.
 
     Joint values contain rounding errors, which would make the spline curved if it passed many close poses exactly. The poses
@@ -214,18 +205,19 @@ def thinned(s: Array, q: Array, whole: Flags, way: Way) -> tuple[Indices, Curve,
         s: Positions of the poses, increasing, (k,), k >= 2.
         q: Their joint values, (k, n).
         whole: Whether the spline has to go through each pose exactly, (k,).
-        way: The tolerances and limits.
+        weights: See `weights_of`, (n, 2).
+        limits: Limits of the joints, (n,) each.
 
     Returns:
         The poses, (m,), the spline, and those of the poses at which its second derivative jumps, (j,).
     """
-    last, weights = len(s) - 1, way.weights
+    last = len(s) - 1
     kept = whole.copy()
     kept[np.clip(np.searchsorted(s, np.linspace(s[0], s[-1], COARSE)), 0, last)] = True
     kept[[0, last]] = True
     while True:
         knots = np.flatnonzero(kept)
-        curve, jumps = spline(s[knots], q[knots], *way.ends)
+        curve, jumps = spline(s[knots], q[knots], *limits)
         left = np.flatnonzero(~kept)
         piece = np.searchsorted(knots, left) - 1
         off = np.abs(curve.at(s[left], piece) - q[left])
@@ -236,7 +228,9 @@ def thinned(s: Array, q: Array, whole: Flags, way: Way) -> tuple[Indices, Curve,
             kept[(knots[k] + knots[k + 1]) // 2] = True
 
 
-def _law(way: Way, runs: list[Curve], limits: Limits, tip_speeds: tuple[float, float]) -> laws.Law:
+def _law(
+    chain: SerialChain | None, runs: list[Curve], limits: Limits, tip_speeds: tuple[float, float]
+) -> laws.Law:
     """Return the law of the fastest motion along curves, from rest to rest but for the first start and the last end."""
     last = len(runs) - 1
     return laws.joined(
@@ -244,7 +238,7 @@ def _law(way: Way, runs: list[Curve], limits: Limits, tip_speeds: tuple[float, f
             fastest(
                 run,
                 limits,
-                way.chain,
+                chain,
                 (tip_speeds[0] if i == 0 else 0.0, tip_speeds[1] if i == last else 0.0),
             )
             for i, run in enumerate(runs)

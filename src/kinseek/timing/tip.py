@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.jacobian import jacobian_many
-from kinseek.robots.chain import SerialChain
+from kinseek.robots.chain import SerialChain, with_tool
+from kinseek.robots.mechanism import Mechanism
 
 from .curve import Curve
 
@@ -33,6 +34,11 @@ NOTHING = 1e-12
 
 CLOSE = 0.5
 """A bound of the distance is at most 1 / (1 - CLOSE) times the true one."""
+
+
+def chain_to_tip(arm: Mechanism, tool: Array | None) -> SerialChain | None:
+    """Return the arm up to its tip, or to a tool at it, (4, 4); None for black-box kinematics."""
+    return arm.axes if arm.axes is None or tool is None else with_tool(arm.axes, tool)
 
 
 def levers(chain: SerialChain) -> Array:

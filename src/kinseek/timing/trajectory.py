@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.jacobian import jacobian_many
-from kinseek.robots.chain import SerialChain, with_tool
+from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import Mechanism, no_axes
 from kinseek.support.lazy import Lazy, lazy
 from kinseek.support.validation import as_number
@@ -22,7 +22,7 @@ from .curve import Curve
 from .law import Law, constant_acceleration
 from .limits import Limits
 from .shares import Shares, shares_of_limits
-from .tip import line_distance, speed_bounds
+from .tip import chain_to_tip, line_distance, speed_bounds
 
 if TYPE_CHECKING:
     from .languages import Language
@@ -344,12 +344,12 @@ class Trajectory(Lazy):
 
     @lazy
     def _chain(self) -> SerialChain:
-        chain = self.mechanism.axes
+        chain = chain_to_tip(self.mechanism, self.tool)
         if chain is None:
             raise InvalidProblem(
                 no_axes(self.mechanism, "the motion of the tip is computed from axes and links")
             )
-        return chain if self.tool is None else with_tool(chain, self.tool)
+        return chain
 
     def _at(self, t: ArrayLike, order: int) -> Array:
         """Return a derivative of the joint values with respect to time at times, (...), as (..., n).
