@@ -159,7 +159,7 @@ def checks(page: Page, options: Any) -> None:
     alone, both = (least(lambda n=n: scene.free(many, threads=n)) * len(q) / len(many) for n in (1, 2))  # type: ignore[misc]
     machine = two_processes(lambda: scene.free(many, threads=1)) * len(q) / len(many)
     branches = least(lambda: scene.free(q[:8]), 200) * len(q)  # As long as a pose with eight branches takes.
-    first = least(lambda: scene._engine._broad.verdicts(q, 0.0, TOUCH))
+    first = least(lambda: scene._engine.broad.verdicts(q, 0.0, TOUCH))
     outside = Outside(scene, arm)
     mujoco = least(lambda: outside.depths(few)) * len(q) / len(few)
     taken = {
@@ -196,7 +196,7 @@ def proofs(page: Page, options: Any) -> None:
     done = 0
     while done < options.proofs:
         q = arm.sample(min(10_000, options.proofs - done), seed=100 + done)
-        verdicts, _ = engine._broad.sort_out(q, 0.0, TOUCH)
+        verdicts, _ = engine.broad.sort_out(q, 0.0, TOUCH)
         exact = engine.exactly_free(q, 0.0)
         told += np.bincount(verdicts, minlength=3)
         wrong += [(exact & (verdicts == gaps.TOUCH)).sum(), (~exact & (verdicts == gaps.FREE)).sum()]

@@ -686,12 +686,22 @@ class Arm(ForwardArm):
         velocity: ArrayLike | None = None,
         recover: bool = True,
         goal: Goal | None = None,
+        *,
+        acceleration: ArrayLike | None = None,
+        jerk: ArrayLike | None = None,
+        scene: Scene | None = None,
+        clearance: float = 0.0,
+        prefer: Preferred | ArrayLike | None = None,
+        prefer_speed: float = 0.2,
         **unknown: Never,
     ) -> Tracker:
-        """Start servoing from joint values: each step takes one pose and returns joint values, with bounded work.
+        """Start servoing from joint values, at rest: each step takes one target and returns joint values, with bounded work.
+
+        After every step the joints can brake to rest within all limits and, with a scene, without touching anything that
+        rests (*Berscheid & Kröger 2021* for limits; Lipschitz bounds of distances for the scene).
 
         Args:
-            q0: Current joint values, (n,), [rad] or [m]. A joint outside its limits returns at the maximum speed.
+            q0: Current joint values, (n,), [rad] or [m]. A joint outside its limits returns as fast as it may.
             period: Time between two steps [s].
             velocity: Speed limit of each joint, one number or (n,), [rad/s] or [m/s], never exceeded. By default the limits
                 in the robot's file; a joint without one is not limited in speed.
@@ -699,15 +709,34 @@ class Arm(ForwardArm):
                 the speed limit of every joint. False: the arm stays on its branch until `switch` is called.
             goal: What counts of each pose: a goal whose target every step replaces, such as
                 ``Goal.pose(np.eye(4), free="rz", cone=0.17, tool=gripper)``. By default the whole pose of the tip.
+            acceleration: Limit of the acceleration of each joint, as `velocity`, [rad/s²] or [m/s²].
+            jerk: Limit of the jerk of each joint, as `velocity`, [rad/s³] or [m/s³].
+            scene: The collision scene, see docs/collisions.md. The arm stops before it touches anything.
+            clearance: Minimum distance between bodies of the scene [m].
+            prefer: Where a redundant arm moves its joints while its hand follows the target: ``"mid-range"``, ``"limits"``
+                (away from them), ``"dexterity"``, ``{"arm_angle": angle}``, or joint values, (n,).
+            prefer_speed: Largest velocity of a joint for that [rad/s] or [m/s].
 
         Raises:
-            InvalidProblem: An argument does not fit the arm, or the arm has black-box kinematics.
+            InvalidProblem: An argument does not fit the arm, the arm has black-box kinematics, or q0 is in collision.
+            InvalidScene: The scene belongs to another arm, or the clearance is not a length.
         """
         if unknown:
             raise unknown_argument(Arm.track, unknown)
+        from .paths.drift import Preference
+        from .paths.limited import Around
         from .paths.tracker import Tracker
 
-        return Tracker(self._mechanism, q0, period, velocity, recover, goal)
+        return Tracker(
+            self._mechanism,
+            q0,
+            period,
+            (velocity, acceleration, jerk),
+            recover,
+            goal,
+            Around(scene, self._clearance(scene, clearance)),
+            Preference(prefer, prefer_speed),
+        )
 
     def _with_proofs(self, solution: Solution, deadline: Deadline) -> Solution:
         from .proof.branch_and_bound import prove

@@ -19,7 +19,7 @@ pytest.importorskip("coal")
 
 def column(engine: Engine, name: str) -> np.ndarray:
     """An array of the cell that the first pass goes by."""
-    return np.asarray(engine._broad._arrays[ROWS.first[name]])
+    return np.asarray(engine.broad._arrays[ROWS.first[name]])
 
 
 def engine_of(arm: kinseek.Arm) -> Engine:

@@ -167,7 +167,7 @@ def test_nothing_is_wrongly_called_free_or_touching(file: Path, clearance: float
     arm, scene = crowded(file)
     q = arm.sample(1500, seed=7)
     engine = scene._engine
-    verdicts, doubts = engine._broad.sort_out(q, clearance, 1e-6)
+    verdicts, doubts = engine.broad.sort_out(q, clearance, 1e-6)
     exact = engine.exactly_free(q, clearance)
     assert exact[verdicts == FREE].all()
     assert not exact[verdicts == TOUCH].any()
@@ -186,7 +186,7 @@ def test_bounds_are_bounds_and_the_nearest_is_the_nearest(file: Path) -> None:
     engine, q = scene._engine, arm.sample(40, seed=8)
     distances = np.array([[near.distance for near in engine.near(one)] for one in q])
     for steps in (0, 24):
-        bounds = engine._broad.bounds(q, steps)
+        bounds = engine.broad.bounds(q, steps)
         assert (bounds[bounds > 0] <= distances[bounds > 0] + 2e-6).all()
         assert (bounds > 0).mean() > 0.5
     np.testing.assert_allclose(scene.distance(q), distances.min(axis=1), atol=1e-12)
@@ -202,7 +202,7 @@ def test_a_cloud_is_looked_at_handful_by_handful() -> None:
     scene.add_points("cloud", cloud[np.linalg.norm(cloud, axis=1) > 0.7], 0.01)
     engine, q = scene._engine, arm.sample(300, seed=3)
     for clearance in (0.0, 0.02):
-        verdicts, doubts = engine._broad.sort_out(q, clearance, 1e-6)
+        verdicts, doubts = engine.broad.sort_out(q, clearance, 1e-6)
         exact = engine.exactly_free(q, clearance)
         assert exact[verdicts == FREE].all()
         assert not exact[verdicts == TOUCH].any()
@@ -222,7 +222,7 @@ def test_joint_values_far_outside_are_left_to_coal() -> None:
     scene.add_box("wall", (0.1, 2.0, 2.0), kinseek.pose([1.0, 0, 0]))
     turns = 2 * np.pi * 100_000
     q = np.array([[0.0, 0.0], [turns, 0.0], [2.0, 0.0], [2.0 - turns, 0.0]])
-    verdicts, _ = scene._engine._broad.sort_out(q, 0.0, 1e-6)
+    verdicts, _ = scene._engine.broad.sort_out(q, 0.0, 1e-6)
     assert verdicts.tolist() == [TOUCH, DOUBT, FREE, DOUBT]
     assert scene.free(q).tolist() == [False, False, True, True]
 
@@ -245,7 +245,7 @@ def test_a_panda_among_boxes_agrees_with_coal() -> None:
         size, place = rng.uniform(0.05, 0.2, 3), rng.uniform(-1, 1, 3)
         scene.add_box(f"box{number}", size, kinseek.pose(place, rpy=rng.uniform(-3, 3, 3)))
     q = arm.sample(10_000, seed=1)
-    verdicts, _ = scene._engine._broad.sort_out(q, 0.0, 1e-6)
+    verdicts, _ = scene._engine.broad.sort_out(q, 0.0, 1e-6)
     exact = scene._engine.exactly_free(q, 0.0)
     assert exact[verdicts == FREE].all()
     assert not exact[verdicts == TOUCH].any()

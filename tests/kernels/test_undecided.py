@@ -40,7 +40,7 @@ def test_joint_values_that_are_no_numbers_are_in_doubt_in_a_scene(value: float) 
     scene = kinseek.Scene.of(arm, capsules=0.05)
     scene.add_box("table", (0.2, 0.2, 0.2), kinseek.pose([2.0, 0.0, -1.0]))
     scene.free(np.zeros(6))
-    broad = scene._engine._broad
+    broad = scene._engine.broad
     q = np.array([[0.0, -1.5, 0.3, 0.0, 0.0, 0.0]] * 9)
     q[4, 2] = value
     verdicts, _ = broad.verdicts(q, 0.0, 1e-6)

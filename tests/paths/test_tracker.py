@@ -364,7 +364,7 @@ def test_misuse_is_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidProblem, match=message):
         arm.track(**{"q0": np.zeros(6), **options})
     tracker = arm.track(np.zeros(6))
-    for wrong in (np.full((4, 4), np.nan), np.eye(3), 2 * np.eye(4)):
+    for wrong in (np.eye(3), 2 * np.eye(4)):
         with pytest.raises(InvalidGoal):
             tracker.step(wrong)
 

@@ -19,6 +19,7 @@ from kinseek.robots.chain import Frame, SerialChain
 
 from .assembly import Assembly, assemble, sampled
 from .bodies import ArmBodies, Body, Part, package_folders, require_number
+from .margins import Margins
 from .obstacles import obstacles
 from .others import OtherArm
 from .pairs import ATTACHED, Pair, key, pairs_of
@@ -43,6 +44,7 @@ class Contents:
         self._notes = list(arm.notes)
         self._others: dict[str, OtherArm] = {}
         self._assembly: Assembly | None = None
+        self._margins: Margins | None = None
 
     def add_box(self, name: str, size: ArrayLike, pose: Any = None) -> None:
         """Add a box.

@@ -120,7 +120,7 @@ class Engine:
         self._shells = [n for n, pair in enumerate(pairs) if any(_is_shell(solids[i]) for i in pair)]
 
     @property
-    def _broad(self) -> Broad:
+    def broad(self) -> Broad:
         """The broad phase, fitted by one thread at its first use, which may take seconds."""
         fitted = self._fitted
         if fitted is None:
@@ -174,7 +174,7 @@ class Engine:
         return free
 
     def _free(self, q: Array, clearance: float) -> Flags:
-        broad = self._broad
+        broad = self.broad
         verdicts, in_doubt = broad.verdicts(q, clearance, TOUCH)
         free = np.asarray(verdicts == FREE)
         if in_doubt:
@@ -194,7 +194,7 @@ class Engine:
 
     def bounds(self, q: Array) -> Array:
         """Return lower bounds on the distance of each pair, with padding, (k, n) -> (k, pairs) [m]; from spheres alone."""
-        return self._broad.bounds(q)
+        return self.broad.bounds(q)
 
     def near(self, q: Array) -> list[Near]:
         """Return the distances of all pairs at q, (n,)."""
@@ -205,7 +205,7 @@ class Engine:
         """Return the two parts that are nearest to each other at q, (n,); None without pairs."""
         if not self.pairs:
             return None
-        bounds = self._broad.bounds(q[None], _LOOKS)[0]
+        bounds = self.broad.bounds(q[None], _LOOKS)[0]
         self.place(q)
         best: Near | None = None
         # In the order of their bounds, so that few distances are computed exactly.

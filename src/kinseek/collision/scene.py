@@ -19,6 +19,7 @@ from .bodies import arm_bodies, chain_of, package_folders
 from .contents import Contents, read_missing
 from .engine import TOUCH, Engine, Near
 from .geometry import library
+from .margins import Margins
 from .motion import FINEST, stops, surely_hits
 from .pairs import NEIGHBOURS, Contact, disabled_by, key
 from .shapes import length_or_zero
@@ -277,6 +278,14 @@ class Scene(Contents):
             raise InvalidProblem(f"reach must be {len(joints)} numbers, got {reach!r:.80}: {error}") from None
         with self._engine:
             return surely_hits(self._made.speeds, joints, around, least)
+
+    @property
+    def margins(self) -> Margins:
+        """Bounds of distances for the current contents; another object after every change of them."""
+        broad = self._engine.broad
+        if self._margins is None or self._margins.broad is not broad:
+            self._margins = Margins(self._made, broad)
+        return self._margins
 
     def fits(self, mechanism: Mechanism) -> bool:
         """Return whether this is the scene of an arm. The arm's limits and tool may differ."""

@@ -1,31 +1,40 @@
-"""Servoing: each period takes one pose and returns one set of joint values, with a bounded amount of work."""
+"""Servoing: each period takes one target and returns one set of joint values, with a bounded amount of work.
+
+There are two layers. A reference, joint values that track the target as fast as the velocity limits allow
+(`kernels.paths.servo`); and the joints, which follow the reference within all limits and can always stop in time
+(`limited`). Without limits of acceleration and jerk and without a scene, the joints are at the reference.
+"""
 
 from __future__ import annotations
 
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.branches.index import index_of
-from kinseek.errors import InvalidProblem
+from kinseek.errors import InvalidProblem, suggest
 from kinseek.goal import Goal
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.kernels.atlas.near import solve_goal
 from kinseek.kernels.paths import servo
+from kinseek.kernels.paths.limited import POSITION, VELOCITY, track_step
 from kinseek.kernels.paths.servo import LAGGING, LIMIT, SINGULAR, State, look_ahead, servo_step
+from kinseek.kinds import POSITION as POSITION_GOAL
 from kinseek.poses import as_pose, one_pose, plain_array
 from kinseek.problem import Problem, as_joints
-from kinseek.robots.mechanism import Mechanism
+from kinseek.robots.mechanism import RATES, Mechanism
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
-from kinseek.support.transforms import inverse
-from kinseek.support.validation import as_number
+from kinseek.support.transforms import inverse, rotation_vectors, rotations, transform
+from kinseek.support.validation import as_float_array, as_number
 from kinseek.timing.limits import positive
 from kinseek.virtual_joints import extended
 
+from .drift import AGAIN, ANYWHERE, Drift, Preference
 from .joints import Turning
+from .limited import KINDS, NOTHING, Around, Kept, LimitedJoints, Rates, straight_way
 from .past import TIMES, PastPoses
 from .request import require_inside
 
@@ -45,8 +54,21 @@ FASTER, AFTER = 10.0, 0.5
 """If joints that are `FASTER` times as fast still track the poses `AFTER` seconds later, only the hand is too fast, and its
 branch does not end. Not examined further."""
 
+AXES = ("base", "tool")
+"""Axes of a twist."""
+
 MOST_PERIODS = 1_000_000
 """Most periods of a motion to another branch."""
+
+AT_REST = 0.01
+"""If a body holds the joints and none is faster than this, the reference begins again where they are [rad/s] or [m/s]. Not
+examined further."""
+
+LEASH = (1e-4, 1e-3)
+"""How far the target that a twist moves may be ahead of the hand [m], [rad]. Not examined further."""
+
+HELD = (2e-3, 2e-2)
+"""The same for a position or an orientation that the twist does not change."""
 
 RETRY = 0.05
 """Time between two attempts to reach a lost pose again [s]. Not examined further."""
@@ -61,6 +83,8 @@ class TrackStatus(Enum):
     SINGULAR = "Singular or out of reach: no joint is at its limit, and no motion of the joints brings the hand nearer."
     SWITCHED = "Switched: the joints are moving to another branch, because switch() was called."
     RECOVERING = "Recovering: the pose was lost, and the joints are moving to values that reach it again."
+    BRAKING = "Braking: a body is near, and the joints move only as fast as they can stop before it."
+    STOPPING = "Stopping: there is no target, or it contains NaN or infinity."
 
     def __str__(self) -> str:
         """Return the sentence."""
@@ -77,9 +101,18 @@ class Step(NamedTuple):
     """Joint values at its end, (n,), [rad] or [m]."""
     status: TrackStatus
     position_error: float
-    """Distance from the pose [m], by plain forward kinematics."""
+    """Distance from the pose [m], by plain forward kinematics; NaN without a pose."""
     orientation_error: float
-    """Angle from the pose [rad], by plain forward kinematics."""
+    """Angle from the pose [rad], by plain forward kinematics; NaN without a pose."""
+    velocity: Array
+    """Velocities of the joints, (n,), [rad/s] or [m/s]: their motion in this period by its duration."""
+    acceleration: Array
+    """Accelerations, (n,), [rad/s²] or [m/s²]: the change of the velocities by the duration."""
+    limited: tuple[str, str] | None = None
+    """The joint that is farthest from where it ought to be, and the limit that keeps it from there: ``"position"``,
+    ``"velocity"``, ``"acceleration"`` or ``"jerk"``."""
+    obstacle: tuple[str, str, float] | None = None
+    """The two bodies that make the joints slower (BRAKING), and a lower bound of their distance [m]."""
 
 
 class Foresight(NamedTuple):
@@ -96,8 +129,9 @@ class Foresight(NamedTuple):
 class Tracker:
     """Track poses that arrive one at a time; created by `Arm.track`.
 
-    A step never moves a joint farther than it may within one period, and never out of its limits. A step depends only on the
-    steps before it, so the same poses give the same bits.
+    No step exceeds a limit of position, velocity, acceleration or jerk, and after every step the joints can brake to rest
+    within all of them, and with a scene without touching anything. A step depends only on the steps before it, so the same
+    targets give the same bits.
 
     If the pose cannot be reached, the arm comes to rest at the nearest pose of its branch. A pose counts as lost if the
     hand's error exceeds 1 mm or 0.01 rad; it stays lost until a pose is reached. With `recover`, the tracker looks for a
@@ -111,11 +145,24 @@ class Tracker:
         arm: Mechanism,
         q0: ArrayLike,
         period: float,
-        velocity: ArrayLike | None,
+        limits: tuple[ArrayLike | None, ArrayLike | None, ArrayLike | None],
         recover: bool = True,
         goal: Goal | None = None,
+        around: Around = NOTHING,
+        prefer: Preference = ANYWHERE,
     ) -> None:
-        """Start at joint values; see `Arm.track`."""
+        """Start at joint values, at rest.
+
+        Args:
+            arm: The arm.
+            q0: See `Arm.track`, as the others.
+            period: Time between two steps [s].
+            limits: Of velocity, acceleration and jerk; None for those of the arm.
+            recover: Whether lost poses are looked for.
+            goal: What counts of each pose.
+            around: The scene.
+            prefer: Of a redundant arm.
+        """
         if arm.axes is None:
             raise InvalidProblem(f"{arm.name!r} has black-box kinematics: a tracker needs the axes of an arm")
         period = as_number("period, in seconds,", period, *TIMES, InvalidProblem)
@@ -126,12 +173,14 @@ class Tracker:
             raise InvalidProblem(f"q0 must have shape ({arm.dof},), got {start.shape}")
         self.period = period
         """Period [s]."""
-        self.velocity = (
-            np.where(np.isnan(arm.velocity), np.inf, arm.velocity)
-            if velocity is None
-            else positive(arm, "velocity", velocity, "rad/s or m/s")
+        self.velocity, self.acceleration, self.jerk = (
+            np.where(np.isnan(known := getattr(arm, name)), np.inf, known)
+            if given is None
+            else positive(arm, name, given, unit)
+            for (name, unit), given in zip(RATES.items(), limits, strict=True)
         )
-        """Joint speed limits, (n,), [rad/s] or [m/s]; infinite if neither the caller nor the robot's file gives one."""
+        """Limits of the joints, (n,) each, [rad/s], [rad/s²] and [rad/s³] or the same with [m]; infinite if neither the
+        caller nor the robot's file gives one."""
         self._mechanism, self._constrained = arm, _one_goal(Goal(np.eye(4)) if goal is None else goal)
         more = extended(Problem(arm, self._constrained.at(self._pose_at(start))), inside=True)
         require_inside(more)
@@ -140,12 +189,18 @@ class Tracker:
         self._arrays, self._turning = more.problem.arrays, Turning(self._arm)
         self._index, self._tolerances = atlas_of(self._arm, self._goal), tolerances_of(self._goal)
         self._plain = goal is None
+        if around.scene is not None and (hits := around.scene.hits(start, around.clearance)):
+            raise InvalidProblem(f"q0 is in collision, so no motion from there is free: {hits[0]}")
         start = more.with_virtual(start[None])[0]
         nothing, ends = np.zeros(self._arm.dof), (self._turning.open_lower, self._turning.open_upper)
-        reach = np.full(self._arm.dof, np.inf)
-        reach[self._own] = self.velocity * self.period
-        rows = *ends, reach, start, nothing, nothing, nothing, start
+        rates = np.full((3, self._arm.dof), np.inf)
+        rates[:, self._own] = self.velocity, self.acceleration, self.jerk
+        self._joints = LimitedJoints(*ends, Rates(*rates), start, self._own, around)
+        rows = *ends, rates[0] * period, start, nothing, nothing, nothing, start, nothing
         self._state = State(*(np.array(row, dtype=np.float64) for row in rows))
+        """Of the reference."""
+        self._duration = period
+        """Of the present step [s]."""
         self._memory = np.zeros(LAYOUT.count.of(dof=self._arm.dof, joints=len(self._arm.leader)))
         self._past = PastPoses(self.period)
         self._way: list[Array] = []
@@ -157,42 +212,245 @@ class Tracker:
         """Whether any pose since then was out of reach of every branch."""
         self._there: State | None = None
         """While recovering: the state of a tracker that already follows the pose from the solution that was found."""
+        self._carried: Array | None = None
+        """The target that a twist moves, (4, 4)."""
+        self._turned = np.zeros(2, dtype=np.bool_)
+        """Whether a twist has moved the hand, and has turned it, since the joints were last at rest."""
+        self._prefer_speed = as_number("prefer_speed", prefer.speed, *TIMES, InvalidProblem)
+        self.prefer(prefer.what)
 
     @property
     def q(self) -> Array:
         """Current joint values, (n,), [rad] or [m]."""
-        return np.asarray(self._state.now[self._own].copy())
+        return self._joints.motion.q[self._own].copy()
 
-    def step(self, T: Any) -> Step:
-        """Move towards a pose, (4, 4) or an object that carries one, as far as one period allows.
-
-        The pose is the target of the goal that the tracker was started with.
+    def prefer(self, what: Any) -> None:
+        """Change the preference of a redundant arm, see `Arm.track`; None for no preference.
 
         Raises:
-            InvalidGoal: The argument is not one pose.
+            InvalidProblem: An unknown preference, or the goal leaves the arm no choice.
         """
+        problem = Problem(self._mechanism, self._constrained.at(self._pose_at(self.q)))
+        self._drift = None if what is None else Drift(problem, what, self._prefer_speed)
+        self._drift_age = np.inf
+        self._state.drift[:] = 0.0
+
+    def step(
+        self,
+        T: Any = None,
+        *,
+        dt: float | None = None,
+        twist: ArrayLike | None = None,
+        axes: Literal["base", "tool"] = "base",
+        velocity: ArrayLike | None = None,
+    ) -> Step:
+        """Move towards a target as far as one period allows.
+
+        Without a target, or if it contains NaN or infinity, the joints brake.
+
+        Args:
+            T: A pose, (4, 4), or an object that carries one: the target of the goal that the tracker was started with. For a
+                goal of a position also (3,) [m].
+            dt: Duration of this period [s], if it is not `period`: the time since the step before.
+            twist: Velocity of the hand instead of a pose, (6,): linear [m/s] and angular [rad/s].
+            axes: Axes of the twist: ``"base"``, or those of the hand, ``"tool"``.
+            velocity: Velocities of the joints instead of a pose, (n,), [rad/s] or [m/s].
+
+        Raises:
+            InvalidGoal: `T` is not one pose.
+            InvalidProblem: Several targets, or another argument that is not as described.
+        """
+        if dt is not None or self._duration != self.period:
+            self._set_duration(dt)
+        if twist is not None or velocity is not None or T is None:
+            return self._without_pose(T, twist, axes, velocity)
+        target = plain_array(T, (4, 4)) if self._plain and not self._way and self._there is None else None
+        if target is None:
+            if _has_gaps(T):
+                return self._stopped()
+            target = self._target(T)
+        self._carried = None
         if self._way:
-            return self._along(T)
+            return self._along(target)
         if self._there is not None:
-            return self._recovered(T, self._there)
-        state, given = self._state, plain_array(T, (4, 4))
-        T = self._target(T) if given is None or not self._plain else given
-        position, orientation, ended = self._servo(T, state)
-        # The kernel has moved nothing. Checking in Python repairs a pose that is nearly valid, or raises an error.
+            return self._recovered(target, self._there)
+        return self._tracked(target)
+
+    def _set_duration(self, dt: float | None) -> None:
+        """Set the duration of this step.
+
+        Raises:
+            InvalidProblem: It is not a time.
+        """
+        self._duration = self.period if dt is None else as_number("dt", dt, *TIMES, InvalidProblem)
+        self._state.reach[self._own] = self.velocity * self._duration
+
+    def _tracked(self, target: Array) -> Step:
+        """Do one step towards a pose as kernels take it, (4, 4)."""
+        joints, state = self._joints, self._state
+        joints.look()
+        if self._drift is not None:
+            self._set_drift(self._drift)
+        position, orientation, ended, *rest = track_step(
+            self._index.address,
+            self._tolerances,
+            target,
+            self._memory,
+            state,
+            joints.motion,
+            joints.room,
+            self._duration,
+        )
         if ended == servo.NO_POSE:
-            T = self._target(T)
-            position, orientation, ended = self._servo(T, state)
-        self._past.store(T)
-        if ended == servo.TRACKING:
+            # The kernel has moved nothing. Checking in Python repairs a pose that is nearly valid, or raises an error.
+            return self._stopped() if _has_gaps(target) else self._tracked(self._target(target))
+        kept = Kept(*rest)
+        if kept.pair >= 0:
+            kept = joints.with_room(self._duration)
+        if kept.pair >= 0 or self._constrained.ranges is not None:
+            # For ranges, the kernel compares with one point of them: the values of their joints in this period.
+            position, orientation = self._errors(joints.motion.q, target)
+        reached = self._reached(position, orientation, ended, kept)
+        self._store(target)
+        if reached == servo.TRACKING:
             if self._lost_for:
                 self._forget_loss()
         elif self._recover and (self._lost_for or _is_away(position, orientation)):
             self._lost_for += 1  # A lost pose stays lost until one is reached.
             if self._lost_for % self._retry == 0:
                 # The search also notes whether the pose is out of reach, which matters even while the arm only lags.
-                found = self._found_again(T)
+                found = self._found_again(target)
                 self._there = None if ended == LAGGING else found
-        return Step(state.now[self._own].copy(), _ENDED[ended], position, orientation)
+        return self._told(_ENDED[reached], position, orientation, kept)
+
+    def _reached(self, position: float, orientation: float, ended: int, kept: Kept) -> int:
+        """Return the outcome of a step of the joints: that of the reference, unless they are elsewhere."""
+        if kept.joint < 0 and self._constrained.ranges is None:
+            return ended
+        if self._constrained.met(np.array([[position, orientation]]))[0]:
+            return servo.TRACKING
+        if kept.joint < 0:
+            return ended
+        return LIMIT if kept.limit == POSITION else LAGGING
+
+    def _told(self, status: TrackStatus, position: float, orientation: float, kept: Kept) -> Step:
+        """Describe the step that the joints have made."""
+        motion, own = self._joints.motion, self._own
+        limited: tuple[str, str] | None = None
+        obstacle: tuple[str, str, float] | None = None
+        if kept.pair >= 0:
+            status, obstacle = TrackStatus.BRAKING, self._joints.obstacle(kept.pair)
+            if np.abs(motion.velocity[own]).max() < AT_REST:
+                # The reference is not to run away while the joints stand.
+                self._restart()
+        elif kept.joint >= 0:
+            limited = self._mechanism.joint_names[kept.joint - own.start], KINDS[kept.limit]
+        elif status in (TrackStatus.LIMIT, TrackStatus.LAGGING):
+            joint = self._limiting_joint(self._state, LIMIT if status is TrackStatus.LIMIT else LAGGING)
+            if joint is not None:
+                limited = joint, KINDS[POSITION if status is TrackStatus.LIMIT else VELOCITY]
+        q, velocity, acceleration = motion.q[own], motion.velocity[own], motion.acceleration[own]
+        return Step(
+            q.copy(), status, position, orientation, velocity.copy(), acceleration.copy(), limited, obstacle
+        )
+
+    def _restart(self) -> None:
+        """Let the reference begin again where the joints are."""
+        self._state.now[:] = self._joints.motion.q
+        self._state.last[:] = 0.0
+        self._joints.restart()
+
+    def _store(self, target: Array) -> None:
+        """Store the pose of this period for predictions; of a longer one several times."""
+        for _ in range(max(1, round(self._duration / self.period))):
+            self._past.store(target)
+
+    def _set_drift(self, drift: Drift) -> None:
+        """Set by how much the preference moves the joints in this step."""
+        self._drift_age += self._duration
+        if self._drift_age >= AGAIN:
+            self._drift_age, self._drift_velocity = 0.0, drift.velocity(self._state.now[self._own])
+        self._state.drift[self._own] = self._drift_velocity * self._duration
+
+    def _without_pose(self, T: Any, twist: ArrayLike | None, axes: str, velocity: ArrayLike | None) -> Step:
+        """Do one step with a twist, with velocities of the joints, or without a target."""
+        given = [
+            name
+            for name, one in (("a pose", T), ("twist=", twist), ("velocity=", velocity))
+            if one is not None
+        ]
+        if len(given) > 1:
+            raise InvalidProblem(f"step() takes one target, got {' and '.join(given)}")
+        if axes not in AXES:
+            raise InvalidProblem(suggest(str(axes), AXES, "axes of a twist"))
+        numbers = np.zeros(0)
+        if twist is not None:
+            numbers = _numbers("twist", twist, 6, "[m/s, m/s, m/s, rad/s, rad/s, rad/s]")
+        if velocity is not None:
+            numbers = _numbers("velocity", velocity, self._mechanism.dof, "[rad/s] or [m/s]")
+        self._way.clear()
+        self._forget_loss()
+        if not given or not np.isfinite(numbers).all():
+            return self._stopped()
+        if twist is not None:
+            return self._carried_on(numbers, axes)
+        self._carried = None
+        kept = self._go(numbers)
+        status = TrackStatus.TRACKING
+        if kept.joint >= 0:
+            status = TrackStatus.LIMIT if kept.limit == POSITION else TrackStatus.LAGGING
+        return self._told(status, np.nan, np.nan, kept)
+
+    def _stopped(self) -> Step:
+        """Brake for one period."""
+        self._carried = None
+        return self._told(
+            TrackStatus.STOPPING, np.nan, np.nan, self._go(np.zeros(self._mechanism.dof))._replace(joint=-1)
+        )
+
+    def _go(self, velocity: Array) -> Kept:
+        """Change to velocities of the arm's joints, (n,); the reference goes with the joints."""
+        joints, all_of_them = self._joints, np.zeros(self._arm.dof)
+        all_of_them[self._own] = velocity
+        kept = joints.go(all_of_them, self._duration)
+        self._state.now[:] = joints.motion.q
+        self._state.last[:] = joints.motion.velocity * self._duration
+        return kept
+
+    def _carried_on(self, twist: Array, axes: str) -> Step:
+        """Move the target by a twist, (6,), and the joints with it.
+
+        The target moves from where the hand is, so that it never runs away. What the twist does not change, the position or
+        the orientation, is kept as it was when the hand was at rest.
+        """
+        h, hand = self._duration, self._pose_at(self.q)
+        target = hand.copy() if self._carried is None else self._carried
+        moving = np.array([twist[:3].any(), twist[3:].any()])
+        if not self._joints.motion.velocity.any():
+            self._turned[:] = False
+        self._turned |= moving
+        most = np.where(self._turned, LEASH, HELD)
+        ahead = target[:3, 3] - hand[:3, 3]
+        (turn,) = rotation_vectors((target[:3, :3] @ hand[:3, :3].T)[None])
+        target = hand.copy()
+        target[:3, 3] += _at_most(ahead, most[0])
+        target[:3, :3] = rotations(_at_most(turn, most[1])[None])[0] @ target[:3, :3]
+        linear, angular = twist.reshape(2, 3) if axes == "base" else twist.reshape(2, 3) @ hand[:3, :3].T
+        target[:3, 3] += h * linear
+        target[:3, :3] = rotations(h * angular[None])[0] @ target[:3, :3]
+        self._carried = target
+        aim = self._target(target)
+        self._state.now[:] = self._joints.motion.q
+        if self._drift is not None:
+            self._set_drift(self._drift)
+        *_, ended = servo_step(self._index.address, self._tolerances, aim, self._memory, self._state)
+        wanted = (self._state.now - self._joints.motion.q)[self._own] / h
+        kept = self._go(wanted)
+        position, orientation = self._errors(self._joints.motion.q, aim)
+        self._store(aim)
+        return self._told(
+            _ENDED[self._reached(position, orientation, ended, kept)], position, orientation, kept
+        )
 
     def _servo(self, T: Array, state: State) -> tuple[float, float, int]:
         """Do one step of `servo_step`; a pose that the goal accepts counts as reached."""
@@ -212,6 +470,12 @@ class Tracker:
         Raises:
             InvalidGoal: The argument is not one pose.
         """
+        if (
+            self._constrained.form is POSITION_GOAL
+            and isinstance(T, list | tuple | np.ndarray)
+            and len(T) == 3
+        ):
+            T = transform(np.eye(3), as_float_array(T))
         target = _one(T)
         if self._plain:
             return target
@@ -242,18 +506,19 @@ class Tracker:
         # A second tracker follows the pose from there, so that the arm arrives at where the target is by then.
         return self._standing(1, self._ways(q[None])[0])
 
-    def _recovered(self, T: Any, there: State) -> Step:
+    def _recovered(self, T: Array, there: State) -> Step:
         """Make one period of the motion to joint values that reach the pose; these values track the pose meanwhile.
 
         The motion ends early if the pose can be reached from the current joint values, e.g. when the hand is to stop.
         """
-        given, T, state = T, self._target(T), self._state
+        state = self._state
+        there.reach[:] = state.reach
         *_, at_once = self._servo(T, _copied(state))
         position, orientation, ended = self._servo(T, there)
         if at_once == servo.TRACKING or (ended in (LIMIT, SINGULAR) and _is_away(position, orientation)):
             self._there = None
-            return self.step(given)
-        self._past.store(T)
+            return self._tracked(T)
+        self._store(T)
         step = there.now - state.now
         # A little longer than needed, so that rounding makes no joint faster than its limit.
         periods = np.abs(step / state.reach).max() * (1 + 1e-9)
@@ -261,7 +526,10 @@ class Tracker:
             self._state = there
             self._forget_loss()
             self._state.last[:] = step
-            return Step(there.now[self._own].copy(), _ENDED[ended], position, orientation)
+            kept = self._joints.follow(there.now, self._duration)
+            position, orientation = self._errors(self._joints.motion.q, T)
+            reached = self._reached(position, orientation, ended, kept)
+            return self._told(_ENDED[reached], position, orientation, kept)
         return self._moved(state.now + step / periods, T, TrackStatus.RECOVERING)
 
     def switch(self, to: ArrayLike | None = None) -> Array:
@@ -293,14 +561,16 @@ class Tracker:
             raise InvalidProblem("the last pose has no other branch inside the limits")
         step = steps[0]
         needed = self._time_of(step) / self.period * (1 + 1e-9)
-        if not needed <= MOST_PERIODS:
+        parts = None
+        if needed <= MOST_PERIODS:
+            rates = Rates(self.velocity, self.acceleration, self.jerk)
+            parts = straight_way(step[self._own], rates, self.period, MOST_PERIODS)
+        if parts is None:
             raise InvalidProblem(
-                f"the motion to the other branch takes {needed:.3g} periods, expected at most {MOST_PERIODS:,}: give "
-                "arm.track a higher velocity= or a longer period="
+                f"the motion to the other branch takes {max(needed, MOST_PERIODS):.3g} periods or more, expected at most "
+                f"{MOST_PERIODS:,}: give arm.track a higher velocity= or a longer period="
             )
-        periods = max(1, int(np.ceil(needed)))
-        parts = np.arange(1, periods + 1)[:, None] / periods
-        way = self._state.now + parts * step
+        way = self._state.now + parts[:, None] * step
         self._way = list(way)
         self._forget_loss()
         return np.asarray(way[:, self._own])
@@ -382,17 +652,17 @@ class Tracker:
         T[:3, :3] = T[:3, :3] @ self._goal.tip_rotation.T
         return goal.at(T if goal.base is None else goal.base @ T)
 
-    def _along(self, T: Any) -> Step:
+    def _along(self, T: Array) -> Step:
         """Make one step of the motion to another branch."""
-        pose = self._target(T)
-        self._past.store(pose)
-        return self._moved(self._way.pop(0), pose, TrackStatus.SWITCHED)
+        self._store(T)
+        return self._moved(self._way.pop(0), T, TrackStatus.SWITCHED)
 
     def _moved(self, q: Array, T: Array, status: TrackStatus) -> Step:
         """Move to joint values, (n,), that do not follow the pose of the period."""
         state = self._state
         state.last[:], state.now[:] = q - state.now, q
-        return Step(q[self._own].copy(), status, *self._errors(q, T))
+        kept = self._joints.follow(q, self._duration)
+        return self._told(status, *self._errors(self._joints.motion.q, T), kept)
 
     def _errors(self, q: Array, T: Array) -> tuple[float, float]:
         """Pose errors of joint values [m], [rad]: what lies outside the ranges of the goal."""
@@ -486,6 +756,35 @@ def _one_goal(goal: Goal) -> Goal:
 def _copied(state: State) -> State:
     """Copy a state, so that steps do not change the original."""
     return State(*(row.copy() for row in state))
+
+
+def _has_gaps(T: object) -> bool:
+    """Return whether numbers contain NaN or infinity; what is no array of numbers has none."""
+    try:
+        return not np.isfinite(np.asarray(T, dtype=np.float64)).all()
+    except (TypeError, ValueError):
+        return False
+
+
+def _numbers(name: str, values: ArrayLike, count: int, unit: str) -> Array:
+    """Read some numbers, which may be NaN, (count,).
+
+    Raises:
+        InvalidProblem: Not so many numbers.
+    """
+    try:
+        numbers = as_float_array(values)
+    except (TypeError, ValueError, OverflowError):
+        numbers = np.zeros(0)
+    if numbers.shape != (count,):
+        raise InvalidProblem(f"{name} must be {count} numbers {unit}, got {values!r:.80}")
+    return numbers
+
+
+def _at_most(vector: Array, length: float) -> Array:
+    """Return a vector, (3,), shortened to a length if it is longer."""
+    size = float(np.linalg.norm(vector))
+    return vector if size <= length else vector * (length / size)
 
 
 def _is_away(position: float, orientation: float) -> bool:

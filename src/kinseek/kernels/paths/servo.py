@@ -60,6 +60,8 @@ class State(NamedTuple):
     high: Annotated[Array, "n", OUT]
     reached: Annotated[Array, "n", OUT]
     """The joint values at which it last reached its pose."""
+    drift: Annotated[Array, "n"]
+    """By how much the starts move towards a preferred posture; steps to the pose keep what does not move the hand."""
 
 
 @inlined
@@ -126,16 +128,23 @@ def servo_step(
         lower, upper = state.lower[d], state.upper[d]
         state.low[d] = max(here - reach, lower) if here >= lower else min(here + reach, lower)
         state.high[d] = min(here + reach, upper) if here <= upper else max(here - reach, upper)
+    starts = STARTS
+    for d in range(dof):
+        if state.drift[d] != 0.0:
+            starts = 2 * STARTS
     for l in range(LANES):
-        share = min(l, STARTS - 1) / (STARTS - 1.0)
+        # If there is a preferred posture: with a motion towards it first, and without it.
+        share, drift = min(l, STARTS - 1) / (STARTS - 1.0), 1.0
+        if starts > STARTS and l >= STARTS:
+            share, drift = min(l - STARTS, STARTS - 1) / (STARTS - 1.0), 0.0
         for d in range(dof):
-            value = state.now[d] + share * state.last[d]
+            value = state.now[d] + share * state.last[d] + drift * state.drift[d]
             scratch.seed[d] = min(max(value, state.low[d]), state.high[d])
         load_lane(scratch, l, target, scratch.seed)
-        scratch.state[l] = 0 if l < STARTS else 2
+        scratch.state[l] = 0 if l < starts else 2
     project_lanes(job, Limits(state.low, state.high), STEPS)
     best = 0
-    for l in range(1, STARTS):
+    for l in range(1, starts):
         best = l if is_nearer(task, scratch, l, best) else best
     if within(task, scratch.lanes, best):
         for d in range(dof):

@@ -1,0 +1,42 @@
+"""How far the joints may move from joint values until two bodies may touch."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .assembly import Assembly
+from .broad import Broad
+from .motion import FINEST
+
+Array = NDArray[np.float64]
+
+
+class Margins:
+    """Lower bounds of the distances of all checked pairs, and how much each joint can reduce them.
+
+    It belongs to one state of a scene: when bodies are added, removed or moved, the scene has other margins.
+    """
+
+    def __init__(self, made: Assembly, broad: Broad) -> None:
+        """Compute what does not depend on joint values."""
+        self._made, self.broad = made, broad
+        chain = made.chain
+        each = np.eye(chain.dof)
+        low, high = (np.tile(limits, (chain.dof, 1)) for limits in (chain.lower, chain.upper))
+        self.levers = np.ascontiguousarray(made.speeds.of(low, high, each).T)
+        """Largest motion of a point of one body relative to the other body by each joint, (pairs, n), [m/rad] or [m/m]."""
+
+    def distances(self, q: Array) -> Array:
+        """Return lower bounds of the distances of the pairs at q, (n,), as (pairs,) [m]; below 0 they have no meaning."""
+        return np.asarray(self.broad.bounds(q[None])[0]) - FINEST
+
+    def distance(self, q: Array, pair: int) -> float:
+        """Return the distance of one pair at q, (n,), less a little for rounding [m]."""
+        with self._made.engine as engine:
+            engine.place(q)
+            return float(engine.near_pair(pair).distance) - FINEST
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """Return the names of the two bodies of a pair."""
+        return self._made.owners[pair]

@@ -1,0 +1,111 @@
+"""Where the joints of a redundant arm drift while its hand follows a target: Liégeois 1977, section III."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.branches.index import index_of
+from kinseek.branches.order import ORDERS, manipulability
+from kinseek.errors import InvalidProblem, suggest
+from kinseek.postures import ARM_ANGLE, PostureRequest, read_posture
+from kinseek.problem import Problem, as_joints
+from kinseek.support.turns import shortest
+
+Array = NDArray[np.float64]
+
+APPROACH = 0.2
+"""Time constant with which a posture is approached [s]. Not examined further."""
+
+AGAIN = 0.01
+"""The velocities of a drift are computed again after this time [s]."""
+
+SMALL = 1e-4
+"""Step of the differences for the gradient of the dexterity [rad] or [m]."""
+
+
+class Preference(NamedTuple):
+    """What a redundant arm prefers."""
+
+    what: Any = None
+    """See `Arm.track`; None for nothing."""
+    speed: float = 0.2
+    """Largest velocity of a joint [rad/s] or [m/s]."""
+
+
+ANYWHERE = Preference()
+
+
+class Drift:
+    """A preferred motion of joints of which the hand needs only what does not move it."""
+
+    def __init__(self, problem: Problem, prefer: Any, speed: float) -> None:
+        """Read a preference.
+
+        Args:
+            problem: The arm, and a goal like those to come.
+            prefer: A name of `ORDERS`, ``{"arm_angle": angle}``, or joint values, (n,).
+            speed: Largest velocity of each joint [rad/s] or [m/s].
+
+        Raises:
+            InvalidProblem: An unknown preference, or the goal leaves the arm no choice.
+        """
+        self._problem, self._speed = problem, speed
+        self._posture: PostureRequest | None = None
+        self._rule: str
+        chain = problem.chain
+        self._ends = np.array([np.asarray(kind) != "continuous" for kind in chain.kinds])
+        self._middle = np.where(self._ends, (chain.lower + chain.upper) / 2.0, 0.0)
+        self._half = np.where(self._ends, np.maximum(chain.upper - chain.lower, 1e-12) / 2.0, 1.0)
+        if index_of(problem).freedom == 0:
+            raise InvalidProblem(
+                f"prefer= needs an arm that can move while its hand is at the goal, and the {chain.dof} joints of "
+                f"{problem.mechanism.name!r} have a finite number of solutions"
+            )
+        if isinstance(prefer, str):
+            if prefer not in ORDERS:
+                raise InvalidProblem(suggest(prefer, ORDERS, "preference"))
+            self._rule = prefer
+        elif isinstance(prefer, Mapping) and set(prefer) == {ARM_ANGLE}:
+            self._rule, self._posture = ARM_ANGLE, read_posture(problem.mechanism, prefer)
+        else:
+            if isinstance(prefer, Mapping) and ARM_ANGLE in prefer:
+                raise InvalidProblem(
+                    f"prefer= of a tracker takes {ARM_ANGLE!r} alone, got {', '.join(map(str, prefer))}"
+                )
+            self._rule = "posture"
+            self._middle = as_joints(problem.mechanism, prefer, "prefer")
+            if self._middle.shape != (chain.dof,):
+                raise InvalidProblem(
+                    f"prefer must be one of {', '.join(map(repr, ORDERS))}, {{'arm_angle': angle}}, or joint values, "
+                    f"({chain.dof},), got shape {self._middle.shape}"
+                )
+
+    def velocity(self, q: Array) -> Array:
+        """Return the preferred velocity of the joints at q, (n,)."""
+        wanted = self._wanted(q)
+        fastest = np.abs(wanted).max(initial=0.0)
+        return wanted * min(1.0, self._speed / fastest) if fastest > 0.0 else wanted
+
+    def _wanted(self, q: Array) -> Array:
+        if self._posture is not None:
+            off, gradient = self._posture.angle_errors(q[None])
+            size = float(gradient[0] @ gradient[0])
+            # Where the angle is undefined, there is nothing to be approached.
+            return gradient[0] * off[0] / (APPROACH * size) if size > 0.0 else np.zeros(len(q))
+        if self._rule == "dexterity":
+            steps = SMALL * np.eye(len(q))
+            with np.errstate(divide="ignore"):
+                values = np.log(manipulability(self._problem, q + np.concatenate([steps, -steps])))
+            gradient = (values[: len(q)] - values[len(q) :]) / (2.0 * SMALL)
+            gradient[~np.isfinite(gradient)] = 0.0
+            return self._speed * gradient
+        away = q - self._middle
+        if self._rule == "posture":
+            return -np.where(self._ends, away, shortest(away)) / APPROACH
+        if self._rule == "limits":
+            return -self._speed * np.where(self._ends, away / self._half, 0.0) ** 3
+        return -np.where(self._ends, away, 0.0) / APPROACH

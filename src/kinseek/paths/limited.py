@@ -1,0 +1,191 @@
+"""The joints of a tracker, which follow joint values or velocities within limits, and can always stop in time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.kernels.paths.limited import (
+    ACCELERATION,
+    FOLLOW,
+    FREE,
+    GO,
+    JERK,
+    POSITION,
+    VELOCITY,
+    Motion,
+    Room,
+    limited_step,
+)
+
+Array = NDArray[np.float64]
+
+KINDS = {POSITION: "position", VELOCITY: "velocity", ACCELERATION: "acceleration", JERK: "jerk"}
+"""Names of limits."""
+
+MOST_EXACT = 4
+"""Pairs of bodies whose distance is computed exactly in a step, at most; the others have bounds. Not examined further."""
+
+
+class Rates(NamedTuple):
+    """Limits of joints, (n,) each; infinite if there is none."""
+
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+
+class Margins(Protocol):
+    """What is needed of a scene; see `collision.margins.Margins`."""
+
+    levers: Array
+
+    def distances(self, q: Array) -> Array:
+        """See `Margins.distances`."""
+
+    def distance(self, q: Array, pair: int) -> float:
+        """See `Margins.distance`."""
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """See `Margins.names`."""
+
+
+class Surroundings(Protocol):
+    """What is needed of a scene."""
+
+    @property
+    def margins(self) -> Margins:
+        """See `Scene.margins`."""
+
+    def hits(self, q: Any, clearance: float = 0.0) -> Sequence[object]:
+        """See `Scene.hits`."""
+
+
+class Around(NamedTuple):
+    """What must not be touched."""
+
+    scene: Surroundings | None = None
+    clearance: float = 0.0
+    """Least distance of bodies [m]."""
+
+
+NOTHING = Around()
+
+
+class Kept(NamedTuple):
+    """What kept the joints from what was desired in a step."""
+
+    joint: int = -1
+    """The joint that is farthest from it; -1 for none."""
+    limit: int = FREE
+    """Its limit, see `KINDS`."""
+    pair: int = -1
+    """Pair of bodies that may touch soon; -1 for none."""
+
+
+class LimitedJoints:
+    """Joints within limits, and their state."""
+
+    def __init__(
+        self, lower: Array, upper: Array, rates: Rates, q: Array, own: slice, around: Around = NOTHING
+    ) -> None:
+        """Start at rest.
+
+        Args:
+            lower: Limits of the joints, (n,).
+            upper: (n,)
+            rates: Limits of their velocities, accelerations and jerks.
+            q: Joint values, (n,).
+            own: The joints of the scene's arm among all.
+            around: The scene.
+        """
+        n = len(q)
+        rows = lower, upper, *rates, q, *np.zeros((2, n)), q, q, *np.zeros((4, n))
+        self.motion = Motion(*(np.array(row, dtype=np.float64) for row in rows))
+        self._own, self._around = own, around
+        self._margins: Margins | None = None
+        self.room = Room(np.zeros(n), np.zeros((0, n)), np.zeros(0))
+        self._measured: set[int] = set()
+
+    def follow(self, q: Array, h: float) -> Kept:
+        """Move towards joint values, (n,), for the time h."""
+        self.motion.target[:] = q
+        return self._step(h, FOLLOW)
+
+    def go(self, velocity: Array, h: float) -> Kept:
+        """Change to velocities, (n,), for the time h."""
+        self.motion.rate[:] = velocity
+        kept = self._step(h, GO)
+        self.motion.rate[:] = 0.0
+        return kept
+
+    def restart(self) -> None:
+        """Forget the target that was followed."""
+        self.motion.before[:] = self.motion.q
+        self.motion.rate[:] = 0.0
+
+    def _step(self, h: float, what: int) -> Kept:
+        self.look()
+        kept = Kept(*limited_step(self.motion, self.room, h, what, False))
+        return kept if kept.pair < 0 else self.with_room(h, what)
+
+    def with_room(self, h: float, what: int = FOLLOW) -> Kept:
+        """Make a step that the distances known so far do not allow: with those at the present joint values."""
+        scene, room = self._margins, self.room
+        assert scene is not None
+        if (room.centre != self.motion.q).any():
+            self._measure(scene)
+        while True:
+            kept = Kept(*limited_step(self.motion, room, h, what, False))
+            if kept.pair < 0:
+                return kept
+            if kept.pair in self._measured or len(self._measured) >= MOST_EXACT:
+                return Kept(*limited_step(self.motion, room, h, what, True))
+            self._measured.add(kept.pair)
+            exact = scene.distance(self.motion.q[self._own], kept.pair) - self._around.clearance
+            room.distance[kept.pair] = max(exact, room.distance[kept.pair])
+
+    def look(self) -> None:
+        """Take notice of bodies that were added, removed or moved."""
+        if self._around.scene is None or (scene := self._around.scene.margins) is self._margins:
+            return
+        self._margins = scene
+        levers = np.zeros((len(scene.levers), len(self.motion.q)))
+        levers[:, self._own] = scene.levers
+        self.room = Room(np.zeros(len(self.motion.q)), levers, np.zeros(len(levers)))
+        self._measure(scene)
+
+    def _measure(self, scene: Margins) -> None:
+        self.room.centre[:] = self.motion.q
+        self.room.distance[:] = scene.distances(self.motion.q[self._own]) - self._around.clearance
+        self._measured.clear()
+
+    def obstacle(self, pair: int) -> tuple[str, str, float]:
+        """Return the names of two bodies and a lower bound of their distance at the present joint values [m]."""
+        assert self._margins is not None
+        return *self._margins.names(pair), self._margins.distance(self.motion.q[self._own], pair)
+
+
+def straight_way(step: Array, rates: Rates, period: float, most: int) -> Array | None:
+    """Return the fastest motion by a step, (n,), in which all joints keep a common proportion, as fractions, (k,).
+
+    From rest to rest; None if it takes more than `most` periods.
+    """
+    moving = np.abs(step) > 0.0
+    # A little less, so that rounding makes no joint faster than its limit.
+    least = [
+        (1.0 - 1e-9) * np.min(limit[moving] / np.abs(step[moving]), initial=np.inf, keepdims=True)
+        for limit in rates
+    ]
+    joint = LimitedJoints(np.zeros(1), np.ones(1), Rates(*least), np.zeros(1), slice(0, 1))
+    joint.motion.before[:] = 1.0
+    parts: list[float] = []
+    while not parts or parts[-1] < 1.0 - 1e-12:
+        if len(parts) >= most:
+            return None
+        joint.follow(np.ones(1), period)
+        parts.append(float(joint.motion.q[0]))
+    return np.append(parts[:-1], 1.0)
