@@ -10,6 +10,7 @@ from .broad import Broad
 from .motion import FINEST
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 class Margins:
@@ -31,11 +32,11 @@ class Margins:
         """Return lower bounds of the distances of the pairs at q, (n,), as (pairs,) [m]; below 0 they have no meaning."""
         return np.asarray(self.broad.bounds(q[None])[0]) - FINEST
 
-    def distance(self, q: Array, pair: int) -> float:
-        """Return the distance of one pair at q, (n,), less a little for rounding [m]."""
+    def distances_of(self, q: Array, pairs: Indices) -> Array:
+        """Return the distances of some pairs at q, (n,), less a little for rounding, (k,) [m]."""
         with self._made.engine as engine:
             engine.place(q)
-            return float(engine.near_pair(pair).distance) - FINEST
+            return np.array([engine.near_pair(int(pair)).distance for pair in pairs]) - FINEST
 
     def names(self, pair: int) -> tuple[str, str]:
         """Return the names of the two bodies of a pair."""

@@ -22,12 +22,14 @@ from kinseek.kernels.paths.limited import (
 )
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 KINDS = {POSITION: "position", VELOCITY: "velocity", ACCELERATION: "acceleration", JERK: "jerk"}
 """Names of limits."""
 
 MOST_EXACT = 4
-"""Pairs of bodies whose distance is computed exactly in a step, at most; the others have bounds. Not examined further."""
+"""Number of pairs, those with the least bounds, whose distances are computed exactly in a step if bounds do not suffice. Not
+examined further."""
 
 
 class Rates(NamedTuple):
@@ -46,8 +48,8 @@ class Margins(Protocol):
     def distances(self, q: Array) -> Array:
         """See `Margins.distances`."""
 
-    def distance(self, q: Array, pair: int) -> float:
-        """See `Margins.distance`."""
+    def distances_of(self, q: Array, pairs: Indices) -> Array:
+        """See `Margins.distances_of`."""
 
     def names(self, pair: int) -> tuple[str, str]:
         """See `Margins.names`."""
@@ -103,12 +105,18 @@ class LimitedJoints:
             around: The scene.
         """
         n = len(q)
-        rows = lower, upper, *rates, q, *np.zeros((2, n)), q, q, *np.zeros((4, n))
-        self.motion = Motion(*(np.array(row, dtype=np.float64) for row in rows))
+        self.state = np.zeros((3, n))
+        """Joint values, velocities and accelerations, (3, n)."""
+        self.state[0] = q
+        before, after = (lower, upper, *rates), (q, q, *np.zeros((4, n)))
+        self.motion = Motion(
+            *(np.array(row, dtype=np.float64) for row in before),
+            *self.state,
+            *(np.array(row, dtype=np.float64) for row in after),
+        )
         self._own, self._around = own, around
         self._margins: Margins | None = None
         self.room = Room(np.zeros(n), np.zeros((0, n)), np.zeros(0))
-        self._measured: set[int] = set()
 
     def follow(self, q: Array, h: float) -> Kept:
         """Move towards joint values, (n,), for the time h."""
@@ -136,17 +144,16 @@ class LimitedJoints:
         """Make a step that the distances known so far do not allow: with those at the present joint values."""
         scene, room = self._margins, self.room
         assert scene is not None
-        if (room.centre != self.motion.q).any():
+        q = self.motion.q
+        if (room.centre != q).any():
             self._measure(scene)
-        while True:
             kept = Kept(*limited_step(self.motion, room, h, what, False))
             if kept.pair < 0:
                 return kept
-            if kept.pair in self._measured or len(self._measured) >= MOST_EXACT:
-                return Kept(*limited_step(self.motion, room, h, what, True))
-            self._measured.add(kept.pair)
-            exact = scene.distance(self.motion.q[self._own], kept.pair) - self._around.clearance
-            room.distance[kept.pair] = max(exact, room.distance[kept.pair])
+            close = np.argsort(room.distance)[:MOST_EXACT]
+            exact = scene.distances_of(q[self._own], close) - self._around.clearance
+            room.distance[close] = np.maximum(exact, room.distance[close])
+        return Kept(*limited_step(self.motion, room, h, what, True))
 
     def look(self) -> None:
         """Take notice of bodies that were added, removed or moved."""
@@ -161,12 +168,11 @@ class LimitedJoints:
     def _measure(self, scene: Margins) -> None:
         self.room.centre[:] = self.motion.q
         self.room.distance[:] = scene.distances(self.motion.q[self._own]) - self._around.clearance
-        self._measured.clear()
 
     def obstacle(self, pair: int) -> tuple[str, str, float]:
-        """Return the names of two bodies and a lower bound of their distance at the present joint values [m]."""
+        """Return the names of two bodies and a lower bound of their distance before the last step [m]."""
         assert self._margins is not None
-        return *self._margins.names(pair), self._margins.distance(self.motion.q[self._own], pair)
+        return *self._margins.names(pair), float(self.room.distance[pair] + self._around.clearance)
 
 
 def straight_way(step: Array, rates: Rates, period: float, most: int) -> Array | None:

@@ -18,7 +18,6 @@ from kinseek.errors import InvalidProblem, suggest
 from kinseek.goal import Goal
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.atlas.memory import LAYOUT
-from kinseek.kernels.atlas.near import solve_goal
 from kinseek.kernels.paths import servo
 from kinseek.kernels.paths.limited import POSITION, VELOCITY, track_step
 from kinseek.kernels.paths.servo import LAGGING, LIMIT, SINGULAR, State, look_ahead, servo_step
@@ -37,6 +36,7 @@ from .joints import Turning
 from .limited import KINDS, NOTHING, Around, Kept, LimitedJoints, Rates, straight_way
 from .past import TIMES, PastPoses
 from .request import require_inside
+from .search import Search
 
 Array = NDArray[np.float64]
 
@@ -210,6 +210,8 @@ class Tracker:
         """Number of periods that ended with a lost pose since a pose was last reached."""
         self._was_unreachable = False
         """Whether any pose since then was out of reach of every branch."""
+        self._search: Search | None = None
+        """For a lost pose."""
         self._there: State | None = None
         """While recovering: the state of a tracker that already follows the pose from the solution that was found."""
         self._carried: Array | None = None
@@ -291,7 +293,7 @@ class Tracker:
         joints.look()
         if self._drift is not None:
             self._set_drift(self._drift)
-        position, orientation, ended, *rest = track_step(
+        position, orientation, ended, *found = track_step(
             self._index.address,
             self._tolerances,
             target,
@@ -304,34 +306,39 @@ class Tracker:
         if ended == servo.NO_POSE:
             # The kernel has moved nothing. Checking in Python repairs a pose that is nearly valid, or raises an error.
             return self._stopped() if _has_gaps(target) else self._tracked(self._target(target))
-        kept = Kept(*rest)
+        kept = Kept(*found)
         if kept.pair >= 0:
             kept = joints.with_room(self._duration)
-        if kept.pair >= 0 or self._constrained.ranges is not None:
-            # For ranges, the kernel compares with one point of them: the values of their joints in this period.
             position, orientation = self._errors(joints.motion.q, target)
-        reached = self._reached(position, orientation, ended, kept)
+        if self._constrained.ranges is not None:
+            # The kernel compares with one point of the ranges: the values of their joints in this period.
+            position, orientation = self._errors(joints.motion.q, target)
+            if ended in (LAGGING, LIMIT, SINGULAR) and self._met(position, orientation):
+                ended = servo.TRACKING
         self._store(target)
-        if reached == servo.TRACKING:
+        if ended == servo.TRACKING:
             if self._lost_for:
                 self._forget_loss()
         elif self._recover and (self._lost_for or _is_away(position, orientation)):
             self._lost_for += 1  # A lost pose stays lost until one is reached.
             if self._lost_for % self._retry == 0:
-                # The search also notes whether the pose is out of reach, which matters even while the arm only lags.
-                found = self._found_again(target)
-                self._there = None if ended == LAGGING else found
-        return self._told(_ENDED[reached], position, orientation, kept)
+                self._look_for(target, ended)
+        return self._told(
+            _ENDED[self._reached(position, orientation, ended, kept)], position, orientation, kept
+        )
 
     def _reached(self, position: float, orientation: float, ended: int, kept: Kept) -> int:
         """Return the outcome of a step of the joints: that of the reference, unless they are elsewhere."""
-        if kept.joint < 0 and self._constrained.ranges is None:
-            return ended
-        if self._constrained.met(np.array([[position, orientation]]))[0]:
-            return servo.TRACKING
         if kept.joint < 0:
             return ended
+        if self._met(position, orientation):
+            return servo.TRACKING
         return LIMIT if kept.limit == POSITION else LAGGING
+
+    def _met(self, position: float, orientation: float) -> bool:
+        """Return whether errors are within the tolerances of the goal."""
+        goal = self._constrained
+        return bool(position <= goal.position_tolerance and orientation <= goal.orientation_tolerance)
 
     def _told(self, status: TrackStatus, position: float, orientation: float, kept: Kept) -> Step:
         """Describe the step that the joints have made."""
@@ -349,10 +356,8 @@ class Tracker:
             joint = self._limiting_joint(self._state, LIMIT if status is TrackStatus.LIMIT else LAGGING)
             if joint is not None:
                 limited = joint, KINDS[POSITION if status is TrackStatus.LIMIT else VELOCITY]
-        q, velocity, acceleration = motion.q[own], motion.velocity[own], motion.acceleration[own]
-        return Step(
-            q.copy(), status, position, orientation, velocity.copy(), acceleration.copy(), limited, obstacle
-        )
+        q, velocity, acceleration = self._joints.state[:, own].copy()
+        return Step(q, status, position, orientation, velocity, acceleration, limited, obstacle)
 
     def _restart(self) -> None:
         """Let the reference begin again where the joints are."""
@@ -362,8 +367,10 @@ class Tracker:
 
     def _store(self, target: Array) -> None:
         """Store the pose of this period for predictions; of a longer one several times."""
-        for _ in range(max(1, round(self._duration / self.period))):
-            self._past.store(target)
+        self._past.store(target)
+        if self._duration != self.period:
+            for _ in range(1, round(self._duration / self.period)):
+                self._past.store(target)
 
     def _set_drift(self, drift: Drift) -> None:
         """Set by how much the preference moves the joints in this step."""
@@ -460,7 +467,7 @@ class Tracker:
         if ended in (LAGGING, LIMIT, SINGULAR) and self._constrained.ranges is not None:
             # The kernel compares the pose with one point of the ranges: the values of their joints in this period.
             position, orientation = self._errors(state.now, T)
-            if self._constrained.met(np.array([[position, orientation]]))[0]:
+            if self._met(position, orientation):
                 ended = servo.TRACKING
         return position, orientation, ended
 
@@ -492,19 +499,25 @@ class Tracker:
 
     def _forget_loss(self) -> None:
         """Clear the state of a lost pose."""
-        self._there, self._lost_for, self._was_unreachable = None, 0, False
+        self._there, self._search, self._lost_for, self._was_unreachable = None, None, 0, False
 
-    def _found_again(self, T: Array) -> State | None:
-        """Look for joint values that reach a lost pose; return the state of a tracker at these values, or None."""
-        reached, q = self._state.reached, np.empty(self._arm.dof)
-        *_, success = solve_goal(self._index.address, self._tolerances, T[:3], reached, True, q)
-        if not success:
-            self._was_unreachable = True
-            return None
-        if not self._was_unreachable and np.abs(self._turning.step(q - reached)[self._own]).max() > ELSEWHERE:
-            return None
-        # A second tracker follows the pose from there, so that the arm arrives at where the target is by then.
-        return self._standing(1, self._ways(q[None])[0])
+    def _look_for(self, target: Array, ended: int) -> None:
+        """Take what the last search for a lost pose has found, and begin another one, which has time until the next call.
+
+        What a search finds also shows whether a pose was out of reach, which matters even while the arm only lags.
+        """
+        if self._search is not None:
+            q, found = self._search.result(), None
+            if q is None:
+                self._was_unreachable = True
+            else:
+                far = np.abs(self._turning.step(q - self._state.reached)[self._own]).max() > ELSEWHERE
+                if self._was_unreachable or not far:
+                    # A second tracker follows the pose from there, so that the arm arrives at where the target is by then.
+                    found = self._standing(1, self._ways(q[None])[0])
+            self._there = None if ended == LAGGING else found
+        reached = self._state.reached.copy()
+        self._search = Search(self._index, self._tolerances, np.array(target[:3]), reached)
 
     def _recovered(self, T: Array, there: State) -> Step:
         """Make one period of the motion to joint values that reach the pose; these values track the pose meanwhile.

@@ -23,7 +23,10 @@ from .servo import NO_POSE, State, servo_step
 from .stopping import Rates, change, follow, stop, velocities
 
 HALVINGS = 40
-"""Halvings between braking and what is desired, until the next state is safe."""
+"""Halvings between braking and what is desired, until the next state is safe inside the limits of a joint."""
+
+SHARES = 12
+"""The same for distances of bodies, which cost more."""
 
 SMOOTHING = 0.004
 """Time constant with which the velocity of the target is averaged [s]. A longer one follows less of the noise, and falls
@@ -218,7 +221,7 @@ def limited_step(motion: Motion, room: Room, h: float, what: int, sure: bool) ->
             return -1, FREE, pair
         if pair >= 0:
             share, unsafe = 0.0, 1.0
-            for _ in range(HALVINGS):
+            for _ in range(SHARES):
                 middle = 0.5 * (share + unsafe)
                 if roomy(motion, room, middle, h) == -1:
                     share = middle
