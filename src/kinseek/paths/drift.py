@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import index_of
 from kinseek.branches.order import ORDERS, manipulability
+from kinseek.derivatives import constraint_jacobian
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.postures import ARM_ANGLE, PostureRequest, read_posture
 from kinseek.problem import Problem, as_joints
@@ -19,6 +20,12 @@ Array = NDArray[np.float64]
 
 APPROACH = 0.2
 """Time constant with which a posture is approached [s]. Not examined further."""
+
+RISE = 0.1
+"""Time constant with which the velocity of a drift rises and falls [s]. Not examined further."""
+
+RCOND, TINY = 1e-3, 1e-9
+"""Singular values that count as 0, relative to the largest one, and squares of gradients that do."""
 
 AGAIN = 0.01
 """The velocities of a drift are computed again after this time [s]."""
@@ -56,6 +63,11 @@ class Drift:
         self._problem, self._speed = problem, speed
         self._posture: PostureRequest | None = None
         self._rule: str
+        self._age, self._aim, self._velocity = (
+            np.inf,
+            np.zeros(problem.chain.dof),
+            np.zeros(problem.chain.dof),
+        )
         chain = problem.chain
         self._ends = np.array([np.asarray(kind) != "continuous" for kind in chain.kinds])
         self._middle = np.where(self._ends, (chain.lower + chain.upper) / 2.0, 0.0)
@@ -84,18 +96,29 @@ class Drift:
                     f"({chain.dof},), got shape {self._middle.shape}"
                 )
 
-    def velocity(self, q: Array) -> Array:
-        """Return the preferred velocity of the joints at q, (n,)."""
-        wanted = self._wanted(q)
-        fastest = np.abs(wanted).max(initial=0.0)
-        return wanted * min(1.0, self._speed / fastest) if fastest > 0.0 else wanted
+    def step(self, q: Array, h: float) -> Array:
+        """Return by how much the preference moves the joints at q in the next step, (n,)."""
+        self._age += h
+        if self._age >= AGAIN:
+            self._age, wanted = 0.0, self._wanted(q)
+            fastest = np.abs(wanted).max(initial=0.0)
+            self._aim = wanted * min(1.0, self._speed / fastest) if fastest > 0.0 else wanted
+        self._velocity = self._velocity + (1.0 - np.exp(-h / RISE)) * (self._aim - self._velocity)
+        return self._velocity * h
 
     def _wanted(self, q: Array) -> Array:
+        """Return the preferred velocity of joints that does not move the hand: the projection of the gradient."""
+        J = constraint_jacobian(self._problem, q[None])[0]
+        still = np.eye(len(q)) - np.linalg.pinv(J, rcond=RCOND) @ J
         if self._posture is not None:
             off, gradient = self._posture.angle_errors(q[None])
-            size = float(gradient[0] @ gradient[0])
+            along = still @ gradient[0]
+            rate = float(along @ gradient[0])
             # Where the angle is undefined, there is nothing to be approached.
-            return gradient[0] * off[0] / (APPROACH * size) if size > 0.0 else np.zeros(len(q))
+            return along * off[0] / (APPROACH * rate) if rate > TINY else np.zeros(len(q))
+        return np.asarray(still @ self._gradient(q))
+
+    def _gradient(self, q: Array) -> Array:
         if self._rule == "dexterity":
             steps = SMALL * np.eye(len(q))
             with np.errstate(divide="ignore"):

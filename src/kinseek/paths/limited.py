@@ -15,6 +15,7 @@ from kinseek.kernels.paths.limited import (
     GO,
     JERK,
     POSITION,
+    STRAIGHT,
     VELOCITY,
     Motion,
     Room,
@@ -26,6 +27,13 @@ Indices = NDArray[np.int64]
 
 KINDS = {POSITION: "position", VELOCITY: "velocity", ACCELERATION: "acceleration", JERK: "jerk"}
 """Names of limits."""
+
+RESERVE = 1e-3
+"""Distance beyond the clearance that is left for leaving: bounds of a motion do not know where it leads, and without it the
+joints could not move any more [m]. Not examined further."""
+
+ALONG = 1e-7
+"""A motion that reduces a distance by less leads along a body [m]."""
 
 MOST_EXACT = 4
 """Number of pairs, those with the least bounds, whose distances are computed exactly in a step if bounds do not suffice. Not
@@ -108,7 +116,7 @@ class LimitedJoints:
         self.state = np.zeros((3, n))
         """Joint values, velocities and accelerations, (3, n)."""
         self.state[0] = q
-        before, after = (lower, upper, *rates), (q, q, *np.zeros((4, n)))
+        before, after = (lower, upper, *rates), (q, q, *np.zeros((6, n)))
         self.motion = Motion(
             *(np.array(row, dtype=np.float64) for row in before),
             *self.state,
@@ -116,6 +124,8 @@ class LimitedJoints:
         )
         self._own, self._around = own, around
         self._margins: Margins | None = None
+        self._exact: tuple[Indices, Array] | None = None
+        """The closest pairs and their distances at `Room.centre`, if they were computed."""
         self.room = Room(np.zeros(n), np.zeros((0, n)), np.zeros(0))
 
     def follow(self, q: Array, h: float) -> Kept:
@@ -125,10 +135,8 @@ class LimitedJoints:
 
     def go(self, velocity: Array, h: float) -> Kept:
         """Change to velocities, (n,), for the time h."""
-        self.motion.rate[:] = velocity
-        kept = self._step(h, GO)
-        self.motion.rate[:] = 0.0
-        return kept
+        self.motion.wanted[:] = velocity
+        return self._step(h, GO)
 
     def restart(self) -> None:
         """Forget the target that was followed."""
@@ -142,18 +150,29 @@ class LimitedJoints:
 
     def with_room(self, h: float, what: int = FOLLOW) -> Kept:
         """Make a step that the distances known so far do not allow: with those at the present joint values."""
-        scene, room = self._margins, self.room
+        scene, room, q = self._margins, self.room, self.motion.q
         assert scene is not None
-        q = self.motion.q
         if (room.centre != q).any():
             self._measure(scene)
             kept = Kept(*limited_step(self.motion, room, h, what, False))
             if kept.pair < 0:
                 return kept
+        if what == FOLLOW:
+            what = STRAIGHT
+            kept = Kept(*limited_step(self.motion, room, h, what, False))
+            if kept.pair < 0:
+                return kept
+        if self._exact is None:
             close = np.argsort(room.distance)[:MOST_EXACT]
-            exact = scene.distances_of(q[self._own], close) - self._around.clearance
-            room.distance[close] = np.maximum(exact, room.distance[close])
-        return Kept(*limited_step(self.motion, room, h, what, True))
+            self._exact = close, scene.distances_of(q[self._own], close)
+        close, distances = self._exact
+        least = np.maximum(distances - self._around.clearance - RESERVE, room.distance[close])
+        # Where the joints lead bodies apart, or along each other, the reserve is theirs.
+        apart = scene.distances_of(self.motion.rest[self._own], close) >= distances - ALONG
+        room.distance[close] = least + RESERVE * apart
+        kept = Kept(*limited_step(self.motion, room, h, what, True))
+        room.distance[close] = least
+        return kept
 
     def look(self) -> None:
         """Take notice of bodies that were added, removed or moved."""
@@ -167,12 +186,14 @@ class LimitedJoints:
 
     def _measure(self, scene: Margins) -> None:
         self.room.centre[:] = self.motion.q
-        self.room.distance[:] = scene.distances(self.motion.q[self._own]) - self._around.clearance
+        self._exact = None
+        keep = self._around.clearance + RESERVE
+        self.room.distance[:] = scene.distances(self.motion.q[self._own]) - keep
 
     def obstacle(self, pair: int) -> tuple[str, str, float]:
         """Return the names of two bodies and a lower bound of their distance before the last step [m]."""
         assert self._margins is not None
-        return *self._margins.names(pair), float(self.room.distance[pair] + self._around.clearance)
+        return *self._margins.names(pair), float(self.room.distance[pair] + self._around.clearance + RESERVE)
 
 
 def straight_way(step: Array, rates: Rates, period: float, most: int) -> Array | None:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from kinseek.branches.index import index_of
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.goal import Goal
+from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.kernels.paths import servo
@@ -31,7 +32,7 @@ from kinseek.support.validation import as_float_array, as_number
 from kinseek.timing.limits import positive
 from kinseek.virtual_joints import extended
 
-from .drift import AGAIN, ANYWHERE, Drift, Preference
+from .drift import ANYWHERE, Drift, Preference
 from .joints import Turning
 from .limited import KINDS, NOTHING, Around, Kept, LimitedJoints, Rates, straight_way
 from .past import TIMES, PastPoses
@@ -54,6 +55,9 @@ FASTER, AFTER = 10.0, 0.5
 """If joints that are `FASTER` times as fast still track the poses `AFTER` seconds later, only the hand is too fast, and its
 branch does not end. Not examined further."""
 
+SINGULAR_RATIO = 1e-3
+"""Ratio of the least to the largest singular value of the Jacobian up to which a direction counts as lost."""
+
 AXES = ("base", "tool")
 """Axes of a twist."""
 
@@ -69,6 +73,12 @@ LEASH = (1e-4, 1e-3)
 
 HELD = (2e-3, 2e-2)
 """The same for a position or an orientation that the twist does not change."""
+
+BESIDE = 0.2
+"""Time for which the hand goes straight after a body has held it [s]. Not examined further."""
+
+CATCH_UP = 0.1
+"""Fraction of what the hand is behind by which it catches up in a step. Not examined further."""
 
 RETRY = 0.05
 """Time between two attempts to reach a lost pose again [s]. Not examined further."""
@@ -216,6 +226,8 @@ class Tracker:
         """While recovering: the state of a tracker that already follows the pose from the solution that was found."""
         self._carried: Array | None = None
         """The target that a twist moves, (4, 4)."""
+        self._beside = 0
+        """Periods in which the hand still goes straight, since a body has held it."""
         self._turned = np.zeros(2, dtype=np.bool_)
         """Whether a twist has moved the hand, and has turned it, since the joints were last at rest."""
         self._prefer_speed = as_number("prefer_speed", prefer.speed, *TIMES, InvalidProblem)
@@ -234,7 +246,6 @@ class Tracker:
         """
         problem = Problem(self._mechanism, self._constrained.at(self._pose_at(self.q)))
         self._drift = None if what is None else Drift(problem, what, self._prefer_speed)
-        self._drift_age = np.inf
         self._state.drift[:] = 0.0
 
     def step(
@@ -289,14 +300,17 @@ class Tracker:
 
     def _tracked(self, target: Array) -> Step:
         """Do one step towards a pose as kernels take it, (4, 4)."""
-        joints, state = self._joints, self._state
+        joints, state, aim = self._joints, self._state, target
         joints.look()
+        if self._beside > 0:
+            self._beside -= 1
+            aim = self._ahead(target)
         if self._drift is not None:
             self._set_drift(self._drift)
         position, orientation, ended, *found = track_step(
             self._index.address,
             self._tolerances,
-            target,
+            aim,
             self._memory,
             state,
             joints.motion,
@@ -310,6 +324,9 @@ class Tracker:
         if kept.pair >= 0:
             kept = joints.with_room(self._duration)
             position, orientation = self._errors(joints.motion.q, target)
+        if aim is not target:
+            position, orientation = self._errors(joints.motion.q, target)
+            ended = ended if self._met(position, orientation) else LAGGING
         if self._constrained.ranges is not None:
             # The kernel compares with one point of the ranges: the values of their joints in this period.
             position, orientation = self._errors(joints.motion.q, target)
@@ -326,6 +343,17 @@ class Tracker:
         return self._told(
             _ENDED[self._reached(position, orientation, ended, kept)], position, orientation, kept
         )
+
+    def _ahead(self, target: Array) -> Array:
+        """Return a pose a little ahead of the hand on the straight way to a target, (4, 4), as kernels take them.
+
+        The reference is nearest to the target in every period, which leads the hand the shortest way only if it is near.
+        """
+        if _has_gaps(target):
+            return target
+        hand = self._target(self._pose_at(self.q))
+        turns = rotation_vectors((target[:3, :3] @ hand[:3, :3].T)[None])
+        return _moved_by(hand, _at_most(target[:3, 3] - hand[:3, 3], HELD[0]), _at_most(turns[0], HELD[1]))
 
     def _reached(self, position: float, orientation: float, ended: int, kept: Kept) -> int:
         """Return the outcome of a step of the joints: that of the reference, unless they are elsewhere."""
@@ -350,6 +378,7 @@ class Tracker:
             if np.abs(motion.velocity[own]).max() < AT_REST:
                 # The reference is not to run away while the joints stand.
                 self._restart()
+                self._beside = max(1, round(BESIDE / self.period))
         elif kept.joint >= 0:
             limited = self._mechanism.joint_names[kept.joint - own.start], KINDS[kept.limit]
         elif status in (TrackStatus.LIMIT, TrackStatus.LAGGING):
@@ -374,10 +403,7 @@ class Tracker:
 
     def _set_drift(self, drift: Drift) -> None:
         """Set by how much the preference moves the joints in this step."""
-        self._drift_age += self._duration
-        if self._drift_age >= AGAIN:
-            self._drift_age, self._drift_velocity = 0.0, drift.velocity(self._state.now[self._own])
-        self._state.drift[self._own] = self._drift_velocity * self._duration
+        self._state.drift[self._own] = drift.step(self._state.now[self._own], self._duration)
 
     def _without_pose(self, T: Any, twist: ArrayLike | None, axes: str, velocity: ArrayLike | None) -> Step:
         """Do one step with a twist, with velocities of the joints, or without a target."""
@@ -439,20 +465,17 @@ class Tracker:
         most = np.where(self._turned, LEASH, HELD)
         ahead = target[:3, 3] - hand[:3, 3]
         (turn,) = rotation_vectors((target[:3, :3] @ hand[:3, :3].T)[None])
-        target = hand.copy()
-        target[:3, 3] += _at_most(ahead, most[0])
-        target[:3, :3] = rotations(_at_most(turn, most[1])[None])[0] @ target[:3, :3]
+        ahead, turn = _at_most(ahead, most[0]), _at_most(turn, most[1])
         linear, angular = twist.reshape(2, 3) if axes == "base" else twist.reshape(2, 3) @ hand[:3, :3].T
-        target[:3, 3] += h * linear
-        target[:3, :3] = rotations(h * angular[None])[0] @ target[:3, :3]
-        self._carried = target
-        aim = self._target(target)
+        self._carried = _moved_by(hand, ahead + h * linear, turn, h * angular)
+        aim = self._target(_moved_by(hand, CATCH_UP * ahead + h * linear, CATCH_UP * turn, h * angular))
         self._state.now[:] = self._joints.motion.q
         if self._drift is not None:
             self._set_drift(self._drift)
         *_, ended = servo_step(self._index.address, self._tolerances, aim, self._memory, self._state)
         wanted = (self._state.now - self._joints.motion.q)[self._own] / h
         kept = self._go(wanted)
+        aim = self._target(self._carried)
         position, orientation = self._errors(self._joints.motion.q, aim)
         self._store(aim)
         return self._told(
@@ -544,6 +567,18 @@ class Tracker:
             reached = self._reached(position, orientation, ended, kept)
             return self._told(_ENDED[reached], position, orientation, kept)
         return self._moved(state.now + step / periods, T, TrackStatus.RECOVERING)
+
+    def singular_direction(self) -> Array | None:
+        """Return the twist that the hand loses first at the current joint values, or None if it can move in all directions.
+
+        Returns:
+            The unit vector of a twist, (6,), linear [m/s] and angular [rad/s], in axes of the base: the singular vector of
+            the Jacobian with the least singular value. None if that is more than a thousandth of the largest one.
+        """
+        J = jacobian_many(Problem(self._mechanism, self._constrained).arrays, self.q[None])[0]
+        U, values, _ = np.linalg.svd(J)
+        lost = len(values) < len(U) or values[-1] <= SINGULAR_RATIO * values[0]
+        return U[:, -1].copy() if lost else None
 
     def switch(self, to: ArrayLike | None = None) -> Array:
         """Move to another branch of the last pose: the nearest other one, or a given one.
@@ -792,6 +827,15 @@ def _numbers(name: str, values: ArrayLike, count: int, unit: str) -> Array:
     if numbers.shape != (count,):
         raise InvalidProblem(f"{name} must be {count} numbers {unit}, got {values!r:.80}")
     return numbers
+
+
+def _moved_by(T: Array, shift: Array, *turns: Array) -> Array:
+    """Return a pose that is shifted, and turned about its origin, by vectors in axes of the base, (3,) each."""
+    moved = T.copy()
+    moved[:3, 3] += shift
+    for turn in turns:
+        moved[:3, :3] = rotations(turn[None])[0] @ moved[:3, :3]
+    return moved
 
 
 def _at_most(vector: Array, length: float) -> Array:

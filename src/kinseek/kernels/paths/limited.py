@@ -32,8 +32,8 @@ SMOOTHING = 0.004
 """Time constant with which the velocity of the target is averaged [s]. A longer one follows less of the noise, and falls
 behind a target that accelerates. Not examined further than in `tests/paths/test_limits.py`."""
 
-FOLLOW, GO = 0, 1
-"""Follow `Motion.target`; or reach the velocities `Motion.rate`."""
+FOLLOW, GO, STRAIGHT = 0, 1, 2
+"""Follow `Motion.target`, each joint as fast as it may; reach velocities `Motion.wanted`; or go straight to the target."""
 
 FREE, POSITION, VELOCITY, ACCELERATION, JERK = 0, 1, 2, 3, 4
 """What keeps a joint from what is desired."""
@@ -58,13 +58,17 @@ class Motion(NamedTuple):
     before: Annotated[Array, "n", OUT]
     """The target of the step before."""
     rate: Annotated[Array, "n", OUT]
-    """Averaged velocity of the target; the desired velocity for `GO`."""
+    """Averaged velocity of the target; after `GO` the velocity that was wanted."""
+    wanted: Annotated[Array, "n", OUT]
+    """Velocities to reach."""
     desired: Annotated[Array, "n", OUT]
     """Scratch: velocities of the next step."""
     braking: Annotated[Array, "n", OUT]
     """Scratch: the same when braking."""
     extent: Annotated[Array, "n", OUT]
     """Scratch: largest distance from `Room.centre` until rest."""
+    rest: Annotated[Array, "n", OUT]
+    """Where the joints would come to rest after what is desired, if that is not possible."""
 
 
 class Room(NamedTuple):
@@ -114,15 +118,37 @@ def smoothed(motion: Motion, i: int, h: float) -> float:
 
 
 @inlined
-def after_target(motion: Motion, i: int, h: float) -> float:
-    """Return the velocity with which joint i follows its target as fast as it may; see `limited_step`."""
+def together(motion: Motion, h: float) -> Rates:
+    """Return the limits of a parameter along the straight way to the target, 0 here and 1 there."""
+    V, A, J = inf, inf, inf
+    for i in range(len(motion.q)):
+        gap = abs(motion.target[i] - motion.q[i])
+        if gap > 0.0:
+            V, A = min(V, motion.velocity_limit[i] / gap), min(A, motion.acceleration_limit[i] / gap)
+            J = min(J, motion.jerk_limit[i] / gap)
+    return Rates(V, A, J, h)
+
+
+@inlined
+def after_target(motion: Motion, i: int, along: Rates) -> float:
+    """Return the velocity with which joint i follows its target; see `limited_step`.
+
+    Args:
+        motion: The motion.
+        i: The joint.
+        along: Limits of the straight way, see `together`; without limits the joint moves as fast as it may.
+    """
+    h = along.period
     rates, v, q, target = rates_of(motion, i, h), motion.velocity[i], motion.q[i], motion.target[i]
     low, high = velocities(v, motion.acceleration[i], rates)
     exactly, moved = (target - q) / h, (target - motion.before[i]) / h
     # A joint that has been on the target and can stay there does so, up to what one step may change.
     if low <= exactly <= high and abs(exactly - moved) <= h * min(rates.acceleration, rates.jerk * h):
         return float(exactly)
-    rate = smoothed(motion, i, h)
+    rate, gap = smoothed(motion, i, h), abs(target - q)
+    if gap > 0.0:
+        A, J = min(rates.acceleration, gap * along.acceleration), min(rates.jerk, gap * along.jerk)
+        rates = Rates(min(rates.velocity, gap * along.velocity), A, J, h)
     return float(rate + follow(target - q - rate * h, v - rate, low - rate, high - rate, rates))
 
 
@@ -139,6 +165,7 @@ def roomy(motion: Motion, room: Room, share: float, h: float) -> int:
         to = stop(v, (v - motion.velocity[i]) / h, rates_of(motion, i, h))
         here, then = motion.q[i] - room.centre[i], motion.q[i] - room.centre[i] + h * v
         motion.extent[i] = max(abs(here), abs(then + to.highest), abs(then + to.lowest))
+        motion.rest[i] = motion.q[i] + h * v + to.end
     for p in range(len(room.distance)):
         needed = 0.0
         for i in range(len(motion.q)):
@@ -172,28 +199,32 @@ def limited_step(motion: Motion, room: Room, h: float, what: int, sure: bool) ->
         motion: Limits, state and target.
         room: Distances of bodies; no pairs if there are no obstacles.
         h: Duration of the step [s].
-        what: `FOLLOW` or `GO`.
+        what: `FOLLOW`, `GO` or `STRAIGHT`: beside obstacles a joint that hurries ahead of the others leads the wrong way.
         sure: Whether the distances are the best ones that can be had. Otherwise nothing is moved if they do not suffice.
 
     Returns:
         Joint that is farthest from what is desired and not free, or -1; what keeps it; the pair of bodies that slowed the
         joints, or -1.
     """
-    n, longest = len(motion.q), 0.0
+    n, longest, along = len(motion.q), 0.0, Rates(inf, inf, inf, h)
+    if what == STRAIGHT:
+        along = together(motion, h)
     if what == GO:
         for i in range(n):
-            size = abs(motion.rate[i] - motion.velocity[i])
+            size = abs(motion.wanted[i] - motion.velocity[i])
             A = motion.acceleration_limit[i]
             longest = max(longest, size / A, (size / motion.jerk_limit[i]) ** 0.5)
     for i in range(n):
         motion.braking[i] = brake(motion, i, h)
-        if what == FOLLOW:
-            motion.desired[i] = after_target(motion, i, h)
+        if what != GO:
+            motion.desired[i] = after_target(motion, i, along)
             continue
         rates, v = rates_of(motion, i, h), motion.velocity[i]
-        left = motion.rate[i] - v
+        left = motion.wanted[i] - v
         low, high = velocities(v, motion.acceleration[i], rates)
-        if left != 0.0 and longest > 0.0:
+        # A joint that had the velocity that was wanted, and can have it again, does.
+        had = abs(v - motion.rate[i]) <= h * min(rates.acceleration, rates.jerk * h)
+        if left != 0.0 and longest > 0.0 and not (had and low <= motion.wanted[i] <= high):
             # Smaller limits, so that all joints change their velocities in the same time and the tip keeps its direction.
             A, J = rates.acceleration, rates.jerk
             slower = min(1.0, max(abs(left) / A, (abs(left) / J) ** 0.5) / longest)
@@ -236,20 +267,20 @@ def limited_step(motion: Motion, room: Room, h: float, what: int, sure: bool) ->
             q = min(q, motion.upper[i])
         if motion.q[i] >= motion.lower[i]:
             q = max(q, motion.lower[i])
-        if what == FOLLOW and abs(q - motion.target[i]) <= 4e-16 * max(1.0, abs(q)):
+        if what != GO and abs(q - motion.target[i]) <= 4e-16 * max(1.0, abs(q)):
             q = motion.target[i]
-        off = abs(q - motion.target[i]) if what == FOLLOW else h * abs(v - motion.rate[i])
+        off = abs(q - motion.target[i]) if what != GO else h * abs(v - motion.wanted[i])
         if off > farthest:
             kept = POSITION if at_limits >> i & 1 else kept_by(motion, i, v, h)
             joint, farthest = i, off
         motion.acceleration[i] = (v - motion.velocity[i]) / h
         motion.velocity[i] = v
         motion.q[i] = q
-        if what == FOLLOW:
+        if what != GO:
             motion.rate[i] = smoothed(motion, i, h)
             motion.before[i] = motion.target[i]
-        else:  # A target that comes next is at rest there.
-            motion.before[i] = q
+        else:
+            motion.rate[i], motion.before[i] = motion.wanted[i], q
     return joint, kept, pair
 
 

@@ -1,0 +1,137 @@
+"""A tracker in a scene: nothing is touched, whatever the target does, and it goes on when the way is free."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek import InvalidProblem, InvalidScene, Scene, TrackStatus
+
+Array = NDArray[np.float64]
+
+HOMES = {"ur5e": [0, -1.57, 1.57, -1.57, -1.57, 0], "panda": [0, -0.5, 0, -2, 0, 1.6, 0.7]}
+LIMITS: dict[str, Any] = {"velocity": 1.5, "acceleration": 20.0}
+
+
+def cell(arm: Any, q: Array, count: int, seed: int, clearance: float) -> Scene:
+    """Boxes around an arm, none of them near q."""
+    pytest.importorskip("coal")
+    scene, rng, placed = Scene.of(arm, capsules=0.05), np.random.default_rng(seed), 0
+    while placed < count:
+        place = rng.uniform(-1, 1, 3)
+        place *= rng.uniform(0.4, 0.9) / np.linalg.norm(place)
+        scene.add_box(f"box {placed}", [0.1, 0.1, 0.1], kinseek.pose([*place[:2], abs(place[2])]))
+        if scene.free(q, clearance):
+            placed += 1
+        else:
+            scene.remove(f"box {placed}")
+    return scene
+
+
+@pytest.mark.parametrize("jerk", [None, 1000.0])
+@pytest.mark.parametrize("name", HOMES)
+def test_twenty_boxes_are_never_touched(name: str, jerk: float | None) -> None:
+    """Targets beyond boxes, jumps, twists and velocities; coal measures the distances exactly."""
+    arm, home, h, clearance = kinseek.load(name), np.array(HOMES[name]), 0.004, 0.01
+    scene, rng = cell(arm, home, 20, 1, 0.05), np.random.default_rng(2)
+    tracker = arm.track(home, h, **LIMITS, jerk=jerk, scene=scene, clearance=clearance)
+    T, begin, rows, seen = arm.fk(home), arm.fk(home)[:3, 3].copy(), [home], set()
+    for k in range(4000):
+        if k % 400 == 0:
+            aim, twist, velocity = (
+                begin + rng.uniform(-0.5, 0.5, 3),
+                rng.normal(size=6) * 0.3,
+                rng.normal(size=arm.dof),
+            )
+        if k % 1200 < 800:
+            gap = aim - T[:3, 3]
+            T = T.copy()
+            T[:3, 3] += gap * min(1.0, 0.002 / max(float(np.linalg.norm(gap)), 1e-9))
+            step = tracker.step(T)
+        else:
+            step = tracker.step(twist=twist) if k % 800 < 400 else tracker.step(velocity=velocity)
+            T = arm.fk(step.q)
+        seen.add(step.status)
+        if step.status is TrackStatus.BRAKING:
+            assert step.obstacle is not None
+            assert {step.obstacle[0], step.obstacle[1]} <= set(scene.bodies)
+            assert step.obstacle[2] <= scene.distance(rows[-1]) + 0.2
+        rows.append(step.q)
+    q = np.array(rows)
+    assert TrackStatus.BRAKING in seen
+    assert scene.distance(q).min() >= clearance
+    a = np.diff(q, 2, axis=0) / h**2
+    assert np.abs(a).max() <= 20.0 * (1 + 1e-9) + 1e-8
+    if jerk is not None:
+        assert np.abs(np.diff(q, 3, axis=0) / h**3).max() <= jerk * (1 + 1e-9) + 1e-6
+    assert ((q >= arm.lower) & (q <= arm.upper)).all()
+
+
+def wall(arm: Any) -> Scene:
+    pytest.importorskip("coal")
+    scene = Scene.of(arm, capsules=0.05)
+    scene.add_box("wall", [0.02, 2.0, 2.0], kinseek.pose([0.75, 0.0, 0.5]))
+    return scene
+
+
+@pytest.mark.parametrize("jerk", [None, 1000.0])
+def test_it_rests_before_a_wall_and_comes_back(jerk: float | None) -> None:
+    arm, home = kinseek.load("ur5e"), np.array(HOMES["ur5e"])
+    scene = wall(arm)
+    tracker, T = arm.track(home, 0.004, **LIMITS, jerk=jerk, scene=scene), arm.fk(home)
+    begin, rows = T.copy(), []
+    for _ in range(600):
+        T[0, 3] += 0.001
+        step = tracker.step(T)
+    for _ in range(2000):
+        step = tracker.step(T)
+        rows.append(step.q)
+    assert step.status is TrackStatus.BRAKING
+    assert step.obstacle is not None
+    assert "wall" in step.obstacle[:2]
+    assert 0.0 < scene.distance(step.q) < 2e-3, "it comes as near as it may"
+    velocity = np.diff(rows, axis=0) / 0.004
+    assert np.abs(velocity[-500:]).max() < 1e-3
+    back = (velocity[:-1] * velocity[1:] < 0) & (
+        np.minimum(np.abs(velocity[:-1]), np.abs(velocity[1:])) > 1e-3
+    )
+    assert not back.any(), "a joint goes back and forth"
+    for _ in range(1500):
+        step = tracker.step(begin)
+    assert step.status is TrackStatus.TRACKING
+    assert step.position_error < 1e-6
+
+
+def test_a_body_that_is_removed_or_added_is_noticed() -> None:
+    arm, home = kinseek.load("ur5e"), np.array(HOMES["ur5e"])
+    scene = wall(arm)
+    tracker, T = arm.track(home, 0.004, **LIMITS, scene=scene), arm.fk(home)
+    T[0, 3] += 0.2
+    for _ in range(1500):
+        step = tracker.step(T)
+    assert step.status is TrackStatus.BRAKING
+    scene.remove("wall")
+    for _ in range(1500):
+        step = tracker.step(T)
+    assert step.status is TrackStatus.TRACKING
+    scene.add_box("shelf", [0.02, 2.0, 2.0], kinseek.pose([0.35, 0.0, 0.5]))
+    hand = scene.distance(step.q)
+    for _ in range(300):
+        step = tracker.step(T)
+    assert hand > 0 or step.status is TrackStatus.BRAKING
+
+
+def test_misuse_is_refused() -> None:
+    arm, home = kinseek.load("ur5e"), np.array(HOMES["ur5e"])
+    scene = wall(arm)
+    scene.add_sphere("ball", 0.1, kinseek.pose(arm.fk(home)[:3, 3]))
+    with pytest.raises(InvalidProblem, match="q0 is in collision"):
+        arm.track(home, scene=scene)
+    with pytest.raises(InvalidProblem, match="clearance= needs a scene"):
+        arm.track(home, clearance=0.1)
+    with pytest.raises(InvalidScene):
+        kinseek.load("irb120").track(np.zeros(6), scene=scene)

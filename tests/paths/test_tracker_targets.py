@@ -1,0 +1,197 @@
+"""Targets of a tracker other than whole poses: twists, velocities of joints, none; and what a redundant arm prefers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek import Goal, InvalidProblem, TrackStatus
+
+Array = NDArray[np.float64]
+
+HOME = np.array([0, -1.57, 1.57, -1.57, -1.57, 0])
+PANDA = np.array([0, -0.5, 0, -2, 0, 1.6, 0.7])
+LIMITS: dict[str, Any] = {"velocity": 1.5, "acceleration": 20.0}
+
+
+@pytest.mark.parametrize("jerk", [None, 1000.0])
+@pytest.mark.parametrize("axes", ["base", "tool"])
+def test_a_twist_moves_the_hand_and_lets_it_rest(axes: Any, jerk: float | None) -> None:
+    arm, h = kinseek.load("ur5e"), 0.002
+    tracker, T0 = arm.track(HOME, h, **LIMITS, jerk=jerk), arm.fk(HOME)
+    twist = np.array([0.1, -0.05, 0.02, 0.0, 0.0, 0.4])
+    for _ in range(500):
+        step = tracker.step(twist=twist, axes=axes)
+    assert step.status is TrackStatus.TRACKING
+    # At full speed the hand moves by the twist, by central differences of forward kinematics.
+    before, after = arm.fk(tracker.q), arm.fk(tracker.step(twist=twist, axes=axes).q)
+    R = np.eye(3) if axes == "base" else before[:3, :3]
+    np.testing.assert_allclose((after - before)[:3, 3] / h, R @ twist[:3], atol=1e-3)
+    turn = (after[:3, :3] @ before[:3, :3].T - np.eye(3)) / h
+    np.testing.assert_allclose([turn[2, 1], turn[0, 2], turn[1, 0]], R @ twist[3:], atol=1e-3)
+    released, q = arm.fk(tracker.q), [tracker.q]
+    for _ in range(400):
+        step = tracker.step(twist=np.zeros(6))
+        q.append(step.q)
+    assert step.status is TrackStatus.TRACKING
+    assert not step.velocity.any()
+    moved = arm.fk(np.array(q))[:, :3, 3] - released[:3, 3]
+    along = moved @ (R @ twist[:3]) / np.linalg.norm(twist[:3])
+    assert along.max() - along[-1] < 2e-4, "the hand goes back after the twist has ended"
+    assert np.linalg.norm(released - T0) > 0.05
+
+
+def test_a_straight_twist_keeps_the_orientation() -> None:
+    arm = kinseek.load("ur5e")
+    tracker, T0 = arm.track(HOME, 0.002, **LIMITS, jerk=1000.0), arm.fk(HOME)
+    for k in range(1500):
+        tracker.step(twist=[0.1 * np.cos(k / 200), 0.1 * np.sin(k / 200), 0, 0, 0, 0])
+    T = arm.fk(tracker.q)
+    assert np.abs(T[:3, :3] - T0[:3, :3]).max() < 1e-3
+
+
+def test_at_the_edge_a_twist_slides_and_comes_back_at_once() -> None:
+    arm = kinseek.load("ur5e")
+    tracker = arm.track(HOME, 0.002, **LIMITS)
+    for _ in range(4000):
+        step = tracker.step(twist=[0.2, 0.05, 0, 0, 0, 0])
+    assert step.status in (TrackStatus.SINGULAR, TrackStatus.LAGGING, TrackStatus.LIMIT)
+    lost = tracker.singular_direction()
+    assert lost is not None
+    assert abs(np.linalg.norm(lost) - 1) < 1e-12
+    edge = arm.fk(tracker.q)[0, 3]
+    for _ in range(250):
+        step = tracker.step(twist=[-0.2, 0, 0, 0, 0, 0])
+    assert edge - arm.fk(tracker.q)[0, 3] > 0.03
+
+
+@pytest.mark.parametrize("jerk", [None, 1000.0])
+def test_velocities_of_joints_end_at_limits(jerk: float | None) -> None:
+    arm = kinseek.load("panda")
+    tracker, wanted = arm.track(PANDA, 0.002, **LIMITS, jerk=jerk), np.array([0.5, 0, 0, 0, -0.3, 0, 0])
+    for _ in range(300):
+        step = tracker.step(velocity=wanted)
+    assert step.status is TrackStatus.TRACKING
+    np.testing.assert_allclose(step.velocity, wanted, atol=1e-9)
+    assert np.isnan(step.position_error)
+    for _ in range(6000):
+        step = tracker.step(velocity=wanted)
+    assert step.status is TrackStatus.LIMIT
+    assert step.limited == (arm.joint_names[0], "position") or step.limited == (
+        arm.joint_names[4],
+        "position",
+    )
+    assert abs(step.q[0] - arm.upper[0]) < 1e-6
+    assert not np.abs(step.velocity).max() > 1e-6
+
+
+def test_without_a_target_the_arm_stops_and_goes_on() -> None:
+    arm, bad = kinseek.load("ur5e"), np.eye(4)
+    bad[0, 3] = np.nan
+    for nothing in ((), (bad,), (bad.tolist(),)):
+        tracker, T = arm.track(HOME, 0.002, **LIMITS, jerk=1000.0), arm.fk(HOME)
+        for _ in range(300):
+            T[0, 3] -= 0.0002
+            tracker.step(T)
+        assert np.abs(tracker.step(T).velocity).max() > 0.05
+        for _ in range(100):
+            step = tracker.step(*nothing)
+            assert step.status is TrackStatus.STOPPING
+        assert not step.velocity.any()
+        for _ in range(300):
+            step = tracker.step(T)
+        assert step.status is TrackStatus.TRACKING
+    tracker.step(twist=[np.nan, 0, 0, 0, 0, 0])
+    assert tracker.step(velocity=np.full(6, np.inf)).status is TrackStatus.STOPPING
+
+
+def test_a_position_may_be_three_numbers() -> None:
+    arm = kinseek.load("so101")
+    q = 0.5 * (arm.lower + arm.upper) + 0.1
+    p = arm.fk(q)[:3, 3]
+    tracker = arm.track(q, 0.01, velocity=1.5, acceleration=10.0, goal=Goal.position(p))
+    for k in range(200):
+        target = p + np.array([0.0, 0.02 * np.sin(k / 40), 0.01])
+        step = tracker.step(target)
+    assert step.status is TrackStatus.TRACKING
+    assert np.linalg.norm(arm.fk(step.q)[:3, 3] - target) < 1e-6
+
+
+@pytest.mark.parametrize(
+    "goal", [Goal.pointing([0, 0, 0], [0, 0, 1]), Goal.pose(np.eye(4), free="rz", cone=0.2)]
+)
+def test_free_axes_within_limits(goal: Goal) -> None:
+    arm, rows = kinseek.load("so101"), []
+    q = 0.5 * (arm.lower + arm.upper) + 0.1
+    tracker, T = arm.track(q, 0.004, **LIMITS, goal=goal), arm.fk(q)
+    for k in range(1000):
+        T[1, 3] += 1e-4 * np.sin(k / 60)
+        step = tracker.step(T)
+        rows.append(step.q)
+    assert step.status in (TrackStatus.TRACKING, TrackStatus.LAGGING)
+    assert np.abs(np.diff(rows, 2, axis=0) / 0.004**2).max() < 20.0 * (1 + 1e-9) + 1e-8
+
+
+def test_wrong_targets_are_refused() -> None:
+    tracker = kinseek.load("ur5e").track(HOME)
+    for options, message in (
+        ({"twist": [1, 2]}, "twist must be 6 numbers"),
+        ({"velocity": [1, 2]}, "velocity must be 6 numbers"),
+        ({"twist": np.zeros(6), "velocity": np.zeros(6)}, "takes one target"),
+        ({"twist": np.zeros(6), "axes": "tol"}, "'tool'"),
+    ):
+        with pytest.raises(InvalidProblem, match=message):
+            tracker.step(**options)
+
+
+@pytest.mark.parametrize(
+    "prefer",
+    [
+        "mid-range",
+        "limits",
+        "dexterity",
+        {"arm_angle": 0.6},
+        list(PANDA + np.array([0.5, 0, -0.5, 0, 0.3, 0, 0])),
+    ],
+)
+def test_a_redundant_arm_drifts_to_what_it_prefers(prefer: Any) -> None:
+    arm, h = kinseek.load("panda"), 0.004
+    start = PANDA + np.array([0.4, 0.2, -0.5, 0.1, 0.4, 0.1, -0.3])
+    tracker, T, rows = arm.track(start, h, **LIMITS, prefer=prefer, prefer_speed=0.3), arm.fk(start), [start]
+    for _ in range(2000):
+        step = tracker.step(T)
+        assert step.position_error < 1e-6
+        rows.append(step.q)
+    assert step.status is TrackStatus.TRACKING
+    moved, q = np.abs(np.diff(rows, axis=0)).max() / h, np.array([start, step.q])
+    assert 1e-3 < moved <= 0.3 * 1.02, "the drift is no faster than allowed, up to its curvature"
+    away = (q - (arm.lower + arm.upper) / 2) / (arm.upper - arm.lower)
+    J = arm.jacobian(q)
+    before, after = {
+        "mid-range": np.linalg.norm(away, axis=1),
+        "limits": (away**4).sum(axis=1),
+        "dexterity": -np.linalg.det(J @ np.swapaxes(J, 1, 2)),
+    }.get(prefer if isinstance(prefer, str) else "", np.ones(2) * [1, 0])
+    assert after < before
+    if isinstance(prefer, dict):
+        solution = arm.ik(arm.fk(step.q), near=step.q)
+        assert abs(solution.configuration["arm_angle"] - 0.6) < 1e-2
+
+
+def test_preferences_change_on_the_way_and_wrong_ones_are_refused() -> None:
+    panda, ur5e = kinseek.load("panda"), kinseek.load("ur5e")
+    tracker = panda.track(PANDA, 0.004, velocity=1.5)
+    for angle in (0.2, -0.2):
+        tracker.prefer({"arm_angle": angle})
+        for _ in range(1500):
+            q = tracker.step(panda.fk(PANDA)).q
+        assert abs(panda.ik(panda.fk(q), near=q).configuration["arm_angle"] - angle) < 1e-2
+    for wrong in ("midrange", {"elbow": "up"}, np.zeros(6), {"arm_angle": np.nan}):
+        with pytest.raises(InvalidProblem):
+            panda.track(PANDA, prefer=wrong)
+    with pytest.raises(InvalidProblem, match="finite number of solutions"):
+        ur5e.track(HOME, prefer="limits")
