@@ -29,17 +29,8 @@ from kinseek.export.c_text import string
 from kinseek.kernels.entry import ENTRIES
 from kinseek.kernels.grid.memory import MOST_LANES
 from kinseek.robots import catalog_path
-from places import ROOT
+from machines import BOARD, EXAMPLE, M7, levels
 
-EXAMPLE = ROOT / "examples" / "cortex_m7"
-M7 = [
-    *TARGETS["thumbv7em"].cpus[0].options.split(),
-    "--specs=rdimon.specs",
-    "-nostartfiles",
-    "-Wl,--no-warnings",
-]
-M7 += [str(EXAMPLE / "start.c"), "-T", str(EXAMPLE / "part.ld")]
-BOARD = ["-M", "mps2-an500", "-nographic", "-semihosting-config", "enable=on,target=native", "-kernel"]
 SMALL = DivideAndConquer(branching_factor=360)
 GOALS = 8
 DONE, MISSED = 1, 2
@@ -147,14 +138,6 @@ def compare(found: list[Any], arm: kinseek.Arm, search: DivideAndConquer | Atlas
         assert np.abs(answer - expected.q).max() <= max(
             most, 0.0 if isinstance(search, DivideAndConquer) else 1e3 * most
         )
-
-
-def levels() -> set[str]:
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-    except OSError:
-        return set()
-    return set(next((line for line in text.splitlines() if line.startswith("flags")), "").split())
 
 
 FROM_CPP = """
@@ -371,7 +354,7 @@ PANDA = kinseek.load("panda")
         (PANDA, {"goal": Goal.pose(np.stack([np.eye(4)] * 2))}, r"one goal, got a batch of shape \(2,\)"),
         (PANDA, {"goal": Goal.pointing([0.4, 0, 0.4], [0, 0, 1])}, "a pose or position of the tip"),
         (PANDA, {"goal": Goal.pose(np.eye(4), free="x")}, "no free axes"),
-        (PANDA, {"search": BruteForce()}, "search must be a DivideAndConquer or an Atlas"),
+        (PANDA, {"search": BruteForce()}, "search must be a DivideAndConquer, an Atlas or a tracker"),
         (PANDA, {"search": Atlas(), "ram": 4096}, r"needs 2\d,\d\d\d bytes of RAM for the atlas, got 4,096"),
         (
             PANDA,

@@ -15,21 +15,23 @@ _PLAIN = f"{ascii_letters}{digits} _.,:+-()"
 _ELEMENTS = {"f": "double", "i": "int64_t", "b": "bool"}
 
 
-def array(name: str, values: NDArray[Any]) -> str:
-    """Format an array of constants in C, every number exactly."""
+def array(name: str, values: NDArray[Any], infinite: bool = False) -> str:
+    """Format an array of constants in C, every number exactly; see `number`."""
     flat = np.ravel(values)
-    write = number if flat.dtype.kind == "f" else lambda each: str(int(each))
-    words = ", ".join(write(each) for each in flat.tolist())
+    floats = flat.dtype.kind == "f"
+    words = ", ".join(number(each, infinite) if floats else str(int(each)) for each in flat.tolist())
     shape = f"  /* {values.shape} */" if values.ndim > 1 else ""
     return f"static const {_ELEMENTS[flat.dtype.kind]} {name}[] = {{{words}}};{shape}"
 
 
-def number(value: float) -> str:
-    """Format a number exactly.
+def number(value: float, infinite: bool = False) -> str:
+    """Format a number exactly; an infinite one, if that is allowed, by its name in math.h.
 
     Raises:
         InvalidExport: It is not finite.
     """
+    if infinite and math.isinf(value):
+        return "INFINITY" if value > 0.0 else "-INFINITY"
     if not math.isfinite(value):
         raise InvalidExport(f"a constant of the arm or search is {value}")
     return value.hex()

@@ -1,4 +1,4 @@
-"""Export of an arm as C and machine code: its constants, forward kinematics, and a search in fixed memory."""
+"""Export of an arm as C and machine code: constants, forward kinematics, and a search or a tracker in fixed memory."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from kinseek.arm import Arm
 from kinseek.errors import InvalidExport
 from kinseek.goal import Goal
 from kinseek.kernels.entry import ENTRIES
+from kinseek.paths.tracker import Tracker
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import no_axes
 from kinseek.solvers.atlas.solver import Atlas
@@ -27,6 +28,7 @@ from .design import C, Design, chain_constants
 from .folder import own_folder, write_files
 from .grid import grid_design
 from .targets import Cpu, Target, target_of
+from .tracker import tracker_design, tracker_goal, tracking
 
 FORMS = {"object": "kernels.o", "assembly": "kernels.s", "llvm": "kernels.ll"}
 """Forms of the kernels, and the file that contains them."""
@@ -46,6 +48,7 @@ _CODE = (
 )
 _FK = ENTRIES["ks_write_poses"]
 _GENERATED = ("arm.h", "constants.h", "goal.h", "calls.h", "calls.c", "plan.h", "rows.h", "atlas.bin")
+_SOURCES = ("search.c", "track.c")
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,8 @@ class Parts:
     """Number of leaves that the search would tabulate at once without a memory limit."""
     kernels: str
     """Name of the file with the kernels."""
+    source: str = "search.c"
+    """Name of the C file with the search or the tracker."""
     externals: tuple[str, ...] = ()
     """External functions that the kernels call; a compiler may add its own for instructions that the controller does not
     have.
@@ -86,7 +91,7 @@ class Parts:
             f"clang --target={self.target.triple}" if llvm else self.target.compiler,
             "-O2",
             self.cpu.options,
-            "main.c kinseek.c search.c calls.c runtime.c",
+            f"main.c kinseek.c {self.source} calls.c runtime.c",
             self.kernels,
         ]
         return " ".join(filter(None, [*words, "-lm -o solve"]))
@@ -112,7 +117,11 @@ class Parts:
             InvalidExport: The folder cannot be made or written, or it has files of these names that are not kinseek's.
         """
         place = checked_folder(folder)
-        stale = (*FORMS.values(), *_GENERATED)  # Files that an earlier export wrote and this one may not.
+        stale = (
+            *FORMS.values(),
+            *_GENERATED,
+            *_SOURCES,
+        )  # Files that an earlier export wrote and this one may not.
         write_files(place, self.files, stale)
         return place
 
@@ -133,7 +142,7 @@ def to_c(
     target: str = "x86-64",
     *,
     cpu: str | None = None,
-    search: DivideAndConquer | Atlas | None = None,
+    search: DivideAndConquer | Atlas | Tracker | None = None,
     goal: Goal | None = None,
     ram: int | None = None,
     flash: int | None = None,
@@ -146,10 +155,11 @@ def to_c(
         folder: Output folder; it is made if it does not exist, but its parent must exist.
         target: A name of `TARGETS`.
         cpu: A processor of the target; by default its first.
-        search: Divide and conquer with the dynamic tree, with its default parameters unless given; or the atlas, for
-            controllers with some 4 MB of flash.
+        search: Divide and conquer with the dynamic tree, with its default parameters unless given; the atlas, for
+            controllers with some 4 MB of flash; or a tracker, ``arm.track(q0, period, ...)``, instead of a search. The
+            program then has its limits and tolerances; its scene, `prefer` and `recover` have no counterpart in C.
         goal: One pose or position that the program solves; its kind and weights apply to all goals on the controller. By
-            default a pose that the arm can reach.
+            default a pose that the arm can reach. Not for a tracker.
         ram: Limit of static memory [bytes]; the search tabulates fewer leaves if necessary.
         flash: Limit of kernels and constants [bytes].
         form: Form of the kernels: ``"object"``, ``"assembly"`` or ``"llvm"``.
@@ -175,7 +185,7 @@ def prepare(
     target: str = "x86-64",
     *,
     cpu: str | None = None,
-    search: DivideAndConquer | Atlas | None = None,
+    search: DivideAndConquer | Atlas | Tracker | None = None,
     goal: Goal | None = None,
     ram: int | None = None,
     flash: int | None = None,
@@ -188,7 +198,7 @@ def prepare(
         arm: As in `to_c`, as are all arguments but the last.
         target: A name of `TARGETS`.
         cpu: A processor of the target.
-        search: Divide and conquer, or the atlas.
+        search: Divide and conquer, the atlas, or a tracker.
         goal: The goal that the program solves.
         ram: Limit of static memory [bytes].
         flash: Limit of kernels and constants [bytes].
@@ -213,17 +223,23 @@ def prepare(
             f"an arm with black-box kinematics cannot be exported: {no_axes(arm.mechanism, why)}"
         )
     search = DivideAndConquer() if search is None else search
-    problem = _problem(arm, search, goal)
-    design = (
-        atlas_design(search, problem, ram) if isinstance(search, Atlas) else grid_design(search, problem, ram)
-    )
+    if isinstance(search, Tracker) and goal is not None:
+        raise InvalidExport("the goal of a tracker is that of Arm.track, got another one with goal=")
+    problem = _problem(arm, search, tracker_goal(search) if isinstance(search, Tracker) else goal)
+    if isinstance(search, Tracker):
+        design = tracker_design(search, problem, ram)
+    elif isinstance(search, Atlas):
+        design = atlas_design(search, problem, ram)
+    else:
+        design = grid_design(search, problem, ram)
     notice(f"compiling the kernels for {chosen.triple}, {part.name} (some twenty seconds) ...")
     report, kernels = compiled(
         chosen, part, (_FK, *design.entries), design.routines, FORMS[form], design.lanes, design.sizes
     )
     if design.memory not in (None, report["memory"]):
         raise RuntimeError(f"the kernels need {report['memory']} numbers of memory, expected {design.memory}")
-    texts, constants = _texts(arm, search, problem, design)
+    example = tracking(arm, search) if isinstance(search, Tracker) else _solving(arm, search, problem)
+    texts, constants = _texts(arm, problem, design, example)
     parts = Parts(
         files={},
         target=chosen,
@@ -234,6 +250,7 @@ def prepare(
         lanes=design.lanes,
         most_lanes=design.most_lanes,
         kernels=FORMS[form],
+        source=design.source,
         externals=tuple(report["externals"]),
     )
     if flash is not None and parts.flash > flash:
@@ -246,14 +263,16 @@ def prepare(
     return parts
 
 
-def _problem(arm: Arm, search: DivideAndConquer | Atlas, goal: Goal | None) -> Problem:
+def _problem(arm: Arm, search: DivideAndConquer | Atlas | Tracker, goal: Goal | None) -> Problem:
     """Return the goal as a problem, if the program supports the search and goals of its kind.
 
     Raises:
         InvalidExport: It does not.
     """
-    if not isinstance(search, DivideAndConquer | Atlas):
-        raise InvalidExport(f"search must be a DivideAndConquer or an Atlas, got {search!r}")
+    if not isinstance(search, DivideAndConquer | Atlas | Tracker):
+        raise InvalidExport(
+            f"search must be a DivideAndConquer, an Atlas or a tracker from Arm.track, got {search!r}"
+        )
     goal_or_default = Goal.pose(arm.fk(arm.sample(1)[0])) if goal is None else goal
     problem = Problem(arm.mechanism, goal_or_default)
     if goal_or_default.shape:
@@ -266,10 +285,27 @@ def _problem(arm: Arm, search: DivideAndConquer | Atlas, goal: Goal | None) -> P
     return problem
 
 
-def _texts(
-    arm: Arm, search: DivideAndConquer | Atlas, problem: Problem, design: Design
-) -> tuple[dict[str, str], int]:
-    """Return all C files by name, and the size of the constants on the controller [bytes]."""
+def _solving(arm: Arm, search: DivideAndConquer | Atlas, problem: Problem) -> list[str]:
+    """Return the goal that the program solves, and the result of kinseek, in C."""
+    expected = search.solve(problem)
+    return [
+        array("goal_pose", problem.goal.target),
+        "/* The result of kinseek on the exporting machine. */",
+        array("expected_q", np.asarray(expected.q)),
+        array("expected_pose", arm.fk(expected.q)),
+        f"#define EXPECTED_EVALUATIONS {int(expected.evaluations)}",
+    ]
+
+
+def _texts(arm: Arm, problem: Problem, design: Design, example: list[str]) -> tuple[dict[str, str], int]:
+    """Return all C files by name, and the size of the constants on the controller [bytes].
+
+    Args:
+        arm: The arm.
+        problem: The goal.
+        design: What the search or the tracker adds.
+        example: What the program does, and the result of kinseek, in C.
+    """
     constants, taken = chain_constants(design.chain, design.axis_weights)
     numbers = {
         "NAME": string(arm.name),
@@ -278,15 +314,10 @@ def _texts(
         "ROOM": f"{design.room} /* [bytes] of working memory. */",
         "POSITION_WEIGHT": number(float(problem.goal.arrays.position_weight)),
     }
-    expected = search.solve(problem)
     names = ", ".join(string(name) for name in arm.joint_names)
     goal = [
         "#include <stdint.h>",
-        array("goal_pose", problem.goal.target),
-        "/* The result of kinseek on the exporting machine. */",
-        array("expected_q", np.asarray(expected.q)),
-        array("expected_pose", arm.fk(expected.q)),
-        f"#define EXPECTED_EVALUATIONS {int(expected.evaluations)}",
+        *example,
         f"static const char *const joint_names[] = {{{names}}};",
     ]
     entries = (_FK, *design.entries)

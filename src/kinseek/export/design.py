@@ -1,4 +1,4 @@
-"""The parts that a search adds to an exported program."""
+"""The parts that a search or a tracker adds to an exported program."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _HEAD, _ALIGNMENT = 64, 32  # Maxima as in c/runtime.c; short addresses need les
 
 @dataclass(frozen=True)
 class Design:
-    """The parts that a search adds: its compiled kernels, its constants, and its memory."""
+    """The parts that a search or a tracker adds: its compiled kernels, its constants, and its memory."""
 
     folder: str
     """Folder of its C files below `C`."""
@@ -47,6 +47,8 @@ class Design:
     """Number of leaves that would be tabulated at once without a memory limit."""
     sizes: tuple[int, ...] = (1, 1, 1, 1)
     """Sizes for which the memory of a descent is made."""
+    source: str = "search.c"
+    """The C file of the folder that defines its functions."""
     memory: int | None = None
     """Number of values in that memory; None without a descent."""
 

@@ -4,27 +4,81 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import click
 
+from kinseek.arm import Arm
 from kinseek.cli import report
 from kinseek.cli.goals import PoseWords
-from kinseek.cli.help import Command, option
-from kinseek.cli.options import GOAL, Robot, complete, pose_options, robot_options
+from kinseek.cli.help import Command, bundle, option
+from kinseek.cli.options import GOAL, Robot, complete, complete_joints, pose_options, robot_options
 from kinseek.cli.output import complain
 from kinseek.cli.searches import make_search, search_options
-from kinseek.cli.words import size
+from kinseek.cli.words import limits, option_of, size
 from kinseek.errors import InvalidExport, suggest
 from kinseek.export import TARGETS, checked_folder, prepare
 from kinseek.goal import Goal
 
 if TYPE_CHECKING:
+    from kinseek.paths.tracker import Tracker
     from kinseek.solvers.atlas.solver import Atlas
     from kinseek.solvers.divide_and_conquer import DivideAndConquer
 
 _EXPORTED = ("divide-and-conquer", "atlas")
 """The searches that can be exported; the first is the default."""
+
+_TRACKER = "tracker"
+"""What can be exported instead of a search."""
+
+
+class Tracking(NamedTuple):
+    """Period and limits of a tracker, as words."""
+
+    period: float | None
+    velocity: str | None
+    acceleration: str | None
+    jerk: str | None
+
+    def tracker(self, arm: Arm) -> Tracker:
+        """Return a tracker that starts at some joint values; the program starts wherever the arm is.
+
+        Raises:
+            InvalidProblem: Words that are not one number, or one for each joint.
+        """
+        given = {name: text for name, text in self._asdict().items() if isinstance(text, str)}
+        read: dict[str, Any] = {name: limits(arm, text, f"--{name}") for name, text in given.items()}
+        if self.period is not None:
+            read["period"] = self.period
+        return arm.track(arm.sample(1)[0], recover=False, **read)
+
+
+_tracking_options = bundle(
+    "tracking",
+    Tracking,
+    option(
+        "--period",
+        metavar="S",
+        type=float,
+        group="The tracker",
+        help="Time between two steps, s; 0.002 by default.",
+    ),
+    *(
+        option(
+            f"--{name}",
+            metavar="X...",
+            shell_complete=complete_joints,
+            group="The tracker",
+            help=f"Limits of {name}, {unit}: one for all joints, one per joint, or JOINT=VALUE for every joint; by default "
+            "those of the arm's file.",
+        )
+        for name, unit in (
+            ("velocity", "rad/s or m/s"),
+            ("acceleration", "rad/s² or m/s²"),
+            ("jerk", "rad/s³ or m/s³"),
+        )
+    ),
+)
 
 
 @click.command(
@@ -59,8 +113,8 @@ _EXPORTED = ("divide-and-conquer", "atlas")
     "--solver",
     metavar="NAME",
     default=_EXPORTED[0],
-    shell_complete=complete(lambda: _EXPORTED),
-    help=f"Search: {' or '.join(_EXPORTED)}; the atlas needs 3 to 4 MB of flash.",
+    shell_complete=complete(lambda: (*_EXPORTED, _TRACKER)),
+    help=f"Search: {' or '.join(_EXPORTED)}; the atlas needs 3 to 4 MB of flash. Or {_TRACKER}, which follows poses.",
 )
 @pose_options
 @option(
@@ -71,6 +125,7 @@ _EXPORTED = ("divide-and-conquer", "atlas")
 )
 @option("--deg", is_flag=True, group=GOAL, help="--rpy and --rotvec are in degrees.")
 @robot_options
+@_tracking_options
 @search_options(_EXPORTED)
 def command(
     to: str,
@@ -85,11 +140,13 @@ def command(
     position_only: bool,
     deg: bool,
     robot: Robot,
+    tracking: Tracking,
     **more: Any,
 ) -> int:
-    """Write an arm as C and machine code for a small controller: forward kinematics, and a search.
+    """Write an arm as C and machine code for a small controller: forward kinematics, and a search or a tracker.
 
-    The program solves the goal of --at, or without --at a pose that the arm can reach.
+    The program solves the goal of --at, or without --at a pose that the arm can reach. With a tracker it follows a pose that
+    moves.
     """
     if to != "c":
         raise InvalidExport(suggest(to, ["c"], "language"))
@@ -98,9 +155,7 @@ def command(
     if words.given or position_only:
         pose = words.target(position_only, deg)
         goal = Goal.position(pose[:3, 3]) if position_only else Goal.pose(pose)
-    if solver not in _EXPORTED:
-        raise InvalidExport(suggest(solver, _EXPORTED, "search for a controller"))
-    search = cast("DivideAndConquer | Atlas", make_search(solver, more))
+    search = _search(solver, loaded, tracking, more)
     place = checked_folder(folder if folder is not None else _folder_of(loaded.name))
     parts = prepare(
         loaded,
@@ -117,6 +172,29 @@ def command(
     parts.write(place)
     report.print_parts(place, parts)
     return 0
+
+
+def _search(
+    solver: str, arm: Arm, tracking: Tracking, more: dict[str, Any]
+) -> DivideAndConquer | Atlas | Tracker:
+    """Return the search or the tracker to export.
+
+    Raises:
+        InvalidExport: An unknown search, or an option of another one.
+    """
+    if solver not in (*_EXPORTED, _TRACKER):
+        raise InvalidExport(suggest(solver, (*_EXPORTED, _TRACKER), "search for a controller"))
+    of_a_search = [name for name, value in more.items() if value is not None]
+    of_a_tracker = [name for name, value in tracking._asdict().items() if value is not None]
+    if solver == _TRACKER:
+        if of_a_search:
+            raise InvalidExport(
+                f"{_TRACKER} has no option {option_of(of_a_search[0])}: it is one of a search"
+            )
+        return tracking.tracker(arm)
+    if of_a_tracker:
+        raise InvalidExport(f"{option_of(of_a_tracker[0])} needs --solver {_TRACKER}, got {solver}")
+    return cast("DivideAndConquer | Atlas", make_search(solver, more))
 
 
 def _folder_of(name: str) -> Path:
