@@ -132,7 +132,7 @@ def checked_folder(folder: str | Path) -> Path:
     Raises:
         InvalidExport: As `Parts.write`.
     """
-    names = [*FORMS.values(), *_GENERATED, *(each.name for each in C.rglob("*.[ch]"))]
+    names = {*FORMS.values(), *_GENERATED, *(each.name for each in C.rglob("*.[ch]"))}
     return own_folder(folder, names, "kinseek.h", _MARK)
 
 
