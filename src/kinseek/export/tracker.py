@@ -13,8 +13,8 @@ from kinseek.goal import Goal
 from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.kernels.atlas.task import ROWS
 from kinseek.kernels.entry import ENTRIES
-from kinseek.kernels.paths.limited import GO, POSITION
-from kinseek.kernels.paths.servo import NO_POSE
+from kinseek.kernels.paths.limited import GO, POSITION, Motion
+from kinseek.kernels.paths.servo import NO_POSE, State
 from kinseek.kernels.pointers import ROW
 from kinseek.paths.past import TIMES
 from kinseek.paths.tracker import Tracker
@@ -31,7 +31,7 @@ READ = ("lower", "upper", "columns", "numbers", "lengths", "links")
 LIMITS = ("lower", "upper", "velocity_limit", "acceleration_limit", "jerk_limit")
 """Constants of the joints' motion."""
 
-VARIED = 17
+VARIED = len(State._fields) - 2 + len(Motion._fields) - len(LIMITS) + 1
 """Arrays of n numbers that change: of the states of the two layers, and the centre of a scene that is empty."""
 
 STEPS, TRACKED = 1000, 750

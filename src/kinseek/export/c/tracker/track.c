@@ -17,7 +17,7 @@ static struct {
 /* The joints, which follow them within all limits. */
 static struct {
     double q[KINSEEK_DOF], velocity[KINSEEK_DOF], acceleration[KINSEEK_DOF], target[KINSEEK_DOF], before[KINSEEK_DOF], rate[KINSEEK_DOF];
-    double desired[KINSEEK_DOF], braking[KINSEEK_DOF], extent[KINSEEK_DOF];
+    double wanted[KINSEEK_DOF], desired[KINSEEK_DOF], braking[KINSEEK_DOF], extent[KINSEEK_DOF], rest[KINSEEK_DOF];
 } joints;
 
 static double centre[KINSEEK_DOF];
@@ -26,7 +26,8 @@ static double centre[KINSEEK_DOF];
 static const KinseekState state = {(double *)limit_lower, (double *)limit_upper, aim.reach, aim.now, aim.last, aim.low, aim.high, aim.reached, aim.drift};
 static const KinseekMotion motion = {
     limit_lower, limit_upper, limit_velocity_limit, limit_acceleration_limit, limit_jerk_limit, joints.q, joints.velocity,
-    joints.acceleration, joints.target, joints.before, joints.rate, joints.desired, joints.braking, joints.extent,
+    joints.acceleration, joints.target, joints.before, joints.rate,
+    joints.wanted, joints.desired, joints.braking, joints.extent, joints.rest,
 };
 static const KinseekRoom nothing = {centre, centre, centre}; /* No pairs of bodies. */
 
@@ -42,12 +43,11 @@ static int refused(double dt) {
     return dt >= KINSEEK_SHORTEST && dt <= KINSEEK_LONGEST ? KINSEEK_DONE : KINSEEK_BAD_TIME;
 }
 
-/* Change the velocities of the joints to those in joints.rate. */
+/* Change the velocities of the joints to those in joints.wanted. */
 static int go(double dt) {
     int64_t joint = -1, kept = 0, pair = -1;
     int32_t failed = kinseek_limited_step(KINSEEK_DOF, 0, &motion, &nothing, dt, KINSEEK_GO, false, &joint, &kept, &pair);
     for (int i = 0; i < KINSEEK_DOF; i++) {
-        joints.rate[i] = 0.0;
         aim.now[i] = joints.q[i];
         aim.last[i] = joints.velocity[i] * dt;
     }
@@ -58,7 +58,7 @@ static int go(double dt) {
 }
 
 static int brake(double dt) {
-    memset(joints.rate, 0, sizeof joints.rate);
+    memset(joints.wanted, 0, sizeof joints.wanted);
     return go(dt) == KINSEEK_FAILED ? KINSEEK_FAILED : KINSEEK_STOPPING;
 }
 
@@ -106,7 +106,7 @@ int kinseek_track_velocity(const double wanted[KINSEEK_DOF], double dt, double q
     int status = refused(dt);
     if (status < 0) return told(status, q, velocity, acceleration);
     if (!kinseek_finite(wanted, KINSEEK_DOF)) return told(brake(dt), q, velocity, acceleration);
-    memcpy(joints.rate, wanted, sizeof joints.rate);
+    memcpy(joints.wanted, wanted, sizeof joints.wanted);
     return told(go(dt), q, velocity, acceleration);
 }
 
