@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import kinseek
 from cells import write_arm
 from kinseek import Scene
+from kinseek.collision import motion
 from kinseek.collision.motion import Speeds
 
 pytest.importorskip("pinocchio")
@@ -90,6 +91,28 @@ def test_motions_called_free_do_not_touch_by_an_outside_check(cell: tuple[kinsee
     assert (
         touching > 0.9 * (~free).sum()
     )  # And what is not called free does touch, but for what comes very near.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("deviation", [0.0, 0.01])
+def test_the_broad_phase_alone_agrees_with_the_pairs_one_by_one(deviation: float) -> None:
+    arm = kinseek.load("ur5e")
+    scene = Scene.of(arm, capsules=0.05)
+    scene.add_box("table", (1.0, 1.6, 0.04), kinseek.pose([0.55, 0.0, -0.06]))
+    scene.add_sphere("ball", 0.2, kinseek.pose([0.4, 0.2, 0.5]))
+    speeds, engine = scene._made.speeds, scene._engine
+    q = arm.sample(600, seed=5)
+    q = q[scene.free(q)][:240]
+    a = q[:120]
+    b = a + np.random.default_rng(1).uniform(0.0, 0.6, (120, 1)) * (q[120:240] - a)
+    for clearance in (0.0, 0.01):
+        needs = motion._needs(speeds, a, b, clearance, np.full_like(a, deviation))
+        quickly, open_ = motion._quickly_free(engine, needs[0], a, b, needs[1])
+        slowly = np.isnan(motion._stops_of(engine, needs[0], a, b, needs[1]))
+        decided = np.setdiff1d(np.arange(120), open_)
+        assert np.array_equal(quickly[decided], slowly[decided])
+        assert quickly.sum() > 10
+        assert (~quickly[decided]).sum() > 10
 
 
 def test_a_thin_plate_is_not_jumped_over() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.kernels.collision.gaps import DOUBT, FREE
+from kinseek.kernels.collision.gaps import TOUCH as TOUCHING
 from kinseek.robots.chain import SerialChain
 from kinseek.support.forks import Lock
 
@@ -186,6 +187,14 @@ class Engine:
                     self.place(q[k])
                     free[k] = not any(self.touch(n) for n in np.flatnonzero(pairs).tolist())
         return free
+
+    def surely_free(self, q: Array, clearance: float) -> Flags:
+        """Return where the broad phase alone proves that all pairs are farther apart than `clearance`, (k, n) -> (k,)."""
+        return np.asarray(self._broad.verdicts(q, clearance, TOUCH)[0] == FREE)
+
+    def surely_touch(self, q: Array, clearance: float) -> Flags:
+        """Return where it proves that some pair is not farther apart than `clearance`, (k, n) -> (k,)."""
+        return np.asarray(self._broad.verdicts(q, clearance, TOUCH)[0] == TOUCHING)
 
     def exactly_free(self, q: Array, clearance: float) -> Flags:
         """Do the same by coal alone, pair by pair, because coal's tree of boxes misses flat meshes."""

@@ -20,7 +20,7 @@ from .contents import Contents, read_missing
 from .engine import TOUCH, Engine, Near
 from .geometry import library
 from .margins import Margins
-from .motion import FINEST, stops, surely_hits
+from .motion import FINEST, are_free, stops, surely_hits
 from .pairs import NEIGHBOURS, Contact, disabled_by, key
 from .shapes import length_or_zero
 
@@ -207,7 +207,9 @@ class Scene(Contents):
         """
         starts, way, shape = self._ways(q0, q1)
         deviation = None if around is None else self._around(around, len(starts))
-        free = np.isnan(self._stops(starts, way, clearance, deviation))
+        least = length_or_zero("clearance", clearance)
+        with self._engine:
+            free = are_free(self._made.speeds, starts, starts + way, least, deviation)
         return free.reshape(shape) if shape else bool(free[0])
 
     def hits_between(self, q0: Any, q1: Any, clearance: float = 0.0) -> tuple[Contact, ...]:
@@ -221,7 +223,11 @@ class Scene(Contents):
             InvalidScene: `clearance` is not a length.
         """
         starts, way, _ = self._ways(self._one(q0), self._one(q1))
-        (stop,) = self._stops(starts, way, clearance)
+        least = length_or_zero("clearance", clearance)
+        with self._engine:
+            if are_free(self._made.speeds, starts, starts + way, least)[0]:
+                return ()
+            (stop,) = stops(self._made.speeds, starts, starts + way, least)
         if np.isnan(stop):
             return ()
         q = starts[0] + stop * way[0]
@@ -250,11 +256,6 @@ class Scene(Contents):
                 f"around must be one deviation of each joint for each of the {count} motions, at least 0, got {around!r:.80}"
             )
         return np.broadcast_to(rows, (count, self._chain.dof))
-
-    def _stops(self, starts: Array, way: Array, clearance: float, around: Array | None = None) -> Array:
-        least = length_or_zero("clearance", clearance)
-        with self._engine:
-            return stops(self._made.speeds, starts, starts + way, least, around)
 
     def hits_around(self, q: Any, reach: Any, clearance: float = 0.0) -> bool:
         """Return whether bodies certainly touch, or are too close, wherever no joint is farther than `reach` from q.
