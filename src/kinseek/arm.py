@@ -626,18 +626,18 @@ class Arm(ForwardArm):
         if unknown:
             raise unknown_argument(Arm.move, unknown)
         from .timing.limits import read_limits
-        from .timing.move import Move, are_joints, fastest_free, inside_limits
+        from .timing.move import Move, fastest_free, inside_limits, read_end
 
         deadline = Deadline(time_limit)
         clearance = self._clearance(scene, clearance)
         begin = inside_limits(self._mechanism, q0, "q0")
         limits = read_limits(self._mechanism, velocity, acceleration, jerk)
         move = Move(self._mechanism, begin, limits, scene, clearance)
-        if are_joints(goal):
-            return fastest_free(move, inside_limits(self._mechanism, goal, "goal")[None], deadline)
-        requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
-        ends = self._ends(move, requested, scene, deadline)
-        return fastest_free(move._replace(tool=requested.tool), ends, deadline)
+        end = read_end(self._mechanism, goal)
+        if not isinstance(end, Goal):
+            return fastest_free(move, end[None], deadline)
+        ends = self._ends(move, end, scene, deadline)
+        return fastest_free(move._replace(tool=end.tool), ends, deadline)
 
     def _clearance(self, scene: Scene | None, clearance: float) -> float:
         """Read the clearance in a scene [m].
@@ -658,10 +658,7 @@ class Arm(ForwardArm):
 
         Raises:
             NotReached: There are none.
-            InvalidProblem: More than one goal.
         """
-        if goal.shape:
-            raise InvalidProblem(f"goal must be one goal, got a batch of shape {goal.shape}")
         near: IkOptions = {"scene": scene, "clearance": move.clearance, "time_limit": deadline.left}
         least: IkOptions = {**near, "cost": move.cost}
         near["near"] = move.begin

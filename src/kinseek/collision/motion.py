@@ -27,8 +27,8 @@ _TOGETHER = 512
 """Number of motions checked together. Not examined further."""
 
 _COARSE, _HALVINGS = 0.02, 11
-"""Bound on the motion of any point from the middle to the ends of the first intervals that the broad phase checks [m], and how
-often it halves them. Found by trial with `python -m benchmarks.planning`."""
+"""Bound on the motion of any point from the middle to the ends of the first intervals that the broad phase checks [m], and
+how often it halves them. Found by trial with `python -m benchmarks.planning`."""
 
 _OPEN = 8.0
 """The broad phase gives up a motion of which so many times more intervals are open than it checked first. Not examined

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Never, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import as_joints
 from kinseek.robots.mechanism import Mechanism
+from kinseek.support.deadline import Deadline
 from kinseek.support.validation import arrays_equal, as_float_array, as_integer
+from kinseek.unknown_arguments import unknown_argument
 
 from .assembly import digest
 from .bodies import arm_bodies, chain_of, package_folders
@@ -23,6 +25,9 @@ from .margins import Margins
 from .motion import FINEST, are_free, stops, surely_hits
 from .pairs import NEIGHBOURS, Contact, disabled_by, key
 from .shapes import length_or_zero
+
+if TYPE_CHECKING:
+    from kinseek.paths.path import Path as Motion
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -256,6 +261,55 @@ class Scene(Contents):
                 f"around must be one deviation of each joint for each of the {count} motions, at least 0, got {around!r:.80}"
             )
         return np.broadcast_to(rows, (count, self._chain.dof))
+
+    def plan(
+        self,
+        q0: Any,
+        goal: Any,
+        time_limit: float | None = None,
+        smooth: bool = True,
+        clearance: float = 0.0,
+        **unknown: Never,
+    ) -> Motion:
+        """Plan a motion around the obstacles, from joint values to a goal; it is proved free along its whole length.
+
+        Between the rows of the path the joints move linearly, and `free_motion` is true for each of these motions. The
+        limits are those of the arm of which the scene was made. The same call returns the same bits unless the time limit
+        ends it.
+
+        Args:
+            q0: Joint values at the start, (n,), [rad] or [m], or by name as in `Arm.fk`.
+            goal: Joint values, (n,) or by name; a pose, (4, 4), or an object that carries one; or a `Goal`. Several of
+                them, of which one is reached: a list, joint values (k, n), poses (..., 4, 4), or a `Goal` with several
+                targets. All solutions of a pose or `Goal` are ends; if the arm is redundant, a sample of them.
+            time_limit: [s], after which the best way so far is returned.
+            smooth: Shorten the way, and round its corners. False returns the first way that is found.
+            clearance: Minimum distance of bodies along the way [m].
+
+        Returns:
+            The path, for `Path.timed`; its poses are those of its joint values. Joints without limits turn the shorter way
+            round. If no way is found, it has the begin, the nearest end and a break between them. The status is then
+            OUT_OF_TIME, or BROKEN after as many samples as are tried without a time limit. This does not prove that there
+            is no way.
+
+        Raises:
+            InvalidProblem: Joint values that are not n finite numbers inside the limits; `q0`, or all joint values given as
+                goals, are in collision.
+            InvalidGoal: Not a pose.
+            NotReached: No goal has a solution, or each solution found collides; the error carries a solution, whose
+                `status` says whether this is proved and whose `contacts` are what the arm hits.
+            InvalidScene: `clearance` is not a length.
+        """
+        if unknown:
+            raise unknown_argument(Scene.plan, unknown)
+        from kinseek.planning.plan import plan
+
+        from .ends import free_begin, free_ends
+
+        deadline, least = Deadline(time_limit), length_or_zero("clearance", clearance)
+        begin = free_begin(self, q0, least)
+        ends = free_ends(self, begin, goal, least, deadline)
+        return plan(self._chain, self, begin, ends, smooth=smooth, clearance=least, deadline=deadline)
 
     def hits_around(self, q: Any, reach: Any, clearance: float = 0.0) -> bool:
         """Return whether bodies certainly touch, or are too close, wherever no joint is farther than `reach` from q.

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InternalError, InvalidProblem, MissingExtra
+from kinseek.goal import Goal
 from kinseek.problem import as_joints
 from kinseek.robots.mechanism import Mechanism
 from kinseek.support.deadline import Deadline
@@ -93,6 +94,21 @@ def are_joints(goal: Any) -> bool:
         return np.ndim(goal) == 1
     except ValueError:  # A list of lists of unequal lengths.
         return False
+
+
+def read_end(arm: Mechanism, goal: Any) -> Array | Goal:
+    """Read where a motion ends: joint values inside the limits, (n,), or one goal.
+
+    Raises:
+        InvalidProblem: Joint values that are not n numbers inside the limits, or several goals.
+        InvalidGoal: Not a pose.
+    """
+    if are_joints(goal):
+        return inside_limits(arm, goal, "goal")
+    requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
+    if requested.shape:
+        raise InvalidProblem(f"goal must be one goal, got a batch of shape {requested.shape}")
+    return requested
 
 
 def inside_limits(arm: Mechanism, q: Any, name: str) -> Array:

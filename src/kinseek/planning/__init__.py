@@ -1,0 +1,1 @@
+"""Motions around obstacles: the implementation of `Scene.plan`."""

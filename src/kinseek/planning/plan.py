@@ -1,0 +1,99 @@
+"""Plan a motion around obstacles: the implementation of `Scene.plan`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.goal import Goal
+from kinseek.kernels.arm.forward import forward_many
+from kinseek.paths.path import Path
+from kinseek.problem import Problem
+from kinseek.robots.chain import SerialChain
+from kinseek.support.deadline import Deadline
+from kinseek.timing.obstacles import Obstacles
+
+from .shorten import dense, rounded, shortened
+from .space import Space
+from .trees import search
+
+Array = NDArray[np.float64]
+
+
+class Ends(NamedTuple):
+    """Joint values at which a motion may end."""
+
+    q: Array
+    """Joint values that are free, (k, n), [rad] or [m]."""
+    tool: Array | None = None
+    """Pose of the tool at the tip, (4, 4), to which the poses of the path refer."""
+
+
+def plan(
+    chain: SerialChain,
+    scene: Obstacles,
+    begin: Array,
+    ends: Ends,
+    *,
+    smooth: bool,
+    clearance: float,
+    deadline: Deadline,
+) -> Path:
+    """Plan a motion from joint values, (n,), to one of several ends, all of them free; see `Scene.plan`."""
+    space = Space(chain, scene, clearance, begin, ends.q)
+    if not len(ends.q):
+        why = "pose 1 is not planned: the time limit was reached before a solution of the goal was found"
+        nothing = _path(space, ends, np.stack([begin, begin]), True, why)
+        flags = np.array([True, False])
+        return replace(nothing, breaks=np.zeros(0, dtype=np.int64), reached=flags, planned=flags)
+    order = np.argsort(np.linalg.norm(space.way(ends.q - begin), axis=1), kind="stable")
+    roots = begin + space.way(ends.q[order] - begin)
+    way = _straight(space, begin, roots)
+    if way is None:
+        found = search(space, begin, roots, deadline)
+        if found.way is None:
+            late = " within the time limit" if deadline.passed else ""
+            report = (
+                f"between poses 0 and 1: no way was found{late}, which does not prove that there is none; {found.samples:,} "
+                f"samples were tried, and {found.nodes:,} joint values are connected with one of the ends"
+            )
+            return _path(space, ends, np.stack([begin, roots[0]]), deadline.passed, report)
+        way = found.way
+        if smooth:
+            way = rounded(space, shortened(space, way, deadline), deadline)
+    return _path(space, ends, dense(space, way), smooth and deadline.passed, None)
+
+
+def _straight(space: Space, begin: Array, roots: Array) -> Array | None:
+    """Return the first linear motion to one of some roots, (k, n), that is free, as (2, n)."""
+    parts = space.free_part(np.broadcast_to(begin, roots.shape), roots - begin)
+    for end in roots[parts == 1.0]:
+        if space.proved(begin[None], end[None])[0]:
+            return np.stack([begin, end])
+    return None
+
+
+def _path(space: Space, ends: Ends, q: Array, out_of_time: bool, why: str | None) -> Path:
+    """Return joint values as a path; with a reason it has a break after its first pose."""
+    chain = space.chain
+    origin = Problem(chain, Goal.pose(np.eye(4), tool=ends.tool))
+    # The poses are those of the joint values, so the path reaches them.
+    goal = Goal.pose(forward_many(origin.arrays, q), tool=ends.tool)
+    errors = goal.measure(origin.arrays, q)
+    return Path(
+        q=q,
+        breaks=np.zeros(0 if why is None else 1, dtype=np.int64),
+        why=() if why is None else (why,),
+        reached=np.ones(len(q), dtype=np.bool_),
+        position_error=errors[:, 0].copy(),
+        orientation_error=errors[:, 1].copy(),
+        problem=Problem(chain, goal),
+        closed=False,
+        planned=np.ones(len(q), dtype=np.bool_),
+        out_of_time=out_of_time,
+        scene=space.scene,
+        clearance=space.clearance,
+    )

@@ -1,0 +1,138 @@
+"""Shorten a way that is proved free, and round its corners; every motion that replaces others is proved free too.
+
+Shortcuts between two places on the way are the method of *Geraerts & Overmars 2007, section 3.1*; the places come from a fixed
+sequence instead of random numbers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.support.deadline import Deadline
+
+from .space import Space
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+TOGETHER = 24
+"""Shortcuts that are checked together."""
+
+QUIET, LEAST = 3, 2e-3
+"""Shortening ends after so many rounds in a row that each shorten the way by less than this fraction."""
+
+NEARER = 1e-9
+"""A shortcut has to be shorter by this fraction."""
+
+ROUNDED = 5
+"""How often the radius of a corner is halved until its motions are proved free."""
+
+CORNER = 8
+"""Motions that replace a corner."""
+
+DENSE = 0.05
+"""Bound on the motion of any point of the arm between neighbouring rows of a path [m]."""
+
+_GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
+"""The steps of the sequence of *Roberts 2018* in two dimensions."""
+
+
+def shortened(space: Space, way: Array, deadline: Deadline) -> Array:
+    """Shorten a way, (N, n), that is proved free, until nothing gets shorter or the time is up."""
+    quiet, first = 0, 0
+    while quiet < QUIET and len(way) > 2 and not deadline.passed:
+        before = lengths(way).sum()
+        way = _without_corners(space, way)
+        shares = (0.5 + np.arange(first + 1, first + TOGETHER + 1)[:, None] * _GOLDEN) % 1.0
+        first += TOGETHER
+        way = _with_shortcuts(space, way, shares)
+        quiet = quiet + 1 if lengths(way).sum() > (1.0 - LEAST) * before else 0
+    return way
+
+
+def lengths(way: Array) -> Array:
+    """Return the lengths of the motions of a way, (N, n), (N - 1,) [rad or m]."""
+    return np.asarray(np.linalg.norm(np.diff(way, axis=0), axis=1))
+
+
+def _without_corners(space: Space, way: Array) -> Array:
+    """Leave out rows, (N, n), whose neighbours are connected by a free motion."""
+    while len(way) > 2:
+        free = _free(space, way[:-2], way[2:])
+        if not free.any():
+            break
+        gains = lengths(way)[:-1] + lengths(way)[1:] - np.linalg.norm(way[2:] - way[:-2], axis=1)
+        kept = np.ones(len(way), dtype=np.bool_)
+        for i in np.argsort(-gains, kind="stable"):
+            # The motion replaces two others, so its neighbours stay.
+            if free[i] and kept[i] and kept[i + 2]:
+                kept[i + 1] = False
+                free[max(i - 1, 0) : i + 2] = False
+        way = way[kept]
+    return way
+
+
+def _with_shortcuts(space: Space, way: Array, shares: Array) -> Array:
+    """Try shortcuts between places on a way, (N, n), given as shares of its length, (k, 2); the best first."""
+    along = np.concatenate([[0.0], np.cumsum(lengths(way))])
+    places = np.sort(shares * along[-1], axis=1)
+    piece = np.clip(np.searchsorted(along, places, side="right") - 1, 0, len(way) - 2)
+    part = (places - along[piece]) / np.maximum(along[piece + 1] - along[piece], 1e-300)
+    ends = way[piece] + part[..., None] * (way[piece + 1] - way[piece])
+    gains = places[:, 1] - places[:, 0] - np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    some = np.flatnonzero((piece[:, 0] < piece[:, 1]) & (gains > NEARER * along[-1]))
+    some = some[_free(space, ends[some, 0], ends[some, 1])]
+    taken: list[int] = []
+    for i in some[np.argsort(-gains[some], kind="stable")].tolist():
+        if all(places[i, 1] <= places[j, 0] or places[j, 1] <= places[i, 0] for j in taken):
+            taken.append(i)
+    for i in sorted(taken, key=lambda i: -places[i, 0]):  # From the end, so that the numbers of the rows before stay.
+        way = np.concatenate([way[: piece[i, 0] + 1], ends[i], way[piece[i, 1] + 1 :]])
+    return way
+
+
+def _free(space: Space, begins: Array, ends: Array) -> Flags:
+    """Return which motions are proved free, (k,); most others are rejected by samples."""
+    kept = np.flatnonzero(space.free_part(begins, ends - begins) == 1.0)
+    free = np.zeros(len(begins), dtype=np.bool_)
+    free[kept] = space.proved(begins[kept], ends[kept])
+    return free
+
+
+def rounded(space: Space, way: Array, deadline: Deadline) -> Array:
+    """Replace the corners of a way, (N, n), by parabolas of short motions that are proved free.
+
+    A corner starts and ends at most halfway to its neighbours. Where a motion is not proved free, it becomes smaller.
+    """
+    if len(way) < 3:
+        return way
+    corners = np.arange(1, len(way) - 1)
+    size = lengths(way)
+    before, after = way[corners] - way[corners - 1], way[corners + 1] - way[corners]
+    radius = np.minimum(size[:-1], size[1:]) / 2.0
+    t = np.linspace(0.0, 1.0, CORNER + 1)[None, :, None]
+    found: dict[int, Array] = {}
+    for _ in range(ROUNDED):
+        if not len(corners) or deadline.passed:
+            break
+        share = radius[corners - 1, None, None]
+        a = way[corners, None] - share * (before / size[:-1, None])[corners - 1, None]
+        b = way[corners, None] + share * (after / size[1:, None])[corners - 1, None]
+        rows = (1.0 - t) ** 2 * a + 2.0 * t * (1.0 - t) * way[corners, None] + t**2 * b
+        flat = rows[:, :-1].reshape(-1, way.shape[1]), rows[:, 1:].reshape(-1, way.shape[1])
+        free = np.all(_free(space, *flat).reshape(len(corners), CORNER), axis=1)
+        found |= {int(i): rows[k] for k, i in enumerate(corners) if free[k]}
+        corners = corners[np.flatnonzero(~free)]
+        radius[corners - 1] /= 2.0
+    return np.concatenate([found.get(i, way[i : i + 1]) for i in range(len(way))])
+
+
+def dense(space: Space, way: Array) -> Array:
+    """Return a way with more rows on its linear motions, (M, n), so that a spline through them hardly leaves it."""
+    gaps = np.diff(way, axis=0)
+    counts = np.maximum(np.ceil(np.abs(gaps) @ space.reach / DENSE), 1.0).astype(np.int64)
+    which = np.repeat(np.arange(len(gaps)), counts)
+    number = np.arange(len(which)) - (np.cumsum(counts) - counts)[which]
+    rows = way[which] + (number / counts[which])[:, None] * gaps[which]
+    return np.concatenate([rows, way[-1:]])

@@ -1,0 +1,152 @@
+"""Search for a way between joint values by two trees that grow towards each other (*Kuffner & LaValle 2000*).
+
+Samples come from a fixed sequence, so the same call finds the same way. Some samples are processed together: NumPy finds
+their nearest nodes, and the scene checks all motions towards them in one call. Motions are checked by samples while the trees
+grow. Only those of a way that was found are proved; one that fails is removed from its tree, with what grew from it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.support.deadline import Deadline
+
+from .space import Space
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+TOGETHER = 16
+"""Samples that are processed together."""
+
+LONGEST = 1.5
+"""Longest motion from a node towards a sample [rad or m]."""
+
+SHORTEST = 0.02
+"""A motion that ends in contact sooner than after this adds no node [rad or m]."""
+
+MOST = 200_000
+"""Samples after which the search ends without a result."""
+
+
+class Tree:
+    """Joint values that are connected with a root by free motions."""
+
+    def __init__(self, space: Space, roots: Array) -> None:
+        """Begin with the roots, (k, n)."""
+        self.space = space
+        self._q, self._parents = roots.copy(), np.full(len(roots), -1)
+        self._count = len(roots)
+
+    def __len__(self) -> int:
+        """Return the number of nodes."""
+        return self._count
+
+    @property
+    def q(self) -> Array:
+        """Joint values of all nodes, (N, n)."""
+        return self._q[: self._count]
+
+    @property
+    def parents(self) -> Indices:
+        """The node from which each node grew, -1 for roots, (N,)."""
+        return self._parents[: self._count]
+
+    def add(self, q: Array, parents: Indices) -> Indices:
+        """Add nodes, (k, n), with their parents, (k,); return their numbers."""
+        begin, self._count = self._count, self._count + len(q)
+        if self._count > len(self._q):
+            more = max(self._count, 2 * len(self._q))
+            self._q = np.concatenate([self._q[:begin], np.empty((more - begin, q.shape[1]))])
+            self._parents = np.concatenate([self._parents[:begin], np.empty(more - begin, dtype=np.int64)])
+        self._q[begin : self._count], self._parents[begin : self._count] = q, parents
+        return np.arange(begin, self._count)
+
+    def nearest(self, q: Array) -> tuple[Indices, Array]:
+        """Return the node nearest to each of some joint values, (k, n), and the ways from there, (k, n)."""
+        gaps = self.space.way(q[:, None] - self.q)
+        nodes = np.einsum("kmn,kmn->km", gaps, gaps).argmin(axis=1)
+        return nodes, gaps[np.arange(len(q)), nodes]
+
+    def branch(self, node: int) -> list[int]:
+        """Return the nodes from a root to a node."""
+        nodes = [node]
+        while (node := int(self._parents[node])) >= 0:
+            nodes.append(node)
+        return nodes[::-1]
+
+    def remove(self, nodes: list[int]) -> None:
+        """Remove nodes and all that grew from them; the others get new numbers."""
+        gone = np.zeros(self._count, dtype=np.bool_)
+        gone[nodes] = True
+        for i in range(min(nodes), self._count):
+            gone[i] |= self._parents[i] >= 0 and gone[self._parents[i]]
+        left = ~gone
+        numbers = np.cumsum(left) - 1
+        parents = self.parents[left]
+        self._q, self._parents = self.q[left], np.where(parents < 0, -1, numbers[parents])
+        self._count = len(self._q)
+
+
+class Found(NamedTuple):
+    """The result of a search."""
+
+    way: Array | None
+    """Joint values of a way that is proved free, (N, n); None if there is no result."""
+    nodes: int
+    """Number of nodes of both trees."""
+    samples: int
+    """Number of samples of the sequence."""
+
+
+def search(space: Space, begin: Array, ends: Array, deadline: Deadline) -> Found:
+    """Search for a way from joint values, (n,), to one of some others, (k, n), all of them free."""
+    trees, samples = (Tree(space, begin[None]), Tree(space, ends)), 0
+    while samples < MOST and not deadline.passed:
+        growing, other = trees if len(trees[0]) <= len(trees[1]) else trees[::-1]
+        goals = space.samples(samples, TOGETHER)
+        samples += TOGETHER
+        grown = _grow(growing, goals)
+        if len(grown) and (way := _connect(growing, other, grown, growing is trees[0])) is not None:
+            return Found(way, len(trees[0]) + len(trees[1]), samples)
+    return Found(None, len(trees[0]) + len(trees[1]), samples)
+
+
+def _grow(tree: Tree, goals: Array) -> Indices:
+    """Grow a tree towards samples, (k, n), as far as the motions are free; return the new nodes."""
+    space = tree.space
+    parents, ways = tree.nearest(goals)
+    lengths = np.linalg.norm(ways, axis=1)
+    ways *= np.minimum(1.0, LONGEST / np.maximum(lengths, LONGEST))[:, None]
+    parts = space.free_part(tree.q[parents], ways)
+    kept = parts * np.linalg.norm(ways, axis=1) > SHORTEST
+    return tree.add(tree.q[parents[kept]] + parts[kept, None] * ways[kept], parents[kept])
+
+
+def _connect(growing: Tree, other: Tree, grown: Indices, forward: bool) -> Array | None:
+    """Grow the other tree towards new nodes; return a way through one that it reaches, if it is proved free."""
+    space = growing.space
+    parents, ways = other.nearest(growing.q[grown])
+    parts = space.free_part(other.q[parents], ways)
+    for i in np.flatnonzero(parts == 1.0):
+        one, two = growing.branch(int(grown[i])), other.branch(int(parents[i]))
+        a, b = growing.q[one], other.q[two]
+        b = b + (growing.q[grown[i]] - ways[i] - b[-1])  # Full turns of continuous joints.
+        way = np.concatenate([a, b[::-1]])
+        free = space.proved(way[:-1], way[1:])
+        if free.all():
+            return way if forward else way[::-1]
+        bad_one = [one[k + 1] for k in range(len(one) - 1) if not free[k]]
+        bad_two = [two[k + 1] for k in range(len(two) - 1) if not free[len(way) - 2 - k]]
+        if bad_one:
+            growing.remove(bad_one)
+        if bad_two:
+            other.remove(bad_two)
+        if bad_one or bad_two:
+            return None
+    part = (parts < 1.0) & (parts * np.linalg.norm(ways, axis=1) > SHORTEST)
+    other.add(other.q[parents[part]] + parts[part, None] * ways[part], parents[part])
+    return None
