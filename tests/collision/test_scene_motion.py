@@ -107,9 +107,9 @@ def test_the_broad_phase_alone_agrees_with_the_pairs_one_by_one(deviation: float
     b = a + np.random.default_rng(1).uniform(0.0, 0.6, (120, 1)) * (q[120:240] - a)
     for clearance in (0.0, 0.01):
         needs = motion._needs(speeds, a, b, clearance, np.full_like(a, deviation))
-        quickly, open_ = motion._quickly_free(engine, needs[0], a, b, needs[1])
+        quickly, number, _ = motion._quickly_free(engine, needs[0], a, b, needs[1])
         slowly = np.isnan(motion._stops_of(engine, needs[0], a, b, needs[1]))
-        decided = np.setdiff1d(np.arange(120), open_)
+        decided = np.setdiff1d(np.arange(120), number)
         assert np.array_equal(quickly[decided], slowly[decided])
         assert quickly.sum() > 10
         assert (~quickly[decided]).sum() > 10

@@ -82,10 +82,9 @@ def _goals(chain: SerialChain, goal: Any) -> list[Array | Goal]:
         return [goal.at(target) for target in goal.target.reshape(-1, *goal.target.shape[len(goal.shape) :])]
     if isinstance(goal, np.ndarray | Sequence) and not isinstance(goal, str):
         numbers = _numbers(goal)
-        several = numbers is None or (numbers.ndim > 1 and numbers.shape != (4, 4))
-        if several:
-            if not len(goal):
-                raise InvalidProblem("goal must be at least one goal, got none")
+        if numbers is not None and not numbers.size:
+            raise InvalidProblem(f"goal must be at least one goal, got {goal!r:.80}")
+        if numbers is None or (numbers.ndim > 1 and numbers.shape != (4, 4)):
             return [one for each in goal for one in _goals(chain, each)]
     return [read_end(chain, goal)]
 

@@ -1,7 +1,7 @@
 """Shorten a way that is proved free, and round its corners; every motion that replaces others is proved free too.
 
-Shortcuts between two places on the way are the method of *Geraerts & Overmars 2007, section 3.1*; the places come from a fixed
-sequence instead of random numbers.
+Shortcuts between two places on the way are the method of *Geraerts & Overmars 2007, section 3.1*; the places come from a
+fixed sequence instead of random numbers.
 """
 
 from __future__ import annotations
@@ -87,7 +87,9 @@ def _with_shortcuts(space: Space, way: Array, shares: Array) -> Array:
     for i in some[np.argsort(-gains[some], kind="stable")].tolist():
         if all(places[i, 1] <= places[j, 0] or places[j, 1] <= places[i, 0] for j in taken):
             taken.append(i)
-    for i in sorted(taken, key=lambda i: -places[i, 0]):  # From the end, so that the numbers of the rows before stay.
+    for i in sorted(
+        taken, key=lambda i: -places[i, 0]
+    ):  # From the end, so that the numbers of the rows before stay.
         way = np.concatenate([way[: piece[i, 0] + 1], ends[i], way[piece[i, 1] + 1 :]])
     return way
 

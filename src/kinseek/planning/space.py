@@ -14,8 +14,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 APART = 0.1
-"""Bound on the motion of any point of the arm between neighbouring samples of a motion [m]. The proof checks what the samples
-miss. Found by trial with `python -m benchmarks.planning`."""
+"""Bound on the motion of any point of the arm between neighbouring samples of a motion [m]. The proof checks what the
+samples miss. Found by trial with `python -m benchmarks.planning`."""
 
 
 class Space:
@@ -29,14 +29,20 @@ class Space:
         ends: Joint values at which it may end, (k, n).
     """
 
-    def __init__(self, chain: SerialChain, scene: Obstacles, clearance: float, begin: Array, ends: Array) -> None:
+    def __init__(
+        self, chain: SerialChain, scene: Obstacles, clearance: float, begin: Array, ends: Array
+    ) -> None:
         """Bound the samples: a full turn around the begin and the ends is enough for joints with limits of many turns."""
         self.chain, self.scene, self.clearance = chain, scene, clearance
         self.endless = chain.endless
         given = np.concatenate([begin[None], ends])
         low, high = given.min(axis=0) - np.pi, given.max(axis=0) + np.pi
-        self.lower = np.where(self.endless, begin - np.pi, np.maximum(chain.lower, np.where(chain.turns, low, -np.inf)))
-        self.upper = np.where(self.endless, begin + np.pi, np.minimum(chain.upper, np.where(chain.turns, high, np.inf)))
+        self.lower = np.where(
+            self.endless, begin - np.pi, np.maximum(chain.lower, np.where(chain.turns, low, -np.inf))
+        )
+        self.upper = np.where(
+            self.endless, begin + np.pi, np.minimum(chain.upper, np.where(chain.turns, high, np.inf))
+        )
         reach = np.zeros(chain.dof)
         np.add.at(reach, chain.leader, np.abs(chain.multiplier) * levers(chain))
         self.reach = reach
@@ -52,7 +58,11 @@ class Space:
 
     def way(self, gap: Array) -> Array:
         """Return differences of joint values, (..., n), the shorter way round for continuous joints."""
-        return np.where(self.endless, gap - nearest_turns(gap), gap) if self.endless.any() else gap
+        return gap - self.turns(gap) if self.endless.any() else gap
+
+    def turns(self, gap: Array) -> Array:
+        """Return the full turns of continuous joints in differences of joint values, (..., n); 0 for other joints."""
+        return np.where(self.endless, nearest_turns(gap), 0.0)
 
     def free(self, q: Array) -> Flags:
         """Return which joint values, (k, n), are free, (k,)."""

@@ -1,8 +1,8 @@
 """Search for a way between joint values by two trees that grow towards each other (*Kuffner & LaValle 2000*).
 
 Samples come from a fixed sequence, so the same call finds the same way. Some samples are processed together: NumPy finds
-their nearest nodes, and the scene checks all motions towards them in one call. Motions are checked by samples while the trees
-grow. Only those of a way that was found are proved; one that fails is removed from its tree, with what grew from it.
+their nearest nodes, and the scene checks all motions towards them in one call. Motions are checked by samples while the
+trees grow. Only those of a way that was found are proved; one that fails is removed from its tree, with what grew from it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LONGEST = 1.5
 SHORTEST = 0.02
 """A motion that ends in contact sooner than after this adds no node [rad or m]."""
 
-MOST = 200_000
+MOST = 50_000
 """Samples after which the search ends without a result."""
 
 
@@ -111,6 +111,8 @@ def search(space: Space, begin: Array, ends: Array, deadline: Deadline) -> Found
         samples += TOGETHER
         grown = _grow(growing, goals)
         if len(grown) and (way := _connect(growing, other, grown, growing is trees[0])) is not None:
+            way = way - space.turns(way[0] - begin)
+            way[0] = begin  # Turning there and back rounds.
             return Found(way, len(trees[0]) + len(trees[1]), samples)
     return Found(None, len(trees[0]) + len(trees[1]), samples)
 
@@ -134,7 +136,7 @@ def _connect(growing: Tree, other: Tree, grown: Indices, forward: bool) -> Array
     for i in np.flatnonzero(parts == 1.0):
         one, two = growing.branch(int(grown[i])), other.branch(int(parents[i]))
         a, b = growing.q[one], other.q[two]
-        b = b + (growing.q[grown[i]] - ways[i] - b[-1])  # Full turns of continuous joints.
+        b = b + space.turns(growing.q[grown[i]] - b[-1])
         way = np.concatenate([a, b[::-1]])
         free = space.proved(way[:-1], way[1:])
         if free.all():
