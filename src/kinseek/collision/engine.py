@@ -29,7 +29,7 @@ TOUCH = 1e-6
 _UNKNOWN = float(np.finfo(np.float64).min)
 """What coal says of parts that touch, where it cannot report how deep they are in each other: of very small triangles."""
 
-_LOOKS = 24
+LOOKS = 24
 """Number of planes tried between parts that may be the nearest. Not examined further."""
 
 _ALONE = 1024
@@ -190,20 +190,20 @@ class Engine:
 
     def surely_free(self, q: Array, clearance: float) -> Flags:
         """Return where the broad phase alone proves that all pairs are farther apart than `clearance`, (k, n) -> (k,)."""
-        return np.asarray(self._broad.verdicts(q, clearance, TOUCH)[0] == FREE)
+        return np.asarray(self.broad.verdicts(q, clearance, TOUCH)[0] == FREE)
 
     def surely_touch(self, q: Array, clearance: float) -> Flags:
         """Return where it proves that some pair is not farther apart than `clearance`, (k, n) -> (k,)."""
-        return np.asarray(self._broad.verdicts(q, clearance, TOUCH)[0] == TOUCHING)
+        return np.asarray(self.broad.verdicts(q, clearance, TOUCH)[0] == TOUCHING)
 
     def exactly_free(self, q: Array, clearance: float) -> Flags:
         """Do the same by coal alone, pair by pair, because coal's tree of boxes misses flat meshes."""
         self.set_clearance(clearance)
         return np.array([self._is_free(one) for one in q], dtype=np.bool_)
 
-    def bounds(self, q: Array) -> Array:
-        """Return lower bounds on the distance of each pair, with padding, (k, n) -> (k, pairs) [m]; from spheres alone."""
-        return self.broad.bounds(q)
+    def bounds(self, q: Array, steps: int = 0) -> Array:
+        """Return lower bounds on the distance of each pair, with padding, (k, n) -> (k, pairs) [m]; see `Broad.bounds`."""
+        return self.broad.bounds(q, steps)
 
     def near(self, q: Array) -> list[Near]:
         """Return the distances of all pairs at q, (n,)."""
@@ -214,7 +214,7 @@ class Engine:
         """Return the two parts that are nearest to each other at q, (n,); None without pairs."""
         if not self.pairs:
             return None
-        bounds = self.broad.bounds(q[None], _LOOKS)[0]
+        bounds = self.broad.bounds(q[None], LOOKS)[0]
         self.place(q)
         best: Near | None = None
         # In the order of their bounds, so that few distances are computed exactly.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kinseek.robots.chain import SerialChain
 
-from .engine import TOUCH, Engine, Solid
+from .engine import LOOKS, TOUCH, Engine, Solid
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -210,8 +210,8 @@ def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, least: Array) 
         late = looked[number] > _MOST
         found[number[late]] = moment[late]
         q = q0[number] + moment[:, None] * (q1 - q0)[number]
-        # Bounds from spheres exclude most pairs; only the rest is measured exactly.
-        left &= engine.bounds(q) - least[number] <= rates[number] * half
+        # Bounds from spheres and planes exclude most pairs; only the rest is measured exactly.
+        left &= engine.bounds(q, LOOKS) - least[number] <= rates[number] * half
         for row in np.flatnonzero(left.any(axis=1)):
             if found[number[row]] >= 0:
                 continue
