@@ -32,7 +32,7 @@ MOST = 64
 """Ends that are kept for each goal, the nearest ones: full turns inside wide limits make hundreds. Not examined further."""
 
 AROUND = 512
-"""Joint values that are tried at each distance in the search for free ones beside the begin. Not examined further."""
+"""Joint values that are tried at each distance from a begin in collision. Not examined further."""
 
 
 def free_begin(scene: Scene, q0: Any, clearance: float) -> Array:
