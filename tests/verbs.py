@@ -102,6 +102,21 @@ def _moved(arm: kinseek.Arm, poses: Array) -> Told:
     return Told(np.array(rows), np.array(reached), poses[:3])
 
 
+def _planned(arm: kinseek.Arm, poses: Array) -> Told:
+    """The ends of motions around the board to poses, from joint values that are free."""
+    scene, rows, reached = scene_of(arm.name), [], []
+    begin = next(q for q in arm.sample(50, seed=2) if scene.free(q))
+    for pose in poses[:2]:
+        try:
+            path = scene.plan(begin, pose, smooth=False)
+            rows.append(path.q[-1])
+            reached.append(True)
+        except kinseek.NotReached as error:
+            rows.append(error.solution.q)
+            reached.append(False)
+    return Told(np.array(rows), np.array(reached), poses[:2])
+
+
 def _searched(solver: kinseek.Solver) -> Callable[[kinseek.Arm, Array], Told]:
     return lambda arm, poses: _solutions(arm.ik(poses[:2], solver=solver), poses[:2])
 
@@ -130,6 +145,7 @@ VERBS: dict[str, Callable[[kinseek.Arm, Array], Told]] = {
 if find_spec("ruckig") is not None:
     VERBS["move"] = _moved
 if find_spec("coal") is not None:
+    VERBS["plan in a scene"] = _planned
     VERBS["ik in a scene"] = lambda arm, poses: _one_by_one(arm, poses[:2], scene=scene_of(arm.name))
 
 

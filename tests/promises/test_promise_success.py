@@ -32,7 +32,11 @@ def test_success_is_what_forward_kinematics_says(verb: str, name: str, seed: int
         if success:
             assert place <= allowed[0] + ROUNDING, (q, place)
             assert turn <= allowed[1] + ROUNDING, (q, turn)
-        elif verb not in ("track", "ik in a scene"):  # Which may be there and still lag, or hit something.
+        elif verb not in (
+            "track",
+            "ik in a scene",
+            "plan in a scene",
+        ):  # Which may be there and still lag, or hit something.
             assert place > allowed[0] - ROUNDING or turn > allowed[1] - ROUNDING, "a success that is denied"
 
 

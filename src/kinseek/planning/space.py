@@ -17,6 +17,9 @@ APART = 0.1
 """Bound on the motion of any point of the arm between neighbouring samples of a motion [m]. The proof checks what the
 samples miss. Found by trial with `python -m benchmarks.planning`."""
 
+LEAST = 4
+"""Samples of a motion at least."""
+
 
 class Space:
     """Joint values of an arm in a scene, (n,), [rad] or [m].
@@ -77,7 +80,7 @@ class Space:
         """
         if not len(ways):
             return np.zeros(0)
-        counts = np.maximum(np.ceil(np.abs(ways) @ self.reach / APART), 1.0).astype(np.int64)
+        counts = np.maximum(np.ceil(np.abs(ways) @ self.reach / APART), LEAST).astype(np.int64)
         firsts = np.cumsum(counts) - counts
         which = np.repeat(np.arange(len(ways)), counts)
         number = np.arange(len(which)) - firsts[which] + 1

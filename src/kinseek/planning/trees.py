@@ -28,6 +28,12 @@ LONGEST = 1.5
 SHORTEST = 0.02
 """A motion that ends in contact sooner than after this adds no node [rad or m]."""
 
+OFTEN, FINER = 4, 16.0
+"""One in so many rounds makes so many times shorter motions, which lead out of narrow places."""
+
+PENALTY = 1.0
+"""By how much farther away, as a fraction, a node counts for each motion from it that failed."""
+
 MOST = 50_000
 """Samples after which the search ends without a result."""
 
@@ -39,6 +45,7 @@ class Tree:
         """Begin with the roots, (k, n)."""
         self.space = space
         self._q, self._parents = roots.copy(), np.full(len(roots), -1)
+        self._failures = np.zeros(len(roots))
         self._count = len(roots)
 
     def __len__(self) -> int:
@@ -62,13 +69,25 @@ class Tree:
             more = max(self._count, 2 * len(self._q))
             self._q = np.concatenate([self._q[:begin], np.empty((more - begin, q.shape[1]))])
             self._parents = np.concatenate([self._parents[:begin], np.empty(more - begin, dtype=np.int64)])
+            self._failures = np.concatenate([self._failures[:begin], np.zeros(more - begin)])
         self._q[begin : self._count], self._parents[begin : self._count] = q, parents
         return np.arange(begin, self._count)
 
-    def nearest(self, q: Array) -> tuple[Indices, Array]:
-        """Return the node nearest to each of some joint values, (k, n), and the ways from there, (k, n)."""
+    def fail(self, nodes: Indices) -> None:
+        """Count motions that lead nowhere from nodes, (k,)."""
+        np.add.at(self._failures, nodes, 1.0)
+
+    def nearest(self, q: Array, promising: bool = False) -> tuple[Indices, Array]:
+        """Return the node nearest to each of some joint values, (k, n), and the ways from there, (k, n).
+
+        With `promising` nodes from which motions fail count as farther away: without this, those at an obstacle, which are
+        nearest to all samples behind it, would be tried again and again (*Yershova et al. 2005*).
+        """
         gaps = self.space.way(q[:, None] - self.q)
-        nodes = np.einsum("kmn,kmn->km", gaps, gaps).argmin(axis=1)
+        squares = np.einsum("kmn,kmn->km", gaps, gaps)
+        if promising:
+            squares *= (1.0 + PENALTY * self._failures[: self._count]) ** 2
+        nodes = squares.argmin(axis=1)
         return nodes, gaps[np.arange(len(q)), nodes]
 
     def branch(self, node: int) -> list[int]:
@@ -88,6 +107,7 @@ class Tree:
         numbers = np.cumsum(left) - 1
         parents = self.parents[left]
         self._q, self._parents = self.q[left], np.where(parents < 0, -1, numbers[parents])
+        self._failures = self._failures[: self._count][left]
         self._count = len(self._q)
 
 
@@ -106,10 +126,13 @@ def search(space: Space, begin: Array, ends: Array, deadline: Deadline) -> Found
     """Search for a way from joint values, (n,), to one of some others, (k, n), all of them free."""
     trees, samples = (Tree(space, begin[None]), Tree(space, ends)), 0
     while samples < MOST and not deadline.passed:
-        growing, other = trees if len(trees[0]) <= len(trees[1]) else trees[::-1]
+        growing, other = trees if samples // TOGETHER % 2 else trees[::-1]
         goals = space.samples(samples, TOGETHER)
         samples += TOGETHER
-        grown = _grow(growing, goals)
+        finer = (
+            1.0 if samples // TOGETHER % (2 * OFTEN) > 1 else FINER
+        )  # Two rounds in a row: one for each tree.
+        grown = _grow(growing, goals, LONGEST / finer, SHORTEST / finer)
         if len(grown) and (way := _connect(growing, other, grown, growing is trees[0])) is not None:
             way = way - space.turns(way[0] - begin)
             way[0] = begin  # Turning there and back rounds.
@@ -117,14 +140,18 @@ def search(space: Space, begin: Array, ends: Array, deadline: Deadline) -> Found
     return Found(None, len(trees[0]) + len(trees[1]), samples)
 
 
-def _grow(tree: Tree, goals: Array) -> Indices:
-    """Grow a tree towards samples, (k, n), as far as the motions are free; return the new nodes."""
+def _grow(tree: Tree, goals: Array, longest: float, shortest: float) -> Indices:
+    """Grow a tree towards samples, (k, n), as far as the motions are free; return the new nodes.
+
+    Motions are at most as long as `longest`, and those shorter than `shortest` add no node [rad or m].
+    """
     space = tree.space
-    parents, ways = tree.nearest(goals)
+    parents, ways = tree.nearest(goals, promising=True)
     lengths = np.linalg.norm(ways, axis=1)
-    ways *= np.minimum(1.0, LONGEST / np.maximum(lengths, LONGEST))[:, None]
+    ways *= np.minimum(1.0, longest / np.maximum(lengths, longest))[:, None]
     parts = space.free_part(tree.q[parents], ways)
-    kept = parts * np.linalg.norm(ways, axis=1) > SHORTEST
+    kept = parts * np.linalg.norm(ways, axis=1) > shortest
+    tree.fail(parents[~kept])
     return tree.add(tree.q[parents[kept]] + parts[kept, None] * ways[kept], parents[kept])
 
 
