@@ -172,10 +172,17 @@ def loop(arm: Arm, free: bool, period: float = 1.0, velocity: float = np.inf) ->
     return made
 
 
-def pink(arm: Arm, free: bool, period: float = 1.0, velocity: float | bool = False) -> Steps:
+def pink(
+    arm: Arm,
+    free: bool,
+    period: float = 1.0,
+    velocity: float | bool = False,
+    acceleration: float | None = None,
+) -> Steps:
     """Steps of pink's quadratic programme."""
     damping = 1e-6 if velocity else 1e-9
-    made: Steps = field("pink").Pink(arm, period, damping, velocity=velocity, free=free)
+    more = {"velocity": velocity, "acceleration": acceleration, "free": free}
+    made: Steps = field("pink").Pink(arm, period, damping, **more)
     return made
 
 
@@ -341,13 +348,18 @@ FOLLOWERS: dict[str, tuple[str, str, Callable[[Arm, bool], Follow]]] = {
 }
 """Of each the adapter of the field whose environment it has, its distribution, and what makes it."""
 
-TRACKERS: dict[str, tuple[str, str, Callable[[Arm, float, float], Any]]] = {
+TRACKERS: dict[str, tuple[str, str, Callable[..., Any]]] = {
     "placo": ("placo", "placo", Placo),
-    "pink": ("pink", "pin-pink", lambda arm, period, velocity: pink(arm, False, period, velocity)),
+    "pink": ("pink", "pin-pink", lambda arm, *limits: pink(arm, False, *limits)),
     "mink": ("mink", "mink", lambda arm, period, velocity: mink(arm, False, period, velocity)),
     "Drake": ("drake", "drake", Drake),
     "pinocchio step": ("pinocchio", "pin", lambda arm, period, velocity: loop(arm, False, period, velocity)),
 }
+"""Of each the adapter of the field whose environment it has, its distribution, and what makes it of an arm, a period, a
+velocity and, where it is in `ACCELERATING`, an acceleration."""
+
+ACCELERATING = ("pink",)
+"""Trackers that can limit accelerations."""
 
 
 def attempts(follow: Follow, targets: Any, starts: Any) -> Iterator[tuple[Any, float]]:
@@ -380,18 +392,33 @@ def follow(
 
 
 def track(
-    peer: str, arm: dict[str, Any], paths: Any, starts: Any, period: float, velocity: float
+    peer: str,
+    arm: dict[str, Any],
+    paths: Any,
+    starts: Any,
+    period: float,
+    velocity: float,
+    acceleration: float | None = None,
 ) -> dict[str, Any]:
-    """Track every path, (P, N, 4, 4), from its start, (P, n): joint values, and the time of every step [µs]."""
+    """Track every path, (P, N, 4, 4), from its start, (P, n): joint values, and the time of every step [µs].
+
+    An acceleration [rad/s²] is for those that can limit it. One that finds no step stands still (`stood`, (P, N)).
+    """
     paths, starts = np.array(paths), np.array(starts)
-    method = TRACKERS[peer][2](arm_of(arm), period, velocity)
+    limits = [velocity] if acceleration is None or peer not in ACCELERATING else [velocity, acceleration]
+    method = TRACKERS[peer][2](arm_of(arm), period, *limits)
     q, times = np.empty((*paths.shape[:2], starts.shape[1])), np.empty(paths.shape[:2])
+    stood = np.zeros(paths.shape[:2], dtype=bool)
     for row, (targets, start) in enumerate(zip(paths, starts, strict=True)):
         method.stand(start)
         for k, T in enumerate(targets):
             began = time.perf_counter_ns()
             method.aim(T)
-            method.step()
+            try:
+                method.step()
+            except Exception:  # Each has its own, of a quadratic programme without a solution.
+                stood[row, k] = True
+                method.stand(method.q)
             q[row, k] = method.q
             times[row, k] = (time.perf_counter_ns() - began) / 1e3
-    return {"q": q, "times": times, "version": version(TRACKERS[peer][1])}
+    return {"q": q, "times": times, "stood": stood, "version": version(TRACKERS[peer][1])}

@@ -50,6 +50,7 @@ class Pink:
         *,
         posture: float = 0.0,
         velocity: float | bool = False,
+        acceleration: float | None = None,
         free: bool = False,
     ) -> None:
         """Of an arm.
@@ -60,11 +61,12 @@ class Pink:
             damping: Of the frame task.
             posture: Cost of leaving the middle of the ranges.
             velocity: Of all joints at most [rad/s], or True for those of the file; False: a step may be of any length.
+            acceleration: Of all joints at most [rad/s²], with a velocity that is a number; None: it is not limited.
             free: Whether the turn about the tool is left open.
         """
         import pink
         import pinocchio as pin
-        from pink.limits import ConfigurationLimit, VelocityLimit
+        from pink.limits import AccelerationLimit, ConfigurationLimit, VelocityLimit
         from pink.tasks import FrameTask, PostureTask
 
         self._pin, self._solve_ik, self._dt = pin, pink.solve_ik, dt
@@ -83,10 +85,16 @@ class Pink:
         if not isinstance(velocity, bool):
             model.velocityLimit = np.full(model.nv, velocity)
             self._limits = [ConfigurationLimit(model, config_limit_gain=1.0), VelocityLimit(model)]
+        self._accelerations = None
+        if acceleration is not None and self._limits is not None:
+            self._accelerations = AccelerationLimit(model, np.full(model.nv, acceleration))
+            self._limits.append(self._accelerations)
 
     def stand(self, q: Any) -> None:
-        """Begin there."""
+        """Begin there, at rest."""
         self._state.update(configuration(self._pin, self._model, q))
+        if self._accelerations is not None:
+            self._accelerations.set_last_integration(np.zeros(self._model.nv), self._dt)
 
     def aim(self, T: Any) -> Any:
         """Take a pose for the target; how far it is, (6,)."""
@@ -102,6 +110,8 @@ class Pink:
         v = self._solve_ik(
             self._state, self._tasks, self._dt, solver="daqp", limits=self._limits, safety_break=False
         )
+        if self._accelerations is not None:
+            self._accelerations.set_last_integration(v, self._dt)
         moved = self._pin.integrate(self._model, self._state.q, v * self._dt)
         self._state.update(np.clip(moved, self._model.lowerPositionLimit, self._model.upperPositionLimit))
 
