@@ -356,7 +356,8 @@ def violations(
     arm: kinseek.Arm, q: Array, q0: Array, limits: Limits, h: float | Array = PERIOD, slack: float = 1e-9
 ) -> Violations:
     """What joint values one a period, (k, n), violate: by more than the slack and what rounding of q does to differences."""
-    h_ = np.broadcast_to(np.asarray(h, dtype=float), len(q))[:, None]
+    h_ = np.broadcast_to(np.asarray(h, dtype=float), len(q))
+    h_ = np.min([h_, np.r_[h_[0], h_[:-1]], np.r_[h_[0], h_[0], h_][: len(h_)]], axis=0)[:, None]
     ulp = 4 * np.spacing(np.maximum(np.abs(q), np.abs(np.concatenate([q0[None], q[:-1]]))).max())
     found = Violations({}, {}, {})
     outside = np.where(arm.chain.endless, 0.0, np.maximum(q - arm.upper, arm.lower - q))
@@ -460,10 +461,10 @@ def lag(chain: SerialChain, q: Array, T: Array, longest: float = 0.4) -> Lag:
     return Lag(float(away.mean()), float(away.max()), best * PERIOD, float(shifts[best].max()))
 
 
-def overshoot(chain: SerialChain, q: Array, T: Array) -> float:
-    """How much farther the hand gets from a target that rests than it has been since it jumped there, at most [m]."""
-    away, most = np.linalg.norm(plain_fk(chain, q)[:, :3, 3] - T[:, :3, 3], axis=1), 0.0
-    jumps = np.flatnonzero((np.diff(T, axis=0) != 0).any(axis=(1, 2))) + 1
-    for begin, end in pairwise([0, *jumps, len(T)]):
-        most = max(most, float((away[begin:end] - np.minimum.accumulate(away[begin:end])).max()))
+def overshoot(q: Array, T: Array) -> float:
+    """How far any joint goes beyond the value at which it is at the end of a rest of its target, at most [rad] or [m]."""
+    most = 0.0
+    for begin, end in holds(T):
+        first, last = q[max(begin - 1, 0)], q[end - 1]
+        most = max(most, float((np.sign(last - first) * (q[begin:end] - last)).max()))
     return most

@@ -330,7 +330,7 @@ def mouse_row(
         ">largest mm": f"{1e3 * behind.largest:.3g}",
         ">behind ms": f"{1e3 * behind.behind:.0f}",
         ">off the shape mm": f"{1e3 * behind.shape:.3g}",
-        ">overshoot of jumps mm": f"{1e3 * overshoot(arm.chain, found['step'].q, made['step'].T):.3g}",
+        ">overshoot mrad": f"{1e3 * overshoot(found['step'].q, made['step'].T):.3g}",
     }
 
 
@@ -460,8 +460,8 @@ def main() -> None:
     page.head("Lag")
     page.say(
         "Behind the mouse, distances between hand and target: in the same period, and (*off the shape*) the largest at the",
-        "time shift *behind* that makes their mean least. *overshoot*: how far the hand goes away again from a target that",
-        "has jumped.",
+        "time shift *behind* that makes their mean least. *overshoot*: how far a joint goes beyond its value at rest",
+        "after jumps.",
     )
     page.rows(sorted(mice, key=lambda row: (row["arm"], row["jerk"])))
 

@@ -86,7 +86,10 @@ def test_rest_reversals_and_lag() -> None:
     assert rest.seconds == pytest.approx(1.0, abs=0.1)
     assert rest.reversals == 0
     assert rest.reached
-    assert overshoot(arm.chain, q, T) == 0
+    assert overshoot(q, T) == 0
+    q[700, 2] += 0.5
+    assert overshoot(q, T) == pytest.approx(q[700, 2] - q[-1, 2])
+    q[700, 2] -= 0.5
     q[-100::2, 3] += 1e-7
     (rest,) = rests(arm.chain, q, T)
     assert rest.seconds == np.inf
