@@ -384,7 +384,7 @@ class Rest:
     seconds: float
     """After which the hand rests, too; infinite if it does not."""
     reversals: int
-    """Changes of direction of any joint, later than `SETTLED`."""
+    """Changes of direction of any joint later than `SETTLED` and than the first moment at which all rest."""
     position: float
     """Where it is at the end of the rest, off the target [m]."""
     orientation: float
@@ -414,7 +414,9 @@ def rests(chain: SerialChain, q: Array, T: Array) -> list[Rest]:
     for begin, end in holds(T):
         moving = np.flatnonzero((np.abs(v[begin:end]) > RESTING).any(axis=1))
         still = int(moving[-1]) + 1 if len(moving) else 0
-        late = v[begin + periods(SETTLED) : end]
+        resting = np.flatnonzero((np.abs(v[begin:end]) <= RESTING).all(axis=1))
+        first = max(int(resting[0]) if len(resting) else 0, periods(SETTLED))
+        late = v[begin + first : end]
         (place,), (turn,) = pose_errors(plain_fk(chain, q[end - 1 : end]), T[end - 1 : end])
         found.append(
             Rest(

@@ -183,7 +183,7 @@ class Tally:
             if rest.seconds > SETTLED:
                 self.faults.append(f"{at}, the arm after {rest.seconds:.3g} s, {status}")
             if rest.reversals:
-                self.faults.append(f"{at}, {rest.reversals} reversals after {SETTLED:g} s, {status}")
+                self.faults.append(f"{at}, {rest.reversals} reversals after that, {status}")
             if reachable and not rest.reached:
                 off = f"{rest.position:.2g} m, {rest.orientation:.2g} rad"
                 self.faults.append(f"{at}, reachable, {off} off after {HOLD:g} s, {status}")
@@ -439,8 +439,8 @@ def main() -> None:
     page.head("At rest")
     page.say(
         f"*after {SETTLED:g} s*: rests of a target during which the arm is at rest after that time. *reversals*: changes",
-        f"of direction of a joint later than that. *reached*: reachable targets from which the hand is at most {REACHED:g}",
-        f"m and rad away after {HOLD:g} s; *the others*: the status there.",
+        "of direction of a joint after that time and after the arm has come to rest. *reached*: reachable targets from",
+        f"which the hand is at most {REACHED:g} m and rad away after {HOLD:g} s; *the others*: the status there.",
     )
     page.rows({"stream": kind} | tally.rests for kind, tally in [*kinds.items(), ("all", whole)])
 
