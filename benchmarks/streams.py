@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -109,8 +110,9 @@ class Behind:
 
     def __init__(self, arm: kinseek.Arm, q0: Array, limits: Limits, moving: bool) -> None:
         """Begin there, with targets that rest or that move as the tracker's joints do."""
-        from ruckig import InputParameter, OutputParameter, Ruckig, Synchronization
+        from ruckig import InputParameter, OutputParameter, Ruckig, RuckigError, Synchronization
 
+        self._refusal = RuckigError
         self._tracker, self._moving, self._limits = begun(arm, q0, Limits(VELOCITY)), moving, limits
         self._before = q0
         self._generator, self._out = Ruckig(arm.dof, PERIOD), OutputParameter(arm.dof)
@@ -131,7 +133,11 @@ class Behind:
             speeds, most = (answer.q - self._before) / PERIOD, self._limits.velocity
             self._in.target_velocity = np.clip(speeds, -most, most).tolist()
             self._before = answer.q
-        self._generator.update(self._in, self._out)
+        try:
+            self._generator.update(self._in, self._out)
+        except self._refusal:  # It finds no motion from some states: it stands still, as peers do.
+            self._in.current_velocity = self._in.current_acceleration = [0.0] * len(answer.q)
+            return answer._replace(q=np.array(self._in.current_position), status=SimpleNamespace(name=STOOD))
         self._out.pass_to_input(self._in)
         return answer._replace(q=np.array(self._out.new_position))
 
@@ -447,7 +453,8 @@ def main() -> None:
     page.head("Beside other trackers")
     page.say(
         "The streams of one seed. Ruckig makes one step a period towards the joint values of a tracker that limits only",
-        "velocities; in the second row its targets move at the velocities of that tracker. Limits that peers are given:",
+        "velocities, and stands still where it finds no motion; in the second row its targets move at the velocities of",
+        "that tracker. Limits that peers are given:",
         f"{'; '.join(f'{peer} {limits}' for peer, limits in PEERS.items())}. Jerk counts only where it is limited.",
     )
     beside: dict[str, Tally] = {}
