@@ -289,10 +289,20 @@ def asked_of_peer(arm: kinseek.Arm, peer: str, made: dict[str, Stream]) -> dict[
     VERSIONS[peer] = found["version"]
     rows = zip(made.items(), found["q"], found["times"], found["stood"], strict=True)
     return {
-        kind: Tracked(np.array(q[:k]), np.array(times[:k]), [STOOD if stands else "" for stands in stood[:k]])
+        kind: Tracked(
+            unwound(arm, np.array(q[:k]), one.q0),
+            np.array(times[:k]),
+            [STOOD if stands else "" for stands in stood[:k]],
+        )
         for (kind, one), q, times, stood in rows
         for k in [len(one.T)]
     }
+
+
+def unwound(arm: kinseek.Arm, q: Array, q0: Array) -> Array:
+    """Joint values without full turns of joints that have no limits, which some peers return between -π and π."""
+    whole = np.unwrap(np.concatenate([q0[None], q]), axis=0)[1:]
+    return np.where(arm.chain.endless, whole, q)
 
 
 VERSIONS: dict[str, str] = {}
