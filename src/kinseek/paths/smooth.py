@@ -6,6 +6,9 @@ linearly with the number of poses. Then each pose is moved half-way between its 
 corrects errors that the Jacobian does not show near singularities. All poses are projected back onto their targets, and a
 change is kept only if it improves the path: the sum of the joints' steps, each to a power, must decrease. The square makes a
 path short; a higher power makes its largest steps small.
+
+In a scene each pass checks the poses, and the steps between them are proved only at the end. If a changed step is then not
+free, all passes are made again, with proofs in each pass near such steps.
 """
 
 from __future__ import annotations
@@ -32,6 +35,7 @@ from .request import PathRequest
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 
 STIFF = 1e4
 """μ: weight of leaving the pose, relative to a step of the same size; the remaining error is corrected after each pass. Not
@@ -69,6 +73,11 @@ ACTIVE = 3
 
 ENOUGH = 1e-3
 """Smoothing ends after a pass that reduces the sum by less than this fraction. Not examined further."""
+
+
+BESIDE = 8
+"""Steps before and after one that is not free that are proved in every pass when the smoothing is repeated. Not examined
+further."""
 
 
 class Row(NamedTuple):
@@ -143,17 +152,42 @@ class Smoother:
         """
         if len(q) < 3:
             return q
+        careful = np.zeros(len(q) - 1, dtype=np.bool_)
+        with suppress(TimeUp):
+            while True:
+                moved = self._passes(q, row, passes, power, careful)
+                hits = self._hits(q, moved, ~careful)
+                if not len(hits):
+                    return moved
+                # A second time near those steps, then everywhere.
+                again = careful.any()
+                careful[:] = again
+                for i in [] if again else hits.tolist():
+                    careful[max(i - BESIDE, 0) : i + 1 + BESIDE] = True
+        return q
+
+    def _passes(self, q: Array, row: Row, passes: int, power: int, careful: Flags) -> Array:
+        """Make the passes of `smooth`; changed steps that are `careful`, (k - 1,), are proved free in each of them."""
         before = self._sum(q, row, power)
         with suppress(TimeUp):
             for _ in range(passes):
-                q = self._gauss_newton(q, row, power)
-                q = self._relax_each(q, row, power)
+                q = self._gauss_newton(q, row, power, careful)
+                q = self._relax_each(q, row, power, careful)
                 now = self._sum(q, row, power)
                 # Further passes would cost as much time and change almost nothing.
                 if now > before * (1 - ENOUGH):
                     break
                 before = now
         return q
+
+    def _hits(self, q: Array, moved: Array, which: Flags) -> Indices:
+        """Return those of some steps of a moved path, (k, n) both, that changed and are not free."""
+        if self.valid is None or self.valid.scene is None:
+            return np.zeros(0, dtype=np.int64)
+        off = (moved != q).any(axis=1)
+        # Steps between unchanged poses are as free as before.
+        steps = np.flatnonzero((off[:-1] | off[1:]) & which)
+        return steps[~self.valid.free_ways(moved[steps], moved[steps + 1])]
 
     def _of_steps(self, steps: Array, spans: Array, power: int) -> Array:
         """Return for each step, (k, n), the sum of the joints' motions, each to a power, (k,)."""
@@ -168,7 +202,7 @@ class Smoother:
     def _sum(self, q: Array, row: Row, power: int) -> float:
         return float(self._of_steps(np.diff(q, axis=0), row.spans, power).sum())
 
-    def _gauss_newton(self, q: Array, row: Row, power: int) -> Array:
+    def _gauss_newton(self, q: Array, row: Row, power: int, careful: Flags) -> Array:
         """Make one Gauss-Newton step of all poses, held back where it would tear the path.
 
         Raises:
@@ -186,7 +220,7 @@ class Smoother:
             # Poses that do not return to their target stay where they were; the others keep the improvement.
             lost = ~self.project(moved, row.targets) | row.fixed
             moved[lost] = q[lost]
-            self._put_back(q, moved)
+            self._put_back(q, moved, careful)
             torn = np.flatnonzero((np.abs(np.diff(moved, axis=0)) > bounds * (1 + 1e-9)).any(axis=1))
             if not len(torn):
                 if self._sum(moved, row, power) < before:
@@ -238,22 +272,20 @@ class Smoother:
         step[row.fixed] = 0.0
         return step
 
-    def _put_back(self, q: Array, moved: Array) -> None:
-        """Restore rows of a moved path, (k, n) both, until no changed step collides."""
-        if self.valid is None or self.valid.scene is None:
-            return
-        off = (moved != q).any(axis=1)
-        # Steps between unchanged rows were free before.
-        steps = np.flatnonzero(off[:-1] | off[1:])
-        while len(steps):
-            hits = steps[~self.valid.free_ways(moved[steps], moved[steps + 1])]
+    def _put_back(self, q: Array, moved: Array, careful: Flags) -> None:
+        """Restore rows of a moved path, (k, n) both, until no changed step that is `careful` collides."""
+        which = careful
+        while len(hits := self._hits(q, moved, which)):
+            off = (moved != q).any(axis=1)
             rows = np.union1d(hits, hits + 1)
             rows = rows[off[rows]]
-            moved[rows], off[rows] = q[rows], False
+            moved[rows] = q[rows]
+            # Only steps beside the restored rows are different now.
             beside = np.union1d(rows[rows > 0] - 1, rows[rows < len(q) - 1])
-            steps = beside[off[beside] | off[beside + 1]]
+            which = np.zeros_like(careful)
+            which[beside] = careful[beside]
 
-    def _relax_each(self, q: Array, row: Row, power: int) -> Array:
+    def _relax_each(self, q: Array, row: Row, power: int, careful: Flags) -> Array:
         """Move each pose between its neighbours if this improves its two steps."""
         q = q.copy()
         # Every other pose: neighbours do not move at the same time, so each comparison stays valid.
@@ -275,8 +307,9 @@ class Smoother:
             )
             better = there & (then < now)
             if self.valid is not None:
-                free = self.valid.free_ways(before[better], middle[better])
-                free[free] = self.valid.free_ways(middle[better][free], after[better][free])
-                better[better] = free
+                doubtful = np.flatnonzero(better & (careful[some - 1] | careful[some]))
+                free = self.valid.free_ways(before[doubtful], middle[doubtful])
+                free[free] = self.valid.free_ways(middle[doubtful][free], after[doubtful][free])
+                better[doubtful] = free
             q[some[better]] = middle[better]
         return q
