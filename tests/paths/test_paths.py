@@ -134,7 +134,7 @@ def test_an_arm_whose_open_limits_seem_to_leave_a_joint_to_spare_is_followed() -
 def test_what_no_step_of_the_joints_can_pass_is_planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
     arm, plans, planned = kinseek.load("panda"), [], redundant._planned
 
-    def counted(*given: Any) -> NDArray[np.float64]:
+    def counted(*given: Any) -> redundant.Draft:
         plans.append(given)
         return planned(*given)
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from .joints import Turning
 from .plan import Effort, ForbiddenEdges, Planner, between_rows, path_parameter
 from .request import PathRequest
 from .smooth import Row, Smoother
-from .steps import faulty, mendable
+from .steps import avoidable, faulty
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -67,6 +68,26 @@ LOOKED_AT = 100
 """Solutions of a pose that are sampled before it is reported that none is allowed."""
 
 
+class Draft(NamedTuple):
+    """A path that may still be improved."""
+
+    q: Array
+    """Joint values of every pose, or of the first ones if the time was up, (N, n)."""
+    faulty: Flags
+    """Flags of the steps that are breaks or collide, (N - 1,)."""
+    cost: float
+
+    @classmethod
+    def of(cls, request: PathRequest, q: Array) -> Draft:
+        """Check and evaluate joint values of a path, (N, n)."""
+        return cls(q, faulty(request, q), _cost(request, q, np.ones((len(q) - 1, 1))))
+
+    @property
+    def order(self) -> tuple[int, float]:
+        """Return what is compared: the faulty steps count first."""
+        return int(self.faulty.sum()), self.cost
+
+
 def follow_samples(
     request: PathRequest, threads: int | None, advance: Advance, plans: Plans = PLANS
 ) -> tuple[Array, Flags]:
@@ -77,12 +98,12 @@ def follow_samples(
         If there are such poses, the plan is poor, and the path has to be planned without them. If the time is up, only the
         first poses are returned.
     """
-    q, refused = _open_way(request.as_open(), threads, advance, plans)
+    (q, _, _), refused = _open_way(request.as_open(), threads, advance, plans)
     # A path with a given start that repeats its first pose at the end ends at that start, so it is closed already.
     there = request.end is not None or len(q) == 1
     if not request.closed or there or refused.any() or len(q) < len(request):
         return q, refused
-    best, best_faults = q, (len(q) + 1, np.inf)
+    best = Draft(q, np.ones(len(q) + 1, dtype=np.bool_), np.inf)
     # Close the path at the beginning of the open path, or at its end.
     for start in [q[0], q[-1]] if request.start is None else [request.start]:
         row = start[None].copy()
@@ -91,9 +112,9 @@ def follow_samples(
             Smoother(request).project(row, np.ascontiguousarray(request.problem.goal.targets[:1]))
             round_trip = replace(request.returning(0, row[0]), start=row[0])
             way, _ = _open_way(round_trip, threads, silent, plans)
-            if len(way) == len(round_trip) and faults(round_trip, way) < best_faults:
-                best, best_faults = way, faults(round_trip, way)
-    return best[: len(request)], refused
+            if len(way.q) == len(round_trip) and way.order < best.order:
+                best = way
+    return best.q[: len(request)], refused
 
 
 def silent(done: int) -> None:
@@ -102,7 +123,7 @@ def silent(done: int) -> None:
 
 def _open_way(
     request: PathRequest, threads: int | None, advance: Advance, plans: Plans
-) -> tuple[Array, Flags]:
+) -> tuple[Draft, Flags]:
     """Return the best of several plans, each tried if the ones before it break; parts around breaks are planned again.
 
     See `follow_samples` for what it returns.
@@ -111,23 +132,26 @@ def _open_way(
         TimeUp: The time was up before anything was planned.
     """
     best = _planned(request, plans[0][0], threads, advance)
-    refused, forbidden_edges = np.zeros(len(best), dtype=np.bool_), list[ForbiddenEdges]()
-    if len(best) < len(request):
+    refused, forbidden_edges = np.zeros(len(best.q), dtype=np.bool_), list[ForbiddenEdges]()
+    if len(best.q) < len(request):
         return best, refused
+    can_be_mended = avoidable(request)
     with suppress(TimeUp):
-        refused = _refused(request, best)
+        refused = _refused(request, best.q)
         if refused.any():
             return best, refused
         for effort, finer in plans:
-            q = best if effort is plans[0][0] else _planned(request, effort, threads, silent, forbidden_edges)
-            if len(q) < len(request):
+            new = best
+            if effort is not plans[0][0]:
+                new = _planned(request, effort, threads, silent, forbidden_edges)
+            if len(new.q) < len(request):
                 break
             if effort is STEP:
-                forbidden_edges += [ForbiddenEdges(int(i), q[i]) for i in np.flatnonzero(faulty(request, q))]
-            q = _mended(request, q, finer, threads)
-            if faults(request, q) < faults(request, best):
-                best = q
-            if not mendable(request, best).any():
+                forbidden_edges += [ForbiddenEdges(int(i), new.q[i]) for i in np.flatnonzero(new.faulty)]
+            new = _mended(request, new, finer, threads)
+            if new.order < best.order:
+                best = new
+            if not (best.faulty & can_be_mended).any():
                 break
     return best, refused
 
@@ -146,11 +170,12 @@ def _refused(request: PathRequest, q: Array) -> Flags:
     return refused
 
 
-def _mended(request: PathRequest, q: Array, effort: Effort, threads: int | None) -> Array:
+def _mended(request: PathRequest, draft: Draft, effort: Effort, threads: int | None) -> Draft:
     """Plan the parts of a path around its breaks again, and keep them where this removes the breaks."""
-    windows = _around(request, q, path_parameter(request.problem), AROUND)
+    q = draft.q
+    windows = _around(request, draft, path_parameter(request.problem), AROUND)
     parts = [_part(request, q, first, last) for first, last in windows]
-    made = [np.zeros(0)] * len(parts)
+    made: list[Draft | None] = [None] * len(parts)
 
     def plan(first: int, end: int, go_on: GoOn) -> None:
         for k in range(first, end):
@@ -161,10 +186,10 @@ def _mended(request: PathRequest, q: Array, effort: Effort, threads: int | None)
     for (first, last), part, new in zip(windows, parts, made, strict=True):
         old = q[first : last + 1]
         # A shorter part means that the time was up.
-        if len(new) == len(old) and faults(part, new) < faults(part, old):
+        if new is not None and len(new.q) == len(old) and new.order < Draft.of(part, old).order:
             # If an endless joint has turned the other way round, the rest of the path is shifted with it.
-            q = np.concatenate([q[:first], new, q[last + 1 :] + (new[-1] - old[-1])])
-    return q
+            q = np.concatenate([q[:first], new.q, q[last + 1 :] + (new.q[-1] - old[-1])])
+    return draft if q is draft.q else Draft.of(request, q)
 
 
 def _part(request: PathRequest, q: Array, first: int, last: int) -> PathRequest:
@@ -197,34 +222,30 @@ def _cost(request: PathRequest, q: Array, spans: Array) -> float:
     return squares + float((cost_of(request.cost, q)[1:] * spans[:, 0]).sum())
 
 
-def faults(request: PathRequest, q: Array) -> tuple[int, float]:
-    """Return the number of breaks, including steps that collide, and the cost of the path."""
-    return int(faulty(request, q).sum()), _cost(request, q, np.ones((len(q) - 1, 1)))
-
-
 def _planned(
     request: PathRequest,
     effort: Effort,
     threads: int | None,
     advance: Advance,
     forbidden_edges: Sequence[ForbiddenEdges] = (),
-) -> Array:
+) -> Draft:
     planner = Planner(request, effort, forbidden_edges)
     rows = planner.rows
     if len(rows) == 1:
         request.deadline.check()
         only = planner.layer(0, planner.sample(0, effort.samples), np.zeros((0, planner.dof)))[0][:1]
-        return only if request.start is None else request.start[None]
+        return Draft.of(request, only if request.start is None else request.start[None])
     q = planner.plan(advance, threads)
     with suppress(TimeUp):
         if len(q) == len(rows):
             return _finished(request, planner, q)
     # The time is up: the plan is only interpolated, neither smoothed nor evaluated.
     begun = replace(request.part(0, int(rows[len(q) - 1]) + 1), valid=None)
-    return _put(begun, Smoother(begun), between_rows(rows[: len(q)], q), _row(begun, np.arange(len(begun))))
+    all_of_them = _row(begun, np.arange(len(begun)))
+    return Draft.of(begun, _put(begun, Smoother(begun), between_rows(rows[: len(q)], q), all_of_them))
 
 
-def _finished(request: PathRequest, planner: Planner, q: Array) -> Array:
+def _finished(request: PathRequest, planner: Planner, q: Array) -> Draft:
     """Extend the rows of a plan, (rows, n), to all poses, (N, n), and smooth them.
 
     Raises:
@@ -237,20 +258,24 @@ def _finished(request: PathRequest, planner: Planner, q: Array) -> Array:
     if len(rows) < len(all_of_them.targets):
         q = _put(request, smoother, between_rows(rows, q), all_of_them)
     q = _smoothed(request, smoother, q, all_of_them, LAST_PASSES)
+    draft = Draft.of(request, q)
     # High powers come last: they reduce the largest steps, but need a path that is short already.
     for power in POWERS:
-        for first, last in _around(request, q, planner.parameter, EASED):
+        windows = _around(request, draft, planner.parameter, EASED)
+        for first, last in windows:
             part = _row(_part(request, q, first, last), np.arange(last + 1 - first))
             q[first : last + 1] = smoother.smooth(q[first : last + 1], part, POWER_PASSES, power)
-    return q
+        if windows:
+            draft = Draft.of(request, q)
+    return draft
 
 
-def _around(request: PathRequest, q: Array, parameter: Array, way: float) -> list[tuple[int, int]]:
+def _around(request: PathRequest, draft: Draft, parameter: Array, way: float) -> list[tuple[int, int]]:
     """First and last pose of each part of a path around its breaks, extended to both sides by a motion of the hand."""
     parts: list[tuple[int, int]] = []
-    for i in np.flatnonzero(mendable(request, q)).tolist():
+    for i in np.flatnonzero(draft.faulty & avoidable(request)).tolist():
         first = int(np.searchsorted(parameter, parameter[i] - way))
-        last = min(int(np.searchsorted(parameter, parameter[i + 1] + way)), len(q) - 1)
+        last = min(int(np.searchsorted(parameter, parameter[i + 1] + way)), len(draft.q) - 1)
         if parts and first <= parts[-1][1]:
             first = parts.pop()[0]
         parts.append((first, last))

@@ -17,9 +17,10 @@ from kinseek.support.deadline import TimeUp
 
 from .bridge import Bridge, nearest_to
 from .path import intervals
-from .redundant import PLANS, faults, follow_samples, silent
+from .redundant import PLANS, follow_samples, silent
 from .request import PathRequest
 from .smooth import ON_POSE
+from .steps import faulty
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -81,7 +82,7 @@ def _continued(
                 if _is_long(part)
                 else follow_samples(from_here, threads, advance, PLANS[:1])[0]
             )
-            if len(begun) == len(part) and not faults(part, begun)[0]:
+            if len(begun) == len(part) and not faulty(part, begun).any():
                 return begun
     rows = _reached(part, threads, advance)
     if len(rows) < len(begun):  # The time was up.

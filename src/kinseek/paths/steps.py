@@ -54,8 +54,8 @@ def faulty(request: PathRequest, q: Array) -> Flags:
     return ~fine
 
 
-def mendable(request: PathRequest, q: Array) -> Flags:
-    """Return for each step of an open path, (N - 1,), whether it collides, or is a break that the joints could avoid."""
+def avoidable(request: PathRequest) -> Flags:
+    """Return for each step of an open path, (N - 1,), whether the joints could be fast enough to make it without a break."""
     goal = request.problem.goal
     distance, turn = apart(goal.target[:-1], goal.target[1:])
     distance, turn = distance - 2 * goal.position_tolerance, turn - 2 * goal.orientation_tolerance
@@ -63,4 +63,4 @@ def mendable(request: PathRequest, q: Array) -> Flags:
     if goal.columns == 3:
         # Only a goal with a whole orientation fixes how far the hand has to turn.
         torn = torn | turned
-    return np.asarray(faulty(request, q) & (~torn | (goal.ranges is not None)))
+    return np.asarray(~torn | (goal.ranges is not None))
