@@ -76,11 +76,15 @@ class Draft(NamedTuple):
     faulty: Flags
     """Flags of the steps that are breaks or collide, (N - 1,)."""
     cost: float
+    refused: Flags
+    """Flags of the poses at which none of the examined solutions is allowed, (N,)."""
 
     @classmethod
-    def of(cls, request: PathRequest, q: Array) -> Draft:
-        """Check and evaluate joint values of a path, (N, n)."""
-        return cls(q, faulty(request, q), _cost(request, q, np.ones((len(q) - 1, 1))))
+    def of(cls, request: PathRequest, q: Array, refused: Flags | None = None) -> Draft:
+        """Check and evaluate joint values of a path, (N, n), with all poses allowed unless some are `refused`."""
+        none = np.zeros(len(q), dtype=np.bool_)
+        cost = _cost(request, q, np.ones((len(q) - 1, 1)))
+        return cls(q, faulty(request, q), cost, none if refused is None else refused)
 
     @property
     def order(self) -> tuple[int, float]:
@@ -98,12 +102,13 @@ def follow_samples(
         If there are such poses, the plan is poor, and the path has to be planned without them. If the time is up, only the
         first poses are returned.
     """
-    (q, _, _), refused = _open_way(request.as_open(), threads, advance, plans)
+    open_way = _open_way(request.as_open(), threads, advance, plans)
+    q, refused = open_way.q, open_way.refused
     # A path with a given start that repeats its first pose at the end ends at that start, so it is closed already.
     there = request.end is not None or len(q) == 1
     if not request.closed or there or refused.any() or len(q) < len(request):
         return q, refused
-    best = Draft(q, np.ones(len(q) + 1, dtype=np.bool_), np.inf)
+    best: Draft | None = None
     # Close the path at the beginning of the open path, or at its end.
     for start in [q[0], q[-1]] if request.start is None else [request.start]:
         row = start[None].copy()
@@ -111,35 +116,29 @@ def follow_samples(
             request.deadline.check()
             Smoother(request).project(row, np.ascontiguousarray(request.problem.goal.targets[:1]))
             round_trip = replace(request.returning(0, row[0]), start=row[0])
-            way, _ = _open_way(round_trip, threads, silent, plans)
-            if len(way.q) == len(round_trip) and way.order < best.order:
+            way = _open_way(round_trip, threads, silent, plans)
+            if len(way.q) == len(round_trip) and (best is None or way.order < best.order):
                 best = way
-    return best.q[: len(request)], refused
+    return (q if best is None else best.q[: len(request)]), refused
 
 
 def silent(done: int) -> None:
     """Report no progress."""
 
 
-def _open_way(
-    request: PathRequest, threads: int | None, advance: Advance, plans: Plans
-) -> tuple[Draft, Flags]:
+def _open_way(request: PathRequest, threads: int | None, advance: Advance, plans: Plans) -> Draft:
     """Return the best of several plans, each tried if the ones before it break; parts around breaks are planned again.
 
-    See `follow_samples` for what it returns.
+    If there are refused poses, the plan is poor; if the time is up, it is only for the first poses.
 
     Raises:
         TimeUp: The time was up before anything was planned.
     """
     best = _planned(request, plans[0][0], threads, advance)
-    refused, forbidden_edges = np.zeros(len(best.q), dtype=np.bool_), list[ForbiddenEdges]()
-    if len(best.q) < len(request):
-        return best, refused
-    can_be_mended = avoidable(request)
+    if len(best.q) < len(request) or best.refused.any():
+        return best
+    forbidden_edges, can_be_mended = list[ForbiddenEdges](), avoidable(request)
     with suppress(TimeUp):
-        refused = _refused(request, best.q)
-        if refused.any():
-            return best, refused
         for effort, finer in plans:
             new = best
             if effort is not plans[0][0]:
@@ -153,7 +152,7 @@ def _open_way(
                 best = new
             if not (best.faulty & can_be_mended).any():
                 break
-    return best, refused
+    return best
 
 
 def _refused(request: PathRequest, q: Array) -> Flags:
@@ -234,7 +233,8 @@ def _planned(
     if len(rows) == 1:
         request.deadline.check()
         only = planner.layer(0, planner.sample(0, effort.samples), np.zeros((0, planner.dof)))[0][:1]
-        return Draft.of(request, only if request.start is None else request.start[None])
+        q = only if request.start is None else request.start[None]
+        return Draft.of(request, q, _refused(request, q))
     q = planner.plan(advance, threads)
     with suppress(TimeUp):
         if len(q) == len(rows):
@@ -257,6 +257,10 @@ def _finished(request: PathRequest, planner: Planner, q: Array) -> Draft:
     q = _smoothed(request, smoother, q, some, FIRST_PASSES)
     if len(rows) < len(all_of_them.targets):
         q = _put(request, smoother, between_rows(rows, q), all_of_them)
+    refused = _refused(request, q)
+    if refused.any():
+        # The path is planned again without these poses.
+        return Draft.of(request, q, refused)
     q = _smoothed(request, smoother, q, all_of_them, LAST_PASSES)
     draft = Draft.of(request, q)
     # High powers come last: they reduce the largest steps, but need a path that is short already.
