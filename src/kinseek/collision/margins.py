@@ -10,7 +10,6 @@ from .broad import Broad
 from .motion import FINEST
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class Margins:
@@ -32,11 +31,11 @@ class Margins:
         """Return lower bounds of the distances of the pairs at q, (n,), as (pairs,) [m]; below 0 they have no meaning."""
         return np.asarray(self.broad.bounds(q[None])[0]) - FINEST
 
-    def distances_of(self, q: Array, pairs: Indices) -> Array:
-        """Return the distances of some pairs at q, (n,), less a little for rounding, (k,) [m]."""
+    def distance(self, q: Array, pair: int) -> float:
+        """Return the distance of one pair at q, (n,), less a little for rounding [m]."""
         with self._made.engine as engine:
             engine.place(q)
-            return np.array([engine.near_pair(int(pair)).distance for pair in pairs]) - FINEST
+            return float(engine.near_pair(pair).distance) - FINEST
 
     def names(self, pair: int) -> tuple[str, str]:
         """Return the names of the two bodies of a pair."""

@@ -23,7 +23,6 @@ from kinseek.kernels.paths.limited import (
 )
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 KINDS = {POSITION: "position", VELOCITY: "velocity", ACCELERATION: "acceleration", JERK: "jerk"}
 """Names of limits."""
@@ -35,9 +34,15 @@ joints could not move any more [m]. Not examined further."""
 ALONG = 1e-7
 """A motion that reduces a distance by less leads along a body [m]."""
 
-MOST_EXACT = 4
-"""Number of pairs, those with the least bounds, whose distances are computed exactly in a step if bounds do not suffice. Not
-examined further."""
+ATTEMPTS = 24
+"""Steps that are tried beside bodies: each takes notice of one more distance, or slides along one more body. Not examined
+further."""
+
+DIFFERENCE = 1e-4
+"""Step of the differences for the slope of a distance [rad] or [m]."""
+
+OUTWARD = 0.05
+"""Fraction of the approach that a body takes away by which the joints leave it while they slide. Not examined further."""
 
 
 class Rates(NamedTuple):
@@ -56,8 +61,8 @@ class Margins(Protocol):
     def distances(self, q: Array) -> Array:
         """See `Margins.distances`."""
 
-    def distances_of(self, q: Array, pairs: Indices) -> Array:
-        """See `Margins.distances_of`."""
+    def distance(self, q: Array, pair: int) -> float:
+        """See `Margins.distance`."""
 
     def names(self, pair: int) -> tuple[str, str]:
         """See `Margins.names`."""
@@ -124,8 +129,10 @@ class LimitedJoints:
         )
         self._own, self._around = own, around
         self._margins: Margins | None = None
-        self._exact: tuple[Indices, Array] | None = None
-        """The closest pairs and their distances at `Room.centre`, if they were computed."""
+        self._exact: dict[int, float] = {}
+        """Distances of pairs at `Room.centre`, as far as they were computed."""
+        self._slopes: dict[int, Array] = {}
+        """Derivatives of these by the joints, (n,)."""
         self.room = Room(np.zeros(n), np.zeros((0, n)), np.zeros(0))
 
     def follow(self, q: Array, h: float) -> Kept:
@@ -157,22 +164,61 @@ class LimitedJoints:
             kept = Kept(*limited_step(self.motion, room, h, what, False))
             if kept.pair < 0:
                 return kept
-        if what == FOLLOW:
-            what = STRAIGHT
+        what = STRAIGHT if what == FOLLOW else what
+        granted: dict[int, float] = {}
+        slid: set[int] = set()
+        for _ in range(ATTEMPTS):
             kept = Kept(*limited_step(self.motion, room, h, what, False))
-            if kept.pair < 0:
-                return kept
-        if self._exact is None:
-            close = np.argsort(room.distance)[:MOST_EXACT]
-            self._exact = close, scene.distances_of(q[self._own], close)
-        close, distances = self._exact
-        least = np.maximum(distances - self._around.clearance - RESERVE, room.distance[close])
-        # Where the joints lead bodies apart, or along each other, the reserve is theirs.
-        apart = scene.distances_of(self.motion.rest[self._own], close) >= distances - ALONG
-        room.distance[close] = least + RESERVE * apart
-        kept = Kept(*limited_step(self.motion, room, h, what, True))
-        room.distance[close] = least
+            if (pair := kept.pair) < 0:
+                break
+            if pair not in self._exact:
+                self._exact[pair] = scene.distance(q[self._own], pair)
+                exact = self._exact[pair] - self._around.clearance - RESERVE
+                room.distance[pair] = max(exact, room.distance[pair])
+            elif pair not in granted and self._leads_apart(scene, pair):
+                # Where the joints lead bodies apart, or along each other, the reserve is theirs.
+                granted[pair] = room.distance[pair]
+                room.distance[pair] += RESERVE
+            elif pair not in slid:
+                slid.add(pair)
+                self._slide(scene, pair, what, h)
+                _give_back(room, granted)
+            else:
+                break
+        if kept.pair >= 0:
+            kept = Kept(*limited_step(self.motion, room, h, what, True))
+        elif slid:
+            kept = kept._replace(pair=next(iter(slid)))
+        _give_back(room, granted)
         return kept
+
+    def _leads_apart(self, scene: Margins, pair: int) -> bool:
+        """Return whether two bodies are not closer where what is desired comes to rest."""
+        return scene.distance(self.motion.rest[self._own], pair) >= self._exact[pair] - ALONG
+
+    def _slide(self, scene: Margins, pair: int, what: int, h: float) -> None:
+        """Take from what is desired the part that brings two bodies closer, and a little more."""
+        motion = self.motion
+        if pair not in self._slopes:
+            q, slope = motion.q[self._own], np.zeros(len(motion.q))
+            steps = DIFFERENCE * np.eye(len(q))
+            slope[self._own] = [
+                (scene.distance(q + step, pair) - self._exact[pair]) / DIFFERENCE for step in steps
+            ]
+            self._slopes[pair] = slope
+        slope = self._slopes[pair]
+        wanted = motion.wanted * h if what == GO else motion.target - motion.q
+        closer = float(slope @ wanted)
+        size = float(slope @ slope)
+        if closer >= 0.0 or size == 0.0:
+            return
+        wanted = wanted - slope * ((1.0 + OUTWARD) * closer / size)
+        if what == GO:
+            motion.wanted[:] = wanted / h
+        else:
+            motion.target[:] = motion.q + wanted
+            motion.before[:] = motion.target
+            motion.rate[:] = 0.0
 
     def look(self) -> None:
         """Take notice of bodies that were added, removed or moved."""
@@ -186,7 +232,8 @@ class LimitedJoints:
 
     def _measure(self, scene: Margins) -> None:
         self.room.centre[:] = self.motion.q
-        self._exact = None
+        self._exact.clear()
+        self._slopes.clear()
         keep = self._around.clearance + RESERVE
         self.room.distance[:] = scene.distances(self.motion.q[self._own]) - keep
 
@@ -194,6 +241,13 @@ class LimitedJoints:
         """Return the names of two bodies and a lower bound of their distance before the last step [m]."""
         assert self._margins is not None
         return *self._margins.names(pair), float(self.room.distance[pair] + self._around.clearance + RESERVE)
+
+
+def _give_back(room: Room, granted: dict[int, float]) -> None:
+    """Take back the reserve of pairs that was granted."""
+    for pair, distance in granted.items():
+        room.distance[pair] = distance
+    granted.clear()
 
 
 def straight_way(step: Array, rates: Rates, period: float, most: int) -> Array | None:
