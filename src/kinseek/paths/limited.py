@@ -35,14 +35,7 @@ ALONG = 1e-7
 """A motion that reduces a distance by less leads along a body [m]."""
 
 ATTEMPTS = 24
-"""Steps that are tried beside bodies: each takes notice of one more distance, or slides along one more body. Not examined
-further."""
-
-DIFFERENCE = 1e-4
-"""Step of the differences for the slope of a distance [rad] or [m]."""
-
-OUTWARD = 0.05
-"""Fraction of the approach that a body takes away by which the joints leave it while they slide. Not examined further."""
+"""Steps that are tried beside bodies: each takes notice of one more distance. Not examined further."""
 
 
 class Rates(NamedTuple):
@@ -131,8 +124,6 @@ class LimitedJoints:
         self._margins: Margins | None = None
         self._exact: dict[int, float] = {}
         """Distances of pairs at `Room.centre`, as far as they were computed."""
-        self._slopes: dict[int, Array] = {}
-        """Derivatives of these by the joints, (n,)."""
         self.room = Room(np.zeros(n), np.zeros((0, n)), np.zeros(0))
 
     def follow(self, q: Array, h: float) -> Kept:
@@ -166,7 +157,6 @@ class LimitedJoints:
                 return kept
         what = STRAIGHT if what == FOLLOW else what
         granted: dict[int, float] = {}
-        slid: set[int] = set()
         for _ in range(ATTEMPTS):
             kept = Kept(*limited_step(self.motion, room, h, what, False))
             if (pair := kept.pair) < 0:
@@ -179,46 +169,17 @@ class LimitedJoints:
                 # Where the joints lead bodies apart, or along each other, the reserve is theirs.
                 granted[pair] = room.distance[pair]
                 room.distance[pair] += RESERVE
-            elif pair not in slid:
-                slid.add(pair)
-                self._slide(scene, pair, what, h)
-                _give_back(room, granted)
             else:
                 break
         if kept.pair >= 0:
             kept = Kept(*limited_step(self.motion, room, h, what, True))
-        elif slid:
-            kept = kept._replace(pair=next(iter(slid)))
-        _give_back(room, granted)
+        for pair, distance in granted.items():
+            room.distance[pair] = distance
         return kept
 
     def _leads_apart(self, scene: Margins, pair: int) -> bool:
         """Return whether two bodies are not closer where what is desired comes to rest."""
         return scene.distance(self.motion.rest[self._own], pair) >= self._exact[pair] - ALONG
-
-    def _slide(self, scene: Margins, pair: int, what: int, h: float) -> None:
-        """Take from what is desired the part that brings two bodies closer, and a little more."""
-        motion = self.motion
-        if pair not in self._slopes:
-            q, slope = motion.q[self._own], np.zeros(len(motion.q))
-            steps = DIFFERENCE * np.eye(len(q))
-            slope[self._own] = [
-                (scene.distance(q + step, pair) - self._exact[pair]) / DIFFERENCE for step in steps
-            ]
-            self._slopes[pair] = slope
-        slope = self._slopes[pair]
-        wanted = motion.wanted * h if what == GO else motion.target - motion.q
-        closer = float(slope @ wanted)
-        size = float(slope @ slope)
-        if closer >= 0.0 or size == 0.0:
-            return
-        wanted = wanted - slope * ((1.0 + OUTWARD) * closer / size)
-        if what == GO:
-            motion.wanted[:] = wanted / h
-        else:
-            motion.target[:] = motion.q + wanted
-            motion.before[:] = motion.target
-            motion.rate[:] = 0.0
 
     def look(self) -> None:
         """Take notice of bodies that were added, removed or moved."""
@@ -233,7 +194,6 @@ class LimitedJoints:
     def _measure(self, scene: Margins) -> None:
         self.room.centre[:] = self.motion.q
         self._exact.clear()
-        self._slopes.clear()
         keep = self._around.clearance + RESERVE
         self.room.distance[:] = scene.distances(self.motion.q[self._own]) - keep
 
@@ -241,13 +201,6 @@ class LimitedJoints:
         """Return the names of two bodies and a lower bound of their distance before the last step [m]."""
         assert self._margins is not None
         return *self._margins.names(pair), float(self.room.distance[pair] + self._around.clearance + RESERVE)
-
-
-def _give_back(room: Room, granted: dict[int, float]) -> None:
-    """Take back the reserve of pairs that was granted."""
-    for pair, distance in granted.items():
-        room.distance[pair] = distance
-    granted.clear()
 
 
 def straight_way(step: Array, rates: Rates, period: float, most: int) -> Array | None:
