@@ -7,7 +7,7 @@ motion is in *Berscheid & Kröger 2021*.
 
 from __future__ import annotations
 
-from math import exp, inf
+from math import inf
 from typing import Annotated, NamedTuple
 
 from kinseek.kernels.arm.forward import forward
@@ -114,7 +114,7 @@ def smoothed(motion: Motion, i: int, h: float) -> float:
     """Return the averaged velocity of the target of joint i, at most its limit."""
     V = motion.velocity_limit[i]
     moved = min(max((motion.target[i] - motion.before[i]) / h, -V), V)
-    return float(motion.rate[i] + (1.0 - exp(-h / SMOOTHING)) * (moved - motion.rate[i]))
+    return float(motion.rate[i] + h / (h + SMOOTHING) * (moved - motion.rate[i]))
 
 
 @inlined
