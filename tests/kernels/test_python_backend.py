@@ -38,6 +38,8 @@ from kinseek.kernels.backend import PLAIN
 from kinseek.kernels.maps.many_closed import many_closed
 from kinseek.kernels.paths.around import answers_around
 from kinseek.kernels.paths.band import solve_band
+from kinseek.kernels.paths.limited import FOLLOW, GO, Motion, Room, limited_step, track_step
+from kinseek.kernels.paths.limited import STRAIGHT as STRAIGHT_WAY
 from kinseek.kernels.paths.projection import project_onto_poses
 from kinseek.kernels.paths.propagation import Given, propagate_layer, spread_solutions
 from kinseek.kernels.paths.servo import State, look_ahead, servo_step
@@ -327,7 +329,7 @@ def many_poses(name: str) -> Any:
         part_ways(both, 1, 1 if end > begin else -1, np.arange(chain.dof) % 2, spans, became)
         followed += [spans, became]
     nothing, reach = np.zeros(chain.dof), np.full(chain.dof, 0.03)
-    values = chain.lower, chain.upper, reach, q[0], nothing, nothing, nothing, nothing
+    values = chain.lower, chain.upper, reach, q[0], nothing, nothing, nothing, nothing, 1e-3 * (q[1] - q[0])
     state = State(*(row.copy() for row in values))
     memory = np.zeros(DESK.count.of(dof=chain.dof, joints=len(chain.leader)))
     steps = [
@@ -338,7 +340,48 @@ def many_poses(name: str) -> Any:
         index.address, PLAIN_TOLERANCES, np.concatenate([poses, poses[:1] @ poses]), 1e-3, 1e-2, memory, state
     )
     steered = [step[:2] for step in steps[:2]], [step[2] for step in steps], list(ahead), state.now.copy()
-    return near, *followed, *steered
+    kept = [kept_within(chain, np.array([1.5, 20.0, jerk]), q) for jerk in (300.0, np.inf)]
+    kept += [kept_within(chain, np.array([1.5, np.inf, np.inf]), q)]
+    state = State(*(row.copy() for row in values))
+    given = (
+        chain.lower,
+        chain.upper,
+        *(limit + nothing for limit in (1.5, 20.0, 300.0)),
+        q[0],
+        *np.zeros((10, chain.dof)),
+    )
+    joints, free = (
+        Motion(*(row.copy() for row in given)),
+        Room(nothing, np.zeros((0, chain.dof)), np.zeros(0)),
+    )
+    led = [
+        track_step(
+            index.address, PLAIN_TOLERANCES, np.ascontiguousarray(T), memory, state, joints, free, 0.01
+        )
+        for T in (poses[1], 2 * poses[0])
+    ]
+    tracked = [np.array(step[:2]) for step in led[:1]], [step[2] for step in led], joints.q.copy()
+    return near, *followed, *steered, *kept, *tracked
+
+
+def kept_within(chain: Any, rates: Any, q: Any) -> Any:
+    """Joints within limits that follow values, change their velocities, and stop before bodies."""
+    n, found = chain.dof, []
+    rows = chain.lower, chain.upper, *(limit + np.zeros(n) for limit in rates), q[0], *np.zeros((10, n))
+    joints, free = Motion(*(row.copy() for row in rows)), Room(np.zeros(n), np.zeros((0, n)), np.zeros(0))
+    near = Room(q[0].copy(), np.full((2, n), 0.5), np.array([1.0, 0.02]))
+    joints.before[:] = q[0]
+    for k in range(24):
+        joints.target[:] = q[0] + 0.05 * (1 if k < 12 else -1)
+        joints.wanted[:] = 2.0 if k % 3 else -9.0
+        room, what = (
+            (near, STRAIGHT_WAY if k % 2 else FOLLOW) if k % 4 < 2 else (free, GO if k % 3 else FOLLOW)
+        )
+        found.append(limited_step(joints, room, 0.01, what, k % 5 > 0))
+    joints.q[:] = chain.upper - 1e-3
+    joints.wanted[:] = 1.0
+    found += [limited_step(joints, free, 0.01, GO, True) for _ in range(4)]
+    return np.array(found), joints.q.copy(), joints.velocity.copy()
 
 
 def spare_layers(name: str) -> Any:
