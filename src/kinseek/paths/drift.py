@@ -63,13 +63,9 @@ class Drift:
         self._problem, self._speed = problem, speed
         self._posture: PostureRequest | None = None
         self._rule: str
-        self._age, self._aim, self._velocity = (
-            np.inf,
-            np.zeros(problem.chain.dof),
-            np.zeros(problem.chain.dof),
-        )
         chain = problem.chain
-        self._ends = np.array([np.asarray(kind) != "continuous" for kind in chain.kinds])
+        self._age, self._aim, self._velocity = np.inf, np.zeros(chain.dof), np.zeros(chain.dof)
+        self._ends = np.array(chain.kinds) != "continuous"
         self._middle = np.where(self._ends, (chain.lower + chain.upper) / 2.0, 0.0)
         self._half = np.where(self._ends, np.maximum(chain.upper - chain.lower, 1e-12) / 2.0, 1.0)
         if index_of(problem).freedom == 0:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from kinseek.kernels.paths.limited import (
     Room,
     limited_step,
 )
+from kinseek.timing.obstacles import Obstacles
 
 Array = NDArray[np.float64]
 
@@ -61,15 +61,12 @@ class Margins(Protocol):
         """See `Margins.names`."""
 
 
-class Surroundings(Protocol):
+class Surroundings(Obstacles, Protocol):
     """What is needed of a scene."""
 
     @property
     def margins(self) -> Margins:
         """See `Scene.margins`."""
-
-    def hits(self, q: Any, clearance: float = 0.0) -> Sequence[object]:
-        """See `Scene.hits`."""
 
 
 class Around(NamedTuple):

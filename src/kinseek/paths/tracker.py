@@ -323,14 +323,14 @@ class Tracker:
         kept = Kept(*found)
         if kept.pair >= 0:
             kept = joints.with_room(self._duration)
+        ranges = self._constrained.ranges is not None
+        if kept.pair >= 0 or aim is not target or ranges:
+            # The kernel compares with `aim`, and with one point of ranges: the values of their joints in this period.
             position, orientation = self._errors(joints.motion.q, target)
-        if aim is not target:
-            position, orientation = self._errors(joints.motion.q, target)
-            ended = ended if self._met(position, orientation) else LAGGING
-        if self._constrained.ranges is not None:
-            # The kernel compares with one point of the ranges: the values of their joints in this period.
-            position, orientation = self._errors(joints.motion.q, target)
-            if ended in (LAGGING, LIMIT, SINGULAR) and self._met(position, orientation):
+            met = self._met(position, orientation)
+            if aim is not target and not met:
+                ended = LAGGING
+            if ranges and ended in (LAGGING, LIMIT, SINGULAR) and met:
                 ended = servo.TRACKING
         self._store(target)
         if ended == servo.TRACKING:

@@ -30,7 +30,7 @@ SHARES = 12
 
 SMOOTHING = 0.004
 """Time constant with which the velocity of the target is averaged [s]. A longer one follows less of the noise, and falls
-behind a target that accelerates. Not examined further than in `tests/paths/test_limits.py`."""
+behind a target that accelerates. Not examined further."""
 
 FOLLOW, GO, STRAIGHT = 0, 1, 2
 """Follow `Motion.target`, each joint as fast as it may; reach velocities `Motion.wanted`; or go straight to the target."""
