@@ -200,23 +200,34 @@ class LimitedJoints:
         return *self._margins.names(pair), float(self.room.distance[pair] + self._around.clearance + RESERVE)
 
 
-def straight_way(step: Array, rates: Rates, period: float, most: int) -> Array | None:
-    """Return the fastest motion by a step, (n,), in which all joints keep a common proportion, as fractions, (k,).
+class StraightWay:
+    """A motion from joint values to others, from rest to rest, in which all joints keep a common proportion."""
 
-    From rest to rest; None if it takes more than `most` periods.
-    """
-    moving = np.abs(step) > 0.0
-    # A little less, so that rounding makes no joint faster than its limit.
-    least = [
-        (1.0 - 1e-9) * np.min(limit[moving] / np.abs(step[moving]), initial=np.inf, keepdims=True)
-        for limit in rates
-    ]
-    joint = LimitedJoints(np.zeros(1), np.ones(1), Rates(*least), np.zeros(1), slice(0, 1))
-    joint.motion.before[:] = 1.0
-    parts: list[float] = []
-    while not parts or parts[-1] < 1.0 - 1e-12:
-        if len(parts) >= most:
+    def __init__(self, start: Array, rates: Rates) -> None:
+        """Begin at joint values, (n,), with the limits of the joints."""
+        self._start, self._rates = start, rates
+        none = Rates(*np.full((3, 1), np.inf))
+        self._part = LimitedJoints(np.zeros(1), np.ones(1), none, np.zeros(1), slice(0, 1))
+        self._part.motion.before[:] = 1.0
+
+    def step(self, to: Array, h: float) -> Array:
+        """Return the joint values after a step of duration h; `to` are the last ones, (n,), which may move."""
+        whole, part = to - self._start, self._part.motion
+        moving = np.abs(whole) > 0.0
+        for limit, known in zip(
+            (part.velocity_limit, part.acceleration_limit, part.jerk_limit), self._rates, strict=True
+        ):
+            # A little less, so that rounding makes no joint faster than its limit.
+            limit[:] = (1.0 - 1e-9) * np.min(known[moving] / np.abs(whole[moving]), initial=np.inf)
+        self._part.follow(np.ones(1), h)
+        return to.copy() if part.q[0] >= 1.0 - 1e-12 else self._start + part.q[0] * whole
+
+
+def straight_way(start: Array, to: Array, rates: Rates, period: float, most: int) -> Array | None:
+    """Return the joint values of the straight way to others, one a period, (k, n); None if it takes more than `most`."""
+    way, rows = StraightWay(start, rates), [start][:0]
+    while not rows or (rows[-1] != to).any():
+        if len(rows) >= most:
             return None
-        joint.follow(np.ones(1), period)
-        parts.append(float(joint.motion.q[0]))
-    return np.append(parts[:-1], 1.0)
+        rows.append(way.step(to, period))
+    return np.array(rows)

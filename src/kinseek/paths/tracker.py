@@ -13,7 +13,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.branches.index import index_of
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.goal import Goal
 from kinseek.kernels.arm.jacobian import jacobian_many
@@ -34,22 +33,12 @@ from kinseek.virtual_joints import extended
 
 from .drift import ANYWHERE, Drift, Preference
 from .joints import Turning
-from .limited import KINDS, NOTHING, Around, Kept, LimitedJoints, Rates, straight_way
+from .limited import KINDS, NOTHING, Around, Kept, LimitedJoints, Rates, StraightWay, straight_way
 from .past import TIMES, PastPoses
+from .recovery import AWAY, ELSEWHERE, Recovery, is_away, solutions_of
 from .request import require_inside
-from .search import Search
 
 Array = NDArray[np.float64]
-
-SPREAD = 60
-"""Solutions that are examined when a redundant arm looks for another branch."""
-
-ELSEWHERE = 0.5
-"""Another branch differs by more than this from the current joint values, in some joint [rad or m]. Not examined
-further."""
-
-AWAY = (1e-3, 1e-2)
-"""The hand has lost its pose if its error exceeds these values [m], [rad]."""
 
 FASTER, AFTER = 10.0, 0.5
 """If joints that are `FASTER` times as fast still track the poses `AFTER` seconds later, only the hand is too fast, and its
@@ -80,8 +69,8 @@ BESIDE = 0.2
 CATCH_UP = 0.1
 """Fraction of what the hand is behind by which it catches up in a step. Not examined further."""
 
-RETRY = 0.05
-"""Time between two attempts to reach a lost pose again [s]. Not examined further."""
+ARRIVING = 0.05
+"""A recovery that is this close to its end is not broken off [rad] or [m]. Not examined further."""
 
 
 class TrackStatus(Enum):
@@ -136,6 +125,15 @@ class Foresight(NamedTuple):
     """The joint that stops at its limit or is too slow."""
 
 
+class Return(NamedTuple):
+    """The motion to joint values that reach a lost pose."""
+
+    there: State
+    """The state of a tracker that already follows the pose from these joint values."""
+    way: StraightWay | None
+    """None until the joints have come to rest."""
+
+
 class Tracker:
     """Track poses that arrive one at a time; created by `Arm.track`.
 
@@ -145,9 +143,10 @@ class Tracker:
 
     If the pose cannot be reached, the arm comes to rest at the nearest pose of its branch. A pose counts as lost if the
     hand's error exceeds 1 mm or 0.01 rad; it stays lost until a pose is reached. With `recover`, the tracker looks for a
-    lost pose again every 0.05 s. If a limit or a singularity holds the arm, the joints move straight and as fast as they may
-    to the solution (RECOVERING) in two cases: the solution is close to the joint values that last reached a pose, or a pose
-    has been out of reach of every branch since then. Otherwise the arm stays on its branch; `switch` leaves it.
+    lost pose again every 0.05 s. The joints move straight and as fast as they may to the solution (RECOVERING) if a limit or
+    a singularity holds the arm, and either the solution is close to the joint values that last reached a pose, or a pose has
+    been out of reach of every branch since then. They also do so if the target has rested for 0.2 s, and for 0.4 s if the
+    arm only lags. Otherwise the arm stays on its branch; `switch` leaves it. In a scene, the way there must be free.
     """
 
     def __init__(
@@ -205,7 +204,9 @@ class Tracker:
         nothing, ends = np.zeros(self._arm.dof), (self._turning.open_lower, self._turning.open_upper)
         rates = np.full((3, self._arm.dof), np.inf)
         rates[:, self._own] = self.velocity, self.acceleration, self.jerk
-        self._joints = LimitedJoints(*ends, Rates(*rates), start, self._own, around)
+        self._rates = Rates(*rates)
+        self._around = around
+        self._joints = LimitedJoints(*ends, self._rates, start, self._own, around)
         rows = *ends, rates[0] * period, start, nothing, nothing, nothing, start, nothing
         self._state = State(*(np.array(row, dtype=np.float64) for row in rows))
         """Of the reference."""
@@ -215,15 +216,8 @@ class Tracker:
         self._past = PastPoses(self.period)
         self._way: list[Array] = []
         self._recover = recover and bool(np.isfinite(self.velocity).all())
-        self._retry = max(1, round(RETRY / self.period))
-        self._lost_for = 0
-        """Number of periods that ended with a lost pose since a pose was last reached."""
-        self._was_unreachable = False
-        """Whether any pose since then was out of reach of every branch."""
-        self._search: Search | None = None
-        """For a lost pose."""
-        self._there: State | None = None
-        """While recovering: the state of a tracker that already follows the pose from the solution that was found."""
+        self._recovery = Recovery(Problem(self._arm, self._goal), period, self._turning, self._own)
+        self._return: Return | None = None
         self._carried: Array | None = None
         """The target that a twist moves, (4, 4)."""
         self._beside = 0
@@ -277,7 +271,7 @@ class Tracker:
             self._set_duration(dt)
         if twist is not None or velocity is not None or T is None:
             return self._without_pose(T, twist, axes, velocity)
-        target = plain_array(T, (4, 4)) if self._plain and not self._way and self._there is None else None
+        target = plain_array(T, (4, 4)) if self._plain and not self._way and self._return is None else None
         if target is None:
             if _has_gaps(T):
                 return self._stopped()
@@ -285,8 +279,8 @@ class Tracker:
         self._carried = None
         if self._way:
             return self._along(target)
-        if self._there is not None:
-            return self._recovered(target, self._there)
+        if self._return is not None:
+            return self._recovered(target, *self._return)
         return self._tracked(target)
 
     def _set_duration(self, dt: float | None) -> None:
@@ -334,12 +328,15 @@ class Tracker:
                 ended = servo.TRACKING
         self._store(target)
         if ended == servo.TRACKING:
-            if self._lost_for:
+            if self._recovery.lost_for:
                 self._forget_loss()
-        elif self._recover and (self._lost_for or _is_away(position, orientation)):
-            self._lost_for += 1  # A lost pose stays lost until one is reached.
-            if self._lost_for % self._retry == 0:
-                self._look_for(target, ended)
+        elif (
+            # A lost pose stays lost until one is reached.
+            self._recover
+            and (self._recovery.lost_for or is_away(position, orientation))
+            and self._recovery.is_due()
+        ):
+            self._look_for(target, ended)
         return self._told(
             _ENDED[self._reached(position, orientation, ended, kept)], position, orientation, kept
         )
@@ -522,51 +519,52 @@ class Tracker:
 
     def _forget_loss(self) -> None:
         """Clear the state of a lost pose."""
-        self._there, self._search, self._lost_for, self._was_unreachable = None, None, 0, False
+        self._return = None
+        self._recovery.forget()
 
     def _look_for(self, target: Array, ended: int) -> None:
-        """Take what the last search for a lost pose has found, and begin another one, which has time until the next call.
+        """Begin to return to a lost pose, if joint values that reach it were found and no body is on the way there."""
+        found = self._recovery.solutions(target, self._state, ended == LAGGING)
+        (scene, clearance), here = self._around, self.q
+        for step in self._by_time(self._ways(found)):
+            there = (self._state.now + step)[self._own]
+            if scene is None or scene.free_motion(here, there, clearance):
+                self._return = Return(self._standing(1, step), None)
+                return
 
-        What a search finds also shows whether a pose was out of reach, which matters even while the arm only lags.
-        """
-        if self._search is not None:
-            q, found = self._search.result(), None
-            if q is None:
-                self._was_unreachable = True
-            else:
-                far = np.abs(self._turning.step(q - self._state.reached)[self._own]).max() > ELSEWHERE
-                if self._was_unreachable or not far:
-                    # A second tracker follows the pose from there, so that the arm arrives at where the target is by then.
-                    found = self._standing(1, self._ways(q[None])[0])
-            self._there = None if ended == LAGGING else found
-        reached = self._state.reached.copy()
-        self._search = Search(self._index, self._tolerances, np.array(target[:3]), reached)
-
-    def _recovered(self, T: Array, there: State) -> Step:
+    def _recovered(self, T: Array, there: State, way: StraightWay | None) -> Step:
         """Make one period of the motion to joint values that reach the pose; these values track the pose meanwhile.
 
         The motion ends early if the pose can be reached from the current joint values, e.g. when the hand is to stop.
         """
-        state = self._state
+        state, joints = self._state, self._joints
         there.reach[:] = state.reach
-        *_, at_once = self._servo(T, _copied(state))
+        here = _copied(state)
+        *_, at_once = self._servo(T, here)
         position, orientation, ended = self._servo(T, there)
-        if at_once == servo.TRACKING or (ended in (LIMIT, SINGULAR) and _is_away(position, orientation)):
-            self._there = None
+        if (at_once == servo.TRACKING and np.abs(here.now - there.now).max() > ARRIVING) or (
+            ended in (LIMIT, SINGULAR) and is_away(position, orientation)
+        ):
+            self._return = None
             return self._tracked(T)
         self._store(T)
-        step = there.now - state.now
-        # A little longer than needed, so that rounding makes no joint faster than its limit.
-        periods = np.abs(step / state.reach).max() * (1 + 1e-9)
-        if periods <= 1.0:
-            self._state = there
-            self._forget_loss()
-            self._state.last[:] = step
-            kept = self._joints.follow(there.now, self._duration)
-            position, orientation = self._errors(self._joints.motion.q, T)
-            reached = self._reached(position, orientation, ended, kept)
-            return self._told(_ENDED[reached], position, orientation, kept)
-        return self._moved(state.now + step / periods, T, TrackStatus.RECOVERING)
+        if way is None:
+            kept = self._go(np.zeros(self._mechanism.dof))
+            if not joints.motion.velocity.any():
+                self._return = Return(there, StraightWay(state.now.copy(), self._rates))
+            return self._told(TrackStatus.RECOVERING, *self._errors(joints.motion.q, T), kept)
+        q = way.step(there.now, self._duration)
+        state.last[:], state.now[:] = q - state.now, q
+        kept = joints.follow(q, self._duration)
+        position, orientation = self._errors(joints.motion.q, T)
+        if (q != there.now).any():
+            return self._told(TrackStatus.RECOVERING, position, orientation, kept)
+        there.last[:] = state.last
+        self._state = there
+        self._forget_loss()
+        return self._told(
+            _ENDED[self._reached(position, orientation, ended, kept)], position, orientation, kept
+        )
 
     def singular_direction(self) -> Array | None:
         """Return the twist that the hand loses first at the current joint values, or None if it can move in all directions.
@@ -609,16 +607,14 @@ class Tracker:
             raise InvalidProblem("the last pose has no other branch inside the limits")
         step = steps[0]
         needed = self._time_of(step) / self.period * (1 + 1e-9)
-        parts = None
+        way, now = None, self._state.now.copy()
         if needed <= MOST_PERIODS:
-            rates = Rates(self.velocity, self.acceleration, self.jerk)
-            parts = straight_way(step[self._own], rates, self.period, MOST_PERIODS)
-        if parts is None:
+            way = straight_way(now, now + step, self._rates, self.period, MOST_PERIODS)
+        if way is None:
             raise InvalidProblem(
                 f"the motion to the other branch takes {max(needed, MOST_PERIODS):.3g} periods or more, expected at most "
                 f"{MOST_PERIODS:,}: give arm.track a higher velocity= or a longer period="
             )
-        way = self._state.now + parts[:, None] * step
         self._way = list(way)
         self._forget_loss()
         return np.asarray(way[:, self._own])
@@ -649,9 +645,11 @@ class Tracker:
 
     def _others(self, target: Array) -> Array:
         """Return the joint motions to the other branches of a pose inside the limits, shortest time first, (k, n)."""
-        index = index_of(Problem(self._arm, self._goal))
-        steps = self._ways(index.solutions(self._tolerances, target[:3], SPREAD if index.freedom else 0))
-        steps = steps[np.abs(steps[:, self._own]).max(axis=1, initial=0.0) > ELSEWHERE]
+        steps = self._ways(solutions_of(Problem(self._arm, self._goal), target[:3]))
+        return self._by_time(steps[np.abs(steps[:, self._own]).max(axis=1, initial=0.0) > ELSEWHERE])
+
+    def _by_time(self, steps: Array) -> Array:
+        """Sort joint motions, (k, n), by the time that they take."""
         # Stable: equal times keep the order of the search, so the result has the same bits everywhere.
         return np.asarray(steps[np.argsort([self._time_of(step) for step in steps], kind="stable")])
 
@@ -671,7 +669,7 @@ class Tracker:
             raise InvalidProblem(f"to must have shape ({self._mechanism.dof},), got {q.shape}")
         q = self._with_virtual(q, target)
         position, orientation = self._errors(q, target)
-        if _is_away(position, orientation):
+        if is_away(position, orientation):
             raise InvalidProblem(
                 f"the joint values given to switch() must reach the last pose: the hand would be {position:.3g} m and "
                 f"{orientation:.3g} rad away from it"
@@ -842,11 +840,6 @@ def _at_most(vector: Array, length: float) -> Array:
     """Return a vector, (3,), shortened to a length if it is longer."""
     size = float(np.linalg.norm(vector))
     return vector if size <= length else vector * (length / size)
-
-
-def _is_away(position: float, orientation: float) -> bool:
-    """Return whether the hand has lost its pose."""
-    return position > AWAY[0] or orientation > AWAY[1]
 
 
 def _one(T: object) -> Array:
