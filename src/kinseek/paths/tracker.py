@@ -636,7 +636,7 @@ class Tracker:
         Raises:
             InvalidProblem: See `foresee`.
         """
-        poses, at_once = self._past.coming(seconds, looks)
+        poses, at_once, _ = self._past.coming(seconds, looks)
         for step in self._others(self._past.pose()):
             state = self._standing(at_once, step)
             if self._look(poses, state)[2] == servo.TRACKING:
@@ -728,7 +728,7 @@ class Tracker:
         second.
 
         Args:
-            seconds: How far to look ahead.
+            seconds: How far to look ahead; at most five times the time for which poses have come.
             looks: Number of steps of the look-ahead; each is a whole number of periods.
             poses: The poses to come, if they are known, one per period, (k, 4, 4); nothing is extrapolated then.
 
@@ -737,8 +737,7 @@ class Tracker:
             InvalidGoal: `poses` are not poses.
         """
         if poses is None:
-            coming, at_once = self._past.coming(seconds, looks, AFTER)
-            near = int(np.ceil(seconds / self.period / at_once - 1e-9))
+            coming, at_once, near = self._past.coming(seconds, looks, AFTER)
         else:
             given = as_pose(poses).reshape(-1, 4, 4)
             coming, at_once = np.array([self._target(T) for T in given]).reshape(-1, 4, 4), 1
