@@ -35,6 +35,10 @@ RESTS = (0.2, 0.4)
 further."""
 
 
+AGAIN = 20
+"""A target at rest that was not reached after that is looked for at every so many attempts."""
+
+
 class Recovery:
     """What is known of a lost pose, and a search for it beside the loop: it takes milliseconds if a pose is out of reach."""
 
@@ -85,9 +89,11 @@ class Recovery:
                 far = np.abs(self._turning.step(found - state.reached)[:, self._own]).max(axis=1) > ELSEWHERE
                 found = found[np.full(len(found), not lags) & (~far | self._was_unreachable)]
         # The next call may find that the target rests.
-        anywhere = self._rested + 1 >= min(self._patience) or self._was_unreachable
-        near = state.now if anywhere else state.reached
-        self._search = _Search(self._problem, target[:3].copy(), near.copy(), anywhere)
+        rests = self._rested + 1 >= min(self._patience)
+        near = state.now if rests or self._was_unreachable else state.reached
+        self._search = None
+        if self._rested <= max(self._patience) or self._rested % AGAIN == 0:
+            self._search = _Search(self._problem, target[:3].copy(), near.copy(), rests)
         return found
 
     def _watch(self, target: Array) -> None:

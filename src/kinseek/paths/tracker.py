@@ -69,6 +69,9 @@ BESIDE = 0.2
 CATCH_UP = 0.1
 """Fraction of what the hand is behind by which it catches up in a step. Not examined further."""
 
+WAYS = 4
+"""Ways back that are checked for collisions: each takes some tenths of a millisecond."""
+
 ARRIVING = 0.05
 """A recovery that is this close to its end is not broken off [rad] or [m]. Not examined further."""
 
@@ -529,7 +532,7 @@ class Tracker:
         """Begin to return to a lost pose, if joint values that reach it were found and no body is on the way there."""
         found = self._recovery.solutions(target, self._state, ended == LAGGING)
         (scene, clearance), here = self._around, self.q
-        for step in self._by_time(self._ways(found)):
+        for step in self._by_time(self._ways(found))[:WAYS]:
             there = (self._state.now + step)[self._own]
             if scene is None or scene.free_motion(here, there, clearance):
                 self._return = Return(self._standing(1, step), None)
