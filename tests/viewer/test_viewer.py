@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from unittest.mock import MagicMock
@@ -738,6 +739,107 @@ def test_a_motion_is_shown_at_every_time(
         assert ((real - real[0])[:-1] >= (played - played[0])[:-1] - 1e-3).all()
     finally:
         page.close()
+
+
+@pytest.fixture
+def servo_page(sessions: dict[str, Session], monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """A page whose goal drives a UR5e."""
+    pytest.importorskip("trimesh")
+    from kinseek.viewer.page import Page
+
+    monkeypatch.setattr(Page, "_fetch", lambda page: None)
+    client = MagicMock(client_id=1)
+    client.camera.aspect = 1.5
+    for name in ("add_html", "add_slider", "add_checkbox"):  # Not the same one at each call.
+        getattr(client.gui, name).side_effect = lambda *given, **named: MagicMock(value=False)
+    page = Page(client, sessions["ur5e"], Meshes())
+    _rest(page)
+    page.servo(True)
+    wait_until(lambda: "data-shares='6'" in str(page.panel.shares.content))
+    yield page
+    page.close()
+
+
+def test_a_goal_drives_a_tracker_within_its_limits(servo_page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    page, track = servo_page, servo_page._session.track
+    steps: list[Any] = []
+
+    def recording(options: ViewerOptions, limits: Any) -> Any:
+        tracker = track(options, limits)
+        step = tracker.step
+
+        def record(T: Any) -> Any:
+            steps.append(step(T))
+            return steps[-1]
+
+        tracker.step = record
+        return tracker
+
+    monkeypatch.setattr(page._session, "track", recording)
+    page.panel._choose_limit("acceleration", 5.0)  # A new limit begins a new tracker, at rest.
+    wait_until(lambda: steps)
+    q = page.options.q
+    target = page.options.target @ kinseek.pose([0.1, 0.0, 0.05], rpy=[0.0, 0.2, 0.0])
+    page.change(target=target)
+    assert np.abs(page.arm.fk(page.options.q) - target).max() > 0.05  # It does not jump there.
+    wait_until(lambda: np.abs(page.arm.fk(page.options.q) - target).max() < 1e-6)
+    way = np.array([q, *(step.q for step in steps)])
+    accelerations = np.diff(way, 2, axis=0) / 0.002**2
+    assert 4.9 < np.abs(accelerations).max() < 5.0001
+    assert np.abs(np.diff(accelerations, axis=0) / 0.002).max() < 500.01
+    assert "Tracking" in page.panel.result.content
+    assert page.branches is None
+    page.servo(False)
+    _rest(page)
+    assert page.result.reached
+    assert not page.panel.servo.value
+    assert page.panel.shares.content == ""
+    assert page.branches is not None
+
+
+def test_a_page_that_is_closed_ends_its_tracker(servo_page: Any, caplog: pytest.LogCaptureFixture) -> None:
+    began = time.monotonic()
+    servo_page.close()
+    assert time.monotonic() - began < 1.0
+    assert not servo_page._player._thread.is_alive()
+    assert caplog.text == ""
+
+
+def test_a_goal_that_cannot_be_tracked_is_said(servo_page: Any) -> None:
+    servo_page.change(free=["rz"])
+    servo_page.change(free=["x", "y", "z", "rx", "ry", "rz"])
+    wait_until(lambda: not servo_page._servoing)
+    _rest(servo_page)
+    assert "data-status='refused'" in servo_page.panel.result.content
+    assert not servo_page.panel.servo.value
+
+
+@pytest.mark.parametrize("name", Kinds)
+def test_every_arm_can_be_tracked(name: str, sessions: dict[str, Session]) -> None:
+    session = sessions[name]
+    tracker = session.track(session.begin, {"acceleration": 10.0, "jerk": 500.0})
+    assert np.isfinite(tracker.velocity).all()
+    step = tracker.step(session.begin.target)
+    assert step.status is kinseek.TrackStatus.TRACKING
+    assert f"data-shares='{session.arm.dof}'" in words.shares_html(
+        session.arm, np.zeros((2, session.arm.dof))
+    )
+
+
+def test_texts_of_a_tracker() -> None:
+    arm = kinseek.load("planar2")
+    tracker = arm.track(
+        [0.3, 0.4], velocity=1.0, acceleration=2.0, goal=kinseek.Goal.position([0.0, 0.0, 0.0])
+    )
+    step = tracker.step([0.0, 1.0, 0.0])
+    html = words.servo_html(step)
+    assert "data-status='open'" in html
+    assert str(step.status) in html
+    assert step.limited is not None
+    assert f"acceleration of {step.limited[0]}" in html
+    bars = words.shares_html(arm, np.array([[0.5, 0.0], [1.0, 2.0]]))
+    assert [bars.count(f"width:{width}%") for width in (0, 50, 100)] == [1, 1, 2]
+    assert bars.count("#e8590c") == 2
 
 
 def test_what_caps_a_motion_is_said() -> None:

@@ -276,6 +276,36 @@ def test_a_motion_is_played(browser: Any) -> None:
         visit.leave()
 
 
+def test_the_goal_drives_a_tracker(browser: Any) -> None:
+    with viewer.show(kinseek.load("ur5e"), port=0, block=False, open_browser=False) as running:
+        visit = Visit(browser, running)
+        visit.tab.get_by_text("Servo", exact=True).first.click()
+        visit.tab.locator("label:has-text('The goal drives the arm')").first.click()
+        visit.until(lambda: visit.tab.locator("[data-shares='6']").count())
+        target = visit.page.options.target @ kinseek.pose([0.1, 0.0, 0.1])
+        visit.page.change(target=target)
+        visit.until(lambda: "Lagging" in visit.words)
+        visit.look("servo")
+        visit.until(lambda: "Tracking" in visit.words)
+        visit.until(lambda: np.allclose(visit.page.arm.fk(visit.page.options.q), target, atol=1e-6))
+        # A slower arm, from the slider.
+        visit.tab.get_by_role("slider").first.press("Home")
+        visit.until(lambda: visit.page.panel.limits["acceleration"] == 1.0)
+        visit.page.change(target=visit.page._session.begin.target)
+        visit.until(lambda: "acceleration of" in visit.words)
+        visit.tab.locator("label:has-text('The goal drives the arm')").first.click()
+        visit.until(lambda: visit.status == "good" and visit.page.idle)
+        visit.until(lambda: "FK evaluations" in visit.words)
+        visit.tab.locator("label:has-text('The goal drives the arm')").first.click()
+        visit.until(lambda: visit.tab.locator("[data-shares]").count())
+        visit.leave()
+        page = visit.page
+    end = time.monotonic() + PATIENCE
+    while page._player._thread.is_alive():
+        assert time.monotonic() < end, "the tracker goes on after its page"
+        time.sleep(0.05)
+
+
 def test_a_search_is_switched_and_shown_pass_by_pass(visit: Visit) -> None:
     visit.tab.get_by_text("Search", exact=True).first.click()
     visit.page.change(search="DivideAndConquer")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.result import Branches
 from kinseek.errors import KinseekError
+from kinseek.paths.tracker import Step, TrackStatus
 from kinseek.timing.trajectory import Trajectory
 from kinseek.trace import Trace
 
@@ -34,6 +35,9 @@ NARROW = 0.7
 
 FRAME = 1.0 / 30.0
 """Time from one picture of a played motion to the next [s]."""
+
+LONGEST_FRAME = 0.2
+"""Time that a tracker catches up after a longer pause [s]."""
 
 CURVE_POINTS = 400
 """Number of places of the tip through which the line of a motion is drawn."""
@@ -59,6 +63,8 @@ class Page:
         self.trace: Trace | None = None
         self._reached: clouds.Reached | None = None
         self._reached_for = self.options
+        self._servoing = False
+        """Does a tracker move the arm? Then goals are not solved."""
         self._new_goals = np.random.default_rng(client.client_id)
         self.scene = Scene(client.scene, self.arm, meshes)
         actions = Actions(
@@ -71,6 +77,7 @@ class Page:
             lambda: self._player.give("play"),
             self._choose_time,
             lambda on: self._player.give("motion" if on else "stop"),
+            self.servo,
         )
         duration = None if trajectory is None else trajectory.duration
         self.panel = Panel(client.gui, self.arm, self.options, actions, meshes, duration)
@@ -78,7 +85,7 @@ class Page:
         self._solver = Newest(self._solve, f"{name}: solutions")
         self._prover = Newest(self._prove, f"{name}: proofs", QUIET)
         self._clouder = Newest(self._cloud, f"{name}: clouds", QUIET)
-        self._player = Newest(self._play, f"{name}: passes")
+        self._player = Newest(self._play, f"{name}: motions")
         self._storer = Newest(self._store, f"{name}: options", QUIET)
         self._workers = self._solver, self._prover, self._clouder, self._player, self._storer
         try:
@@ -139,10 +146,12 @@ class Page:
             and np.abs(after.target - matrix_of(self.scene.goal.wxyz, self.scene.goal.position)).max() > 1e-9
         ):
             self.scene.show_goal(after.target)
-        if {"target", "free", "search", "parameters", "follow"} & changes.keys():
+        if {"target", "free", "search", "parameters", "follow"} & changes.keys() and not self._servoing:
             self._player.give("stop")
             self._solver.give(None)
         else:
+            if "free" in changes:  # Another goal needs another tracker.
+                self._player.give("servo")
             self._clouder.give("again")
         self._storer.give("keep")
 
@@ -182,6 +191,11 @@ class Page:
         self._player.give("stop")
         self.show_time(t)
 
+    def servo(self, on: bool) -> None:
+        """Let the goal drive a tracker from now on, or solve it again."""
+        self._servoing = self._servoing or on
+        self._player.give("servo" if on else "solve")
+
     def close(self) -> None:
         """End the threads after the page was closed."""
         for worker in self._workers:
@@ -193,6 +207,8 @@ class Page:
         options = self.options
         result = self._session.solve(options) if picked is None else self._session.picked(options, picked)
         with self._lock:
+            if self._servoing:
+                return
             self.options = self.options.but(q=result.q)
             self.result, self.proof, self.trace = result, None, result.trace
         missed = not (result.reached or result.refused)
@@ -340,10 +356,52 @@ class Page:
         self._clouder.give("again")
 
     def _play(self, what: str) -> None:
+        if self._servoing and what != "servo":
+            self._servoing = self.panel.servo.value = False
+            self.panel.shares.content = ""
         if what == "motion":
             self._play_motion()
         elif what == "play":
             self._play_passes()
+        elif what == "servo":
+            self._play_servo()
+        elif what == "solve":
+            self._solver.give(None)
+
+    def _play_servo(self) -> None:
+        """Let a tracker follow the goal in real time, from where the arm is shown."""
+        while not (self._solver.idle or self._player.stale()):  # It may still draw its last solution.
+            self._player.wait(FRAME)
+        with self._lock:  # No proof and no branches belong to a goal that moves.
+            options = self.options
+            self.result = GoalResult(options, options.q, refused=str(TrackStatus.TRACKING))
+            self.proof, self.trace, self.branches = None, None, None
+        try:
+            tracker = self._session.track(options, self.panel.limits)
+        except KinseekError:
+            self._player.give("solve")  # Which says why.
+            return
+        self.scene.show_ghosts(np.zeros((0, self.arm.dof)), -1)
+        self.panel.branches.content, self.panel.servo.value = "", True
+        limits, before = np.array([tracker.velocity, tracker.acceleration]), time.monotonic()
+        while not self._player.stale():
+            target, shares = self.options.target, np.zeros((2, self.arm.dof))
+            before = max(before, time.monotonic() - LONGEST_FRAME)
+            for _ in range(max(1, int((time.monotonic() - before) / tracker.period))):
+                step = tracker.step(target)
+                shares = np.maximum(shares, np.abs([step.velocity, step.acceleration]) / limits)
+                before += tracker.period
+            self._show_step(step, shares, target)
+            self._player.wait(FRAME)
+
+    def _show_step(self, step: Step, shares: Array, target: Array) -> None:
+        with self._lock, self._client.atomic():
+            self.options = self.options.but(q=step.q)
+            self.scene.show_arm(step.q, target, step.status is TrackStatus.TRACKING)
+            self.panel.result.content = words.servo_html(step)
+            self.panel.joints.content = words.joints_html(self.arm, step.q)
+            self.panel.shares.content = words.shares_html(self.arm, shares)
+        self._client.flush()
 
     def _play_motion(self) -> None:
         """Play the trajectory in real time from the time that is shown, or from its begin if that is the end."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,12 @@ from .words import joints_html, note_html, refused_html
 
 Array = NDArray[np.float64]
 
+
+SERVO_LIMITS = {
+    "acceleration": ("Acceleration [rad/s²]", 40.0, 10.0),
+    "jerk": ("Jerk [rad/s³]", 2000.0, 500.0),
+}
+"""Limits of a tracker that can be set: label, greatest and first value. For prismatic joints, read m for rad."""
 
 MOMENTS = 200
 """Number of times at least that the slider of a motion can show."""
@@ -47,6 +54,8 @@ class Actions:
     """Show a motion at a time [s]."""
     play_motion: Callable[[bool], object]
     """Play a motion from the time that is shown, or stop."""
+    servo: Callable[[bool], object]
+    """Let the goal drive a tracker, or not."""
 
 
 class Panel:
@@ -75,6 +84,8 @@ class Panel:
             self._goal(options)
         with tabs.add_tab("Search"):
             self._search(options)
+        with tabs.add_tab("Servo"):
+            self._servo()
         with tabs.add_tab("See"):
             self._see(options, meshes)
 
@@ -151,6 +162,27 @@ class Panel:
 
     def _parameters(self) -> dict[str, str]:
         return {name: str(each.value) for name, each in self.parameters.items() if each.visible}
+
+    def _servo(self) -> None:
+        gui = self._gui
+        self.servo = gui.add_checkbox(
+            "The goal drives the arm",
+            False,
+            hint="arm.track follows the goal in real time, within limits of the joints.",
+            disabled=self._arm.axes is None,
+        )
+        self._on(self.servo, lambda on: self._do.servo(bool(on)))
+        self.limits = {name: first for name, (_, _, first) in SERVO_LIMITS.items()}
+        """Limits of a tracker, as `Session.track` takes them; sliders may have an unchecked value from a page."""
+        for name, (label, most, first) in SERVO_LIMITS.items():
+            slider = gui.add_slider(label, most / 40, most, most / 40, first)
+            self._on(slider, partial(self._choose_limit, name))
+        self.shares = gui.add_html("")
+
+    def _choose_limit(self, name: str, value: float) -> None:
+        self.limits[name] = float(value)
+        if self.servo.value:
+            self._do.servo(True)
 
     def _see(self, options: ViewerOptions, meshes: Meshes) -> None:
         gui, axes, missing = self._gui, self._arm.axes is not None, meshes.report()

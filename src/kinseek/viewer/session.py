@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from kinseek.arm import Arm
 from kinseek.branches.result import Branches
 from kinseek.errors import KinseekError
 from kinseek.goal import Goal
+from kinseek.paths.tracker import Tracker
 from kinseek.problem import Problem
 from kinseek.proof.certificate import Certificate, Verdict
 from kinseek.solution import Solution, Status
@@ -38,6 +39,12 @@ FIRST_BOXES = 100_000
 
 GAPS = (0.2, 0.05, 0.01)
 """Relative gaps of the bounds on the least error to which the proof then continues."""
+
+SERVO_PERIOD = 0.002
+"""Period of a tracker [s]."""
+
+SERVO_SPEED = 1.0
+"""Speed limit of a joint while servoing, if the robot's file gives none [rad/s] or [m/s]."""
 
 BEGINNINGS = 64
 """Number of poses from which the initial one is chosen."""
@@ -236,6 +243,25 @@ class Session:
                     return
         except KinseekError as error:
             yield Proof(refused=str(error))
+
+    def track(self, options: ViewerOptions, limits: Mapping[str, float]) -> Tracker:
+        """Return a tracker for goals with these options that starts where the arm is shown, at rest.
+
+        Args:
+            options: The options; the target is that of a later step.
+            limits: Of ``"acceleration"`` [rad/s²] or [m/s²] and ``"jerk"`` [rad/s³] or [m/s³], the same for all joints.
+
+        Raises:
+            InvalidGoal: Every axis is free.
+        """
+        return self.arm.track(
+            options.q,
+            SERVO_PERIOD,
+            np.where(np.isnan(self.arm.velocity), SERVO_SPEED, self.arm.velocity),
+            goal=options.goal if options.free else None,
+            acceleration=limits["acceleration"],
+            jerk=limits["jerk"],
+        )
 
     def _goal(self, options: ViewerOptions) -> Any:
         """Return the goal, or a bare pose if possible, which is the fastest to solve."""

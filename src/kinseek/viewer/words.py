@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.branches.result import Branches
+from kinseek.paths.tracker import Step, TrackStatus
 from kinseek.printable import in_html
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from kinseek.timing.trajectory import Trajectory
@@ -33,18 +34,53 @@ def result_html(result: GoalResult, proof: Proof | None, proving: bool) -> str:
             ("orientation error", f"{turn:.3g} rad ({np.degrees(turn):.3g}°)"),
             ("work", f"{int(found.evaluations):,} FK evaluations{_time(result.seconds)}"),
         ]
-        cells = "".join(
-            f"<tr><td style='{_SOFT};padding-right:10px'>{name}</td><td>{value}</td></tr>"
-            for name, value in rows
-        )
-        parts.append(
-            f"<table style='margin-top:4px;border-spacing:0;font-variant-numeric:tabular-nums'>{cells}</table>"
-        )
+        parts.append(_table(rows))
     said = proof.sentences() if proof is not None else []
     if proving:
         said.append("Looking closer …" if said else "Looking for a proof …")
     parts += [f"<div style='margin-top:4px'>{in_html(each)}</div>" for each in said]
     return _block("".join(parts))
+
+
+def _table(rows: list[tuple[str, str]]) -> str:
+    cells = "".join(
+        f"<tr><td style='{_SOFT};padding-right:10px'>{name}</td><td>{value}</td></tr>" for name, value in rows
+    )
+    return f"<table style='margin-top:4px;border-spacing:0;font-variant-numeric:tabular-nums'>{cells}</table>"
+
+
+def servo_html(step: Step) -> str:
+    """The status of a tracker, both errors, and what limits it."""
+    turn = step.orientation_error
+    rows = [
+        ("position error", f"{step.position_error:.3g} m"),
+        ("orientation error", f"{turn:.3g} rad ({np.degrees(turn):.3g}°)"),
+        (
+            "limited by",
+            "nothing" if step.limited is None else f"{step.limited[1]} of {in_html(step.limited[0])}",
+        ),
+    ]
+    news = "good" if step.status is TrackStatus.TRACKING else "open"
+    return _block(_sentence(str(step.status), news) + _table(rows))
+
+
+def shares_html(arm: Arm, shares: Array) -> str:
+    """Every joint's shares of its limits of velocity and acceleration, (2, n), as bars; orange at the limit."""
+    name_style = "flex:0 0 34%;overflow:hidden;text-overflow:ellipsis;white-space:nowrap"
+    rows = [
+        f"<div style='display:flex;gap:6px;{_SOFT}'><span style='{name_style}'></span>velocity, acceleration</div>"
+    ]
+    for name, of_joint in zip(arm.joint_names, shares.T, strict=True):
+        bars = "".join(
+            f"<span style='flex:1 1 0;height:8px;background:rgba(128,128,128,.25)'><span style='display:block;height:8px;"
+            f"width:{100 * min(share, 1.0):.0f}%;background:{'#e8590c' if share > 0.999 else '#1c7ed6'}'></span></span>"
+            for share in of_joint
+        )
+        rows.append(
+            f"<div style='display:flex;align-items:center;gap:6px'>"
+            f"<span style='{name_style}'>{in_html(name)}</span>{bars}</div>"
+        )
+    return _block(f"<div data-shares='{len(arm.joint_names)}'>{''.join(rows)}</div>")
 
 
 def refused_html(why: str) -> str:
