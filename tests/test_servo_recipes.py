@@ -251,7 +251,10 @@ def run_ros(monkeypatch: pytest.MonkeyPatch, robot: Robot, fault: tuple[str, str
             self.timers.append((seconds, callback))
 
         def get_logger(self) -> Any:
-            return SimpleNamespace(error=said.append, warning=said.append)
+            return SimpleNamespace(error=said.append, warning=warn)
+
+    def warn(text: str, throttle_duration_sec: float) -> None:
+        said.append(text)
 
     def take(message: Any) -> None:
         values = dict(zip(order, message.data, strict=True))
@@ -387,6 +390,39 @@ def test_the_robot_notices(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     given: dict[str, Any] = {"late": dict(LATE), **conditions}
     with pytest.raises((Fault, ValueError)):
         run(monkeypatch, Robot(**given), (code, changed))
+
+
+def test_a_start_that_would_surprise_is_refused() -> None:
+    servo = names_of(Robot(), ("", ""))["Servo"]
+    for T in (
+        HAND @ kinseek.pose([0.11, 0.0, 0.0]),
+        HAND @ kinseek.pose([0.0, 0.0, 0.0], rpy=[0.0, 0.31, 0.0]),
+    ):
+        with pytest.raises(ValueError, match="too far"):
+            servo(ARM, Q0, T)
+    with pytest.raises(ValueError, match="outside its limits"):
+        servo(ARM, Q0 + 2 * np.pi * np.eye(6)[2], HAND)
+    servo(ARM, Q0, HAND @ kinseek.pose([0.09, 0.0, 0.0], rpy=[0.0, 0.29, 0.0]))
+
+
+def test_the_operator_stops_it_and_what_is_no_pose_stays_with_the_input() -> None:
+    robot = Robot()
+    names = names_of(robot, ("", ""))
+    robot.servo = servo = names["Servo"](ARM, Q0, HAND)
+    for T in (np.full((4, 4), np.nan), 2 * np.eye(4)):
+        with pytest.raises(kinseek.InvalidGoal):
+            servo.aim(T)
+
+    def send(q: Any) -> None:
+        robot.command(q.tolist())
+        if len(robot.commands) == 150:
+            assert robot.rates[0].any()
+            servo.stop()
+
+    names["run"](servo, lambda: robot.q, send)
+    robot.end()
+    assert servo.ended == "at rest, without a target"
+    assert robot.now < 100.6
 
 
 def test_a_step_leaves_no_cycles() -> None:
