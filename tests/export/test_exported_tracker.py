@@ -196,7 +196,7 @@ def static_memory(folder: Path, nm: str) -> int:
     said = subprocess.run([nm, "-S", "check"], cwd=folder, capture_output=True, text=True, check=True).stdout
     rows = [line.split() for line in said.splitlines()]
     taken = {row[3]: int(row[1], 16) for row in rows if len(row) == 4}
-    names = ("handle", "memory", "aim", "joints", "centre", "position_error", "orientation_error", "room")
+    names = ("handle", "memory", "aim", "joints", "position_error", "orientation_error", "room")
     return sum(taken[name] for name in names)
 
 

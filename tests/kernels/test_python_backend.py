@@ -43,6 +43,7 @@ from kinseek.kernels.paths.limited import STRAIGHT as STRAIGHT_WAY
 from kinseek.kernels.paths.projection import project_onto_poses
 from kinseek.kernels.paths.propagation import Given, propagate_layer, spread_solutions
 from kinseek.kernels.paths.servo import State, look_ahead, servo_step
+from kinseek.kernels.paths.towards import move_towards
 from kinseek.kernels.paths.trace import Leg, part_ways, trace
 from kinseek.kernels.paths.viterbi import (
     COPIED,
@@ -352,7 +353,7 @@ def many_poses(name: str) -> Any:
     )
     joints, free = (
         Motion(*(row.copy() for row in given)),
-        Room(nothing, np.zeros((0, chain.dof)), np.zeros(0)),
+        Room(np.zeros((0, chain.dof)), np.zeros(0)),
     )
     led = [
         track_step(
@@ -361,6 +362,11 @@ def many_poses(name: str) -> Any:
         for T in (poses[1], 2 * poses[0])
     ]
     tracked = [np.array(step[:2]) for step in led[:1]], [step[2] for step in led], joints.q.copy()
+    moved = np.empty((3, 4, 4))
+    for one, most in zip(moved, ([1e-3, 1e-2], [9.0, 9.0], [9.0, 9.0]), strict=True):
+        turn = np.zeros(6) if most[0] < 1.0 else np.full(6, 0.1)
+        move_towards(poses[0], poses[-1], np.array(most), 0.5, turn, one)
+    followed.append(moved)
     return near, *followed, *steered, *kept, *tracked
 
 
@@ -368,8 +374,8 @@ def kept_within(chain: Any, rates: Any, q: Any) -> Any:
     """Joints within limits that follow values, change their velocities, and stop before bodies."""
     n, found = chain.dof, []
     rows = chain.lower, chain.upper, *(limit + np.zeros(n) for limit in rates), q[0], *np.zeros((10, n))
-    joints, free = Motion(*(row.copy() for row in rows)), Room(np.zeros(n), np.zeros((0, n)), np.zeros(0))
-    near = Room(q[0].copy(), np.full((2, n), 0.5), np.array([1.0, 0.02]))
+    joints, free = Motion(*(row.copy() for row in rows)), Room(np.zeros((0, n)), np.zeros(0))
+    near = Room(np.full((2, n), 0.5), np.array([1.0, 0.02]))
     joints.before[:] = q[0]
     for k in range(24):
         joints.target[:] = q[0] + 0.05 * (1 if k < 12 else -1)

@@ -64,7 +64,7 @@ def test_any_targets_and_any_durations(
 ) -> None:
     """Also periods that are missed or shorter: what braking passes does not grow with other durations."""
     rng, n, lower, upper = np.random.default_rng(seed), 3, -0.3 * width, 0.7 * width
-    joints, room = motion(n, np.array(limits), lower, upper), Room(np.zeros(n), np.zeros((0, n)), np.zeros(0))
+    joints, room = motion(n, np.array(limits), lower, upper), Room(np.zeros((0, n)), np.zeros(0))
     rows, times = [np.zeros(n)], []
     for k in range(200):
         h = 0.01 * (1.0 if even else float(rng.choice([0.3, 1.0, 1.0, 2.6, 9.0])))
@@ -95,7 +95,7 @@ def test_a_step_is_made_as_fast_as_possible_and_without_overshooting(
     distance *= ratio
     joint, room = (
         motion(1, limits, -10.0 * ratio, 10.0 * ratio),
-        Room(np.zeros(1), np.zeros((0, 1)), np.zeros(0)),
+        Room(np.zeros((0, 1)), np.zeros(0)),
     )
     joint.target[:] = joint.before[:] = distance
     steps, close = 0, 1e-6 * distance

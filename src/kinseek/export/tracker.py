@@ -31,8 +31,8 @@ READ = ("lower", "upper", "columns", "numbers", "lengths", "links")
 LIMITS = ("lower", "upper", "velocity_limit", "acceleration_limit", "jerk_limit")
 """Constants of the joints' motion."""
 
-VARIED = len(State._fields) - 2 + len(Motion._fields) - len(LIMITS) + 1
-"""Arrays of n numbers that change: of the states of the two layers, and the centre of a scene that is empty."""
+VARIED = len(State._fields) - 2 + len(Motion._fields) - len(LIMITS)
+"""Arrays of n numbers that change: of the states of the two layers."""
 
 STEPS, TRACKED = 1000, 750
 """Steps of the program: so many follow a pose, and the rest brake."""

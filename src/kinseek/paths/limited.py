@@ -34,8 +34,12 @@ joints could not move any more [m]. Not examined further."""
 ALONG = 1e-7
 """A motion that reduces a distance by less leads along a body [m]."""
 
-ATTEMPTS = 24
-"""Steps that are tried beside bodies: each takes notice of one more distance. Not examined further."""
+BESIDE = 0.04
+"""If bodies were closer to each other when their distance was last measured, the joints go straight [m]. Not examined
+further."""
+
+FEW = 3
+"""Distances that are measured in a step before those of all other pairs are bounded again. Not examined further."""
 
 
 class Rates(NamedTuple):
@@ -120,8 +124,8 @@ class LimitedJoints:
         self._own, self._around = own, around
         self._margins: Margins | None = None
         self._exact: dict[int, float] = {}
-        """Distances of pairs at `Room.centre`, as far as they were computed."""
-        self.room = Room(np.zeros(n), np.zeros((0, n)), np.zeros(0))
+        """Distances of pairs when they were last measured."""
+        self.room = Room(np.zeros((0, n)), np.zeros(0))
 
     def follow(self, q: Array, h: float) -> Kept:
         """Move towards joint values, (n,), for the time h."""
@@ -141,42 +145,42 @@ class LimitedJoints:
     def _step(self, h: float, what: int) -> Kept:
         self.look()
         kept = Kept(*limited_step(self.motion, self.room, h, what, False))
-        return kept if kept.pair < 0 else self.with_room(h, what)
+        return kept if kept.pair < 0 else self.with_room(kept, h, what)
 
-    def with_room(self, h: float, what: int = FOLLOW) -> Kept:
+    def with_room(self, kept: Kept, h: float, what: int = FOLLOW) -> Kept:
         """Make a step that the distances known so far do not allow: with those at the present joint values."""
-        scene, room, q = self._margins, self.room, self.motion.q
+        scene, room = self._margins, self.room
         assert scene is not None
-        if (room.centre != q).any():
-            self._measure(scene)
-            kept = Kept(*limited_step(self.motion, room, h, what, False))
-            if kept.pair < 0:
-                return kept
-        what = STRAIGHT if what == FOLLOW else what
-        granted: dict[int, float] = {}
-        for _ in range(ATTEMPTS):
-            kept = Kept(*limited_step(self.motion, room, h, what, False))
-            if (pair := kept.pair) < 0:
-                break
-            if pair not in self._exact:
-                self._exact[pair] = scene.distance(q[self._own], pair)
-                exact = self._exact[pair] - self._around.clearance - RESERVE
-                room.distance[pair] = max(exact, room.distance[pair])
-            elif pair not in granted and self._leads_apart(scene, pair):
+        exact, keep = self._exact, self._around.clearance + RESERVE
+        granted: list[int] = []
+        measured = 0
+        while (pair := kept.pair) >= 0:
+            if what == FOLLOW and exact.get(pair, np.inf) < keep + BESIDE:
+                what = STRAIGHT
+            elif (
+                room.distance[pair] != exact.get(pair, np.inf) - keep
+            ):  # Joints have moved since it was measured.
+                if measured == FEW:
+                    self._measure(scene)
+                exact[pair] = scene.distance(self.motion.q[self._own], pair)
+                room.distance[pair] = exact[pair] - keep
+                measured += 1
+            elif what == FOLLOW:
+                what = STRAIGHT
+            elif pair not in granted and self._leads_apart(scene, pair, exact[pair]):
                 # Where the joints lead bodies apart, or along each other, the reserve is theirs.
-                granted[pair] = room.distance[pair]
+                granted.append(pair)
                 room.distance[pair] += RESERVE
             else:
+                kept = Kept(*limited_step(self.motion, room, h, what, True))
                 break
-        if kept.pair >= 0:
-            kept = Kept(*limited_step(self.motion, room, h, what, True))
-        for pair, distance in granted.items():
-            room.distance[pair] = distance
+            kept = Kept(*limited_step(self.motion, room, h, what, False))
+        room.distance[granted] -= RESERVE
         return kept
 
-    def _leads_apart(self, scene: Margins, pair: int) -> bool:
-        """Return whether two bodies are not closer where what is desired comes to rest."""
-        return scene.distance(self.motion.rest[self._own], pair) >= self._exact[pair] - ALONG
+    def _leads_apart(self, scene: Margins, pair: int, distance: float) -> bool:
+        """Return whether two bodies at a distance are not closer where what is desired comes to rest."""
+        return scene.distance(self.motion.rest[self._own], pair) >= distance - ALONG
 
     def look(self) -> None:
         """Take notice of bodies that were added, removed or moved."""
@@ -185,19 +189,19 @@ class LimitedJoints:
         self._margins = scene
         levers = np.zeros((len(scene.levers), len(self.motion.q)))
         levers[:, self._own] = scene.levers
-        self.room = Room(np.zeros(len(self.motion.q)), levers, np.zeros(len(levers)))
+        self.room = Room(levers, np.full(len(levers), -np.inf))
+        self._exact.clear()
         self._measure(scene)
 
     def _measure(self, scene: Margins) -> None:
-        self.room.centre[:] = self.motion.q
-        self._exact.clear()
-        keep = self._around.clearance + RESERVE
-        self.room.distance[:] = scene.distances(self.motion.q[self._own]) - keep
+        """Improve the bounds of all distances that are not exact."""
+        bounds = scene.distances(self.motion.q[self._own]) - self._around.clearance - RESERVE
+        np.maximum(self.room.distance, bounds, out=self.room.distance)
 
     def obstacle(self, pair: int) -> tuple[str, str, float]:
-        """Return the names of two bodies and a lower bound of their distance before the last step [m]."""
+        """Return the names of two bodies and their distance [m]."""
         assert self._margins is not None
-        return *self._margins.names(pair), float(self.room.distance[pair] + self._around.clearance + RESERVE)
+        return *self._margins.names(pair), self._margins.distance(self.motion.q[self._own], pair)
 
 
 class StraightWay:

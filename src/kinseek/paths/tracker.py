@@ -21,12 +21,13 @@ from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.kernels.paths import servo
 from kinseek.kernels.paths.limited import POSITION, VELOCITY, track_step
 from kinseek.kernels.paths.servo import LAGGING, LIMIT, SINGULAR, State, look_ahead, servo_step
+from kinseek.kernels.paths.towards import move_towards
 from kinseek.kinds import POSITION as POSITION_GOAL
 from kinseek.poses import as_pose, one_pose, plain_array
 from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import RATES, Mechanism
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
-from kinseek.support.transforms import inverse, rotation_vectors, rotations, transform
+from kinseek.support.transforms import inverse, transform
 from kinseek.support.validation import as_float_array, as_number
 from kinseek.timing.limits import positive
 from kinseek.virtual_joints import extended
@@ -319,7 +320,7 @@ class Tracker:
             return self._stopped() if _has_gaps(target) else self._tracked(self._target(target))
         kept = Kept(*found)
         if kept.pair >= 0:
-            kept = joints.with_room(self._duration)
+            kept = joints.with_room(kept, self._duration)
         ranges = self._constrained.ranges is not None
         if kept.pair >= 0 or aim is not target or ranges:
             # The kernel compares with `aim`, and with one point of ranges: the values of their joints in this period.
@@ -351,9 +352,7 @@ class Tracker:
         """
         if _has_gaps(target):
             return target
-        hand = self._target(self._pose_at(self.q))
-        turns = rotation_vectors((target[:3, :3] @ hand[:3, :3].T)[None])
-        return _moved_by(hand, _at_most(target[:3, 3] - hand[:3, 3], HELD[0]), _at_most(turns[0], HELD[1]))
+        return _towards(self._target(self._pose_at(self.q)), target, HELD, 1.0, np.zeros(6))
 
     def _reached(self, position: float, orientation: float, ended: int, kept: Kept) -> int:
         """Return the outcome of a step of the joints: that of the reference, unless they are elsewhere."""
@@ -466,12 +465,9 @@ class Tracker:
             self._turned[:] = False
         self._turned |= moving
         most = np.where(self._turned, LEASH, HELD)
-        ahead = target[:3, 3] - hand[:3, 3]
-        (turn,) = rotation_vectors((target[:3, :3] @ hand[:3, :3].T)[None])
-        ahead, turn = _at_most(ahead, most[0]), _at_most(turn, most[1])
-        linear, angular = twist.reshape(2, 3) if axes == "base" else twist.reshape(2, 3) @ hand[:3, :3].T
-        self._carried = _moved_by(hand, ahead + h * linear, turn, h * angular)
-        aim = self._target(_moved_by(hand, CATCH_UP * ahead + h * linear, CATCH_UP * turn, h * angular))
+        moved = twist if axes == "base" else (twist.reshape(2, 3) @ hand[:3, :3].T).reshape(6)
+        self._carried = _towards(hand, target, most, 1.0, h * moved)
+        aim = self._target(_towards(hand, target, most, CATCH_UP, h * moved))
         self._state.now[:] = self._joints.motion.q
         if self._drift is not None:
             self._set_drift(self._drift)
@@ -832,19 +828,11 @@ def _numbers(name: str, values: ArrayLike, count: int, unit: str) -> Array:
     return numbers
 
 
-def _moved_by(T: Array, shift: Array, *turns: Array) -> Array:
-    """Return a pose that is shifted, and turned about its origin, by vectors in axes of the base, (3,) each."""
-    moved = T.copy()
-    moved[:3, 3] += shift
-    for turn in turns:
-        moved[:3, :3] = rotations(turn[None])[0] @ moved[:3, :3]
+def _towards(hand: Array, target: Array, most: ArrayLike, share: float, twist: Array) -> Array:
+    """Return a pose on the way to another one, moved by a twist; see `move_towards`."""
+    moved = np.empty((4, 4))
+    move_towards(hand, target, np.asarray(most, dtype=np.float64), share, twist, moved)
     return moved
-
-
-def _at_most(vector: Array, length: float) -> Array:
-    """Return a vector, (3,), shortened to a length if it is longer."""
-    size = float(np.linalg.norm(vector))
-    return vector if size <= length else vector * (length / size)
 
 
 def _one(T: object) -> Array:

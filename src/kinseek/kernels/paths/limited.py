@@ -32,6 +32,9 @@ SMOOTHING = 0.004
 """Time constant with which the velocity of the target is averaged [s]. A longer one follows less of the noise, and falls
 behind a target that accelerates. Not examined further."""
 
+NEAR = 0.02
+"""The distance that bodies keep with `FOLLOW` [m]; where that is too much, `STRAIGHT` has to do. Not examined further."""
+
 FOLLOW, GO, STRAIGHT = 0, 1, 2
 """Follow `Motion.target`, each joint as fast as it may; reach velocities `Motion.wanted`; or go straight to the target."""
 
@@ -66,20 +69,18 @@ class Motion(NamedTuple):
     braking: Annotated[Array, "n", OUT]
     """Scratch: the same when braking."""
     extent: Annotated[Array, "n", OUT]
-    """Scratch: largest distance from `Room.centre` until rest."""
+    """Scratch: largest distance from the present joint values until rest."""
     rest: Annotated[Array, "n", OUT]
     """Where the joints would come to rest after what is desired, if that is not possible."""
 
 
 class Room(NamedTuple):
-    """How far joints may move from a place until a pair of bodies may touch."""
+    """How far joints may move until a pair of bodies may touch."""
 
-    centre: Annotated[Array, "n"]
-    """Joint values at which distances are known, (n,)."""
     levers: Annotated[Array, "p", "n"]
     """Largest relative motion of each pair by each joint, (p, n), [m/rad] or [m/m]."""
-    distance: Annotated[Array, "p"]
-    """Distance that each pair may lose, (p,) [m]."""
+    distance: Annotated[Array, "p", OUT]
+    """Distance that each pair may lose, (p,) [m]; a step reduces it by the largest motion of the pair."""
 
 
 @inlined
@@ -153,24 +154,30 @@ def after_target(motion: Motion, i: int, along: Rates) -> float:
 
 
 @inlined
-def roomy(motion: Motion, room: Room, share: float, h: float) -> int:
+def moved(room: Room, p: int, extent: Array) -> float:
+    """Return a bound of the relative motion of pair p if each joint moves by at most its extent, (n,) [m]."""
+    motion = 0.0
+    for i in range(len(extent)):
+        motion += room.levers[p, i] * extent[i]
+    return motion
+
+
+@inlined
+def roomy(motion: Motion, room: Room, share: float, h: float, least: float) -> int:
     """Return a pair that may touch before rest, -1 if there is none, -2 if a joint cannot stop inside its limits.
 
-    The velocities of the step are those of braking and a share of what is desired beyond them.
+    The velocities of the step are those of braking and a share of what is desired beyond them; `least` is the distance that
+    all pairs keep [m].
     """
     for i in range(len(motion.q)):
         v = motion.braking[i] + share * (motion.desired[i] - motion.braking[i])
         if not inside(motion, i, v, h):
             return -2
         to = stop(v, (v - motion.velocity[i]) / h, rates_of(motion, i, h))
-        here, then = motion.q[i] - room.centre[i], motion.q[i] - room.centre[i] + h * v
-        motion.extent[i] = max(abs(here), abs(then + to.highest), abs(then + to.lowest))
+        motion.extent[i] = max(abs(h * v + to.highest), abs(h * v + to.lowest))
         motion.rest[i] = motion.q[i] + h * v + to.end
     for p in range(len(room.distance)):
-        needed = 0.0
-        for i in range(len(motion.q)):
-            needed += room.levers[p, i] * motion.extent[i]
-        if needed > room.distance[p]:
+        if moved(room, p, motion.extent) > room.distance[p] - least:
             return p
     return -1
 
@@ -247,14 +254,14 @@ def limited_step(motion: Motion, room: Room, h: float, what: int, sure: bool) ->
         motion.desired[i] = motion.braking[i] + safe * (motion.desired[i] - motion.braking[i])
     pair, share = -1, 1.0
     if len(room.distance) > 0:
-        pair = roomy(motion, room, 1.0, h)
+        pair = roomy(motion, room, 1.0, h, NEAR if what == FOLLOW else 0.0)
         if pair >= 0 and not sure:
             return -1, FREE, pair
         if pair >= 0:
             share, unsafe = 0.0, 1.0
             for _ in range(SHARES):
                 middle = 0.5 * (share + unsafe)
-                if roomy(motion, room, middle, h) == -1:
+                if roomy(motion, room, middle, h, 0.0) == -1:
                     share = middle
                 else:
                     unsafe = middle
@@ -274,6 +281,7 @@ def limited_step(motion: Motion, room: Room, h: float, what: int, sure: bool) ->
             kept = POSITION if at_limits >> i & 1 else kept_by(motion, i, v, h)
             joint, farthest = i, off
         motion.acceleration[i] = (v - motion.velocity[i]) / h
+        motion.extent[i] = abs(q - motion.q[i])
         motion.velocity[i] = v
         motion.q[i] = q
         if what != GO:
@@ -281,6 +289,8 @@ def limited_step(motion: Motion, room: Room, h: float, what: int, sure: bool) ->
             motion.before[i] = motion.target[i]
         else:
             motion.rate[i], motion.before[i] = motion.wanted[i], q
+    for p in range(len(room.distance)):
+        room.distance[p] -= moved(room, p, motion.extent)
     return joint, kept, pair
 
 

@@ -20,7 +20,7 @@ static struct {
     double wanted[KINSEEK_DOF], desired[KINSEEK_DOF], braking[KINSEEK_DOF], extent[KINSEEK_DOF], rest[KINSEEK_DOF];
 } joints;
 
-static double centre[KINSEEK_DOF];
+static double none[1];
 
 /* The kernels declare the first two as memory that they may write, and only read them. */
 static const KinseekState state = {(double *)limit_lower, (double *)limit_upper, aim.reach, aim.now, aim.last, aim.low, aim.high, aim.reached, aim.drift};
@@ -29,7 +29,7 @@ static const KinseekMotion motion = {
     joints.acceleration, joints.target, joints.before, joints.rate,
     joints.wanted, joints.desired, joints.braking, joints.extent, joints.rest,
 };
-static const KinseekRoom nothing = {centre, centre, centre}; /* No pairs of bodies. */
+static const KinseekRoom nothing = {none, none}; /* No pairs of bodies. */
 
 static int told(int status, double q[KINSEEK_DOF], double velocity[KINSEEK_DOF], double acceleration[KINSEEK_DOF]) {
     memcpy(q, joints.q, sizeof joints.q);
