@@ -246,6 +246,24 @@ def test_a_trajectory_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (tmp_path / "q.csv").exists()
 
 
+def test_the_fastest_motion_is_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm = kinseek.load("panda")
+    t = np.linspace(0.0, 2.0 * np.pi, 60)
+    circle = np.stack([0.45 + 0.1 * np.cos(t), 0.15 * np.sin(t), np.full(60, 0.4)], axis=1)
+    poses = kinseek.pose(circle, rpy=[np.pi, 0.0, 0.0])
+    np.save(tmp_path / "circle.npy", poses)
+    words = ["follow", "panda", str(tmp_path / "circle.npy"), "--acceleration", "8", "--json"]
+    words += ["--out", str(tmp_path / "seam.csv")]
+    durations = []
+    for more in ([], ["--fastest"]):
+        assert run([*words, *more]) == 0
+        durations.append(json.loads(capsys.readouterr().out)["trajectory"]["duration"])
+    expected = arm.follow(poses, cost="time", acceleration=8.0).timed(acceleration=8.0).duration
+    assert durations[1] == expected < durations[0]
+    assert run(["follow", "panda", str(tmp_path / "circle.npy"), str(tmp_path / "q.csv"), "--fastest"]) == 2
+    assert "--out, which is not given" in capsys.readouterr().err
+
+
 @pytest.mark.usefixtures("line")
 def test_limits_may_differ_from_joint_to_joint(tmp_path: Path) -> None:
     words = [

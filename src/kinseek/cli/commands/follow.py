@@ -41,12 +41,13 @@ _POSES, _OUT, _TRAJECTORY = "POSES", "OUT", "--out"
 
 
 class Speed(NamedTuple):
-    """Limits of a motion in time, as words."""
+    """A motion in time: its limits, as words, and whether it is the fastest."""
 
     velocity: str | None
     acceleration: str | None
     jerk: str | None
     tool_speed: float | None
+    fastest: bool
 
     def values(self, arm: Arm) -> dict[str, Any]:
         """Return the limits as `Path.timed` takes them.
@@ -59,6 +60,10 @@ class Speed(NamedTuple):
             name: None if text is None else limits(arm, text, f"--{name}") for name, text in texts.items()
         }
         return read | {"tool_speed": self.tool_speed}
+
+    def cost(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Return the options of `Arm.follow` that choose the fastest motion within limits."""
+        return {"cost": "time", "velocity": values["velocity"], "acceleration": values["acceleration"]}
 
 
 _speed_options = bundle(
@@ -92,6 +97,12 @@ _speed_options = bundle(
         type=float,
         group=_TIME,
         help="Largest speed of the tip, m/s; it is kept constant where the other limits permit it.",
+    ),
+    option(
+        "--fastest",
+        is_flag=True,
+        group=_TIME,
+        help="Choose joint values for the fastest trajectory, not for the shortest motion of the joints; takes longer.",
     ),
 )
 
@@ -251,7 +262,7 @@ def command(
     fastest = speed.values(loaded)
     if trajectory_file is not None:
         read_limits(loaded.mechanism, **fastest)
-    elif any(each is not None for each in fastest.values()):
+    elif speed.fastest or any(each is not None for each in fastest.values()):
         raise InvalidProblem(f"limits of a motion in time are for {_TRAJECTORY}, which is not given")
     given, times = read_path(poses, goal_spec.position_only, deg, _POSES)
     goal = goal_spec.goal(_with_poses_between(given, step, turn, blend), deg)
@@ -277,6 +288,7 @@ def command(
         clearance=cell.clearance,
         progress=on_terminal(),
         time_limit=time_limit,
+        **(speed.cost(fastest) if speed.fastest else {}),
     )
     seconds = time.perf_counter() - clock
     table = path_table(path)
