@@ -160,12 +160,12 @@ def trembling(T: Array, k: int) -> Array:
 def test_another_branch_is_taken_when_the_target_rests_or_was_out_of_reach_of_all() -> None:
     """While it moves on, a pose that only another branch reaches is not worth an unexpected motion."""
     arm, rng, stuck = kinseek.load("irb120"), np.random.default_rng(0), 0
-    for _ in range(25):
+    for _ in range(9):
         start, there = rng.uniform(arm.lower, arm.upper, (2, arm.dof))
         T = arm.fk(there)
         stays, recovers = (arm.track(start, period=0.01, velocity=2.0, recover=r) for r in (False, True))
         lost = []
-        for k in range(700):
+        for k in range(400):
             one, other = stays.step(trembling(T, k)), recovers.step(trembling(T, k))
             assert other.status is not TrackStatus.RECOVERING
             lost.append(one.position_error > 0.01 or one.orientation_error > 0.01)
@@ -178,8 +178,8 @@ def test_another_branch_is_taken_when_the_target_rests_or_was_out_of_reach_of_al
         rests = arm.track(before, period=0.01, velocity=2.0)
         # Away and back, moving all the time; and a target that only comes to rest.
         for tracker, targets in (
-            (recovers, [far] * 20 + [trembling(T, k) for k in range(700)] + [T] * 20),
-            (rests, [trembling(T, k) for k in range(100)] + [T] * 700),
+            (recovers, [far] * 20 + [trembling(T, k) for k in range(400)] + [T] * 20),
+            (rests, [trembling(T, k) for k in range(100)] + [T] * 500),
         ):
             seen, before = set(), tracker.q
             for pose in targets:
@@ -192,7 +192,7 @@ def test_another_branch_is_taken_when_the_target_rests_or_was_out_of_reach_of_al
             assert TrackStatus.RECOVERING in seen
         for _ in range(300):
             assert stays.step(T).status is not TrackStatus.RECOVERING
-    assert stuck > 3
+    assert stuck > 2
 
 
 def recovering() -> tuple[Any, Array]:
