@@ -1,6 +1,6 @@
 """Collision scenes: bodies and their shapes, the pairs that are checked, and collision-free solutions."""
 
 from .scene import Scene
-from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere
+from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, Voxels
 
-__all__ = ["Box", "Capsule", "Cylinder", "Mesh", "Points", "Scene", "Shape", "Sphere"]
+__all__ = ["Box", "Capsule", "Cylinder", "Mesh", "Points", "Scene", "Shape", "Sphere", "Voxels"]

@@ -17,8 +17,8 @@ from kinseek.robots.chain import Frame, SerialChain
 
 from .cells import NEVER_APART, Meeting, Member, make_collision_model
 from .charts import Carried, Chart, chart_of, charts_of
-from .shapes import GRAIN, Points
-from .spheres import COUNT, covers_of, rough_cover
+from .shapes import Cloud
+from .spheres import covers_of, covers_of_cloud
 
 if TYPE_CHECKING:
     from .engine import Solid
@@ -55,11 +55,11 @@ class Broad:
         self.count = len(pairs)
         covers = covers_of([solid.shape for solid in solids])
         parts = [Member.of(solid, cover) for solid, cover in zip(solids, covers, strict=True)]
-        # A cloud is split into small neighbourhoods: free of all of them implies free of the cloud.
+        # A cloud is split into neighbourhoods: free of all of them implies free of the cloud.
         pieces = [[i] for i in range(len(parts))]
         for i, solid in enumerate(solids):
-            if isinstance(solid.shape, Points) and len(solid.shape.places) > COUNT:
-                some = _handfuls(solid)
+            if isinstance(solid.shape, Cloud):
+                some = [Member.of(solid, cover) for cover in covers_of_cloud(solid.shape)]
                 pieces[i] = list(range(len(parts), len(parts) + len(some)))
                 parts += some
         numbers = [n for n, (i, j) in enumerate(pairs) for _ in range(len(pieces[i]) * len(pieces[j]))]
@@ -149,23 +149,6 @@ class Broad:
 
     def _table_of(self, q: Array, kind: type) -> NDArray[Any]:
         return np.zeros((len(q), self._pairs), dtype=kind)
-
-
-def _handfuls(solid: Solid) -> list[Member]:
-    """Split the points of a cloud into neighbourhoods of at most `COUNT`."""
-    shape = solid.shape
-    assert isinstance(shape, Points)
-    left, found = [shape.places], []
-    while left:
-        points = left.pop()
-        if len(points) > COUNT:
-            along = points[:, np.argmax(np.ptp(points, axis=0))]
-            half = np.argpartition(along, len(points) // 2)
-            left += [points[half[: len(points) // 2]], points[half[len(points) // 2 :]]]
-            continue
-        thick = shape.thickness + GRAIN
-        found.append(Member.placed(solid.joint, solid.pose, rough_cover(points, thick), thick))
-    return found
 
 
 Group = tuple[int, ...]

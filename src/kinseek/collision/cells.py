@@ -13,7 +13,6 @@ from kinseek.kernels.arrays import ChainArrays
 from kinseek.kernels.collision.gaps import NUMBERS
 from kinseek.kernels.collision.model import BLOCK, LANES, CollisionModel
 
-from .shapes import GRAIN, Points
 from .spheres import COUNT, Cover, cover_of_many
 
 if TYPE_CHECKING:
@@ -48,9 +47,7 @@ class Member(NamedTuple):
     @classmethod
     def of(cls, solid: Solid, cover: Cover) -> Self:
         """Return the cover of a part, given in its own frame, in the frame of its joint."""
-        # coal represents a point as a small triangle; a pair reported as free must be free of it, too.
-        thick = solid.shape.thickness + GRAIN * isinstance(solid.shape, Points)
-        return cls.placed(solid.joint, solid.pose, cover, thick)
+        return cls.placed(solid.joint, solid.pose, cover, solid.shape.thickness)
 
     def inside(self, solid: Solid) -> Self:
         """Return the hull inside a part that this covers; its spheres and its box only help to find a plane."""

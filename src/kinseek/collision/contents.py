@@ -23,7 +23,19 @@ from .margins import Margins
 from .obstacles import obstacles
 from .others import OtherArm
 from .pairs import ATTACHED, Pair, key, pairs_of
-from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, file_path, length_or_zero
+from .shapes import (
+    Box,
+    Capsule,
+    Cloud,
+    Cylinder,
+    Mesh,
+    Points,
+    Shape,
+    Sphere,
+    Voxels,
+    file_path,
+    length_or_zero,
+)
 
 Array = NDArray[np.float64]
 
@@ -111,23 +123,81 @@ class Contents:
                 "thicker"
             )
 
-    def add_points(self, name: str, cloud: ArrayLike, radius: float, pose: Any = None) -> None:
-        """Add a point cloud, (k, 3) [m], as from a depth camera; each point is a sphere with a radius [m]; see `add_box`.
+    def add_points(
+        self,
+        name: str,
+        cloud: ArrayLike,
+        radius: float,
+        pose: Any = None,
+        *,
+        simplify: float | None = None,
+        replace: bool = False,
+    ) -> None:
+        """Add a point cloud, as from a depth camera; each point is a ball.
+
+        Nothing is known of what lies between and behind these balls: choose a radius of at least the distance of neighbours.
+
+        Args:
+            name: Name of the new body.
+            cloud: Points, (k, 3) [m].
+            radius: Radius of each ball [m].
+            pose: Pose of the frame of the points, such as that of the camera; see `add_box`.
+            simplify: Merge points such that none moves farther than this [m]. The radius is then enlarged by the largest
+                such motion, so that free of it implies free of the original balls; `notes` reports how much. By default
+                nothing is simplified.
+            replace: Replace the points of this name if there are some, as in `add`.
 
         Raises:
-            InvalidScene: As `add_box`, more than a million points, or NaN in the cloud; the message gives the number of such
-                points.
+            InvalidScene: As `add`; no points, more than a million without `simplify`, or NaN, of which the message gives the
+                number of points; or an invalid length.
         """
-        self.add(name, Points(cloud, radius), pose)
+        if simplify is None:
+            self.add(name, Points(cloud, radius), pose, replace=replace)
+            return
+        points = Points.merged(cloud, radius, simplify)
+        self.add(name, points, pose, replace=replace)
+        self._notes.append(
+            f"{name!r} is simplified to {len(points.places):,} points, and is treated as {points.radius - radius:.2g} m "
+            "thicker"
+        )
 
-    def add(self, name: str, shape: Shape, pose: Any = None) -> None:
+    def add_voxels(
+        self, name: str, occupied: ArrayLike, size: float, pose: Any = None, *, replace: bool = False
+    ) -> None:
+        """Add the occupied cells of a grid, such as an occupancy map; each cell is a solid cube.
+
+        Args:
+            name: Name of the new body.
+            occupied: Which cells are occupied, (i, j, k) bool, along x, y and z.
+            size: Edge length of a cell [m].
+            pose: Pose of the corner of the grid at its first cell, in the base of the arm, (4, 4), or an object that carries
+                one; by default the base itself.
+            replace: Replace the cells of this name if there are some, as in `add`.
+
+        Raises:
+            InvalidScene: As `add`; not Boolean values in three dimensions, no occupied cell or more than a million; or
+                an invalid size.
+        """
+        self.add(name, Voxels(occupied, size), pose, replace=replace)
+
+    def add(self, name: str, shape: Shape, pose: Any = None, *, replace: bool = False) -> None:
         """Add a shape of `kinseek.collision`.
+
+        Args:
+            name: Name of the new body.
+            shape: The shape.
+            pose: Pose of the shape in the base of the arm; see `add_box`.
+            replace: Replace the body of this name if there is one; what it may touch remains. It may be neither a link, nor
+                attached to one, nor part of another arm. If an error is raised, it stays.
 
         Raises:
             InvalidScene: The name is taken, or `shape` is not a shape.
             InvalidGoal: `pose` is invalid.
         """
-        self._enter(Body(self._new(name), Frame(0, np.eye(4)), [_part(shape, pose)]))
+        part = _part(shape, pose)
+        if not (replace and isinstance(name, str) and name in self._replaceable):
+            self._new(name)
+        self._enter(Body(name, Frame(0, np.eye(4)), [part]))
 
     def add_file(
         self,
@@ -205,9 +275,9 @@ class Contents:
             InvalidGoal: `pose` is invalid.
         """
         self._require(to, self._links, "link")
-        if isinstance(shape, Points) or (isinstance(shape, Mesh) and not shape.hull):
+        if isinstance(shape, Cloud) or (isinstance(shape, Mesh) and not shape.hull):
             raise InvalidScene(
-                "an attached body must be convex: a cloud cannot be attached, a mesh only as its hull, hull=True"
+                "an attached body must be convex: a cloud or grid cannot be attached, a mesh only as its hull, hull=True"
             )
         if not isinstance(touches, Iterable):
             raise InvalidScene(f"touches must be names of bodies, got {touches!r:.80}")
@@ -308,8 +378,7 @@ class Contents:
             )
         del self._bodies[name]
         self._never = {pair: why for pair, why in self._never.items() if name not in pair}
-        # Notes about a body begin with its quoted name.
-        self._notes = [note for note in self._notes if not note.startswith(f"{name!r} ")]
+        self._forget_notes(name)
         self._assembly = None
 
     @property
@@ -377,7 +446,8 @@ class Contents:
 
     def _require_room(self, bodies: Sequence[Body]) -> None:
         _require_near(bodies)
-        require_number(sum(len(body.parts) for body in (*self._bodies.values(), *bodies)))
+        all_bodies = self._bodies | {body.name: body for body in bodies}
+        require_number(sum(len(body.parts) for body in all_bodies.values()))
 
     def _require(self, name: str, among: Collection[str], noun: str = "body") -> None:
         if not isinstance(name, str) or name not in among:
@@ -385,6 +455,7 @@ class Contents:
 
     def _enter(self, body: Body) -> None:
         self._require_room([body])
+        self._forget_notes(body.name)
         self._bodies[body.name] = body
         self._assembly = None
         shapes = [part.shape for part in body.parts]
@@ -399,6 +470,16 @@ class Contents:
             self._notes.append(
                 f"{body.name!r} is an open mesh, a surface: what lies wholly behind it does not touch it"
             )
+
+    @property
+    def _replaceable(self) -> set[str]:
+        """Names of the bodies that `add` may replace: pairs of the others are left out for other reasons."""
+        others = {name for arm in self._others.values() for name in arm.names}
+        return {body.name for body in self._standing} - others
+
+    def _forget_notes(self, name: str) -> None:
+        """Remove the notes about a body, which begin with its quoted name."""
+        self._notes = [note for note in self._notes if not note.startswith(f"{name!r} ")]
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle and copy the contents; the engine is rebuilt."""
@@ -466,7 +547,8 @@ def _require_near(bodies: Iterable[Body]) -> None:
 def _part(shape: Shape, pose: Any) -> Part:
     if not isinstance(shape, Shape):
         raise InvalidScene(
-            f"expected a Box, Sphere, Cylinder, Capsule, Mesh or Points of kinseek.collision, got {type(shape).__name__}"
+            "expected a Box, Sphere, Cylinder, Capsule, Mesh, Points or Voxels of kinseek.collision, got "
+            f"{type(shape).__name__}"
         )
     if isinstance(shape, Mesh) and shape.hull:
         shape.geometry()  # Raises an error now if there is none.

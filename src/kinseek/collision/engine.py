@@ -17,7 +17,7 @@ from kinseek.support.forks import Lock
 
 from .broad import Broad
 from .geometry import library
-from .shapes import Mesh, Points, Shape
+from .shapes import Cloud, Mesh, Shape
 from .share import share
 
 Array = NDArray[np.float64]
@@ -240,7 +240,7 @@ class Engine:
     def is_convex(self, n: int) -> bool:
         """Return whether both parts of a pair are convex."""
         return not any(
-            isinstance(self.solids[i].shape, Points) or _is_shell(self.solids[i]) for i in self.pairs[n]
+            isinstance(self.solids[i].shape, Cloud) or _is_shell(self.solids[i]) for i in self.pairs[n]
         )
 
     def larger(self, n: int) -> float:
