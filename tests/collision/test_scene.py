@@ -118,6 +118,36 @@ def test_a_sphere_and_a_box_are_as_far_apart_as_on_paper() -> None:
     assert close.depth == pytest.approx(-0.10, abs=1e-6)
 
 
+def test_an_object_is_taken_and_put_down() -> None:
+    arm = kinseek.Arm.from_dh([[0.5, 0, 0, 0], [0.5, 0, 0, 0]], [-3, -3], [3, 3])
+    scene, box, q = Scene.of(arm, capsules=0.05), Box((0.1, 0.1, 0.1)), [0.0, 0.0]
+    scene.attach("gripper", Sphere(0.04), to=arm.tip, pose=kinseek.pose([0.05, 0.0, 0.0]))
+    scene.add_box("table", (0.4, 0.4, 0.1), kinseek.pose([1.3, 0.0, -0.1]))
+    scene.add("part", box, kinseek.pose([1.12, 0.0, 0.0]))
+    scene.allow("gripper", "table")
+    scene.allow("gripper", "part")
+    assert scene.free(q)  # The part stands on the table, and neither moves.
+    held = kinseek.pose([0.12, 0.0, 0.0])
+    scene.attach("part", box, to=arm.tip, pose=held, touches=["table"], replace=True)
+    assert scene.free(q)
+    scene.attach("part", box, to=arm.tip, pose=held, replace=True)
+    (contact,) = scene.hits(q)
+    assert (contact.a, contact.b) == ("table", "part")
+    with pytest.raises(InvalidScene, match="did you mean 'table'"):
+        scene.attach("part", box, to=arm.tip, touches=["tabel"], replace=True)
+    with pytest.raises(InvalidScene, match="padding"):
+        scene.attach("part", box, to=arm.tip, padding=-1, replace=True)
+    assert scene.hits(q) == (contact,)
+    with pytest.raises(InvalidScene, match="'part' is a body of the scene already"):
+        scene.attach("part", box, to=arm.tip)
+    with pytest.raises(InvalidScene, match="'link1' is a link of the arm already"):
+        scene.attach("link1", box, to=arm.tip, replace=True)
+    scene.add("part", box, kinseek.pose([0.75, 0.0, 0.0]), replace=True)
+    # The arm that carried it is an obstacle for it again, but what was allowed still is.
+    assert {(hit.a, hit.b) for hit in scene.hits(q)} == {("link2", "part")}
+    assert scene.bodies == ("link1", "link2", "gripper", "table", "part")
+
+
 @pytest.mark.slow
 def test_clouds_and_padding_and_batches(arm: kinseek.Arm, file: Path) -> None:
     folders = {"thick_meshes": file.parents[1] / "packages" / "thick_meshes"}

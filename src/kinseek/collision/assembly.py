@@ -16,7 +16,7 @@ from kinseek.support.lazy import Lazy, lazy
 from .bodies import Body
 from .engine import Engine, Solid, joints_of
 from .motion import Speeds
-from .pairs import Pair, key
+from .pairs import ALWAYS, Pair, key
 from .shapes import measures_of
 
 MOST_PAIRS = 200_000
@@ -111,7 +111,7 @@ def sampled(
             count = next((i for i in range(samples) if engine.exactly_free(q[i : i + 1], 0.0)[0]), samples)
             count = samples if count == samples else 1
         if count == samples:
-            found[key(pair.a, pair.b)] = f"always: they touch at all of {samples:,} random joint values"
+            found[key(pair.a, pair.b)] = f"{ALWAYS}{samples:,} random joint values"
         elif count == 0:
             found[key(pair.a, pair.b)] = f"never: they touch at none of {samples:,} random joint values"
     return found

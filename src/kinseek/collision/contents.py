@@ -22,7 +22,7 @@ from .bodies import ArmBodies, Body, Part, package_folders, require_number
 from .margins import Margins
 from .obstacles import obstacles
 from .others import OtherArm
-from .pairs import ATTACHED, Pair, key, pairs_of
+from .pairs import ALWAYS, ATTACHED, MAY_TOUCH, Pair, key, pairs_of
 from .shapes import (
     Box,
     Capsule,
@@ -187,17 +187,15 @@ class Contents:
             name: Name of the new body.
             shape: The shape.
             pose: Pose of the shape in the base of the arm; see `add_box`.
-            replace: Replace the body of this name if there is one; what it may touch remains. It may be neither a link, nor
-                attached to one, nor part of another arm. If an error is raised, it stays.
+            replace: Replace the body of this name if there is one, also one that is attached; what `allow` says of it
+                remains. A link or another arm is not replaced. If an error is raised, the old body stays.
 
         Raises:
             InvalidScene: The name is taken, or `shape` is not a shape.
             InvalidGoal: `pose` is invalid.
         """
         part = _part(shape, pose)
-        if not (replace and isinstance(name, str) and name in self._replaceable):
-            self._new(name)
-        self._enter(Body(name, Frame(0, np.eye(4)), [part]))
+        self._enter(Body(self._new(name, replace), Frame(0, np.eye(4)), [part]))
 
     def add_file(
         self,
@@ -257,6 +255,8 @@ class Contents:
         pose: Any = None,
         touches: Iterable[str] = (),
         padding: float = 0.0,
+        *,
+        replace: bool = False,
     ) -> None:
         """Attach a shape to a link: a tool, or an object in a gripper. It moves with the link, and is checked like a link.
 
@@ -269,6 +269,7 @@ class Contents:
             pose: Pose of the shape in the frame of that link, (4, 4), or an object that carries one; by default that frame.
             touches: Names of bodies that it may touch, in addition to that link.
             padding: Added to it on every side [m].
+            replace: Replace the body of this name if there is one, as in `add`; the hand takes an object, for example.
 
         Raises:
             InvalidScene: The name is taken, the link or a body is unknown, or the shape cannot be attached.
@@ -288,14 +289,14 @@ class Contents:
         frame = self._links[to]
         self._enter(
             Body(
-                self._new(name),
+                self._new(name, replace),
                 frame,
                 [part],
                 padding=length_or_zero("padding", padding),
             )
         )
         for other in {to, *touches} & self._bodies.keys():
-            self._never[key(name, other)] = ATTACHED if other == to else "allowed: it may touch this"
+            self._never[key(name, other)] = ATTACHED if other == to else MAY_TOUCH
         self._sample(self._samples, False, name)
 
     def add_arm(self, name: str, other: Contents, q: Any, pose: Any = None) -> None:
@@ -432,9 +433,12 @@ class Contents:
     def _one(self, q: Any) -> Array:
         return one_q(self._chain, q)
 
-    def _new(self, name: str) -> str:
+    def _new(self, name: str, replace: bool = False) -> str:
         if not isinstance(name, str) or not name:
             raise InvalidScene(f"a body needs a name, got {name!r}")
+        others = {body for arm in self._others.values() for body in arm.names}
+        if replace and name in self._bodies.keys() - self._links.keys() - others:
+            return name
         if name in self._bodies or name in self._links or name in self._others:
             if name in self._links:
                 raise InvalidScene(f"{name!r} is a link of the arm already; names are unique")
@@ -455,6 +459,11 @@ class Contents:
 
     def _enter(self, body: Body) -> None:
         self._require_room([body])
+        # What follows from a replaced body's being attached does not hold for the new one.
+        mine = (ATTACHED, MAY_TOUCH, ALWAYS)
+        self._never = {
+            pair: why for pair, why in self._never.items() if not (body.name in pair and why.startswith(mine))
+        }
         self._forget_notes(body.name)
         self._bodies[body.name] = body
         self._assembly = None
@@ -470,12 +479,6 @@ class Contents:
             self._notes.append(
                 f"{body.name!r} is an open mesh, a surface: what lies wholly behind it does not touch it"
             )
-
-    @property
-    def _replaceable(self) -> set[str]:
-        """Names of the bodies that `add` may replace: pairs of the others are left out for other reasons."""
-        others = {name for arm in self._others.values() for name in arm.names}
-        return {body.name for body in self._standing} - others
 
     def _forget_notes(self, name: str) -> None:
         """Remove the notes about a body, which begin with its quoted name."""

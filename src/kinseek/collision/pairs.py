@@ -14,6 +14,8 @@ from .bodies import ArmBodies, Body
 
 NEIGHBOURS = "neighbours: a joint connects them"
 ATTACHED = "attached: it is carried by this link"
+MAY_TOUCH = "allowed: it may touch this"
+ALWAYS = "always: they touch at all of "
 
 
 @dataclass(frozen=True, slots=True)
