@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,8 @@ class Assembly(Lazy):
     """Names of the two bodies of each pair of parts."""
     numbers: dict[str, list[int]]
     """Numbers of the parts of each body."""
+    both: dict[str, Speeds] = field(default_factory=dict)
+    """The pairs with another arm that moves at the same time, by its name, if they were needed."""
 
     @lazy
     def speeds(self) -> Speeds:

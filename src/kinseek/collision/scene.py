@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import as_joints
+from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import Mechanism
 from kinseek.support.deadline import Deadline
-from kinseek.support.validation import arrays_equal, as_float_array, as_integer
+from kinseek.support.validation import arrays_equal, as_float_array, as_integer, as_number
+from kinseek.timing.trajectory import Trajectory
 from kinseek.unknown_arguments import unknown_argument
 
 from .assembly import digest
@@ -25,6 +27,7 @@ from .margins import Margins
 from .motion import FINEST, are_free, stops, surely_hits
 from .pairs import NEIGHBOURS, Contact, disabled_by, key
 from .shapes import length_or_zero
+from .together import Timed, free_until, speeds_of_both
 
 if TYPE_CHECKING:
     from kinseek.paths.path import Path as Motion
@@ -311,6 +314,53 @@ class Scene(Contents):
         ends = free_ends(self, begin, goal, least, deadline)
         return plan(self._chain, self, begin, ends, smooth=smooth, clearance=least, deadline=deadline)
 
+    def free_until(
+        self,
+        trajectory: Trajectory,
+        others: Mapping[str, Trajectory],
+        clearance: float = 0.0,
+        delay: float = 0.0,
+    ) -> float:
+        """Return the time up to which this arm is proved free of other arms that move at the same time.
+
+        Each arm rests at the begin of its trajectory before it, and at its end after it. All pairs of a link of this arm, or
+        a body attached to it, and one of another arm are checked. A trajectory that was timed in the scene of its own arm
+        is free of everything that rests there.
+
+        Args:
+            trajectory: Motion of this arm, of `Path.timed` or `Arm.move_to`.
+            others: Motions of other arms of the scene, by their names in `add_arm`; they begin at time 0.
+            clearance: Minimum distance of bodies [m].
+            delay: Time at which this arm begins to move [s].
+
+        Returns:
+            The time [s]; infinite if all arms are free of each other at all times. Motions that come within a hundredth of a
+            millimetre of contact, or of the clearance, are not free.
+
+        Raises:
+            InvalidProblem: A trajectory does not belong to its arm, or `delay` is not a time of at least 0.
+            InvalidScene: `others` names no arm of the scene, or `clearance` is not a length.
+        """
+        least, begin = (
+            length_or_zero("clearance", clearance),
+            as_number("delay", delay, 0.0, 1e6, InvalidProblem),
+        )
+        one = Timed(_trajectory_of(self._chain, "trajectory", trajectory), begin)
+        if not isinstance(others, Mapping) or not others:
+            raise InvalidScene(
+                f"others must map names of arms of the scene to their trajectories, got {others!r:.80}"
+            )
+        made, found = self._made, np.inf
+        for name, motion in others.items():
+            self._require(name, self._others, "arm of the scene")
+            arm = self._others[name]
+            other = Timed(_trajectory_of(arm.chain, f"others[{name!r}]", motion), 0.0)
+            if name not in made.both:
+                links = [body for body in self._bodies.values() if body.is_link or body.frame.joints]
+                made.both[name] = speeds_of_both(self._chain, links, arm, self._never)
+            found = min(found, free_until(made.both[name], one, other, least))
+        return found
+
     def hits_around(self, q: Any, reach: Any, clearance: float = 0.0) -> bool:
         """Return whether bodies certainly touch, or are too close, wherever no joint is farther than `reach` from q.
 
@@ -344,15 +394,7 @@ class Scene(Contents):
 
     def fits(self, mechanism: Mechanism) -> bool:
         """Return whether this is the scene of an arm. The arm's limits and tool may differ."""
-        chain, own = mechanism.axes, self._chain
-        return (
-            chain is not None
-            and chain.joint_names == own.joint_names
-            and chain.fixed.shape == own.fixed.shape
-            and arrays_equal(chain.fixed[:-1], own.fixed[:-1])
-            and arrays_equal(chain.leader, own.leader)
-            and arrays_equal([chain.multiplier, chain.offset], [own.multiplier, own.offset])
-        )
+        return _same_arm(mechanism.axes, self._chain)
 
     @property
     def digest(self) -> str:
@@ -363,3 +405,33 @@ class Scene(Contents):
     def _engine(self) -> Engine:
         """The engine of the current scene."""
         return self._made.engine
+
+
+def _same_arm(chain: SerialChain | None, own: SerialChain) -> bool:
+    """Return whether two chains have the same joints and links; limits and tools may differ."""
+    return (
+        chain is not None
+        and chain.joint_names == own.joint_names
+        and chain.fixed.shape == own.fixed.shape
+        and arrays_equal(chain.fixed[:-1], own.fixed[:-1])
+        and arrays_equal(chain.leader, own.leader)
+        and arrays_equal([chain.multiplier, chain.offset], [own.multiplier, own.offset])
+    )
+
+
+def _trajectory_of(chain: SerialChain, name: str, trajectory: Any) -> Trajectory:
+    """Read a trajectory of an arm.
+
+    Raises:
+        InvalidProblem: It is none, or that of another arm.
+    """
+    if not isinstance(trajectory, Trajectory):
+        raise InvalidProblem(
+            f"{name} must be a trajectory, such as path.timed() returns, got {type(trajectory).__name__}"
+        )
+    if not _same_arm(trajectory.mechanism.axes, chain):
+        raise InvalidProblem(
+            f"{name} is a motion of {trajectory.mechanism.name!r}, expected one of {chain.name!r} with joints "
+            f"{', '.join(chain.joint_names)}"
+        )
+    return trajectory
