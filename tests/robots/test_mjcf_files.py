@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -286,3 +288,19 @@ def test_copies_that_are_not_counted_are_refused(extra: str, body: str, why: str
         write(tmp_path, f"{name}.xml", f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     with soon(), pytest.raises(InvalidRobot, match=why):
         read(write(tmp_path, "m.xml", MODEL.format(extra, body)))
+
+
+@pytest.mark.slow
+def test_reading_a_model_runs_no_python_file_of_the_working_folder(tmp_path: Path) -> None:
+    write(tmp_path, "m.xml", MODEL.format("", ""))
+    for name in ("ctypes", "textwrap", "sitecustomize"):
+        (tmp_path / f"{name}.py").write_text("open('ran', 'w').close()\n")
+    code = (
+        "import os, kinseek.robots; before = dict(os.environ); "
+        "kinseek.robots.read('m.xml'); assert dict(os.environ) == before"
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert not (tmp_path / "ran").exists()

@@ -10,6 +10,7 @@ each joint of the file is a separate variable.
 
 from __future__ import annotations
 
+import os
 import warnings
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,9 @@ from .files import MOST_JOINTS, require_few
 from .joints import Joint, Segment, joined, serial_chain
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path
+
+_SAFE_PATH = "PYTHONSAFEPATH"
+"""Environment variable with which Python does not look for modules in the working folder."""
 
 
 def read_mjcf(path: str | Path, base: str | None = None, tip: str | None = None) -> SerialChain:
@@ -123,11 +127,7 @@ def _read(model: Any, base: str | None, tip: str | None, where: str, called: str
 
 
 def _compile(path: Path) -> Any:
-    try:
-        with importing:
-            import mujoco
-    except ImportError as error:
-        raise MissingExtra("reading MJCF", "mjcf") from error
+    mujoco = _import_mujoco()
     from .mjcf_xml import reduced  # xml.sax imports many modules for HTTP.
 
     model = reduced(path)
@@ -146,6 +146,30 @@ def _compile(path: Path) -> Any:
     except Exception as error:  # MuJoCo raises plain ValueError and its own FatalError.
         raise_of_handler(error)
         raise InvalidRobot(f"{path}: MuJoCo says: {error}") from None
+
+
+def _import_mujoco() -> Any:
+    """Import MuJoCo away from the working folder, whose files may have come with the robot.
+
+    MuJoCo imports glfw, which on Linux starts Python for each version of its library. That Python would look for modules in
+    the working folder first, and so run a file `ctypes.py` there.
+
+    Raises:
+        MissingExtra: MuJoCo is not installed.
+    """
+    with importing:
+        before = os.environ.get(_SAFE_PATH)
+        try:
+            os.environ[_SAFE_PATH] = "1"
+            import mujoco
+        except ImportError as error:
+            raise MissingExtra("reading MJCF", "mjcf") from error
+        finally:
+            if before is None:
+                os.environ.pop(_SAFE_PATH, None)
+            else:
+                os.environ[_SAFE_PATH] = before
+    return mujoco
 
 
 def _names(model: Any, addresses: Any, noun: str) -> list[str]:
