@@ -190,6 +190,14 @@ def test_no_address_makes_the_page_listen_to_another_server(
     assert (status, text) == (403, b"This page connects to its own server only.\n")
 
 
+@pytest.mark.parametrize("path", ["/C:/secret", "/c%3A/secret", "/x/%43%3a%5Csecret", "/index.html:stream"])
+@pytest.mark.parametrize("where", ["shown", "open_to_all", "shared"])
+def test_no_address_names_a_drive_of_windows(where: str, path: str, request: pytest.FixtureRequest) -> None:
+    port = request.getfixturevalue(where).port
+    status, text, _ = reply(port, {"Host": f"127.0.0.1:{port}"}, path)
+    assert (status, text) == (403, b"This server has the files of its page only.\n")
+
+
 @pytest.mark.parametrize("where", ["shown", "open_to_all", "shared"])
 def test_every_reply_says_that_the_page_connects_to_its_own_server_only(
     where: str, request: pytest.FixtureRequest

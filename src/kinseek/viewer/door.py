@@ -7,6 +7,8 @@ before any reply. Messages that no page of kinseek sends are ignored.
 viser's page connects to any server that its address names, and runs the JavaScript that this server sends. A link on a
 foreign page could thus run foreign code as a page of this server. Such addresses are rejected, and a policy restricts the
 page's connections to its own server.
+
+viser answers a request for ``/C:/file`` on Windows with that file, whoever asks. Such requests are rejected, too.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from http import HTTPStatus
 from ipaddress import ip_address
 from types import FunctionType, MethodType
 from typing import Any
-from urllib.parse import parse_qsl
+from urllib.parse import parse_qsl, unquote
 
 from kinseek.errors import InvalidUse
 
@@ -93,6 +95,11 @@ def names_a_server(path: str) -> bool:
     return any(key in _SERVER_KEYS for key, _ in parse_qsl(query, keep_blank_values=True))
 
 
+def names_a_drive(path: str) -> bool:
+    """Return whether a request may name a file outside of the page's folder: on Windows ``/C:/file`` leads to the drive."""
+    return ":" in unquote(path.partition("?")[0])
+
+
 def _is_of(origin: str, host: re.Match[str]) -> bool:
     """Return whether the page belongs to the requested host. The port counts: other servers may use other ports here."""
     found = _ORIGIN.fullmatch(origin)
@@ -158,6 +165,8 @@ class Door:
             why = "" if self._anyone else refusal(request.headers, self._alone, self._name)
             if names_a_server(request.path):
                 why = why or "This page connects to its own server only."
+            if names_a_drive(request.path):
+                why = why or "This server has the files of its page only."
             if why:
                 return connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n")
             try:
