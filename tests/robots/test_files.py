@@ -11,7 +11,8 @@ import pytest
 
 from kinseek.errors import InvalidRobot
 from kinseek.robots import files, read, read_dh
-from kinseek.robots.files import MOST_BYTES, MOST_JOINTS, MOST_LINKS
+from kinseek.robots.files import MOST_BYTES, MOST_JOINTS, MOST_LINKS, require_here
+from kinseek.robots.packages import mesh_path
 from robot_files import MODEL, XACRO, soon, write
 
 SUFFIXES = (".urdf", ".xacro", ".xml")
@@ -153,3 +154,62 @@ def test_a_folder_is_refused(tmp_path: Path) -> None:
     if sys.platform != "win32":
         with pytest.raises(InvalidRobot, match="is not a valid file name"):
             read("a\0b.urdf")
+
+
+ELSEWHERE = (
+    "//server/share/a.xml",
+    "//server",
+    "//?/C:/a.xml",
+    r"/\server/share/a.xml",
+    r"\\server\share\a.xml",
+)
+INCLUDES = (
+    ("r.xml", MODEL.format("<include file='{}'/>", "")),
+    ("r.xml", MODEL.format("<asset><model name='m' file='{}'/></asset>", "")),
+    ("r.xacro", XACRO.format("<xacro:include filename='{}'/>")),
+    ("r.xacro", XACRO.format("<xacro:include filename='{}*'/>")),
+    (
+        "r.xacro",
+        XACRO.format("<xacro:property name='p' value='${{xacro.load_yaml(&quot;{}&quot;)}}'/>${{p}}"),
+    ),
+)
+
+
+@pytest.mark.parametrize("trusted", [True, False])
+@pytest.mark.parametrize(("file", "text"), INCLUDES)
+def test_windows_connects_to_no_other_machine(
+    file: str, text: str, trusted: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would report the user's name, and a digest of the password, to any server that a file names."""
+    needs(Path(file).suffix)
+    monkeypatch.setattr(files, "WINDOWS", True)
+    # xacro puts its folder before a name that is relative on this system, and a ? is a pattern.
+    for name in ELSEWHERE[: 2 if file == "r.xacro" else None]:
+        with pytest.raises(InvalidRobot, match="is a file of another machine"):
+            read(write(tmp_path, file, text.format(name)), trusted=trusted)
+
+
+def test_windows_looks_for_no_mesh_on_another_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    here = Path("/robots/r.urdf")
+    for name in ELSEWHERE:
+        assert mesh_path(name, here, {})  # Two slashes are one on other systems.
+    monkeypatch.setattr(files, "WINDOWS", True)
+    for name in ELSEWHERE:
+        for address in (
+            name,
+            f"file://{name}",
+            name.replace("\\", "%5c"),
+            f"file://{name.replace('/', '%2F')}",
+        ):
+            with pytest.raises(InvalidRobot, match="is a file of another machine"):
+                mesh_path(address, here, {})
+    assert mesh_path("file:///robots/a.stl", here, {}) == Path("/robots/a.stl")
+
+
+def test_windows_reads_the_share_of_the_robot_and_of_its_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "WINDOWS", True)
+    here = Path("/robots/r.urdf")
+    require_here("//Server/share/p/a.stl", here, ["//server/Share/p"])
+    for name in ("//server/other/a.stl", "//server", "//?/UNC/server/share/a.stl"):
+        with pytest.raises(InvalidRobot, match="is a file of another machine"):
+            require_here(name, here, ["//server/share/p"])

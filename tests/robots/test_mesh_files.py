@@ -263,6 +263,10 @@ def test_materials_come_from_beside_and_from_nowhere_else(tmp_path: Path) -> Non
     assert colour("paint.mtl") is None
     assert colour("../paint.mtl") is None
     assert colour(str(tmp_path / "paint.mtl")) is None
+    assert colour(str(folder / "below" / "paint.mtl")) == (255, 0, 0)
+    assert (
+        colour(f"/{folder}/below/paint.mtl") is None
+    )  # Windows would connect to the first of these folders.
     assert colour("/dev/zero") is None
     (folder / "paint.mtl").symlink_to(tmp_path / "paint.mtl")
     assert colour("paint.mtl") is None

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import os
 import stat
-from pathlib import Path
+from collections.abc import Iterable
+from pathlib import Path, PureWindowsPath
 
 from kinseek.errors import InvalidRobot, near_names
 from kinseek.printable import printable
@@ -19,6 +20,9 @@ MOST_LINKS = 10_000
 """Most links, and most joints, of one file."""
 MOST_JOINTS = 1_000
 """Most moving joints between base and tip."""
+
+WINDOWS = os.name == "nt"
+"""Whether a name such as ``//server/share/file`` makes the system connect to another machine."""
 
 _NOT_A_FILE = (
     (stat.S_ISDIR, "a folder"),
@@ -60,6 +64,28 @@ def file_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
             "a description of a robot is smaller"
         )
     return text
+
+
+def require_here(name: str, robot: Path, folders: Iterable[str | Path] = ()) -> None:
+    r"""Check that a name in a robot's file does not make Windows connect to another machine, which would learn who asks.
+
+    Args:
+        name: The name, which may begin like ``\\server\share``.
+        robot: The robot's file; it may lie on a share itself, whose other files may be named then.
+        folders: Folders that the user named, as `robot`.
+
+    Raises:
+        InvalidRobot: It names another machine, or a device by its path.
+    """
+    if not WINDOWS or len(name) < 2 or not set(name[:2]) <= set("/\\"):
+        return
+    # The resolved path of a file on a drive that is a share begins with the name of the share.
+    known = {PureWindowsPath(each).drive.lower() for each in (robot.absolute(), robot.resolve(), *folders)}
+    if PureWindowsPath(name).drive.lower() not in known - {""}:
+        raise InvalidRobot(
+            f"{name!r} is a file of another machine, expected one of this machine or of the share that holds the robot's "
+            "file; connect the share with a drive letter"
+        )
 
 
 def instead_of_a_file(path: Path) -> str:

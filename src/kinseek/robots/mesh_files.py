@@ -189,7 +189,10 @@ class Beside:
         self._names += 1
         at_most(self._names, MOST_NAMES, "names of other files")
         named = name.strip().replace("\\", "/")
-        places = [(self._folder / each).resolve() for each in (named, named.rpartition("/")[2])]
+        last = named.rpartition("/")[2]
+        # Windows would connect to another machine for a name such as //server/share/file.
+        names = (last,) if named.startswith("//") else (named, last)
+        places = [(self._folder / each).resolve() for each in names]
         found = next((each for each in places if each.is_relative_to(self._folder) and each.is_file()), None)
         if found is None:
             raise InvalidRobot(f"{name!r} is neither in {str(self._folder)!r} nor in a folder below")

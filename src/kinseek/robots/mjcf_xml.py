@@ -16,7 +16,7 @@ from xml.sax.saxutils import quoteattr
 
 from kinseek.errors import InvalidRobot
 
-from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few
+from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few, require_here
 from .xml_files import root_element
 
 _SECTIONS = {
@@ -200,6 +200,7 @@ class _Reader:
 
     def _find(self, name: str, beside: Path) -> Path:
         """Return the path of a file; like MuJoCo, look beside the main file first."""
+        require_here(name, self.folder)
         try:
             places = [self.folder / name, beside.parent / name]
             return next((place for place in places if place.exists()), places[0])

@@ -11,6 +11,8 @@ from urllib.parse import unquote
 
 from kinseek.errors import InvalidRobot
 
+from .files import require_here
+
 
 def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path], option: str = "packages=") -> Path:
     """Return the path of a mesh that a robot's file refers to.
@@ -23,10 +25,12 @@ def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path], option
         option: Option by which the user can add packages, for messages.
 
     Raises:
-        InvalidRobot: The kind of address is not supported, it leads out of its package, or the package is not found.
+        InvalidRobot: The kind of address is not supported, it leads out of its package or to another machine, or the package
+            is not found.
     """
     if (found := in_package(name)) is None:
         rest = name.rpartition("://")[2]
+        require_here(unquote(rest), robot, packages.values())
         path = robot.parent / (unquote(rest) if rest != name else rest)
         return path if os.path.isfile(path) else robot.parent / unquote(rest)
     package, inside = found

@@ -105,7 +105,7 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
 
     # xacro and xacrodoc keep their state in modules, so only one file is expanded at a time.
     with _LOCK:
-        changes, spend = limits(path)
+        changes, spend = limits(path, folders.values())
         # Packages found for one file must not be used for the next file: use a copy.
         finder = packages.PackageFinder()
         finder.finder_funcs[:] = packages._finder.finder_funcs

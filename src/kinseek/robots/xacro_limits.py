@@ -12,7 +12,7 @@ import glob
 import io
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import IO, Any
@@ -21,7 +21,7 @@ from xml.parsers import expat
 from kinseek.errors import InvalidRobot
 
 from .expressions import MOST_ENTRIES, MOST_LETTERS, entries
-from .files import MOST_BYTES, file_bytes, require_few
+from .files import MOST_BYTES, file_bytes, require_few, require_here
 
 _MOST_STEPS, _MOST_VALUE, MOST_NESTED = 50_000, 2**20, 32
 """Most elements that xacro may expand, longest value, and deepest nesting of includes and of brackets in YAML."""
@@ -50,14 +50,15 @@ Changes = tuple[ModuleType, dict[str, Any]]
 """A module, and the new values of some of its names."""
 
 
-def limits(path: Path) -> tuple[tuple[Changes, ...], Spend]:
+def limits(path: Path, folders: Iterable[str]) -> tuple[tuple[Changes, ...], Spend]:
     """Return what makes xacro read only regular files of limited size, print nothing, and stop if the work grows too large.
 
     xacro looks these functions up in its own modules at each call. `sys.stdout` and `sys.stderr` are not replaced, since all
     threads print there.
 
     Args:
-        path: The file, for messages.
+        path: The file.
+        folders: Folders of packages that the user named.
 
     Returns:
         The names to replace, and the function that counts work.
@@ -82,6 +83,7 @@ def limits(path: Path) -> tuple[tuple[Changes, ...], Spend]:
             len(xacro.filestack), "files, each included by the one before", MOST_NESTED, f"{path}: xacro"
         )
         spend(_FILE, "files that are opened")
+        require_here(str(name), path, folders)
         if not Path(name).exists():  # xacro itself gives the best message about a missing file.
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(name))
         content = file_bytes(Path(name), left)
@@ -89,6 +91,8 @@ def limits(path: Path) -> tuple[tuple[Changes, ...], Spend]:
         return io.BytesIO(content) if "b" in mode else io.TextIOWrapper(io.BytesIO(content))
 
     def parse(given: Any, name: Any = None) -> Any:
+        if given is None:
+            require_here(str(name), path, folders)
         if given is None and Path(name).exists():
             with open_file(name) as file:
                 given = file.read()
@@ -149,6 +153,7 @@ def limits(path: Path) -> tuple[tuple[Changes, ...], Spend]:
                 f"{path}: xacro: the include {pattern!r} has *, ? or [ in the name of a folder, expected them in the "
                 "name of the file alone"
             )
+        require_here(pattern, path, folders)
         spend(_PATTERN, "patterns of includes")
         return glob.glob(pattern)
 
