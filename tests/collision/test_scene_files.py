@@ -17,6 +17,7 @@ from kinseek import InvalidScene, Scene
 from kinseek.collision import Box
 from kinseek.collision.assembly import MOST_PAIRS
 from kinseek.collision.bodies import MOST_SHAPES
+from kinseek.collision.engine import MOST_JOINTS
 from kinseek.collision.links import neighbours_of
 from kinseek.collision.obstacles import MOST_OBJECTS, obstacles
 from kinseek.robots.urdf_file import Robot, read_robot
@@ -435,6 +436,20 @@ def test_too_many_pairs_of_shapes_are_refused(tmp_path: Path) -> None:
         InvalidScene, match=f"250,000 pairs of shapes have to be checked, expected at most {MOST_PAIRS:,}"
     ):
         scene.free(np.zeros(6))
+
+
+@pytest.mark.slow
+def test_arms_of_very_many_joints_are_refused() -> None:
+    """1,000 joints took more memory than most machines have."""
+
+    def snake(joints: int) -> kinseek.Arm:
+        row = [(0.1, 0.3, 0.0, 0.0)] * joints
+        return kinseek.Arm.from_dh(row, np.full(joints, -0.1), np.full(joints, 0.1))
+
+    with pytest.raises(InvalidScene, match=f"151 moving joints, expected at most {MOST_JOINTS} in a scene"):
+        Scene.of(snake(MOST_JOINTS + 1), capsules=0.01)
+    longest = snake(MOST_JOINTS)
+    assert Scene.of(longest, capsules=0.01, samples=1).free(np.zeros(MOST_JOINTS)) in (True, False)
 
 
 def test_binary_nonsense_is_no_text(tmp_path: Path, scene: Scene) -> None:

@@ -95,7 +95,7 @@ class Scene(Contents):
 
         Raises:
             InvalidScene: No geometry and no `capsules`; a mesh that is missing, empty or broken; folders, an SRDF or joints
-                that do not fit.
+                that do not fit; an arm with more than 150 moving joints.
             InvalidProblem: The arm has black-box kinematics.
             MissingExtra: pinocchio or trimesh is not installed.
         """
