@@ -30,6 +30,7 @@ from .shapes import length_or_zero
 from .together import Timed, free_until, speeds_of_both
 
 if TYPE_CHECKING:
+    from kinseek.goal import Goal
     from kinseek.paths.path import Path as Motion
 
 Array = NDArray[np.float64]
@@ -272,6 +273,7 @@ class Scene(Contents):
         time_limit: float | None = None,
         smooth: bool = True,
         clearance: float = 0.0,
+        along: Goal | None = None,
         **unknown: Never,
     ) -> Motion:
         """Plan a motion around the obstacles, from joint values to a goal; it is proved free along its whole length.
@@ -288,6 +290,8 @@ class Scene(Contents):
             time_limit: [s], after which the best way so far is returned.
             smooth: Shorten the way, and round its corners. False returns the first way that is found.
             clearance: Minimum distance of bodies along the way [m].
+            along: A goal with one target, free axes and ranges, that holds at every row of the path, and nearly in between:
+                ``Goal.pose(T, free=("x", "y", "z", "rz"))`` keeps the tool upright.
 
         Returns:
             The path, for `Path.timed`; its poses are those of its joint values. Joints without limits turn the shorter way
@@ -297,7 +301,7 @@ class Scene(Contents):
 
         Raises:
             InvalidProblem: Joint values that are not n finite numbers inside the limits; `q0`, or all joint values given as
-                goals, are in collision.
+                goals, are in collision; `q0` or the goal does not fulfil `along`, or that has several targets.
             InvalidGoal: Not a pose.
             NotReached: No goal has a solution, or each solution found collides; the error carries a solution, whose
                 `status` says whether this is proved and whose `contacts` are what the arm hits.
@@ -312,7 +316,9 @@ class Scene(Contents):
         deadline, least = Deadline(time_limit), length_or_zero("clearance", clearance)
         begin = free_begin(self, q0, least)
         ends = free_ends(self, begin, goal, least, deadline)
-        return plan(self._chain, self, begin, ends, smooth=smooth, clearance=least, deadline=deadline)
+        return plan(
+            self._chain, self, begin, ends, smooth=smooth, clearance=least, deadline=deadline, along=along
+        )
 
     def free_until(
         self,

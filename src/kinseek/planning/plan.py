@@ -16,7 +16,8 @@ from kinseek.robots.chain import SerialChain
 from kinseek.support.deadline import Deadline
 from kinseek.timing.obstacles import Obstacles
 
-from .shorten import dense, rounded, shortened
+from .along import Along
+from .shorten import dense, refined, rounded, shortened, shortened_along
 from .space import Space
 from .trees import search
 
@@ -41,9 +42,16 @@ def plan(
     smooth: bool,
     clearance: float,
     deadline: Deadline,
+    along: Goal | None = None,
 ) -> Path:
     """Plan a motion from joint values, (n,), to one of several ends, all of them free; see `Scene.plan`."""
-    space = Space(chain, scene, clearance, begin, ends.q)
+    held = None if along is None else Along(chain, along)
+    if held is not None:
+        held.require(begin, "q0")
+        if len(ends.q) and not (holds := held.holds(ends.q)).all():
+            held.require(ends.q[np.argmax(holds)], "the goal")
+            ends = ends._replace(q=ends.q[holds])
+    space = Space(chain, scene, clearance, begin, ends.q, held)
     if not len(ends.q):
         why = "pose 1 is not planned: the time limit was reached before a solution of the goal was found"
         nothing = _path(space, ends, np.stack([begin, begin]), True, why)
@@ -63,16 +71,20 @@ def plan(
             return _path(space, ends, np.stack([begin, roots[0]]), deadline.passed, report)
         way = found.way
         if smooth:
-            way = rounded(space, shortened(space, way, deadline), deadline)
-    return _path(space, ends, dense(space, way), smooth and deadline.passed, None)
+            shorter = shortened if held is None else shortened_along
+            way = shorter(space, way, deadline)
+            way = way if held else rounded(space, way, deadline)
+    way = dense(space, way) if held is None else refined(space, held, way)
+    return _path(space, ends, way, smooth and deadline.passed, None)
 
 
 def _straight(space: Space, begin: Array, roots: Array) -> Array | None:
-    """Return the first linear motion to one of some roots, (k, n), that is free, as (2, n)."""
-    parts = space.free_part(np.broadcast_to(begin, roots.shape), roots - begin)
-    for end in roots[parts == 1.0]:
-        if space.proved(begin[None], end[None])[0]:
-            return np.stack([begin, end])
+    """Return the first straight way to one of some roots, (k, n), that is free, as (N, n)."""
+    rows, reached = space.advance(np.tile(begin, (len(roots), 1)), roots - begin)
+    for i in np.flatnonzero(reached):
+        way = np.concatenate([begin[None], rows[i]])
+        if space.proved(way[:-1], way[1:]).all():
+            return way
     return None
 
 

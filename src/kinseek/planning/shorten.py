@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from kinseek.support.deadline import Deadline
 
+from .along import Along
 from .space import Space
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 TOGETHER = 24
@@ -83,15 +85,49 @@ def _with_shortcuts(space: Space, way: Array, shares: Array) -> Array:
     gains = places[:, 1] - places[:, 0] - np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     some = np.flatnonzero((piece[:, 0] < piece[:, 1]) & (gains > NEARER * along[-1]))
     some = some[_free(space, ends[some, 0], ends[some, 1])]
-    taken: list[int] = []
-    for i in some[np.argsort(-gains[some], kind="stable")].tolist():
-        if all(places[i, 1] <= places[j, 0] or places[j, 1] <= places[i, 0] for j in taken):
-            taken.append(i)
+    taken = _best(some, gains, places)
     for i in sorted(
         taken, key=lambda i: -places[i, 0]
     ):  # From the end, so that the numbers of the rows before stay.
         way = np.concatenate([way[: piece[i, 0] + 1], ends[i], way[piece[i, 1] + 1 :]])
     return way
+
+
+def _best(some: Indices, gains: Array, places: Array) -> list[int]:
+    """Return which of some intervals, (k, 2), to take: those of the largest gains that do not overlap."""
+    taken: list[int] = []
+    for i in some[np.argsort(-gains[some], kind="stable")].tolist():
+        if all(places[i, 1] <= places[j, 0] or places[j, 1] <= places[i, 0] for j in taken):
+            taken.append(i)
+    return taken
+
+
+def shortened_along(space: Space, way: Array, deadline: Deadline) -> Array:
+    """Do as `shortened` for a way, (N, n), along which a goal holds: shortcuts between its rows are advances."""
+    quiet, first = 0, 0
+    while quiet < QUIET and len(way) > 2 and not deadline.passed:
+        before = lengths(way).sum()
+        along = np.concatenate([[0.0], np.cumsum(lengths(way))])
+        shares = (0.5 + np.arange(first + 1, first + TOGETHER + 1)[:, None] * _GOLDEN) % 1.0
+        first += TOGETHER
+        at = np.sort(np.searchsorted(along, shares * along[-1]), axis=1)
+        at = at[at[:, 1] > at[:, 0] + 1]
+        rows, reached = space.advance(way[at[:, 0]], way[at[:, 1]] - way[at[:, 0]])
+        new = [np.concatenate([way[i : i + 1], each]) for i, each in zip(at[:, 0], rows, strict=True)]
+        gains = along[at[:, 1]] - along[at[:, 0]] - np.array([lengths(each).sum() for each in new])
+        taken = _best(np.flatnonzero(reached & (gains > NEARER * along[-1])), gains, at)
+        for i in sorted(taken, key=lambda i: -at[i, 0]):
+            if space.proved(new[i][:-1], new[i][1:]).all():
+                way = np.concatenate([way[: at[i, 0]], new[i], way[at[i, 1] + 1 :]])
+        quiet = quiet + 1 if lengths(way).sum() > (1.0 - LEAST) * before else 0
+    return way
+
+
+def refined(space: Space, along: Along, way: Array) -> Array:
+    """Insert joint values at which the goal holds into the motions of a way, (N, n), where the halves are proved free."""
+    middles, holds = along.projected((way[:-1] + way[1:]) / 2.0)
+    holds &= space.proved(way[:-1], middles) & space.proved(middles, way[1:])
+    return np.insert(way, np.flatnonzero(holds) + 1, middles[holds], axis=0)
 
 
 def _free(space: Space, begins: Array, ends: Array) -> Flags:

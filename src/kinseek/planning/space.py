@@ -10,6 +10,8 @@ from kinseek.support.turns import nearest_turns
 from kinseek.timing.obstacles import Obstacles
 from kinseek.timing.tip import levers
 
+from .along import Along
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
@@ -19,6 +21,18 @@ samples miss. Found by trial with `python -m benchmarks.planning`."""
 
 LEAST = 4
 """Samples of a motion at least."""
+
+STEP = 0.05
+"""Length of the motions along which a goal holds [rad or m]; between their ends it holds nearly. Not examined further."""
+
+MOST_STEPS = 60
+"""Such motions in a row."""
+
+PROGRESS = 0.1
+"""A motion along which a goal holds ends where a step leads nearer to its end by less than this fraction of the step."""
+
+SAME = 1e-6
+"""Projections of joint values at which a goal holds change them by less than this [rad or m]."""
 
 
 class Space:
@@ -30,13 +44,20 @@ class Space:
         clearance: Minimum distance of bodies [m].
         begin: Joint values at the begin of the motion, (n,).
         ends: Joint values at which it may end, (k, n).
+        along: What holds all along the motion.
     """
 
     def __init__(
-        self, chain: SerialChain, scene: Obstacles, clearance: float, begin: Array, ends: Array
+        self,
+        chain: SerialChain,
+        scene: Obstacles,
+        clearance: float,
+        begin: Array,
+        ends: Array,
+        along: Along | None = None,
     ) -> None:
         """Bound the samples: a full turn around the begin and the ends is enough for joints with limits of many turns."""
-        self.chain, self.scene, self.clearance = chain, scene, clearance
+        self.chain, self.scene, self.clearance, self.along = chain, scene, clearance, along
         self.endless = chain.endless
         given = np.concatenate([begin[None], ends])
         low, high = given.min(axis=0) - np.pi, given.max(axis=0) + np.pi
@@ -87,6 +108,46 @@ class Space:
         q = begins[which] + (number / counts[which])[:, None] * ways[which]
         touching = np.where(self.free(q), len(which) + 1, number)
         return np.asarray(np.minimum(np.minimum.reduceat(touching, firsts) - 1, counts) / counts)
+
+    def advance(self, begins: Array, ways: Array) -> tuple[list[Array], Flags]:
+        """Move from joint values towards others as far as is free, by samples.
+
+        Args:
+            begins: Joint values at which the motions begin, (k, n); they are free.
+            ways: Differences to their ends, (k, n).
+
+        Returns:
+            The joint values at the ends of the linear motions of each, (m, n), and whether it gets to its end, (k,).
+        """
+        if self.along is not None:
+            return self._advance_along(self.along, begins, ways)
+        parts = self.free_part(begins, ways)
+        return list((begins + parts[:, None] * ways)[:, None]), parts == 1.0
+
+    def _advance_along(self, along: Along, begins: Array, ways: Array) -> tuple[list[Array], Flags]:
+        """Do so in short steps, each of which is projected onto the goal (*Berenson et al. 2009*, CBiRRT)."""
+        rows, ends = [begins[k : k + 1] for k in range(len(begins))], begins + ways
+        reached, going = np.zeros(len(begins), dtype=np.bool_), np.arange(len(begins))
+        for _ in range(MOST_STEPS):
+            if not len(going):
+                break
+            here = np.array([rows[k][-1] for k in going])
+            far = np.linalg.norm(ends[going] - here, axis=1)
+            share = np.minimum(1.0, STEP / np.maximum(far, 1e-300))
+            q, on = along.projected(here + share[:, None] * (ends[going] - here))
+            # Nodes fulfil the goal, samples do not.
+            there = (far <= STEP) & on & (np.abs(q - ends[going]).max(axis=1) < SAME)
+            q[there] = ends[going[there]]
+            left = np.linalg.norm(ends[going] - q, axis=1)
+            on &= left < far - PROGRESS * np.minimum(far, STEP)
+            on &= np.linalg.norm(q - here, axis=1) <= 2.0 * STEP
+            on &= ((q >= self.lower) & (q <= self.upper)).all(axis=1)
+            on[on] = self.free_part(here[on], (q - here)[on]) == 1.0
+            for k, row in zip(going[on], q[on], strict=True):
+                rows[k] = np.concatenate([rows[k], row[None]])
+            reached[going[on & there]] = True
+            going = going[on & ~there]
+        return [each[1:] for each in rows], reached
 
     def proved(self, begins: Array, ends: Array) -> Flags:
         """Return which linear motions, (k, n) to (k, n), are proved free, (k,)."""

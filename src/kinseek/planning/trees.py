@@ -73,6 +73,15 @@ class Tree:
         self._q[begin : self._count], self._parents[begin : self._count] = q, parents
         return np.arange(begin, self._count)
 
+    def grow(self, parents: Indices, rows: list[Array]) -> Indices:
+        """Add nodes one after another from each parent, (k,), to the ends of its motions; return the last ones, (k,)."""
+        counts = np.array([len(each) for each in rows], dtype=np.int64)
+        last = self._count + np.cumsum(counts) - 1
+        before = np.arange(self._count - 1, self._count - 1 + counts.sum())
+        before[last - counts + 1 - self._count] = parents
+        self.add(np.concatenate([np.zeros((0, self._q.shape[1])), *rows]), before)
+        return last
+
     def fail(self, nodes: Indices) -> None:
         """Count motions that lead nowhere from nodes, (k,)."""
         np.add.at(self._failures, nodes, 1.0)
@@ -149,22 +158,28 @@ def _grow(tree: Tree, goals: Array, longest: float, shortest: float) -> Indices:
     parents, ways = tree.nearest(goals, promising=True)
     lengths = np.linalg.norm(ways, axis=1)
     ways *= np.minimum(1.0, longest / np.maximum(lengths, longest))[:, None]
-    parts = space.free_part(tree.q[parents], ways)
-    kept = parts * np.linalg.norm(ways, axis=1) > shortest
+    rows, _ = space.advance(tree.q[parents], ways)
+    kept = _lengths(tree.q[parents], rows) > shortest
     tree.fail(parents[~kept])
-    return tree.add(tree.q[parents[kept]] + parts[kept, None] * ways[kept], parents[kept])
+    return tree.grow(parents[kept], [rows[i] for i in np.flatnonzero(kept)])
+
+
+def _lengths(begins: Array, rows: list[Array]) -> Array:
+    """Return how far the last of some rows, (m, n) each, are from the begins, (k, n); 0 where there are none."""
+    ends = np.array([each[-1] if len(each) else begin for begin, each in zip(begins, rows, strict=True)])
+    return np.asarray(np.linalg.norm(ends - begins, axis=1))
 
 
 def _connect(growing: Tree, other: Tree, grown: Indices, forward: bool) -> Array | None:
     """Grow the other tree towards new nodes; return a way through one that it reaches, if it is proved free."""
     space = growing.space
     parents, ways = other.nearest(growing.q[grown])
-    parts = space.free_part(other.q[parents], ways)
-    for i in np.flatnonzero(parts == 1.0):
+    rows, reached = space.advance(other.q[parents], ways)
+    for i in np.flatnonzero(reached):
         one, two = growing.branch(int(grown[i])), other.branch(int(parents[i]))
-        a, b = growing.q[one], other.q[two]
-        b = b + space.turns(growing.q[grown[i]] - b[-1])
-        way = np.concatenate([a, b[::-1]])
+        a, b, between = growing.q[one], other.q[two], rows[i][-2::-1]
+        turns = space.turns(growing.q[grown[i]] - b[-1])
+        way = np.concatenate([a, between + turns, (b + turns)[::-1]])
         free = space.proved(way[:-1], way[1:])
         if free.all():
             return way if forward else way[::-1]
@@ -176,6 +191,6 @@ def _connect(growing: Tree, other: Tree, grown: Indices, forward: bool) -> Array
             other.remove(bad_two)
         if bad_one or bad_two:
             return None
-    part = (parts < 1.0) & (parts * np.linalg.norm(ways, axis=1) > SHORTEST)
-    other.add(other.q[parents[part]] + parts[part, None] * ways[part], parents[part])
+    part = np.flatnonzero(~reached & (_lengths(other.q[parents], rows) > SHORTEST))
+    other.grow(parents[part], [rows[i] for i in part])
     return None
