@@ -27,7 +27,7 @@ from .support.interrupts import CHUNK, chunks, in_chunks
 from .support.shapes import Pose
 from .support.transforms import angles_between, from_axes, from_quaternion, from_rpy, rotation_onto, rotations
 from .support.units import warn_of_angles
-from .support.validation import as_float_array, as_number
+from .support.validation import as_float_array, as_number, largest_of
 from .unknown_arguments import unknown_argument
 
 Array = NDArray[np.float64]
@@ -199,9 +199,7 @@ def _of_matrix(value: Any, repairable: float) -> Array:
         turn = matrix_of(value)
         if turn.ndim < 2 or turn.shape[-2:] != (3, 3):
             raise InvalidGoal(f"expected a matrix of shape (3, 3) or (..., 3, 3), got {turn.shape}")
-        matrix = np.zeros((*turn.shape[:-2], 4, 4))
-        matrix[..., :3, :3], matrix[..., 3, 3] = turn, 1.0
-        return rigid(matrix, repairable, 4)[..., :3, :3]
+        return rigid(at_position(np.zeros(3), turn), repairable, 4)[..., :3, :3]
     except InvalidGoal as error:
         raise InvalidGoal(f"rotation: {error}") from None
 
@@ -265,7 +263,7 @@ def _require_right_angles(
 def _rotation_matrix(name: str, value: ArrayLike) -> Array:
     if name in ("rpy", "rotvec"):
         angles = _finite(value, name, 3)
-        if (most := float(np.abs(angles).max(initial=0.0))) > LARGEST:
+        if (most := largest_of(angles)) > LARGEST:
             raise InvalidGoal(f"{name} must have angles of at most {LARGEST:g} rad, got {most:g}")
         return _matrices(from_rpy if name == "rpy" else rotations, angles)
     numbers = _finite(value, name, 4)

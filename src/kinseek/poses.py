@@ -94,7 +94,7 @@ def rigid(matrix: Array, repairable: float, level: int) -> Array:
         bad = ~np.isfinite(each).all(axis=(-2, -1))
         many = f" ({np.count_nonzero(bad)} such poses)" if batch else ""
         raise InvalidGoal(f"a pose contains NaN or infinity{batch_index(int(np.argmax(bad)), batch)}{many}")
-    farthest = np.abs(each[:, :3, 3]).max(axis=-1)
+    farthest = in_chunks(lambda some: np.abs(some[:, :3, 3]).max(axis=-1), each)
     if (far := farthest > LARGEST).any():
         first = int(np.argmax(far))
         raise InvalidGoal(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import kinseek
+from kinseek.support.validation import largest_of
 
 ARM = kinseek.load("planar2")
 T = ARM.fk([0.3, 0.4])
@@ -42,3 +43,10 @@ def test_real_numbers_in_other_arrays_are_taken() -> None:
     assert (ARM.ik(T.astype(complex)).q == q).all()
     assert (ARM.ik(np.ma.masked_array(T, mask=np.zeros((4, 4), dtype=bool))).q == q).all()
     assert (ARM.fk(q.astype(complex)) == ARM.fk(q)).all()
+
+
+@pytest.mark.parametrize("shape", [(), (0,), (0, 3), (5,), (2, 4, 3), (1, 700_000, 2), (1_500_000,)])
+def test_the_largest_number_is_that_of_all_chunks(shape: tuple[int, ...]) -> None:
+    numbers = np.random.default_rng(0).uniform(-1, 1, shape)
+    for some in (numbers, np.asfortranarray(numbers), np.broadcast_to(numbers, (2, *shape))):
+        assert largest_of(some) == np.abs(some).max(initial=0.0)

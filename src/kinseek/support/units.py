@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from kinseek.errors import UnitWarning
 
 from .turns import TURN
+from .validation import largest_of
 
 Array = NDArray[np.float64]
 
@@ -36,7 +37,7 @@ def warn_of_angles(angles: Array | Sequence[float], what: str, advice: str, leve
         advice: What to write if they are degrees.
         level: Number of calls between here and the line to blame.
     """
-    most = float(np.abs(angles).max(initial=0.0))
+    most = largest_of(angles)
     if most > TURN * (1 + 1e-9):
         warnings.warn(
             f"{what} has an angle of {most:g} rad, more than a full turn: if it is in degrees, {advice}",

@@ -8,7 +8,7 @@ from operator import index
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidSolver, KinseekError
 
@@ -41,10 +41,20 @@ def as_float_array(values: Any) -> NDArray[np.float64]:
             values = values.real
     if not isinstance(values, np.ndarray) or values.size <= _NUMBERS or values.ndim == 0:
         return np.array(values, dtype=np.float64)
-    copied = np.empty_like(values, dtype=np.float64, subok=False)
+    # In C order, whatever the order of `values` is: their rows are then a view.
+    copied = np.empty(values.shape, dtype=np.float64)
     for part in chunks(len(values), max(_NUMBERS * len(values) // values.size, 1)):
         copied[part] = values[part]
     return copied
+
+
+def largest_of(numbers: ArrayLike) -> float:
+    """Return the largest absolute value, 0 of no numbers; Ctrl-C is heard soon however many numbers there are."""
+    values = np.asarray(numbers, dtype=np.float64)
+    if values.size <= _NUMBERS:
+        return float(np.abs(values).max(initial=0.0))
+    rows = values.reshape(-1, values.shape[-1])
+    return max(float(np.abs(rows[part]).max(initial=0.0)) for part in chunks(len(rows)))
 
 
 def arrays_equal(one: Any, other: Any) -> bool:
