@@ -148,12 +148,13 @@ def test_a_block_that_ends_every_process_interrupts_the_map(
             kill(worker)
 
     before_each(at_one)
+    others = set(psutil.Process().children())  # Such as multiprocessing's own, if another test has used it.
     with pytest.raises(
         kinseek.MapInterrupted, match=r"3 processes ended in turn, the last at block \(1, 1"
     ) as told:
         maps.reach(ARM, GRID, store=tmp_path / "map.zarr", **SMALL)
     assert told.value.done < told.value.blocks
-    assert not psutil.Process().children()
+    assert set(psutil.Process().children()) <= others
 
 
 def test_processes_that_do_not_start_interrupt_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
