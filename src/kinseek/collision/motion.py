@@ -57,6 +57,8 @@ class Speeds:
         moving = np.arange(joints)
         self._moves = (moving >= ends[:, :1]) & (moving < ends[:, 1:])
         """Joints between the two parts, (pairs, joints)."""
+        self._levers = None if chain.prismatic.any() else self._levers_of(np.zeros((1, joints)))[0]
+        """Bound on the motion of a point for each joint's motion, (pairs, joints), if slides do not change it."""
 
     def of(self, q0: Array, q1: Array, moved: Array | None = None) -> Array:
         """Return bounds on the motion of any point of each pair's parts from q0 to q1, (k, n) each, (k, pairs) [m].
@@ -66,13 +68,24 @@ class Speeds:
         chain = self._chain
         ends = [chain.multiplier * q[:, chain.leader] + chain.offset for q in (q0, q1)]
         travel = np.abs(ends[1] - ends[0] if moved is None else chain.multiplier * moved[:, chain.leader])
+        if self._levers is not None:
+            # Not by BLAS, whose sums depend on its threads.
+            return np.asarray(np.einsum("kj,pj->kp", travel, self._levers))
         slides = np.where(chain.prismatic, np.maximum(np.abs(ends[0]), np.abs(ends[1])), 0.0)
+        return np.asarray((travel[:, None] * self._levers_of(slides)).sum(axis=2))
+
+    def _levers_of(self, slides: Array) -> Array:
+        """Return bounds on the motion of a point for each joint's motion, with the joints slid out this far, (k, joints).
+
+        Returns:
+            (k, pairs, joints), 0 for joints that move both parts or none.
+        """
+        chain = self._chain
         lengths = np.linalg.norm(chain.fixed[:-1, :, 3], axis=1) + slides
-        before = np.concatenate([np.zeros((len(q0), 1)), np.cumsum(lengths, axis=1)], axis=1)
+        before = np.concatenate([np.zeros((len(slides), 1)), np.cumsum(lengths, axis=1)], axis=1)
         """Maximum distance from the base to the frame of each joint along the links."""
         reach = before[:, self._ends[:, 1], None] - before[:, None, 1:] + self._radii[:, None]
-        far = travel[:, None] * np.where(chain.prismatic, 1.0, reach)
-        return np.asarray(np.where(self._moves, far, 0.0).sum(axis=2))
+        return np.where(self._moves, np.where(chain.prismatic, 1.0, reach), 0.0)
 
 
 def are_free(speeds: Speeds, q0: Array, q1: Array, clearance: float, around: Array | None = None) -> Flags:
