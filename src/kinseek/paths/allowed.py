@@ -25,6 +25,9 @@ checked."""
 ROWS = 128
 """Rows per call of the scene if there is a deadline: a call then takes some milliseconds."""
 
+REMEMBERED = 100_000
+"""Most steps whose proofs are remembered; each takes some 200 bytes. Not examined further."""
+
 FEW = 16
 """Poses per call of the user's `valid` if there is a deadline: each may take milliseconds."""
 
@@ -43,6 +46,8 @@ class Allowed:
     own: slice = field(default_factory=lambda: slice(None))
     """The arm's own joints, if the chain also has virtual joints for ranges of the goal."""
     deadline: Deadline = field(default_factory=Deadline)
+    _proofs: dict[bytes, bool] = field(default_factory=dict, repr=False, compare=False)
+    """Steps that were checked, and whether they are proved free."""
 
     def at_least(self, seconds: float) -> Allowed:
         """Return these checks with at least some seconds left, even if the deadline has passed."""
@@ -82,9 +87,33 @@ class Allowed:
         if self.scene is None or not len(a):
             return np.ones(len(a), dtype=np.bool_)
         scene, begins, ends = self.scene, a[:, self.own], b[:, self.own]
-        return self._in_parts(
-            len(a), lambda some: scene.free_motion(begins[some], ends[some], self.clearance)
-        )
+        steps = [step.tobytes() for step in np.concatenate([begins, ends], axis=1)]
+        # Most steps of a path are proved several times, and a step close to contact takes as long as thousands of others.
+        known = [self._proofs.get(step) for step in steps]
+        new = np.array([i for i, proof in enumerate(known) if proof is None], dtype=np.int64)
+        free = np.array(known, dtype=np.bool_)
+        if len(new):
+            free[new] = self._in_parts(
+                len(new),
+                lambda some: scene.free_motion(begins[new[some]], ends[new[some]], self.clearance),
+            )
+            if len(self._proofs) > REMEMBERED:
+                self._proofs.clear()
+            self._proofs.update(zip([steps[i] for i in new], free[new].tolist(), strict=True))
+        return free
+
+    def probably_free(self, a: Array, b: Array) -> Flags:
+        """Return for each straight step, (k, n) to (k, n), whether points of it at most `APART` apart are free, (k,).
+
+        This proves nothing, and takes a small part of the time of `free_ways`. The ends are not checked.
+        """
+        if self.scene is None or not len(a):
+            return np.ones(len(a), dtype=np.bool_)
+        parts = np.maximum(np.ceil(np.abs(b - a).max(axis=1) / APART), 2.0).astype(np.int64)
+        first = np.concatenate([[0], np.cumsum(parts - 1)])
+        step = np.repeat(np.arange(len(a)), parts - 1)
+        share = (np.arange(first[-1]) - first[step] + 1) / parts[step]
+        return np.logical_and.reduceat(self.free(a[step] + share[:, None] * (b - a)[step]), first[:-1])
 
     def _in_parts(self, count: int, check: Callable[[slice], Any]) -> Flags:
         """Check `count` rows, (count,), all at once if there is no deadline, otherwise in batches."""

@@ -300,10 +300,12 @@ class Planner:
                 ends.cost[(np.abs(self.turning.step(q - near)) < CLEAR).all(axis=1)] = np.inf
         valid = self.request.valid
         if valid is not None and valid.scene is not None:
-            # Layers are close, so the straight step from one to the next stands for the branch. The path itself is checked
-            # later.
+            # Layers are close, so points of the straight step from one to the next stand for the branch. Of all branches
+            # one is chosen, and that path is proved later.
             open_way = np.isfinite(ends.cost)
-            open_way[open_way] = valid.free_ways(self.clipped(q[open_way]), self.clipped(ends.q[open_way]))
+            open_way[open_way] = valid.probably_free(
+                self.clipped(q[open_way]), self.clipped(ends.q[open_way])
+            )
             ends.cost[~open_way] = np.inf
         return ends
 

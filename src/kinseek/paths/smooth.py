@@ -8,7 +8,7 @@ change is kept only if it improves the path: the sum of the joints' steps, each 
 path short; a higher power makes its largest steps small.
 
 In a scene each pass checks the poses, and the steps between them are proved only at the end. If a changed step is then not
-free, all passes are made again, with proofs in each pass near such steps.
+free, all passes are made again, and check points of the steps near it; then, if this was not enough, they prove these steps.
 """
 
 from __future__ import annotations
@@ -93,6 +93,15 @@ class Row(NamedTuple):
     """Largest motion of each joint from one to the next, (k - 1, n), [rad] or [m]."""
 
 
+class Careful(NamedTuple):
+    """Steps of a path that are checked in every pass."""
+
+    steps: Flags
+    """Flags of these steps, (k - 1,)."""
+    proved: bool
+    """Whether they are proved free, or points of them are checked."""
+
+
 class Smoother:
     """Shorten paths of one request."""
 
@@ -152,22 +161,22 @@ class Smoother:
         """
         if len(q) < 3:
             return q
-        careful = np.zeros(len(q) - 1, dtype=np.bool_)
+        careful, every = np.zeros(len(q) - 1, dtype=np.bool_), np.ones(len(q) - 1, dtype=np.bool_)
         with suppress(TimeUp):
-            while True:
-                moved = self._passes(q, row, passes, power, careful)
-                hits = self._hits(q, moved, ~careful)
+            # At first nothing is careful, then what is near steps that collide, by samples and by proofs, then everything.
+            for proved in (False, False, True, True):
+                moved = self._passes(q, row, passes, power, Careful(careful, proved))
+                hits = self._hits(q, moved, Careful(every, True))
                 if not len(hits):
                     return moved
-                # A second time near those steps, then everywhere.
-                again = careful.any()
-                careful[:] = again
-                for i in [] if again else hits.tolist():
+                if proved:
+                    careful[:] = True
+                for i in hits.tolist():
                     careful[max(i - BESIDE, 0) : i + 1 + BESIDE] = True
         return q
 
-    def _passes(self, q: Array, row: Row, passes: int, power: int, careful: Flags) -> Array:
-        """Make the passes of `smooth`; changed steps that are `careful`, (k - 1,), are proved free in each of them."""
+    def _passes(self, q: Array, row: Row, passes: int, power: int, careful: Careful) -> Array:
+        """Make the passes of `smooth`; changed steps that are `careful` are checked in each of them."""
         before = self._sum(q, row, power)
         with suppress(TimeUp):
             for _ in range(passes):
@@ -180,14 +189,19 @@ class Smoother:
                 before = now
         return q
 
-    def _hits(self, q: Array, moved: Array, which: Flags) -> Indices:
-        """Return those of some steps of a moved path, (k, n) both, that changed and are not free."""
+    def _hits(self, q: Array, moved: Array, careful: Careful) -> Indices:
+        """Return those of the careful steps of a moved path, (k, n) both, that changed and are not free."""
         if self.valid is None or self.valid.scene is None:
             return np.zeros(0, dtype=np.int64)
         off = (moved != q).any(axis=1)
         # Steps between unchanged poses are as free as before.
-        steps = np.flatnonzero((off[:-1] | off[1:]) & which)
-        return steps[~self.valid.free_ways(moved[steps], moved[steps + 1])]
+        steps = np.flatnonzero((off[:-1] | off[1:]) & careful.steps)
+        return steps[~self._free(moved[steps], moved[steps + 1], careful)]
+
+    def _free(self, a: Array, b: Array, careful: Careful) -> Flags:
+        """Return which steps, (k, n) to (k, n), are free, by proofs or by samples, (k,)."""
+        assert self.valid is not None
+        return self.valid.free_ways(a, b) if careful.proved else self.valid.probably_free(a, b)
 
     def _of_steps(self, steps: Array, spans: Array, power: int) -> Array:
         """Return for each step, (k, n), the sum of the joints' motions, each to a power, (k,)."""
@@ -202,7 +216,7 @@ class Smoother:
     def _sum(self, q: Array, row: Row, power: int) -> float:
         return float(self._of_steps(np.diff(q, axis=0), row.spans, power).sum())
 
-    def _gauss_newton(self, q: Array, row: Row, power: int, careful: Flags) -> Array:
+    def _gauss_newton(self, q: Array, row: Row, power: int, careful: Careful) -> Array:
         """Make one Gauss-Newton step of all poses, held back where it would tear the path.
 
         Raises:
@@ -272,7 +286,7 @@ class Smoother:
         step[row.fixed] = 0.0
         return step
 
-    def _put_back(self, q: Array, moved: Array, careful: Flags) -> None:
+    def _put_back(self, q: Array, moved: Array, careful: Careful) -> None:
         """Restore rows of a moved path, (k, n) both, until no changed step that is `careful` collides."""
         which = careful
         while len(hits := self._hits(q, moved, which)):
@@ -282,10 +296,10 @@ class Smoother:
             moved[rows] = q[rows]
             # Only steps beside the restored rows are different now.
             beside = np.union1d(rows[rows > 0] - 1, rows[rows < len(q) - 1])
-            which = np.zeros_like(careful)
-            which[beside] = careful[beside]
+            which = careful._replace(steps=np.zeros_like(careful.steps))
+            which.steps[beside] = careful.steps[beside]
 
-    def _relax_each(self, q: Array, row: Row, power: int, careful: Flags) -> Array:
+    def _relax_each(self, q: Array, row: Row, power: int, careful: Careful) -> Array:
         """Move each pose between its neighbours if this improves its two steps."""
         q = q.copy()
         # Every other pose: neighbours do not move at the same time, so each comparison stays valid.
@@ -306,10 +320,16 @@ class Smoother:
                 after - middle, span_after, power
             )
             better = there & (then < now)
-            if self.valid is not None:
-                doubtful = np.flatnonzero(better & (careful[some - 1] | careful[some]))
-                free = self.valid.free_ways(before[doubtful], middle[doubtful])
-                free[free] = self.valid.free_ways(middle[doubtful][free], after[doubtful][free])
+            if self.valid is not None and self.valid.scene is not None:
+                # A break at a body stays one: two shorter ones have a smaller sum of squares.
+                for old, new, longest in (
+                    (here - before, middle - before, row.longest[some - 1]),
+                    (after - here, after - middle, row.longest[some]),
+                ):
+                    better &= (np.abs(new) <= np.maximum(np.abs(old), longest)).all(axis=1)
+                doubtful = np.flatnonzero(better & (careful.steps[some - 1] | careful.steps[some]))
+                free = self._free(before[doubtful], middle[doubtful], careful)
+                free[free] = self._free(middle[doubtful][free], after[doubtful][free], careful)
                 better[doubtful] = free
             q[some[better]] = middle[better]
         return q
