@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -85,6 +86,15 @@ class ForbiddenEdges(NamedTuple):
     """The solution, (n,)."""
 
 
+@dataclass
+class Lessons:
+    """What earlier plans of a path found out."""
+
+    forbidden_edges: list[ForbiddenEdges] = field(default_factory=list)
+    hard: list[tuple[int, int]] = field(default_factory=list)
+    """First and last pose of parts in which every pose is a layer, if all poses are rows."""
+
+
 class Place(NamedTuple):
     """One layer's part of a path."""
 
@@ -160,17 +170,17 @@ def _before(came: Indices) -> Indices:
 class Planner:
     """Find the best path through given poses for one redundant arm."""
 
-    def __init__(
-        self, request: PathRequest, effort: Effort, forbidden_edges: Sequence[ForbiddenEdges] = ()
-    ) -> None:
+    def __init__(self, request: PathRequest, effort: Effort, lessons: Lessons | None = None) -> None:
         """Choose rows and layers.
 
         Args:
             request: The path.
             effort: Resolution of the plan.
-            forbidden_edges: Solutions that no branch may leave from.
+            lessons: What earlier plans of this path found out.
         """
-        self.forbidden_edges = forbidden_edges
+        self.lessons = Lessons() if lessons is None else lessons
+        self.breaks = 0
+        """Breaks of the best plan; a finished plan has set it."""
         problem = request.problem
         self.request, self.effort, self.problem, self.dof = request, effort, problem, problem.chain.dof
         self.smoother, self.turning = Smoother(request), Turning(problem.chain)
@@ -187,6 +197,9 @@ class Planner:
         last = len(self.rows) - 1
         self.keys = np.unique(np.round(np.linspace(0, last, -(-last // effort.rows) + 1)).astype(np.int64))
         """Indices of the rows that are layers."""
+        if effort.way <= 0.0:
+            hard = [np.arange(first, end + 1) for first, end in self.lessons.hard]
+            self.keys = np.unique(np.concatenate([self.keys, *hard]))
         longest = request.longest.min(axis=0, initial=np.inf)
         self.longest = np.where(np.isinf(longest), UNBOUND, longest)
         self.sideways = np.where(np.isinf(request.longest.max(axis=0, initial=0.0)), UNBOUND, SIDEWAYS)
@@ -272,7 +285,9 @@ class Planner:
             raise TimeUp
         # A node without a way from the beginning must not win.
         fault = np.where(before.fault < 0, np.iinfo(np.int64).max, before.fault)
-        return self.filled(ways.to(int(np.lexsort((before.sums, fault))[0])), self.keys[:count])
+        best = int(np.lexsort((before.sums, fault))[0])
+        self.breaks = int(fault[best])
+        return self.filled(ways.to(best), self.keys[:count])
 
     def samples(self, layers: range, threads: int | None) -> list[Array]:
         """Sample fresh solutions at some layers, (k, n) each; empty arrays where the time was up."""
@@ -295,7 +310,7 @@ class Planner:
         moments, leaps = self.rows[begin : end + 1].astype(np.float64), np.full(self.dof, LEAPS)
         targets = self.row_targets[begin : end + 1]
         propagate_layer(job, targets, moments, leaps, self.smoother.weights, q, ends)
-        for pose, near in self.forbidden_edges:
+        for pose, near in self.lessons.forbidden_edges:
             if self.rows[begin] <= pose < self.rows[end]:
                 ends.cost[(np.abs(self.turning.step(q - near)) < CLEAR).all(axis=1)] = np.inf
         valid = self.request.valid

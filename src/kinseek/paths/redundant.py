@@ -7,11 +7,14 @@ added. So the best path through all of them (see `kernels.paths.viterbi`) follow
 by small steps. The remaining corners are smoothed, first on the poses of the plan, then on all poses. Where a step is still
 too large or collides, that part of the path is planned again with a finer resolution. If this does not help, the whole path
 is planned again: at last with a layer at every pose, and once more without the places where that plan broke.
+
+In a scene, points of the edges are checked while a plan is made, and the steps of the path that results are proved free. A
+step that is not counts like one that is too large.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -26,7 +29,7 @@ from kinseek.solvers.threads import GoOn, parallel_for
 from kinseek.support.deadline import TimeUp
 
 from .joints import Turning
-from .plan import Effort, ForbiddenEdges, Planner, between_rows, path_parameter
+from .plan import Effort, ForbiddenEdges, Lessons, Planner, between_rows, path_parameter
 from .request import PathRequest
 from .smooth import Row, Smoother
 from .steps import avoidable, faulty
@@ -46,6 +49,10 @@ at which curves of solutions separate and join differently."""
 
 Plans = tuple[tuple[Effort, Effort], ...]
 
+BLOCKED: Plans = ((COARSE, EACH), (EACH, STEP), (EACH, STEP))
+"""Like `PLANS`, in a scene, where layers are close only near the breaks of the plans before. Most breaks are real there: no
+way leads around a body, and with a layer at every pose of a long path it takes seconds to find the same breaks again."""
+
 PLANS: Plans = ((COARSE, EACH), (EACH, STEP), (STEP, STEP), (STEP, STEP))
 """Resolutions of each plan of the whole path, and of its parts around breaks; they are tried until no breaks are left. Of 54
 made paths of twelve arms on which the first plan breaks, the first three follow all, and the first and the third alone 48.
@@ -55,6 +62,10 @@ AROUND = 3.0
 """Motion of the hand, before and after a break, that is planned again; see `Effort.way` for the unit. A second attempt with
 8.0 was tried on 54 made paths of twelve arms on which the first plan breaks: all were followed with and without it. The
 program of this trial is not in the repository."""
+
+HARD = 5.0
+"""Like `AROUND`, for the parts in which every pose is a layer of the next plan in a scene. With 3.0 one of six paths of
+`python -m benchmarks.paths.scenes` has one break more, with 8.0 none has fewer."""
 
 FIRST_PASSES, LAST_PASSES = 10, 4
 """Most smoothing passes on the rows of the plan, and on all poses."""
@@ -78,13 +89,15 @@ class Draft(NamedTuple):
     cost: float
     refused: Flags
     """Flags of the poses at which none of the examined solutions is allowed, (N,)."""
+    breaks: int = 0
+    """Breaks of the plan that it was made from: at this resolution no path has fewer."""
 
     @classmethod
-    def of(cls, request: PathRequest, q: Array, refused: Flags | None = None) -> Draft:
+    def of(cls, request: PathRequest, q: Array, refused: Flags | None = None, breaks: int = 0) -> Draft:
         """Check and evaluate joint values of a path, (N, n), with all poses allowed unless some are `refused`."""
         none = np.zeros(len(q), dtype=np.bool_)
         cost = _cost(request, q, np.ones((len(q) - 1, 1)))
-        return cls(q, faulty(request, q), cost, none if refused is None else refused)
+        return cls(q, faulty(request, q), cost, none if refused is None else refused, breaks)
 
     @property
     def order(self) -> tuple[int, float]:
@@ -137,22 +150,31 @@ def _open_way(request: PathRequest, threads: int | None, advance: Advance, plans
     best = _planned(request, plans[0][0], threads, advance)
     if len(best.q) < len(request) or best.refused.any():
         return best
-    forbidden_edges, can_be_mended = list[ForbiddenEdges](), avoidable(request)
+    lessons, can_be_mended, in_scene = Lessons(), avoidable(request), _in_scene(request)
+    parameter = path_parameter(request.problem)
     with suppress(TimeUp):
-        for effort, finer in plans:
-            new = best
-            if effort is not plans[0][0]:
-                new = _planned(request, effort, threads, silent, forbidden_edges)
+        for number, (effort, finer) in enumerate(BLOCKED[: len(plans)] if in_scene else plans):
+            new = _planned(request, effort, threads, silent, lessons) if number else best
             if len(new.q) < len(request):
                 break
-            if effort is STEP:
-                forbidden_edges += [ForbiddenEdges(int(i), new.q[i]) for i in np.flatnonzero(new.faulty)]
-            new = _mended(request, new, finer, threads)
+            if effort is STEP or (in_scene and number):
+                hits = [ForbiddenEdges(int(i), new.q[i]) for i in np.flatnonzero(new.faulty)]
+                lessons.forbidden_edges += hits
+            # No path through these layers has fewer breaks than the plan, with fewer edges neither.
+            least = new.breaks if in_scene and number else 0
+            if new.order[0] > least:
+                new = _mended(request, new, finer, threads)
             if new.order < best.order:
                 best = new
-            if not (best.faulty & can_be_mended).any():
+            if not (best.faulty & can_be_mended).any() or best.order[0] <= least:
                 break
+            if in_scene:
+                lessons.hard += _around(request, best, parameter, HARD)
     return best
+
+
+def _in_scene(request: PathRequest) -> bool:
+    return request.valid is not None and request.valid.scene is not None
 
 
 def _refused(request: PathRequest, q: Array) -> Flags:
@@ -226,9 +248,9 @@ def _planned(
     effort: Effort,
     threads: int | None,
     advance: Advance,
-    forbidden_edges: Sequence[ForbiddenEdges] = (),
+    lessons: Lessons | None = None,
 ) -> Draft:
-    planner = Planner(request, effort, forbidden_edges)
+    planner = Planner(request, effort, lessons)
     rows = planner.rows
     if len(rows) == 1:
         request.deadline.check()
@@ -262,15 +284,16 @@ def _finished(request: PathRequest, planner: Planner, q: Array) -> Draft:
         # The path is planned again without these poses.
         return Draft.of(request, q, refused)
     q = _smoothed(request, smoother, q, all_of_them, LAST_PASSES)
-    draft = Draft.of(request, q)
-    # High powers come last: they reduce the largest steps, but need a path that is short already.
-    for power in POWERS:
+    draft = Draft.of(request, q, breaks=planner.breaks)
+    # High powers come last: they reduce the largest steps, but need a path that is short already. They do not lead around a
+    # body that every way of the plan meets.
+    for power in () if planner.breaks and _in_scene(request) else POWERS:
         windows = _around(request, draft, planner.parameter, EASED)
         for first, last in windows:
             part = _row(_part(request, q, first, last), np.arange(last + 1 - first))
             q[first : last + 1] = smoother.smooth(q[first : last + 1], part, POWER_PASSES, power)
         if windows:
-            draft = Draft.of(request, q)
+            draft = Draft.of(request, q, breaks=planner.breaks)
     return draft
 
 
