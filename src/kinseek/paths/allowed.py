@@ -46,8 +46,8 @@ class Allowed:
     own: slice = field(default_factory=lambda: slice(None))
     """The arm's own joints, if the chain also has virtual joints for ranges of the goal."""
     deadline: Deadline = field(default_factory=Deadline)
-    _proofs: dict[bytes, bool] = field(default_factory=dict, repr=False, compare=False)
-    """Steps that were checked, and whether they are proved free."""
+    _proofs: dict[tuple[bytes, float], bool] = field(default_factory=dict, repr=False, compare=False)
+    """Steps that were checked, with the deviation of the joints, and whether they are proved free."""
 
     def at_least(self, seconds: float) -> Allowed:
         """Return these checks with at least some seconds left, even if the deadline has passed."""
@@ -75,19 +75,23 @@ class Allowed:
         free[free] = self.agreed_ways(a[free], b[free])
         return free
 
-    def free(self, q: Array) -> Flags:
-        """Return for each q, (k, n), whether it is free in the scene, (k,)."""
+    def free(self, q: Array, margin: float = 0.0) -> Flags:
+        """Return for each q, (k, n), whether it is free in the scene, (k,), by a margin beyond the clearance [m]."""
         if self.scene is None or not len(q):
             return np.ones(len(q), dtype=np.bool_)
         scene, own = self.scene, q[:, self.own]
-        return self._in_parts(len(q), lambda some: scene.free(own[some], self.clearance))
+        return self._in_parts(len(q), lambda some: scene.free(own[some], self.clearance + margin))
 
-    def free_ways(self, a: Array, b: Array) -> Flags:
-        """Return for each straight step, (k, n) to (k, n), whether all of it is free in the scene, (k,)."""
+    def free_ways(self, a: Array, b: Array, around: float = 0.0) -> Flags:
+        """Return for each straight step, (k, n) to (k, n), whether all of it is proved free in the scene, (k,).
+
+        With `around`, this holds for all motions whose joints deviate from the step by at most this [rad or m].
+        """
         if self.scene is None or not len(a):
             return np.ones(len(a), dtype=np.bool_)
         scene, begins, ends = self.scene, a[:, self.own], b[:, self.own]
-        steps = [step.tobytes() for step in np.concatenate([begins, ends], axis=1)]
+        deviation = np.full(begins.shape[1], around) if around else None
+        steps = [(step.tobytes(), around) for step in np.concatenate([begins, ends], axis=1)]
         # Most steps of a path are proved several times, and a step close to contact takes as long as thousands of others.
         known = [self._proofs.get(step) for step in steps]
         new = np.array([i for i, proof in enumerate(known) if proof is None], dtype=np.int64)
@@ -95,25 +99,29 @@ class Allowed:
         if len(new):
             free[new] = self._in_parts(
                 len(new),
-                lambda some: scene.free_motion(begins[new[some]], ends[new[some]], self.clearance),
+                lambda some: scene.free_motion(begins[new[some]], ends[new[some]], self.clearance, deviation),
             )
             if len(self._proofs) > REMEMBERED:
                 self._proofs.clear()
             self._proofs.update(zip([steps[i] for i in new], free[new].tolist(), strict=True))
         return free
 
-    def probably_free(self, a: Array, b: Array) -> Flags:
+    def probably_free(self, a: Array, b: Array, margin: float = 0.0) -> Flags:
         """Return for each straight step, (k, n) to (k, n), whether points of it at most `APART` apart are free, (k,).
 
-        This proves nothing, and takes a small part of the time of `free_ways`. The ends are not checked.
+        This proves nothing, and takes a small part of the time of `free_ways`. With a margin [m], the points keep this much
+        more than the clearance, and the ends are checked too.
         """
         if self.scene is None or not len(a):
             return np.ones(len(a), dtype=np.bool_)
         parts = np.maximum(np.ceil(np.abs(b - a).max(axis=1) / APART), 2.0).astype(np.int64)
-        first = np.concatenate([[0], np.cumsum(parts - 1)])
-        step = np.repeat(np.arange(len(a)), parts - 1)
-        share = (np.arange(first[-1]) - first[step] + 1) / parts[step]
-        return np.logical_and.reduceat(self.free(a[step] + share[:, None] * (b - a)[step]), first[:-1])
+        begin = 0 if margin else 1
+        counts = parts + 1 - 2 * begin
+        first = np.cumsum(counts) - counts
+        step = np.repeat(np.arange(len(a)), counts)
+        share = (np.arange(len(step)) - first[step] + begin) / parts[step]
+        q = a[step] + share[:, None] * (b - a)[step]
+        return np.logical_and.reduceat(self.free(q, margin), first)
 
     def _in_parts(self, count: int, check: Callable[[slice], Any]) -> Flags:
         """Check `count` rows, (count,), all at once if there is no deadline, otherwise in batches."""

@@ -8,11 +8,13 @@ change is kept only if it improves the path: the sum of the joints' steps, each 
 path short; a higher power makes its largest steps small.
 
 In a scene each pass checks the poses, and the steps between them are proved only at the end. If a changed step is then not
-free, all passes are made again, and check points of the steps near it; then, if this was not enough, they prove these steps.
+free, all passes are made again, and check points of the steps near it; then, if this was not enough, the poses near it stay
+where they are.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -76,8 +78,16 @@ ENOUGH = 1e-3
 
 
 BESIDE = 8
-"""Steps before and after one that is not free that are proved in every pass when the smoothing is repeated. Not examined
-further."""
+"""Steps before and after one that is not free that are checked in every pass when the smoothing is repeated, and poses that
+are held still after that. Not examined further."""
+
+SLACK, MARGIN = 1e-4, 5e-4
+"""A smoothed step stays free if joints deviate from it by the first [rad or m], since it takes long to prove that steps are
+free which graze a body; points of it keep the second more than the clearance [m]. Not examined further."""
+
+TRIALS = 4
+"""How often a path is smoothed in a scene: without checks of steps, with checks near those that collide, and, where these
+still do, without the poses near them. Not examined further."""
 
 
 class Row(NamedTuple):
@@ -93,13 +103,8 @@ class Row(NamedTuple):
     """Largest motion of each joint from one to the next, (k - 1, n), [rad] or [m]."""
 
 
-class Careful(NamedTuple):
-    """Steps of a path that are checked in every pass."""
-
-    steps: Flags
-    """Flags of these steps, (k - 1,)."""
-    proved: bool
-    """Whether they are proved free, or points of them are checked."""
+Check = Callable[[Array, Array], Flags]
+"""Returns which steps, (k, n) to (k, n), are free, (k,)."""
 
 
 class Smoother:
@@ -162,21 +167,28 @@ class Smoother:
         if len(q) < 3:
             return q
         careful, every = np.zeros(len(q) - 1, dtype=np.bool_), np.ones(len(q) - 1, dtype=np.bool_)
+        # Between poses that are not adjacent the path does not go straight, so a proof would be of no use.
+        check = self._proved if (row.spans <= 1.0).all() else self._sampled
         with suppress(TimeUp):
-            # At first nothing is careful, then what is near steps that collide, by samples and by proofs, then everything.
-            for proved in (False, False, True, True):
-                moved = self._passes(q, row, passes, power, Careful(careful, proved))
-                hits = self._hits(q, moved, Careful(every, True))
+            for tries in range(TRIALS):
+                moved = self._passes(q, row, passes, power, careful)
+                hits = self._hits(q, moved, every, check)
                 if not len(hits):
                     return moved
-                if proved:
-                    careful[:] = True
+                beside = np.zeros(len(q), dtype=np.bool_)
                 for i in hits.tolist():
                     careful[max(i - BESIDE, 0) : i + 1 + BESIDE] = True
+                    beside[max(i - BESIDE, 0) : i + 2 + BESIDE] = True
+                if tries:
+                    row = row._replace(fixed=row.fixed | beside)
+            self._put_back(q, moved, every, check)
+            bounds = np.maximum(np.abs(np.diff(q, axis=0)), row.longest)
+            if (np.abs(np.diff(moved, axis=0)) <= bounds * (1 + 1e-9)).all():
+                return moved
         return q
 
-    def _passes(self, q: Array, row: Row, passes: int, power: int, careful: Careful) -> Array:
-        """Make the passes of `smooth`; changed steps that are `careful` are checked in each of them."""
+    def _passes(self, q: Array, row: Row, passes: int, power: int, careful: Flags) -> Array:
+        """Make the passes of `smooth`; points of changed steps that are `careful`, (k - 1,), are checked in each of them."""
         before = self._sum(q, row, power)
         with suppress(TimeUp):
             for _ in range(passes):
@@ -189,19 +201,24 @@ class Smoother:
                 before = now
         return q
 
-    def _hits(self, q: Array, moved: Array, careful: Careful) -> Indices:
-        """Return those of the careful steps of a moved path, (k, n) both, that changed and are not free."""
+    def _hits(self, q: Array, moved: Array, which: Flags, check: Check) -> Indices:
+        """Return those of some steps of a moved path, (k, n) both, that changed and are not free."""
         if self.valid is None or self.valid.scene is None:
             return np.zeros(0, dtype=np.int64)
         off = (moved != q).any(axis=1)
         # Steps between unchanged poses are as free as before.
-        steps = np.flatnonzero((off[:-1] | off[1:]) & careful.steps)
-        return steps[~self._free(moved[steps], moved[steps + 1], careful)]
+        steps = np.flatnonzero((off[:-1] | off[1:]) & which)
+        return steps[~check(moved[steps], moved[steps + 1])]
 
-    def _free(self, a: Array, b: Array, careful: Careful) -> Flags:
-        """Return which steps, (k, n) to (k, n), are free, by proofs or by samples, (k,)."""
+    def _proved(self, a: Array, b: Array) -> Flags:
+        """Return which steps, (k, n) to (k, n), are proved free, (k,)."""
         assert self.valid is not None
-        return self.valid.free_ways(a, b) if careful.proved else self.valid.probably_free(a, b)
+        return self.valid.free_ways(a, b, SLACK)
+
+    def _sampled(self, a: Array, b: Array) -> Flags:
+        """Return which steps, (k, n) to (k, n), are free at some points, (k,)."""
+        assert self.valid is not None
+        return self.valid.probably_free(a, b, MARGIN)
 
     def _of_steps(self, steps: Array, spans: Array, power: int) -> Array:
         """Return for each step, (k, n), the sum of the joints' motions, each to a power, (k,)."""
@@ -216,7 +233,7 @@ class Smoother:
     def _sum(self, q: Array, row: Row, power: int) -> float:
         return float(self._of_steps(np.diff(q, axis=0), row.spans, power).sum())
 
-    def _gauss_newton(self, q: Array, row: Row, power: int, careful: Careful) -> Array:
+    def _gauss_newton(self, q: Array, row: Row, power: int, careful: Flags) -> Array:
         """Make one Gauss-Newton step of all poses, held back where it would tear the path.
 
         Raises:
@@ -234,7 +251,7 @@ class Smoother:
             # Poses that do not return to their target stay where they were; the others keep the improvement.
             lost = ~self.project(moved, row.targets) | row.fixed
             moved[lost] = q[lost]
-            self._put_back(q, moved, careful)
+            self._put_back(q, moved, careful, self._sampled)
             torn = np.flatnonzero((np.abs(np.diff(moved, axis=0)) > bounds * (1 + 1e-9)).any(axis=1))
             if not len(torn):
                 if self._sum(moved, row, power) < before:
@@ -286,20 +303,20 @@ class Smoother:
         step[row.fixed] = 0.0
         return step
 
-    def _put_back(self, q: Array, moved: Array, careful: Careful) -> None:
-        """Restore rows of a moved path, (k, n) both, until no changed step that is `careful` collides."""
-        which = careful
-        while len(hits := self._hits(q, moved, which)):
+    def _put_back(self, q: Array, moved: Array, which: Flags, check: Check) -> None:
+        """Restore rows of a moved path, (k, n) both, until none of some steps, (k - 1,), changed and collides."""
+        now = which
+        while len(hits := self._hits(q, moved, now, check)):
             off = (moved != q).any(axis=1)
             rows = np.union1d(hits, hits + 1)
             rows = rows[off[rows]]
             moved[rows] = q[rows]
             # Only steps beside the restored rows are different now.
             beside = np.union1d(rows[rows > 0] - 1, rows[rows < len(q) - 1])
-            which = careful._replace(steps=np.zeros_like(careful.steps))
-            which.steps[beside] = careful.steps[beside]
+            now = np.zeros_like(which)
+            now[beside] = which[beside]
 
-    def _relax_each(self, q: Array, row: Row, power: int, careful: Careful) -> Array:
+    def _relax_each(self, q: Array, row: Row, power: int, careful: Flags) -> Array:
         """Move each pose between its neighbours if this improves its two steps."""
         q = q.copy()
         # Every other pose: neighbours do not move at the same time, so each comparison stays valid.
@@ -327,9 +344,9 @@ class Smoother:
                     (after - here, after - middle, row.longest[some]),
                 ):
                     better &= (np.abs(new) <= np.maximum(np.abs(old), longest)).all(axis=1)
-                doubtful = np.flatnonzero(better & (careful.steps[some - 1] | careful.steps[some]))
-                free = self._free(before[doubtful], middle[doubtful], careful)
-                free[free] = self._free(middle[doubtful][free], after[doubtful][free], careful)
+                doubtful = np.flatnonzero(better & (careful[some - 1] | careful[some]))
+                free = self._sampled(before[doubtful], middle[doubtful])
+                free[free] = self._sampled(middle[doubtful][free], after[doubtful][free])
                 better[doubtful] = free
             q[some[better]] = middle[better]
         return q
