@@ -70,6 +70,9 @@ CLEAR = 0.3
 LAYERS_AT_ONCE = 64
 """Layers whose fresh solutions are sampled together if there is a deadline."""
 
+GRAZED = 4
+"""Poses before and after a step that was not proved free although points of it are, between which all edges are proved."""
+
 FORGET = 16
 """Layers after which nodes that no best path leads through are dropped."""
 
@@ -93,6 +96,12 @@ class Lessons:
     forbidden_edges: list[ForbiddenEdges] = field(default_factory=list)
     hard: list[tuple[int, int]] = field(default_factory=list)
     """First and last pose of parts in which every pose is a layer, if all poses are rows."""
+    grazed: list[int] = field(default_factory=list)
+    """Poses at which a step was not proved free although points of it are."""
+
+    def of_part(self, first: int, last: int) -> Lessons:
+        """Return what is known of the edges of some poses of the path, for a plan of these alone."""
+        return Lessons(grazed=[pose - first for pose in self.grazed if first <= pose <= last])
 
 
 class Place(NamedTuple):
@@ -315,12 +324,13 @@ class Planner:
                 ends.cost[(np.abs(self.turning.step(q - near)) < CLEAR).all(axis=1)] = np.inf
         valid = self.request.valid
         if valid is not None and valid.scene is not None:
-            # Layers are close, so points of the straight step from one to the next stand for the branch. Of all branches
-            # one is chosen, and that path is proved later.
+            # Layers are close, so the straight step from one to the next stands for the branch. Of all branches one is
+            # chosen, and that path is proved later: points of the others suffice, except where they did not.
+            first, last = self.rows[begin] - GRAZED, self.rows[end] + GRAZED
+            some = any(first <= pose <= last for pose in self.lessons.grazed)
             open_way = np.isfinite(ends.cost)
-            open_way[open_way] = valid.probably_free(
-                self.clipped(q[open_way]), self.clipped(ends.q[open_way])
-            )
+            check = valid.free_ways if some else valid.probably_free
+            open_way[open_way] = check(self.clipped(q[open_way]), self.clipped(ends.q[open_way]))
             ends.cost[~open_way] = np.inf
         return ends
 

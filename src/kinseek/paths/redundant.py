@@ -32,7 +32,7 @@ from .joints import Turning
 from .plan import Effort, ForbiddenEdges, Lessons, Planner, between_rows, path_parameter
 from .request import PathRequest
 from .smooth import Row, Smoother
-from .steps import avoidable, faulty
+from .steps import avoidable, faulty, short_steps
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -157,13 +157,15 @@ def _open_way(request: PathRequest, threads: int | None, advance: Advance, plans
             new = _planned(request, effort, threads, silent, lessons) if number else best
             if len(new.q) < len(request):
                 break
+            grazed = _grazed(request, new)
+            lessons.grazed += np.flatnonzero(grazed).tolist()
             if effort is STEP or (in_scene and number):
-                hits = [ForbiddenEdges(int(i), new.q[i]) for i in np.flatnonzero(new.faulty)]
+                hits = [ForbiddenEdges(int(i), new.q[i]) for i in np.flatnonzero(new.faulty & ~grazed)]
                 lessons.forbidden_edges += hits
             # No path through these layers has fewer breaks than the plan, with fewer edges neither.
             least = new.breaks if in_scene and number else 0
             if new.order[0] > least:
-                new = _mended(request, new, finer, threads)
+                new = _mended(request, new, finer, threads, lessons)
             if new.order < best.order:
                 best = new
             if not (best.faulty & can_be_mended).any() or best.order[0] <= least:
@@ -191,7 +193,18 @@ def _refused(request: PathRequest, q: Array) -> Flags:
     return refused
 
 
-def _mended(request: PathRequest, draft: Draft, effort: Effort, threads: int | None) -> Draft:
+def _grazed(request: PathRequest, draft: Draft) -> Flags:
+    """Return flags of the steps of a draft, (N - 1,), that collide although both of their poses are free."""
+    hits = np.asarray(draft.faulty & short_steps(request, draft.q[:-1], draft.q[1:]))
+    if request.valid is not None and hits.any():
+        hits[hits] = request.valid.free(draft.q[:-1][hits])
+        hits[hits] = request.valid.free(draft.q[1:][hits])
+    return hits
+
+
+def _mended(
+    request: PathRequest, draft: Draft, effort: Effort, threads: int | None, lessons: Lessons
+) -> Draft:
     """Plan the parts of a path around its breaks again, and keep them where this removes the breaks."""
     q = draft.q
     windows = _around(request, draft, path_parameter(request.problem), AROUND)
@@ -201,7 +214,7 @@ def _mended(request: PathRequest, draft: Draft, effort: Effort, threads: int | N
     def plan(first: int, end: int, go_on: GoOn) -> None:
         for k in range(first, end):
             with suppress(TimeUp):
-                made[k] = _planned(parts[k], effort, 1, silent)
+                made[k] = _planned(parts[k], effort, 1, silent, lessons.of_part(*windows[k]))
 
     parallel_for(plan, len(parts), 1, threads, request.deadline)
     for (first, last), part, new in zip(windows, parts, made, strict=True):
