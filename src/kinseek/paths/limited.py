@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +126,16 @@ class LimitedJoints:
         self._exact: dict[int, float] = {}
         """Distances of pairs when they were last measured."""
         self.room = Room(np.zeros((0, n)), np.zeros(0))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the distances of the scene out of pickles and copies: the next step measures them again."""
+        return {**vars(self), "_margins": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Let the motion refer to the state again, of which pickles and copies make separate arrays."""
+        vars(self).update(state)
+        q, velocity, acceleration = self.state
+        self.motion = self.motion._replace(q=q, velocity=velocity, acceleration=acceleration)
 
     def follow(self, q: Array, h: float) -> Kept:
         """Move towards joint values, (n,), for the time h."""

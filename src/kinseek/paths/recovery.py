@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from threading import Thread
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,12 +126,17 @@ class _Search:
                 found = np.concatenate([found, solutions_of(problem, target)])
             self._q = found
 
-        self._thread = Thread(target=run, daemon=True)
+        self._thread: Thread | None = Thread(target=run, daemon=True)
         self._thread.start()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what was found, for pickles and copies."""
+        return {"_q": self.result(), "_thread": None}
 
     def result(self) -> Array:
         """Wait for the solutions and return them, (k, n); none if the pose is out of reach."""
-        self._thread.join()
+        if self._thread is not None:
+            self._thread.join()
         return self._q
 
 

@@ -231,6 +231,15 @@ class Tracker:
         self._prefer_speed = as_number("prefer_speed", prefer.speed, *TIMES, InvalidProblem)
         self.prefer(prefer.what)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the atlas out of pickles and copies: it holds addresses of its own arrays in this process."""
+        return {name: value for name, value in vars(self).items() if name != "_index"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Build the atlas again."""
+        vars(self).update(state)
+        self._index = atlas_of(self._arm, self._goal)
+
     @property
     def q(self) -> Array:
         """Current joint values, (n,), [rad] or [m]."""
