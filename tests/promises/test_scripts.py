@@ -29,6 +29,7 @@ SCRIPTS = [
     ROOT / "benchmarks" / "maps" / "__main__.py",
     ROOT / "benchmarks" / "paths" / "__main__.py",
     ROOT / "benchmarks" / "paths" / "fastest.py",
+    ROOT / "benchmarks" / "paths" / "scenes.py",
     ROOT / "benchmarks" / "field" / "agree.py",
     ROOT / "experiments" / "__main__.py",
 ]
