@@ -31,11 +31,11 @@ import kinseek
 from kinseek import viewer
 from kinseek.viewer.page import Page
 answered = [0]
-answer = Page._answer
+solve = Page._solve
 def counted(self, picked):
-    answer(self, picked)
+    solve(self, picked)
     answered[0] += 1
-Page._answer = counted
+Page._solve = counted
 def memory():
     with open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * resource.getpagesize()
@@ -44,7 +44,7 @@ for line in sys.stdin:
     page = next(iter(running.pages.values()), None)
     told = {"port": running.port, "answered": answered[0], "memory": memory()}
     if page is not None:
-        told |= {"goal": page.wishes.target.tolist(), "idle": page.idle}
+        told |= {"goal": page.options.target.tolist(), "idle": page.idle}
         told |= {"cpu": sum(os.times()[:2])}
     print(json.dumps(told), flush=True)
 running.stop()
