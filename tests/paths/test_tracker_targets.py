@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, InvalidProblem, TrackStatus
+from ros_messages import Point, Pose, Quaternion
 
 Array = NDArray[np.float64]
 
@@ -195,3 +197,46 @@ def test_preferences_change_on_the_way_and_wrong_ones_are_refused() -> None:
             panda.track(PANDA, prefer=wrong)
     with pytest.raises(InvalidProblem, match="finite number of solutions"):
         ur5e.track(HOME, prefer="limits")
+
+
+def test_a_very_long_period_is_one_step() -> None:
+    arm = kinseek.load("ur5e")
+    q = np.array([0.0, -1.2, 1.5, -1.8, -1.5, 0.0])
+    tracker = arm.track(q, 0.002, velocity=1.0)
+    tracker.step(arm.fk(q))
+    begun = time.perf_counter()
+    assert tracker.step(arm.fk(q), dt=1e8).status is TrackStatus.TRACKING
+    assert time.perf_counter() - begun < 1.0
+
+
+def test_nan_in_a_message_brakes() -> None:
+    arm = kinseek.load("ur5e")
+    q = np.array([0.0, -1.2, 1.5, -1.8, -1.5, 0.0])
+    tracker = arm.track(q, 0.002, velocity=1.0)
+    for x in (np.nan, 0.3):
+        message = Pose(position=Point(x=x, y=0.1, z=0.2), orientation=Quaternion(x=1.0, y=0.0, z=0.0, w=0.0))
+        assert (tracker.step(message).status is TrackStatus.STOPPING) == np.isnan(x)
+
+
+def test_axes_of_a_pose_are_refused() -> None:
+    arm = kinseek.load("ur5e")
+    q = np.array([0.0, -1.2, 1.5, -1.8, -1.5, 0.0])
+    tracker = arm.track(q, 0.002, velocity=1.0)
+    with pytest.raises(InvalidProblem, match="axes of a twist"):
+        tracker.step(arm.fk(q), axes="tol")  # type: ignore[arg-type]
+    with pytest.raises(InvalidProblem, match="axes='tool' is for twist=, got a pose"):
+        tracker.step(arm.fk(q), axes="tool")
+
+
+def test_the_way_to_another_branch_ends_with_nan() -> None:
+    """It would go on from where the joints are not any more."""
+    arm = kinseek.load("ur5e")
+    q = np.array([0.0, -1.2, 1.5, -1.8, -1.5, 0.0])
+    tracker = arm.track(q, 0.002, velocity=1.0, acceleration=10.0)
+    T = arm.fk(q)
+    tracker.step(T)
+    tracker.switch()
+    for _ in range(100):
+        assert tracker.step(T).status is TrackStatus.SWITCHED
+    assert tracker.step(np.full((4, 4), np.nan)).status is TrackStatus.STOPPING
+    assert tracker.step(T).status is not TrackStatus.SWITCHED

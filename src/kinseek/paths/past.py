@@ -38,6 +38,11 @@ class PastPoses:
         self._apart = min(max(1, round(SPAN / period)), MOST_PERIODS_BACK)
         self._poses = np.zeros((2 * self._apart + 1, 4, 4))
 
+    @property
+    def kept(self) -> int:
+        """The number of poses that are kept."""
+        return len(self._poses)
+
     def store(self, T: Array) -> None:
         """Store the pose of a period, (4, 4), in the ring of the last poses."""
         self._poses[self.count % len(self._poses)] = T

@@ -36,39 +36,43 @@ RESTS = (0.2, 0.4)
 further."""
 
 
-AGAIN = 20
-"""A target at rest that was not reached after that is looked for at every so many attempts."""
+AGAIN = 1.0
+"""A target that rests and was not reached after that is looked for again after this time [s]."""
+
+ROUNDING = 1e-9
+"""Of times [s]."""
 
 
 class Recovery:
     """What is known of a lost pose, and a search for it beside the loop: it takes milliseconds if a pose is out of reach."""
 
-    def __init__(self, problem: Problem, period: float, turning: Turning, own: slice) -> None:
+    def __init__(self, problem: Problem, turning: Turning, own: slice) -> None:
         """Begin without a lost pose.
 
         Args:
             problem: The arm, and the goal with any target.
-            period: Of the tracker [s].
             turning: The joints.
             own: Those of the arm among all, which decide what is another branch.
         """
         self._problem, self._turning, self._own = problem, turning, own
-        self._periods = max(1, round(RETRY / period))
-        self._patience = [round(seconds / (self._periods * period)) for seconds in RESTS]
         self.forget()
 
     def forget(self) -> None:
         """Begin again: a pose was reached, or no pose is tracked."""
-        self.lost_for = 0
-        """Number of periods that ended with a lost pose since a pose was last reached."""
+        self.lost_for = 0.0
+        """Time since a pose was lost [s]."""
+        self._due, self._gap = RETRY, RETRY
         self._was_unreachable = False
         self._search: _Search | None = None
-        self._rest, self._rested = np.eye(4), 0
+        self._searched, self._since, self._rest = 0.0, 0.0, np.eye(4)
 
-    def is_due(self) -> bool:
-        """Count a period with a lost pose, and return whether it is time to call `solutions`."""
-        self.lost_for += 1
-        return self.lost_for % self._periods == 0
+    def is_due(self, h: float) -> bool:
+        """Count a period of duration h with a lost pose, and return whether it is time to call `solutions`."""
+        self.lost_for += h
+        if self.lost_for < self._due - ROUNDING:
+            return False
+        self._due, self._gap = self.lost_for + RETRY, max(RETRY, h)
+        return True
 
     def solutions(self, target: Array, state: State, lags: bool) -> Array:
         """Return what the last search has found, (k, n), none if the arm should stay, and begin another search.
@@ -80,8 +84,8 @@ class Recovery:
             state: Of the tracker.
             lags: Whether the arm is on its way, as fast as it may.
         """
-        self._watch(target)
-        rests = self._rested >= self._patience[lags]
+        rested = self._rested(target)
+        rests = rested >= RESTS[lags] - ROUNDING
         found = np.zeros((0, len(state.now)))
         if self._search is not None:
             found = self._search.result()
@@ -90,19 +94,20 @@ class Recovery:
                 far = np.abs(self._turning.step(found - state.reached)[:, self._own]).max(axis=1) > ELSEWHERE
                 found = found[np.full(len(found), not lags) & (~far | self._was_unreachable)]
         # The next call may find that the target rests.
-        rests = self._rested + 1 >= min(self._patience)
+        rests = rested + self._gap >= min(RESTS) - ROUNDING
         near = state.now if rests or self._was_unreachable else state.reached
         self._search = None
-        if self._rested <= max(self._patience) or self._rested % AGAIN == 0:
+        if rested <= max(RESTS) + ROUNDING or self.lost_for >= self._searched + AGAIN:
+            self._searched = self.lost_for
             self._search = _Search(self._problem, target[:3].copy(), near.copy(), rests)
         return found
 
-    def _watch(self, target: Array) -> None:
-        """Count for how many attempts the target has been at rest."""
+    def _rested(self, target: Array) -> float:
+        """Return for how long a target, (4, 4), has been at rest when it was looked at [s]."""
         (turn,) = rotation_vectors((target[:3, :3] @ self._rest[:3, :3].T)[None])
         if is_away(float(np.linalg.norm(target[:3, 3] - self._rest[:3, 3])), float(np.linalg.norm(turn))):
-            self._rest, self._rested = target.copy(), -1
-        self._rested += 1
+            self._rest, self._since = target.copy(), self.lost_for
+        return self.lost_for - self._since
 
 
 def is_away(position: float, orientation: float) -> bool:

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.errors import InvalidProblem, suggest
+from kinseek.errors import InvalidGoal, InvalidProblem, suggest
 from kinseek.goal import Goal
 from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.arm.pose_error import judge
@@ -23,7 +23,7 @@ from kinseek.kernels.paths.limited import POSITION, VELOCITY, track_step
 from kinseek.kernels.paths.servo import LAGGING, LIMIT, SINGULAR, State, look_ahead, servo_step
 from kinseek.kernels.paths.towards import move_towards
 from kinseek.kinds import POSITION as POSITION_GOAL
-from kinseek.poses import as_pose, one_pose, plain_array
+from kinseek.poses import as_pose, matrix_of, one_pose, plain_array
 from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import RATES, Mechanism
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
@@ -220,7 +220,7 @@ class Tracker:
         self._past = PastPoses(self.period)
         self._way: list[Array] = []
         self._recover = recover and bool(np.isfinite(self.velocity).all())
-        self._recovery = Recovery(Problem(self._arm, self._goal), period, self._turning, self._own)
+        self._recovery = Recovery(Problem(self._arm, self._goal), self._turning, self._own)
         self._return: Return | None = None
         self._carried: Array | None = None
         """The target that a twist moves, (4, 4)."""
@@ -282,11 +282,14 @@ class Tracker:
         """
         if dt is not None or self._duration != self.period:
             self._set_duration(dt)
-        if twist is not None or velocity is not None or T is None:
+        if twist is not None or velocity is not None or T is None or axes != "base":
             return self._without_pose(T, twist, axes, velocity)
         target = plain_array(T, (4, 4)) if self._plain and not self._way and self._return is None else None
         if target is None:
             if _has_gaps(T):
+                # What was on its way would go on from where the joints are not any more.
+                self._way.clear()
+                self._forget_loss()
                 return self._stopped()
             target = self._target(T)
         self._carried = None
@@ -347,7 +350,7 @@ class Tracker:
             # A lost pose stays lost until one is reached.
             self._recover
             and (self._recovery.lost_for or is_away(position, orientation))
-            and self._recovery.is_due()
+            and self._recovery.is_due(self._duration)
         ):
             self._look_for(target, ended)
         return self._told(
@@ -409,7 +412,7 @@ class Tracker:
         """Store the pose of this period for predictions; of a longer one several times."""
         self._past.store(target)
         if self._duration != self.period:
-            for _ in range(1, round(self._duration / self.period)):
+            for _ in range(1, min(round(self._duration / self.period), self._past.kept)):
                 self._past.store(target)
 
     def _set_drift(self, drift: Drift) -> None:
@@ -427,6 +430,8 @@ class Tracker:
             raise InvalidProblem(f"step() takes one target, got {' and '.join(given)}")
         if axes not in AXES:
             raise InvalidProblem(suggest(str(axes), AXES, "axes of a twist"))
+        if T is not None:
+            raise InvalidProblem(f"axes={axes!r} is for twist=, got a pose")
         numbers = np.zeros(0)
         if twist is not None:
             numbers = _numbers("twist", twist, 6, "[m/s, m/s, m/s, rad/s, rad/s, rad/s]")
@@ -815,10 +820,10 @@ def _copied(state: State) -> State:
 
 
 def _has_gaps(T: object) -> bool:
-    """Return whether numbers contain NaN or infinity; what is no array of numbers has none."""
+    """Return whether a pose contains NaN or infinity; what is no pose has none."""
     try:
-        return not np.isfinite(np.asarray(T, dtype=np.float64)).all()
-    except (TypeError, ValueError):
+        return not np.isfinite(matrix_of(T)).all()
+    except (InvalidGoal, TypeError, ValueError):
         return False
 
 
