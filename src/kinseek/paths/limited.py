@@ -34,7 +34,7 @@ joints could not move any more [m]. Not examined further."""
 ALONG = 1e-7
 """A motion that reduces a distance by less leads along a body [m]."""
 
-BESIDE = 0.04
+CLOSE = 0.04
 """If bodies were closer to each other when their distance was last measured, the joints go straight [m]. Not examined
 further."""
 
@@ -165,7 +165,7 @@ class LimitedJoints:
         granted: list[int] = []
         measured = 0
         while (pair := kept.pair) >= 0:
-            if what == FOLLOW and exact.get(pair, np.inf) < keep + BESIDE:
+            if what == FOLLOW and exact.get(pair, np.inf) < keep + CLOSE:
                 what = STRAIGHT
             elif (
                 room.distance[pair] != exact.get(pair, np.inf) - keep

@@ -17,7 +17,7 @@ from kinseek.support.deadline import Deadline
 from kinseek.timing.obstacles import Obstacles
 
 from .along import Along
-from .shorten import dense, refined, rounded, shortened, shortened_along
+from .shorten import dense, refined, rounded, shortened
 from .space import Space
 from .trees import search
 
@@ -71,9 +71,8 @@ def plan(
             return _path(space, ends, np.stack([begin, roots[0]]), deadline.passed, report)
         way = found.way
         if smooth:
-            shorter = shortened if held is None else shortened_along
-            way = shorter(space, way, deadline)
-            way = way if held else rounded(space, way, deadline)
+            way = shortened(space, way, deadline)
+            way = rounded(space, way, deadline) if held is None else way
     way = dense(space, way) if held is None else refined(space, held, way)
     return _path(space, ends, way, smooth and deadline.passed, None)
 

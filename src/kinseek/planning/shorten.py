@@ -45,10 +45,12 @@ def shortened(space: Space, way: Array, deadline: Deadline) -> Array:
     quiet, first = 0, 0
     while quiet < QUIET and len(way) > 2 and not deadline.passed:
         before = lengths(way).sum()
-        way = _without_corners(space, way)
         shares = (0.5 + np.arange(first + 1, first + TOGETHER + 1)[:, None] * _GOLDEN) % 1.0
         first += TOGETHER
-        way = _with_shortcuts(space, way, shares)
+        if space.along is None:
+            way = _with_shortcuts(space, _without_corners(space, way), shares)
+        else:
+            way = _with_advances(space, way, shares)
         quiet = quiet + 1 if lengths(way).sum() > (1.0 - LEAST) * before else 0
     return way
 
@@ -102,24 +104,18 @@ def _best(some: Indices, gains: Array, places: Array) -> list[int]:
     return taken
 
 
-def shortened_along(space: Space, way: Array, deadline: Deadline) -> Array:
-    """Do as `shortened` for a way, (N, n), along which a goal holds: shortcuts between its rows are advances."""
-    quiet, first = 0, 0
-    while quiet < QUIET and len(way) > 2 and not deadline.passed:
-        before = lengths(way).sum()
-        along = np.concatenate([[0.0], np.cumsum(lengths(way))])
-        shares = (0.5 + np.arange(first + 1, first + TOGETHER + 1)[:, None] * _GOLDEN) % 1.0
-        first += TOGETHER
-        at = np.sort(np.searchsorted(along, shares * along[-1]), axis=1)
-        at = at[at[:, 1] > at[:, 0] + 1]
-        rows, reached = space.advance(way[at[:, 0]], way[at[:, 1]] - way[at[:, 0]])
-        new = [np.concatenate([way[i : i + 1], each]) for i, each in zip(at[:, 0], rows, strict=True)]
-        gains = along[at[:, 1]] - along[at[:, 0]] - np.array([lengths(each).sum() for each in new])
-        taken = _best(np.flatnonzero(reached & (gains > NEARER * along[-1])), gains, at)
-        for i in sorted(taken, key=lambda i: -at[i, 0]):
-            if space.proved(new[i][:-1], new[i][1:]).all():
-                way = np.concatenate([way[: at[i, 0]], new[i], way[at[i, 1] + 1 :]])
-        quiet = quiet + 1 if lengths(way).sum() > (1.0 - LEAST) * before else 0
+def _with_advances(space: Space, way: Array, shares: Array) -> Array:
+    """Do as `_with_shortcuts` for a way along which a goal holds: shortcuts lead from row to row, in steps."""
+    along = np.concatenate([[0.0], np.cumsum(lengths(way))])
+    at = np.sort(np.searchsorted(along, shares * along[-1]), axis=1)
+    at = at[at[:, 1] > at[:, 0] + 1]
+    rows, reached = space.advance(way[at[:, 0]], way[at[:, 1]] - way[at[:, 0]])
+    new = [np.concatenate([way[i : i + 1], each]) for i, each in zip(at[:, 0], rows, strict=True)]
+    gains = along[at[:, 1]] - along[at[:, 0]] - np.array([lengths(each).sum() for each in new])
+    taken = _best(np.flatnonzero(reached & (gains > NEARER * along[-1])), gains, at)
+    for i in sorted(taken, key=lambda i: -at[i, 0]):
+        if space.proved(new[i][:-1], new[i][1:]).all():
+            way = np.concatenate([way[: at[i, 0]], new[i], way[at[i, 1] + 1 :]])
     return way
 
 

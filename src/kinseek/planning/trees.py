@@ -62,8 +62,8 @@ class Tree:
         """The node from which each node grew, -1 for roots, (N,)."""
         return self._parents[: self._count]
 
-    def add(self, q: Array, parents: Indices) -> Indices:
-        """Add nodes, (k, n), with their parents, (k,); return their numbers."""
+    def add(self, q: Array, parents: Indices) -> None:
+        """Add nodes, (k, n), with their parents, (k,)."""
         begin, self._count = self._count, self._count + len(q)
         if self._count > len(self._q):
             more = max(self._count, 2 * len(self._q))
@@ -71,7 +71,6 @@ class Tree:
             self._parents = np.concatenate([self._parents[:begin], np.empty(more - begin, dtype=np.int64)])
             self._failures = np.concatenate([self._failures[:begin], np.zeros(more - begin)])
         self._q[begin : self._count], self._parents[begin : self._count] = q, parents
-        return np.arange(begin, self._count)
 
     def grow(self, parents: Indices, rows: list[Array]) -> Indices:
         """Add nodes one after another from each parent, (k,), to the ends of its motions; return the last ones, (k,)."""
