@@ -209,9 +209,9 @@ class LimitedJoints:
         np.maximum(self.room.distance, bounds, out=self.room.distance)
 
     def obstacle(self, pair: int) -> tuple[str, str, float]:
-        """Return the names of two bodies and their distance [m]."""
+        """Return the names of two bodies and a lower bound of their distance [m]."""
         assert self._margins is not None
-        return *self._margins.names(pair), self._margins.distance(self.motion.q[self._own], pair)
+        return *self._margins.names(pair), float(self.room.distance[pair] + self._around.clearance + RESERVE)
 
 
 class StraightWay:
