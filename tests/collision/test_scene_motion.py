@@ -14,6 +14,7 @@ from cells import write_arm
 from kinseek import Scene
 from kinseek.collision import motion
 from kinseek.collision.motion import Speeds
+from kinseek.kernels.collision.gaps import FREE, TOUCH
 
 pytest.importorskip("pinocchio")
 
@@ -106,13 +107,14 @@ def test_the_broad_phase_alone_agrees_with_the_pairs_one_by_one(deviation: float
     a = q[:120]
     b = a + np.random.default_rng(1).uniform(0.0, 0.6, (120, 1)) * (q[120:240] - a)
     for clearance in (0.0, 0.01):
-        needs = motion._needs(speeds, a, b, clearance, np.full_like(a, deviation))
-        quickly, number, _ = motion._quickly_free(engine, needs[0], a, b, needs[1])
-        slowly = np.isnan(motion._stops_of(engine, needs[0], a, b, needs[1]))
-        decided = np.setdiff1d(np.arange(120), number)
-        assert np.array_equal(quickly[decided], slowly[decided])
-        assert quickly.sum() > 10
-        assert (~quickly[decided]).sum() > 10
+        rates, least = motion._needs(speeds, a, b, clearance, np.full_like(a, deviation))
+        verdicts, _, _ = engine.broad.free_motions(a, b - a, speeds.levers(a, b), least)
+        slowly = np.isnan(motion._stops_of(engine, rates, a, b, least))
+        decided = np.isin(verdicts, (FREE, TOUCH))
+        assert np.array_equal(verdicts[decided] == FREE, slowly[decided])
+        assert decided.sum() > 110
+        assert slowly.sum() > 10
+        assert (~slowly).sum() > 10
 
 
 def test_a_thin_plate_is_not_jumped_over() -> None:

@@ -494,7 +494,9 @@ def first_pass() -> Any:
     broad = Broad(chain, solids, pairs, np.full(len(pairs), 0.001))
     q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (9, chain.dof))
     verdicts, doubts = broad.sort_out(q, 0.0, 1e-6)
-    return verdicts, doubts, broad.bounds(q), broad.bounds(q, 12)
+    levers, least = np.full((1, len(pairs), chain.dof), 1.5), np.full((9, len(pairs)), 1e-5)
+    motions = broad.free_motions(q, 0.01 * (q[::-1] - q), levers, least)
+    return verdicts, doubts, broad.bounds(q), broad.bounds(q, 12), motions
 
 
 RUNS: list[tuple[Any, ...]] = [

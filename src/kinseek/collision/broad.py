@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from kinseek.kernels.arm.forward import FAR
 from kinseek.kernels.collision.first_pass import bound_pairs, sort_out
 from kinseek.kernels.collision.model import LANES, ROWS
+from kinseek.kernels.collision.motions import free_motions
 from kinseek.kernels.pointers import handle_of
 from kinseek.robots.chain import Frame, SerialChain
 
@@ -33,6 +34,9 @@ further."""
 
 _NEAR = 1e-6
 """Groups that may come nearer than this are always checked, in the order of the joints that carry them [m]."""
+
+_OPEN = 16
+"""Intervals in doubt of each motion, in the mean, for which there is room. Not examined further."""
 
 _NO_DOUBTS = np.zeros((0, 0), dtype=np.bool_)
 """Passed to the kernel if the pairs in doubt are not requested."""
@@ -65,6 +69,7 @@ class Broad:
         numbers = [n for n, (i, j) in enumerate(pairs) for _ in range(len(pieces[i]) * len(pieces[j]))]
         pairs = [(a, b) for i, j in pairs for a in pieces[i] for b in pieces[j]]
         pads = np.asarray(pads, dtype=np.float64)[numbers]
+        self._numbers = np.array(numbers, dtype=np.int64)
         self._firsts = np.searchsorted(numbers, np.arange(self.count))
         gathered = _gathered(parts, pairs)
         # A group of several parts is one more part: free of its cover implies free of each.
@@ -146,6 +151,31 @@ class Broad:
         bound_pairs(self._handle, np.ascontiguousarray(q), steps, LANES, out, np.empty(0))
         out[np.abs(q).max(axis=1) > FAR] = -np.inf
         return np.minimum.reduceat(out, self._firsts, axis=1) if out.shape[1] > self.count else out
+
+    def free_motions(
+        self, q: Array, way: Array, levers: Array, least: Array
+    ) -> tuple[Verdicts, NDArray[np.int64], Array]:
+        """Classify linear motions as free, not free or in doubt.
+
+        Args:
+            q: Joint values at their begins, (k, n).
+            way: How far the joints move, (k, n).
+            levers: Bounds on the derivative of a point of each pair by each joint of the mechanism, 0 for joints that are
+                not between its parts, (k or 1, pairs, joints).
+            least: The distance that each pair keeps in each motion, (k, pairs) [m].
+
+        Returns:
+            `FREE`, `TOUCH`, `DOUBT` or `MANY` of `kernels.collision.motions`, (k,), and the intervals in doubt: the numbers
+            of their motions, (m,), and their begins and ends as fractions of these, (m, 2). `MANY` has none.
+        """
+        if self._pairs > self.count:
+            levers, least = levers[:, self._numbers], least[:, self._numbers]
+        verdicts, most = np.empty(len(q), dtype=np.int64), _OPEN * len(q)
+        numbers, opened = np.empty(most, dtype=np.int64), np.empty((most, 2))
+        motions = np.stack([q, way], axis=1)
+        levers, least = np.ascontiguousarray(levers), np.ascontiguousarray(least)
+        count = free_motions(self._handle, motions, levers, least, LANES, verdicts, numbers, opened)
+        return verdicts, numbers[:count], opened[:count]
 
     def _table_of(self, q: Array, kind: type) -> NDArray[Any]:
         return np.zeros((len(q), self._pairs), dtype=kind)

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.kernels.collision.gaps import TOUCH as TOUCHING
+from kinseek.kernels.collision.motions import MANY
 from kinseek.robots.chain import SerialChain
 
 from .engine import LOOKS, TOUCH, Engine, Solid
@@ -25,14 +27,6 @@ _MOST = 20_000
 
 _TOGETHER = 512
 """Number of motions checked together. Not examined further."""
-
-_COARSE, _HALVINGS = 0.02, 13
-"""Bound on the motion of any point from the middle to the ends of the first intervals that the broad phase checks [m], and
-how often it halves them. Found by trial with `python -m benchmarks.planning`."""
-
-_OPEN = 20.0
-"""The broad phase gives up a motion of which so many times more intervals are open than it checked first. Not examined
-further."""
 
 
 class Speeds:
@@ -57,8 +51,8 @@ class Speeds:
         moving = np.arange(joints)
         self._moves = (moving >= ends[:, :1]) & (moving < ends[:, 1:])
         """Joints between the two parts, (pairs, joints)."""
-        self._levers = None if chain.prismatic.any() else self._levers_of(np.zeros((1, joints)))[0]
-        """Bound on the motion of a point for each joint's motion, (pairs, joints), if slides do not change it."""
+        self._levers = None if chain.prismatic.any() else self._levers_of(np.zeros((1, joints)))
+        """See `levers`; None if slides change them."""
 
     def of(self, q0: Array, q1: Array, moved: Array | None = None) -> Array:
         """Return bounds on the motion of any point of each pair's parts from q0 to q1, (k, n) each, (k, pairs) [m].
@@ -66,13 +60,25 @@ class Speeds:
         With `moved`, (k, n), the joints move by this much between q0 and q1 instead.
         """
         chain = self._chain
-        ends = [chain.multiplier * q[:, chain.leader] + chain.offset for q in (q0, q1)]
-        travel = np.abs(ends[1] - ends[0] if moved is None else chain.multiplier * moved[:, chain.leader])
-        if self._levers is not None:
+        if moved is None:
+            moved = q1 - q0
+        travel, levers = np.abs(chain.multiplier * moved[:, chain.leader]), self.levers(q0, q1)
+        if len(levers) == 1:
             # Not by BLAS, whose sums depend on its threads.
-            return np.asarray(np.einsum("kj,pj->kp", travel, self._levers))
-        slides = np.where(chain.prismatic, np.maximum(np.abs(ends[0]), np.abs(ends[1])), 0.0)
-        return np.asarray((travel[:, None] * self._levers_of(slides)).sum(axis=2))
+            return np.asarray(np.einsum("kj,pj->kp", travel, levers[0]))
+        return np.asarray((travel[:, None] * levers).sum(axis=2))
+
+    def levers(self, q0: Array, q1: Array) -> Array:
+        """Return bounds on the motion of a point per motion of each joint, between q0 and q1, (k, n) each.
+
+        Returns:
+            (k, pairs, joints), or (1, pairs, joints) for all; 0 for joints that move both parts or none.
+        """
+        chain = self._chain
+        if self._levers is not None:
+            return self._levers
+        ends = [np.abs(chain.multiplier * q[:, chain.leader] + chain.offset) for q in (q0, q1)]
+        return self._levers_of(np.where(chain.prismatic, np.maximum(*ends), 0.0))
 
     def _levers_of(self, slides: Array) -> Array:
         """Return bounds on the motion of a point for each joint's motion, with the joints slid out this far, (k, joints).
@@ -88,7 +94,14 @@ class Speeds:
         return np.where(self._moves, np.where(chain.prismatic, 1.0, reach), 0.0)
 
 
-def are_free(speeds: Speeds, q0: Array, q1: Array, clearance: float, around: Array | None = None) -> Flags:
+def are_free(
+    speeds: Speeds,
+    q0: Array,
+    q1: Array,
+    clearance: float,
+    around: Array | None = None,
+    thorough: bool = True,
+) -> Flags:
     """Return which linear motions from q0 to q1, (k, n) each, are proved free, (k,). See `Scene.free_motion`.
 
     Args:
@@ -97,6 +110,7 @@ def are_free(speeds: Speeds, q0: Array, q1: Array, clearance: float, around: Arr
         q1: Their ends.
         clearance: Minimum distance of bodies [m].
         around: How far each joint may be from the linear motion, (k, n); None for not at all.
+        thorough: Measure exact distances too where bodies nearly touch for long.
     """
     free, engine = np.ones(len(q0), dtype=np.bool_), speeds.engine
     if engine.pairs:
@@ -104,17 +118,34 @@ def are_free(speeds: Speeds, q0: Array, q1: Array, clearance: float, around: Arr
             some = slice(begin, begin + _TOGETHER)
             deviation = None if around is None else around[some]
             rates, least = _needs(speeds, q0[some], q1[some], clearance, deviation)
-            free[some], number, parts = _quickly_free(engine, rates, q0[some], q1[some], least)
-            # One interval of each motion first: if it is not free, the others need no check.
-            first = np.unique(number, return_index=True)[1]
-            for chosen in (first, np.setdiff1d(np.arange(len(number)), first)):
-                which = chosen[free[begin + number[chosen]]]
-                rows, ends = begin + number[which], parts[:, which, None]
-                a, b = (q0[rows] + end * (q1 - q0)[rows] for end in ends)
-                stopped = _stops_of(
-                    engine, rates[number[which]] * (ends[1] - ends[0]), a, b, least[number[which]]
-                )
-                free[rows[~np.isnan(stopped)]] = False
+            levers = speeds.levers(q0[some], q1[some])
+            free[some] = _are_free(engine, q0[some], (q1 - q0)[some], rates, levers, least, thorough)
+    return free
+
+
+def _are_free(
+    engine: Engine, q: Array, way: Array, rates: Array, levers: Array, least: Array, thorough: bool
+) -> Flags:
+    """Return which motions are proved free, by the broad phase, and by exact distances in the intervals in doubt."""
+    verdicts, number, parts = engine.broad.free_motions(q, way, levers, least)
+    free, many = np.asarray(verdicts != TOUCHING), np.flatnonzero(verdicts == MANY)
+    if thorough:
+        number, parts = (
+            np.concatenate([number, many]),
+            np.concatenate([parts, np.tile([0.0, 1.0], (len(many), 1))]),
+        )
+    else:
+        free[many] = False
+    if not len(number):
+        return free
+    # One interval of each motion first: if it is not free, the others need no check.
+    first = np.unique(number, return_index=True)[1]
+    for chosen in (first, np.setdiff1d(np.arange(len(number)), first)):
+        which = chosen[free[number[chosen]]]
+        rows, ends = number[which], parts[which].T[..., None]
+        a, b = (q[rows] + end * way[rows] for end in ends)
+        stopped = _stops_of(engine, rates[rows] * (ends[1] - ends[0]), a, b, least[rows])
+        free[rows[~np.isnan(stopped)]] = False
     return free
 
 
@@ -139,56 +170,6 @@ def _needs(
         low, high = np.minimum(q0, q1) - around, np.maximum(q0, q1) + around
         least = least + speeds.of(low, high, around)
     return rates, np.broadcast_to(least, rates.shape)
-
-
-def _quickly_free(
-    engine: Engine, rates: Array, q0: Array, q1: Array, least: Array
-) -> tuple[Flags, NDArray[np.int64], Array]:
-    """Check motions by the broad phase alone, all of them together.
-
-    At the middle of an interval all pairs have to keep the distance that the fastest of them needs; where they do not, the
-    interval is halved. This takes about a tenth of the time of `_stops_of`, and leaves few motions to it.
-
-    Args:
-        engine: The pairs.
-        rates: Bounds on the motion of each pair, (k, pairs) [m].
-        q0: Begins of the motions, (k, n).
-        q1: Their ends.
-        least: The distance that each pair keeps in each motion, (k, pairs) [m].
-
-    Returns:
-        Flags of the motions that do not touch, as far as is known, (k,); and the intervals that remain open: the numbers of
-        their motions, (m,), and their begins and ends as fractions of these, (2, m).
-    """
-    way, rate, keep = q1 - q0, rates.max(axis=1), least.max(axis=1)
-    nearest = float(least.min(initial=np.inf))
-    parts = np.maximum(np.ceil(rate / (2.0 * _COARSE)), 1.0)
-    going = parts <= _MOST  # It may be NaN.
-    touched, open_ = np.zeros(len(q0), dtype=np.bool_), ~going
-    number = np.repeat(np.flatnonzero(going), parts[going].astype(np.int64))
-    half = 0.5 / parts[number]
-    moment = (2.0 * (np.arange(len(number)) - np.searchsorted(number, number)) + 1.0) * half
-    for _ in range(_HALVINGS):
-        if not len(number):
-            break
-        q = q0[number] + moment[:, None] * way[number]
-        some = np.flatnonzero(~engine.surely_free(q, float((rate[number] * half + keep[number]).max())))
-        touched[number[some[engine.surely_touch(q[some], nearest)]]] = True
-        # Bodies that are close all the time would have every interval halved.
-        open_ |= np.bincount(number[some], minlength=len(q0)) > _OPEN * (parts + _OPEN)
-        some = some[~(touched | open_)[number[some]]]
-        number, half, moment = (
-            np.tile(number[some], 2),
-            np.tile(half[some] / 2.0, 2),
-            np.tile(moment[some], 2),
-        )
-        moment += np.repeat([-1.0, 1.0], len(some)) * half
-    given_up = np.flatnonzero(open_ & ~touched)
-    number, moment, half = (
-        np.concatenate([one, whole])
-        for one, whole in ((number, given_up), (moment, 0.5 + 0.0 * given_up), (half, 0.5 + 0.0 * given_up))
-    )
-    return ~touched, number, np.stack([moment - half, moment + half])
 
 
 def surely_hits(speeds: Speeds, q: Array, reach: Array, clearance: float) -> bool:
@@ -242,6 +223,14 @@ def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, least: Array) 
         number, left = np.tile(number[on], 2), np.tile(left[on], (2, 1))
         moment = np.concatenate([moment[on] - half, moment[on] + half])
     return found
+
+
+def _summed(travel: Array, levers: Array) -> Array:
+    """Return the sums of the motions of joints, (k, joints), times their levers, (k or 1, pairs, joints), (k, pairs)."""
+    if len(levers) == 1:
+        # Not by BLAS, whose sums depend on its threads.
+        return np.asarray(np.einsum("kj,pj->kp", travel, levers[0]))
+    return np.asarray((travel[:, None] * levers).sum(axis=2))
 
 
 def _radius(solid: Solid) -> float:

@@ -127,7 +127,7 @@ def speeds_of_both(
         for body in (named[name] for name in assembly.numbers)
         for part in body.parts
     ]
-    return _SpeedsOfBoth(assembly.engine, solids, (chain, other.chain))
+    return _SpeedsOfBoth(joined.chain, assembly.engine, solids, (chain, other.chain))
 
 
 class _Parts(NamedTuple):
@@ -141,10 +141,15 @@ class _SpeedsOfBoth(Speeds):
     """Bounds on the motion of both parts of each pair together, each relative to the base of its own arm."""
 
     def __init__(
-        self, engine: Engine, solids: Sequence[Solid], chains: tuple[SerialChain, SerialChain]
+        self,
+        joined: SerialChain,
+        engine: Engine,
+        solids: Sequence[Solid],
+        chains: tuple[SerialChain, SerialChain],
     ) -> None:
         """Compute what does not depend on the motion; `solids` are the parts in the frames of their own arms."""
-        self.engine, self._dof, base = engine, chains[0].dof, len(solids)
+        super().__init__(joined, engine)
+        self._dof, base = chains[0].dof, len(solids)
         parts = [*solids, *(solid._replace(joint=0) for solid in solids[:1])]
         of_each: list[Any] = [
             _Parts(parts, [(base, pair[side]) for pair in engine.pairs]) for side in range(2)

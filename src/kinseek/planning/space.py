@@ -153,7 +153,8 @@ class Space:
         """Return which linear motions, (k, n) to (k, n), are proved free, (k,)."""
         if not len(begins):
             return np.zeros(0, dtype=np.bool_)
-        return np.asarray(self.scene.free_motion(begins, ends, self.clearance), dtype=np.bool_)
+        free = self.scene.free_motion(begins, ends, self.clearance, thorough=False)
+        return np.asarray(free, dtype=np.bool_)
 
 
 def _root(dof: int) -> float:

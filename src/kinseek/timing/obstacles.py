@@ -12,7 +12,9 @@ class Obstacles(Protocol):
     def free(self, q: Any, clearance: float = 0.0) -> Any:
         """See `Scene.free`."""
 
-    def free_motion(self, q0: Any, q1: Any, clearance: float = 0.0, around: Any = None) -> Any:
+    def free_motion(
+        self, q0: Any, q1: Any, clearance: float = 0.0, around: Any = None, thorough: bool = True
+    ) -> Any:
         """See `Scene.free_motion`."""
 
     def hits_between(self, q0: Any, q1: Any, clearance: float = 0.0) -> Sequence[object]:

@@ -15,7 +15,7 @@ from kinseek.kernels.jit import entry, inlined
 
 from . import gaps, model
 from .gaps import DOUBT, FREE, TOUCH, Query, Separation
-from .model import LANES, CollisionModel, LaneState, Pair
+from .model import LANES, CollisionModel, LaneState, Meeting, Pair
 
 PART_OF_TURN = 0.5 / math.pi
 
@@ -85,6 +85,15 @@ def lanes_near(scene: CollisionModel, state: LaneState, least: float, w: int) ->
             # Every lane is written, and counted if it is near, which avoids a branch.
             state.near[l, counts[l]] = m
             counts[l] += 1 if state.gaps[l] <= 0.0 else 0
+
+
+@inlined
+def groups_gap(scene: CollisionModel, state: LaneState, meeting: Meeting, l: int) -> float:
+    """Distance of the balls around two groups in a lane."""
+    offset = minus(column(state.balls[meeting.one], l), column(state.balls[meeting.other], l))
+    g, h = scene.group[meeting.one], scene.group[meeting.other]
+    gap: float = norm(offset) - scene.ball[g, 3] - scene.ball[h, 3]
+    return gap
 
 
 @inlined
@@ -158,9 +167,9 @@ def check_lane(scene: CollisionModel, state: LaneState, l: int, query: Query, do
             return TOUCH
     for each in range(left):
         n = state.left[each]
-        found = gaps.full_check(
+        found = gaps.separation(
             scene, state, model.pair_at(scene, state, l, n), gaps.padded(query, scene.pad[n])
-        )
+        ).verdict
         if found == TOUCH:
             return TOUCH
         if found == DOUBT:
@@ -280,9 +289,7 @@ def bound_pairs(
                 continue
             for m in range(len(scene.meeting)):
                 meeting = model.meeting_at(scene, m)
-                offset = minus(column(state.balls[meeting.one], l), column(state.balls[meeting.other], l))
-                g, h = scene.group[meeting.one], scene.group[meeting.other]
-                apart = norm(offset) - scene.ball[g, 3] - scene.ball[h, 3]
+                apart = groups_gap(scene, state, meeting, l)
                 for n in range(meeting.first, meeting.last):
                     pad, bound = scene.pad[n], apart
                     if steps == 0 or apart - pad < nearest:

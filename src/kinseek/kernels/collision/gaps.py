@@ -344,15 +344,16 @@ def quick_check(model: CollisionModel, pair: Pair, query: Query) -> int:
 
 
 @inlined
-def full_check(model: CollisionModel, state: LaneState, pair: Pair, query: Query) -> int:
-    """Test the same by planes between the parts, or points in both."""
+def separation(model: CollisionModel, state: LaneState, pair: Pair, query: Query) -> Separation:
+    """Test the same by planes between the parts, or points in both; the bounds are those of the outer hulls."""
     i, j = model.within[pair.a], model.within[pair.b]
     same = i == pair.a and j == pair.b
     # A hull that is larger than its part can prove that the part is free, but not that it touches.
     apart = Query(query.touch if same else -1e300, query.free, query.steps)
-    found = separating_plane(model, state, pair, apart).verdict
-    if found == DOUBT and not same and i >= 0 and j >= 0:
+    found = separating_plane(model, state, pair, apart)
+    if found.verdict == DOUBT and not same and i >= 0 and j >= 0:
         # A hull inside the part can prove that the part touches, but not that it is free.
         inside = Query(query.touch, 1e300, query.steps)
-        found = separating_plane(model, state, Pair(i, j, pair.way), inside).verdict
+        verdict = separating_plane(model, state, Pair(i, j, pair.way), inside).verdict
+        found = Separation(verdict, found.lower, found.upper)
     return found
