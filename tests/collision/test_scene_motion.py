@@ -134,6 +134,24 @@ def test_a_thin_plate_is_not_jumped_over() -> None:
         scene.free_motion(np.zeros((2, 2)), np.zeros((3, 2)))
 
 
+def test_samples_are_counted_up_to_the_first_that_is_not_free(cell: tuple[kinseek.Arm, Scene]) -> None:
+    arm, scene = cell
+    a, b = arm.sample(400, seed=3).reshape(2, 200, -1)
+    counts = np.random.default_rng(2).integers(1, 30, 200)
+    for clearance in (0.0, 0.02):
+        found = scene.free_samples(a, b, counts, clearance)
+        for one, other, count, free in zip(a, b, counts, found, strict=True):
+            shares = np.arange(1, count + 1)[:, None] / count
+            first = np.argmin(np.append(scene.free(one + shares * (other - one), clearance), False))
+            assert free == first
+    assert len(np.unique(found)) > 5
+    assert (found == counts).any()
+    assert scene.free_samples(a[0], a[0], 3) == 3 * scene.free(a[0])
+    for wrong in (np.zeros(200, dtype=int), counts[:-1], counts + 0.5):
+        with pytest.raises(kinseek.InvalidProblem, match="counts must be integers above 0"):
+            scene.free_samples(a, b, wrong)
+
+
 def test_no_point_moves_faster_than_said(cell: tuple[kinseek.Arm, Scene]) -> None:
     arm, scene = cell
     engine = scene._engine

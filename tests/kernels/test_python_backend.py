@@ -496,7 +496,8 @@ def first_pass() -> Any:
     verdicts, doubts = broad.sort_out(q, 0.0, 1e-6)
     levers, least = np.full((1, len(pairs), chain.dof), 1.5), np.full((9, len(pairs)), 1e-5)
     motions = broad.free_motions(q, 0.01 * (q[::-1] - q), levers, least)
-    return verdicts, doubts, broad.bounds(q), broad.bounds(q, 12), motions
+    samples = broad.free_samples(q, q[::-1] - q, np.full(9, 10), 0.0, 1e-6)
+    return verdicts, doubts, broad.bounds(q), broad.bounds(q, 12), motions, samples
 
 
 RUNS: list[tuple[Any, ...]] = [

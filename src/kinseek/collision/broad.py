@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.kernels.arm.forward import FAR
-from kinseek.kernels.collision.first_pass import bound_pairs, sort_out
+from kinseek.kernels.collision.first_pass import bound_pairs, free_samples, sort_out
 from kinseek.kernels.collision.model import LANES, ROWS
 from kinseek.kernels.collision.motions import free_motions
 from kinseek.kernels.pointers import handle_of
@@ -141,6 +141,22 @@ class Broad:
         least = clearance + touch + self._rounding
         q = np.ascontiguousarray(q)
         return verdicts, sort_out(self._handle, q, clearance, least, _STEPS, LANES, verdicts, doubts)
+
+    def free_samples(
+        self, q: Array, way: Array, counts: NDArray[np.int64], clearance: float, touch: float
+    ) -> NDArray[np.int64]:
+        """Count the samples of linear motions that are free before the first that touches, -1 if one is in doubt, (k,).
+
+        Args:
+            q: Joint values at the begins of the motions, (k, n); the first sample comes after it.
+            way: How far the joints move, (k, n).
+            counts: Number of samples of each motion, (k,).
+            clearance: See `sort_out`.
+            touch: See `sort_out`.
+        """
+        free, least = np.empty(len(q), dtype=np.int64), clearance + touch + self._rounding
+        free_samples(self._handle, np.stack([q, way], axis=1), counts, clearance, least, _STEPS, LANES, free)
+        return free
 
     def bounds(self, q: Array, steps: int = 0) -> Array:
         """Return lower bounds on the distance of each pair, (k, n) -> (k, pairs) [m]; a negative bound has no meaning.

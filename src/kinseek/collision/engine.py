@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidScene
 from kinseek.kernels.collision.gaps import DOUBT, FREE
-from kinseek.kernels.collision.gaps import TOUCH as TOUCHING
 from kinseek.robots.chain import SerialChain
 from kinseek.support.forks import Lock
 
@@ -201,13 +200,17 @@ class Engine:
                     free[k] = not any(self.touch(n) for n in np.flatnonzero(pairs).tolist())
         return free
 
-    def surely_free(self, q: Array, clearance: float) -> Flags:
-        """Return where the broad phase alone proves that all pairs are farther apart than `clearance`, (k, n) -> (k,)."""
-        return np.asarray(self.broad.verdicts(q, clearance, TOUCH)[0] == FREE)
-
-    def surely_touch(self, q: Array, clearance: float) -> Flags:
-        """Return where it proves that some pair is not farther apart than `clearance`, (k, n) -> (k,)."""
-        return np.asarray(self.broad.verdicts(q, clearance, TOUCH)[0] == TOUCHING)
+    def free_samples(
+        self, q: Array, way: Array, counts: NDArray[np.int64], clearance: float
+    ) -> NDArray[np.int64]:
+        """Return how many samples of linear motions are free before the first that is not; see `Broad.free_samples`."""
+        if not self.pairs:
+            return counts.copy()
+        free = self.broad.free_samples(q, way, counts, clearance, TOUCH)
+        for k in np.flatnonzero(free < 0).tolist():
+            shares = np.arange(1, counts[k] + 1)[:, None] / counts[k]
+            free[k] = np.argmin(np.append(self._free(q[k] + shares * way[k], clearance), False))
+        return free
 
     def exactly_free(self, q: Array, clearance: float) -> Flags:
         """Do the same by coal alone, pair by pair, because coal's tree of boxes misses flat meshes."""

@@ -225,6 +225,29 @@ class Scene(Contents):
             free = are_free(self._made.speeds, starts, starts + way, least, deviation, thorough)
         return free.reshape(shape) if shape else bool(free[0])
 
+    def free_samples(self, q0: Any, q1: Any, counts: Any, clearance: float = 0.0) -> Any:
+        """Return how many samples of linear motions are free before the first that is not; `free_motion` proves them all.
+
+        Args:
+            q0: Joint values at the begins, before the first samples, (k, n) [rad] or [m].
+            q1: Joint values at the ends, which are the last samples, (k, n).
+            counts: Number of samples of each motion, evenly spaced, (k,) of integers above 0.
+            clearance: Minimum distance of bodies [m].
+
+        Returns:
+            (k,) integers, from 0 to `counts`.
+
+        Raises:
+            InvalidProblem: `q0` or `q1` does not fit the arm, or the arrays do not fit each other.
+            InvalidScene: `clearance` is not a length.
+        """
+        starts, way, shape = self._ways(q0, q1)
+        numbers = np.asarray(counts)
+        if numbers.shape != shape or numbers.dtype.kind != "i" or numbers.min(initial=1) < 1:
+            raise InvalidProblem(f"counts must be integers above 0 of shape {shape}, got {numbers!r}")
+        least = length_or_zero("clearance", clearance)
+        return self._engine.free_samples(starts, way, numbers.astype(np.int64).ravel(), least).reshape(shape)
+
     def hits_between(self, q0: Any, q1: Any, clearance: float = 0.0) -> tuple[Contact, ...]:
         """Return the pairs that touch, or are too close, at one q of the linear motion between two, (n,) each.
 

@@ -21,7 +21,7 @@ Flags = NDArray[np.bool_]
 TOGETHER = 24
 """Shortcuts that are checked together."""
 
-QUIET, LEAST = 3, 2e-3
+QUIET, LEAST = 1, 5e-3
 """Shortening ends after so many rounds in a row that each shorten the way by less than this fraction."""
 
 NEARER = 1e-9

@@ -102,12 +102,7 @@ class Space:
         if not len(ways):
             return np.zeros(0)
         counts = np.maximum(np.ceil(np.abs(ways) @ self.reach / APART), LEAST).astype(np.int64)
-        firsts = np.cumsum(counts) - counts
-        which = np.repeat(np.arange(len(ways)), counts)
-        number = np.arange(len(which)) - firsts[which] + 1
-        q = begins[which] + (number / counts[which])[:, None] * ways[which]
-        touching = np.where(self.free(q), len(which) + 1, number)
-        return np.asarray(np.minimum(np.minimum.reduceat(touching, firsts) - 1, counts) / counts)
+        return np.asarray(self.scene.free_samples(begins, begins + ways, counts, self.clearance) / counts)
 
     def advance(self, begins: Array, ways: Array) -> tuple[list[Array], Flags]:
         """Move from joint values towards others as far as is free, by samples.

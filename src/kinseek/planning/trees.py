@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.support.deadline import Deadline
+from kinseek.support.turns import nearest_turns
 
 from .space import Space
 
@@ -91,12 +92,15 @@ class Tree:
         With `promising` nodes from which motions fail count as farther away: without this, those at an obstacle, which are
         nearest to all samples behind it, would be tried again and again (*Yershova et al. 2005*).
         """
-        gaps = self.space.way(q[:, None] - self.q)
-        squares = np.einsum("kmn,kmn->km", gaps, gaps)
+        # Joints first, so that NumPy runs along the nodes.
+        gaps = q.T[:, :, None] - np.ascontiguousarray(self.q.T)[:, None]
+        for j in np.flatnonzero(self.space.endless):
+            gaps[j] -= nearest_turns(gaps[j])
+        squares = np.einsum("nkm,nkm->km", gaps, gaps)
         if promising:
             squares *= (1.0 + PENALTY * self._failures[: self._count]) ** 2
         nodes = squares.argmin(axis=1)
-        return nodes, gaps[np.arange(len(q)), nodes]
+        return nodes, self.space.way(q - self.q[nodes])
 
     def branch(self, node: int) -> list[int]:
         """Return the nodes from a root to a node."""

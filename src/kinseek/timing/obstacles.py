@@ -17,6 +17,9 @@ class Obstacles(Protocol):
     ) -> Any:
         """See `Scene.free_motion`."""
 
+    def free_samples(self, q0: Any, q1: Any, counts: Any, clearance: float = 0.0) -> Any:
+        """See `Scene.free_samples`."""
+
     def hits_between(self, q0: Any, q1: Any, clearance: float = 0.0) -> Sequence[object]:
         """See `Scene.hits_between`."""
 

@@ -238,6 +238,52 @@ def sort_out(
     return in_doubt
 
 
+@entry
+def free_samples(
+    handle: Annotated[Indices, "*"],
+    motions: Annotated[Array, "k", 2, "n"],
+    counts: Annotated[Indices, "k"],
+    clearance: float,
+    least: float,
+    steps: int,
+    w: int,
+    free: Annotated[Indices, "k", OUT],
+) -> None:
+    """Count the samples of linear motions that are free before the first that is not; the begin is not a sample.
+
+    Args:
+        handle: The scene, see `model.ROWS`.
+        motions: Joint values at the begin of each motion, and how far the joints move, (k, 2, n) [rad] or [m].
+        counts: Number of samples of each motion, (k,).
+        clearance: See `sort_out`.
+        least: See `sort_out`.
+        steps: See `sort_out`.
+        w: `LANES`.
+        free: Receives the number of free samples, or -1 if a sample in doubt comes before the first contact, (k,).
+    """
+    scene = model.collision_model_of(handle, 0)
+    memory = np.empty(model.memory_for(scene))
+    state, query = model.make_lane_state(scene, memory), Query(clearance + scene.rounding[0], least, steps)
+    lanes_balls(scene, state, False, w)
+    for k in range(len(motions)):
+        count, verdict = 0, DOUBT if is_far(motions[k, 0]) or is_far(motions[k, 1]) else FREE
+        while verdict == FREE and count < counts[k]:
+            for l in range(LANES):
+                share = min(count + l + 1, counts[k]) / counts[k]
+                for i in range(motions.shape[2]):
+                    state.q[i, l] = motions[k, 0, i] + share * motions[k, 1, i]
+            model.lanes_frames(scene.chain, state, w)
+            lanes_balls(scene, state, True, w)
+            lanes_near(scene, state, least, w)
+            for l in range(min(LANES, counts[k] - count)):
+                verdict = check_lane(scene, state, l, query, np.empty(0, dtype=np.bool_))
+                if verdict != FREE:
+                    break
+                count += 1
+        free[k] = -1 if verdict == DOUBT else count
+    keep(memory)
+
+
 @inlined
 def bound_pair(
     scene: CollisionModel, state: LaneState, pair: Pair, query: Query, nearest: float
