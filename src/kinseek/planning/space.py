@@ -22,6 +22,9 @@ samples miss. Found by trial with `python -m benchmarks.planning`."""
 LEAST = 4
 """Samples of a motion at least."""
 
+NEAR = 0.5
+"""Size of a part of the space around joint values, along each axis. Found by trial with `python -m benchmarks.planning`."""
+
 STEP = 0.05
 """Length of the motions along which a goal holds [rad or m]; between their ends it holds nearly. Not examined further."""
 
@@ -79,6 +82,10 @@ class Space:
         numbers = np.arange(first + 1, first + count + 1)[:, None]
         share = (0.5 + numbers * self._steps) % 1.0
         return np.asarray(self.lower + share * (self.upper - self.lower))
+
+    def around(self, q: Array, samples: Array) -> Array:
+        """Return joint values around others, (k, n), that lie to them as samples, (k, n), to the middle of the space."""
+        return np.clip(q + NEAR * (samples - (self.lower + self.upper) / 2.0), self.lower, self.upper)
 
     def way(self, gap: Array) -> Array:
         """Return differences of joint values, (..., n), the shorter way round for continuous joints."""

@@ -30,13 +30,16 @@ SHORTEST = 0.02
 """A motion that ends in contact sooner than after this adds no node [rad or m]."""
 
 OFTEN, FINER = 4, 16.0
-"""One in so many rounds makes so many times shorter motions, which lead out of narrow places."""
+"""One in so many rounds makes so many times shorter motions from everywhere in a tree, which lead out of narrow places."""
 
 PENALTY = 1.0
 """By how much farther away, as a fraction, a node counts for each motion from it that failed."""
 
 MOST = 50_000
 """Samples after which the search ends without a result."""
+
+_GOLDEN = (5.0**0.5 - 1.0) / 2.0
+"""Multiples of this fill the interval from 0 to 1 evenly."""
 
 
 class Tree:
@@ -139,11 +142,11 @@ def search(space: Space, begin: Array, ends: Array, deadline: Deadline) -> Found
     trees, samples = (Tree(space, begin[None]), Tree(space, ends)), 0
     while samples < MOST and not deadline.passed:
         growing, other = trees if samples // TOGETHER % 2 else trees[::-1]
-        goals = space.samples(samples, TOGETHER)
+        goals, finer = space.samples(samples, TOGETHER), 1.0
         samples += TOGETHER
-        finer = (
-            1.0 if samples // TOGETHER % (2 * OFTEN) > 1 else FINER
-        )  # Two rounds in a row: one for each tree.
+        if samples // TOGETHER % (2 * OFTEN) <= 1:  # Two rounds in a row: one for each tree.
+            nodes = np.arange(samples, samples + TOGETHER) * _GOLDEN % 1.0 * len(growing)
+            goals, finer = space.around(growing.q[nodes.astype(np.int64)], goals), FINER
         grown = _grow(growing, goals, LONGEST / finer, SHORTEST / finer)
         if len(grown) and (way := _connect(growing, other, grown, growing is trees[0])) is not None:
             way = way - space.turns(way[0] - begin)
