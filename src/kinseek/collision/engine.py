@@ -186,6 +186,12 @@ class Engine:
         share(work, range(0, len(q), chunk), workers)
         return free
 
+    def verdict(self, q: Array) -> int:
+        """Return what the broad phase finds for one q: `FREE`, `TOUCH` or `DOUBT`, also for all but n floats."""
+        if not self.pairs or q.dtype != np.float64 or q.shape != (self._chain.dof,):
+            return DOUBT
+        return int((self._fitted or self.broad).verdicts(q[None], 0.0, TOUCH)[0][0])
+
     def _free(self, q: Array, clearance: float) -> Flags:
         broad = self.broad
         verdicts, in_doubt = broad.verdicts(q, clearance, TOUCH)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
+from kinseek.kernels.collision.gaps import DOUBT, FREE
 from kinseek.problem import as_joints
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import Mechanism
@@ -137,6 +138,11 @@ class Scene(Contents):
             InvalidScene: `clearance` is not a length.
             InvalidSolver: `threads` is not an integer of at least 1.
         """
+        if type(q) is np.ndarray and type(clearance) is float and clearance == 0.0 and threads is None:
+            # The short way; NaN and far joint values are in doubt.
+            verdict = self._engine.verdict(q)
+            if verdict != DOUBT:
+                return verdict == FREE
         joints = as_joints(self._chain, q)
         least = length_or_zero("clearance", clearance)
         if threads is not None:
