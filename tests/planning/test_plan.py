@@ -178,7 +178,7 @@ def test_planted_walls_are_never_passed(joints: int) -> None:
     # The first joint cannot turn past a wall that crosses the way of its link.
     arm = kinseek.Arm.from_dh([[0.4, 0, 0, 0]] * joints, [-3] * joints, [3] * joints)
     rng = np.random.default_rng(joints)
-    for thick in 10.0 ** rng.uniform(-4.0, -1.5, 12):
+    for thick in 10.0 ** rng.uniform(-4.0, -1.5, 34):
         angle = rng.uniform(-1.5, 1.5)
         scene = Scene.of(arm, capsules=0.005)
         place = kinseek.pose([0.3 * np.cos(angle), 0.3 * np.sin(angle), 0.0], rpy=[0.0, 0.0, angle])
