@@ -10,31 +10,38 @@ its own collisions, finds no contact at ten thousand points along it. *First che
 not part of the time of the plan. Two problems end beyond the limit of a joint in the file, -0.0698 rad, which is therefore
 raised to 0.02.
 
-    python -m benchmarks.planning vamp/resources/panda           # writes benchmarks/planning.md
-    python -m benchmarks.planning vamp/resources/panda --quick   # a few problems of each kind, printed and not written
+A part that is done is kept in `build/benchmarks`, so what is stopped goes on there; the page is written when all are done.
+Peers get environments of their own. VAMP has a source distribution only, and its build downloads its parts; where it cannot,
+a wheel in the folder that the variable `UV_FIND_LINKS` names is taken.
+
+    python -m benchmarks.planning vamp/resources/panda                # writes benchmarks/planning.md
+    python -m benchmarks.planning vamp/resources/panda --only peers   # this part anew, and the page if the others are there
+    python -m benchmarks.planning vamp/resources/panda --quick        # a few problems of each kind, printed and not written
 """
 
 from __future__ import annotations
 
-import copy
-import re
-import tarfile
+import argparse
+import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 import kinseek
 
-from .command import command
+from .command import HERE, ROOT, command
 from .outside import Outside
-from .page import Page, Row
-
-Array = NDArray[np.float64]
+from .page import Page, Row, in_parts
+from .problems import Array, Cell, Task, length, points, tasks
+from .workers.environments import environment
+from .workers.planners import PLANNERS
+from .workers.process import Gone, Raised, Worker, releases
 
 SECONDS = 20.0
 """Time limit of a plan [s]."""
@@ -42,20 +49,26 @@ SECONDS = 20.0
 POINTS = 10_000
 """Along each path."""
 
-WIDER = ('soft_upper_limit="-0.0698"', 'soft_upper_limit="0.02"')
-"""The limit of the fourth joint in the file, and one inside which all problems end [rad]."""
-
-JOINTS = [f"panda_joint{number}" for number in range(1, 8)]
+LONGER = 1.1
+"""Paths that are longer than VAMP's by this factor are counted."""
 
 
-class Task(NamedTuple):
-    """A problem of MotionBenchMaker."""
+SETTINGS = """\
+kinseek and OMPL check the hulls of the collision meshes. VAMP checks 59 spheres in their place, and capsules instead of
+cylinders (boxes in the scenes *box*); *kinseek, spheres* plans with the same shapes. VAMP has its settings for this arm,
+its fixed sequence of samples and its simplification. OMPL's RRT-Connect and its simplification have the default settings
+and a fixed seed, and call a scene of kinseek from Python: `scene.free` at the default distance of 1% of the extent of the
+space, or `scene.free_motion`, which proves motions. Times are wall times in Python of search and simplification; the scene
+is there before. VAMP and OMPL run on one thread; `Scene.plan` uses every core for large batches."""
+"""How the planners are called, as the page says it."""
 
-    kind: str
-    number: int
-    q0: Array
-    q1: Array
-    objects: list[dict[str, Any]]
+COLUMNS = f"""\
+*Free* counts paths along which MuJoCo finds no contact at {POINTS:,} points, by the shapes that the planner checks and by
+the hulls; *deepest* is the deepest contact with the hulls. Where the hulls reach beyond the spheres, a path that is right
+by the spheres touches. The collision meshes are convex but for that of link 6, so most of these contacts are contacts of
+the meshes. Lengths are Euclidean. */ VAMP's* is the median ratio of the lengths over the problems that both solve, *both
+free* over those where both paths are free by the hulls, and *above {LONGER:g}* the share of such ratios of the former."""
+"""What the columns mean, as the page says it."""
 
 
 class Result(NamedTuple):
@@ -74,49 +87,6 @@ class Result(NamedTuple):
     """[rad]"""
 
 
-def tasks(folder: Path) -> list[Task]:
-    """Read all problems."""
-    texts: dict[tuple[str, int, str], str] = {}
-    with tarfile.open(folder / "problems.tar.bz2") as archive:
-        for member in archive:
-            found = re.fullmatch(r"problems/(\w+)_panda/(scene|request)(\d+)\.yaml", member.name)
-            stream = archive.extractfile(member)
-            if found is not None and stream is not None:
-                texts[found[1], int(found[3]), found[2]] = stream.read().decode()
-    return [_task(texts, kind, number) for kind, number, what in sorted(texts) if what == "scene"]
-
-
-def _task(texts: dict[tuple[str, int, str], str], kind: str, number: int) -> Task:
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    request, scene = (yaml.load(texts[kind, number, what], loader) for what in ("request", "scene"))
-    state = request["start_state"]["joint_state"]
-    begin = dict(zip(state["name"], state["position"], strict=True))
-    constraints = request["goal_constraints"][0]["joint_constraints"]
-    end = {each["joint_name"]: each["position"] for each in constraints}
-    q0, q1 = (np.array([values[joint] for joint in JOINTS], dtype=np.float64) for values in (begin, end))
-    return Task(kind, number, q0, q1, scene["world"]["collision_objects"])
-
-
-def filled(scene: kinseek.Scene, task: Task) -> kinseek.Scene:
-    """The scene with the objects of a problem."""
-    scene = copy.copy(scene)
-    for thing in task.objects:
-        (shape,), (place,) = thing["primitives"], thing["primitive_poses"]
-        base = _pose(thing["pose"]) if "pose" in thing else np.eye(4)
-        pose, sizes = base @ _pose(place), shape["dimensions"]
-        if shape["type"] == "box":
-            scene.add_box(thing["id"], sizes, pose)
-        elif shape["type"] == "cylinder":
-            scene.add_cylinder(thing["id"], sizes[1], sizes[0], pose)
-        else:
-            scene.add_sphere(thing["id"], sizes[0], pose)
-    return scene
-
-
-def _pose(values: dict[str, Any]) -> Array:
-    return np.asarray(kinseek.pose(values["position"], quat_xyzw=values["orientation"]))
-
-
 def solve(arm: kinseek.Arm, scene: kinseek.Scene, task: Task, pose: bool) -> Result:
     """Plan, and check the path."""
     began = time.perf_counter()
@@ -129,11 +99,9 @@ def solve(arm: kinseek.Arm, scene: kinseek.Scene, task: Task, pose: bool) -> Res
     path.timed(acceleration=8.0)
     timed = time.perf_counter()
     proved = bool(np.all(scene.free_motion(path.q[:-1], path.q[1:])))
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.q, axis=0), axis=1))])
-    places = np.linspace(0.0, along[-1], POINTS)
-    q = np.stack([np.interp(places, along, row) for row in path.q.T], axis=1)
-    confirmed = not Outside(scene, arm).depths(q).any()
-    return Result(first - began, planned - first, timed - planned, True, proved, confirmed, float(along[-1]))
+    confirmed = not Outside(scene, arm).depths(points(path.q, POINTS)).any()
+    times = first - began, planned - first, timed - planned
+    return Result(*times, True, proved, confirmed, length(path.q))
 
 
 def rows(results: dict[str, list[Result]]) -> Iterator[Row]:
@@ -160,28 +128,234 @@ def rows(results: dict[str, list[Result]]) -> Iterator[Row]:
         }
 
 
-def main() -> None:
-    """Measure, and write the page."""
-    parser = command(__file__, __doc__, page="planning.md", problems=(100, 4, "problems of each kind"))
-    parser.add_argument("folder", type=Path, help="resources/panda of a clone of KavrakiLab/vamp")
-    options = parser.options()
-    folder: Path = options.folder
-    every = [task for task in tasks(folder) if task.number <= options.problems]
-    arm = kinseek.load((folder / "panda.urdf").read_text().replace(*WIDER), tip="panda_hand")
-    ends = np.concatenate([[task.q0, task.q1] for task in every])
-    assert ((ends >= arm.lower) & (ends <= arm.upper)).all()
-    base = kinseek.Scene.of(arm, meshes={"meshes": folder / "meshes"}, srdf=folder / "panda.srdf")
-    page = Page("Planning", "benchmarks.planning", __doc__)
-    for title, pose in (("Goals given as joint values", False), ("Goals given as poses", True)):
+def chosen(options: argparse.Namespace, problems: int) -> list[Task]:
+    """The first problems of each kind."""
+    return [task for task in tasks(options.folder) if task.number <= problems]
+
+
+def goals(title: str, pose: bool) -> Callable[[Page, argparse.Namespace], None]:
+    """The part of the page with one kind of goals."""
+
+    def measure(page: Page, options: argparse.Namespace) -> None:
+        every, cell = chosen(options, options.problems), Cell.read(options.folder)
+        ends = np.concatenate([[task.q0, task.q1] for task in every])
+        assert ((ends >= cell.arm.lower) & (ends <= cell.arm.upper)).all()
         with page.section(title):
             results: dict[str, list[Result]] = {}
             for task in every:
-                result = solve(arm, filled(base, task), task, pose)
+                result = solve(cell.arm, cell.filled(task), task, pose)
                 results.setdefault(task.kind, []).append(result)
                 if not result.confirmed:
                     print(task.kind, task.number, result, flush=True)
             page.rows(rows(results))
-    page.end(options)
+
+    return measure
+
+
+class Found(NamedTuple):
+    """A path beside those of other planners; NaN if none was found."""
+
+    seconds: float
+    """Of the plan, its simplification included [s]."""
+    length: float
+    """[rad]"""
+    own: float
+    """How deep the deepest contact is along it by the shapes that the planner checks [m]."""
+    hulls: float
+    """The same by the hulls of the meshes."""
+
+
+Plan = Callable[[Task], tuple[float, Array | None]]
+"""From a problem to the time that it took [s] and the rows of the path, (N, n)."""
+
+
+class Planner(NamedTuple):
+    """A planner, and the model of the arm that it checks."""
+
+    plan: Plan
+    cell: Cell
+
+
+def ours(cell: Cell) -> Plan:
+    """`Scene.plan` in this process."""
+
+    def plan(task: Task) -> tuple[float, Array | None]:
+        scene = cell.filled(task)
+        scene.free(task.q0)
+        began = time.perf_counter()
+        try:
+            path = scene.plan(task.q0, task.q1, time_limit=SECONDS)
+        except kinseek.InvalidProblem:  # An end is in collision by these shapes.
+            return time.perf_counter() - began, None
+        return time.perf_counter() - began, path.q if path.success else None
+
+    return plan
+
+
+def theirs(peer: str, folder: Path, worker: Worker) -> Plan:
+    """A peer in its own process."""
+
+    def plan(task: Task) -> tuple[float, Array | None]:
+        asked = {"peer": peer, "folder": str(folder), "kind": task.kind, "number": task.number}
+        try:
+            reply = worker.ask("plan", 5.0 * SECONDS, **asked, q0=task.q0, q1=task.q1, objects=task.objects)
+        except Raised as why:
+            print(peer, task.kind, task.number, why, flush=True)
+            return np.nan, None
+        return reply[0], None if reply[1] is None else np.array(reply[1])
+
+    return plan
+
+
+def judged(planner: Planner, hulls: Cell, task: Task) -> Found:
+    """Let a planner solve a problem, and MuJoCo look at many points along its path."""
+    seconds, q = planner.plan(task)
+    if q is None:
+        return Found(seconds, np.nan, np.nan, np.nan)
+    assert np.abs(q[[0, -1]] - [task.q0, task.q1]).max() < 1e-5, "another problem was solved"
+    along = points(q, POINTS)
+    deepest = {
+        cell.spheres: float(Outside(cell.filled(task), cell.arm).depths(along).max())
+        for cell in (planner.cell, hulls)
+    }
+    return Found(seconds, length(q), deepest[planner.cell.spheres], deepest[hulls.spheres])
+
+
+def started(peer: str, folder: Path, log: Path) -> tuple[Worker, str] | str:
+    """A peer's process, ready for problems, and its release; or why there is none."""
+    python = environment(HERE / "workers" / PLANNERS[peer].requirements)
+    if isinstance(python, str):
+        return python
+    worker = Worker(python, "benchmarks.workers.planners", log, source=ROOT / "src")
+    try:
+        return worker, worker.ask("prepare", 120, peer=peer, folder=str(folder))
+    except (Raised, Gone) as why:
+        worker.close()
+        return str(why)
+
+
+def by_turns(planners: Mapping[str, Planner], hulls: Cell, every: list[Task]) -> dict[str, list[Found] | str]:
+    """Let all planners solve a problem before the next one; a planner whose process ends gets the reason instead."""
+    found: dict[str, list[Found]] = {name: [] for name in planners}
+    gone: dict[str, str] = {}
+    for task in every:
+        for name in [name for name in planners if name not in gone]:
+            try:
+                found[name].append(judged(planners[name], hulls, task))
+            except Gone as why:
+                gone[name] = f"{task.kind} {task.number}: {why}"
+        print(task.kind, task.number, flush=True)
+    return found | gone
+
+
+def peers(page: Page, options: argparse.Namespace) -> None:
+    """Measure kinseek and the peers by turns."""
+    folder, every = options.folder.resolve(), chosen(options, options.beside)
+    hulls, spheres = Cell.read(folder), Cell.read(folder, spheres=True)
+    planners = {
+        "**kinseek**": Planner(ours(hulls), hulls),
+        "**kinseek**, spheres": Planner(ours(spheres), spheres),
+    }
+    versions, missing = dict[str, str](), dict[str, str]()
+    with ExitStack() as stack, page.section("Beside VAMP and OMPL"):
+        logs = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        for number, (peer, entry) in enumerate(PLANNERS.items()):
+            ready = started(peer, folder, logs / f"{number}.txt")
+            if isinstance(ready, str):
+                missing[peer] = ready
+                continue
+            worker, versions[peer.partition(",")[0]] = ready
+            stack.callback(worker.close)
+            planners[peer] = Planner(theirs(peer, folder, worker), spheres if entry.spheres else hulls)
+        found = by_turns(planners, hulls, every) | missing
+        page.say(
+            f"The first {options.beside} problems of each kind with goals given as joint values. Every planner solves a",
+            "problem before the next one begins.",
+        )
+        page.say(SETTINGS)
+        page.say(COLUMNS)
+        page.rows(beside(found))
+        page.say(releases(versions))
+        page.say("The same ratio for each kind of scene:")
+        page.rows(by_kind(found, [task.kind for task in every]))
+
+
+REFERENCE = "VAMP"
+"""With the paths of which all others are compared."""
+
+
+def ratios(found: Mapping[str, list[Found] | str], name: str) -> tuple[Array, NDArray[np.bool_]]:
+    """Lengths of a planner's paths divided by VAMP's, (N,), NaN where one is missing, and where both are free."""
+    own, other = found[name], found[REFERENCE]
+    if isinstance(own, str) or isinstance(other, str):
+        return np.zeros(0), np.zeros(0, dtype=np.bool_)
+    share = np.array([a.length / b.length for a, b in zip(own, other, strict=True)])
+    return share, np.array([a.hulls == 0.0 and b.hulls == 0.0 for a, b in zip(own, other, strict=True)])
+
+
+def _of(values: Array | NDArray[np.bool_], figure: Callable[[Any], Any], form: str) -> str:
+    """A figure of some values, of which some may be NaN, as a cell."""
+    return format(float(figure(values)), form) if np.isfinite(values).any() else "–"
+
+
+def beside(found: Mapping[str, list[Found] | str]) -> Iterator[Row]:
+    """A row for each planner; without figures, and with the reason, for one that could not be measured."""
+    for name, each in found.items():
+        known = [] if isinstance(each, str) else each
+        solved = [one for one in known if np.isfinite(one.length)]
+        times = 1e3 * np.array([one.seconds for one in known])
+        lengths = np.array([one.length for one in solved])
+        share, free = ratios(found, name)
+        figures: Row = {
+            ">problems": len(known),
+            ">solved": len(solved),
+            ">free, its shapes": sum(one.own == 0.0 for one in solved),
+            ">free, hulls": sum(one.hulls == 0.0 for one in solved),
+            ">deepest mm": f"{1e3 * max((one.hulls for one in solved), default=0.0):.1f}",
+            ">ms, median": _of(times, np.nanmedian, ".2f"),
+            ">p95": _of(times, partial(np.nanquantile, q=0.95), ".1f"),
+            ">largest": _of(times, np.nanmax, ".0f"),
+            ">length rad, median": _of(lengths, np.nanmedian, ".2f"),
+            ">mean": _of(lengths, np.nanmean, ".2f"),
+            ">/ VAMP's": _of(share, np.nanmedian, ".3f"),
+            ">both free": _of(share[free], np.nanmedian, ".3f"),
+            f">above {LONGER:g}": _of(share[np.isfinite(share)] > LONGER, np.mean, ".0%"),
+        }
+        cells: Row = figures if known else dict.fromkeys(figures, "–")
+        yield {"planner": name} | cells | {"": each if isinstance(each, str) else ""}
+
+
+def by_kind(found: Mapping[str, list[Found] | str], kinds: list[str]) -> Iterator[Row]:
+    """Median ratios to VAMP's lengths, for each kind of scene."""
+    where = np.array(kinds)
+    for kind in dict.fromkeys(kinds):
+        row: Row = {"scene": kind}
+        for name, each in found.items():
+            share, _ = ratios(found, name)
+            if name != REFERENCE and not isinstance(each, str):
+                row[f">{name}"] = _of(share[where == kind], np.nanmedian, ".3f") if len(share) else "–"
+        yield row
+
+
+PARTS = {
+    "values": goals("Goals given as joint values", False),
+    "poses": goals("Goals given as poses", True),
+    "peers": peers,
+}
+
+
+def main() -> None:
+    """Measure, and write the page."""
+    parser = command(
+        __file__,
+        __doc__,
+        page="planning.md",
+        problems=(100, 4, "problems of each kind"),
+        beside=(20, 2, "problems of each kind beside peers"),
+    )
+    parser.add_argument("folder", type=Path, help="resources/panda of a clone of KavrakiLab/vamp")
+    parser.add_argument("--only", nargs="*", choices=PARTS, default=(), help="parts; all of them by default")
+    in_parts("Planning", "benchmarks.planning", __doc__, PARTS, parser.options())
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from places import ROOT
 pytestmark = pytest.mark.slow
 
 KEPT = ("benchmarks", "experiments", "docs")
-PARTS = {"__init__", "command", "moving", "outside", "page", "reachable", "targets", "timing"}
+PARTS = {"__init__", "command", "moving", "outside", "page", "problems", "reachable", "targets", "timing"}
 """Files of benchmarks/ that others import and nobody runs; those that begin with test_ are for pytest."""
 
 SCRIPTS = [
