@@ -135,6 +135,7 @@ def in_parts(
     """
     page = Page(title, module, doc)
     sources = digest(*(path.read_bytes() for path in sorted(ROOT.glob("src/**/*.py"))))
+    missing: list[str] = []
     folder, stamp = KEPT / module.rpartition(".")[2], f"<!-- {sources}, {machine()} -->\n"
     for name, measure in parts.items():
         place = folder / f"{name}.md"
@@ -150,9 +151,11 @@ def in_parts(
         if text.startswith(stamp):
             page.say(text.removeprefix(stamp))
         elif not options.quick:
-            print(f"no page yet: {name} is missing")
-            return
-    page.end(options)
+            missing.append(name)
+    if missing:
+        print(f"no page yet: {', '.join(missing)} missing")
+    else:
+        page.end(options)
 
 
 def introduction(doc: str) -> str:

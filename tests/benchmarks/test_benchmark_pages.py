@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from argparse import Namespace
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 import kinseek
 from benchmarks.command import ROOT
 from benchmarks.field.judge import bundled
-from benchmarks.page import Page
+from benchmarks.page import Page, Part, in_parts
 from benchmarks.since import MANY, measure, side
 from benchmarks.workers import process
 from benchmarks.workers.process import Gone, Raised, Worker
@@ -118,3 +119,30 @@ def test_a_side_that_is_not_what_was_asked_for_is_refused(tmp_path: Path) -> Non
     (tmp_path / "kinseek.py").write_text("raise ImportError('too old')", encoding="utf-8")
     with pytest.raises(SystemExit, match=r"the kinseek of .*: ends with 1: ImportError: too old"):
         side(tmp_path, "planar2", targets, tmp_path / "log.txt")
+
+
+def test_a_part_is_measured_while_others_are_missing_and_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("benchmarks.page.KEPT", tmp_path)
+    measured: list[str] = []
+
+    def part(name: str) -> Part:
+        def measure(page: Page, options: Namespace) -> None:
+            measured.append(name)
+            page.say(f"The part {name}.")
+
+        return measure
+
+    def make(*only: str) -> None:
+        options = Namespace(only=only, quick=False, output=tmp_path / "page.md")
+        in_parts("Title", "benchmarks.some", None, {name: part(name) for name in ("one", "two")}, options)
+
+    make("two")
+    assert measured == ["two"]
+    assert "no page yet: one missing" in capsys.readouterr().out
+    make()
+    assert measured == ["two", "one"], "what is there is kept"
+    assert (tmp_path / "page.md").read_text(encoding="utf-8").endswith("The part one.\n\nThe part two.\n")
+    make("one")
+    assert measured == ["two", "one", "one"]
