@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .command import ROOT
+from .pages import mark_of
 from .targets import load, machine
 from .workers.environments import digest
 
@@ -101,7 +102,8 @@ class Page:
         """All of it."""
         made = f"Made by `python -m {self._module}`. {machine()}."
         busy = f"Load of the machine over the last fifteen minutes: {load()}."
-        head = "\n".join([made, *([self.note] if self.note else []), busy])
+        mark = mark_of(self._module)
+        head = "\n".join(line for line in (made, self.note, busy, mark) if line)
         return f"# {self._title}\n\n{head}\n\n{self.body}\n"
 
     def end(self, options: argparse.Namespace) -> None:

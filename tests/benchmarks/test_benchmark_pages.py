@@ -11,12 +11,36 @@ import numpy as np
 import pytest
 
 import kinseek
+from benchmarks import pages
 from benchmarks.command import ROOT
 from benchmarks.field.judge import bundled
 from benchmarks.page import Page, Part, in_parts
 from benchmarks.since import MANY, measure, side
 from benchmarks.workers import process
 from benchmarks.workers.process import Gone, Raised, Worker
+from kinseek.kernels.sources import PACKAGE
+
+
+def test_every_page_is_listed_with_kernels_that_exist() -> None:
+    here = ROOT / "benchmarks"
+    found = {str(path.relative_to(here)) for path in here.rglob("*.md")} - {"README.md"}
+    assert found == set(pages.PAGES)
+    rooms = {path.name for path in (PACKAGE / "kernels").iterdir() if path.is_dir()}
+    assert {room for made in pages.PAGES.values() for room in made.rooms} <= rooms
+
+
+def test_a_page_is_older_when_a_kernel_has_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pages, "HERE", tmp_path)
+    assert pages.state("planning.md") == "missing"
+    Page("Planning", "benchmarks.planning", None).write(tmp_path / "planning.md")
+    assert pages.state("planning.md") == "current"
+    Page("Planning", "benchmarks.since 1a2b3c4", None).write(tmp_path / "planning.md")
+    assert pages.state("planning.md") == "older than its kernels"
+    Page("Planning", "benchmarks.planning", None).write(tmp_path / "planning.md")
+    monkeypatch.setattr(pages, "module_digest", lambda module: "changed" + module)
+    assert pages.state("planning.md") == "older than its kernels"
+    (tmp_path / "planning.md").write_text("# Planning\n", encoding="utf-8")
+    assert pages.state("planning.md").startswith("unknown")
 
 
 def test_a_page_reads_as_it_was_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
