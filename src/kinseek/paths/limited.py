@@ -84,7 +84,7 @@ class Around(NamedTuple):
 NOTHING = Around()
 
 
-class Kept(NamedTuple):
+class Restriction(NamedTuple):
     """What kept the joints from what was desired in a step."""
 
     joint: int = -1
@@ -137,12 +137,12 @@ class LimitedJoints:
         q, velocity, acceleration = self.state
         self.motion = self.motion._replace(q=q, velocity=velocity, acceleration=acceleration)
 
-    def follow(self, q: Array, h: float) -> Kept:
+    def follow(self, q: Array, h: float) -> Restriction:
         """Move towards joint values, (n,), for the time h."""
         self.motion.target[:] = q
         return self._step(h, FOLLOW)
 
-    def go(self, velocity: Array, h: float) -> Kept:
+    def go(self, velocity: Array, h: float) -> Restriction:
         """Change to velocities, (n,), for the time h."""
         self.motion.wanted[:] = velocity
         return self._step(h, GO)
@@ -152,19 +152,19 @@ class LimitedJoints:
         self.motion.before[:] = self.motion.q
         self.motion.rate[:] = 0.0
 
-    def _step(self, h: float, what: int) -> Kept:
+    def _step(self, h: float, what: int) -> Restriction:
         self.look()
-        kept = Kept(*limited_step(self.motion, self.room, h, what, False))
-        return kept if kept.pair < 0 else self.with_room(kept, h, what)
+        restriction = Restriction(*limited_step(self.motion, self.room, h, what, False))
+        return restriction if restriction.pair < 0 else self.with_room(restriction, h, what)
 
-    def with_room(self, kept: Kept, h: float, what: int = FOLLOW) -> Kept:
+    def with_room(self, restriction: Restriction, h: float, what: int = FOLLOW) -> Restriction:
         """Make a step that the distances known so far do not allow: with those at the present joint values."""
         scene, room = self._margins, self.room
         assert scene is not None
         exact, keep = self._exact, self._around.clearance + RESERVE
         granted: list[int] = []
         measured = 0
-        while (pair := kept.pair) >= 0:
+        while (pair := restriction.pair) >= 0:
             if what == FOLLOW and exact.get(pair, np.inf) < keep + CLOSE:
                 what = STRAIGHT
             elif (
@@ -182,11 +182,11 @@ class LimitedJoints:
                 granted.append(pair)
                 room.distance[pair] += RESERVE
             else:
-                kept = Kept(*limited_step(self.motion, room, h, what, True))
+                restriction = Restriction(*limited_step(self.motion, room, h, what, True))
                 break
-            kept = Kept(*limited_step(self.motion, room, h, what, False))
+            restriction = Restriction(*limited_step(self.motion, room, h, what, False))
         room.distance[granted] -= RESERVE
-        return kept
+        return restriction
 
     def _leads_apart(self, scene: Margins, pair: int, distance: float) -> bool:
         """Return whether two bodies at a distance are not closer where what is desired comes to rest."""

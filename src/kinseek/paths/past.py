@@ -39,8 +39,8 @@ class PastPoses:
         self._poses = np.zeros((2 * self._apart + 1, 4, 4))
 
     @property
-    def kept(self) -> int:
-        """The number of poses that are kept."""
+    def capacity(self) -> int:
+        """The number of poses that are kept at most."""
         return len(self._poses)
 
     def store(self, T: Array) -> None:

@@ -34,7 +34,7 @@ from kinseek.virtual_joints import extended
 
 from .drift import ANYWHERE, Drift, Preference
 from .joints import Turning
-from .limited import KINDS, NOTHING, Around, Kept, LimitedJoints, Rates, StraightWay, straight_way
+from .limited import KINDS, NOTHING, Around, LimitedJoints, Rates, Restriction, StraightWay, straight_way
 from .past import TIMES, PastPoses
 from .recovery import AWAY, ELSEWHERE, Recovery, is_away, solutions_of
 from .request import require_inside
@@ -226,7 +226,7 @@ class Tracker:
         """The target that a twist moves, (4, 4)."""
         self._beside = 0
         """Periods in which the hand still goes straight, since a body has held it."""
-        self._turned = np.zeros(2, dtype=np.bool_)
+        self._moved_since_rest = np.zeros(2, dtype=np.bool_)
         """Whether a twist has moved the hand, and has turned it, since the joints were last at rest."""
         self._prefer_speed = as_number("prefer_speed", prefer.speed, *TIMES, InvalidProblem)
         self.prefer(prefer.what)
@@ -330,11 +330,11 @@ class Tracker:
         if ended == servo.NO_POSE:
             # The kernel has moved nothing. Checking in Python repairs a pose that is nearly valid, or raises an error.
             return self._stopped() if _has_gaps(target) else self._tracked(self._target(target))
-        kept = Kept(*found)
-        if kept.pair >= 0:
-            kept = joints.with_room(kept, self._duration)
+        restriction = Restriction(*found)
+        if restriction.pair >= 0:
+            restriction = joints.with_room(restriction, self._duration)
         ranges = self._constrained.ranges is not None
-        if kept.pair >= 0 or aim is not target or ranges:
+        if restriction.pair >= 0 or aim is not target or ranges:
             # The kernel compares with `aim`, and with one point of ranges: the values of their joints in this period.
             position, orientation = self._errors(joints.motion.q, target)
             met = self._met(position, orientation)
@@ -353,8 +353,11 @@ class Tracker:
             and self._recovery.is_due(self._duration)
         ):
             self._look_for(target, ended)
-        return self._told(
-            _ENDED[self._reached(position, orientation, ended, kept)], position, orientation, kept
+        return self._reported(
+            _ENDED[self._reached(position, orientation, ended, restriction)],
+            position,
+            orientation,
+            restriction,
         )
 
     def _ahead(self, target: Array) -> Array:
@@ -366,32 +369,34 @@ class Tracker:
             return target
         return _towards(self._target(self._pose_at(self.q)), target, HELD, 1.0, np.zeros(6))
 
-    def _reached(self, position: float, orientation: float, ended: int, kept: Kept) -> int:
+    def _reached(self, position: float, orientation: float, ended: int, restriction: Restriction) -> int:
         """Return the outcome of a step of the joints: that of the reference, unless they are elsewhere."""
-        if kept.joint < 0:
+        if restriction.joint < 0:
             return ended
         if self._met(position, orientation):
             return servo.TRACKING
-        return LIMIT if kept.limit == POSITION else LAGGING
+        return LIMIT if restriction.limit == POSITION else LAGGING
 
     def _met(self, position: float, orientation: float) -> bool:
         """Return whether errors are within the tolerances of the goal."""
         goal = self._constrained
         return bool(position <= goal.position_tolerance and orientation <= goal.orientation_tolerance)
 
-    def _told(self, status: TrackStatus, position: float, orientation: float, kept: Kept) -> Step:
+    def _reported(
+        self, status: TrackStatus, position: float, orientation: float, restriction: Restriction
+    ) -> Step:
         """Describe the step that the joints have made."""
         motion, own = self._joints.motion, self._own
         limited: tuple[str, str] | None = None
         obstacle: tuple[str, str, float] | None = None
-        if kept.pair >= 0:
-            status, obstacle = TrackStatus.BRAKING, self._joints.obstacle(kept.pair)
+        if restriction.pair >= 0:
+            status, obstacle = TrackStatus.BRAKING, self._joints.obstacle(restriction.pair)
             if np.abs(motion.velocity[own]).max() < AT_REST:
                 # The reference is not to run away while the joints stand.
                 self._restart()
                 self._beside = max(1, round(BESIDE / self.period))
-        elif kept.joint >= 0:
-            limited = self._mechanism.joint_names[kept.joint - own.start], KINDS[kept.limit]
+        elif restriction.joint >= 0:
+            limited = self._mechanism.joint_names[restriction.joint - own.start], KINDS[restriction.limit]
         elif status in (TrackStatus.LIMIT, TrackStatus.LAGGING):
             joint = self._limiting_joint(self._state, LIMIT if status is TrackStatus.LIMIT else LAGGING)
             if joint is not None:
@@ -412,7 +417,7 @@ class Tracker:
         """Store the pose of this period for predictions; of a longer one several times."""
         self._past.store(target)
         if self._duration != self.period:
-            for _ in range(1, min(round(self._duration / self.period), self._past.kept)):
+            for _ in range(1, min(round(self._duration / self.period), self._past.capacity)):
                 self._past.store(target)
 
     def _set_drift(self, drift: Drift) -> None:
@@ -442,43 +447,43 @@ class Tracker:
         if not given or not np.isfinite(numbers).all():
             return self._stopped()
         if twist is not None:
-            return self._carried_on(numbers, axes)
+            return self._moved_by_twist(numbers, axes)
         self._carried = None
-        kept = self._go(numbers)
+        restriction = self._go(numbers)
         status = TrackStatus.TRACKING
-        if kept.joint >= 0:
-            status = TrackStatus.LIMIT if kept.limit == POSITION else TrackStatus.LAGGING
-        return self._told(status, np.nan, np.nan, kept)
+        if restriction.joint >= 0:
+            status = TrackStatus.LIMIT if restriction.limit == POSITION else TrackStatus.LAGGING
+        return self._reported(status, np.nan, np.nan, restriction)
 
     def _stopped(self) -> Step:
         """Brake for one period."""
         self._carried = None
-        return self._told(
+        return self._reported(
             TrackStatus.STOPPING, np.nan, np.nan, self._go(np.zeros(self._mechanism.dof))._replace(joint=-1)
         )
 
-    def _go(self, velocity: Array) -> Kept:
+    def _go(self, velocity: Array) -> Restriction:
         """Change to velocities of the arm's joints, (n,); the reference goes with the joints."""
         joints, all_of_them = self._joints, np.zeros(self._arm.dof)
         all_of_them[self._own] = velocity
-        kept = joints.go(all_of_them, self._duration)
+        restriction = joints.go(all_of_them, self._duration)
         self._state.now[:] = joints.motion.q
         self._state.last[:] = joints.motion.velocity * self._duration
-        return kept
+        return restriction
 
-    def _carried_on(self, twist: Array, axes: str) -> Step:
+    def _moved_by_twist(self, twist: Array, axes: str) -> Step:
         """Move the target by a twist, (6,), and the joints with it.
 
         The target moves from where the hand is, so that it never runs away. What the twist does not change, the position or
-        the orientation, is kept as it was when the hand was at rest.
+        the orientation, stays as it was when the hand was at rest.
         """
         h, hand = self._duration, self._pose_at(self.q)
         target = hand.copy() if self._carried is None else self._carried
         moving = np.array([twist[:3].any(), twist[3:].any()])
         if not self._joints.motion.velocity.any():
-            self._turned[:] = False
-        self._turned |= moving
-        most = np.where(self._turned, LEASH, HELD)
+            self._moved_since_rest[:] = False
+        self._moved_since_rest |= moving
+        most = np.where(self._moved_since_rest, LEASH, HELD)
         moved = twist if axes == "base" else (twist.reshape(2, 3) @ hand[:3, :3].T).reshape(6)
         self._carried = _towards(hand, target, most, 1.0, h * moved)
         aim = self._target(_towards(hand, target, most, CATCH_UP, h * moved))
@@ -487,12 +492,15 @@ class Tracker:
             self._set_drift(self._drift)
         *_, ended = servo_step(self._index.address, self._tolerances, aim, self._memory, self._state)
         wanted = (self._state.now - self._joints.motion.q)[self._own] / h
-        kept = self._go(wanted)
+        restriction = self._go(wanted)
         aim = self._target(self._carried)
         position, orientation = self._errors(self._joints.motion.q, aim)
         self._store(aim)
-        return self._told(
-            _ENDED[self._reached(position, orientation, ended, kept)], position, orientation, kept
+        return self._reported(
+            _ENDED[self._reached(position, orientation, ended, restriction)],
+            position,
+            orientation,
+            restriction,
         )
 
     def _servo(self, T: Array, state: State) -> tuple[float, float, int]:
@@ -565,21 +573,24 @@ class Tracker:
             return self._tracked(T)
         self._store(T)
         if way is None:
-            kept = self._go(np.zeros(self._mechanism.dof))
+            restriction = self._go(np.zeros(self._mechanism.dof))
             if not joints.motion.velocity.any():
                 self._return = Return(there, StraightWay(state.now.copy(), self._rates))
-            return self._told(TrackStatus.RECOVERING, *self._errors(joints.motion.q, T), kept)
+            return self._reported(TrackStatus.RECOVERING, *self._errors(joints.motion.q, T), restriction)
         q = way.step(there.now, self._duration)
         state.last[:], state.now[:] = q - state.now, q
-        kept = joints.follow(q, self._duration)
+        restriction = joints.follow(q, self._duration)
         position, orientation = self._errors(joints.motion.q, T)
         if (q != there.now).any():
-            return self._told(TrackStatus.RECOVERING, position, orientation, kept)
+            return self._reported(TrackStatus.RECOVERING, position, orientation, restriction)
         there.last[:] = state.last
         self._state = there
         self._forget_loss()
-        return self._told(
-            _ENDED[self._reached(position, orientation, ended, kept)], position, orientation, kept
+        return self._reported(
+            _ENDED[self._reached(position, orientation, ended, restriction)],
+            position,
+            orientation,
+            restriction,
         )
 
     def singular_direction(self) -> Array | None:
@@ -723,8 +734,8 @@ class Tracker:
         """Move to joint values, (n,), that do not follow the pose of the period."""
         state = self._state
         state.last[:], state.now[:] = q - state.now, q
-        kept = self._joints.follow(q, self._duration)
-        return self._told(status, *self._errors(self._joints.motion.q, T), kept)
+        restriction = self._joints.follow(q, self._duration)
+        return self._reported(status, *self._errors(self._joints.motion.q, T), restriction)
 
     def _errors(self, q: Array, T: Array) -> tuple[float, float]:
         """Pose errors of joint values [m], [rad]: what lies outside the ranges of the goal."""
