@@ -377,8 +377,10 @@ def test_origins_beyond_all_measure_are_refused(tmp_path: Path, scene: Scene, pl
 @pytest.mark.slow
 def test_copies_and_pickles_stand_for_themselves(scene: Scene) -> None:
     before = scene.distance(np.zeros(6))
-    for other in (copy.copy(scene), pickle.loads(pickle.dumps(scene))):
+    bounds = scene.margins.distances(np.zeros(6))  # Trackers and plans compute these.
+    for other in (copy.copy(scene), copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
         assert other.distance(np.zeros(6)) == before
+        assert np.array_equal(other.margins.distances(np.zeros(6)), bounds)
         other.add_box("block", (2, 2, 2))
         assert not other.free(np.zeros(6))
         assert "block" not in scene.bodies

@@ -485,8 +485,8 @@ class Contents:
         self._notes = [note for note in self._notes if not note.startswith(f"{name!r} ")]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle and copy the contents; the engine is rebuilt."""
-        state = {**self.__dict__, "_assembly": None}
+        """Pickle and copy the contents; the engine and the bounds of distances are rebuilt."""
+        state = {**self.__dict__, "_assembly": None, "_margins": None}
         return state | {
             "_bodies": dict(self._bodies),
             "_others": dict(self._others),
