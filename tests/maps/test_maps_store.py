@@ -695,6 +695,31 @@ def test_a_pipe_among_the_metadata_is_not_opened(written: Path, tmp_path: Path) 
         maps.open(tmp_path / "map")
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+@pytest.mark.parametrize("replaced", ["pipe", "link to a device", "huge file"])
+@pytest.mark.parametrize("name", ["cell", "blocks/done"])
+def test_a_block_that_is_no_regular_file_is_not_read(
+    name: str, replaced: str, written: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(written / "grid", tmp_path / "map")
+    block = next(path for path in (tmp_path / "map" / name / "c").rglob("*") if path.is_file())
+    block.unlink()
+    if replaced == "pipe":
+        os.mkfifo(block)
+    elif replaced == "link to a device":
+        block.symlink_to("/dev/zero")
+    else:
+        with block.open("wb") as file:
+            file.truncate(2**40)  # A sparse file, which takes no space on disk.
+    dataset = maps.open(tmp_path / "map")
+    read: dict[str, Callable[[], Any]] = {
+        "cell": partial(maps.volume, dataset),
+        "blocks/done": partial(maps.reach, ARM, TINY, store=tmp_path / "map", prove=True, depth=1, budget=50),
+    }
+    with pytest.raises(kinseek.InvalidMap, match="is not a regular file of at most"):
+        read[name]()
+
+
 def as_a_pipe(place: Path) -> None:
     (place / "c" / "0").unlink()
     os.mkfifo(place / "c" / "0")

@@ -1,4 +1,4 @@
-"""The files of a map on disk: only this user may write to them, whatever the umask is, and metadata are small regular files.
+"""The files of a map on disk: only this user may write to them, whatever the umask is, and only regular files are read.
 
 Imported where a map is opened, for it imports Zarr.
 """
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 METADATA = "zarr.json"
 MOST_BYTES = 2**20
 """Maximum size of a file of metadata [bytes]."""
+MOST_BLOCK = 2**29 + 2**20
+"""Maximum size of a file of a block [bytes]: a block of the most cells, of 8 bytes each, and what a codec may add."""
 
 
 class LocalFiles(LocalStore):
@@ -54,20 +56,21 @@ class LocalFiles(LocalStore):
         prototype: BufferPrototype | None = None,
         byte_range: ByteRequest | None = None,
     ) -> Buffer | None:
-        """Read a file; None if there is none. Metadata are checked when they are open, whatever their name leads to.
+        """Read a file; None if there is none. It is checked when it is open, whatever its name leads to.
 
         Raises:
-            ValueError: A file of metadata is not a regular file, or too large.
+            ValueError: It is not a regular file, or too large.
         """
-        if key.rpartition("/")[2] != METADATA:
+        if byte_range is not None:  # Of shards, which no map has.
             return await super().get(key, prototype, byte_range)
+        most = MOST_BYTES if key.rpartition("/")[2] == METADATA else MOST_BLOCK
         try:
-            text = await asyncio.to_thread(_metadata, self.root / key)
+            content = await asyncio.to_thread(_content, self.root / key, most)
         except (FileNotFoundError, NotADirectoryError):
             return None
-        if text is None:
-            raise ValueError(f"{key!r} is not a regular file of at most {MOST_BYTES:,} bytes")
-        return (prototype or default_buffer_prototype()).buffer.from_bytes(text)
+        if content is None:
+            raise ValueError(f"{key!r} is not a regular file of at most {most:,} bytes")
+        return (prototype or default_buffer_prototype()).buffer.from_bytes(content)
 
     async def set(self, key: str, value: Buffer) -> None:
         """Write a file, as a whole or not at all."""
@@ -98,8 +101,8 @@ def _open(path: str, flags: int) -> int:
     return os.open(path, flags, 0o666 & ~OTHERS_WRITE)
 
 
-def _metadata(path: Path) -> bytes | None:
-    """Read a file of metadata; None if it is something else, or too large."""
+def _content(path: Path, most: int) -> bytes | None:
+    """Read a file; None if it is not a regular one, or larger than `most` bytes."""
     # A pipe would block, and a huge file or a device would fill the memory. Another file may have the name after this, so
     # the open file is checked, too.
     if not stat.S_ISREG(path.stat().st_mode):
@@ -107,10 +110,11 @@ def _metadata(path: Path) -> bytes | None:
     flags = [getattr(os, name, 0) for name in ("O_NONBLOCK", "O_CLOEXEC", "O_BINARY")]
     file = os.open(path, os.O_RDONLY | sum(flags))
     try:
-        if not stat.S_ISREG(os.fstat(file).st_mode):
+        status = os.fstat(file)
+        if not stat.S_ISREG(status.st_mode) or status.st_size > most:
             return None
         with open(file, "rb", closefd=False) as opened:
-            text = opened.read(MOST_BYTES + 1)
+            content = opened.read(most + 1)
     finally:
         os.close(file)
-    return text if len(text) <= MOST_BYTES else None
+    return content if len(content) <= most else None
