@@ -189,11 +189,11 @@ def test_a_folder_that_is_no_map_is_refused(tmp_path: Path) -> None:
 def test_a_store_of_another_user_is_read_and_not_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place, mine = tmp_path / "map.zarr", os.getuid()
+    place, mine = tmp_path / "map.zarr", os.geteuid()
     maps.reach(ARM, GRID, store=place, **SMALL)
     (place / "blocks" / "done" / "c" / "0" / "0" / "0" / "0").unlink()
     before = files(place)
-    monkeypatch.setattr(os, "getuid", lambda: mine + 1)
+    monkeypatch.setattr(os, "geteuid", lambda: mine + 1)
     with pytest.raises(kinseek.InvalidMap, match=f"belongs to user {mine}, and this is user {mine + 1}"):
         maps.reach(ARM, GRID, store=place, **SMALL)
     assert files(place) == before

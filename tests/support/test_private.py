@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+import subprocess
 import sys
 from pathlib import Path
 
@@ -147,12 +148,36 @@ def test_folders_and_files_of_another_user_are_refused(
     (folder / "file").write_bytes(b"code")
     (folder / "file").chmod(0o600)
     assert read_private(folder / "file") == b"code"
-    another = os.getuid() + 1
-    monkeypatch.setattr(os, "getuid", lambda: another)
+    # The effective user: that of a program with setuid, and not of whoever starts it. Files that it makes belong to him.
+    another = os.geteuid() + 1
+    monkeypatch.setattr(os, "geteuid", lambda: another)
     with pytest.raises(NotPrivate, match="belongs to user"):
         private_folder(tmp_path, "kinseek")
     with pytest.raises(NotPrivate, match="file belongs to user"):
         read_private(folder / "file")
+
+
+SETUID = """
+import os, sys
+from pathlib import Path
+from kinseek.support.private import NotPrivate, private_folder
+os.setresuid(int(sys.argv[2]), 0, 0)
+try:
+    private_folder(Path(sys.argv[1]), "kinseek")
+except NotPrivate as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "setresuid") or os.geteuid() != 0, reason="only root becomes another user"
+)
+def test_a_program_with_setuid_uses_no_folder_of_who_starts_it(tmp_path: Path) -> None:
+    (tmp_path / "kinseek").mkdir(mode=0o700)
+    os.chown(tmp_path / "kinseek", ANOTHER, ANOTHER)
+    command = [sys.executable, "-c", SETUID, str(tmp_path), str(ANOTHER)]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert said == f"{tmp_path / 'kinseek'} belongs to user {ANOTHER}\n"
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() != 0, reason="only root gives folders away")
@@ -198,7 +223,7 @@ def test_without_user_ids_only_links_are_refused(tmp_path: Path, monkeypatch: py
     folder.chmod(0o777)
     (folder / "file").write_bytes(b"code")
     (folder / "file").chmod(0o666)
-    monkeypatch.delattr(os, "getuid")
+    monkeypatch.delattr(os, "geteuid")
     assert private_folder(tmp_path, "kinseek") == folder
     assert read_private(folder / "file") == b"code"
     (tmp_path / "link").symlink_to(folder)

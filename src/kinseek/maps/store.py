@@ -386,8 +386,8 @@ def _require_own(store: Path, folder: Path) -> None:
     except NotPrivate as error:
         at = shlex.quote(str(store))
         raise InvalidMap(
-            f"{error}, and this is user {os.getuid()}: blocks are only written where no other user can change them. "
-            f"Use another store, or make this one private: chown -R {os.getuid()} {at}; chmod -R go-w {at}"
+            f"{error}, and this is user {os.geteuid()}: blocks are only written where no other user can change them. "
+            f"Use another store, or make this one private: chown -R {os.geteuid()} {at}; chmod -R go-w {at}"
         ) from None
 
 

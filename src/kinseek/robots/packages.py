@@ -72,12 +72,12 @@ def is_planted(entry: Path, robot: Path) -> bool:
         entry: A file or folder.
         robot: The robot's file.
     """
-    if not hasattr(os, "getuid"):
+    if not hasattr(os, "geteuid"):
         return False
     try:
         if not entry.parent.stat().st_mode & stat.S_IWOTH:
             return False
-        known = {0, os.getuid(), *([robot.stat().st_uid] if robot.exists() else [])}  # It may be a text.
+        known = {0, os.geteuid(), *([robot.stat().st_uid] if robot.exists() else [])}  # It may be a text.
         return entry.lstat().st_uid not in known
     except (OSError, ValueError):  # It is not there, or its name cannot be a file's.
         return False

@@ -91,9 +91,9 @@ def require_private(path: Path, status: os.stat_result) -> None:
     Raises:
         NotPrivate: The check failed; the message names the file and the reason.
     """
-    if not hasattr(os, "getuid"):
+    if not hasattr(os, "geteuid"):
         return
-    if status.st_uid != os.getuid():
+    if status.st_uid != os.geteuid():
         raise NotPrivate(f"{path} belongs to user {status.st_uid}")
     if status.st_mode & OTHERS_WRITE:
         raise NotPrivate(f"others may write to {path} (mode {stat.S_IMODE(status.st_mode):o})")
@@ -143,9 +143,9 @@ def _made(folder: Path) -> os.stat_result:
 
 def _require_safe(path: Path, status: os.stat_result) -> None:
     """Check a folder on the way, or a link: only this user and root may replace the files of others in it."""
-    if not hasattr(os, "getuid"):
+    if not hasattr(os, "geteuid"):
         return
-    if status.st_uid not in (0, os.getuid()):
+    if status.st_uid not in (0, os.geteuid()):
         raise NotPrivate(f"{path} belongs to user {status.st_uid}")
     shared = not stat.S_ISLNK(status.st_mode) and status.st_mode & OTHERS_WRITE
     if shared and not (status.st_uid == 0 and status.st_mode & stat.S_ISVTX):
