@@ -52,6 +52,15 @@ def test_branches_as_a_data_frame() -> None:
         empty.to_frame()
 
 
+def test_every_joint_has_a_column_whatever_it_is_called() -> None:
+    names = ["success", "joint success", "joint joint success", "t", "x"]
+    q = np.arange(10.0).reshape(2, 5)
+    columns = Table(names, q, {"success": np.array([True, False]), "t": np.zeros(2)}, {}).by_name()
+    expected = ["joint joint joint success", "joint success", "joint joint success", "joint t", "x"]
+    assert list(columns) == [*expected, "success", "t"]
+    np.testing.assert_array_equal(np.stack([columns[name] for name in expected], axis=1), q)
+
+
 def test_a_path_as_rows() -> None:
     path = UR5E.follow(np.array([kinseek.pose([0.4, y, 0.3], rpy=[np.pi, 0, 0]) for y in (0.0, 0.01, 5.0)]))
     rows = path_table(path).records()

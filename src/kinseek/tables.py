@@ -45,8 +45,8 @@ class Table:
     def by_name(self) -> dict[str, Column]:
         """Return a column for each joint, then the further columns.
 
-        A joint with the name of one of these is called ``joint NAME``. Of a column with a number for each joint, those of a
-        joint are called ``JOINT COLUMN``.
+        A joint with the name of one of these is called ``joint NAME``, or ``joint joint NAME`` if another joint is called
+        so. Of a column with a number for each joint, those of a joint are called ``JOINT COLUMN``.
         """
         further: dict[str, Column] = {}
         for name, values in self.columns.items():
@@ -54,7 +54,10 @@ class Table:
                 further[name] = values
             else:
                 further |= {f"{joint} {name}": values[:, j] for j, joint in enumerate(self.joint_names)}
-        names = [f"joint {name}" if name in further else name for name in self.joint_names]
+        names = list(self.joint_names)
+        for j in range(len(names)):
+            while names[j] in further or names.count(names[j]) > 1:
+                names[j] = f"joint {names[j]}"
         return dict(zip(names, self.q.T, strict=True)) | further
 
     def records(self) -> list[dict[str, Any]]:
