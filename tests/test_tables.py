@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -59,6 +60,17 @@ def test_every_joint_has_a_column_whatever_it_is_called() -> None:
     expected = ["joint joint joint success", "joint success", "joint joint success", "joint t", "x"]
     assert list(columns) == [*expected, "success", "t"]
     np.testing.assert_array_equal(np.stack([columns[name] for name in expected], axis=1), q)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs POSIX permissions")
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o666])
+def test_a_file_that_is_replaced_keeps_its_permissions(tmp_path: Path, mode: int) -> None:
+    path = tmp_path / "q.csv"
+    path.touch()
+    path.chmod(mode)
+    write_table(path, solution_table(UR5E.ik(TARGETS[0])))
+    assert path.read_text().startswith("shoulder_pan_joint,")
+    assert path.stat().st_mode & 0o777 == mode
 
 
 def test_a_path_as_rows() -> None:

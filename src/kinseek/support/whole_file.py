@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import stat
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,6 +34,8 @@ def output_path(path: Path, what: str) -> Path:
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file that replaces `path` when it is complete; until then, and after a failure, nothing is changed.
 
+    An existing file keeps its permissions: who may not read it may not read what replaces it either.
+
     Args:
         path: A path from `output_path`.
 
@@ -46,6 +49,8 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         file = part.open("xb")
         try:
             with file:
+                if path.exists():
+                    part.chmod(stat.S_IMODE(path.stat().st_mode))
                 yield file
             part.replace(path)
         except BaseException:  # Includes Ctrl-C.
