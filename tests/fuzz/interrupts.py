@@ -21,6 +21,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -171,6 +172,32 @@ def _fk() -> Call:
     return lambda: arm.fk(q)
 
 
+def _planned() -> Call:
+    """A motion around a board, with its proof and its shortcuts."""
+    arm = kinseek.load("panda")
+    scene = kinseek.Scene.of(arm, capsules=0.02)
+    scene.add_box("board", size=(0.02, 0.6, 0.6), pose=kinseek.pose([0.45, 0.0, 0.3]))
+    q = 0.5 * np.random.default_rng(1).uniform(arm.lower, arm.upper, (100, arm.dof))
+    begin, *_, end = q[scene.free(q)]
+    return lambda: np.asarray(scene.plan(begin, end).q)
+
+
+def _timed(**options: Any) -> Callable[[], Call]:
+    def make() -> Call:
+        arm = kinseek.load("ur5e")
+        q = Q + 0.3 * np.sin(np.linspace(0.0, 6.0, 100))[:, None]
+        path = arm.follow(arm.fk(q), start=q[0])
+        return lambda: path.timed(velocity=1.0, acceleration=3.0, **options).sample(0.01).q
+
+    return make
+
+
+def _fastest() -> Call:
+    arm = kinseek.load("panda")
+    T = arm.fk(np.linspace(0.4 * arm.lower + 0.6 * arm.upper, 0.5 * (arm.lower + arm.upper), 40))
+    return lambda: np.asarray(arm.follow(T, cost="time", acceleration=5.0).q)
+
+
 CALLS: dict[str, Callable[[], Call]] = {
     "fk": _fk,
     "ik": _ik(),
@@ -203,6 +230,9 @@ CALLS: dict[str, Callable[[], Call]] = {
     "follow with joints to spare": _follow("panda", 300),
     "follow proved": _follow_proved,
     "follow in windows": _follow(count=20_000),
+    "follow in the least time": _fastest,
+    "timed": _timed(),
+    "timed with jerk": _timed(jerk=30.0),
     "prove": _prove(),
     "prove with a gap": _prove(gap=0.3, budget=20_000),
     "ik proved": _ik(far=True, prove=True),
@@ -215,6 +245,8 @@ CALLS: dict[str, Callable[[], Call]] = {
     "copy": _copied,
     "ik beside a thread": _beside_a_thread,
 }
+if find_spec("coal") is not None:
+    CALLS["plan in a scene"] = _planned
 LONG = {"BruteForce, long", "DivideAndConquer, long"}
 """Searches of minutes: what they give is not waited for."""
 
