@@ -65,9 +65,10 @@ is there before. VAMP and OMPL run on one thread; `Scene.plan` uses every core f
 COLUMNS = f"""\
 *Free* counts paths along which MuJoCo finds no contact at {POINTS:,} points, by the shapes that the planner checks and by
 the hulls; *deepest* is the deepest contact with the hulls. Where the hulls reach beyond the spheres, a path that is right
-by the spheres touches. The collision meshes are convex but for that of link 6, so most of these contacts are contacts of
-the meshes. Lengths are Euclidean. */ VAMP's* is the median ratio of the lengths over the problems that both solve, *both
-free* over those where both paths are free by the hulls, and *above {LONGER:g}* the share of such ratios of the former."""
+by the spheres touches. But for link 6, the meshes have at least 99.9% of the volume of their hulls, so most of these
+contacts are contacts of the meshes. Lengths are Euclidean. */ VAMP's* is the median ratio of the lengths over the problems
+that both solve, *both free* over those where both paths are free by the hulls, and *above {LONGER:g}* the share of larger
+ratios among the former."""
 """What the columns mean, as the page says it."""
 
 
