@@ -165,9 +165,9 @@ def orange(picture: np.ndarray[Any, Any]) -> int:
 
 
 def test_the_arm_appears(visit: Visit) -> None:
-    visit.page.scene.see(ghosts=False, meshes=True)
+    visit.page.view.see(ghosts=False, meshes=True)
     with_arm = visit.look("arm")
-    visit.page.scene._arm_drawn.node.visible = False
+    visit.page.view._arm_drawn.node.visible = False
     without = visit.look()
     assert orange(with_arm) > 60
     assert orange(without) < 0.2 * orange(with_arm)

@@ -497,6 +497,6 @@ def test_a_page_that_leaves_is_drawn_on_without_a_warning(shown: viewer.Viewer) 
     wait_for(lambda: not shown.pages)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        mine.scene.show_goal(np.eye(4))
+        mine.view.show_goal(np.eye(4))
         mine._client.scene.add_frame("/late")
         mine.panel.pass_text.content = "late"

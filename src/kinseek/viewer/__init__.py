@@ -5,7 +5,7 @@
 >>> viewer.show(kinseek.load("ur5e"))        # doctest: +SKIP
 
 All results are computed by `Arm`. `session` solves goals, `clouds` does slower computations, `drawing` and `meshes` draw the
-arm. `page`, `scene` and `panel` show it to one person with viser.
+arm. `page`, `view` and `panel` show it to one person with viser.
 """
 
 from __future__ import annotations

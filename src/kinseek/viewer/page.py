@@ -20,9 +20,9 @@ from . import clouds, words
 from .meshes import Meshes
 from .options import ViewerOptions, read_selection
 from .panel import Actions, Panel
-from .scene import CLOUD, MOST_GHOSTS, REACHED, SEARCH, Scene, matrix_of
 from .searches import DEFAULT
 from .session import GoalResult, Proof, Session, nearest_of
+from .view import CLOUD, MOST_GHOSTS, REACHED, SEARCH, View, matrix_of
 from .workers import Newest
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ class Page:
     def __init__(
         self, client: Any, session: Session, meshes: Meshes, trajectory: Trajectory | None = None
     ) -> None:
-        """Lay out the scene and the panel with the options stored in this browser, and solve the first goal."""
+        """Lay out the view and the panel with the options stored in this browser, and solve the first goal."""
         self._client, self._session, self.arm = client, session, session.arm
         self.trajectory = trajectory
         self._lock = threading.RLock()
@@ -66,7 +66,7 @@ class Page:
         self._servoing = False
         """Does a tracker move the arm? Then goals are not solved."""
         self._new_goals = np.random.default_rng(client.client_id)
-        self.scene = Scene(client.scene, self.arm, meshes)
+        self.view = View(client.scene, self.arm, meshes)
         actions = Actions(
             self.change,
             self._step_branch,
@@ -96,7 +96,7 @@ class Page:
 
     def _begin(self) -> None:
         client, options = self._client, self.options
-        self.scene.show_goal(options.target)
+        self.view.show_goal(options.target)
         self._apply_appearance(options)
         if options.camera is not None:
             client.camera.position, client.camera.look_at = options.camera
@@ -116,12 +116,12 @@ class Page:
                 self.options = self.options.but(camera=(eye, at))
             self._storer.give("keep")
 
-        self.scene.goal.on_update(dragged)
+        self.view.goal.on_update(dragged)
         client.camera.on_update(looked)
-        self.scene.on_ghost(self.pick)
+        self.view.on_ghost(self.pick)
         if self.trajectory is not None:
             t = np.linspace(0.0, self.trajectory.duration, CURVE_POINTS)
-            self.scene.show_curve(self.arm.fk(self.trajectory.q(t))[:, :3, 3])
+            self.view.show_curve(self.arm.fk(self.trajectory.q(t))[:, :3, 3])
         self._solver.give(None)
 
     @property
@@ -143,9 +143,9 @@ class Page:
             self._apply_appearance(after)
         if (
             "target" in changes
-            and np.abs(after.target - matrix_of(self.scene.goal.wxyz, self.scene.goal.position)).max() > 1e-9
+            and np.abs(after.target - matrix_of(self.view.goal.wxyz, self.view.goal.position)).max() > 1e-9
         ):
-            self.scene.show_goal(after.target)
+            self.view.show_goal(after.target)
         if {"target", "free", "search", "parameters", "follow"} & changes.keys() and not self._servoing:
             self._player.give("stop")
             self._solver.give(None)
@@ -167,7 +167,7 @@ class Page:
         if trace is None or not self.panel.passes.value or not 0 <= number < len(trace):
             return
         one = trace[number]
-        self.scene.show_pass(one.q, clouds.visited(self.arm, one))
+        self.view.show_pass(one.q, clouds.visited(self.arm, one))
         self.panel.show_number(number, len(trace))
         self.panel.pass_text.content = words.pass_html(trace, number)
         self.panel.joints.content = words.joints_html(self.arm, self.result.q, one)
@@ -181,8 +181,8 @@ class Page:
         q = trajectory.q(t)
         with self._lock, self._client.atomic():
             self.options = self.options.but(q=q)
-            self.scene.show_arm(q, self.options.target, True)
-            self.scene.show_ghosts(np.zeros((0, self.arm.dof)), -1)
+            self.view.show_arm(q, self.options.target, True)
+            self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
             self.panel.joints.content = words.joints_html(self.arm, q)
             self.panel.motion.content = words.motion_html(trajectory, t)
             self.panel.time.value = t
@@ -213,7 +213,7 @@ class Page:
             self.result, self.proof, self.trace = result, None, result.trace
         missed = not (result.reached or result.refused)
         with self._client.atomic():
-            self.scene.show_arm(result.q, options.target, result.reached)
+            self.view.show_arm(result.q, options.target, result.reached)
             self.panel.result.content = words.result_html(result, None, missed and options.search == DEFAULT)
             self.panel.joints.content = words.joints_html(self.arm, result.q)
         self._client.flush()
@@ -230,11 +230,11 @@ class Page:
         known, drawn = self.branches, 0
         if isinstance(known, Branches):
             shown = nearest_of(known, self.result.q) if self.result.reached else -1
-            self.scene.show_ghosts(known.q, shown)
+            self.view.show_ghosts(known.q, shown)
             drawn = min(len(known), MOST_GHOSTS)
         else:
             shown = -1
-            self.scene.show_ghosts(np.zeros((0, self.arm.dof)), -1)
+            self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
         self.panel.branches.content = words.branches_html(known, shown, drawn)
 
     def _step_branch(self, step: int) -> None:
@@ -253,8 +253,8 @@ class Page:
             self.change(target=target)
 
     def _apply_appearance(self, options: ViewerOptions) -> None:
-        self.scene.see(options.ghosts, options.meshes)
-        self.scene.limit_gizmo(not set(options.free) >= {"rx", "ry", "rz"})
+        self.view.see(options.ghosts, options.meshes)
+        self.view.limit_gizmo(not set(options.free) >= {"rx", "ry", "rz"})
         self._client.gui.configure_theme(dark_mode=options.dark, show_logo=False, show_share_button=False)
 
     # Slower computations.
@@ -292,17 +292,17 @@ class Page:
             if self.result is not result:
                 return
             self.options = self.options.but(q=q)
-            self.scene.show_arm(q, result.options.target, False)
+            self.view.show_arm(q, result.options.target, False)
             self.panel.joints.content = words.joints_html(self.arm, q)
 
     def _cloud(self, _: str) -> None:
-        options, result, scene = self.options, self.result, self.scene
+        options, result, view = self.options, self.result, self.view
         self.panel.show_target(options)
         if self.trace is None and self.panel.passes.value:
             self._find_trace(options, result)
         self.panel.pass_text.content = words.pass_html(self.trace, 0) if self.panel.passes.value else ""
         self.show_pass(len(self.trace) - 1 if self.trace else 0)
-        scene.show_cloud(
+        view.show_cloud(
             "samples", clouds.samples_around(self.arm, options) if options.samples else None, CLOUD
         )
         self.panel.examined.visible = options.boxes
@@ -310,7 +310,7 @@ class Page:
         if options.boxes:
             said.append(self._boxes(options, result))
         else:
-            scene.show_cloud("boxes", None, SEARCH)
+            view.show_cloud("boxes", None, SEARCH)
         self.panel.seen.content = words.note_html(*said)
         self._reach(options)
 
@@ -326,7 +326,7 @@ class Page:
         left: clouds.Cloud | str = "The goal is reached: there is nothing to exclude."
         if not result.reached:
             left = clouds.boxes_left(self.arm, options, result.q, examined)
-        self.scene.show_cloud("boxes", None if isinstance(left, str) else left, SEARCH)
+        self.view.show_cloud("boxes", None if isinstance(left, str) else left, SEARCH)
         if isinstance(left, str):
             return left
         return f"{len(left.points):,} boxes are left after {examined:,} tests; the palest have the smallest bound."
@@ -334,7 +334,7 @@ class Page:
     def _reach(self, options: ViewerOptions) -> None:
         if not options.reach or not clouds.same_question(options, self._reached_for):
             self._reached = None
-            self.scene.show_cloud("reach", None, REACHED)
+            self.view.show_cloud("reach", None, REACHED)
         self.panel.progress.visible = options.reach
         if not options.reach:
             return
@@ -343,14 +343,14 @@ class Page:
             for known in clouds.reachable(self.arm, options, self._clouder.stale, self._reached):
                 self._reached = known
                 shade = np.zeros(len(known.points))
-                self.scene.show_cloud("reach", clouds.Cloud(known.points, shade), REACHED)
+                self.view.show_cloud("reach", clouds.Cloud(known.points, shade), REACHED)
                 self.panel.progress.value = 100.0 * known.tried / known.total
         except KinseekError as error:
             self.panel.seen.content = words.note_html(str(error))
 
     def _show_passes(self, on: bool) -> None:
         if not on:
-            self.scene.show_pass(None, None)
+            self.view.show_pass(None, None)
             self.panel.show_number(0, 0)
             self.panel.joints.content = words.joints_html(self.arm, self.result.q)
         self._clouder.give("again")
@@ -381,7 +381,7 @@ class Page:
         except KinseekError:
             self._player.give("solve")  # Which says why.
             return
-        self.scene.show_ghosts(np.zeros((0, self.arm.dof)), -1)
+        self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
         self.panel.branches.content, self.panel.servo.value = "", True
         limits, before = np.array([tracker.velocity, tracker.acceleration]), time.monotonic()
         while not self._player.stale():
@@ -397,7 +397,7 @@ class Page:
     def _show_step(self, step: Step, shares: Array, target: Array) -> None:
         with self._lock, self._client.atomic():
             self.options = self.options.but(q=step.q)
-            self.scene.show_arm(step.q, target, step.status is TrackStatus.TRACKING)
+            self.view.show_arm(step.q, target, step.status is TrackStatus.TRACKING)
             self.panel.result.content = words.servo_html(step)
             self.panel.joints.content = words.joints_html(self.arm, step.q)
             self.panel.shares.content = words.shares_html(self.arm, shares)

@@ -1,4 +1,4 @@
-"""The panel beside the scene: the solution on top, below it the goal, the search and the view."""
+"""The panel beside the view: the solution on top, below it the goal, the search and the view."""
 
 from __future__ import annotations
 

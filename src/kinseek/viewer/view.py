@@ -101,8 +101,8 @@ class Poses:
         return -1 if instance is None else instance // self._each
 
 
-class Scene:
-    """One person's scene; `api` is that of their connection alone."""
+class View:
+    """One person's view; `api` is that of their connection alone."""
 
     def __init__(self, api: Any, arm: Arm, meshes: Meshes) -> None:
         """Draw the static parts, and the others in their initial state."""
