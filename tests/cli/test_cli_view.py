@@ -29,6 +29,7 @@ def test_view_hands_the_arm_on(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
     monkeypatch.setitem(sys.modules, "kinseek.viewer", types.SimpleNamespace(show=show))
     assert run(["view", "panda"]) == 0
     options = {"host": "127.0.0.1", "port": 8080, "share": False, "open_browser": None, "packages": {}}
+    options |= {"scene": None, "clearance": 0.0}
     assert shown.pop() == ("panda", "panda_link8", options)
     words = [
         "--tip",
@@ -49,11 +50,20 @@ def test_view_hands_the_arm_on(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
         "share": True,
         "open_browser": False,
         "packages": {"a": "/b=c"},
+        "scene": None,
+        "clearance": 0.0,
     }
     assert shown.pop() == ("panda", "panda_link5", options)
     for wrong, said in ((["--port", "70000"], "70000"), (["--package", "a"], "--package takes NAME=FOLDER")):
         assert run(["view", "panda", *wrong]) == 2
         assert said in capsys.readouterr().err
+    pytest.importorskip("pinocchio")
+    assert run(["view", "panda", "--scene", "self", "--capsules", "0.05", "--clearance", "0.01"]) == 0
+    _, _, options = shown.pop()
+    assert options["scene"].fits(kinseek.load("panda").mechanism)
+    assert options["clearance"] == 0.01
+    assert run(["view", "panda", "--clearance", "0.01"]) == 2
+    assert "--clearance needs a scene" in capsys.readouterr().err
 
 
 def test_without_the_extra_it_says_how_to_install_it(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -429,6 +430,12 @@ class Contents:
         # The shapes stay the same, so only their places change in an engine that exists already.
         if self._assembly is not None:
             self._assembly.stand(moved)
+
+    def _of(self, chain: SerialChain) -> Self:
+        """Return a copy for the same arm with other limits and another tool."""
+        other = copy(self)
+        other._chain = chain
+        return other
 
     def _one(self, q: Any) -> Array:
         return one_q(self._chain, q)

@@ -71,6 +71,16 @@ def convex_hull(vertices: Array, name: str) -> Any:
         raise InvalidScene(f"{name}: coal cannot make its convex hull: {why}") from error
 
 
+def sides_of_hull(corners: Array) -> NDArray[np.int64]:
+    """Return the triangles of a convex hull, seen from outside, as indices of its corners, (k, 3) -> (f, 3)."""
+    spatial = library("scipy.spatial")
+    # Joggled, since Qhull then fails for no corners; a picture does not show it.
+    hull = uninterrupted(lambda: spatial.ConvexHull(corners, qhull_options="QJ"))
+    a, b, c = np.moveaxis(corners[hull.simplices], 1, 0)
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    return np.asarray(np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices), dtype=np.int64)
+
+
 def corners_of_sides(planes: Array) -> int:
     """Return the largest number of corners of a flat side of a hull.
 

@@ -4,8 +4,8 @@
 >>> from kinseek import viewer
 >>> viewer.show(kinseek.load("ur5e"))        # doctest: +SKIP
 
-All results are computed by `Arm`. `session` solves goals, `clouds` does slower computations, `drawing` and `meshes` draw the
-arm. `page`, `view` and `panel` show it to one person with viser.
+All results are computed by `Arm`. `session` solves goals, `clouds` does slower computations, `drawing`, `bodies` and
+`meshes` draw the arm and its scene. `page`, `view` and `panel` show it to one person with viser.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from kinseek.arm import Arm
+from kinseek.collision import Scene
 from kinseek.errors import InvalidUse
 from kinseek.printable import printable
 from kinseek.timing.trajectory import Trajectory
@@ -27,6 +28,8 @@ def show(
     arm: Arm,
     *,
     trajectory: Trajectory | None = None,
+    scene: Scene | None = None,
+    clearance: float = 0.0,
     host: str = "127.0.0.1",
     port: int = 8080,
     share: bool = False,
@@ -41,6 +44,9 @@ def show(
     Args:
         arm: Any arm; with black-box kinematics only the tip is shown, and nothing can be proved.
         trajectory: A motion of this arm, to be played in real time or moved through by a slider.
+        scene: The collision scene of this arm, see docs/collisions.md. Its bodies are drawn, what the arm hits is red, and
+            solutions avoid collisions.
+        clearance: Minimum distance between bodies of the scene [m].
         host: Address to listen at. The default is reachable from this machine only; ``"0.0.0.0"`` accepts the network. Pages
             of other sites are rejected.
         port: Port to listen at; if it is taken, the next free one is used and reported. 0 uses any free port.
@@ -54,6 +60,8 @@ def show(
 
     Raises:
         MissingExtra: viser is not installed.
+        InvalidProblem: A clearance without a scene.
+        InvalidScene: Not a scene of this arm, or the clearance is not a length.
         InvalidUse: Not an arm, a trajectory of another arm or one that takes no time, an address that is not this
             machine's, no free port, or an unsupported version of viser.
     """
@@ -61,7 +69,8 @@ def show(
         raise InvalidUse(f"show takes an Arm, as kinseek.load gives it, got {type(arm).__name__}")
     if trajectory is not None:
         _require_motion(trajectory, arm)
-    viewer = Viewer(arm, host, port, share, packages, trajectory)
+    clearance = arm._clearance(scene, clearance)
+    viewer = Viewer(arm, host, port, share, packages, trajectory, scene, clearance)
     try:
         _announce(viewer, browser_here() if open_browser is None else open_browser, share)
         if block:

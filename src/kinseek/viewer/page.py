@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.result import Branches
+from kinseek.collision.surfaces import drawn_bodies
 from kinseek.errors import KinseekError
 from kinseek.paths.tracker import Step, TrackStatus
 from kinseek.timing.trajectory import Trajectory
@@ -21,7 +22,7 @@ from .meshes import Meshes
 from .options import ViewerOptions, read_selection
 from .panel import Actions, Panel
 from .searches import DEFAULT
-from .session import GoalResult, Proof, Session, nearest_of
+from .session import GoalResult, Proof, Session, call_of, nearest_of
 from .view import CLOUD, MOST_GHOSTS, REACHED, SEARCH, View, matrix_of
 from .workers import Newest
 
@@ -53,7 +54,7 @@ class Page:
         self, client: Any, session: Session, meshes: Meshes, trajectory: Trajectory | None = None
     ) -> None:
         """Lay out the view and the panel with the options stored in this browser, and solve the first goal."""
-        self._client, self._session, self.arm = client, session, session.arm
+        self._client, self._session, self.arm = client, session.visit(), session.arm
         self.trajectory = trajectory
         self._lock = threading.RLock()
         self.options = read_selection(self._fetch(), session.begin)
@@ -67,6 +68,8 @@ class Page:
         """Does a tracker move the arm? Then goals are not solved."""
         self._new_goals = np.random.default_rng(client.client_id)
         self.view = View(client.scene, self.arm, meshes)
+        if self._session.scene is not None:
+            self.view.bodies.take(drawn_bodies(self._session.scene))
         actions = Actions(
             self.change,
             self._step_branch,
@@ -181,11 +184,18 @@ class Page:
         q = trajectory.q(t)
         with self._lock, self._client.atomic():
             self.options = self.options.but(q=q)
-            self.view.show_arm(q, self.options.target, True)
+            self._show_posture(q, self.options.target, True)
             self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
-            self.panel.joints.content = words.joints_html(self.arm, q)
             self.panel.motion.content = words.motion_html(trajectory, t)
             self.panel.time.value = t
+
+    def _show_posture(self, q: Array, target: Array, reached: bool) -> None:
+        """Show the arm at joint values q, (n,), with what it hits there."""
+        contacts = self._session.contacts(q)
+        with self._lock:
+            self.view.show_arm(q, target, reached, {name for one in contacts for name in (one.a, one.b)})
+            self.panel.hits.content = words.contacts_html(contacts)
+            self.panel.joints.content = words.joints_html(self.arm, q)
 
     def _choose_time(self, t: float) -> None:
         self._player.give("stop")
@@ -212,30 +222,33 @@ class Page:
             self.options = self.options.but(q=result.q)
             self.result, self.proof, self.trace = result, None, result.trace
         missed = not (result.reached or result.refused)
-        with self._client.atomic():
-            self.view.show_arm(result.q, options.target, result.reached)
+        with self._lock, self._client.atomic():
+            self._show_posture(result.q, options.target, result.reached)
             self.panel.result.content = words.result_html(result, None, missed and options.search == DEFAULT)
-            self.panel.joints.content = words.joints_html(self.arm, result.q)
         self._client.flush()
         if self._solver.stale():
             return
         if picked is None or self.branches is None:
             self.branches = self._session.branches(options)
         self._show_branches()
-        self.panel.call.content = words.call_html(result)
+        self.panel.call.content = words.code_html(call_of(result.options, self._session.scene is not None))
         for worker in (self._prover, self._clouder):
             worker.give("again")
 
     def _show_branches(self) -> None:
-        known, drawn = self.branches, 0
+        known, drawn, scene, count = self.branches, 0, self._session.scene, None
         if isinstance(known, Branches):
-            shown = nearest_of(known, self.result.q) if self.result.reached else -1
-            self.view.show_ghosts(known.q, shown)
+            shown = nearest_of(known, self.result.q) if self.result.reached or self.result.blocked else -1
+            free = None
+            if scene is not None and len(known):
+                free = np.asarray(scene.free(known.q, self._session.clearance), dtype=np.bool_)
+                count = int(free.sum())
+            self.view.show_ghosts(known.q, shown, free)
             drawn = min(len(known), MOST_GHOSTS)
         else:
             shown = -1
             self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
-        self.panel.branches.content = words.branches_html(known, shown, drawn)
+        self.panel.branches.content = words.branches_html(known, shown, drawn, count)
 
     def _step_branch(self, step: int) -> None:
         known = self.branches
@@ -263,6 +276,9 @@ class Page:
         result = self.result
         if result.reached or result.refused:
             return
+        if result.blocked:
+            self._prove_blocked(result)
+            return
         for proof in self._session.proofs(result.options, self._prover.stale):
             if self._prover.stale() or not self._report_once(result, proof, looking=True):
                 return
@@ -276,6 +292,16 @@ class Page:
             and found.upper_bound < known * (1.0 - 1e-3)
         ):
             self._nearer(result, found.q)
+
+    def _prove_blocked(self, result: GoalResult) -> None:
+        """Report whether it is proved that every solution hits something; another one may be free after all."""
+        after = self._session.blocked(result)
+        with self._lock:
+            if self.result is not result:
+                return
+            self.options, self.result = self.options.but(q=after.q), after
+            self._show_posture(after.q, after.options.target, after.reached)
+            self.panel.result.content = words.result_html(after, None, False)
 
     def _report_once(self, result: GoalResult, proof: Proof | None, looking: bool) -> bool:
         """Report what is proved about a solution; return False, and report nothing, if it is no longer the one shown."""
@@ -292,8 +318,7 @@ class Page:
             if self.result is not result:
                 return
             self.options = self.options.but(q=q)
-            self.view.show_arm(q, result.options.target, False)
-            self.panel.joints.content = words.joints_html(self.arm, q)
+            self._show_posture(q, result.options.target, False)
 
     def _cloud(self, _: str) -> None:
         options, result, view = self.options, self.result, self.view
@@ -397,9 +422,8 @@ class Page:
     def _show_step(self, step: Step, shares: Array, target: Array) -> None:
         with self._lock, self._client.atomic():
             self.options = self.options.but(q=step.q)
-            self.view.show_arm(step.q, target, step.status is TrackStatus.TRACKING)
+            self._show_posture(step.q, target, step.status is TrackStatus.TRACKING)
             self.panel.result.content = words.servo_html(step)
-            self.panel.joints.content = words.joints_html(self.arm, step.q)
             self.panel.shares.content = words.shares_html(self.arm, shares)
         self._client.flush()
 

@@ -73,6 +73,7 @@ class Panel:
         """Lay out the panel; `duration` is that of a motion to be played, if there is one [s]."""
         self._gui, self._arm, self._do = gui, arm, actions
         self.result = gui.add_html("")
+        self.hits = gui.add_html("")
         self.branches = gui.add_html("")
         step = gui.add_button_group("Branch", ("previous", "next"))
         self._on(step, lambda value: actions.step_branch(-1 if value == "previous" else 1), click=True)

@@ -17,6 +17,7 @@ from typing import Any, Self
 import numpy as np
 
 from kinseek.arm import Arm
+from kinseek.collision import Scene
 from kinseek.errors import InvalidUse, MissingExtra
 from kinseek.printable import printable
 from kinseek.support.validation import as_integer
@@ -43,6 +44,8 @@ class Viewer:
         share: bool = False,
         packages: Mapping[str, str | Path] | None = None,
         trajectory: Trajectory | None = None,
+        scene: Scene | None = None,
+        clearance: float = 0.0,
     ) -> None:
         """Start serving; the arguments are those of `kinseek.viewer.show`."""
         try:
@@ -68,7 +71,7 @@ class Viewer:
         door = Door(self.alone, host, share)
         self.arm = arm
         self.meshes = meshes_of(arm.axes, packages)
-        self._session = Session(arm)
+        self._session = Session(arm, scene, clearance)
         with _silence():  # viser prints a greeting.
             self._server = Server(
                 host=host, port=free, label=f"kinseek: {printable(arm.name)}", verbose=False

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.branches.result import Branches
+from kinseek.collision import Scene
+from kinseek.collision.pairs import Contact
 from kinseek.errors import KinseekError
 from kinseek.goal import Goal
 from kinseek.paths.tracker import Tracker
@@ -69,6 +72,11 @@ class GoalResult:
     def reached(self) -> bool:
         """Are both tolerances met?"""
         return self.solution is not None and bool(self.solution.success)
+
+    @property
+    def blocked(self) -> bool:
+        """Does every solution found hit something?"""
+        return self.solution is not None and self.solution.status in (Status.BLOCKED, Status.PROVED_BLOCKED)
 
     @property
     def status(self) -> str:
@@ -147,17 +155,29 @@ class Until(Deadline):
 
 
 class Session:
-    """Solutions of an arm for one person; the only state between two calls is in `ViewerOptions`."""
+    """Solutions of an arm for one person; all other state between two calls is in `ViewerOptions`."""
 
-    def __init__(self, arm: Arm) -> None:
-        """Take an arm, and compute what it needs once, so that no drag waits for it."""
-        self.arm = arm
-        q = beginning(arm)
+    def __init__(self, arm: Arm, scene: Scene | None = None, clearance: float = 0.0) -> None:
+        """Take an arm with its scene, and compute what it needs once, so that no drag waits for it."""
+        self.arm, self.clearance = arm, clearance
+        self.scene = None if scene is None else scene._of(arm.chain)
+        """Bodies that solutions avoid. It is replaced, and never changed, so that threads may work with the one before."""
+        q = beginning(arm, lambda q: self.scene is None or self.scene.free(q, clearance))
         self.begin = first_selection(arm.mechanism, q, arm.fk(q))
         # A bare pose takes a shortcut through `ik` and a `Goal` does not; the first call of each is slow.
         for goal in (self.begin.target, self.begin.goal):
             arm.ik(goal, near=q)
         self.branches(self.begin)
+
+    def visit(self) -> Self:
+        """Return the session of one person, whose changes of the scene are their own."""
+        return copy.copy(self)
+
+    def contacts(self, q: Array) -> tuple[Contact, ...]:
+        """Return what touches, or comes too near, at joint values, (n,)."""
+        if self.scene is None or self.scene.free(q, self.clearance):
+            return ()
+        return self.scene.hits(q, self.clearance)
 
     def solve(self, options: ViewerOptions) -> GoalResult:
         """Solve a goal by the chosen search. If the goal is rejected, the result says why, and the arm does not move."""
@@ -166,7 +186,7 @@ class Session:
         try:
             goal, search = self._goal(options), make_search(options.search, options.parameters)
             near = options.q if options.follow or needs_start(options.search) else None
-            extra: dict[str, Any] = {}
+            extra = self._around()
             if takes_seconds(options.search):
                 extra = {"solver": search, "time_limit": PATIENCE, "trace": True}
             began = time.perf_counter()
@@ -175,6 +195,18 @@ class Session:
         except KinseekError as error:
             return GoalResult(options, options.q, refused=str(error))
         return GoalResult(options.but(q=solution.q), solution.q, solution, seconds)
+
+    def _around(self) -> dict[str, Any]:
+        """Return the arguments of `Arm.ik` for a scene: a redundant arm may take long to find a free solution."""
+        if self.scene is None:
+            return {}
+        return {"scene": self.scene, "clearance": self.clearance, "time_limit": PATIENCE}
+
+    def blocked(self, result: GoalResult) -> GoalResult:
+        """Try to prove that every solution of a blocked goal hits something."""
+        near = result.options.q if result.options.follow else None
+        solution = self.arm.ik(self._goal(result.options), near=near, prove=True, **self._around())
+        return replace(result, options=result.options.but(q=solution.q), q=solution.q, solution=solution)
 
     def _far(self, options: ViewerOptions) -> str:
         """Return a message for a goal so far away that its units may be wrong: `Arm.ik` would warn."""
@@ -261,6 +293,8 @@ class Session:
             goal=options.goal if options.free else None,
             acceleration=limits["acceleration"],
             jerk=limits["jerk"],
+            scene=self.scene,
+            clearance=self.clearance,
         )
 
     def _goal(self, options: ViewerOptions) -> Any:
@@ -268,11 +302,12 @@ class Session:
         return options.goal if options.free else options.target
 
 
-def beginning(arm: Arm) -> Array:
-    """Return initial joint values, (n,): the most dexterous of a sample, if possible well above the ground."""
+def beginning(arm: Arm, free: Callable[[Array], Any] = lambda q: True) -> Array:
+    """Return initial joint values, (n,): the most dexterous of a sample, if possible free and well above the ground."""
     q = arm.sample(BEGINNINGS)
     poses = arm.fk(q)
     there = np.isfinite(poses).all(axis=(1, 2))
+    there = there & free(q) if (there & free(q)).any() else there
     if arm.axes is None:
         return np.asarray(q[int(np.argmax(there))])
     height = poses[:, 2, 3]
@@ -296,17 +331,19 @@ def status_of(result: GoalResult, proof: Proof | None) -> tuple[str, str]:
         return result.refused, "refused"
     if result.reached:
         return result.status, "good"
+    if result.solution is not None and result.solution.status is Status.PROVED_BLOCKED:
+        return result.status, "bad"
     if proof is not None and proof.unreachable:
         return str(Status.PROVED_UNREACHABLE), "bad"
     return result.status, "open"
 
 
-def call_of(options: ViewerOptions) -> str:
-    """Return the Python call with the same goal and options."""
+def call_of(options: ViewerOptions, scene: bool = False) -> str:
+    """Return the Python call with the same goal and options, in a scene or without one."""
     goal = f"kinseek.Goal.pose(T, free={list(options.free)})" if options.free else "T"
     near = ", near=q" if options.follow or needs_start(options.search) else ""
     if options.search == DEFAULT:
-        return f"arm.ik({goal}{near})"
+        return f"arm.ik({goal}{near}{', scene=scene' if scene else ''})"
     try:
         solver: object = make_search(options.search, options.parameters)
     except KinseekError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from kinseek.arm import Arm
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.support.transforms import from_quaternion, quaternion, square, transform
 
+from .bodies import Bodies
 from .clouds import Cloud
 from .drawing import Figure
 from .meshes import Meshes
@@ -23,6 +24,7 @@ MOST_GHOSTS = 16
 
 LINK, JOINT = (232, 125, 10), (84, 92, 106)
 GHOST = (20, 90, 205)
+BLOCKED = (200, 70, 70)
 SEARCH = (194, 59, 0)
 REACHED, CLOUD = (0, 158, 115), (122, 78, 142)
 CURVE = (122, 78, 142)
@@ -83,6 +85,12 @@ class Poses:
         turns = np.tile(np.array([1.0, 0.0, 0.0, 0.0], dtype=np.float32), (parts, 1))
         return np.zeros((parts, 3), np.float32), turns, np.full((parts, 3), _FAR, np.float32)
 
+    def paint(self, colours: Array) -> None:
+        """Give the first poses a colour each, (k, 3)."""
+        every = np.zeros((self._count, 3), dtype=np.uint8)
+        every[: len(colours)] = colours[: self._count]
+        self.node.batched_colors = np.repeat(every, self._each, axis=0)
+
     def show(self, q: Array, but: int = -1) -> None:
         """Draw these joint values, (k, n), as many as there is space for, except one of them."""
         places, turns, scales = self._nothing()
@@ -104,8 +112,10 @@ class Poses:
 class View:
     """One person's view; `api` is that of their connection alone."""
 
-    def __init__(self, api: Any, arm: Arm, meshes: Meshes) -> None:
-        """Draw the static parts, and the others in their initial state."""
+    def __init__(
+        self, api: Any, arm: Arm, meshes: Meshes, pick_body: Callable[[str], object] = lambda name: None
+    ) -> None:
+        """Draw the static parts, and the others in their initial state; `pick_body` gets the name of a clicked body."""
         self._api, self._arm, self._meshes = api, arm, meshes
         self._figure = None if arm.axes is None else Figure(arm.axes)
         self.size = _size(arm) if self._figure is None else self._figure.size
@@ -126,6 +136,7 @@ class View:
             thickness_units="screen",
             visible=False,
         )
+        self.bodies = Bodies(api, pick_body)
         self._clouds: dict[str, Any] = {}
         self._frames = [api.add_frame(f"/arm/mesh/{i}", show_axes=False) for i in range(len(meshes.links))]
         for i, link in enumerate(meshes.links):
@@ -155,9 +166,11 @@ class View:
 
         ghosts.node.on_click(clicked)
 
-    def show_arm(self, q: Array, target: Array, reached: bool) -> None:
-        """Move the arm to joint values q, (n,), and show by a line how far its tip is from the goal."""
+    def show_arm(self, q: Array, target: Array, reached: bool, hit: Collection[str] = ()) -> None:
+        """Move the arm to joint values q, (n,), and show by a line how far its tip is from the goal; `hit` are bodies."""
         T = self._arm.fk(q)
+        if self._arm.axes is not None:
+            self.bodies.show(self._arm.axes, q, hit)
         if self._arm_drawn is not None:
             self._arm_drawn.show(q[None])
         if np.isfinite(T).all():
@@ -173,10 +186,12 @@ class View:
         """Move the gizmo to the goal."""
         self.goal.position, self.goal.wxyz = target[:3, 3], wxyz_of(target[:3, :3])
 
-    def show_ghosts(self, q: Array, shown: int) -> None:
-        """Draw these solutions, (k, n), transparent, except for the one already shown."""
+    def show_ghosts(self, q: Array, shown: int, free: NDArray[np.bool_] | None = None) -> None:
+        """Draw these solutions, (k, n), transparent, except for the one already shown; red are those that are not free."""
         if self._ghosts is not None:
             self._ghosts.show(q, shown)
+            if free is not None:
+                self._ghosts.paint(np.where(free[:, None], GHOST, BLOCKED))
 
     def show_curve(self, places: Array) -> None:
         """Draw the curve of the tip along a motion through places, (k, 3) [m]."""

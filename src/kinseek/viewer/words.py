@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.branches.result import Branches
+from kinseek.collision.pairs import Contact
 from kinseek.paths.tracker import Step, TrackStatus
 from kinseek.printable import in_html
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from kinseek.timing.trajectory import Trajectory
 from kinseek.trace import Pass, Trace
 
-from .session import GoalResult, Proof, call_of, status_of
+from .session import GoalResult, Proof, status_of
 
 Array = NDArray[np.float64]
 
 _NEWS = {"good": "#2b8a3e", "bad": "#c92a2a", "open": "#b35c00", "refused": "#c92a2a"}
 _SOFT = "color:var(--mantine-color-dimmed)"
+MOST_CONTACTS = 6
+"""Maximum number of contacts that are named."""
 _NEAR = 0.02
 """Fraction of a joint's range within which a value near a limit is highlighted."""
 
@@ -49,8 +54,20 @@ def _table(rows: list[tuple[str, str]]) -> str:
     return f"<table style='margin-top:4px;border-spacing:0;font-variant-numeric:tabular-nums'>{cells}</table>"
 
 
+def contacts_html(contacts: Sequence[Contact]) -> str:
+    """What touches, or comes too near, where the arm is shown."""
+    if not contacts:
+        return ""
+    more = len(contacts) - MOST_CONTACTS
+    lines = [in_html(str(one)) for one in contacts[:MOST_CONTACTS]] + (
+        [f"and {more} more"] if more > 0 else []
+    )
+    hit = "".join(f"<div>{line}</div>" for line in lines)
+    return _block(f"<div style='color:#c92a2a' data-contacts='{len(contacts)}'>Hit: {hit}</div>")
+
+
 def servo_html(step: Step) -> str:
-    """The status of a tracker, both errors, and what limits it."""
+    """The status of a tracker, both errors, what limits it, and the bodies before which it brakes."""
     turn = step.orientation_error
     rows = [
         ("position error", f"{step.position_error:.3g} m"),
@@ -60,6 +77,9 @@ def servo_html(step: Step) -> str:
             "nothing" if step.limited is None else f"{step.limited[1]} of {in_html(step.limited[0])}",
         ),
     ]
+    if step.obstacle is not None:
+        a, b, distance = step.obstacle
+        rows.append(("brakes before", f"{in_html(a)} and {in_html(b)}, {distance * 1e3:.1f} mm apart"))
     news = "good" if step.status is TrackStatus.TRACKING else "open"
     return _block(_sentence(str(step.status), news) + _table(rows))
 
@@ -101,8 +121,8 @@ def _time(seconds: float) -> str:
     return f", {seconds * 1e6:.0f} µs" if seconds < 1e-3 else f", {seconds * 1e3:.3g} ms"
 
 
-def branches_html(branches: Branches | str | None, shown: int, drawn: int) -> str:
-    """The number of solutions, and which of them is shown."""
+def branches_html(branches: Branches | str | None, shown: int, drawn: int, free: int | None = None) -> str:
+    """The number of solutions, which of them is shown, and in a scene how many are free."""
     if branches is None:
         text = "Branches: looking …"
     elif isinstance(branches, str):
@@ -113,6 +133,7 @@ def branches_html(branches: Branches | str | None, shown: int, drawn: int) -> st
         count = f"{len(branches)} branch{'es' if len(branches) > 1 else ''}"
         text = count if shown < 0 else f"Branch {shown + 1} of {len(branches)}"
         text += ", a sample of infinitely many" if branches.sampled else ""
+        text += "" if free is None else f"; {free} free"
         text += f"; {drawn} drawn." if drawn < len(branches) else "."
     return _block(f"<div style='{_SOFT}'>{in_html(text)}</div>")
 
@@ -197,10 +218,10 @@ def pass_html(trace: Trace | None, number: int) -> str:
     return _block("".join(f"<div data-pass='{number}'>{line}</div>" for line in lines))
 
 
-def call_html(result: GoalResult) -> str:
-    """The Python call with the same goal and options."""
+def code_html(code: str) -> str:
+    """Python code."""
     return _block(
-        f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{in_html(call_of(result.options))}</code>"
+        f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{in_html(code)}</code>"
     )
 
 

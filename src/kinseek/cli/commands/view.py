@@ -7,15 +7,21 @@ import click
 from kinseek.cli.help import Command, option
 from kinseek.cli.options import Robot, robot_options
 from kinseek.cli.output import direct_output
+from kinseek.cli.scenes import Cell, scene_options
 
 
 @click.command(
     "view",
     cls=Command,
-    examples=["kinseek view panda", "kinseek view ur5e --port 9000 --no-browser"],
+    examples=[
+        "kinseek view panda",
+        "kinseek view ur5e --scene cell.urdf --capsules 0.05",
+        "kinseek view ur5e --port 9000 --no-browser",
+    ],
     more=["Without --host only this machine reaches the page; with --host 0.0.0.0 the network does."],
 )
 @robot_options
+@scene_options
 @option("--host", metavar="ADDRESS", default="127.0.0.1", help="Address to listen at.")
 @option(
     "--port",
@@ -28,6 +34,7 @@ from kinseek.cli.output import direct_output
 @option("--browser/--no-browser", default=None, help="Open a browser, or only print the address of the page.")
 def command(
     robot: Robot,
+    cell: Cell,
     host: str,
     port: int,
     share: bool,
@@ -43,5 +50,14 @@ def command(
     expanded = robot.arm.lower().endswith(".xacro")
     loaded = (robot if expanded else robot._replace(packages={})).load()
     with direct_output():
-        show(loaded, host=host, port=port, share=share, open_browser=browser, packages=robot.packages)
+        show(
+            loaded,
+            scene=cell.of(loaded, robot),
+            clearance=cell.clearance,
+            host=host,
+            port=port,
+            share=share,
+            open_browser=browser,
+            packages=robot.packages,
+        )
     return 0
