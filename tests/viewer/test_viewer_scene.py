@@ -19,6 +19,8 @@ from kinseek.viewer.session import Session, call_of, status_of
 pytest.importorskip("coal")
 pytest.importorskip("trimesh")
 
+pytestmark = pytest.mark.slow
+
 EVIL = "<b>wall</b>\n\u202e"
 UR5E = kinseek.load("ur5e")
 FREE = kinseek.pose([0.45, -0.3, 0.35], rpy=[np.pi, 0.0, 0.0])
@@ -53,7 +55,6 @@ def client() -> Any:
         "add_frame",
         "add_mesh_simple",
         "add_point_cloud",
-        "add_transform_controls",
         "add_line_segments",
     ):
         getattr(made.scene, name).side_effect = lambda *given, **named: MagicMock()
@@ -161,3 +162,148 @@ def test_a_tool_that_the_scene_does_not_know_is_that_of_the_arm() -> None:
     result = session.solve(session.begin.but(target=FREE))
     assert result.reached
     np.testing.assert_allclose(arm.fk(result.q), FREE, atol=1e-5)
+
+
+def boxes(page: Any) -> dict[str, np.ndarray[Any, Any]]:
+    """Sizes of the boxes of a page."""
+    return {
+        name: body.parts[0].shape.size for name, body in page._bodies.items() if body.is_box and body.alone
+    }
+
+
+def test_a_visitor_edits_a_scene_of_their_own(page: Any, session: Session) -> None:
+    goal(page, FREE)
+    page.add_box()
+    assert page._selected == "box 1"
+    assert page.view.body.visible
+    wait_until(lambda: page.idle)
+    page.resize_box((0.1, 0.2, 0.3))
+    page.place_body(UR5E.fk(page.result.q))
+    wait_until(lambda: page.idle)
+    np.testing.assert_array_equal(boxes(page)["box 1"], [0.1, 0.2, 0.3])
+    # It stands where the hand was, and nothing is free there.
+    assert page.result.blocked
+    assert "box 1" in page.panel.hits.content
+    frame = page.view.body
+    np.testing.assert_allclose(frame.position, FREE[:3, 3], atol=1e-5)
+    assert page.panel.box_size.value == (0.1, 0.2, 0.3)
+    shown = page.panel.changes.content
+    assert "scene.add_box(&#x27;box 1&#x27;, [0.1, 0.2, 0.3], kinseek.pose([0.45, -0.3, 0.35]" in shown
+    assert session.scene is not page.scene
+    assert session.scene is not None
+    assert "box 1" not in session.scene.bodies
+    page.remove_body()
+    wait_until(lambda: page.idle)
+    assert page.result.reached
+    assert page.panel.changes.content == words.code_html()
+    page.remove_body()  # Nothing is selected.
+    page.place_body(FREE)
+    page.resize_box((0.1, 0.1, 0.1))
+    assert set(boxes(page)) == {EVIL}
+
+
+def test_a_body_that_moves_keeps_its_3d_objects_and_one_that_changes_does_not(page: Any) -> None:
+    page.select_body(EVIL)
+    before = page.view.bodies._drawn[EVIL]
+    page.place_body(kinseek.pose([2.0, 0.0, 0.3]))
+    wait_until(lambda: page.idle)
+    drawn = page.view.bodies._drawn[EVIL]
+    assert drawn.mesh is before.mesh
+    np.testing.assert_allclose(drawn.frame.position, [2.0, 0.0, 0.3])
+    page.resize_box((0.1, 0.1, 0.1))
+    assert page.view.bodies._drawn[EVIL].mesh is not before.mesh
+    before.frame.remove.assert_called_once()
+
+
+def test_bodies_of_files_move_as_a_whole_and_only_boxes_are_resized(page: Any, tmp_path: Any) -> None:
+    file = tmp_path / "two.scene"
+    one = "sphere\n0.1\n{} 0 0\n0 0 0 1\n0 0 0 0\n"
+    file.write_text(
+        f"two\n* pair\n0 0 1\n0 0 0 1\n2\n{one.format(0.5)}{one.format(0.9)}0\n.\n", encoding="utf-8"
+    )
+    page._session.edit(lambda scene: scene.add_file(file))
+    page._edit("pair", lambda scene: None)
+    page.place_body(kinseek.pose([3.0, 0.0, 1.0], rpy=[0.0, 0.0, np.pi / 2]))
+    page.resize_box((0.1, 0.1, 0.1))
+    wait_until(lambda: page.idle)
+    body = page.scene._bodies["pair"]
+    places = [(body.frame.pose @ part.pose)[:3, 3] for part in body.parts]
+    np.testing.assert_allclose(places, [[3.0, 0.0, 1.0], [3.0, 0.4, 1.0]], atol=1e-12)
+    assert "# &#x27;pair&#x27; is moved to kinseek.pose([3.0, 0.0, 1.0]" in page.panel.changes.content
+
+
+def test_what_cannot_be_edited_says_so_and_changes_nothing(page: Any) -> None:
+    from kinseek.viewer.page import MOST_ADDED
+
+    for name in ("forearm_link", "nothing of this name"):
+        page.select_body(name)
+        assert page._selected == ""
+    page.select_body(EVIL)
+    scene = page.scene
+    for size in ((0.0, 1.0, 1.0), (1e9, 1.0, 1.0), (np.nan, 1.0, 1.0)):
+        with pytest.raises(kinseek.InvalidScene):
+            page.resize_box(size)
+    with pytest.raises(kinseek.InvalidGoal, match="must lie within"):
+        page.place_body(kinseek.pose([1e9, 0.0, 0.0]))
+    assert page.scene is scene
+    for _ in range(MOST_ADDED):
+        page.add_box()
+    with pytest.raises(kinseek.InvalidScene, match="at most 50"):
+        page.add_box()
+    wait_until(lambda: page.idle)
+
+
+def test_labels_of_bodies_are_short_printable_and_different(page: Any) -> None:
+    names = [EVIL, "none", "x" * 300, "x" * 300 + "y", "x" * 100]
+    page.panel.show_bodies(names, None)
+    labels = page.panel.body.options
+    assert labels[:2] == ("none", "<b>wall</b>\\n\\u202e")
+    assert len(set(labels)) == len(names) + 1
+    assert all(label.isprintable() and len(label) < 120 for label in labels)
+    assert list(page.panel._labels.values()) == names
+
+
+def test_a_client_edits_the_scene_and_odd_values_print_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    viser = pytest.importorskip("viser")
+    msgspec = pytest.importorskip("msgspec")
+    from websockets import Subprotocol
+    from websockets.sync.client import connect
+
+    def send(**fields: Any) -> None:
+        one.send(msgspec.msgpack.encode(fields))
+
+    def update(handle: Any, value: Any) -> None:
+        send(type="GuiUpdateMessage", uuid=handle._impl.uuid, updates={"value": value})
+
+    with viewer.show(UR5E, scene=cell(), port=0, open_browser=False, block=False) as shown:
+        capfd.readouterr()
+        address = f"ws://127.0.0.1:{shown.port}"
+        with connect(
+            address, subprotocols=[Subprotocol(f"viser-v{viser.__version__}")], max_size=None
+        ) as one:
+            send(
+                type="ViewerCameraMessage", wxyz=[1.0, 0, 0, 0], position=[1.0, 1, 1], fov=0.8, near=0.01, far=100.0,
+                image_height=600, image_width=800, look_at=[0.0, 0, 0], up_direction=[0.0, 0, 1]
+            )  # fmt: skip
+            wait_until(lambda: shown.pages)
+            (page,) = shown.pages.values()
+            wait_until(lambda: page.idle)
+            update(page.panel.body, page.panel.body.options[1])
+            wait_until(lambda: page._selected == EVIL)
+            dragged = {
+                "type": "TransformControlsUpdateMessage",
+                "name": "/chosen",
+                "wxyz": [1.0, 0.0, 0.0, 0.0],
+            }
+            dragged["owner"] = page._client.scene._owner_id
+            send(**dragged, position=[1e9, 0.0, 0.0])
+            send(**dragged, position=[0.5, 0.5, 0.25])
+            wait_until(lambda: np.allclose(page._bodies[EVIL].frame.pose[:3, 3], [0.5, 0.5, 0.25]))
+            update(page.panel.box_size, [0.0, -1.0, 1e9])
+            wait_until(lambda: "must be 3 lengths above 0 m" in page.panel.result.content)
+            update(page.panel.body, "nowhere")
+            update(page.panel.box_size, [0.3, 0.2, 0.1])
+            wait_until(lambda: np.allclose(boxes(page)[EVIL], [0.3, 0.2, 0.1]))
+            wait_until(lambda: page.idle)
+            assert page.panel.body.value == page.panel.body.options[1]
+    assert capfd.readouterr() == ("", "")

@@ -437,6 +437,12 @@ class Contents:
         other._chain = chain
         return other
 
+    def _place(self, name: str, pose: Any) -> None:
+        """Move a body that stands by itself, such that its first shape is at a pose, (4, 4)."""
+        body = self._bodies[name]
+        first = one_pose(pose, "pose") @ np.linalg.inv(body.parts[0].pose)
+        self._stand([replace(body, frame=Frame(0, first))])
+
     def _one(self, q: Any) -> Array:
         return one_q(self._chain, q)
 

@@ -51,6 +51,11 @@ class DrawnBody(NamedTuple):
     alone: bool
     """Does it stand by itself, so that it can be moved and removed? Links, attached objects and other arms do not."""
 
+    @property
+    def is_box(self) -> bool:
+        """Is it one box?"""
+        return len(self.parts) == 1 and isinstance(self.parts[0].shape, Box)
+
     def at(self, chain: SerialChain, q: Array) -> Array:
         """Return the pose of its first shape in the base of an arm at joint values q, (n,), as (4, 4)."""
         if not self.frame.joints:

@@ -5,25 +5,29 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
+from collections.abc import Callable, Sequence
+from itertools import count
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.result import Branches
+from kinseek.collision import Box, Scene
 from kinseek.collision.surfaces import drawn_bodies
-from kinseek.errors import KinseekError
+from kinseek.errors import InvalidScene, KinseekError
 from kinseek.paths.tracker import Step, TrackStatus
+from kinseek.support.transforms import transform
 from kinseek.timing.trajectory import Trajectory
 from kinseek.trace import Trace
 
 from . import clouds, words
 from .meshes import Meshes
 from .options import ViewerOptions, read_selection
-from .panel import Actions, Panel
+from .panel import Panel
 from .searches import DEFAULT
 from .session import GoalResult, Proof, Session, call_of, nearest_of
-from .view import CLOUD, MOST_GHOSTS, REACHED, SEARCH, View, matrix_of
+from .view import CLOUD, MOST_GHOSTS, REACHED, SEARCH, View, is_at, matrix_of
 from .workers import Newest
 
 Array = NDArray[np.float64]
@@ -42,6 +46,12 @@ LONGEST_FRAME = 0.2
 
 CURVE_POINTS = 400
 """Number of places of the tip through which the line of a motion is drawn."""
+
+MOST_ADDED = 50
+"""Maximum number of bodies that a page adds to its scene: anyone who opens it can."""
+
+BOX = 0.15
+"""Edge length of a new box, relative to the arm's reach."""
 
 PASS, SHOW = 0.9, 12.0
 """Time for which a pass is shown during playback, and maximum time of the whole playback [s]."""
@@ -67,23 +77,15 @@ class Page:
         self._servoing = False
         """Does a tracker move the arm? Then goals are not solved."""
         self._new_goals = np.random.default_rng(client.client_id)
-        self.view = View(client.scene, self.arm, meshes)
-        if self._session.scene is not None:
-            self.view.bodies.take(drawn_bodies(self._session.scene))
-        actions = Actions(
-            self.change,
-            self._step_branch,
-            self._goal_to_arm,
-            self._another_goal,
-            self._show_passes,
-            self.show_pass,
-            lambda: self._player.give("play"),
-            self._choose_time,
-            lambda on: self._player.give("motion" if on else "stop"),
-            self.servo,
-        )
+        self.view = View(client.scene, self.arm, meshes, self.select_body)
+        self._given = [] if session.scene is None else drawn_bodies(session.scene)
+        """The bodies before this visitor changed them."""
+        self._bodies = {body.name: body for body in self._given}
+        self._selected = ""
+        """Name of the body that is edited."""
+        self.view.bodies.take(self._given)
         duration = None if trajectory is None else trajectory.duration
-        self.panel = Panel(client.gui, self.arm, self.options, actions, meshes, duration)
+        self.panel = Panel(client.gui, self, meshes, duration)
         name = f"kinseek page {id(self):x}"
         self._solver = Newest(self._solve, f"{name}: solutions")
         self._prover = Newest(self._prove, f"{name}: proofs", QUIET)
@@ -119,9 +121,15 @@ class Page:
                 self.options = self.options.but(camera=(eye, at))
             self._storer.give("keep")
 
+        async def dragged_body(event: Any) -> None:
+            with contextlib.suppress(KinseekError):
+                self.place_body(matrix_of(event.target.wxyz, event.target.position))
+
         self.view.goal.on_update(dragged)
+        self.view.body.on_update(dragged_body)
         client.camera.on_update(looked)
         self.view.on_ghost(self.pick)
+        self._show_bodies()
         if self.trajectory is not None:
             t = np.linspace(0.0, self.trajectory.duration, CURVE_POINTS)
             self.view.show_curve(self.arm.fk(self.trajectory.q(t))[:, :3, 3])
@@ -144,19 +152,23 @@ class Page:
             self.panel.show_options(after)
         if {"ghosts", "meshes", "dark", "free"} & changes.keys():
             self._apply_appearance(after)
-        if (
-            "target" in changes
-            and np.abs(after.target - matrix_of(self.view.goal.wxyz, self.view.goal.position)).max() > 1e-9
-        ):
+        if "target" in changes and not is_at(self.view.goal, after.target):
             self.view.show_goal(after.target)
         if {"target", "free", "search", "parameters", "follow"} & changes.keys() and not self._servoing:
-            self._player.give("stop")
-            self._solver.give(None)
+            self._again()
         else:
             if "free" in changes:  # Another goal needs another tracker.
                 self._player.give("servo")
             self._clouder.give("again")
         self._storer.give("keep")
+
+    def _again(self) -> None:
+        """Solve the goal, or track it with another tracker."""
+        if self._servoing:
+            self._player.give("servo")
+        else:
+            self._player.give("stop")
+            self._solver.give(None)
 
     def pick(self, number: int) -> None:
         """Show one of the branches, by its index."""
@@ -197,7 +209,16 @@ class Page:
             self.panel.hits.content = words.contacts_html(contacts)
             self.panel.joints.content = words.joints_html(self.arm, q)
 
-    def _choose_time(self, t: float) -> None:
+    def play_passes(self) -> None:
+        """Show one pass after another."""
+        self._player.give("play")
+
+    def play_motion(self, on: bool) -> None:
+        """Play a motion from the time that is shown, or stop."""
+        self._player.give("motion" if on else "stop")
+
+    def choose_time(self, t: float) -> None:
+        """Stop, and show a motion at a time [s]."""
         self._player.give("stop")
         self.show_time(t)
 
@@ -210,6 +231,81 @@ class Page:
         """End the threads after the page was closed."""
         for worker in self._workers:
             worker.close()
+
+    # The scene, which every visitor edits alone.
+
+    @property
+    def scene(self) -> Scene | None:
+        """The scene as this visitor has it."""
+        return self._session.scene
+
+    def select_body(self, name: str) -> None:
+        """Edit the body of this name, if it stands by itself; otherwise none."""
+        with self._lock:
+            body = self._bodies.get(name)
+            self._selected = name if body is not None and body.alone else ""
+            self._show_bodies()
+
+    def add_box(self) -> None:
+        """Add a box beside the goal, and edit it.
+
+        Raises:
+            InvalidScene: There are enough.
+        """
+        with self._lock:
+            if len(self._bodies) >= len(self._given) + MOST_ADDED:
+                raise InvalidScene(
+                    f"a page adds at most {MOST_ADDED} boxes; remove one, or make them in Python"
+                )
+            name = next(name for i in count(1) if (name := f"box {i}") not in self._bodies)
+            size = float(f"{BOX * self.view.size:.1g}")
+            place = self.options.target[:3, 3] + [0.0, 0.0, -2.0 * size]
+            self._edit(name, lambda scene: scene.add_box(name, [size] * 3, transform(np.eye(3), place)))
+
+    def remove_body(self) -> None:
+        """Remove the body that is edited."""
+        with self._lock:
+            if name := self._selected:
+                self._edit("", lambda scene: scene.remove(name))
+
+    def place_body(self, pose: Array) -> None:
+        """Move the body that is edited to a pose, (4, 4).
+
+        Raises:
+            KinseekError: It is no pose, or too far away.
+        """
+        with self._lock:
+            if name := self._selected:
+                self._edit(name, lambda scene: scene._place(name, pose))
+
+    def resize_box(self, size: Sequence[float]) -> None:
+        """Give the box that is edited other edge lengths, (3,) [m].
+
+        Raises:
+            InvalidScene: They are invalid.
+        """
+        with self._lock:
+            body = self._bodies.get(self._selected)
+            if body is not None and body.is_box:
+                box, pose = Box(size), body.frame.pose
+                self._edit(body.name, lambda scene: scene.add(body.name, box, pose, replace=True))
+
+    def _edit(self, selected: str, change: Callable[[Scene], object]) -> None:
+        """Change the scene, and solve the goal in it; after an error everything is as it was."""
+        self._session.edit(change)
+        assert self._session.scene is not None
+        bodies = drawn_bodies(self._session.scene)
+        self._bodies, self._selected = {body.name: body for body in bodies}, selected
+        with self._client.atomic():
+            self.view.bodies.take(bodies)
+            self._show_bodies()
+            self.panel.changes.content = words.code_html(*words.changes_of(self._given, bodies))
+        self._again()
+
+    def _show_bodies(self) -> None:
+        body = self._bodies.get(self._selected)
+        self.view.show_body(None if body is None else body.frame.pose)
+        self.panel.show_bodies([name for name, one in self._bodies.items() if one.alone], body)
 
     # Fast responses.
 
@@ -231,36 +327,39 @@ class Page:
         if picked is None or self.branches is None:
             self.branches = self._session.branches(options)
         self._show_branches()
-        self.panel.call.content = words.code_html(call_of(result.options, self._session.scene is not None))
+        self.panel.call.content = words.code_html(call_of(result.options, self.scene is not None))
         for worker in (self._prover, self._clouder):
             worker.give("again")
 
     def _show_branches(self) -> None:
-        known, drawn, scene, count = self.branches, 0, self._session.scene, None
+        known, drawn, scene, free_ones = self.branches, 0, self.scene, None
         if isinstance(known, Branches):
             shown = nearest_of(known, self.result.q) if self.result.reached or self.result.blocked else -1
             free = None
             if scene is not None and len(known):
                 free = np.asarray(scene.free(known.q, self._session.clearance), dtype=np.bool_)
-                count = int(free.sum())
+                free_ones = int(free.sum())
             self.view.show_ghosts(known.q, shown, free)
             drawn = min(len(known), MOST_GHOSTS)
         else:
             shown = -1
             self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
-        self.panel.branches.content = words.branches_html(known, shown, drawn, count)
+        self.panel.branches.content = words.branches_html(known, shown, drawn, free_ones)
 
-    def _step_branch(self, step: int) -> None:
+    def step_branch(self, step: int) -> None:
+        """Show the branch at this offset from the current one."""
         known = self.branches
         if isinstance(known, Branches) and len(known):
             self.pick((nearest_of(known, self.result.q) + step) % len(known))
 
-    def _goal_to_arm(self) -> None:
+    def goal_to_arm(self) -> None:
+        """Move the goal to the tip of the arm."""
         target = self.arm.fk(self.options.q)
         if np.isfinite(target).all():
             self.change(target=target)
 
-    def _another_goal(self) -> None:
+    def another_goal(self) -> None:
+        """Choose another goal that the arm reaches."""
         target = self.arm.fk(self.arm.sample(1, int(self._new_goals.integers(2**31)))[0])
         if np.isfinite(target).all():
             self.change(target=target)
@@ -373,7 +472,8 @@ class Page:
         except KinseekError as error:
             self.panel.seen.content = words.note_html(str(error))
 
-    def _show_passes(self, on: bool) -> None:
+    def show_passes(self, on: bool) -> None:
+        """Show the passes of a search, or not."""
         if not on:
             self.view.show_pass(None, None)
             self.panel.show_number(0, 0)

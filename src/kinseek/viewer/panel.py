@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.arm import Arm
+from kinseek.collision import Box
+from kinseek.collision.surfaces import DrawnBody
 from kinseek.errors import KinseekError
 from kinseek.pose_arguments import pose
 from kinseek.poses import rpy_of
+from kinseek.printable import printable
 from kinseek.ranges import AXES
 
 from .meshes import Meshes
@@ -21,8 +22,10 @@ from .options import CHOSEN, COUNTS, ViewerOptions
 from .searches import HINTS, PARAMETERS, SEARCHES, TREES, parameters_of
 from .words import joints_html, note_html, refused_html
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from .page import Page
 
+Array = NDArray[np.float64]
 
 SERVO_LIMITS = {
     "acceleration": ("Acceleration [rad/s²]", 40.0, 10.0),
@@ -30,32 +33,14 @@ SERVO_LIMITS = {
 }
 """Limits of a tracker that can be set: label, greatest and first value. For prismatic joints, read m for rad."""
 
+NOTHING = "none"
+"""Choice of no body."""
+
+MOST_LABEL = 100
+"""Maximum length of the name of a body in a list: a page may send a text of twice as many characters."""
+
 MOMENTS = 200
 """Number of times at least that the slider of a motion can show."""
-
-
-@dataclass(frozen=True)
-class Actions:
-    """Actions of a panel on its page."""
-
-    change: Callable[..., object]
-    """Change `ViewerOptions`, by name."""
-    step_branch: Callable[[int], object]
-    """Show the branch at this offset from the current one."""
-    goal_to_arm: Callable[[], object]
-    another_goal: Callable[[], object]
-    """Choose another goal that the arm reaches."""
-    show_passes: Callable[[bool], object]
-    show_pass: Callable[[int], object]
-    """Show the pass with this index."""
-    play: Callable[[], object]
-    """Show one pass after another."""
-    show_time: Callable[[float], object]
-    """Show a motion at a time [s]."""
-    play_motion: Callable[[bool], object]
-    """Play a motion from the time that is shown, or stop."""
-    servo: Callable[[bool], object]
-    """Let the goal drive a tracker, or not."""
 
 
 class Panel:
@@ -64,20 +49,18 @@ class Panel:
     def __init__(
         self,
         gui: Any,
-        arm: Arm,
-        options: ViewerOptions,
-        actions: Actions,
+        page: Page,
         meshes: Meshes,
         duration: float | None,
     ) -> None:
-        """Lay out the panel; `duration` is that of a motion to be played, if there is one [s]."""
-        self._gui, self._arm, self._do = gui, arm, actions
+        """Lay out the panel of a page; `duration` is that of a motion to be played, if there is one [s]."""
+        self._gui, self._arm, self._do, options = gui, page.arm, page, page.options
         self.result = gui.add_html("")
         self.hits = gui.add_html("")
         self.branches = gui.add_html("")
         step = gui.add_button_group("Branch", ("previous", "next"))
-        self._on(step, lambda value: actions.step_branch(-1 if value == "previous" else 1), click=True)
-        self.joints = gui.add_html(joints_html(arm, options.q))
+        self._on(step, lambda value: page.step_branch(-1 if value == "previous" else 1), click=True)
+        self.joints = gui.add_html(joints_html(page.arm, options.q))
         if duration is not None:
             self._motion(duration)
         tabs = gui.add_tab_group()
@@ -87,13 +70,16 @@ class Panel:
             self._search(options)
         with tabs.add_tab("Servo"):
             self._servo()
+        if page.scene is not None:
+            with tabs.add_tab("Scene"):
+                self._scene()
         with tabs.add_tab("See"):
             self._see(options, meshes)
 
     def _motion(self, duration: float) -> None:
         step = 10.0 ** np.floor(np.log10(duration / MOMENTS))
         self.time = self._gui.add_slider("Time [s]", 0.0, step * np.ceil(duration / step), step, 0.0)
-        self._on(self.time, lambda t: self._do.show_time(float(t)))
+        self._on(self.time, lambda t: self._do.choose_time(float(t)))
         playing = self._gui.add_button_group("Motion", ("play", "stop"))
         self._on(playing, lambda value: self._do.play_motion(value == "play"), click=True)
         self.motion = self._gui.add_html("")
@@ -113,10 +99,11 @@ class Panel:
             }
         for box in self.free.values():
             self._on(box, lambda _: change(free=[axis for axis, each in self.free.items() if each.value]))
-        self.place = gui.add_vector3("Position [m]", tuple(options.target[:3, 3]), step=0.001)
-        self.turn = gui.add_vector3("Roll, pitch, yaw [°]", _degrees(options), step=0.1)
-        self._on(self.place, lambda _: self._typed())
-        self._on(self.turn, lambda _: self._typed())
+        self.place = gui.add_vector3("Position [m]", (0.0, 0.0, 0.0), step=0.001)
+        self.turn = gui.add_vector3("Roll, pitch, yaw [°]", (0.0, 0.0, 0.0), step=0.1)
+        self.show_target(options)
+        for each in (self.place, self.turn):
+            self._on(each, lambda _: change(target=_typed(self.place, self.turn)))
         self.follow = gui.add_checkbox(
             "Stay near the arm", options.follow, hint="near=q: a drag stays on its branch where it can."
         )
@@ -124,10 +111,6 @@ class Panel:
         self._on(gui.add_button("Goal to the tip of the arm"), lambda _: self._do.goal_to_arm(), click=True)
         self._on(gui.add_button("Another reachable goal"), lambda _: self._do.another_goal(), click=True)
         self.call = gui.add_html("")
-
-    def _typed(self) -> None:
-        target = pose(self.place.value, rpy=self.turn.value, degrees=True)
-        self._do.change(target=target)
 
     def _search(self, options: ViewerOptions) -> None:
         gui, do = self._gui, self._do
@@ -157,7 +140,7 @@ class Panel:
 
     def _stepped(self, value: str) -> None:
         if value == "play":
-            self._do.play()
+            self._do.play_passes()
             return
         self._do.show_pass(int(self.number.value) - 1 + (1 if value == "step" else -1))
 
@@ -184,6 +167,48 @@ class Panel:
         self.limits[name] = float(value)
         if self.servo.value:
             self._do.servo(True)
+
+    def _scene(self) -> None:
+        gui, page = self._gui, self._do
+        self.body = gui.add_dropdown(
+            "Body", (NOTHING,), hint="What is moved and resized; a click on it selects it too."
+        )
+        self._labels: dict[str, str] = {}
+        """Names of bodies by their labels."""
+        self._on(self.body, lambda label: page.select_body(self._labels.get(label, "")))
+        edit = gui.add_button_group("Edit", ("add a box", "remove"))
+        self._on(edit, lambda value: page.remove_body() if value == "remove" else page.add_box(), click=True)
+        self.box_size = gui.add_vector3("Size [m]", (1.0, 1.0, 1.0), step=0.01, visible=False)
+        self.body_place = gui.add_vector3("Position [m]", (0.0, 0.0, 0.0), step=0.01, visible=False)
+        self.body_turn = gui.add_vector3("Roll, pitch, yaw [°]", (0.0, 0.0, 0.0), step=0.1, visible=False)
+        self._on(self.box_size, page.resize_box)
+        for each in (self.body_place, self.body_turn):
+            self._on(each, lambda _: page.place_body(_typed(self.body_place, self.body_turn)))
+        self.changes = gui.add_html("")
+
+    def show_bodies(self, names: Sequence[str], selected: DrawnBody | None) -> None:
+        """Offer these bodies to be edited, and show the measures of the one that is."""
+        if self._do.scene is None:
+            return
+        self._labels = {}
+        for name in names:
+            label = printable(name)[:MOST_LABEL]
+            self._labels[
+                label if label not in (NOTHING, *self._labels) else f"{label} ({len(self._labels)})"
+            ] = name
+        if self.body.options != (NOTHING, *self._labels):
+            self.body.options = (NOTHING, *self._labels)
+        chosen = "" if selected is None else selected.name
+        self.body.value = next((label for label, name in self._labels.items() if name == chosen), NOTHING)
+        self.body_place.visible = self.body_turn.visible = selected is not None
+        self.box_size.visible = selected is not None and selected.is_box
+        if selected is None:
+            return
+        _show_pose(self.body_place, self.body_turn, selected.frame.pose)
+        if selected.is_box:
+            shape = selected.parts[0].shape
+            assert isinstance(shape, Box)
+            self.box_size.value = tuple(round(float(v), 6) for v in np.asarray(shape.size))
 
     def _see(self, options: ViewerOptions, meshes: Meshes) -> None:
         gui, axes, missing = self._gui, self._arm.axes is not None, meshes.report()
@@ -258,8 +283,7 @@ class Panel:
 
     def show_target(self, options: ViewerOptions) -> None:
         """Set the numbers of the goal to its current pose."""
-        self.place.value = tuple(round(float(v), 6) for v in options.target[:3, 3])
-        self.turn.value = _degrees(options)
+        _show_pose(self.place, self.turn, options.target)
 
     def show_number(self, number: int, count: int) -> None:
         """Set the slider of passes to index `number` of `count`."""
@@ -304,5 +328,12 @@ def is_offered(handle: Any) -> bool:
     return True
 
 
-def _degrees(options: ViewerOptions) -> tuple[float, ...]:
-    return tuple(round(float(v), 4) for v in np.degrees(rpy_of(options.target[:3, :3])))
+def _show_pose(place: Any, turn: Any, T: Array) -> None:
+    """Set the numbers of two inputs to a pose, (4, 4)."""
+    place.value = tuple(round(float(v), 6) for v in T[:3, 3])
+    turn.value = tuple(round(float(v), 4) for v in np.degrees(rpy_of(T[:3, :3])))
+
+
+def _typed(place: Any, turn: Any) -> Array:
+    """Return the pose that two inputs show, (4, 4)."""
+    return np.asarray(pose(place.value, rpy=turn.value, degrees=True))

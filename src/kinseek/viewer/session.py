@@ -173,6 +173,17 @@ class Session:
         """Return the session of one person, whose changes of the scene are their own."""
         return copy.copy(self)
 
+    def edit(self, change: Callable[[Scene], object]) -> None:
+        """Replace the scene by a changed copy.
+
+        Raises:
+            KinseekError: As `change`; the scene then stays as it was.
+        """
+        assert self.scene is not None
+        scene = copy.copy(self.scene)
+        change(scene)
+        self.scene = scene
+
     def contacts(self, q: Array) -> tuple[Contact, ...]:
         """Return what touches, or comes too near, at joint values, (n,)."""
         if self.scene is None or self.scene.free(q, self.clearance):

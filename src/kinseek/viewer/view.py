@@ -137,6 +137,10 @@ class View:
             visible=False,
         )
         self.bodies = Bodies(api, pick_body)
+        self.body = api.add_transform_controls(
+            "/chosen", scale=0.2 * self.size, line_width=2.0, depth_test=False, visible=False
+        )
+        """The gizmo of the body that is edited."""
         self._clouds: dict[str, Any] = {}
         self._frames = [api.add_frame(f"/arm/mesh/{i}", show_axes=False) for i in range(len(meshes.links))]
         for i, link in enumerate(meshes.links):
@@ -185,6 +189,12 @@ class View:
     def show_goal(self, target: Array) -> None:
         """Move the gizmo to the goal."""
         self.goal.position, self.goal.wxyz = target[:3, 3], wxyz_of(target[:3, :3])
+
+    def show_body(self, pose: Array | None) -> None:
+        """Move the gizmo to the body that is edited, at (4, 4), or hide it."""
+        self.body.visible = pose is not None
+        if pose is not None and not is_at(self.body, pose):
+            self.body.position, self.body.wxyz = pose[:3, 3], wxyz_of(pose[:3, :3])
 
     def show_ghosts(self, q: Array, shown: int, free: NDArray[np.bool_] | None = None) -> None:
         """Draw these solutions, (k, n), transparent, except for the one already shown; red are those that are not free."""
@@ -237,6 +247,11 @@ class View:
     def limit_gizmo(self, turns: bool) -> None:
         """Hide the rings for rotation if no orientation is constrained."""
         self.goal.disable_rotations = not turns
+
+
+def is_at(gizmo: Any, pose: Array) -> bool:
+    """Return whether a gizmo is at a pose, (4, 4), already, as when it is dragged there."""
+    return bool(np.abs(pose - matrix_of(gizmo.wxyz, gizmo.position)).max() <= 1e-9)
 
 
 def _size(arm: Arm) -> float:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from kinseek.arm import Arm
 from kinseek.branches.result import Branches
+from kinseek.collision import Box
 from kinseek.collision.pairs import Contact
+from kinseek.collision.surfaces import DrawnBody
 from kinseek.paths.tracker import Step, TrackStatus
+from kinseek.poses import rpy_of
 from kinseek.printable import in_html
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from kinseek.timing.trajectory import Trajectory
@@ -218,11 +221,38 @@ def pass_html(trace: Trace | None, number: int) -> str:
     return _block("".join(f"<div data-pass='{number}'>{line}</div>" for line in lines))
 
 
-def code_html(code: str) -> str:
-    """Python code."""
-    return _block(
-        f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{in_html(code)}</code>"
-    )
+def code_html(*lines: str) -> str:
+    """Lines of Python code."""
+    code = "\n".join(map(in_html, lines))
+    return _block(f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{code}</code>")
+
+
+def changes_of(before: Iterable[DrawnBody], after: Iterable[DrawnBody]) -> list[str]:
+    """Return lines of Python that make the same changes of a scene: bodies that were removed, added, moved or resized."""
+    known = {body.name: body for body in before}
+    now = {body.name: body for body in after}
+    lines = [f"scene.remove({name!r})" for name, body in known.items() if body.alone and name not in now]
+    for name, body in now.items():
+        old = known.get(name)
+        same = old is not None and old.parts[0].shape == body.parts[0].shape
+        if same and old is not None and np.array_equal(old.frame.pose, body.frame.pose):
+            continue
+        T, shape = body.frame.pose, body.parts[0].shape
+        place = f"kinseek.pose({_rounded(T[:3, 3])}, rpy={_rounded(rpy_of(T[:3, :3]))})"
+        if isinstance(shape, Box):
+            size = _rounded(shape.size)
+            lines.append(
+                f"scene.add_box({name!r}, {size}, {place})"
+                if old is None
+                else f"scene.add({name!r}, Box({size}), {place}, replace=True)"
+            )
+        else:
+            lines.append(f"# {name!r} is moved to {place}")
+    return lines
+
+
+def _rounded(numbers: ArrayLike) -> list[float]:
+    return [round(float(each), 6) + 0.0 for each in np.asarray(numbers)]
 
 
 def motion_html(trajectory: Trajectory, t: float) -> str:
