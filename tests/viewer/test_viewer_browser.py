@@ -306,6 +306,49 @@ def test_the_goal_drives_a_tracker(browser: Any) -> None:
         time.sleep(0.05)
 
 
+def red(picture: np.ndarray[Any, Any]) -> int:
+    """Pixels of the colour of what is hit, over white or grey."""
+    red, green, blue = picture[:, :500, 0], picture[:, :500, 1], picture[:, :500, 2]
+    return int(((red > 1.5 * green) & (red > 1.5 * blue) & (red > 120)).sum())
+
+
+def test_a_scene_is_edited_and_a_motion_is_planned(browser: Any) -> None:
+    pytest.importorskip("coal")
+    arm = kinseek.load("ur5e")
+    scene = kinseek.Scene.of(arm, capsules=0.05)
+    scene.add_box("wall", (0.5, 0.1, 0.5), kinseek.pose([0.55, 0.0, 0.25]))
+    right, left = kinseek.pose([[0.45, -0.3, 0.35], [0.45, 0.3, 0.35]], rpy=[np.pi, 0.0, 0.0])
+    with viewer.show(arm, scene=scene, port=0, block=False, open_browser=False) as running:
+        visit = Visit(browser, running)
+        visit.page.change(target=right, ghosts=False)
+        visit.until(lambda: visit.page.idle and visit.page.result.reached)
+        free = visit.look("scene")
+        visit.tab.get_by_role("tab", name="Scene").click()
+        visit.tab.get_by_text("Plan a motion").click()
+        visit.until(lambda: visit.page.planning and visit.page.idle)
+        visit.page.change(target=left)
+        visit.until(lambda: "proved free" in visit.words and visit.page.idle)
+        planned = visit.page.trajectory
+        assert scene.free(planned.q(np.linspace(0.0, planned.duration, 500))).all()
+        visit.look("planned")
+        visit.tab.get_by_role("button", name="play").first.click()
+        visit.until(lambda: f"{planned.duration:.3f} of {planned.duration:.3f} s" in visit.words)
+        # A click on the wall selects it; then it is moved onto the goal.
+        x, y = on_screen(visit, [0.55, -0.05, 0.1])
+        visit.tab.mouse.click(x, y)
+        visit.until(lambda: visit.page._selected == "wall")
+        visit.page.place_body(left)
+        visit.until(lambda: visit.status == "bad" and "Hit:" in visit.words)
+        assert red(visit.look("hit")) > red(free) + 500
+        visit.until(lambda: "No motion. Proved blocked" in visit.words)
+        visit.tab.get_by_role("button", name="remove").click()
+        visit.until(lambda: visit.status == "good" and "scene.remove('wall')" in visit.words)
+        visit.tab.get_by_role("button", name="add a box").click()
+        visit.until(lambda: "scene.add_box('box 1'" in visit.words)
+        visit.look("added")
+        visit.leave()
+
+
 def test_a_search_is_switched_and_shown_pass_by_pass(visit: Visit) -> None:
     visit.tab.get_by_text("Search", exact=True).first.click()
     visit.page.change(search="DivideAndConquer")

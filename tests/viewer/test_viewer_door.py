@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import http.client
+import importlib.util
 import json
 import socket
 import time
@@ -45,7 +46,11 @@ CAMERA: dict[str, Any] = {
 
 @pytest.fixture(scope="module")
 def shown() -> Iterator[viewer.Viewer]:
-    with viewer.show(kinseek.load("planar2"), port=0, open_browser=False, block=False) as made:
+    arm, scene = kinseek.load("planar2"), None
+    if importlib.util.find_spec("coal") is not None:
+        scene = kinseek.Scene.of(arm, capsules=0.01)
+        scene.add_box("wall", (0.1, 0.1, 0.1), kinseek.pose([0.0, 2.0, 0.0]))
+    with viewer.show(arm, scene=scene, port=0, open_browser=False, block=False) as made:
         yield made
 
 
@@ -408,7 +413,7 @@ def test_odd_messages_print_nothing_and_the_page_goes_on(
                 "wxyz": [1, 0, 0, 0],
                 "position": [1e9] * 3,
             }
-            for name in ("/goal", "/nowhere", "")
+            for name in ("/goal", "/chosen", "/nowhere", "")
         ]
         click: dict[str, Any] = {
             "ray_origin": [0, 0, 0], "ray_direction": [0, 0, 0], "screen_pos": [0, 0], "modifier": None, "owner": ""

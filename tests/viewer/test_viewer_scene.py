@@ -299,6 +299,7 @@ def test_a_client_edits_the_scene_and_odd_values_print_nothing(capfd: pytest.Cap
             send(**dragged, position=[1e9, 0.0, 0.0])
             send(**dragged, position=[0.5, 0.5, 0.25])
             wait_until(lambda: np.allclose(page._bodies[EVIL].frame.pose[:3, 3], [0.5, 0.5, 0.25]))
+            wait_until(lambda: page.idle)
             update(page.panel.box_size, [0.0, -1.0, 1e9])
             wait_until(lambda: "must be 3 lengths above 0 m" in page.panel.result.content)
             update(page.panel.body, "nowhere")
@@ -307,3 +308,145 @@ def test_a_client_edits_the_scene_and_odd_values_print_nothing(capfd: pytest.Cap
             wait_until(lambda: page.idle)
             assert page.panel.body.value == page.panel.body.options[1]
     assert capfd.readouterr() == ("", "")
+
+
+BEHIND = kinseek.pose([0.45, 0.3, 0.35], rpy=[np.pi, 0.0, 0.0])
+
+
+def test_a_plan_leads_around_the_bodies(session: Session) -> None:
+    scene = session.scene
+    assert scene is not None
+    q0 = UR5E.ik(FREE, scene=scene).require().q
+    planned = session.plan(session.begin.but(target=BEHIND), q0, 10.0, lambda: False)
+    motion = planned.motion
+    assert motion is not None
+    assert planned.news == "good"
+    assert f"{motion.duration:.2f} s, proved free" in planned.said
+    np.testing.assert_allclose(motion.q(0.0), q0)
+    np.testing.assert_allclose(UR5E.fk(motion.q(motion.duration)), BEHIND, atol=1e-5)
+    assert scene.free(motion.q(np.linspace(0.0, motion.duration, 2000))).all()
+    assert (np.abs(motion.velocity(np.linspace(0.0, motion.duration, 100))) <= UR5E.velocity + 1e-9).all()
+    swept = session.swept(motion)
+    assert swept.free.all()
+    assert swept.hit == ()
+    np.testing.assert_allclose([swept.places[0], swept.places[-1]], [FREE[:3, 3], BEHIND[:3, 3]], atol=1e-5)
+    np.testing.assert_allclose([swept.q[0], swept.q[-1]], [q0, motion.q(motion.duration)])
+
+
+def test_a_plan_that_is_not_found_says_why(session: Session) -> None:
+    scene = session.scene
+    assert scene is not None
+    q0, begin = UR5E.ik(FREE, scene=scene).require().q, session.begin
+
+    def plan(target: Any, start: Any = q0, stopped: Any = lambda: False) -> Any:
+        return session.plan(begin.but(target=target), start, 10.0, stopped)
+
+    blocked = plan(INSIDE)
+    assert blocked.motion is None
+    assert blocked.news == "bad"
+    assert "Proved blocked" in blocked.said
+    assert "wall" in blocked.said
+    assert "&lt;b&gt;wall" in words.plan_html(blocked)
+    away = plan(kinseek.pose([3.0, 0.0, 0.3]))
+    assert away.motion is None
+    assert away.said == f"No motion. {Status.BEST_EFFORT}"
+    hit = plan(FREE, UR5E.ik(INSIDE).q)
+    assert hit.news == "refused"
+    assert "q0 is in collision" in hit.said
+    assert plan(FREE).said.startswith("The arm is at the goal") or plan(FREE).motion is not None
+
+
+def test_a_plan_ends_when_its_time_is_up_or_nobody_wants_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = kinseek.Arm.from_dh([[0.4, 0, 0, 0], [0.4, 0, 0, 0]], [-3, -3], [3, 3])
+    scene = Scene.of(arm, capsules=0.01)
+    scene.add_box("fence", (0.3, 0.01, 0.3), kinseek.pose([0.3, 0.0, 0.0]))
+    session = Session(arm, scene)
+    options, start = session.begin.but(target=arm.fk([1.0, 0.0])), np.array([-1.0, 0.0])
+    monkeypatch.setattr("kinseek.viewer.session.PLAN_PATIENCE", 0.3)
+    out_of_time = session.plan(options, start, 10.0, lambda: False)
+    monkeypatch.setattr("kinseek.viewer.session.PLAN_PATIENCE", 60.0)
+    began = time.monotonic()
+    stopped = session.plan(options, start, 10.0, lambda: time.monotonic() > began + 0.3)
+    assert time.monotonic() - began < 3.0
+    for planned in (out_of_time, stopped):
+        assert planned.motion is None
+        assert planned.news == "open"
+        assert planned.said.startswith("No way was found within the time limit, which does not prove")
+
+
+def test_the_page_plans_to_every_goal_and_plays_the_motion(page: Any) -> None:
+    goal(page, FREE)
+    page.plan(True)
+    wait_until(lambda: page.idle)
+    goal(page, BEHIND)
+    motion = page.trajectory
+    assert motion is not None
+    assert page.panel.time.visible
+    assert page.panel.time.max >= motion.duration
+    assert "proved free" in page.panel.plan.content
+    np.testing.assert_allclose(motion.q(0.0), page._start)
+    page.choose_time(0.5 * motion.duration)
+    wait_until(lambda: page.idle)
+    np.testing.assert_array_equal(page.options.q, motion.q(0.5 * motion.duration))
+    assert page.panel.hits.content == ""
+    # A box across the way: the motion leads around it, or is no longer offered.
+    page.add_box()
+    page.place_body(UR5E.fk(motion.q(0.5 * motion.duration)))
+    wait_until(lambda: page.idle)
+    assert page.trajectory is not motion
+    if page.trajectory is not None:
+        assert page.scene.free(page.trajectory.q(np.linspace(0.0, page.trajectory.duration, 500))).all()
+    goal(page, INSIDE)
+    assert page.trajectory is None
+    assert not page.panel.time.visible
+    assert "data-status='bad'" in page.panel.plan.content
+    page.plan(False)
+    wait_until(lambda: page.idle)
+    assert page.panel.plan.content == ""
+
+
+def test_a_newer_goal_ends_a_plan(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    goal(page, FREE)
+    seen: list[bool] = []
+    real = page._session.plan
+
+    def slow(options: Any, start: Any, acceleration: float, stopped: Callable[[], bool]) -> Any:
+        seen.append(np.allclose(options.target, BEHIND))
+        end = time.monotonic() + 5.0
+        while seen == [False] and not stopped() and time.monotonic() < end:
+            time.sleep(0.005)
+        return real(options, start, acceleration, stopped)
+
+    monkeypatch.setattr(page._session, "plan", slow)
+    page.plan(True)
+    wait_until(lambda: seen)
+    began = time.monotonic()
+    goal(page, BEHIND)
+    assert time.monotonic() - began < 4.0
+    assert seen == [False, True]
+    assert page.trajectory is not None
+
+
+def test_a_motion_that_hits_something_is_red_there_and_says_so(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("viser")
+    from kinseek.viewer.page import Page
+
+    monkeypatch.setattr(Page, "_fetch", lambda page: None)
+    q = UR5E.ik(FREE).q + np.linspace(0.0, 1.2, 30)[:, None] * [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    through = UR5E.follow(UR5E.fk(q), start=q[0]).timed(acceleration=5.0)
+    browser = client()
+    page = Page(browser, session, Meshes(), through)
+    try:
+        wait_until(lambda: page.idle)
+        assert "The motion hits &lt;b&gt;wall" in page.panel.plan.content
+        (line,) = browser.scene.add_line_segments.call_args_list[1:]
+        points, colours = line.args[1:3]
+        red = (colours[:, 0] == [214, 40, 40]).all(axis=1)
+        assert page.scene is not None
+        free = page.scene.free(through.q(np.linspace(0.0, through.duration, len(points) + 1)))
+        np.testing.assert_array_equal(red, ~(free[1:] & free[:-1]))
+        assert 0 < red.sum() < len(red)
+    finally:
+        page.close()

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 BODY, CARRIED, HIT = (140, 150, 165), (110, 135, 170), (214, 40, 40)
 
-OPACITY = 0.5
+OPACITY = 0.4
 
 
 @dataclass

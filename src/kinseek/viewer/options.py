@@ -58,6 +58,8 @@ class ViewerOptions:
     """Show the region reachable at this orientation?"""
     boxes: bool = False
     """Show the remaining boxes of a proof?"""
+    swept: bool = True
+    """Show postures along a motion?"""
     meshes: bool = True
     """Show the meshes of the robot's file, if there are any?"""
     dark: bool = False
@@ -125,7 +127,7 @@ def read_selection(text: str | None, begin: ViewerOptions) -> ViewerOptions:
         options = begin.but(target=target, q=q, free=tuple(map(str, values["free"])))
     except (ValueError, TypeError, OverflowError, KeyError, RecursionError, KinseekError):
         return begin
-    flags = ("follow", "ghosts", "samples", "reach", "boxes", "meshes", "dark")
+    flags = ("follow", "ghosts", "samples", "reach", "boxes", "swept", "meshes", "dark")
     options = options.but(**{name: bool(values[name]) for name in flags if name in values})
     search, given = values.get("search"), values.get("parameters")
     if isinstance(search, str) and search in SEARCHES and isinstance(given, dict):

@@ -26,7 +26,7 @@ from .meshes import Meshes
 from .options import ViewerOptions, read_selection
 from .panel import Panel
 from .searches import DEFAULT
-from .session import GoalResult, Proof, Session, call_of, nearest_of
+from .session import GoalResult, Planned, Proof, Session, call_of, nearest_of
 from .view import CLOUD, MOST_GHOSTS, REACHED, SEARCH, View, is_at, matrix_of
 from .workers import Newest
 
@@ -43,9 +43,6 @@ FRAME = 1.0 / 30.0
 
 LONGEST_FRAME = 0.2
 """Time that a tracker catches up after a longer pause [s]."""
-
-CURVE_POINTS = 400
-"""Number of places of the tip through which the line of a motion is drawn."""
 
 MOST_ADDED = 50
 """Maximum number of bodies that a page adds to its scene: anyone who opens it can."""
@@ -65,7 +62,12 @@ class Page:
     ) -> None:
         """Lay out the view and the panel with the options stored in this browser, and solve the first goal."""
         self._client, self._session, self.arm = client, session.visit(), session.arm
-        self.trajectory = trajectory
+        self.trajectory = self._given_motion = trajectory
+        """The motion that can be played: the one planned last, or the one given."""
+        self.planning = False
+        """Is a motion to every goal planned?"""
+        self._start = self._session.begin.q
+        """Where it starts, (n,)."""
         self._lock = threading.RLock()
         self.options = read_selection(self._fetch(), session.begin)
         self.result = GoalResult(self.options, self.options.q)
@@ -84,15 +86,15 @@ class Page:
         self._selected = ""
         """Name of the body that is edited."""
         self.view.bodies.take(self._given)
-        duration = None if trajectory is None else trajectory.duration
-        self.panel = Panel(client.gui, self, meshes, duration)
+        self.panel = Panel(client.gui, self, meshes)
         name = f"kinseek page {id(self):x}"
         self._solver = Newest(self._solve, f"{name}: solutions")
         self._prover = Newest(self._prove, f"{name}: proofs", QUIET)
         self._clouder = Newest(self._cloud, f"{name}: clouds", QUIET)
+        self._planner = Newest(self._plan, f"{name}: plans", QUIET)
         self._player = Newest(self._play, f"{name}: motions")
         self._storer = Newest(self._store, f"{name}: options", QUIET)
-        self._workers = self._solver, self._prover, self._clouder, self._player, self._storer
+        self._workers = (self._solver, self._prover, self._clouder, self._planner, self._player, self._storer)
         try:
             self._begin()
         except BaseException:  # The client left at once: nothing else would close the threads.
@@ -131,8 +133,7 @@ class Page:
         self.view.on_ghost(self.pick)
         self._show_bodies()
         if self.trajectory is not None:
-            t = np.linspace(0.0, self.trajectory.duration, CURVE_POINTS)
-            self.view.show_curve(self.arm.fk(self.trajectory.q(t))[:, :3, 3])
+            self._planner.give("again")
         self._solver.give(None)
 
     @property
@@ -150,7 +151,7 @@ class Page:
             after = self.options = self.options.but(**changes)
         if changes.keys() - {"target", "q", "camera"}:
             self.panel.show_options(after)
-        if {"ghosts", "meshes", "dark", "free"} & changes.keys():
+        if {"ghosts", "meshes", "swept", "dark", "free"} & changes.keys():
             self._apply_appearance(after)
         if "target" in changes and not is_at(self.view.goal, after.target):
             self.view.show_goal(after.target)
@@ -301,11 +302,51 @@ class Page:
             self._show_bodies()
             self.panel.changes.content = words.code_html(*words.changes_of(self._given, bodies))
         self._again()
+        if self.trajectory is not None:  # It may hit something now.
+            self._planner.give("again")
 
     def _show_bodies(self) -> None:
         body = self._bodies.get(self._selected)
         self.view.show_body(None if body is None else body.frame.pose)
         self.panel.show_bodies([name for name, one in self._bodies.items() if one.alone], body)
+
+    # Motions around the bodies of the scene.
+
+    def plan(self, on: bool) -> None:
+        """Plan a motion to every goal from now on, from where the arm is shown, or no longer."""
+        self.planning = on
+        self._apply_appearance(self.options)
+        self.start_here()
+
+    def start_here(self) -> None:
+        """Let planned motions start where the arm is shown."""
+        self._start = self.options.q
+        self._planner.give("again")
+
+    def _plan(self, _: str) -> None:
+        if not self.planning:
+            self.panel.plan.content = ""
+            self._show_motion(self._given_motion, None)
+            return
+        self.panel.plan.content = words.note_html("Planning …")
+        acceleration = self.panel.limits["acceleration"]
+        planned = self._session.plan(self.options, self._start, acceleration, self._planner.stale)
+        if not self._planner.stale():
+            self.panel.plan.content = words.plan_html(planned)
+            self._show_motion(planned.motion, self._start)
+
+    def _show_motion(self, motion: Trajectory | None, start: Array | None) -> None:
+        """Draw what a motion passes, and offer to play it."""
+        swept = None if motion is None else self._session.swept(motion)
+        with self._lock, self._client.atomic():
+            self.trajectory = motion
+            self.view.show_motion(swept, start)
+            self.panel.show_motion(motion)
+            if swept is not None and swept.hit:
+                self.panel.plan.content = words.plan_html(
+                    Planned(f"The motion hits {', '.join(swept.hit)}.", "bad")
+                )
+        self._client.flush()
 
     # Fast responses.
 
@@ -328,7 +369,7 @@ class Page:
             self.branches = self._session.branches(options)
         self._show_branches()
         self.panel.call.content = words.code_html(call_of(result.options, self.scene is not None))
-        for worker in (self._prover, self._clouder):
+        for worker in (self._prover, self._clouder, *([self._planner] if self.planning else [])):
             worker.give("again")
 
     def _show_branches(self) -> None:
@@ -365,7 +406,7 @@ class Page:
             self.change(target=target)
 
     def _apply_appearance(self, options: ViewerOptions) -> None:
-        self.view.see(options.ghosts, options.meshes)
+        self.view.see(options.ghosts and not self.planning, options.meshes, options.swept)
         self.view.limit_gizmo(not set(options.free) >= {"rx", "ry", "rz"})
         self._client.gui.configure_theme(dark_mode=options.dark, show_logo=False, show_share_button=False)
 

@@ -16,6 +16,7 @@ from kinseek.pose_arguments import pose
 from kinseek.poses import rpy_of
 from kinseek.printable import printable
 from kinseek.ranges import AXES
+from kinseek.timing.trajectory import Trajectory
 
 from .meshes import Meshes
 from .options import CHOSEN, COUNTS, ViewerOptions
@@ -51,9 +52,8 @@ class Panel:
         gui: Any,
         page: Page,
         meshes: Meshes,
-        duration: float | None,
     ) -> None:
-        """Lay out the panel of a page; `duration` is that of a motion to be played, if there is one [s]."""
+        """Lay out the panel of a page."""
         self._gui, self._arm, self._do, options = gui, page.arm, page, page.options
         self.result = gui.add_html("")
         self.hits = gui.add_html("")
@@ -61,8 +61,7 @@ class Panel:
         step = gui.add_button_group("Branch", ("previous", "next"))
         self._on(step, lambda value: page.step_branch(-1 if value == "previous" else 1), click=True)
         self.joints = gui.add_html(joints_html(page.arm, options.q))
-        if duration is not None:
-            self._motion(duration)
+        self._motion()
         tabs = gui.add_tab_group()
         with tabs.add_tab("Goal"):
             self._goal(options)
@@ -76,13 +75,23 @@ class Panel:
         with tabs.add_tab("See"):
             self._see(options, meshes)
 
-    def _motion(self, duration: float) -> None:
-        step = 10.0 ** np.floor(np.log10(duration / MOMENTS))
-        self.time = self._gui.add_slider("Time [s]", 0.0, step * np.ceil(duration / step), step, 0.0)
+    def _motion(self) -> None:
+        self.time = self._gui.add_slider("Time [s]", 0.0, 1.0, 1.0, 0.0, visible=False)
         self._on(self.time, lambda t: self._do.choose_time(float(t)))
-        playing = self._gui.add_button_group("Motion", ("play", "stop"))
-        self._on(playing, lambda value: self._do.play_motion(value == "play"), click=True)
+        self.playing = self._gui.add_button_group("Motion", ("play", "stop"), visible=False)
+        self._on(self.playing, lambda value: self._do.play_motion(value == "play"), click=True)
         self.motion = self._gui.add_html("")
+        self.plan = self._gui.add_html("")
+
+    def show_motion(self, motion: Trajectory | None) -> None:
+        """Offer to play a motion, if there is one."""
+        self.time.visible = self.playing.visible = motion is not None
+        self.motion.content = ""
+        if motion is not None:
+            step = 10.0 ** np.floor(np.log10(motion.duration / MOMENTS))
+            self.time.step, self.time.max = step, step * np.ceil(motion.duration / step)
+            self.time.precision = max(0, -int(np.log10(step)))
+            self.time.value = 0.0
 
     def _goal(self, options: ViewerOptions) -> None:
         gui, change = self._gui, self._do.change
@@ -185,6 +194,13 @@ class Panel:
         for each in (self.body_place, self.body_turn):
             self._on(each, lambda _: page.place_body(_typed(self.body_place, self.body_turn)))
         self.changes = gui.add_html("")
+        plan = gui.add_checkbox(
+            "Plan a motion",
+            False,
+            hint="scene.plan: from where the arm is now, around the bodies, to every new goal.",
+        )
+        self._on(plan, lambda on: page.plan(bool(on)))
+        self._on(gui.add_button("Start where the arm is"), lambda _: page.start_here(), click=True)
 
     def show_bodies(self, names: Sequence[str], selected: DrawnBody | None) -> None:
         """Offer these bodies to be edited, and show the measures of the one that is."""
@@ -234,6 +250,7 @@ class Panel:
                     "Out of reach: tips of the middles of the boxes that are left.",
                     axes,
                 ),
+                ("swept", "Swept way", "Postures along a motion.", axes),
                 ("meshes", "Meshes", "Draw the arm by the meshes of its file.", bool(meshes.links)),
                 ("dark", "Dark", "", True),
             )

@@ -6,7 +6,7 @@ import copy
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,8 @@ from kinseek.arm import Arm
 from kinseek.branches.result import Branches
 from kinseek.collision import Scene
 from kinseek.collision.pairs import Contact
-from kinseek.errors import KinseekError
+from kinseek.collision.surfaces import bodies_hit
+from kinseek.errors import KinseekError, NotReached
 from kinseek.goal import Goal
 from kinseek.paths.tracker import Tracker
 from kinseek.problem import Problem
@@ -24,6 +25,7 @@ from kinseek.solution import Solution, Status
 from kinseek.support.deadline import Deadline
 from kinseek.support.turns import TURN
 from kinseek.support.units import FAR
+from kinseek.timing.trajectory import Trajectory
 from kinseek.trace import Trace
 
 from .options import ViewerOptions, first_selection
@@ -37,6 +39,15 @@ PATIENCE = 2.0
 PROOF_PATIENCE = 20.0
 """Time after which a proof ends with its current bounds [s]."""
 
+PLAN_PATIENCE = 5.0
+"""Time after which the planning of a motion ends [s]."""
+
+CURVE_POINTS = 400
+"""Number of places of the tip through which the line of a motion is drawn."""
+
+POSTURES = 9
+"""Number of postures that are drawn along a motion."""
+
 FIRST_BOXES = 100_000
 """Number of boxes, some tenths of a second, with which a proof decides whether any pose reaches the goal."""
 
@@ -47,7 +58,9 @@ SERVO_PERIOD = 0.002
 """Period of a tracker [s]."""
 
 SERVO_SPEED = 1.0
-"""Speed limit of a joint while servoing, if the robot's file gives none [rad/s] or [m/s]."""
+"""Speed limit of a joint while servoing and in planned motions, if the robot's file gives none [rad/s] or [m/s]."""
+
+_PROVED = (Status.PROVED_BLOCKED, Status.PROVED_UNREACHABLE)
 
 BEGINNINGS = 64
 """Number of poses from which the initial one is chosen."""
@@ -133,6 +146,30 @@ class Proof:
             )
         said.append(f"{found.boxes:,} boxes examined." + (" The time was up." if found.out_of_time else ""))
         return said
+
+
+class Swept(NamedTuple):
+    """What a motion passes."""
+
+    places: Array
+    """Places of the tip, (k, 3) [m]."""
+    free: NDArray[np.bool_]
+    """Whether the arm is free of collision there, (k,)."""
+    q: Array
+    """Some joint values on the way, (l, n), [rad] or [m]."""
+    hit: tuple[str, ...]
+    """Names of the bodies that touch, or come too near."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A motion to a goal, or the reason why there is none."""
+
+    said: str
+    """The sentence to show."""
+    news: str
+    """Its kind, as of `status_of`."""
+    motion: Trajectory | None = None
 
 
 class Until(Deadline):
@@ -300,13 +337,67 @@ class Session:
         return self.arm.track(
             options.q,
             SERVO_PERIOD,
-            np.where(np.isnan(self.arm.velocity), SERVO_SPEED, self.arm.velocity),
+            self._speeds,
             goal=options.goal if options.free else None,
             acceleration=limits["acceleration"],
             jerk=limits["jerk"],
             scene=self.scene,
             clearance=self.clearance,
         )
+
+    def plan(
+        self, options: ViewerOptions, start: Array, acceleration: float, stopped: Callable[[], bool]
+    ) -> Planned:
+        """Plan a motion around the bodies of the scene, from joint values to a goal, as `Scene.plan` does.
+
+        Args:
+            options: Options with the goal.
+            start: Joint values at the start, (n,), [rad] or [m].
+            acceleration: Limit of all joints [rad/s²] or [m/s²].
+            stopped: Returns whether the plan is no longer needed.
+        """
+        from kinseek.collision.ends import free_begin, free_ends
+        from kinseek.planning.plan import plan
+
+        scene, least, until = self.scene, self.clearance, Until(stopped, PLAN_PATIENCE)
+        assert scene is not None
+        try:
+            q0 = free_begin(scene, start, least)
+            ends = free_ends(scene, q0, self._goal(options), least, until)
+            path = plan(self.arm.chain, scene, q0, ends, smooth=True, clearance=least, deadline=until)
+            if not path.success:
+                why = path.why[0].partition(": ")[2]
+                return Planned(f"{why[0].upper()}{why[1:]}.", "open")
+            seconds = time.monotonic() - until.begin
+            motion = path.timed(self._speeds, acceleration)
+        except NotReached as error:
+            solution = error.solution
+            proved = isinstance(solution, Solution) and solution.status in _PROVED
+            return Planned(f"No motion. {error}", "bad" if proved else "open")
+        except KinseekError as error:
+            return Planned(str(error), "refused")
+        if motion.duration == 0.0:
+            return Planned("The arm is at the goal: move the goal.", "good")
+        return Planned(
+            f"A motion of {motion.duration:.2f} s, proved free, planned in {seconds * 1e3:.0f} ms.",
+            "good",
+            motion,
+        )
+
+    def swept(self, motion: Trajectory) -> Swept:
+        """Return what a motion passes, evenly in time."""
+        q = motion.q(np.linspace(0.0, motion.duration, CURVE_POINTS))
+        free, hit = np.ones(len(q), dtype=np.bool_), set[str]()
+        if self.scene is not None:
+            free = np.asarray(self.scene.free(q, self.clearance), dtype=np.bool_)
+            hit = bodies_hit(self.scene, q[~free], self.clearance)
+        shown = np.linspace(0, len(q) - 1, POSTURES).round().astype(int)
+        return Swept(self.arm.fk(q)[:, :3, 3], free, q[shown], tuple(sorted(hit)))
+
+    @property
+    def _speeds(self) -> Array:
+        """Speed limits of the joints, (n,), [rad/s] or [m/s]."""
+        return np.where(np.isnan(self.arm.velocity), SERVO_SPEED, self.arm.velocity)
 
     def _goal(self, options: ViewerOptions) -> Any:
         """Return the goal, or a bare pose if possible, which is the fastest to solve."""

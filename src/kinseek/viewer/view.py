@@ -12,10 +12,11 @@ from kinseek.arm import Arm
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.support.transforms import from_quaternion, quaternion, square, transform
 
-from .bodies import Bodies
+from .bodies import HIT, Bodies
 from .clouds import Cloud
 from .drawing import Figure
 from .meshes import Meshes
+from .session import POSTURES, Swept
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ GHOST = (20, 90, 205)
 BLOCKED = (200, 70, 70)
 SEARCH = (194, 59, 0)
 REACHED, CLOUD = (0, 158, 115), (122, 78, 142)
-CURVE = (122, 78, 142)
+CURVE, START = (122, 78, 142), (0, 158, 115)
 
 _FAR = 1e-6
 """An invisible size [m]."""
@@ -119,11 +120,13 @@ class View:
         self._api, self._arm, self._meshes = api, arm, meshes
         self._figure = None if arm.axes is None else Figure(arm.axes)
         self.size = _size(arm) if self._figure is None else self._figure.size
-        self._arm_drawn = self._ghosts = self._pass = None
+        self._arm_drawn = self._ghosts = self._pass = self._swept = self._start = None
         if self._figure is not None:
             self._arm_drawn = Poses(api, "/arm/links", self._figure, 1, (LINK, JOINT), None)
             self._ghosts = Poses(api, "/ghosts", self._figure, MOST_GHOSTS, (GHOST, GHOST), 0.35)
             self._pass = Poses(api, "/pass", self._figure, 1, (SEARCH, SEARCH), 0.6)
+            self._swept = Poses(api, "/swept", self._figure, POSTURES, (CURVE, CURVE), 0.25)
+            self._start = Poses(api, "/start", self._figure, 1, (START, START), 0.6)
         self._tip = api.add_frame("/tip", axes_length=0.10 * self.size, axes_radius=0.004 * self.size)
         self.goal = api.add_transform_controls(
             "/goal", scale=0.28 * self.size, line_width=3.0, depth_test=False
@@ -141,6 +144,7 @@ class View:
             "/chosen", scale=0.2 * self.size, line_width=2.0, depth_test=False, visible=False
         )
         """The gizmo of the body that is edited."""
+        self._curve: Any = None
         self._clouds: dict[str, Any] = {}
         self._frames = [api.add_frame(f"/arm/mesh/{i}", show_axes=False) for i in range(len(meshes.links))]
         for i, link in enumerate(meshes.links):
@@ -203,10 +207,23 @@ class View:
             if free is not None:
                 self._ghosts.paint(np.where(free[:, None], GHOST, BLOCKED))
 
-    def show_curve(self, places: Array) -> None:
-        """Draw the curve of the tip along a motion through places, (k, 3) [m]."""
-        points = np.stack([places[:-1], places[1:]], axis=1).astype(np.float32)
-        self._api.add_line_segments("/motion", points, CURVE, thickness=2.0, thickness_units="screen")
+    def show_motion(self, swept: Swept | None, start: Array | None) -> None:
+        """Draw what a motion passes, red where it hits something, and where it starts, (n,); None: nothing."""
+        nothing = np.zeros((0, self._arm.dof))
+        if self._swept is not None and self._start is not None:
+            self._swept.show(nothing if swept is None else swept.q)
+            self._start.show(nothing if start is None else start[None])
+        if self._curve is not None:
+            self._curve.remove()
+            self._curve = None
+        if swept is None:
+            return
+        points = np.stack([swept.places[:-1], swept.places[1:]], axis=1).astype(np.float32)
+        free = (swept.free[:-1] & swept.free[1:])[:, None, None]
+        colours = np.broadcast_to(np.where(free, CURVE, HIT).astype(np.uint8), points.shape)
+        self._curve = self._api.add_line_segments(
+            "/motion", points, colours, thickness=2.5, thickness_units="screen"
+        )
 
     def show_pass(self, q: Array | None, places: Array | None) -> None:
         """Show the best joint values after a pass, (n,), and the tip positions at its nodes, (k, 3); None: nothing."""
@@ -234,10 +251,10 @@ class View:
             precision="float32",
         )
 
-    def see(self, ghosts: bool, meshes: bool) -> None:
-        """Show or hide the ghosts; draw the arm by its meshes or by its links."""
-        if self._ghosts is not None:
-            self._ghosts.node.visible = ghosts
+    def see(self, ghosts: bool, meshes: bool, swept: bool = True) -> None:
+        """Show or hide the ghosts and the postures along a motion; draw the arm by its meshes or by its links."""
+        if self._ghosts is not None and self._swept is not None:
+            self._ghosts.node.visible, self._swept.node.visible = ghosts, swept
         solid = meshes and bool(self._frames)
         for frame in self._frames:
             frame.visible = solid

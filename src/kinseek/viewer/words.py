@@ -19,7 +19,7 @@ from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from kinseek.timing.trajectory import Trajectory
 from kinseek.trace import Pass, Trace
 
-from .session import GoalResult, Proof, status_of
+from .session import GoalResult, Planned, Proof, status_of
 
 Array = NDArray[np.float64]
 
@@ -253,6 +253,11 @@ def changes_of(before: Iterable[DrawnBody], after: Iterable[DrawnBody]) -> list[
 
 def _rounded(numbers: ArrayLike) -> list[float]:
     return [round(float(each), 6) + 0.0 for each in np.asarray(numbers)]
+
+
+def plan_html(planned: Planned) -> str:
+    """What came of a plan."""
+    return _block(_sentence(planned.said, planned.news))
 
 
 def motion_html(trajectory: Trajectory, t: float) -> str:
