@@ -6,7 +6,6 @@ Run: python examples/14_cell.py [PICTURE]
 import sys
 
 import numpy as np
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import kinseek
 from kinseek import plots
@@ -53,23 +52,12 @@ for T in targets:
 deep = arm.ik(kinseek.pose([0.55, 0.0, 0.17], rpy=[0.0, np.pi / 2, 0.0]), scene=scene)
 print("  too low:", deep.status, *deep.contacts)
 
-# A picture: the free answer solid, one that hits something as a ghost.
+# A picture: the free answer solid, one that hits something as a ghost; what it hits is red.
 T = targets[0]
 free = arm.ik(T, scene=scene, clearance=0.01, near=home).require().q
 hit = next(q for q in arm.branches(T) if not scene.free(q))
 print("the ghost hits:", *scene.hits(hit))
 figure, axes = plots.space(elevation=22, azimuth=-125)
-corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-sides = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
-for size, place in boxes.values():
-    at = corners * size + place
-    axes.add_collection3d(
-        Poly3DCollection([at[list(side)] for side in sides], facecolor="0.6", edgecolor="0.4", alpha=0.2)
-    )
-plots.draw_line(axes, [[0.35, 0.35, 0.0], [0.35, 0.35, 0.8]], color="0.45", linewidth=6)
-plots.draw_arm(axes, arm, hit, plots.COLOURS[1], linewidth=3, alpha=0.35)
-plots.draw_arm(axes, arm, free, plots.COLOURS[0], linewidth=4)
-plots.draw_frame(axes, T, 0.12)
-plots.same_scale(axes)
+plots.arm(arm, [free, hit], goal=T, scene=scene, ax=axes)
 plots.trim(figure, axes, "UR5e: a branch that is free, and one that is not")
 print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "14_cell.png"))

@@ -6,7 +6,6 @@ Run: python examples/17_seam_in_a_box.py [PICTURE]
 import sys
 
 import numpy as np
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import kinseek
 from kinseek import plots
@@ -47,20 +46,7 @@ assert scene.free_motion(free.q[:-1], free.q[1:], 0.002).all()  # Of the whole w
 print("nearest on the way:", f"{scene.distance(free.q).min() * 1e3:.1f} mm")
 
 figure, axes = plots.space(elevation=18, azimuth=-118)
-corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-sides = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
-for size, place in walls.values():
-    at = corners * size + place
-    axes.add_collection3d(
-        Poly3DCollection([at[list(side)] for side in sides], facecolor="0.6", edgecolor="0.4", alpha=0.1)
-    )
+plots.arm(arm, [free.q[150], plain.q[150]], scene=scene, ax=axes)
 plots.draw_line(axes, seam[:, :3, 3], color="0.1", linewidth=2)
-for path, colour, i in ((plain, 1, 150), (free, 0, 20), (free, 0, 150), (free, 0, 280)):
-    look = {"linewidth": 3, "alpha": 0.4} if colour else {"linewidth": 4, "alpha": 0.5 + 0.5 * (i == 150)}
-    plots.draw_arm(axes, arm.with_tool(np.eye(4)), path.q[i], plots.COLOURS[colour], **look)
-    flange = arm.fk(path.q[i], link="tool0")
-    torch = [flange[:3, 3], (flange @ neck)[:3, 3], (flange @ wire)[:3, 3]]
-    plots.draw_line(axes, torch, color=plots.COLOURS[colour], linewidth=2)
-plots.same_scale(axes)
 plots.trim(figure, axes, "A seam at the back of a box")
 print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "17_seam_in_a_box.png"))

@@ -36,6 +36,9 @@ def test_a_surface_encloses_the_volume_of_its_shape(shape: Shape, volume: float)
     signed = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0
     assert volume * 0.96 < signed < volume * (1.0 + 1e-6)
     assert surface.whole
+    # Every edge is that of two triangles.
+    edges = np.sort(np.concatenate([surface.faces[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
+    assert set(np.unique(edges, axis=0, return_counts=True)[1]) == {2}
     back = (surface.vertices - PLACE[:3, 3]) @ PLACE[:3, :3]
     outside = np.linalg.norm(back, axis=1).max() if isinstance(shape, Sphere) else 0.0
     assert outside == pytest.approx(0.5 if isinstance(shape, Sphere) else 0.0)

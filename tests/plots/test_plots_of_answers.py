@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -50,6 +51,101 @@ def test_proportions_are_true() -> None:
     sides = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
     drawn = np.asarray(axes._box_aspect)
     np.testing.assert_allclose(drawn / drawn.max(), sides / sides.max(), rtol=1e-9)
+
+
+def cell() -> kinseek.Scene:
+    pytest.importorskip("coal")
+    scene = kinseek.Scene.of(UR5E, capsules=0.05)
+    scene.add_box("wall", (0.5, 0.05, 0.5), kinseek.pose([0.55, 0.0, 0.25]))
+    scene.add_sphere("ball", 0.1, kinseek.pose([-0.5, 0.5, 0.2]))
+    scene.add_points("cloud", np.full((5, 3), -0.5), 0.01)
+    scene.attach(
+        "part", kinseek.collision.Box((0.05, 0.05, 0.05)), to="tool0", pose=kinseek.pose([0, 0, 0.1])
+    )
+    return scene
+
+
+def surfaces_of(axes: Any, colour: str) -> list[Any]:
+    """Corners of the triangles of each surface of a colour in space, (k, 3) each."""
+    rgb = matplotlib.colors.to_rgb(colour)
+    found = [each for each in axes.collections if type(each).__name__ == "Poly3DCollection"]
+    found = [each for each in found if np.allclose(each.get_facecolor()[0, :3], rgb)]
+    # Matplotlib keeps them as a private array, whose name has changed.
+    return [
+        np.asarray(each._faces).reshape(-1, 3) if hasattr(each, "_faces") else each._vec[:3].T
+        for each in found
+    ]
+
+
+SIDE, OTHER = kinseek.pose([[0.45, -0.3, 0.35], [0.45, 0.3, 0.35]], rpy=[np.pi, 0.0, 0.0])
+INSIDE = kinseek.pose([0.45, 0.0, 0.3], rpy=[np.pi, 0.0, 0.0])
+
+
+def test_bodies_are_drawn_and_red_is_what_is_hit() -> None:
+    scene = cell()
+    q = UR5E.ik(SIDE, scene=scene).require().q
+    axes = plots.arm(UR5E, q, scene=scene).axes[0]
+    assert surfaces_of(axes, plots.COLOURS[1]) == []
+    wall, ball, part = surfaces_of(axes, "0.5")  # The arm is drawn as a line.
+    np.testing.assert_allclose([wall.min(axis=0), wall.max(axis=0)], [[0.3, -0.025, 0.0], [0.8, 0.025, 0.5]])
+    assert np.linalg.norm(ball - [-0.5, 0.5, 0.2], axis=1) == pytest.approx(0.1)
+    np.testing.assert_allclose(part.mean(axis=0), (UR5E.fk(q) @ [0, 0, 0.1, 1])[:3], atol=1e-9)
+    clouds = [each for each in axes.collections if len(each.get_offsets()) == 5]
+    assert clouds
+    hit = UR5E.ik(INSIDE).q
+    axes = plots.arm(UR5E, [q, hit], scene=scene).axes[0]
+    from kinseek.collision.surfaces import bodies_hit
+
+    expected = bodies_hit(scene, hit[None])
+    assert {"wall", "part"} <= expected
+    assert "ball" not in expected
+    assert len(surfaces_of(axes, plots.COLOURS[1])) == len(expected)
+    assert len(surfaces_of(axes, "0.5")) == 2  # The ball, and the part at q.
+
+
+def test_the_way_of_a_motion_is_a_curve_that_is_red_where_it_hits() -> None:
+    scene = cell()
+    q0 = UR5E.ik(SIDE, scene=scene).require().q
+    path = scene.plan(q0, OTHER)
+    assert path.success
+    axes = plots.arm(UR5E, path).axes[0]
+    curve = lines_of(axes)[0]
+    np.testing.assert_allclose(curve, UR5E.fk(path.q)[:, :3, 3], atol=1e-12)
+    bold = max(axes.lines, key=lambda line: line.get_linewidth())
+    np.testing.assert_allclose(np.array(bold.get_data_3d()).T[-1], OTHER[:3, 3], atol=1e-5)
+    assert len(surfaces_of(axes, "0.5")) > 4  # The part is drawn at each posture.
+    assert surfaces_of(axes, plots.COLOURS[1]) == []
+    assert not [line for line in axes.lines if line.get_color() == plots.COLOURS[1]]
+    sweep = q0 + np.linspace(0.0, 1.2, 40)[:, None] * [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    motion = UR5E.follow(UR5E.fk(sweep), start=q0).timed(acceleration=5.0)
+    axes = plots.arm(UR5E, motion, scene=scene).axes[0]
+    red = [np.array(line.get_data_3d()).T for line in axes.lines if line.get_color() == plots.COLOURS[1]]
+    q = motion.q(np.linspace(0.0, motion.duration, plots.scenes.MOMENTS))
+    np.testing.assert_allclose(np.concatenate(red), UR5E.fk(q)[~scene.free(q)][:, :3, 3], atol=1e-12)
+    assert len(surfaces_of(axes, plots.COLOURS[1])) >= 1
+    without = plots.arm(UR5E, motion).axes[0]
+    assert surfaces_of(without, "0.5") == []
+
+
+def test_the_curve_of_a_broken_path_is_broken() -> None:
+    fence = cell()
+    q0, q1 = UR5E.ik(SIDE, scene=fence).require().q, UR5E.ik(OTHER, scene=fence).require().q
+    rows = np.array([q0, q0 + 0.01, q1, q1 + 0.01])
+    path = UR5E.follow(UR5E.fk(rows[[0, 1]]), start=q0)
+    broken = dataclasses.replace(path, q=rows, breaks=np.array([1]))
+    parts = [part.tolist() for part in plots.scenes.rows_of(broken)[2]]
+    assert parts == [[0, 1], [2, 3]]
+
+
+def test_edges_are_drawn_where_a_surface_is_bent() -> None:
+    pytest.importorskip("coal")
+    from kinseek.collision import Box, Capsule, Cylinder
+    from kinseek.collision.bodies import Part
+    from kinseek.collision.surfaces import SIDES, surface_of
+
+    for shape, count in ((Box([1, 2, 3]), 12), (Cylinder(0.5, 2.0), 2 * SIDES), (Capsule(0.5, 2.0), 0)):
+        surface = surface_of([Part(shape, np.eye(4))], 0)
+        assert len(plots.scenes._creases(surface)) == count
 
 
 def test_a_landscape_is_lowest_where_the_answers_are() -> None:
@@ -301,6 +397,8 @@ PICTURES: dict[str, Callable[[], Any]] = {
     "branches": lambda: plots.branches(UR5E.branches(DOWN)),
     "redundant": lambda: plots.branches(PANDA.branches(DOWN), view=(15, -40)),
     "arm": lambda: plots.arm(UR5E, UR5E.ik(FAR).q, goal=FAR),
+    "scene": lambda: plots.arm(UR5E, UR5E.ik(INSIDE).q, goal=INSIDE, scene=cell()),
+    "plan": lambda: plots.arm(UR5E, cell().plan(UR5E.ik(SIDE, scene=cell()).q, OTHER)),
     "position": lambda: plots.arm(PLANAR, [2.0, 1.1], goal=POINT),
     "landscape": lambda: plots.landscape(PLANAR.ik(POINT), points=31),
     "part": lambda: plots.landscape(PLANAR.ik(POINT), within=[(1, 3), (0, 2)], points=31),
@@ -344,6 +442,12 @@ def test_without_matplotlib_the_extra_is_named(name: str, monkeypatch: pytest.Mo
         (lambda: plots.arm(PANDA, np.zeros((1, 2, 7))), r"\(7,\) or \(k, 7\), got \(1, 2, 7\)"),
         (lambda: plots.arm(PANDA, np.zeros(6)), r"q must have shape \(7,\)"),
         (lambda: plots.arm(PANDA, np.zeros(7), goal=[DOWN, DOWN]), "batch of shape"),
+        (lambda: plots.arm(PANDA, np.zeros(7), scene=3), "scene must be a kinseek.Scene, got int"),  # type: ignore[arg-type]
+        (lambda: plots.arm(PANDA, np.zeros(7), scene=cell()), "this scene is of 'ur5e'"),
+        (
+            lambda: plots.arm(PANDA, UR5E.follow([DOWN])),
+            "motion must be one of 'panda' .*, got one of 'ur5e'",
+        ),
         (lambda: plots.branches(UR5E.branches(FAR)), "goal was not reached"),
         (lambda: plots.branches(UR5E.branches(DOWN), chosen=8), "from 0 to 7, got 8"),
         (lambda: plots.branches(UR5E.branches(DOWN), chosen=-1), "chosen must be a whole number"),

@@ -156,8 +156,11 @@ def _turned(profile: Collection[Sequence[float]] | Array) -> tuple[Array, Faces]
     around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     flat = rings[:, None, :1] * around
     heights = np.broadcast_to(rings[:, None, 1:], (len(rings), SIDES, 1))
-    here = np.arange(SIDES) + SIDES * np.arange(len(rings) - 1)[:, None]
-    beside = np.roll(here, -1, axis=1)
-    quads = np.stack([here, beside, beside + SIDES, here + SIDES], axis=-1).reshape(-1, 4)
+    # All corners of a ring without a radius are its first one, and triangles without area are left out.
+    wide = rings[:, :1] > 1e-9 * rings[:, 0].max()
+    number = np.where(wide, np.arange(SIDES), 0) + SIDES * np.arange(len(rings))[:, None]
+    beside = np.roll(number, -1, axis=1)
+    quads = np.stack([number[:-1], beside[:-1], beside[1:], number[1:]], axis=-1).reshape(-1, 4)
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    return np.concatenate([flat, heights], axis=-1).reshape(-1, 3), faces.astype(np.int64)
+    solid = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    return np.concatenate([flat, heights], axis=-1).reshape(-1, 3), faces[solid].astype(np.int64)

@@ -9,13 +9,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinseek.arm import Arm
 from kinseek.branches.result import Branches
+from kinseek.collision import Scene
 from kinseek.errors import InvalidProblem, InvalidUse
 from kinseek.goal import Goal
+from kinseek.paths.path import Path
 from kinseek.problem import as_joints
 from kinseek.robots.chain import SerialChain, joint_points
 from kinseek.robots.mechanism import Mechanism
+from kinseek.timing.trajectory import Trajectory
 
 from .figures import COLOURS, drawn, given_or_new_space, same_scale, text_of, trim
+from .scenes import draw_scene, draw_way, require_scene, rows_of
 from .shown import count_of
 
 Array = NDArray[np.float64]
@@ -36,9 +40,10 @@ SHORTEST = 0.4
 @drawn
 def arm(
     arm: Arm | Mechanism,
-    q: ArrayLike,
+    q: ArrayLike | Path | Trajectory,
     *,
     goal: Goal | ArrayLike | None = None,
+    scene: Scene | None = None,
     ax: Any = None,
     size: tuple[float, float] = (6.0, 5.2),
     view: tuple[float, float] = VIEW,
@@ -47,7 +52,11 @@ def arm(
 
     Args:
         arm: An arm with axes; the links of black-box kinematics are unknown.
-        q: Joint values, (n,) or (k, n), [rad] or [m].
+        q: Joint values, (n,) or (k, n), [rad] or [m]; or a path or trajectory of the arm. Of these the curve of the tip is
+            drawn, and some postures, of which the last one is solid.
+        scene: The collision scene of the arm, by default that of a path. Its bodies are drawn; red are those that touch at
+            any of the joint values, the shapes of links that touch where the arm is drawn, and the part of the curve where
+            the arm touches something.
         goal: A pose or a `Goal` of one target, drawn as its axes x, y and z in red, green and blue; a position goal is drawn
             as a star.
         ax: Axes in space to draw on, such as those of `space`.
@@ -59,11 +68,14 @@ def arm(
 
     Raises:
         InvalidProblem: An arm with black-box kinematics, or joint values that do not fit it.
-        InvalidUse: No joint values, a batch of goals, or other axes.
+        InvalidScene: Not a scene of this arm.
+        InvalidUse: No joint values, a motion of another arm, a batch of goals, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
     figure, axes = given_or_new_space(ax, size, view)
-    _draw(axes, arm, q, goal)
+    cell = require_scene(scene, arm, q)
+    rows = rows_of(q)[1] if isinstance(q, Path | Trajectory) else _rows(arm, q)
+    _draw(axes, arm, rows, goal, q if isinstance(q, Path | Trajectory) else None, cell)
     if ax is None:
         trim(figure, axes)
     return figure
@@ -106,7 +118,7 @@ def branches(
     first = [chosen, *(i for i in range(len(branches)) if i != chosen)]
     problem = branches.problem
     figure, axes = given_or_new_space(ax, size, view)
-    _draw(axes, problem.mechanism, branches.q[first], problem.goal)
+    _draw(axes, problem.mechanism, _rows(problem.mechanism, branches.q[first]), problem.goal)
     count = f"{len(branches)} {'solution' if len(branches) == 1 else 'solutions'}"
     sample = ", a sample of infinitely many" if branches.sampled else ""
     title = f"{text_of(problem.mechanism.name)}: {count}{sample}"
@@ -154,16 +166,36 @@ def _chain_of(arm: Arm | Mechanism) -> SerialChain:
     return arm.axes
 
 
-def _draw(axes: Any, arm: Arm | Mechanism, q: ArrayLike, goal: Goal | ArrayLike | None) -> None:
-    """Draw an arm, solid at its first joint values, and a goal."""
+def _rows(arm: Arm | Mechanism, q: ArrayLike) -> Array:
+    """Read joint values to be drawn, (k, n).
+
+    Raises:
+        InvalidUse: There are none, or more than one batch of them.
+    """
     mechanism = arm.mechanism if isinstance(arm, Arm) else arm
     rows = np.atleast_2d(as_joints(mechanism, q))
     if rows.ndim != 2 or not len(rows):
         raise InvalidUse(
             f"q must have shape ({mechanism.dof},) or (k, {mechanism.dof}), got {np.shape(q)}; nothing to draw"
         )
+    return rows
+
+
+def _draw(
+    axes: Any,
+    arm: Arm | Mechanism,
+    rows: Array,
+    goal: Goal | ArrayLike | None,
+    motion: Path | Trajectory | None = None,
+    scene: Scene | None = None,
+) -> None:
+    """Draw an arm, solid at its first joint values, a goal, what a motion passes, and a scene."""
+    if motion is not None:
+        draw_way(axes, _chain_of(arm), motion, scene)
+    if scene is not None:
+        draw_scene(axes, _chain_of(arm), scene, rows, rows if motion is None else rows_of(motion)[0])
     # Separate colours while they can be distinguished.
-    few = len(rows) <= len(COLOURS)
+    few = motion is None and len(rows) <= len(COLOURS)
     for i in range(len(rows) - 1, 0, -1):
         color = COLOURS[i] if few else COLOURS[-1]
         draw_arm(axes, arm, rows[i], color, linewidth=1.6, alpha=0.5 if few else 0.35)
