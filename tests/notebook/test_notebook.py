@@ -21,6 +21,21 @@ FUNCTION = kinseek.Arm.from_fk(
     UR5E.fk, UR5E.lower, UR5E.upper, names=[EVIL, "b", "c", "d", "e", "f"], kinds="revolute", name=EVIL
 )
 
+
+def cell() -> kinseek.Scene:
+    pytest.importorskip("coal")
+    scene = kinseek.Scene.of(UR5E, capsules=0.05)
+    scene.add_box(EVIL, (0.3, 0.3, 0.02), UR5E.fk(np.zeros(6)))
+    scene.add_sphere("ball", 0.1, kinseek.pose([-0.5, 0.5, 0.2]))
+    scene.attach(
+        "part", kinseek.collision.Box((0.05, 0.05, 0.05)), to="tool0", pose=kinseek.pose([0, 0, 0.1])
+    )
+    scene.add_arm(
+        "other", kinseek.Scene.of(kinseek.load("planar2"), capsules=0.05), [0, 0], kinseek.pose([2, 0, 0])
+    )
+    return scene
+
+
 SHOWN: dict[str, Callable[[], Any]] = {
     "arm": lambda: UR5E,
     "rail": lambda: kinseek.load("ur10e_rail"),
@@ -43,6 +58,7 @@ SHOWN: dict[str, Callable[[], Any]] = {
     "branches of many": lambda: UR5E.branches(TARGETS[:12]),
     "witness": lambda: UR5E.prove(TARGETS[0]),
     "proof": lambda: UR5E.prove(FAR),
+    "scene": cell,
 }
 
 
@@ -59,7 +75,11 @@ def test_what_is_shown_is_well_formed_and_inside_its_frame(name: str) -> None:
     assert "nan" not in text.replace("<td>nan</td>", "").lower()
     for svg in root.iter("{http://www.w3.org/2000/svg}svg"):
         width, height = float(svg.attrib["width"]), float(svg.attrib["height"])
-        for line in svg.iter("{http://www.w3.org/2000/svg}polyline"):
+        drawn = [
+            *svg.iter("{http://www.w3.org/2000/svg}polyline"),
+            *svg.iter("{http://www.w3.org/2000/svg}polygon"),
+        ]
+        for line in drawn:
             points = np.array([[float(x) for x in pair.split(",")] for pair in line.attrib["points"].split()])
             assert (points >= 0).all()
             assert (points <= [width, height]).all()
@@ -101,3 +121,33 @@ def test_all_branches_are_drawn_and_only_what_counts_of_a_target() -> None:
         for name in ("position", "direction", "answer")
     }
     assert axes == {"position": 0, "direction": 1, "answer": 3}
+
+
+def test_a_scene_shows_its_bodies_and_what_touches_in_the_middle_of_the_limits() -> None:
+    scene = cell()
+    text = html(scene)
+    for row in (("ball", "obstacle", "sphere", ""), ("part", "carried", "box", "")):
+        assert "".join(f"<td>{cell}</td>" for cell in row) in text
+    assert "<td>other arm</td><td>capsule</td>" in text
+    assert "<script" not in text
+    assert (
+        "&lt;script&gt;alert(&#x27;1&#x27;)&lt;/script&gt;&amp;</td><td>obstacle</td><td>box</td><td>touches</td>"
+        in text
+    )
+    touching = {name for one in scene.hits(np.zeros(6)) for name in (one.a, one.b)}
+    assert text.count("<td>touches</td>") == len(touching)
+    assert text.count('<polygon points="') - text.count('fill="#e5484d"') == len(
+        {name for name in scene.bodies if name not in touching}
+        - set(kinseek.Scene.of(UR5E, capsules=0.05).bodies)
+    )
+
+
+def test_the_outline_of_a_shape_is_the_convex_hull_of_what_is_seen() -> None:
+    from scipy.spatial import ConvexHull
+
+    from kinseek.notebook.picture import _half_hull
+
+    points = np.random.default_rng(0).integers(0, 30, (200, 2)).astype(float)
+    seen = sorted({(float(x), float(y)) for x, y in points})
+    outline = [*_half_hull(seen), *_half_hull(seen[::-1])]
+    assert sorted(outline) == sorted(map(tuple, points[ConvexHull(points).vertices].tolist()))

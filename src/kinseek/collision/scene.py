@@ -440,6 +440,15 @@ class Scene(Contents):
         """Digest of everything besides the arm that results depend on: shapes, poses, padding, and checked pairs."""
         return digest(self._bodies.values(), self.pairs)
 
+    def _repr_html_(self) -> str:
+        """The bodies and a picture, for notebooks."""
+        from kinseek.notebook.cards import scene_card
+
+        from .surfaces import bodies_hit, outlines
+
+        q = (self._chain.lower + self._chain.upper) / 2
+        return scene_card(self, self._chain, outlines(self, q), bodies_hit(self, q[None]))
+
     @property
     def _engine(self) -> Engine:
         """The engine of the current scene."""

@@ -63,6 +63,17 @@ class DrawnBody(NamedTuple):
         return square(forward_many(chain.arrays_to(self.frame), q[None])[0, :3])
 
 
+class Outlined(NamedTuple):
+    """A body of a scene as notebooks show it."""
+
+    name: str
+    kind: str
+    """What it is: ``"link"``, ``"carried"``, ``"obstacle"`` or ``"other arm"``."""
+    shapes: str
+    corners: list[Array]
+    """Points on each shape, in the base, (k, 3) [m]."""
+
+
 class Surface(NamedTuple):
     """The surface of a body in the frame of its first shape."""
 
@@ -89,6 +100,20 @@ def drawn_bodies(scene: Contents) -> list[DrawnBody]:
         frame = Frame(body.frame.joints, body.frame.pose @ first)
         alone = not (body.is_link or frame.joints or body.name in of_arms)
         found.append(DrawnBody(body.name, frame, tuple(parts), body.is_link, alone))
+    return found
+
+
+def outlines(scene: Contents, q: Array) -> list[Outlined]:
+    """Return the bodies of a scene with the arm at joint values q, (n,)."""
+    found = []
+    for body in drawn_bodies(scene):
+        kinds = {type(part.shape).__name__.lower() for part in body.parts}
+        shapes = kinds.pop() if len(body.parts) == 1 else f"{len(body.parts):,} shapes"
+        carried = "carried" if body.frame.joints else "obstacle" if body.alone else "other arm"
+        pose = body.at(scene._chain, q)
+        surfaces = [surface_of([part], MOST_POINTS) for part in body.parts]
+        corners = [_moved(np.concatenate([each.vertices, each.points]), pose) for each in surfaces]
+        found.append(Outlined(body.name, "link" if body.is_link else carried, shapes, corners))
     return found
 
 

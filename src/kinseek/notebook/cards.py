@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from kinseek.printable import in_html
 
-from .picture import Target, draw
+from .picture import Outline, Target, draw
 
 Array = NDArray[np.float64]
 
 HEAD = 10
 """Maximum number of rows of a batch that are shown, and of solutions that are drawn."""
+MOST_BODIES, MOST_OUTLINES = 20, 500
+"""Maximum number of bodies that are listed, and of shapes that are drawn."""
 MOST_JOINTS = 20
 """Maximum number of joints that are shown."""
 
@@ -112,6 +114,35 @@ def certificate_card(certificate: Any) -> str:
     table = _joints(problem.mechanism, certificate.q) + _facts(facts)
     picture = _picture(problem.mechanism, certificate.q[None], problem.goal)
     return _card(str(certificate.verdict), table, picture)
+
+
+def scene_card(scene: Any, chain: Any, bodies: Sequence[Any], hit: Collection[str]) -> str:
+    """The bodies of a scene, and the arm among them at the middle of its limits, with those in red that touch there.
+
+    Args:
+        scene: The scene.
+        chain: Its arm.
+        bodies: Its bodies, `collision.surfaces.Outlined`.
+        hit: Names of those that touch.
+    """
+    rows = [
+        [body.name, body.kind, body.shapes, "touches" if body.name in hit else ""]
+        for body in bodies
+        if body.kind != "link" or body.name in hit
+    ]
+    table = _table(["body", "kind", "shapes", ""], rows[:MOST_BODIES]) + _more(
+        len(rows) - MOST_BODIES, "bodies"
+    )
+    outlines = [
+        Outline(corners, body.name in hit)
+        for body in bodies
+        if body.kind != "link" or body.name in hit
+        for corners in body.corners
+    ]
+    middle = (chain.lower + chain.upper) / 2
+    return _card(
+        repr(scene).partition("\n")[0], table, draw(chain, middle[None], bodies=outlines[:MOST_OUTLINES])
+    )
 
 
 def _picture(mechanism: Any, rows: Array, goal: Any = None) -> str:

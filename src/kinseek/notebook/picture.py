@@ -35,7 +35,22 @@ class Target(NamedTuple):
     """The constrained axes: their indices and directions, (3,)."""
 
 
-def draw(chain: SerialChain, rows: Array, tool: Array | None = None, target: Target | None = None) -> str:
+class Outline(NamedTuple):
+    """A convex shape of a body."""
+
+    corners: Array
+    """Points whose hull is drawn, (k, 3) [m]."""
+    hit: bool
+    """Does the arm hit it?"""
+
+
+def draw(
+    chain: SerialChain,
+    rows: Array,
+    tool: Array | None = None,
+    target: Target | None = None,
+    bodies: Sequence[Outline] = (),
+) -> str:
     """Draw an arm at joint values, the first of them solid and the others faint, with its shadow on the floor.
 
     Args:
@@ -43,18 +58,23 @@ def draw(chain: SerialChain, rows: Array, tool: Array | None = None, target: Tar
         rows: Joint values, (k, n), k at least 1, [rad] or [m].
         tool: T_tip_tool, (4, 4), lengths in [m].
         target: Target of the tip.
+        bodies: Shapes around it.
     """
     arms = [joint_points(chain, q) for q in rows]
     tips = chain.forward(np.ascontiguousarray(rows))
     if tool is not None:
         tips = tips @ tool
         arms = [np.concatenate([points, tip[None, :3, 3]]) for points, tip in zip(arms, tips, strict=True)]
-    every = np.concatenate(arms if target is None else [*arms, target.position[None]])
+    around = [body.corners for body in bodies]
+    every = np.concatenate([*arms, *around] if target is None else [*arms, *around, target.position[None]])
     floor = float(min(every[:, 2].min(), 0.0))
     tile = _tile(every, floor)
     drawing = _Drawing(np.concatenate([every, tile]))
     axis_length = 22.0 / drawing.scale
     parts = [drawing.line(tile, 'stroke-width="0.8" opacity="0.35"')]
+    for body in bodies:
+        style = f'fill="{_AXES[0]}" stroke="{_AXES[0]}"' if body.hit else 'fill="currentColor"'
+        parts.append(drawing.hull(body.corners, f'{style} fill-opacity="0.12" stroke-opacity="0.5"'))
     for points in reversed(arms[1:]):
         parts.append(drawing.line(points, 'stroke-width="2.5" opacity="0.3"'))
     parts.append(drawing.line(_on(arms[0], floor), 'stroke-width="5" opacity="0.13"'))
@@ -97,6 +117,13 @@ class _Drawing:
         drawn = " ".join(f"{x:.1f},{y:.1f}" for x, y in self.at(points))
         return f'<polyline points="{drawn}" {style}/>'
 
+    def hull(self, corners: Array, style: str) -> str:
+        """Draw the convex hull of what is seen of points."""
+        seen = sorted({(float(x), float(y)) for x, y in self.at(corners).round(1)})
+        outline = [*_half_hull(seen), *_half_hull(seen[::-1])]
+        drawn = " ".join(f"{x:.1f},{y:.1f}" for x, y in outline)
+        return f'<polygon points="{drawn}" stroke-width="1" {style}/>'
+
     def dot(self, point: Array, radius: float) -> str:
         x, y = self.at(point)
         return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="currentColor" stroke="none"/>'
@@ -127,6 +154,19 @@ class _Drawing:
             f'<text x="{end + 5:.1f}" y="{y + 2:.0f}" font-size="10" fill="currentColor" stroke="none" opacity="0.7">'
             f"{words}</text>"
         )
+
+
+def _half_hull(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return one side of the convex hull of sorted points, without its last one (*Andrew 1979*, monotone chain)."""
+    side: list[tuple[float, float]] = []
+    for x, y in points:
+        while len(side) > 1:
+            (a, b), (c, d) = side[-2:]
+            if (c - a) * (y - b) - (d - b) * (x - a) > 0.0:
+                break
+            side.pop()
+        side.append((x, y))
+    return side[:-1]
 
 
 def _tile(points: Array, floor: float) -> Array:
