@@ -17,7 +17,7 @@ from kinseek.viewer.meshes import Meshes
 from kinseek.viewer.session import Session, call_of, status_of
 
 pytest.importorskip("coal")
-pytest.importorskip("trimesh")
+trimesh = pytest.importorskip("trimesh")
 
 pytestmark = pytest.mark.slow
 
@@ -162,6 +162,43 @@ def test_a_tool_that_the_scene_does_not_know_is_that_of_the_arm() -> None:
     result = session.solve(session.begin.but(target=FREE))
     assert result.reached
     np.testing.assert_allclose(arm.fk(result.q), FREE, atol=1e-5)
+
+
+def test_a_branch_that_collides_is_shown_with_what_it_hits(page: Any) -> None:
+    target = kinseek.pose([0.45, -0.25, 0.1], rpy=[np.pi, 0.0, 0.0])
+    goal(page, target)
+    blocked = ~page.scene.free(page.branches.q)
+    assert blocked.any()
+    assert not blocked.all()
+    assert f"; {(~blocked).sum()} free" in page.panel.branches.content
+    colours = page.view._ghosts.node.batched_colors.reshape(-1, page.view._ghosts._each, 3)[: len(blocked), 0]
+    np.testing.assert_array_equal((colours == [200, 70, 70]).all(axis=1), blocked)
+    page.pick(int(np.argmax(blocked)))
+    wait_until(lambda: page.idle and "Hit:" in page.panel.hits.content)
+    assert not page.scene.free(page.options.q)
+
+
+def test_large_meshes_are_boxes_and_the_panel_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("viser")
+    from kinseek.viewer.page import Page
+
+    ball = trimesh.creation.icosphere(2)
+    scene = cell()
+    scene.add(
+        "<i>rock</i>",
+        kinseek.collision.Mesh(ball.vertices, ball.faces, hull=False),
+        kinseek.pose([9.0, 0.0, 0.0]),
+    )
+    monkeypatch.setattr(Page, "_fetch", lambda page: None)
+    for most, drawn in ((10**6, len(ball.faces)), (100, 12)):
+        monkeypatch.setattr("kinseek.viewer.bodies.MOST_FACES", most)
+        browser = client()
+        page = Page(browser, Session(UR5E, scene), Meshes())
+        page.close()
+        counts = [len(call.args[2]) for call in browser.scene.add_mesh_simple.call_args_list]
+        assert drawn in counts
+        said = "".join(call.args[0] for call in browser.gui.add_html.call_args_list)
+        assert ("drawn as boxes: &lt;i&gt;rock" in said) == (most == 100)
 
 
 def boxes(page: Any) -> dict[str, np.ndarray[Any, Any]]:

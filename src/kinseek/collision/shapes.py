@@ -67,7 +67,7 @@ class Shape(Lazy, ABC):
 
     def __eq__(self, other: object) -> bool:
         """Return whether the other one is an equal shape."""
-        return isinstance(other, Shape) and self._digest == other._digest
+        return other is self or (isinstance(other, Shape) and self._digest == other._digest)
 
     def __hash__(self) -> int:
         """Return equal numbers for equal shapes."""

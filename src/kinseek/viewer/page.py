@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.result import Branches
 from kinseek.collision import Box, Scene
+from kinseek.collision.pairs import Contact
 from kinseek.collision.surfaces import drawn_bodies
 from kinseek.errors import InvalidScene, KinseekError
 from kinseek.paths.tracker import Step, TrackStatus
@@ -195,20 +196,23 @@ class Page:
             return
         t = min(t, trajectory.duration)
         q = trajectory.q(t)
+        contacts = self._session.contacts(q)
         with self._lock, self._client.atomic():
             self.options = self.options.but(q=q)
-            self._show_posture(q, self.options.target, True)
+            self._show_posture(q, self.options.target, True, contacts)
             self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
             self.panel.motion.content = words.motion_html(trajectory, t)
             self.panel.time.value = t
 
-    def _show_posture(self, q: Array, target: Array, reached: bool) -> None:
-        """Show the arm at joint values q, (n,), with what it hits there."""
-        contacts = self._session.contacts(q)
-        with self._lock:
-            self.view.show_arm(q, target, reached, {name for one in contacts for name in (one.a, one.b)})
-            self.panel.hits.content = words.contacts_html(contacts)
-            self.panel.joints.content = words.joints_html(self.arm, q)
+    def _show_posture(self, q: Array, target: Array, reached: bool, contacts: Sequence[Contact]) -> None:
+        """Show the arm at joint values q, (n,), with what touches there.
+
+        The caller has found the contacts before it took the lock: the first check after a change of the scene may take long,
+        and the server's loop waits for the lock.
+        """
+        self.view.show_arm(q, target, reached, {name for one in contacts for name in (one.a, one.b)})
+        self.panel.hits.content = words.contacts_html(contacts)
+        self.panel.joints.content = words.joints_html(self.arm, q)
 
     def play_passes(self) -> None:
         """Show one pass after another."""
@@ -353,6 +357,7 @@ class Page:
     def _solve(self, picked: Array | None) -> None:
         options = self.options
         result = self._session.solve(options) if picked is None else self._session.picked(options, picked)
+        contacts = self._session.contacts(result.q)
         with self._lock:
             if self._servoing:
                 return
@@ -360,7 +365,7 @@ class Page:
             self.result, self.proof, self.trace = result, None, result.trace
         missed = not (result.reached or result.refused)
         with self._lock, self._client.atomic():
-            self._show_posture(result.q, options.target, result.reached)
+            self._show_posture(result.q, options.target, result.reached, contacts)
             self.panel.result.content = words.result_html(result, None, missed and options.search == DEFAULT)
         self._client.flush()
         if self._solver.stale():
@@ -436,11 +441,12 @@ class Page:
     def _prove_blocked(self, result: GoalResult) -> None:
         """Report whether it is proved that every solution hits something; another one may be free after all."""
         after = self._session.blocked(result)
+        contacts = self._session.contacts(after.q)
         with self._lock:
             if self.result is not result:
                 return
             self.options, self.result = self.options.but(q=after.q), after
-            self._show_posture(after.q, after.options.target, after.reached)
+            self._show_posture(after.q, after.options.target, after.reached, contacts)
             self.panel.result.content = words.result_html(after, None, False)
 
     def _report_once(self, result: GoalResult, proof: Proof | None, looking: bool) -> bool:
@@ -454,11 +460,12 @@ class Page:
 
     def _nearer(self, result: GoalResult, q: Array) -> None:
         """Show the pose that a proof found, if it is nearer than that of the search."""
+        contacts = self._session.contacts(q)
         with self._lock:
             if self.result is not result:
                 return
             self.options = self.options.but(q=q)
-            self._show_posture(q, result.options.target, False)
+            self._show_posture(q, result.options.target, False, contacts)
 
     def _cloud(self, _: str) -> None:
         options, result, view = self.options, self.result, self.view
@@ -561,9 +568,10 @@ class Page:
             self._player.wait(FRAME)
 
     def _show_step(self, step: Step, shares: Array, target: Array) -> None:
+        contacts = self._session.contacts(step.q)
         with self._lock, self._client.atomic():
             self.options = self.options.but(q=step.q)
-            self._show_posture(step.q, target, step.status is TrackStatus.TRACKING)
+            self._show_posture(step.q, target, step.status is TrackStatus.TRACKING, contacts)
             self.panel.result.content = words.servo_html(step)
             self.panel.shares.content = words.shares_html(self.arm, shares)
         self._client.flush()

@@ -271,6 +271,10 @@ class Panel:
                 "and nothing can be proved."
             ]
         )
+        if boxed := self._do.view.bodies.boxed:
+            notes.append(
+                f"Their meshes have too many triangles, and are drawn as boxes: {', '.join(boxed[:5])}."
+            )
         if notes or missing:
             gui.add_html(note_html(*notes, *missing))
 
