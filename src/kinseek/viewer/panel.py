@@ -1,4 +1,4 @@
-"""The panel beside the view: the solution on top, below it the goal, the search and the view."""
+"""The panel beside the 3D view: the solution on top, below it the goal, the search, the scene and what is seen."""
 
 from __future__ import annotations
 
