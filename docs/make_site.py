@@ -37,7 +37,7 @@ def sources() -> list[Path]:
     found = [
         ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "experiments/README.md")
     ]
-    for pattern in ("docs/**/*.md", "benchmarks/*.md", "examples/[0-9]*.py"):
+    for pattern in ("docs/**/*.md", "benchmarks/**/*.md", "examples/[0-9]*.py"):
         found += sorted(ROOT.glob(pattern))
     return found
 
