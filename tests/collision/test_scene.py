@@ -278,6 +278,18 @@ def test_a_tool_makes_no_capsule_longer() -> None:
     assert np.array_equal(tooled.distance(q), scene.distance(q))
 
 
+def test_notes_say_what_has_no_capsule() -> None:
+    notes = {
+        name: Scene.of(kinseek.load(name), capsules=0.05).notes[0]
+        for name in ("ur5e", "scara4", "cylindrical3")
+    }
+    assert "slides" not in notes["ur5e"]
+    assert notes["scara4"].endswith("; what slides has no capsule along the slide")
+    assert notes["cylindrical3"].endswith(
+        "; no link has a length, so only bodies that are added or attached are checked"
+    )
+
+
 LARGE = MOST_LENGTH * np.array([[-0.5, -0.5, -0.5], [0.5, -0.5, -0.5], [0.0, 0.5, -0.5], [0.0, 0.0, 0.5]])
 LARGEST_SHAPES = {
     "box": Box([MOST_LENGTH] * 3),

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 
 import kinseek
 from cells import write_arm
+from inlined import inlined
 from kinseek import Scene
 from kinseek.collision import motion
 from kinseek.collision.motion import Speeds
 from kinseek.kernels.collision.gaps import FREE, TOUCH
+from kinseek.kernels.collision.motions import motion_of_pair
 
 pytest.importorskip("pinocchio")
 
@@ -166,6 +168,33 @@ def test_no_point_moves_faster_than_said(cell: tuple[kinseek.Arm, Scene]) -> Non
     assert (
         changed.max(axis=0).sum() > 0.05 * rates.sum() / steps
     )  # The bound is not a hundred times too large.
+
+
+@pytest.mark.parametrize("name", ["panda", "scara4", "ur10e_rail"])
+def test_no_point_bends_more_than_said(name: str) -> None:
+    arm = kinseek.load(name)
+    scene = Scene.of(arm, capsules=0.05)
+    scene.add_box("wall", (0.1, 2.0, 2.0), kinseek.pose([9.0, 0.0, 0.0]))
+    engine, moments = scene._engine, np.linspace(0.0, 1.0, 201)
+    closest = 0.0
+    for a, b in arm.sample(20, seed=3).reshape(10, 2, -1):
+        q = along(a, b, 201)
+        travel = np.abs(arm.chain.multiplier * (b - a)[arm.chain.leader])
+        levers = Speeds(arm.chain, engine).levers(a[None], b[None])[0]
+        places = []
+        for one in q:
+            engine.place(one)
+            places.append([place.homogeneous.copy() for place in engine._placed.oMg])
+        for n, pair in enumerate(engine.pairs):
+            first, last = sorted(pair, key=lambda i: engine.solids[i].joint)
+            point = np.append(engine.solids[last].shape.corners[0], 1.0)
+            x = np.array([np.linalg.solve(each[first], each[last] @ point)[:3] for each in places])
+            bends = np.linalg.norm(np.diff(x, 2, axis=0), axis=1) / (moments[1] - moments[0]) ** 2
+            bound = inlined(motion_of_pair)(travel, levers[n])
+            assert np.linalg.norm(np.diff(x, axis=0), axis=1).sum() <= bound.rate + 1e-9
+            assert bends.max() <= bound.bend + 1e-6
+            closest = max(closest, bends.max() / bound.bend if bound.bend else 0.0)
+    assert closest > 0.3  # The bound is not a hundred times too large.
 
 
 def test_every_motion_near_a_free_one_is_free() -> None:

@@ -271,9 +271,13 @@ def capsules_along(chain: SerialChain, radius: float) -> ArmBodies:
         part = Part(Capsule(radius, span), transform(_z_along(end / span), end / 2))
         bodies.append(Body(names[k], Frame(k, np.eye(4)), [part], is_link=True))
     neighbours = [(a.name, b.name) for a, b in pairwise(bodies)]
+    missing = "; what slides has no capsule along the slide" if chain.prismatic.any() else ""
+    missing += (
+        "" if bodies else "; no link has a length, so only bodies that are added or attached are checked"
+    )
     note = (
         f"capsules of radius {radius:g} m along the links replace shapes that the file does not have: where they are free, "
-        f"the real arm may touch, and where they touch, it may be free"
+        f"the real arm may touch, and where they touch, it may be free{missing}"
     )
     # An arm lists the names of its links from base to tip, and then those of its joints.
     last = list(chain.frames).index(chain.tip)

@@ -225,14 +225,6 @@ def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, least: Array) 
     return found
 
 
-def _summed(travel: Array, levers: Array) -> Array:
-    """Return the sums of the motions of joints, (k, joints), times their levers, (k or 1, pairs, joints), (k, pairs)."""
-    if len(levers) == 1:
-        # Not by BLAS, whose sums depend on its threads.
-        return np.asarray(np.einsum("kj,pj->kp", travel, levers[0]))
-    return np.asarray((travel[:, None] * levers).sum(axis=2))
-
-
 def _radius(solid: Solid) -> float:
     """Return a bound on the distance of any point of a part from the frame of its joint [m]."""
     corners = solid.shape.corners @ solid.pose[:3, :3].T + solid.pose[:3, 3]
