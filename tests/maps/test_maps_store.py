@@ -453,6 +453,11 @@ def test_damaged_metadata_is_read_or_refused(kind: str, written: Path) -> None:
 
 
 ROOT = "zarr.json"
+BLOSC: dict[str, Any] = {
+    "name": "blosc",
+    "configuration": {"typesize": 1, "cname": "lz4", "clevel": 5, "shuffle": "shuffle", "blocksize": 0},
+}
+"""Its decoder ends the process for some damaged blocks."""
 
 
 @pytest.mark.parametrize(
@@ -479,6 +484,9 @@ ROOT = "zarr.json"
         ("reached/zarr.json", ["shape"], [10**9, 10**9, 8]),
         ("reached/zarr.json", ["codecs"], [{"name": "evil"}]),
         ("reached/zarr.json", ["codecs"], [{"name": "numcodecs.pickle", "configuration": {}}]),
+        ("reached/zarr.json", ["codecs"], [{"name": "bytes"}, BLOSC]),
+        ("rotation/zarr.json", ["codecs"], [{"name": "bytes"}, BLOSC]),
+        ("blocks/done/zarr.json", ["codecs"], [{"name": "bytes"}, BLOSC]),
         ("reached/zarr.json", ["fill_value"], 1),
         ("radius/zarr.json", ["attributes"], "x"),
         ("rotation/zarr.json", ["shape"], [10**9, 3, 3]),

@@ -50,8 +50,10 @@ tasks.
 """
 MOST_CHUNK = 2**26
 """Maximum number of cells of a block when a map is opened."""
-CODECS = frozenset({"blosc", "bytes", "crc32c", "gzip", "zstd"})
-"""What Zarr writes by itself, or by its configuration."""
+CODECS = frozenset({"bytes", "crc32c", "gzip", "zstd"})
+"""Codecs that are read; Zarr writes zstd by itself. Blosc is not among them: some damaged blocks end the process in its
+decoder.
+"""
 
 
 class Store(Lazy):
