@@ -140,6 +140,14 @@ def test_picking_a_branch_shows_it_and_the_next_answer_stays_near(sessions: dict
         assert np.abs(again.q - picked.q).max() < 0.1
 
 
+def test_a_branch_of_a_goal_that_has_changed_since_is_refused(sessions: dict[str, Session]) -> None:
+    session = sessions["ur5e"]
+    q = session.solve(session.begin).q
+    picked = session.picked(session.begin.but(free=("x", "y", "z", "rx", "ry", "rz")), q)
+    assert "free" in picked.refused
+    assert picked.solution is None
+
+
 @pytest.mark.parametrize("search", SEARCHES)
 def test_every_search_answers_or_says_why_not(search: str, sessions: dict[str, Session]) -> None:
     session = sessions["scara4"]

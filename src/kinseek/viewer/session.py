@@ -286,7 +286,10 @@ class Session:
 
     def picked(self, options: ViewerOptions, q: Array) -> GoalResult:
         """Show one of the known solutions, (n,)."""
-        solution = self.arm.ik(self._goal(options), near=q)
+        try:
+            solution = self.arm.ik(self._goal(options), near=q)
+        except KinseekError as error:  # The goal has changed since.
+            return GoalResult(options, options.q, refused=str(error))
         return GoalResult(options.but(q=solution.q), solution.q, solution)
 
     def proofs(
