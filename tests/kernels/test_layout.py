@@ -90,7 +90,6 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
         "found": (LANES, dof),
         "state": (LANES,),
         "paused": (LANES,),
-        "settled": (LANES,),
         "best": (LANES, dof),
         "best_error": (LANES,),
         "floor": (LANES,),
@@ -98,7 +97,7 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
         "damping": (1,),
     }
     whole_numbers = {name for name, array in arrays_of(laid) if array.dtype == np.int64}
-    assert whole_numbers == {"neighbour", "stack", "state", "paused", "settled"}
+    assert whole_numbers == {"neighbour", "stack", "state", "paused"}
 
 
 def test_every_look_up_fits_into_the_memory() -> None:

@@ -65,8 +65,6 @@ class Scratch(NamedTuple):
     """State of each lane, see `ACTIVE`, (LANES,)."""
     paused: Annotated[Indices, LANES]
     """1 for a lane that repeats a step with more damping, see `ending.reweigh`, (LANES,)."""
-    settled: Annotated[Indices, LANES]
-    """1 for a row of `best` that is at a minimum, see `far.settle_best`, (LANES,)."""
     best: Annotated[Array, LANES, "dof"]
     """Best joint values found, (LANES, n)."""
     best_error: Annotated[Array, LANES]
