@@ -8,12 +8,13 @@ not match the URDF file, the URDF file is read instead.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from kinseek.kernels.sources import digest_of
 
 from .catalog import catalog_path
 from .chain import Frame, SerialChain
@@ -71,4 +72,4 @@ def as_json(chain: SerialChain, path: Path) -> dict[str, Any]:
 
 def _digest(path: Path) -> str:
     """Return the digest of a file's text, independent of its line ends."""
-    return hashlib.sha256(path.read_text(encoding="utf-8").encode()).hexdigest()[:16]
+    return digest_of([path.read_text(encoding="utf-8").encode()])
