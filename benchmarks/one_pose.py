@@ -72,11 +72,11 @@ def rows(name: str, count: int) -> Iterator[Row]:
     arm.ik(targets[0])
     index, place = arm.atlas, ROUTINE.first["closed"]
     assert isinstance(index, AtlasIndex)
-    kept = int(index._routines[place])
+    kept = int(index._task.routines[place])
     for way in ("closed form", "atlas") if arm.structure.word != "none" else ("atlas",):
-        index._routines[place] = kept if way == "closed form" else 0
+        index._task.routines[place] = kept if way == "closed form" else 0
         found = parts(arm, targets, way == "closed form")
-        index._routines[place] = kept
+        index._task.routines[place] = kept
         row: Row = {"arm": f"{name}, {way}"}
         yield row | {f">{part}": f"{value:.2f}" for part, value in found.items()}
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import html
+_MARKUP = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&#x27;"})
+"""What `html.escape` replaces. Importing `html` takes a millisecond, for a table of two thousand entities."""
 
 
 def printable(text: str, keep: str = "") -> str:
@@ -25,4 +26,4 @@ def printable(text: str, keep: str = "") -> str:
 
 def in_html(text: str) -> str:
     """Escape text as `printable` does, and for HTML: no tag and no entity remains."""
-    return html.escape(printable(text))
+    return printable(text).translate(_MARKUP)

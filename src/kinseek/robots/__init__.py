@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kinseek.errors import InvalidRobot, suggest
+from kinseek.support.lazy_imports import lazy_names
 
 from .adapters import (
     described,
@@ -26,7 +27,6 @@ from .chain import Limits, SerialChain, with_limits
 from .dh import read_dh
 from .files import instead_of_a_description
 from .mechanism import Mechanism
-from .mjcf import read_mjcf
 from .urdf import Urdf, read_urdf, urdf_of_file
 
 MAKERS = "kinseek.load(name or file), Arm.from_dh(rows, lower, upper), Arm.from_fk(function, lower, upper)"
@@ -34,6 +34,7 @@ MAKERS = "kinseek.load(name or file), Arm.from_dh(rows, lower, upper), Arm.from_
 
 if TYPE_CHECKING:
     from .calibration import Calibration
+    from .mjcf import read_mjcf
 
 __all__ = [
     "BlackBox",
@@ -50,6 +51,8 @@ __all__ = [
     "read_mjcf",
     "read_urdf",
 ]
+
+__getattr__, __dir__ = lazy_names(globals(), {"read_mjcf": ".mjcf"})
 
 
 def read(
@@ -100,7 +103,7 @@ def read(
                 f"{changed[0]}{' of a file' * (changed[0] == 'limits')} is for a URDF, and this source is none; expected a "
                 "bundled arm, a .urdf or .xacro file, or the text of a URDF"
             )
-        chain = read_mjcf(found, base, tip) if isinstance(found, Path) else _read_model(found, base, tip)
+        chain = _read_mjcf(found, base, tip) if isinstance(found, Path) else _read_model(found, base, tip)
         return chain if ranges is None else with_limits(chain, ranges)
     if calibration is not None:
         from .calibration import calibrated
@@ -174,6 +177,12 @@ def _find(
 
 def _is_bundled(source: Any) -> bool:
     return isinstance(source, str) and source in catalog_names()
+
+
+def _read_mjcf(path: Path, base: str | None, tip: str | None) -> SerialChain:
+    from .mjcf import read_mjcf
+
+    return read_mjcf(path, base, tip)
 
 
 def _read_model(source: Any, base: str | None, tip: str | None) -> SerialChain:

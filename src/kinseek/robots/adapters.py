@@ -15,8 +15,6 @@ from kinseek.support.forks import importing
 from kinseek.support.interrupts import raise_of_handler
 
 from .chain import SerialChain
-from .mjcf import read_model
-from .pinocchio_model import read_pinocchio
 from .urdf import Urdf, urdf_of_file
 
 _DECLARATION = re.compile(r"^\s*<\?xml[^>]*\?>")
@@ -64,9 +62,13 @@ def read_model_of_library(source: Any, base: str | None, tip: str | None) -> Ser
     """
     packages = _packages(source)
     if "pinocchio" in packages:
+        from .pinocchio_model import read_pinocchio
+
         model = getattr(source, "model", source)  # A RobotWrapper holds its model.
         return read_pinocchio(model, base, tip) if hasattr(model, "jointPlacements") else None
     if "mujoco" in packages and hasattr(source, "body_parentid"):
+        from .mjcf import read_model
+
         return read_model(source, base, tip, where="the MuJoCo model")
     return None
 

@@ -7,9 +7,9 @@ import stat
 from collections.abc import Iterator, Mapping
 from itertools import accumulate
 from pathlib import Path, PureWindowsPath
-from urllib.parse import unquote
 
 from kinseek.errors import InvalidRobot
+from kinseek.support.forks import importing
 
 from .files import require_here
 
@@ -30,9 +30,9 @@ def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path], option
     """
     if (found := in_package(name)) is None:
         rest = name.rpartition("://")[2]
-        require_here(unquote(rest), robot, packages.values())
-        path = robot.parent / (unquote(rest) if rest != name else rest)
-        return path if os.path.isfile(path) else robot.parent / unquote(rest)
+        require_here(_unquoted(rest), robot, packages.values())
+        path = robot.parent / (_unquoted(rest) if rest != name else rest)
+        return path if os.path.isfile(path) else robot.parent / _unquoted(rest)
     package, inside = found
     for folder in _folders(package, robot, packages):
         if os.path.isfile(folder / inside):
@@ -53,13 +53,21 @@ def in_package(name: str) -> tuple[str, str] | None:
         return None
     if scheme not in ("package", "model"):
         raise InvalidRobot(f"{name!r} is neither a path nor a package:// address")
-    package, _, inside = unquote(rest).partition("/")
+    package, _, inside = _unquoted(rest).partition("/")
     if not PureWindowsPath(package).parts or not (_stays_inside(package) and _stays_inside(inside)):
         raise InvalidRobot(
             f"{name!r} leads out of its package: got the path {inside!r} in the package {package!r}, expected the name of a "
             "folder and a relative path that stays in it"
         )
     return package, inside
+
+
+def _unquoted(address: str) -> str:
+    """Replace %xx escapes."""
+    with importing:
+        from urllib.parse import unquote
+
+    return unquote(address)
 
 
 def is_planted(entry: Path, robot: Path) -> bool:

@@ -19,12 +19,11 @@ from kinseek.support.units import warn_of_joints
 
 from .chain import Array, Frame, Limits, SerialChain
 from .checks import refuse_arm, refuse_file
-from .files import MOST_JOINTS, require_few
+from .files import MOST_JOINTS, file_bytes, require_few
 from .joints import Joint, Mimics, Segment, joined, serial_chain
 from .several_axes import SEVERAL_AXES, joints_of
 from .tree import frame_path
 from .urdf_file import Robot, UrdfJoint, read_robot
-from .xacro import urdf_text
 
 
 class Urdf(NamedTuple):
@@ -67,9 +66,14 @@ def urdf_of_file(
         InvalidRobot: The file cannot be read or expanded.
     """
     path = Path(path)
-    if (args or packages) and path.suffix.lower() != ".xacro":
+    if path.suffix.lower() == ".xacro":
+        from .xacro import expand_xacro
+
+        text = expand_xacro(path, args, packages, trusted)
+    elif args or packages:
         raise InvalidRobot(f"args and packages are for .xacro files, got {str(path)!r}")
-    text = urdf_text(path, args, packages, trusted)
+    else:
+        text = file_bytes(path)
     return Urdf(text, str(path), path.name.split(".")[0], packages or {})
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
@@ -30,8 +32,6 @@ from kinseek.kernels.atlas.task import (
     with_ranges,
 )
 from kinseek.kernels.pointers import handle_of
-from kinseek.kernels.ranges.search import range_routines
-from kinseek.kernels.ranges.steps import POSES
 from kinseek.kernels.structure.one_answer import closed_routine
 from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
@@ -105,17 +105,13 @@ class AtlasIndex(Lazy):
             plain=PLAIN,
             structure=self.structure.numbers,
         )
-        self.lengths, self._routines = lengths, task.routines
+        self.lengths, self._task = lengths, task
         self._arrays = ROWS.arrays(task)
         self.handle = handle_of(self._arrays)
         """Addresses of the arrays, for kernels, and of the routines that they call."""
         # The values are found by solving poses of the samples, which needs the finished task.
         if not known:
             choose_swept_values(self.structure, self.handle, size, samples)
-        # Zeros until the first goal with ranges comes, since `range_routines` loads or compiles kernels; see `range_handle`.
-        self._range_routines = np.zeros_like(task.routines)
-        self._range_arrays = ROWS.arrays(with_ranges(task, POSES, self._range_routines))
-        self._range_addresses = handle_of(self._range_arrays)
         self.address: int = self.handle.ctypes.data
         """Address of `handle`, for kernels that are called often."""
         self.plain = PLAIN
@@ -137,8 +133,15 @@ class AtlasIndex(Lazy):
     @lazy
     def range_handle(self) -> Indices:
         """Like `handle`, for goals with ranges."""
-        self._range_routines[:] = ROUTINE.numbers(range_routines(), np.int64)
-        return self._range_addresses
+        return handle_of(self._range_arrays)
+
+    @lazy
+    def _range_arrays(self) -> list[NDArray[Any]]:
+        from kinseek.kernels.ranges.search import range_routines
+        from kinseek.kernels.ranges.steps import POSES
+
+        routines = ROUTINE.numbers(range_routines(), np.int64)
+        return ROWS.arrays(with_ranges(self._task, POSES, routines))
 
     def is_far(self, tolerances: Array, target: Array) -> bool:
         """Return whether a target, (3, 4), is so far that the nearest pose is computed directly; see `kernels.atlas.far`."""
