@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 import kinseek
 from benchmarks.targets import plain_fk, pose_errors, random_joints
 from kinseek.kernels.atlas.one_goal import solve_plain
+from kinseek.kernels.atlas.tree import BESIDE, LEAF_SIZE
+from kinseek.kinds import POSE
 from kinseek.robots.joints import Joint, serial_chain
 from kinseek.solvers.atlas.index import AtlasIndex, atlas_of
 from kinseek.support.transforms import rotation, transform
@@ -477,3 +479,20 @@ def test_a_small_atlas_works_too(samples: int) -> None:
     arm = kinseek.load("ur5e")
     solution = arm.ik(targets_of(arm, 200), solver=kinseek.Atlas(samples=samples))
     assert solution.success.mean() >= 0.99
+
+
+@pytest.mark.parametrize("name", ["ur5e", "scara4"])
+@pytest.mark.parametrize("samples", [8, 16, 64, 1024, 4096])
+def test_every_leaf_lists_those_with_the_nearest_centres(name: str, samples: int) -> None:
+    chain = kinseek.load(name).chain
+    tree = AtlasIndex(chain, POSE, chain.arrays, samples).sorted.tree
+    centres = np.zeros(tree.points.shape[:2])
+    for j in range(LEAF_SIZE):
+        centres += tree.points[:, :, j] / LEAF_SIZE
+    for leaf, listed in enumerate(tree.beside):
+        far = ((centres - centres[leaf]) ** 2).sum(axis=1)
+        far[leaf] = -1.0
+        some = min(BESIDE, len(far))
+        np.testing.assert_allclose(far[listed[:some]], np.sort(far)[:some], rtol=1e-9)
+        assert len(set(listed[:some].tolist())) == some
+        assert (listed[some:] == -1).all()

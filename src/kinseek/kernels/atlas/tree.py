@@ -39,6 +39,9 @@ them."""
 BESIDE = 12
 """Leaves that `scan_beside` scans, the point's own leaf first; an even number."""
 
+BLOCK = 64
+"""Leaves that are passed over at once when the neighbours of a leaf are listed; a power of two. Not examined further."""
+
 if BESIDE % 2 != 0:
     raise TypeError(f"the leaves that are scanned come in pairs, got {BESIDE}, expected an even number")
 
@@ -112,6 +115,7 @@ def sort_tree(points: Array, order: Indices, tree: Tree) -> None:
 def _list_leaves_beside(points: Array, beside: Indices) -> None:
     """List the neighbours of each leaf in an array that is filled with -1, see `Tree`."""
     leaves, dimensions = points.shape[0], points.shape[1]
+    block = min(BLOCK, leaves)  # Both are powers of two.
     centres = np.zeros((dimensions, leaves))
     for leaf in range(leaves):
         for d in range(dimensions):
@@ -127,18 +131,34 @@ def _list_leaves_beside(points: Array, beside: Indices) -> None:
                 gap = centres[d, other] - x
                 far[other] += gap * gap
         far[leaf] = -1.0  # A leaf comes first in its own list, also where leaves coincide.
+        # No neighbour is farther away than the farthest one of those in the leaf's own block.
         for b in range(BESIDE):
             gaps[b] = np.inf
-        for other in range(leaves):
-            value = far[other]
-            if value >= gaps[BESIDE - 1]:
-                continue
-            at = BESIDE - 1
-            while at > 0 and gaps[at - 1] > value:
-                gaps[at] = gaps[at - 1]
-                beside[leaf, at] = beside[leaf, at - 1]
-                at -= 1
-            gaps[at], beside[leaf, at] = value, other
+        home = leaf - leaf % block
+        for other in range(home, home + block):
+            _list_if_nearer(far[other], other, gaps, beside[leaf])
+        most = gaps[BESIDE - 1]
+        for b in range(BESIDE):
+            gaps[b], beside[leaf, b] = np.inf, -1
+        for first in range(0, leaves, block):
+            near = 0
+            for i in range(block):
+                near += 1 if far[first + i] <= most else 0
+            if near > 0:
+                for other in range(first, first + block):
+                    if far[other] <= most:
+                        _list_if_nearer(far[other], other, gaps, beside[leaf])
+
+
+@inlined
+def _list_if_nearer(value: float, other: int, gaps: Array, beside: Indices) -> None:
+    """Insert a leaf at a distance into a sorted list, (BESIDE,), behind those that are as near."""
+    if value < gaps[BESIDE - 1]:
+        at = BESIDE - 1
+        while at > 0 and gaps[at - 1] > value:
+            gaps[at], beside[at] = gaps[at - 1], beside[at - 1]
+            at -= 1
+        gaps[at], beside[at] = value, other
 
 
 @noinline
