@@ -9,6 +9,7 @@ import pytest
 
 import kinseek
 from kinseek import Scene
+from kinseek.collision import Sphere
 from kinseek.collision.charts import _inside
 from kinseek.collision.engine import Engine
 from kinseek.collision.share import share
@@ -105,6 +106,24 @@ def test_what_limits_keep_apart_is_never_near_inside_them() -> None:
         assert nearest[:200].min() >= inside[m] - 2e-6
     # Beyond the limits nothing is taken for granted.
     assert (engine.free(q, 0.0) == engine.exactly_free(q, 0.0)).all()
+
+
+def test_a_chart_that_is_divided_to_the_end_has_all_its_cells() -> None:
+    """The undecided cells of the last level have no children; behind the chart are other charts, or foreign memory."""
+    arm = kinseek.Arm.from_dh([[0.4, 0, 0, 0]] * 3, [-3] * 3, [3] * 3)
+    scene = Scene.of(arm, capsules=0.02, samples=100)
+    scene.attach("held", Sphere(0.036), "link2", kinseek.pose([-0.158, 0.181, 0.049]))
+    engine = scene._engine
+    axes, below = column(engine, "chart_axes"), column(engine, "below")
+    ends = [*axes[1:, 4], len(below)]
+    assert len(axes) == 3
+    for first, end in zip(axes[:, 4], ends, strict=True):
+        assert below[first:end].max() + 4 <= end - first
+    q = np.linspace(2.4, 2.6, 2001)[:, None] * [0, 1, 0] + [0, 0, 1]
+    apart = engine.exactly_free(q, 0.0)
+    assert 0 < apart.sum() < len(q)
+    np.testing.assert_array_equal(scene.free(q), apart)
+    assert not scene.free_motion(q[:-1], q[1:])[~(apart[:-1] & apart[1:])].any()
 
 
 def test_parts_of_a_turn_that_are_inside_limits() -> None:

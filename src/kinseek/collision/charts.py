@@ -146,14 +146,15 @@ def chart_of(
     counts = top = _counts(moves, _FIRST)
     where, spent = np.argwhere(np.ones(counts)), 0
     cells, below, inside = np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
-    for _ in range(_LEVELS):
+    for level in range(_LEVELS):
         overlap, values = within_limits(counts)[tuple(where.T)], np.zeros(len(where))
         values[overlap] = cell_bounds(where[overlap], counts)
         left, spent = overlap & (values == 0), spent + int(overlap.sum())
         places = len(cells) + np.flatnonzero(left)
         cells, inside = np.concatenate([cells, values]), np.concatenate([inside, overlap])
         below = np.concatenate([below, np.zeros(len(where), dtype=np.int64)])
-        if not len(places) or spent + 4 * len(places) > _MOST:
+        # Cells of the last level are not divided: kernels would read children that do not exist.
+        if level == _LEVELS - 1 or not len(places) or spent + 4 * len(places) > _MOST:
             break
         # Children are appended in groups of four, so one index per cell is enough.
         below[places] = len(cells) + 4 * np.arange(len(places))
