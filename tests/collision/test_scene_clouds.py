@@ -250,6 +250,11 @@ def test_a_cloud_is_replaced() -> None:
         ),
         (np.ones((2, 2, 2), dtype=bool), 0.0, "size must be a length above 0 m, got 0"),
         (np.ones((2, 2, 2), dtype=bool), np.nan, "size must be a length above 0 m, got nan"),
+        (
+            np.ma.masked_array(np.eye(2, dtype=bool)[None], mask=[[[False, True], [False, False]]]),
+            0.1,
+            "1 of 4 cells are masked",
+        ),
     ],
 )
 def test_grids_that_are_none_are_rejected(occupied: Any, size: float, message: str) -> None:
@@ -265,6 +270,12 @@ def test_grids_that_are_none_are_rejected(occupied: Any, size: float, message: s
         (np.zeros((0, 3)), {}, r"shape \(k, 3\) with k at least 1, got \(0, 3\)"),
         (np.zeros((4, 2)), {}, r"got \(4, 2\)"),
         ([[0.0, np.inf, 0.0]], {}, "1 of 1 points hold NaN or infinity"),
+        (
+            np.ma.masked_array(np.zeros((2, 3)), mask=np.eye(2, 3, dtype=bool)),
+            {},
+            "2 of 6 numbers are masked",
+        ),
+        (np.full((1, 3), 1j), {}, "3 of 3 numbers have an imaginary part"),
         ([[0.0, 0.0, 1.0]], {"radius": 0.0}, "radius must be a length above 0 m, got 0"),
         ([[0.0, 0.0, 1.0]], {"radius": -0.1}, r"radius must be a length above 0 m, got -0\.1"),
         ([[0.0, 0.0, 1.0]], {"simplify": 0.0}, "simplify must be a length above 0 m, got 0"),

@@ -367,7 +367,7 @@ class Scene(Contents):
         is free of everything that rests there.
 
         Args:
-            trajectory: Motion of this arm, of `Path.timed` or `Arm.move_to`.
+            trajectory: Motion of this arm, of `Path.timed` or `Arm.move`.
             others: Motions of other arms of the scene, by their names in `add_arm`; they begin at time 0.
             clearance: Minimum distance of bodies [m].
             delay: Time at which this arm begins to move [s].

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from kinseek.errors import InvalidRobot, InvalidScene
 from kinseek.support.interrupts import uninterrupted
 from kinseek.support.lazy import Lazy, lazy
+from kinseek.support.validation import as_float_array
 
 from .geometry import library, triangles
 from .hulls import convex_hull
@@ -256,8 +257,7 @@ class Mesh(Shape):
     def __post_init__(self) -> None:
         """Validate the mesh."""
         try:
-            vertices = np.array(self.vertices, dtype=np.float64)
-            faces = np.array(self.faces, dtype=np.float64)
+            vertices, faces = as_float_array(self.vertices), as_float_array(self.faces)
         except (TypeError, ValueError, OverflowError) as error:
             raise InvalidScene(f"{self.name}: expected vertices (k, 3) and faces (f, 3): {error}") from None
         if any(each.shape != (0,) and (each.ndim != 2 or each.shape[1] != 3) for each in (vertices, faces)):
@@ -526,6 +526,12 @@ class Voxels(Cloud):
                 f"occupied must be Boolean, with 3 dimensions, got {grid.dtype} of shape {grid.shape}; compare "
                 "probabilities with a threshold: grid > 0.5"
             )
+        # Whether the type is plain is asked first, as in `as_float_array`.
+        given: Any = self.occupied
+        if type(given) is not np.ndarray and (count := int(np.ma.getmaskarray(given).sum())):
+            raise InvalidScene(
+                f"{count:,} of {grid.size:,} cells are masked; say whether they are occupied: occupied.filled(True)"
+            )
         if max(grid.shape) > _MOST_CELLS:
             raise InvalidScene(
                 f"a grid has at most {_MOST_CELLS:,} cells along each axis, got shape {grid.shape}"
@@ -567,7 +573,7 @@ def cloud_points(cloud: ArrayLike) -> Array:
         InvalidScene: There is none, or they are no finite numbers of this shape, or too far from the origin.
     """
     try:
-        points = np.array(cloud, dtype=np.float64)
+        points = as_float_array(cloud)
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidScene(f"a cloud must be numbers, (k, 3): {error}") from None
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
