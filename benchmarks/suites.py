@@ -3,23 +3,27 @@
 Nothing of these suites is part of this repository: clone those that are wanted, and give the folders. Each is recognised by
 what it contains.
 
-- *EAIK* (OstermD/EAIK, BSD-3-Clause; Ostermeier et al. 2025): the arms of its system tests, given by axes H and offsets P,
-  with as many random joint values as there. The solutions to be found are these joint values, and those that EAIK, where
-  it is installed, finds to 1e-6 on arms without a locked joint.
+- *EAIK* (OstermD/EAIK, BSD-3-Clause; Ostermeier et al. 2025): the arms of its system tests that are asked for poses, with as
+  many random joint values as there. Known solutions are these joint values, and those that EAIK, where it is installed,
+  finds to 1e-6 on arms without a locked joint.
 - *stereo-sew* (rpiRobotics/stereo-sew, BSD-3-Clause; Elias and Wen 2024): the ten families of random arms of seven joints of
   its correctness tests, 100 arms of each with random joint values.
-- *ssik* (personalrobotics/ssik, BSD-3-Clause): the URDF files of its fixtures, at the joint values of its manifest and of
-  its tests, as far as they are inside the limits, and at random ones; on arms of seven joints a twentieth as many.
+- *ssik* (personalrobotics/ssik, BSD-3-Clause): the URDF files of its fixtures, by the solver that it chooses for them, at
+  the joint values of its manifest and of its tests that are inside the limits, and at random ones; on arms of seven joints
+  a twentieth as many, for each gets an arm of its own with a locked joint. It lists no solutions but these.
 - *robometrics* (fishbotics/robometrics, MIT; its data MIT and BSD-3-Clause): goals of a Panda's hand in scenes, with listed
-  joint values. Its two large sets are in Git LFS; each set that is there in full is read.
+  joint values. Each set that is there in full is read; the two large ones are in Git LFS, one of which is
+  MotionBenchMaker's.
 - *MotionBenchMaker*, as VAMP has it (folder `resources/panda` of KavrakiLab/vamp, Apache-2.0; Chamzas et al. 2022): the
   poses in which its problems end, in their scenes. robometrics needs this folder, too, for the hulls of the Panda.
 
 A goal is *exact* if `arm.ik` reports a success, and pinocchio finds from the URDF file that its joint values reach the goal
 within 1e-6 m and 1e-6 rad and are inside the limits. A known solution is *found* if `arm.branches` has it within 1e-3 rad
 modulo 2π. On arms of seven joints the joints that the test names, else the third, are locked at the values of the known
-solution, so that finitely many are left. *Wrong* counts branches that pinocchio does not confirm. *Free in the scene* counts
-goals that are exact and whose joint values touch nothing by MuJoCo. Times are medians of the second call of each goal.
+solution, so that in general finitely many are left. *On self-motions* are those of which infinitely many are left; such a
+solution is found if `arm.ik(T, near=...)` returns it. *Wrong* counts branches that pinocchio does not confirm. *Free in the
+scene* counts goals that are exact and whose joint values touch nothing by MuJoCo. Times are medians of the second call of
+each goal.
 
     python -m benchmarks.suites EAIK ssik stereo-sew robometrics vamp/resources/panda    # writes benchmarks/suites.md
     python -m benchmarks.suites EAIK --quick                                             # a few of each, printed
@@ -29,12 +33,14 @@ from __future__ import annotations
 
 import argparse
 import ast
+import operator
 import re
 import tempfile
 import time
 import tomllib
 from collections.abc import Callable, Iterator
 from copy import copy
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -55,6 +61,15 @@ Array = NDArray[np.float64]
 
 SAME = 1e-3
 """[rad]"""
+
+
+OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+}
+"""In the vectors of EAIK's tests."""
 
 
 class Model(NamedTuple):
@@ -120,6 +135,8 @@ class Found(NamedTuple):
     exact: bool
     listed: int
     found: int
+    sampled: int
+    """Of the known solutions, those of which there are infinitely many."""
     wrong: int
     ik: float
     branches: float
@@ -171,18 +188,12 @@ def _vectors(text: str) -> Array:
         match node:
             case ast.Name(id=name):
                 return names[name]
-            case ast.Constant(value=float() | int() as number):
+            case ast.Constant(value=number):
                 return number
             case ast.UnaryOp(op=ast.USub(), operand=one):
                 return -value(one)
-            case ast.BinOp(left=a, op=ast.Add(), right=b):
-                return value(a) + value(b)
-            case ast.BinOp(left=a, op=ast.Sub(), right=b):
-                return value(a) - value(b)
-            case ast.BinOp(left=a, op=ast.Mult(), right=b):
-                return value(a) * value(b)
-            case ast.BinOp(left=a, op=ast.Div(), right=b):
-                return value(a) / value(b)
+            case ast.BinOp(left=a, op=op, right=b):
+                return OPERATORS[type(op)](value(a), value(b))
         raise ValueError(f"not understood: {ast.unparse(node)}")
 
     tree = ast.parse(f"({text.strip()},)", mode="eval").body
@@ -244,7 +255,10 @@ def ssik(folder: Path, count: int) -> Iterator[Goal]:
             continue
         path = folder / "tests" / "fixtures" / entry["fixture"]
         model = Model.read(name, path, entry["base_link"], entry["ee_link"])
-        ends = model.judge.arm.lower, model.judge.arm.upper
+        ends = (  # Those of the soft limits that kinseek keeps, half a turn where there are none.
+            np.maximum(model.arm.lower, model.judge.arm.lower),
+            np.minimum(model.arm.upper, model.judge.arm.upper),
+        )
         own = np.array([entry["sample_q"], *picked.get(entry["fixture"], [])])
         own = own[((own >= ends[0]) & (own <= ends[1])).all(axis=1)]
         many = rng.uniform(*ends, (count if model.arm.dof < 7 else max(1, count // 20), model.arm.dof))
@@ -306,28 +320,37 @@ def twice(ask: Callable[[], Any]) -> tuple[Any, float]:
 def answered(goal: Goal, locked: dict[tuple[float, ...], kinseek.Arm]) -> Found:
     """Ask for a solution and for all of them; arms with locked joints are kept."""
     arm = goal.model.arm
-    solution, took = twice(lambda: arm.ik(goal.T, scene=goal.scene))
+    solution, took = twice(partial(arm.ik, goal.T, scene=goal.scene))
     exact = bool(solution.success and _exact(goal, solution.q[None])[0])
     free = goal.scene is not None and exact and not Outside(goal.scene, arm).depths(solution.q[None]).any()
-    found, wrong, times = 0, 0, list[float]()
+    found, sampled, wrong, times = 0, 0, 0, list[float]()
     fixed = list(goal.fixed)
+    rest = [i for i in range(arm.dof) if i not in fixed]
     for values in np.unique(goal.known[:, fixed], axis=0):
         key = tuple(values.tolist())
         if key not in locked:
             names = [arm.joint_names[i] for i in fixed]
             locked[key] = arm.with_locked(dict(zip(names, key, strict=True))) if fixed else arm
-        branches, spent = twice(lambda part=locked[key]: part.branches(goal.T))  # type: ignore[misc]
+        part = locked[key]
+        branches, spent = twice(partial(part.branches, goal.T))
         times.append(spent)
         q = np.empty((len(branches.q), arm.dof))
-        q[:, fixed] = values
-        q[:, [i for i in range(arm.dof) if i not in goal.fixed]] = branches.q
+        q[:, fixed], q[:, rest] = values, branches.q
         wrong += int((~_exact(goal, q)).sum())
-        known = goal.known[(goal.known[:, fixed] == values).all(axis=1)]
-        turn = np.abs((known[:, None] - q[None] + np.pi) % (2.0 * np.pi) - np.pi).max(axis=2)
-        found += int((turn.min(axis=1, initial=np.inf) <= SAME).sum())
-    return Found(
-        exact, len(goal.known), found, wrong, took, float(np.median(times)) if times else np.nan, free
-    )
+        known = goal.known[(goal.known[:, fixed] == values).all(axis=1)][:, rest]
+        if branches.sampled:
+            sampled += len(known)
+            apart = np.array([_apart(each, part.ik(goal.T, near=each).q) for each in known])
+        else:
+            apart = _apart(known[:, None], branches.q).min(axis=1, initial=np.inf)
+        found += int((apart <= SAME).sum())
+    middle = float(np.median(times)) if times else np.nan
+    return Found(exact, len(goal.known), found, sampled, wrong, took, middle, free)
+
+
+def _apart(q: Array, other: Array) -> Array:
+    """Largest difference of a joint modulo full turns, (..., n) -> (...)."""
+    return np.asarray(np.abs((q - other + np.pi) % (2.0 * np.pi) - np.pi).max(axis=-1))
 
 
 def row(kind: str, goals: list[Goal], results: list[Found]) -> Row:
@@ -341,6 +364,7 @@ def row(kind: str, goals: list[Goal], results: list[Found]) -> Row:
         ">exact": sum(each.exact for each in results),
         ">known solutions": sum(each.listed for each in results),
         ">found": sum(each.found for each in results),
+        ">on self-motions": sum(each.sampled for each in results),
         ">wrong": sum(each.wrong for each in results),
         ">`ik` µs": f"{np.median([each.ik for each in results]):.1f}",
         ">`branches` µs": f"{np.median(branches):.0f}" if branches else "–",
