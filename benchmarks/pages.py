@@ -47,11 +47,16 @@ PAGES = {
     "since.md": Made("benchmarks.since", (*SOLVING, "proof", "paths")),
     "speed.md": Made("benchmarks.field --table", SOLVING),
     "streams.md": Made("benchmarks.streams", ("paths", "collision")),
+    "suites.md": Made("benchmarks.suites", (*SOLVING, "collision")),
     "trajectories.md": Made("benchmarks.trajectories", ("timing",)),
     "unreachable.md": Made("benchmarks.unreachable", ("atlas", "proof")),
 }
 
-GIVEN = {"planning.md": "the folder of its data", "since.md": "a commit"}
+GIVEN = {
+    "planning.md": "the folder of its data",
+    "since.md": "a commit",
+    "suites.md": "the folders of its data",
+}
 """Pages whose command takes what nobody can know here."""
 
 
