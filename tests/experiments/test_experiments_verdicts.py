@@ -334,7 +334,7 @@ def test_the_story_quotes_the_rows() -> None:
     exchanged = {"lengths": "0.25, 0.5", "position_weight": 1.0}
     quotes = [
         f"mirrored elbow for {100 * one('question_06_walk', 'mirrored_first', divisions=4, **four):.0f} % of all goals",
-        f"these are {100 * one('question_06_walk', 'mirrored_of_lost', divisions=4, **four):.0f} %",
+        f"for {100 * one('question_06_walk', 'mirrored_of_lost', divisions=4, **four):.0f} % of the goals that end",
         f"out of reach for {100 * one('question_06_walk', 'out_of_reach', divisions=4, **four):.0f} % of the goals",
         f"{100 * one('question_06_walk', 'lost_of_out', divisions=4, **four):.0f} % of those are lost",
         f"against {100 * one('question_06_walk', 'lost_of_in', divisions=4, **four):.1f} % of the others",
