@@ -421,6 +421,7 @@ def main() -> None:
     page, misses = Page("Suites of others", "benchmarks.suites", __doc__), list[str]()
     page.rows(measured(options, misses))
     page.head("Misses")
+    page.say("Without `prove=True`, `branches` does not claim that a list is complete.")
     page.items(misses)
     page.end(options)
 
