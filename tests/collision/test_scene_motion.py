@@ -149,8 +149,8 @@ def test_samples_are_counted_up_to_the_first_that_is_not_free(cell: tuple[kinsee
     assert len(np.unique(found)) > 5
     assert (found == counts).any()
     assert scene.free_samples(a[0], a[0], 3) == 3 * scene.free(a[0])
-    for wrong in (np.zeros(200, dtype=int), counts[:-1], counts + 0.5):
-        with pytest.raises(kinseek.InvalidProblem, match="counts must be integers above 0"):
+    for wrong in (np.zeros(200, dtype=int), counts[:-1], counts + 0.5, counts + 2**40):
+        with pytest.raises(kinseek.InvalidProblem, match="counts must be integers from 1 to 1,000,000"):
             scene.free_samples(a, b, wrong)
 
 

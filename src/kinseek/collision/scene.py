@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+MOST_SAMPLES = 1_000_000
+"""Maximum number of samples of one motion: a kernel that nothing interrupts checks some millions in a second."""
+
 
 class Nearest(NamedTuple):
     """The two bodies that are nearest to each other, among all checked pairs."""
@@ -237,7 +240,7 @@ class Scene(Contents):
         Args:
             q0: Joint values at the begins, before the first samples, (k, n) [rad] or [m].
             q1: Joint values at the ends, which are the last samples, (k, n).
-            counts: Number of samples of each motion, evenly spaced, (k,) of integers above 0.
+            counts: Number of samples of each motion, evenly spaced, (k,) of integers from 1 to 1,000,000.
             clearance: Minimum distance of bodies [m].
 
         Returns:
@@ -249,8 +252,11 @@ class Scene(Contents):
         """
         starts, way, shape = self._ways(q0, q1)
         numbers = np.asarray(counts)
-        if numbers.shape != shape or numbers.dtype.kind != "i" or numbers.min(initial=1) < 1:
-            raise InvalidProblem(f"counts must be integers above 0 of shape {shape}, got {numbers!r}")
+        whole = numbers.shape == shape and numbers.dtype.kind == "i"
+        if not whole or not ((numbers >= 1) & (numbers <= MOST_SAMPLES)).all():
+            raise InvalidProblem(
+                f"counts must be integers from 1 to {MOST_SAMPLES:,} of shape {shape}, got {numbers!r}"
+            )
         least = length_or_zero("clearance", clearance)
         return self._engine.free_samples(starts, way, numbers.astype(np.int64).ravel(), least).reshape(shape)
 
