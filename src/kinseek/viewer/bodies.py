@@ -127,7 +127,7 @@ def _same_shapes(one: DrawnBody, other: DrawnBody) -> bool:
         one.alone == other.alone
         and len(one.parts) == len(other.parts)
         and all(
-            a.shape == b.shape and np.array_equal(a.pose, b.pose)
+            a.shape == b.shape and bool((a.pose == b.pose).all())
             for a, b in zip(one.parts, other.parts, strict=True)
         )
     )

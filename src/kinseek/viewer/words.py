@@ -235,7 +235,7 @@ def changes_of(before: Iterable[DrawnBody], after: Iterable[DrawnBody]) -> list[
     for name, body in now.items():
         old = known.get(name)
         same = old is not None and old.parts[0].shape == body.parts[0].shape
-        if same and old is not None and np.array_equal(old.frame.pose, body.frame.pose):
+        if same and old is not None and (old.frame.pose == body.frame.pose).all():
             continue
         T, shape = body.frame.pose, body.parts[0].shape
         place = f"kinseek.pose({_rounded(T[:3, 3])}, rpy={_rounded(rpy_of(T[:3, :3]))})"

@@ -33,7 +33,7 @@ from kinseek.kernels.layout import Layout
 from .descent import goal_of
 from .lanes import LANES, Lanes, lanes_forward, pose_column, set_twist, twist_at
 from .memory import ACTIVE, CONVERGED, scratch_of
-from .newton import ENOUGH, FLAT, LONGEST
+from .newton import ENOUGH, LONGEST
 from .seeds import load_seed_row
 from .task import Job, Target, task_at
 
@@ -52,6 +52,9 @@ FORGET, MOST_DAMPING = 1e-4, 1e6
 
 FLATTEST = 1e-9
 """Smallest pivot of the factorisation, relative to the largest diagonal entry."""
+
+ZERO = 1e-100
+"""A Hessian whose diagonal entries are all smaller counts as zero; the inverse of a smaller pivot could overflow."""
 
 OUTLOOK, EARLY = 10.0, 8
 """A lane ends if so many times the predicted decrease would not bring it below the best lane. In the first steps this counts
@@ -82,7 +85,9 @@ class Model(NamedTuple):
     damping: Annotated[Array, LANES]
     """Relative to the largest diagonal entry of the Hessian, (LANES,)."""
     largest: Annotated[Array, LANES]
-    """That entry, (LANES,)."""
+    """That entry; where all are zero, the largest entry of the gradient, (LANES,)."""
+    steepest: Annotated[Array, LANES]
+    """Largest entry of the gradient of a free joint, (LANES,)."""
     predicted: Annotated[Array, LANES]
     """Decrease of the error that the model predicts for the step, (LANES,)."""
     convex: Annotated[Array, LANES]
@@ -263,13 +268,18 @@ def lanes_newton(limits: Limits, lanes: Lanes, model: Model, w: int) -> None:
         len(lanes.q),
     )
     for l in range(w):
-        model.largest[l], model.predicted[l], model.share[l] = FLAT, 0.0, LONGEST
+        model.largest[l], model.steepest[l], model.predicted[l], model.share[l] = 0.0, 0.0, 0.0, LONGEST
     for i in range(n):
         low, high, row = limits.lower[i], limits.upper[i], pair(i, i)
         for l in range(w):
             q, slope = lanes.q[i, l], g[i, l]
             free[i, l] = 0.0 if (q <= low and slope > 0.0) or (q >= high and slope < 0.0) else 1.0
             model.largest[l] = max(model.largest[l], abs(model.hessian[row, l]))
+            model.steepest[l] = max(model.steepest[l], free[i, l] * abs(slope))
+    for l in range(w):
+        # Steepest descent, for example a slide towards a distant goal: the Hessian gives no scale.
+        zero = model.largest[l] < ZERO
+        model.largest[l] = max(model.steepest[l], ZERO) if zero else model.largest[l]
     lanes_factorise(model, w)
     for i in range(n):
         for l in range(w):
