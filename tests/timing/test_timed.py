@@ -289,6 +289,21 @@ def test_in_a_scene_the_whole_motion_is_free() -> None:
     assert scene.free(trajectory.q(np.linspace(0.0, trajectory.duration, 2000)), 0.01).all()
 
 
+def test_a_path_is_not_timed_through_a_body_that_was_added_later() -> None:
+    pytest.importorskip("pinocchio")
+    arm = kinseek.load("ur5e")
+    scene = kinseek.Scene.of(arm, capsules=0.05)
+    T = [kinseek.pose([0.5, y, 0.3], rpy=[np.pi, 0, 0]) for y in np.linspace(-0.3, 0.3, 60)]
+    path = arm.follow(T, scene=scene).require()
+    scene.add_box("later", (0.1, 0.1, 0.1), kinseek.pose([0.5, 0.0, 0.3]))
+    with pytest.raises(
+        kinseek.InvalidProblem, match=r"the step from pose \d+ .*changed since.*plan it again"
+    ):
+        path.timed(acceleration=10.0)
+    scene.remove("later")
+    path.timed(acceleration=10.0)
+
+
 def test_reversals_of_all_joints() -> None:
     # Where all joints turn round at once, the curve has a cusp. Exact symmetry makes many limits equal up to rounding.
     arm, rng = kinseek.load("planar2"), np.random.default_rng(7)

@@ -236,7 +236,8 @@ class Path(Lazy):
         Raises:
             NotReached: Some poses are missed; the error carries the path.
             InvalidProblem: A limit is not a finite number above 0, or the arm has none for a joint; the speed at an end
-                cannot be kept; or in a scene the linear motion across a break is not free.
+                cannot be kept; or in a scene the linear motion across a break is not free, or a step is not, because the
+                scene has changed since.
         """
         from kinseek.timing.timed import Way, timed
 

@@ -81,7 +81,7 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
 
     Raises:
         InvalidProblem: The speed at an end cannot be kept; or the tip has no axes but a speed; or the motion across a break
-            is not free of collision.
+            is not free of collision; or a step is not any more.
     """
     chain = chain_to_tip(way.arm, way.tool)
     if chain is None and (limits.tool_speed is not None or any(tip_speeds)):
@@ -119,7 +119,7 @@ def _free_curves(
         limits: The limits.
 
     Raises:
-        InvalidProblem: A step that is straight from the beginning is not free.
+        InvalidProblem: A step that is straight from the beginning is not free; or one of the path is not free any more.
     """
     places, rows = poses
     s, q, ends_of_joints = places[rows], way.q[rows], way.ends
@@ -153,6 +153,7 @@ def _free_curves(
         around = np.concatenate([curve.deviation for curve in found])[curved]
         free = np.asarray(way.scene.free_motion(q[begins[curved]], q[ends[curved]], way.clearance, around))
         if free.all():
+            _require_unchanged(way, rows, begins[~curved])
             return found, rows[stops]
         for i, j in zip(begins[curved][~free], ends[curved][~free], strict=True):
             # First the spline passes all poses of the piece, then the motion is linear.
@@ -173,6 +174,29 @@ def _require_free(way: Way, q: Array, rows: Indices, steps: Indices) -> None:
         raise InvalidProblem(
             f"at the break after pose {rows[steps[~free][0]]} the linear motion of the joints is not free of "
             f"collision, so the path has no motion in time"
+        )
+
+
+def _require_unchanged(way: Way, rows: Indices, straight: Indices) -> None:
+    """Check that steps on which the arm moves linearly are still free: the scene may have changed since they were proved.
+
+    Args:
+        way: The joint values.
+        rows: Poses that are not nearly equal to the one before, (m,).
+        straight: Where in `rows` the steps begin, (k,).
+
+    Raises:
+        InvalidProblem: One is not.
+    """
+    if way.scene is None or not len(straight):
+        return
+    steps = np.concatenate([np.arange(rows[i], rows[i + 1]) for i in straight])
+    free = np.asarray(way.scene.free_motion(way.q[steps], way.q[steps + 1], way.clearance))
+    if not free.all():
+        step = steps[~free][0]
+        raise InvalidProblem(
+            f"the step from pose {step} to pose {step + 1} is not free of collision, so the path has no motion in time. "
+            f"If the scene has changed since the path was planned, plan it again"
         )
 
 
