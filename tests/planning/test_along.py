@@ -46,6 +46,15 @@ def test_the_tool_stays_upright(name: str, cone: float, smooth: bool) -> None:
     np.testing.assert_array_equal(path.q, again.q)
 
 
+def test_the_arm_stays_where_it_is_if_the_goal_is_there() -> None:
+    _, scene, q0 = cell("panda")
+    along = Goal.pose(DOWN[0], free=FREE, orientation_tolerance=1e-4)
+    path = scene.plan(q0, q0, along=along)
+    assert path.success
+    np.testing.assert_array_equal(path.q, np.tile(q0, (len(path), 1)))
+    assert path.timed(acceleration=5.0).duration == 0.0
+
+
 def test_ends_that_do_not_fulfil_it_are_refused() -> None:
     arm, scene, q0 = cell("ur5e")
     along = Goal.pose(DOWN[0], free=FREE)

@@ -141,7 +141,7 @@ class Space:
             there = (far <= STEP) & on & (np.abs(q - ends[going]).max(axis=1) < SAME)
             q[there] = ends[going[there]]
             left = np.linalg.norm(ends[going] - q, axis=1)
-            on &= left < far - PROGRESS * np.minimum(far, STEP)
+            on &= there | (left < far - PROGRESS * np.minimum(far, STEP))
             on &= np.linalg.norm(q - here, axis=1) <= 2.0 * STEP
             on &= ((q >= self.lower) & (q <= self.upper)).all(axis=1)
             on[on] = self.free_part(here[on], (q - here)[on]) == 1.0
