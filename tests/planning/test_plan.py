@@ -227,11 +227,22 @@ def test_goals_in_collision_are_errors_with_what_is_hit() -> None:
         scene.plan(q0, middle)
     assert raised.value.solution.status is Status.PROVED_BLOCKED
     assert {contact.b for contact in raised.value.solution.contacts} >= {"wall"}
-    with pytest.raises(NotReached) as far:
+    with pytest.raises(NotReached, match=r"off by 2\.\d+ m and ") as far:
         scene.plan(q0, kinseek.pose([3.0, 0.0, 0.3], rpy=DOWN))
     assert far.value.solution.status is Status.PROVED_UNREACHABLE or not far.value.solution.success
     # One that is free is enough.
     assert scene.plan(q0, [blocked, middle, q0 - 0.1]).success
+
+
+def test_free_ends_that_are_too_near_are_not_called_in_collision() -> None:
+    arm, scene = walled("ur5e")
+    q0, q1 = (arm.ik(T, scene=scene).require().q for T in POSES)
+    with pytest.raises(InvalidProblem, match=r"q0 is nearer to a body than the clearance, 0\.5 m, so"):
+        scene.plan(q0, q1, clearance=0.5)
+    clearance = (scene.distance(q0) + scene.distance(q1)) / 2.0
+    begin, goal = (q0, q1) if scene.distance(q0) > scene.distance(q1) else (q1, q0)
+    with pytest.raises(InvalidProblem, match="goal is nearer to a body than the clearance"):
+        scene.plan(begin, goal, clearance=clearance)
 
 
 def test_invalid_arguments() -> None:

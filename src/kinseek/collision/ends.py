@@ -48,7 +48,7 @@ def free_begin(scene: Scene, q0: Any, clearance: float) -> Array:
     nearest = _nearest_free(scene, chain, begin, clearance)
     offer = "" if nearest is None else f". The nearest free joint values found are {_written(nearest)}"
     raise InvalidProblem(
-        f"q0 is in collision, so no motion from there is free: {_contacts(scene, begin, clearance)}{offer}"
+        f"q0 {_fault(scene, begin, clearance)}, so no motion from there is free: {_contacts(scene, begin, clearance)}{offer}"
     )
 
 
@@ -71,9 +71,15 @@ def free_ends(scene: Scene, begin: Array, goal: Any, clearance: float, deadline:
     failed = next((one for one in found if isinstance(one, Solution)), None)
     if failed is None:
         contacts = _contacts(scene, goals[0], clearance)
-        raise InvalidProblem(f"{several}goal is in collision, so no motion to it is free: {contacts}")
-    contacts = f" In the one that collides least: {_listed(failed.contacts)}" if failed.contacts else ""
-    raise NotReached(f"{several}{failed.status}{contacts}", failed)
+        fault = _fault(scene, goals[0], clearance)
+        raise InvalidProblem(f"{several}goal {fault}, so no motion to it is free: {contacts}")
+    if not failed.contacts:
+        errors = (failed.position_error, "m"), (failed.orientation_error, "rad")
+        off = " and ".join(f"{error:.3g} {unit}" for error, unit in errors if np.isfinite(error))
+        raise NotReached(f"{several}{failed.status} It is off by {off}", failed)
+    raise NotReached(
+        f"{several}{failed.status} In the one that collides least: {_listed(failed.contacts)}", failed
+    )
 
 
 def _goals(chain: SerialChain, goal: Any) -> list[Array | Goal]:
@@ -126,6 +132,10 @@ def _nearest_free(scene: Scene, chain: SerialChain, q: Array, clearance: float) 
             line = q + shares * (best - q)
             return np.asarray(line[np.argmax(space.free(line))])
     return None
+
+
+def _fault(scene: Scene, q: Any, clearance: float) -> str:
+    return f"is nearer to a body than the clearance, {clearance:g} m" if scene.free(q) else "is in collision"
 
 
 def _contacts(scene: Scene, q: Any, clearance: float) -> str:
