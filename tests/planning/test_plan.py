@@ -234,6 +234,23 @@ def test_goals_in_collision_are_errors_with_what_is_hit() -> None:
     assert scene.plan(q0, [blocked, middle, q0 - 0.1]).success
 
 
+def test_a_motion_to_limits_ends_at_them_and_stays_inside() -> None:
+    arm = kinseek.load("panda")
+    scene = Scene.of(arm, capsules=0.02)
+    lower, upper = arm.chain.lower, arm.chain.upper
+    rng = np.random.default_rng(0)
+    begins, goals = arm.sample(60, seed=0), arm.sample(60, seed=1)
+    side = rng.random(goals.shape)
+    goals = np.where(side < 0.3, lower, np.where(side < 0.6, upper, goals))
+    free = np.asarray(scene.free(begins)) & np.asarray(scene.free(goals))
+    assert free.sum() >= 10
+    for q0, q1 in zip(begins[free], goals[free], strict=True):
+        path = scene.plan(q0, q1)
+        assert path.success
+        np.testing.assert_array_equal(path.q[[0, -1]], [q0, q1])
+        assert np.all((path.q >= lower) & (path.q <= upper))
+
+
 def test_free_ends_that_are_too_near_are_not_called_in_collision() -> None:
     arm, scene = walled("ur5e")
     q0, q1 = (arm.ik(T, scene=scene).require().q for T in POSES)

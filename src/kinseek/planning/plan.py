@@ -58,7 +58,8 @@ def plan(
         flags = np.array([True, False])
         return replace(nothing, breaks=np.zeros(0, dtype=np.int64), reached=flags, planned=flags)
     order = np.argsort(np.linalg.norm(space.way(ends.q - begin), axis=1), kind="stable")
-    roots = begin + space.way(ends.q[order] - begin)
+    # Not the begin plus the way, which rounding may move out of the limits.
+    roots = ends.q[order] - space.turns(ends.q[order] - begin)
     way = _straight(space, begin, roots)
     if way is None:
         found = search(space, begin, roots, deadline)
@@ -81,7 +82,7 @@ def _straight(space: Space, begin: Array, roots: Array) -> Array | None:
     """Return the first straight way to one of some roots, (k, n), that is free, as (N, n)."""
     rows, reached = space.advance(np.tile(begin, (len(roots), 1)), roots - begin)
     for i in np.flatnonzero(reached):
-        way = np.concatenate([begin[None], rows[i]])
+        way = np.concatenate([begin[None], rows[i][:-1], roots[i : i + 1]])
         if space.proved(way[:-1], way[1:]).all():
             return way
     return None
