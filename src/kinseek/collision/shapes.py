@@ -577,7 +577,10 @@ def cloud_points(cloud: ArrayLike) -> Array:
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidScene(f"a cloud must be numbers, (k, 3): {error}") from None
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
-        raise InvalidScene(f"a cloud must have shape (k, 3) with k at least 1, got {points.shape}")
+        none = (
+            "; where a camera sees nothing, remove the cloud from the scene" if points.shape == (0, 3) else ""
+        )
+        raise InvalidScene(f"a cloud must have shape (k, 3) with k at least 1, got {points.shape}{none}")
     bad = ~np.isfinite(points).all(axis=1)
     if bad.any():
         raise InvalidScene(
