@@ -109,7 +109,8 @@ def test_the_broad_phase_alone_agrees_with_the_pairs_one_by_one(deviation: float
     a = q[:120]
     b = a + np.random.default_rng(1).uniform(0.0, 0.6, (120, 1)) * (q[120:240] - a)
     for clearance in (0.0, 0.01):
-        rates, least = motion._needs(speeds, a, b, clearance, np.full_like(a, deviation))
+        rates = speeds.of(a, b)
+        least = motion._least(speeds, a, b, clearance, np.full_like(a, deviation))
         verdicts, _, _ = engine.broad.free_motions(a, b - a, speeds.levers(a, b), least)
         slowly = np.isnan(motion._stops_of(engine, rates, a, b, least))
         decided = np.isin(verdicts, (FREE, TOUCH))

@@ -112,22 +112,20 @@ def are_free(
         around: How far each joint may be from the linear motion, (k, n); None for not at all.
         thorough: Measure exact distances too where bodies nearly touch for long.
     """
-    free, engine = np.ones(len(q0), dtype=np.bool_), speeds.engine
-    if engine.pairs:
+    free = np.ones(len(q0), dtype=np.bool_)
+    if speeds.engine.pairs:
         for begin in range(0, len(q0), _TOGETHER):
             some = slice(begin, begin + _TOGETHER)
             deviation = None if around is None else around[some]
-            rates, least = _needs(speeds, q0[some], q1[some], clearance, deviation)
-            levers = speeds.levers(q0[some], q1[some])
-            free[some] = _are_free(engine, q0[some], (q1 - q0)[some], rates, levers, least, thorough)
+            least = _least(speeds, q0[some], q1[some], clearance, deviation)
+            free[some] = _are_free(speeds, q0[some], q1[some], least, thorough)
     return free
 
 
-def _are_free(
-    engine: Engine, q: Array, way: Array, rates: Array, levers: Array, least: Array, thorough: bool
-) -> Flags:
+def _are_free(speeds: Speeds, q0: Array, q1: Array, least: Array, thorough: bool) -> Flags:
     """Return which motions are proved free, by the broad phase, and by exact distances in the intervals in doubt."""
-    verdicts, number, parts = engine.broad.free_motions(q, way, levers, least)
+    engine, way = speeds.engine, q1 - q0
+    verdicts, number, parts = engine.broad.free_motions(q0, way, speeds.levers(q0, q1), least)
     free, many = np.asarray(verdicts != TOUCHING), np.flatnonzero(verdicts == MANY)
     if thorough:
         number, parts = (
@@ -143,8 +141,9 @@ def _are_free(
     for chosen in (first, np.setdiff1d(np.arange(len(number)), first)):
         which = chosen[free[number[chosen]]]
         rows, ends = number[which], parts[which].T[..., None]
-        a, b = (q[rows] + end * way[rows] for end in ends)
-        stopped = _stops_of(engine, rates[rows] * (ends[1] - ends[0]), a, b, least[rows])
+        a, b = (q0[rows] + end * way[rows] for end in ends)
+        rates = speeds.of(q0[rows], q1[rows]) * (ends[1] - ends[0])
+        stopped = _stops_of(engine, rates, a, b, least[rows])
         free[rows[~np.isnan(stopped)]] = False
     return free
 
@@ -156,20 +155,18 @@ def stops(speeds: Speeds, q0: Array, q1: Array, clearance: float) -> Array:
     """
     if not speeds.engine.pairs:
         return np.full(len(q0), np.nan)
-    rates, least = _needs(speeds, q0, q1, clearance, None)
-    return _stops_of(speeds.engine, rates, q0, q1, least)
+    least = _least(speeds, q0, q1, clearance, None)
+    return _stops_of(speeds.engine, speeds.of(q0, q1), q0, q1, least)
 
 
-def _needs(
-    speeds: Speeds, q0: Array, q1: Array, clearance: float, around: Array | None
-) -> tuple[Array, Array]:
-    """Return bounds on the motion of each pair, and the distance that it keeps, (k, pairs) [m] each; see `are_free`."""
-    rates, least = speeds.of(q0, q1), np.array(clearance + FINEST)
+def _least(speeds: Speeds, q0: Array, q1: Array, clearance: float, around: Array | None) -> Array:
+    """Return the distance that each pair keeps, (k, pairs) [m]; see `are_free`."""
+    least = np.array(clearance + FINEST)
     if around is not None:
         # The ranges of slides, and with them the levers, are those of the whole motion.
         low, high = np.minimum(q0, q1) - around, np.maximum(q0, q1) + around
         least = least + speeds.of(low, high, around)
-    return rates, np.broadcast_to(least, rates.shape)
+    return np.broadcast_to(least, (len(q0), len(speeds.engine.pairs)))
 
 
 def surely_hits(speeds: Speeds, q: Array, reach: Array, clearance: float) -> bool:
