@@ -73,13 +73,14 @@ def free_ends(scene: Scene, begin: Array, goal: Any, clearance: float, deadline:
         contacts = _contacts(scene, goals[0], clearance)
         fault = _fault(scene, goals[0], clearance)
         raise InvalidProblem(f"{several}goal {fault}, so no motion to it is free: {contacts}")
-    if not failed.contacts:
-        errors = (failed.position_error, "m"), (failed.orientation_error, "rad")
-        off = " and ".join(f"{error:.3g} {unit}" for error, unit in errors if np.isfinite(error))
-        raise NotReached(f"{several}{failed.status} It is off by {off}", failed)
-    raise NotReached(
-        f"{several}{failed.status} In the one that collides least: {_listed(failed.contacts)}", failed
+    errors = (failed.position_error, "m"), (failed.orientation_error, "rad")
+    off = " and ".join(f"{error:.3g} {unit}" for error, unit in errors if np.isfinite(error))
+    why = (
+        f"In the one that collides least: {_listed(failed.contacts)}"
+        if failed.contacts
+        else f"It is off by {off}"
     )
+    raise NotReached(f"{several}{failed.status} {why}", failed)
 
 
 def _goals(chain: SerialChain, goal: Any) -> list[Array | Goal]:

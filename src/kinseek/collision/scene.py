@@ -453,7 +453,7 @@ class Scene(Contents):
         from .surfaces import bodies_hit, outlines
 
         q = (self._chain.lower + self._chain.upper) / 2
-        return scene_card(self, self._chain, outlines(self, q), bodies_hit(self, q[None]))
+        return scene_card(self, self._chain, q, outlines(self, q), bodies_hit(self, q[None]))
 
     @property
     def _engine(self) -> Engine:

@@ -112,7 +112,7 @@ def outlines(scene: Contents, q: Array) -> list[Outlined]:
         carried = "carried" if body.frame.joints else "obstacle" if body.alone else "other arm"
         pose = body.at(scene._chain, q)
         surfaces = [surface_of([part], MOST_POINTS) for part in body.parts]
-        corners = [_moved(np.concatenate([each.vertices, each.points]), pose) for each in surfaces]
+        corners = [moved(np.concatenate([each.vertices, each.points]), pose) for each in surfaces]
         found.append(Outlined(body.name, "link" if body.is_link else carried, shapes, corners))
     return found
 
@@ -135,20 +135,21 @@ def surface_of(parts: Sequence[Part], most: int) -> Surface:
     for shape, pose in parts:
         if isinstance(shape, Cloud):
             step = -(-len(shape.places) // MOST_POINTS)
-            points.append(_moved(shape.places[::step], pose))
+            points.append(moved(shape.places[::step], pose))
             size = 2.0 * (shape.radius if isinstance(shape, Points) else shape.half)
             continue
         corners, sides = _triangles(shape)
         if isinstance(shape, Mesh) and sum(map(len, faces)) + len(sides) > most:
             low, high = corners.min(axis=0), corners.max(axis=0)
             corners, sides, whole = low + (_bits() + 0.5) * (high - low), _BOX, False
-        vertices.append(_moved(corners, pose))
+        vertices.append(moved(corners, pose))
         faces.append(sides + count)
         count += len(corners)
     return Surface(np.concatenate(vertices), np.concatenate(faces), np.concatenate(points), size, whole)
 
 
-def _moved(points: Array, pose: Array) -> Array:
+def moved(points: Array, pose: Array) -> Array:
+    """Return points, (k, 3), moved by a pose, (4, 4)."""
     return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 

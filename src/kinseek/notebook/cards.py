@@ -116,33 +116,25 @@ def certificate_card(certificate: Any) -> str:
     return _card(str(certificate.verdict), table, picture)
 
 
-def scene_card(scene: Any, chain: Any, bodies: Sequence[Any], hit: Collection[str]) -> str:
-    """The bodies of a scene, and the arm among them at the middle of its limits, with those in red that touch there.
+def scene_card(scene: Any, chain: Any, q: Array, bodies: Sequence[Any], hit: Collection[str]) -> str:
+    """The bodies of a scene, and the arm among them, with those in red that touch there.
 
     Args:
         scene: The scene.
         chain: Its arm.
-        bodies: Its bodies, `collision.surfaces.Outlined`.
+        q: Joint values, (n,), [rad] or [m].
+        bodies: Its bodies there, `collision.surfaces.Outlined`.
         hit: Names of those that touch.
     """
+    shown = [body for body in bodies if body.kind != "link" or body.name in hit]
     rows = [
         [body.name, body.kind, body.shapes, "touches" if body.name in hit else ""]
-        for body in bodies
-        if body.kind != "link" or body.name in hit
+        for body in shown[:MOST_BODIES]
     ]
-    table = _table(["body", "kind", "shapes", ""], rows[:MOST_BODIES]) + _more(
-        len(rows) - MOST_BODIES, "bodies"
-    )
-    outlines = [
-        Outline(corners, body.name in hit)
-        for body in bodies
-        if body.kind != "link" or body.name in hit
-        for corners in body.corners
-    ]
-    middle = (chain.lower + chain.upper) / 2
-    return _card(
-        repr(scene).partition("\n")[0], table, draw(chain, middle[None], bodies=outlines[:MOST_OUTLINES])
-    )
+    table = _table(["body", "kind", "shapes", ""], rows) + _more(len(shown) - MOST_BODIES, "bodies")
+    outlines = [Outline(corners, body.name in hit) for body in shown for corners in body.corners]
+    picture = draw(chain, q[None], bodies=outlines[:MOST_OUTLINES])
+    return _card(repr(scene).partition("\n")[0], table, picture)
 
 
 def _picture(mechanism: Any, rows: Array, goal: Any = None) -> str:

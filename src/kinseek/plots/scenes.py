@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.collision import Scene
-from kinseek.collision.surfaces import Surface, bodies_hit, drawn_bodies, surface_of
+from kinseek.collision.surfaces import Surface, bodies_hit, drawn_bodies, moved, surface_of
 from kinseek.errors import InvalidUse
 from kinseek.paths.path import Path
 from kinseek.robots.chain import SerialChain
@@ -109,7 +109,7 @@ def _draw(axes: Any, surface: Surface, pose: Array, hit: bool) -> None:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     colour = HIT if hit else BODY
-    vertices = surface.vertices @ pose[:3, :3].T + pose[:3, 3]
+    vertices = moved(surface.vertices, pose)
     if len(surface.faces):
         axes.add_collection3d(
             Poly3DCollection(vertices[surface.faces], facecolor=colour, edgecolor="none", alpha=FILL)
@@ -119,7 +119,7 @@ def _draw(axes: Any, surface: Surface, pose: Array, hit: bool) -> None:
             axes.add_collection3d(Line3DCollection(edges, colors=colour, linewidths=0.8, alpha=0.7))
         _include(axes, vertices)
     if len(surface.points):
-        points = surface.points @ pose[:3, :3].T + pose[:3, 3]
+        points = moved(surface.points, pose)
         axes.scatter(*points.T, color=colour, s=1.5, alpha=0.5, linewidths=0.0)
 
 
