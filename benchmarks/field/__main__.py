@@ -7,6 +7,8 @@
     python -m benchmarks.field                                # an hour and a quarter
     python -m benchmarks.field --solvers kinseek ikpy --arms panda ur5e --questions random limits
     python -m benchmarks.field --solvers kinseek ./mine.py    # an adapter of your own, mine.txt beside it
+    python -m benchmarks.field --questions unreachable \
+        --solvers kinseek eaik ssik benchmarks/field/adapters/kinseek_brief.py    # beside nearest=False
     python -m benchmarks.field --page                         # the page and the tables anew, of what is measured
 
 Makes an environment for each solver, asks all of them by turns, judges, and writes answers.parquet, pieces.parquet and

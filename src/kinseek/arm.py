@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Never, Self, TypedDict, Unpack, cast, overload
@@ -24,7 +24,7 @@ from .proof.certificate import Certificate, Verdict
 from .robots import Mechanism, SerialChain, read
 from .solution import Solution, Status, quick_solution
 from .solvers.atlas.centres import CentralIndices, central_indices, is_central, solve_central
-from .solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
+from .solvers.atlas.index import BRIEF, SAMPLES, AtlasIndex, atlas_of
 from .solvers.atlas.quick import can_solve_quickly, solve_quickly
 from .solvers.atlas.solver import Atlas
 from .solvers.base import Solver
@@ -33,7 +33,7 @@ from .solvers.checks import as_solver, warn_if_far, with_progress
 from .support.deadline import Deadline
 from .support.shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
 from .support.units import warn_of_distance
-from .support.validation import as_integer
+from .support.validation import as_flag, as_integer
 from .unknown_arguments import unknown_argument
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ class IkOptions(TypedDict, total=False):
     valid: Valid | None
     scene: Scene | None
     clearance: float
+    nearest: bool
     time_limit: float | None
     trace: bool
     bad: Literal["error", "skip"]
@@ -166,6 +167,7 @@ class Arm(ForwardArm):
         valid: Valid | None = None,
         scene: Scene | None = None,
         clearance: float = 0.0,
+        nearest: bool = True,
         time_limit: float | None = None,
         trace: bool = False,
         bad: Literal["error", "skip"] = "error",
@@ -197,6 +199,8 @@ class Arm(ForwardArm):
                 returned. If the arm is redundant, the self-motion is sampled more and more densely. If every solution found
                 collides, the status is `Status.BLOCKED`, and `contacts` lists the colliding pairs.
             clearance: Minimum distance between bodies of the scene [m].
+            nearest: Search for the nearest pose to a goal that is missed. With False the default solver answers such a goal
+                sooner, with any joint values. Solutions of goals that are reached are the same.
             time_limit: [s], after which no further part of the work is begun. The solution is the best so far, and
                 `out_of_time` reports for each target whether its search was cut short. The atlas and the compiled kernels,
                 which an arm needs once, are made in any case.
@@ -222,7 +226,9 @@ class Arm(ForwardArm):
             threads = as_integer("threads", threads, 1)
         selects = prefer is not None or cost is not None or valid is not None or scene is not None
         plain = not (solver is not None or selects or prove or time_limit is not None or trace or clearance)
-        if plain and (quick := self._one_pose(goal, near)) is not None:
+        if nearest is not True:
+            nearest = as_flag("nearest", nearest, hint="; joint values to stay close to are given as near=")
+        if plain and (quick := self._one_pose(goal, near, nearest)) is not None:
             return quick
         _require_scene(scene, clearance)
         if bad != "error" and not isinstance(goal, Goal):  # A goal has no invalid matrices.
@@ -237,6 +243,7 @@ class Arm(ForwardArm):
                 valid=valid,
                 scene=scene,
                 clearance=clearance,
+                nearest=nearest,
                 time_limit=time_limit,
                 trace=trace,
             )
@@ -246,11 +253,13 @@ class Arm(ForwardArm):
             self._require_axes(_NO_PROOF)
         requested = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
-        if plain and (quick := self._one_goal(requested, start)) is not None:
+        if plain and nearest and (quick := self._one_goal(requested, start)) is not None:
             if not quick.success:
                 warn_if_far(quick)
             return quick
-        problem = Problem(self._mechanism, requested, start, time_limit=time_limit, trace=trace)
+        problem = Problem(
+            self._mechanism, requested, start, time_limit=time_limit, nearest=nearest, trace=trace
+        )
         if selects:
             _require_choice(problem, solver)
             if scene is not None:
@@ -271,23 +280,27 @@ class Arm(ForwardArm):
             warn_if_far(solution)
         return self._with_proofs(solution, deadline) if prove else solution
 
-    def _one_pose(self, goal: Any, near: Any) -> Solution | None:
+    def _one_pose(self, goal: Any, near: Any, nearest: bool) -> Solution | None:
         """Solve one plain pose by the shortest way; None for anything else, and for a pose that this does not reach."""
         if (axes := self._axes) is None or (T := plain_array(goal, (4, 4))) is None:
             return None
         # The kernel itself rejects a matrix that is not a rigid transform.
         q, index, start = np.empty(axes.dof), self._index or self._atlas_along(axes), None
-        if near is None:
-            report = solve_plain(index.address, T, q)
-        elif (start := plain_array(near, q.shape)) is not None:
-            report = solve_goal(index.address, index.plain, T, start, True, q)
-        else:
+        origin: SerialChain | Problem = axes
+        if near is not None and (start := plain_array(near, q.shape)) is None:
             return None
+        if not nearest:
+            origin = Problem(axes, _any_pose(), nearest=nearest)
+            report = solve_goal(index.address, BRIEF, T, q if start is None else start, start is not None, q)
+        elif start is None:
+            report = solve_plain(index.address, T, q)
+        else:
+            report = solve_goal(index.address, index.plain, T, start, True, q)
         if report[3] < 0:
             return None
         if not report[4]:
             warn_of_distance(hypot(*T[:3, 3]), axes.reach, 3)
-        return quick_solution(axes, T.tobytes(), start, q, report)
+        return quick_solution(origin, T.tobytes(), start, q, report)
 
     def _one_goal(self, goal: Goal, near: Array | None) -> Solution | None:
         """Solve one goal without the checks that only other goals need; None for those."""
@@ -753,6 +766,11 @@ class Arm(ForwardArm):
         if deadline.passed:
             late = late | ~(np.asarray(solution.success) | proved | np.asarray(solution.proved_blocked))
         return replace(solution, proved_unreachable=proved, out_of_time=late if shape else bool(late))
+
+
+@cache
+def _any_pose() -> Goal:
+    return Goal.pose(np.eye(4))
 
 
 _NO_PROOF = "nothing can be proved without axes"

@@ -44,6 +44,8 @@ class Problem(Lazy):
 
     What an arm needs once, its atlas and the compiled kernels, is made in any case.
     """
+    nearest: bool = True
+    """Search for the nearest pose to a target that is missed? Searches without a separate step for that ignore it."""
     trace: bool = False
     """Record what the search does, pass by pass? The solutions are identical bit for bit; see `kinseek.trace.Trace`."""
 

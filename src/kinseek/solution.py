@@ -553,7 +553,7 @@ def judge_function(box: Mechanism, goal: Goal, q: Array) -> Array:
 
 
 def quick_solution(
-    chain: SerialChain,
+    origin: SerialChain | Problem,
     goal_or_bytes: bytes | Goal,
     near: Array | None,
     q: Array,
@@ -562,7 +562,7 @@ def quick_solution(
     """Make a solution of one target with as little Python work as possible.
 
     Args:
-        chain: The arm.
+        origin: The arm, or for a plain pose a problem with another pose.
         goal_or_bytes: The goal; or, for a plain pose, the bytes of its matrix, because the caller may overwrite the
             matrix, and bytes are copied faster than an array.
         near: Joint values to which the solution should be close, (n,).
@@ -576,5 +576,5 @@ def quick_solution(
         report[4],
         (*report, 0),
     )  # No nodes: this search builds no tree.
-    result["_question"] = chain, goal_or_bytes, None if near is None else near.copy()
+    result["_question"] = origin, goal_or_bytes, None if near is None else near.copy()
     return solution

@@ -167,15 +167,21 @@ def _index() -> AtlasIndex:
 
 def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:
     chain, atlas = kinseek.load("ur10e_rail").chain.arrays, index.sorted
-    tolerances = np.arange(7.0)
+    tolerances = np.arange(8.0)
     task = task_of(index.handle, tolerances)
     for bundle, made_of in ((task.chain, chain), (task.atlas.tree, atlas.tree), (task.atlas, atlas)):
         for name, array in zip(bundle._fields, bundle, strict=True):
             if isinstance(array, np.ndarray):
                 np.testing.assert_array_equal(array, getattr(made_of, name), err_msg=name)
-    given = task.position_tolerance, task.orientation_tolerance, task.position_weight, task.budget
-    assert given == (0, 1, 2, 3)
-    np.testing.assert_array_equal(task.axis_weights, [4, 5, 6])
+    given = (
+        task.position_tolerance,
+        task.orientation_tolerance,
+        task.position_weight,
+        task.budget,
+        task.nearest,
+    )
+    assert given == (0, 1, 2, 3, 4)
+    np.testing.assert_array_equal(task.axis_weights, [5, 6, 7])
     assert task.poses == 0
     np.testing.assert_array_equal(task.columns, [0.5, 0.5, 0.5])
     np.testing.assert_array_equal(task.lower <= chain.lower, True)

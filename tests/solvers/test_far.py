@@ -112,3 +112,42 @@ def test_wide_tolerances_reach_beyond_the_span() -> None:
     wide = Goal.pose(kinseek.pose(place), position_tolerance=span, orientation_tolerance=1.0)
     assert arm.ik(wide).success
     assert not arm.ik(kinseek.pose(place)).success
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda", "so101"])
+def test_goals_are_reached_alike_without_a_search_for_the_nearest_pose(name: str) -> None:
+    arm, rng = kinseek.load(name), np.random.default_rng(5)
+    poses = arm.fk(rng.uniform(*ends(arm), (60, arm.dof)))
+    poses[:30, :3, 3] *= rng.uniform(0.9, 1.3, (30, 1))
+    reached = 0
+    for goal in (poses, Goal.position(poses[:, :3, 3]), Goal.pose(poses, free="rz")):
+        usual, brief = arm.ik(goal), arm.ik(goal, nearest=False)
+        assert np.array_equal(brief.success, usual.success)
+        assert np.array_equal(brief.q[brief.success], usual.q[usual.success])
+        assert ((arm.lower <= brief.q) & (brief.q <= arm.upper)).all()
+        assert (usual.weighted_error <= brief.weighted_error * (1 + 1e-9)).all()
+        assert (brief.evaluations <= usual.evaluations).all()
+        reached += int(usual.success.sum())
+    assert 0 < reached < 3 * len(poses)
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda", "scara4"])
+def test_a_far_goal_takes_no_evaluations_without_a_search_for_the_nearest_pose(name: str) -> None:
+    arm = kinseek.load(name)
+    poses, near = far_poses(arm, 3), np.clip(0.3, *ends(arm))
+    batch = arm.ik(poses, nearest=False)
+    for T, q in zip(poses, batch.q, strict=True):
+        for one in (arm.ik(T, nearest=False), arm.ik(T, near=near, nearest=False)):
+            assert not one.success
+            assert one.evaluations == 0
+            assert np.array_equal(one.q, q)
+            assert not one.problem.nearest
+            np.testing.assert_allclose(one.position_error, np.linalg.norm(arm.fk(q)[:3, 3] - T[:3, 3]))
+    assert arm.ik(poses[0], nearest=False, trace=True).evaluations == 0
+
+
+def test_joint_values_as_nearest_are_refused() -> None:
+    arm = kinseek.load("planar2")
+    for wrong in (np.zeros(2), "no", 1):
+        with pytest.raises(kinseek.errors.InvalidProblem, match=r"nearest must be True or False.*near="):
+            arm.ik(np.eye(4), nearest=wrong)  # type: ignore[call-overload]

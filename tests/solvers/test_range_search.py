@@ -36,7 +36,10 @@ def test_only_the_search_itself_is_shared_of_the_routines() -> None:
 
 
 def test_a_task_with_ranges_says_so() -> None:
-    index, tolerances = atlas_of(kinseek.load("scara4").chain, Goal.position((0.2, 0.2, 0.1))), np.arange(7.0)
+    index, tolerances = (
+        atlas_of(kinseek.load("scara4").chain, Goal.position((0.2, 0.2, 0.1))),
+        np.arange(float(tasks.TOLERANCES)),
+    )
     plain, ranged = task_of(index.handle, tolerances), task_of(index.range_handle, tolerances)
     assert (plain.poses, ranged.poses) == (0, steps.POSES)
     assert (ranged.columns > 0.0).all()

@@ -14,14 +14,15 @@ SWEEP: tuple[dict[str, Any], ...] = ()
 
 
 class _Solver:
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: Arm, settings: dict[str, Any]) -> None:
         import kinseek
 
         self._arm = kinseek.load(arm.urdf, base=arm.base, tip=arm.tip)
-        self._place = kinseek.Goal.position
+        self._place, self._settings = kinseek.Goal.position, settings
 
     def solve(self, T: Any, start: Any) -> Answer:
-        solution = self._arm.ik(T) if start is None else self._arm.ik(T, near=start)
+        given = self._settings if start is None else {**self._settings, "near": start}
+        solution = self._arm.ik(T, **given)
         return Answer(solution.q, bool(solution.success))
 
     def position(self, place: Array, start: Array | None) -> Answer:
@@ -38,4 +39,4 @@ class _Solver:
 
 def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
     """The bundled arms are the files themselves."""
-    return _Solver(arm)
+    return _Solver(arm, settings)

@@ -15,7 +15,7 @@ from kinseek.problem import as_joints
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import Mechanism
 from kinseek.support.deadline import Deadline
-from kinseek.support.validation import arrays_equal, as_float_array, as_integer, as_number
+from kinseek.support.validation import arrays_equal, as_flag, as_float_array, as_integer, as_number
 from kinseek.timing.trajectory import Trajectory
 from kinseek.unknown_arguments import unknown_argument
 
@@ -340,7 +340,8 @@ class Scene(Contents):
 
         Raises:
             InvalidProblem: Joint values that are not n finite numbers inside the limits; `q0`, or all joint values given as
-                goals, are in collision; `q0` or the goal does not fulfil `along`, or that has several targets.
+                goals, are in collision; `q0` or the goal does not fulfil `along`, or that has several targets; `smooth` is
+                not a bool.
             InvalidGoal: Not a pose.
             NotReached: No goal has a solution, or each solution found collides; the error carries a solution, whose
                 `status` says whether this is proved and whose `contacts` are what the arm hits.
@@ -352,6 +353,7 @@ class Scene(Contents):
 
         from .ends import free_begin, free_ends
 
+        smooth = as_flag("smooth", smooth)
         deadline, least = Deadline(time_limit), length_or_zero("clearance", clearance)
         begin = free_begin(self, q0, least)
         ends = free_ends(self, begin, goal, least, deadline)

@@ -28,7 +28,7 @@ from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import RATES, Mechanism
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
 from kinseek.support.transforms import inverse, transform
-from kinseek.support.validation import as_float_array, as_number
+from kinseek.support.validation import as_flag, as_float_array, as_number
 from kinseek.timing.limits import positive
 from kinseek.virtual_joints import extended
 
@@ -179,8 +179,7 @@ class Tracker:
         if arm.axes is None:
             raise InvalidProblem(f"{arm.name!r} has black-box kinematics: a tracker needs the axes of an arm")
         period = as_number("period, in seconds,", period, *TIMES, InvalidProblem)
-        if not isinstance(recover, bool):
-            raise InvalidProblem(f"recover must be True or False, got {recover!r:.200}")
+        recover = as_flag("recover", recover)
         start = as_joints(arm, q0, "q0")
         if start.shape != (arm.dof,):
             raise InvalidProblem(f"q0 must have shape ({arm.dof},), got {start.shape}")

@@ -30,7 +30,7 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 from kinseek.support.deadline import Deadline
-from kinseek.support.validation import is_finite_number
+from kinseek.support.validation import as_flag, is_finite_number
 
 from .base import Found, require_whole, solve_each, watch_each
 from .breadth_tuning import Walk, probe_joints, widen_by_trial, window_leaves
@@ -129,8 +129,7 @@ class DivideAndConquer:
         if self.limited not in ("middles", "letter"):
             raise InvalidSolver(f"limited must be 'middles' or 'letter', got {self.limited!r}")
         require_error(self.stop_below)
-        if not isinstance(self.wrap, bool | np.bool_):
-            raise InvalidSolver(f"wrap must be True or False, got {self.wrap!r:.200}")
+        as_flag("wrap", self.wrap, InvalidSolver)
         require_ties(self.ties)
         if self.ties == "first" and self.beam > 1:
             raise InvalidSolver(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.errors import InvalidSolver, KinseekError
+from kinseek.errors import InvalidProblem, InvalidSolver, KinseekError
 
 from .interrupts import chunks
 
@@ -95,6 +95,17 @@ def is_finite_number(value: Any) -> bool:
         return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:  # A whole number of any length.
         return False
+
+
+def as_flag(name: str, value: Any, error: type[KinseekError] = InvalidProblem, hint: str = "") -> bool:
+    """Read a bool, of Python or NumPy; numbers, strings and arrays are rejected.
+
+    Raises:
+        KinseekError: Another value; of the type `error`, and with the hint at the end of its message.
+    """
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    raise error(f"{name} must be True or False, got {value!r:.200}{hint}")
 
 
 def as_integer(

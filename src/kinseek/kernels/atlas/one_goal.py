@@ -2,8 +2,8 @@
 
 The solution is the one that the nearest sample converges to. If that sample fails, the next nearest is used, and so on.
 The solution therefore depends on the goal alone, not on the other goals of a batch. A goal that no sample leads to gets
-deeper look-ups and low-discrepancy restarts. A goal that is still missed is unreachable, or nearly so, and gets the best
-pose found, see `ending`. Every solution is judged by plain forward kinematics.
+deeper look-ups and low-discrepancy restarts. A goal that is still missed is unreachable, or nearly so, and gets the
+nearest pose found if that is wanted, see `ending`. Every solution is judged by plain forward kinematics.
 """
 
 from __future__ import annotations
@@ -67,6 +67,9 @@ def solve_target(job: Job, target: Array, budget: float, q: Array) -> int:
     tried = 0 if far else closed_answer(job, target, budget, q, MIDMOST, q)
     if tried > 0:
         return tried
+    if far and task_at(job).nearest == 0.0:
+        seeds.middle(task_at(job), q)
+        return 0
     # The memory is cleared so that no bit of a result depends on what it held.
     for k in range(len(job.memory)):
         job.memory[k] = 0.0
@@ -152,7 +155,10 @@ def search_routine(job: Job, target: Target, budget: float, near: Joints, close:
         elif persisted == 0 or (persisted == 1 and number >= restarts):
             # The persistent pass is made before the restarts, and again after all of them.
             persisted += 1
-            if persisted == 2 and spent + (descent.POLISH_STEPS if ranges else ENDGAME) * LANES <= budget:
+            # What may still be a solution is refined in any case.
+            refined = task.nearest > 0.0 or descent.lowest(scratch.best_error) <= promise(task)
+            most_refined = (descent.POLISH_STEPS if ranges else ENDGAME) * LANES
+            if persisted == 2 and refined and spent + most_refined <= budget:
                 spent += find_nearest_pose(job, target)
                 descent.reset_weights(task, scratch)
             if descent.lowest(scratch.best_error) > promise(task):

@@ -32,6 +32,8 @@ class Tolerances(NamedTuple):
     """K_P, per [m]."""
     budget: float
     """Largest number of FK evaluations for one target."""
+    nearest: float
+    """1 to search for the nearest pose to a target that is missed, else 0."""
     axis_weights: Vector
     """K_A of the x, y and z columns, see `GoalArrays`."""
 
@@ -137,6 +139,8 @@ class Task(NamedTuple):
     """K_P, per [m]."""
     budget: float
     """Largest number of FK evaluations for one target."""
+    nearest: float
+    """1 to search for the nearest pose to a target that is missed, else 0."""
     axis_weights: Array
     """K_A of the x, y and z columns, (3,), see `GoalArrays`."""
     structure: Array
@@ -255,6 +259,7 @@ def task_of(handle: Indices, tolerances: Array) -> Task:
         given.orientation,
         given.position_weight,
         given.budget,
+        given.nearest,
         part1(tolerances.ctypes.data, AXIS_WEIGHTS, 3),
         rows.structure,
         numbers.exact,

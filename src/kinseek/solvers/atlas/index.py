@@ -186,22 +186,32 @@ def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLE
     return _indices.of(chain).get((kind, samples, None if tip is None else tip.tobytes()), build)
 
 
-def tolerances_of(goal: Goal, budget: int | None = None) -> Array:
+def tolerances_of(goal: Goal, budget: int | None = None, nearest: bool = True) -> Array:
     """Return a goal's tolerances and weights as kernels take them, see `kernels.atlas.task.Tolerances`, (TOLERANCES,)."""
+    position, orientation = goal.position_tolerance, goal.orientation_tolerance
     most = np.inf if budget is None else float(budget)
     return tolerance_numbers(
-        goal.position_tolerance, goal.orientation_tolerance, goal.position_weight, most, goal.axis_weights
+        position, orientation, goal.position_weight, goal.axis_weights, budget=most, nearest=nearest
     )
 
 
 def tolerance_numbers(
-    position: float, orientation: float, weight: float, budget: float, axis_weights: Iterable[float]
+    position: float,
+    orientation: float,
+    weight: float,
+    axis_weights: Iterable[float],
+    *,
+    budget: float = np.inf,
+    nearest: bool = True,
 ) -> Array:
     """See `kernels.atlas.task.Tolerances`, (TOLERANCES,)."""
     weights = Vector(*map(float, axis_weights))
-    return TOLERANCE.numbers(Tolerances(position, orientation, weight, budget, weights))
+    return TOLERANCE.numbers(Tolerances(position, orientation, weight, budget, float(nearest), weights))
 
 
-PLAIN = tolerance_numbers(DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, (1.0, 1.0, 0.0))
+PLAIN = tolerance_numbers(DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, (1.0, 1.0, 0.0))
 """`tolerances_of` a goal that is just a pose. It is written out, since creating a goal runs a kernel, which an import must
 not do."""
+
+BRIEF = tolerance_numbers(DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, (1.0, 1.0, 0.0), nearest=False)
+"""The same without a search for the nearest pose."""

@@ -67,4 +67,4 @@ def _tolerances(
 ) -> Array:
     """Return `tolerances_of` a goal with these numbers, (TOLERANCES,); the array must not be modified."""
     axis_weights = [turn_weight if column < min(columns, 2) else 0.0 for column in range(3)]
-    return tolerance_numbers(position, orientation, weight, budget, axis_weights)
+    return tolerance_numbers(position, orientation, weight, axis_weights, budget=budget)

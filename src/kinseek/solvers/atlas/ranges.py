@@ -56,7 +56,7 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
     goal, chain = problem.goal, problem.chain
     deadline = Deadline(problem.time_limit)
     index = atlas_of(chain, goal, search.samples)
-    tolerances = tolerances_of(goal, problem.budget)
+    tolerances = tolerances_of(goal, problem.budget, problem.nearest)
     count = len(goal.targets)
     near = (chain.lower + chain.upper) / 2 if problem.near is None else problem.near
     nears = np.ascontiguousarray(np.broadcast_to(near, (*goal.shape, chain.dof))).reshape(-1, chain.dof)

@@ -87,7 +87,7 @@ class Atlas:
         self._require_room(problem)
         deadline = Deadline(problem.time_limit)
         index = atlas_of(chain, goal, self.samples)
-        tolerances = tolerances_of(goal, problem.budget)
+        tolerances = tolerances_of(goal, problem.budget, problem.nearest)
         targets, near = goal.targets, self._starts(problem)
         results, done = np.empty((len(targets), chain.dof + 4)), np.zeros(len(targets), dtype=bool)
 
@@ -141,8 +141,8 @@ class Atlas:
             goal.position_tolerance,
             goal.orientation_tolerance,
             1.0 / goal.position_tolerance,
-            np.inf,
             2.0 / goal.orientation_tolerance**2 * (goal.axis_weights > 0.0),
+            nearest=problem.nearest,
         )
         found, near = np.full((len(missed), results.shape[1]), np.inf), near[missed] if len(near) else near
 

@@ -75,7 +75,7 @@ def _trace_of(solution: Solution, index: AtlasIndex) -> Trace:
 def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
     """Record the look-up and every round. What follows the last restart is one round, or a patient search before it."""
     problem, memory_bytes = recorder.problem, _bytes_of(index)
-    tolerances, restarts, spent = tolerances_of(problem.goal, problem.budget), 0, 0
+    tolerances, restarts, spent = tolerances_of(problem.goal, problem.budget, problem.nearest), 0, 0
     most = TOLERANCE.value(tolerances).budget
     if index.is_far(tolerances, problem.goal.targets[0]):
         recorder.note("The target is farther away than the arm is long: only the nearest pose was searched.")

@@ -75,7 +75,8 @@ def solve_target(
             return Found(best.result(), evaluator.spent, out_of_time=evaluator.out_of_time)
         if best.seems_unreachable():
             break
-    best.polish()
+    if problem.nearest:
+        best.polish()
     return Found(best.result(), evaluator.spent, out_of_time=evaluator.out_of_time)
 
 
