@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from kinseek.errors import near_names, suggest, unknown
+from kinseek.errors import near_names, reason, suggest, unknown
 
 
 def test_similar_names_are_suggested() -> None:
@@ -39,3 +39,9 @@ def test_long_names_and_many_names_are_not_compared(monkeypatch: pytest.MonkeyPa
     near_names("l" * 100, names)
     assert 0 < len(compared) <= 2 * 201
     assert max(map(len, compared)) <= 100
+
+
+def test_an_error_without_a_message_is_called_by_its_type() -> None:
+    assert reason(ValueError("no")) == "no"
+    assert reason(MemoryError()) == "MemoryError"
+    assert reason(ValueError("x" * 10), most=3) == "xxx"

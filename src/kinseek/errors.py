@@ -161,6 +161,11 @@ class LimitWarning(_OneLine, UserWarning):
     """A file of limits allows more than the description of the robot; its limits are used, as in MoveIt."""
 
 
+def reason(error: BaseException, most: int = 500) -> str:
+    """Return the message of an error, cut to `most` characters; of an error without one, its type."""
+    return f"{error!s:.{most}}" or type(error).__name__
+
+
 def suggest(got: str, valid: Iterable[str], noun: str, listed: str = "") -> str:
     """Return ``unknown <noun> 'got'``, the similar names and the valid choices; `listed` replaces the list of these."""
     choices = sorted(valid)

@@ -18,6 +18,7 @@ import pytest
 
 import kinseek
 from kinseek import InvalidUse, viewer
+from kinseek.viewer import door
 from kinseek.viewer.door import MESSAGES, POLICY, is_message, refusal
 
 viser = pytest.importorskip("viser")
@@ -505,3 +506,23 @@ def test_a_page_that_leaves_is_drawn_on_without_a_warning(shown: viewer.Viewer) 
         mine.view.show_goal(np.eye(4))
         mine._client.scene.add_frame("/late")
         mine.panel.pass_text.content = "late"
+
+
+def test_a_page_that_sends_without_end_waits_and_the_others_do_not(
+    shown: viewer.Viewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(door, "MESSAGE_TIME", 0.02)
+    frame = msgspec.msgpack.encode(CAMERA)
+    wait_for(lambda: not shown.pages)
+    with websocket(shown.port) as flooding, websocket(shown.port) as other:
+        began = time.monotonic()
+        for _ in range(200):
+            flooding.send(b"nothing")
+        flooding.send(frame)
+        other.send(frame)
+        wait_for(lambda: shown.pages)
+        assert len(shown.pages) == 1  # That of the other.
+        wait_for(lambda: len(shown.pages) == 2)
+        assert (
+            time.monotonic() - began > 3.0
+        )  # 200 messages take 4 s, of which half a second is not waited for.

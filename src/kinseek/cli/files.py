@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidGoal, InvalidProblem
+from kinseek.errors import InvalidGoal, InvalidProblem, reason
 from kinseek.robots.files import instead_of_a_file
 from kinseek.support.whole_file import output_path
 from kinseek.tables import TABLE_ENDINGS, import_pyarrow
@@ -171,8 +171,7 @@ def _npy(path: Path) -> Array:
         raise
     except Exception as error:
         # Python's parser reads the header; it raises MemoryError, TokenError and others.
-        reason = str(error) or type(error).__name__
-        raise InvalidGoal(f"{str(path)!r} cannot be read as a .npy file: {reason}") from None
+        raise InvalidGoal(f"{str(path)!r} cannot be read as a .npy file: {reason(error)}") from None
     if array.ndim != 3 or array.shape[1:] != (4, 4) or array.dtype.kind not in "fiu":
         raise InvalidGoal(
             f"{path}: expected numbers of shape (N, 4, 4), got {array.dtype} of shape {array.shape}"

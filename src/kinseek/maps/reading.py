@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.errors import InvalidGoal, InvalidMap
+from kinseek.errors import InvalidGoal, InvalidMap, reason
 from kinseek.poses import as_pose
 from kinseek.support.interrupts import chunks, in_chunks, raise_of_handler
 from kinseek.support.transforms import inverse, square
@@ -63,7 +63,7 @@ def opened(store: Store) -> xarray.Dataset:
         raise
     except Exception as error:  # Zarr and xarray raise many kinds of errors.
         raise_of_handler(error)
-        raise InvalidMap(f"the map in {store.place!r} cannot be read: {error!s:.500}") from None
+        raise InvalidMap(f"the map in {store.place!r} cannot be read: {reason(error)}") from None
     return dataset
 
 
@@ -112,7 +112,7 @@ def _require_description(description: Any) -> None:
     try:
         shape = as_pose(description.get("first_frame")).shape
     except InvalidGoal as error:
-        raise InvalidMap(f"{what}its first frame is not a pose: {error!s:.200}") from None
+        raise InvalidMap(f"{what}its first frame is not a pose: {reason(error, 200)}") from None
     if shape != (4, 4):
         raise InvalidMap(f"{what}its first frame is of shape {shape}")
     as_number("the share of a turn of its first joint", description.get("first_turns"), 0.0, 1.0, InvalidMap)
@@ -195,7 +195,7 @@ def _reading() -> Iterator[None]:
         raise
     except Exception as error:  # Codecs raise many kinds of errors.
         raise_of_handler(error)
-        raise InvalidMap(f"the values of the map cannot be read: {error!s:.500}") from None
+        raise InvalidMap(f"the values of the map cannot be read: {reason(error)}") from None
 
 
 def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidMap
+from kinseek.errors import InvalidMap, reason
 from kinseek.printable import printable
 from kinseek.support.interrupts import raise_of_handler
 from kinseek.support.lazy import Lazy, lazy
@@ -147,7 +147,7 @@ class Store(Lazy):
         except Exception as error:  # Zarr raises many kinds of errors for foreign metadata.
             raise_of_handler(error)
             raise InvalidMap(
-                f"no map in {path!r} ({who()}): {error!s:.500}. On a cluster the folder must be one that all workers see"
+                f"no map in {path!r} ({who()}): {reason(error)}. On a cluster the folder must be one that all workers see"
             ) from None
 
     @lazy
@@ -166,7 +166,7 @@ class Store(Lazy):
         except Exception as error:  # Zarr raises many kinds of errors for foreign metadata.
             raise_of_handler(error)
             raise InvalidMap(
-                f"no map in {self.place!r}: its array {name!r} cannot be read: {error!s:.500}"
+                f"no map in {self.place!r}: its array {name!r} cannot be read: {reason(error)}"
             ) from None
 
     @property
@@ -185,7 +185,7 @@ class Store(Lazy):
         except Exception as error:  # Codecs raise many kinds of errors.
             raise_of_handler(error)
             raise InvalidMap(
-                f"the marks of finished blocks in '{self.place}/{_DONE}' cannot be read: {error!s:.500}; remove a damaged "
+                f"the marks of finished blocks in '{self.place}/{_DONE}' cannot be read: {reason(error)}; remove a damaged "
                 "one, and its block is computed again"
             ) from None
         return [tuple(int(i) for i in index) for index in np.argwhere(done == 0)]

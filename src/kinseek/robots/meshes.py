@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from kinseek.errors import InvalidRobot
+from kinseek.errors import InvalidRobot, reason
 from kinseek.support.forks import importing
 from kinseek.support.interrupts import raise_of_handler
 
@@ -69,7 +69,7 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
         raise InvalidRobot(f"{str(path)!r}: {error}") from None
     except Exception as error:  # Mesh readers raise whatever their parsers raise.
         raise_of_handler(error)
-        raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from None
+        raise InvalidRobot(f"{str(path)!r} cannot be read: {reason(error)}") from None
     if not parts:
         raise InvalidRobot(f"{str(path)!r} holds no triangles")
     for part in parts:

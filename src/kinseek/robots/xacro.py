@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from kinseek.errors import InvalidRobot, suggest
+from kinseek.errors import InvalidRobot, reason, suggest
 from kinseek.support.forks import finish_first, importing
 from kinseek.support.interrupts import raise_of_handler
 
@@ -138,7 +138,7 @@ def _processed(xacro: Any, path: Path, arguments: _Arguments) -> bytes:
         refused = _refusal(error)
         if refused is not None:
             raise refused from None
-        why = str(error) or type(error).__name__
+        why = reason(error)
         if lost := _LOST_PACKAGE.search(why):
             why = f"package {lost[1]!r} is not found; say where it is with packages={{name: folder}}, in a shell "
             why += "--package NAME=FOLDER"

@@ -32,6 +32,11 @@ SUPPORTED = "viser>=1.1.1,<1.2"
 
 MOST_MESSAGE = 2**20
 """Maximum size of a message from a page [bytes]; the longest is the state kept by a browser."""
+MESSAGE_TIME, BYTE_TIME = 1 / 500, 1 / 2**22
+"""Time for a message from a page, and for each of its bytes [s]; the next messages wait for the time of those before them.
+A page sends a hundred short messages a second while a goal is dragged. See `AHEAD`."""
+AHEAD = 0.5
+"""Time of messages [s] that are taken without waiting, such as those of a page that has just opened."""
 MOST_TEXT = 200
 """Maximum length of a name, or of typed text."""
 FAR = 1e9
@@ -179,12 +184,20 @@ class Door:
             reply.headers["Content-Security-Policy"] = POLICY
 
         class Connection(ServerConnection):
-            """A connection that ignores messages that no page sends."""
+            """A connection that ignores messages that no page sends, and takes no more than a page sends."""
+
+            _taken_until = 0.0
 
             async def recv(self, *args: Any, **named: Any) -> Any:
-                while not is_message(message := await super().recv(*args, **named)):
-                    pass
-                return message
+                now = asyncio.get_running_loop().time
+                while True:
+                    # A page that sends without end waits here, so that the others do not wait for it.
+                    await asyncio.sleep(max(self._taken_until - AHEAD - now(), 0.0))
+                    message = await super().recv(*args, **named)
+                    cost = MESSAGE_TIME + BYTE_TIME * len(message)
+                    self._taken_until = max(self._taken_until, now()) + cost
+                    if is_message(message):
+                        return message
 
         options |= {"process_request": checked, "process_response": with_policy}
         options |= {"create_connection": Connection, "logger": _log}
