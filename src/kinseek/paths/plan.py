@@ -73,7 +73,7 @@ LAYERS_AT_ONCE = 64
 GRAZED = 4
 """Poses before and after a step that was not proved free although points of it are, between which all edges are proved."""
 
-FORGET = 16
+FORGET = 64
 """Layers after which nodes that no best path leads through are dropped."""
 
 UNBOUND = 1e6
@@ -144,14 +144,16 @@ class Ways:
     def _forget(self, nodes: Indices) -> None:
         """Keep only what leads to some nodes of the last layer; these keep their numbers."""
         for k in range(len(self.layers) - 1, 0, -1):
-            predecessors = np.unique(_before(self.layers[k].came[nodes]))
             here, before = self.layers[k], self.layers[k - 1]
-            if len(predecessors) == len(before.came) and k < self._looked_at:
+            came = _before(here.came)
+            leads = np.zeros(len(before.came), dtype=np.bool_)
+            leads[came[nodes]] = True
+            if leads.all() and k < self._looked_at:
                 break
-            place = np.searchsorted(predecessors, _before(here.came)).clip(0, len(predecessors) - 1)
+            place = (np.cumsum(leads) - 1)[came]
             self.layers[k] = here._replace(came=np.where(here.came >= 0, place, -2 - place))
-            self.layers[k - 1] = PrunedLayer(before.q, before.nodes[predecessors], before.came[predecessors])
-            nodes = np.arange(len(predecessors))
+            self.layers[k - 1] = PrunedLayer(before.q, before.nodes[leads], before.came[leads])
+            nodes = np.arange(len(self.layers[k - 1].came))
         self._looked_at = len(self.layers)
 
     def to(self, node: int) -> list[Place]:
