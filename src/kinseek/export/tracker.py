@@ -43,8 +43,8 @@ SWING = 0.2
 
 def tracker_goal(tracker: Tracker) -> Goal:
     """Return the goal whose target every step replaces, at the pose where the joints are."""
-    goal = tracker._constrained
-    return goal.at(tracker._pose_at(tracker.q))
+    goal = tracker._goal.given
+    return goal.at(tracker._goal.pose_at(tracker.q))
 
 
 def tracker_design(tracker: Tracker, problem: Problem, ram: int | None) -> Design:
@@ -62,13 +62,13 @@ def tracker_design(tracker: Tracker, problem: Problem, ram: int | None) -> Desig
         raise InvalidExport("an exported tracker has no scene: give Arm.track none")
     if tracker._drift is not None:
         raise InvalidExport("an exported tracker has no preference: give Arm.track no prefer=")
-    index, motion, dof = tracker._index, tracker._joints.motion, arm.dof
+    index, motion, dof = tracker._goal.index, tracker._joints.motion, arm.dof
     joints = len(index.arrays.leader)
     names = {ROWS.first["chain"] + k: f"chain_{name}" for k, name in enumerate(index.arrays._fields)}
     names |= {ROWS.first[name]: f"task_{name}" for name in READ}
     own = {f"task_{name}": index._arrays[ROWS.first[name]] for name in READ}
     own |= {f"limit_{name}": getattr(motion, name) for name in LIMITS}
-    own["tolerances"] = tracker._tolerances
+    own["tolerances"] = tracker._goal.tolerances
     lines = [array(name, each, infinite=True) for name, each in own.items()]
     lines += [
         "/* The arrays that the kernels read, with their lengths. A search would also read the samples of an atlas. */",
@@ -100,8 +100,8 @@ def tracker_design(tracker: Tracker, problem: Problem, ram: int | None) -> Desig
             "LOOSE": f"{NO_POSE} /* Results and arguments of the kernels. */",
             "AT_POSITION": POSITION,
             "GO": GO,
-            "POSITION_TOLERANCE": f"{number(tracker._constrained.position_tolerance)} /* [m] */",
-            "ORIENTATION_TOLERANCE": f"{number(tracker._constrained.orientation_tolerance)} /* [rad] */",
+            "POSITION_TOLERANCE": f"{number(tracker._goal.given.position_tolerance)} /* [m] */",
+            "ORIENTATION_TOLERANCE": f"{number(tracker._goal.given.orientation_tolerance)} /* [rad] */",
         },
         chain=index.arrays,
         axis_weights=problem.goal.arrays.axis_weights,
@@ -131,7 +131,7 @@ def tracking(arm: Arm, tracker: Tracker) -> list[str]:
         for each in (tracker.velocity, tracker.acceleration, tracker.jerk)
     )
     limits = velocity, acceleration, jerk
-    copy = Tracker(arm.mechanism, start, tracker.period, limits, recover=False, goal=tracker._constrained)
+    copy = Tracker(arm.mechanism, start, tracker.period, limits, recover=False, goal=tracker._goal.given)
     for k in range(TRACKED):
         copy.step(arm.fk(here + swing * (0.5 - 0.5 * math.cos(rate * (k + 1)))))
     tracked = copy.q

@@ -13,31 +13,25 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.errors import InvalidGoal, InvalidProblem, suggest
+from kinseek.errors import InvalidProblem, suggest
 from kinseek.goal import Goal
 from kinseek.kernels.arm.jacobian import jacobian_many
-from kinseek.kernels.arm.pose_error import judge
-from kinseek.kernels.atlas.memory import LAYOUT
 from kinseek.kernels.paths import servo
 from kinseek.kernels.paths.limited import POSITION, VELOCITY, track_step
-from kinseek.kernels.paths.servo import LAGGING, LIMIT, SINGULAR, State, look_ahead, servo_step
+from kinseek.kernels.paths.servo import LAGGING, LIMIT, SINGULAR, State, servo_step
 from kinseek.kernels.paths.towards import move_towards
-from kinseek.kinds import POSITION as POSITION_GOAL
-from kinseek.poses import as_pose, matrix_of, one_pose, plain_array
+from kinseek.poses import as_pose, plain_array
 from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import RATES, Mechanism
-from kinseek.solvers.atlas.index import atlas_of, tolerances_of
-from kinseek.support.transforms import inverse, transform
 from kinseek.support.validation import as_flag, as_float_array, as_number
 from kinseek.timing.limits import positive
-from kinseek.virtual_joints import extended
 
 from .drift import ANYWHERE, Drift, Preference
 from .joints import Turning
 from .limited import KINDS, NOTHING, Around, LimitedJoints, Rates, Restriction, StraightWay, straight_way
 from .past import TIMES, PastPoses
-from .recovery import AWAY, ELSEWHERE, Recovery, is_away, solutions_of
-from .request import require_inside
+from .recovery import ELSEWHERE, Recovery, is_away, solutions_of
+from .tracked_goal import TrackedGoal, has_gaps
 
 Array = NDArray[np.float64]
 
@@ -193,19 +187,15 @@ class Tracker:
         )
         """Limits of the joints, (n,) each, [rad/s], [rad/s²] and [rad/s³] or the same with [m]; infinite if neither the
         caller nor the robot's file gives one."""
-        self._mechanism, self._constrained = arm, _one_goal(Goal(np.eye(4)) if goal is None else goal)
-        more = extended(Problem(arm, self._constrained.at(self._pose_at(start))), inside=True)
-        require_inside(more)
+        self._goal = TrackedGoal(arm, goal, start)
         # From here on the joints are those of the arm and of the ranges of the goal.
-        self._arm, self._own, self._goal = more.problem.chain, more.own, more.problem.goal
-        self._arrays, self._turning = more.problem.arrays, Turning(self._arm)
-        self._index, self._tolerances = atlas_of(self._arm, self._goal), tolerances_of(self._goal)
-        self._plain = goal is None
+        chain, self._own = self._goal.arm, self._goal.own
+        self._mechanism, self._turning = arm, Turning(chain)
         if around.scene is not None and (hits := around.scene.hits(start, around.clearance)):
             raise InvalidProblem(f"q0 is in collision, so no motion from there is free: {hits[0]}")
-        start = more.with_virtual(start[None])[0]
-        nothing, ends = np.zeros(self._arm.dof), (self._turning.open_lower, self._turning.open_upper)
-        rates = np.full((3, self._arm.dof), np.inf)
+        start = self._goal.start
+        nothing, ends = np.zeros(chain.dof), (self._turning.open_lower, self._turning.open_upper)
+        rates = np.full((3, chain.dof), np.inf)
         rates[:, self._own] = self.velocity, self.acceleration, self.jerk
         self._rates = Rates(*rates)
         self._around = around
@@ -215,11 +205,10 @@ class Tracker:
         """Of the reference."""
         self._duration = period
         """Of the present step [s]."""
-        self._memory = np.zeros(LAYOUT.count.of(dof=self._arm.dof, joints=len(self._arm.leader)))
         self._past = PastPoses(self.period)
         self._way: list[Array] = []
         self._recover = recover and bool(np.isfinite(self.velocity).all())
-        self._recovery = Recovery(Problem(self._arm, self._goal), self._turning, self._own)
+        self._recovery = Recovery(self._goal.problem, self._turning, self._own)
         self._return: Return | None = None
         self._carried: Array | None = None
         """The target that a twist moves, (4, 4)."""
@@ -229,15 +218,6 @@ class Tracker:
         """Whether a twist has moved the hand, and has turned it, since the joints were last at rest."""
         self._prefer_speed = as_number("prefer_speed", prefer.speed, *TIMES, InvalidProblem)
         self.prefer(prefer.what)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the atlas out of pickles and copies: it holds addresses of its own arrays in this process."""
-        return {name: value for name, value in vars(self).items() if name != "_index"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Build the atlas again."""
-        vars(self).update(state)
-        self._index = atlas_of(self._arm, self._goal)
 
     @property
     def q(self) -> Array:
@@ -250,7 +230,7 @@ class Tracker:
         Raises:
             InvalidProblem: An unknown preference, or the goal leaves the arm no choice.
         """
-        problem = Problem(self._mechanism, self._constrained.at(self._pose_at(self.q)))
+        problem = Problem(self._mechanism, self._goal.given.at(self._goal.pose_at(self.q)))
         self._drift = None if what is None else Drift(problem, what, self._prefer_speed)
         self._state.drift[:] = 0.0
 
@@ -283,14 +263,16 @@ class Tracker:
             self._set_duration(dt)
         if twist is not None or velocity is not None or T is None or axes != "base":
             return self._without_pose(T, twist, axes, velocity)
-        target = plain_array(T, (4, 4)) if self._plain and not self._way and self._return is None else None
+        target = (
+            plain_array(T, (4, 4)) if self._goal.plain and not self._way and self._return is None else None
+        )
         if target is None:
-            if _has_gaps(T):
+            if has_gaps(T):
                 # What was on its way would go on from where the joints are not any more.
                 self._way.clear()
                 self._forget_loss()
                 return self._stopped()
-            target = self._target(T)
+            target = self._goal.target(T)
         self._carried = None
         if self._way:
             return self._along(target)
@@ -317,10 +299,10 @@ class Tracker:
         if self._drift is not None:
             self._set_drift(self._drift)
         position, orientation, ended, *found = track_step(
-            self._index.address,
-            self._tolerances,
+            self._goal.index.address,
+            self._goal.tolerances,
             aim,
-            self._memory,
+            self._goal.memory,
             state,
             joints.motion,
             joints.room,
@@ -328,15 +310,15 @@ class Tracker:
         )
         if ended == servo.NO_POSE:
             # The kernel has moved nothing. Checking in Python repairs a pose that is nearly valid, or raises an error.
-            return self._stopped() if _has_gaps(target) else self._tracked(self._target(target))
+            return self._stopped() if has_gaps(target) else self._tracked(self._goal.target(target))
         restriction = Restriction(*found)
         if restriction.pair >= 0:
             restriction = joints.with_room(restriction, self._duration)
-        ranges = self._constrained.ranges is not None
+        ranges = self._goal.given.ranges is not None
         if restriction.pair >= 0 or aim is not target or ranges:
             # The kernel compares with `aim`, and with one point of ranges: the values of their joints in this period.
-            position, orientation = self._errors(joints.motion.q, target)
-            met = self._met(position, orientation)
+            position, orientation = self._goal.errors(joints.motion.q, target)
+            met = self._goal.met(position, orientation)
             if aim is not target and not met:
                 ended = LAGGING
             if ranges and ended in (LAGGING, LIMIT, SINGULAR) and met:
@@ -364,22 +346,17 @@ class Tracker:
 
         The reference is nearest to the target in every period, which leads the hand the shortest way only if it is near.
         """
-        if _has_gaps(target):
+        if has_gaps(target):
             return target
-        return _towards(self._target(self._pose_at(self.q)), target, HELD, 1.0, np.zeros(6))
+        return _towards(self._goal.target(self._goal.pose_at(self.q)), target, HELD, 1.0, np.zeros(6))
 
     def _reached(self, position: float, orientation: float, ended: int, restriction: Restriction) -> int:
         """Return the outcome of a step of the joints: that of the reference, unless they are elsewhere."""
         if restriction.joint < 0:
             return ended
-        if self._met(position, orientation):
+        if self._goal.met(position, orientation):
             return servo.TRACKING
         return LIMIT if restriction.limit == POSITION else LAGGING
-
-    def _met(self, position: float, orientation: float) -> bool:
-        """Return whether errors are within the tolerances of the goal."""
-        goal = self._constrained
-        return bool(position <= goal.position_tolerance and orientation <= goal.orientation_tolerance)
 
     def _reported(
         self, status: TrackStatus, position: float, orientation: float, restriction: Restriction
@@ -401,7 +378,7 @@ class Tracker:
             if joint is not None:
                 limited = joint, KINDS[POSITION if status is TrackStatus.LIMIT else VELOCITY]
         now = self._joints.state.copy()
-        if not self._plain:
+        if not self._goal.plain:
             now = now[:, own]
         # Indices, since taking the rows of an array by iteration is three times as slow.
         return Step(now[0], status, position, orientation, now[1], now[2], limited, obstacle)
@@ -463,7 +440,7 @@ class Tracker:
 
     def _go(self, velocity: Array) -> Restriction:
         """Change to velocities of the arm's joints, (n,); the reference goes with the joints."""
-        joints, all_of_them = self._joints, np.zeros(self._arm.dof)
+        joints, all_of_them = self._joints, np.zeros(self._goal.arm.dof)
         all_of_them[self._own] = velocity
         restriction = joints.go(all_of_them, self._duration)
         self._state.now[:] = joints.motion.q
@@ -476,7 +453,7 @@ class Tracker:
         The target moves from where the hand is, so that it never runs away. What the twist does not change, the position or
         the orientation, stays as it was when the hand was at rest.
         """
-        h, hand = self._duration, self._pose_at(self.q)
+        h, hand = self._duration, self._goal.pose_at(self.q)
         target = hand.copy() if self._carried is None else self._carried
         moving = np.array([twist[:3].any(), twist[3:].any()])
         if not self._joints.motion.velocity.any():
@@ -485,15 +462,17 @@ class Tracker:
         most = np.where(self._moved_since_rest, LEASH, HELD)
         moved = twist if axes == "base" else (twist.reshape(2, 3) @ hand[:3, :3].T).reshape(6)
         self._carried = _towards(hand, target, most, 1.0, h * moved)
-        aim = self._target(_towards(hand, target, most, CATCH_UP, h * moved))
+        aim = self._goal.target(_towards(hand, target, most, CATCH_UP, h * moved))
         self._state.now[:] = self._joints.motion.q
         if self._drift is not None:
             self._set_drift(self._drift)
-        *_, ended = servo_step(self._index.address, self._tolerances, aim, self._memory, self._state)
+        *_, ended = servo_step(
+            self._goal.index.address, self._goal.tolerances, aim, self._goal.memory, self._state
+        )
         wanted = (self._state.now - self._joints.motion.q)[self._own] / h
         restriction = self._go(wanted)
-        aim = self._target(self._carried)
-        position, orientation = self._errors(self._joints.motion.q, aim)
+        aim = self._goal.target(self._carried)
+        position, orientation = self._goal.errors(self._joints.motion.q, aim)
         self._store(aim)
         return self._reported(
             _ENDED[self._reached(position, orientation, ended, restriction)],
@@ -501,44 +480,6 @@ class Tracker:
             orientation,
             restriction,
         )
-
-    def _servo(self, T: Array, state: State) -> tuple[float, float, int]:
-        """Do one step of `servo_step`; a pose that the goal accepts counts as reached."""
-        position, orientation, ended = servo_step(
-            self._index.address, self._tolerances, T, self._memory, state
-        )
-        if ended in (LAGGING, LIMIT, SINGULAR) and self._constrained.ranges is not None:
-            # The kernel compares the pose with one point of the ranges: the values of their joints in this period.
-            position, orientation = self._errors(state.now, T)
-            if self._met(position, orientation):
-                ended = servo.TRACKING
-        return position, orientation, ended
-
-    def _target(self, T: Any) -> Array:
-        """Read one pose, and return it as kernels take it, (4, 4): in the arm's base, with the rotation of the tip.
-
-        Raises:
-            InvalidGoal: The argument is not one pose.
-        """
-        if (
-            self._constrained.form is POSITION_GOAL
-            and isinstance(T, list | tuple | np.ndarray)
-            and len(T) == 3
-        ):
-            T = transform(np.eye(3), as_float_array(T))
-        target = _one(T)
-        if self._plain:
-            return target
-        if self._constrained.base is not None:
-            target = np.vstack([inverse(self._constrained.base) @ target, np.eye(4)[3:]])
-        target[:3, :3] = target[:3, :3] @ self._goal.tip_rotation
-        return np.ascontiguousarray(target)
-
-    def _pose_at(self, q: Array) -> Array:
-        """Return the target that joint values of the arm, (n,), reach, (4, 4)."""
-        T, goal = self._mechanism.forward(q[None])[0], self._constrained
-        T = T if goal.tool is None else T @ goal.tool
-        return T if goal.base is None else np.asarray(goal.base @ T)
 
     def _forget_loss(self) -> None:
         """Clear the state of a lost pose."""
@@ -563,8 +504,8 @@ class Tracker:
         state, joints = self._state, self._joints
         there.reach[:] = state.reach
         here = _copied(state)
-        *_, at_once = self._servo(T, here)
-        position, orientation, ended = self._servo(T, there)
+        *_, at_once = self._goal.step(T, here)
+        position, orientation, ended = self._goal.step(T, there)
         if (at_once == servo.TRACKING and np.abs(here.now - there.now).max() > ARRIVING) or (
             ended in (LIMIT, SINGULAR) and is_away(position, orientation)
         ):
@@ -575,11 +516,11 @@ class Tracker:
             restriction = self._go(np.zeros(self._mechanism.dof))
             if not joints.motion.velocity.any():
                 self._return = Return(there, StraightWay(state.now.copy(), self._rates))
-            return self._reported(TrackStatus.RECOVERING, *self._errors(joints.motion.q, T), restriction)
+            return self._reported(TrackStatus.RECOVERING, *self._goal.errors(joints.motion.q, T), restriction)
         q = way.step(there.now, self._duration)
         state.last[:], state.now[:] = q - state.now, q
         restriction = joints.follow(q, self._duration)
-        position, orientation = self._errors(joints.motion.q, T)
+        position, orientation = self._goal.errors(joints.motion.q, T)
         if (q != there.now).any():
             return self._reported(TrackStatus.RECOVERING, position, orientation, restriction)
         there.last[:] = state.last
@@ -599,7 +540,7 @@ class Tracker:
             The unit vector of a twist, (6,), linear [m/s] and angular [rad/s], in axes of the base: the singular vector of
             the Jacobian with the least singular value. None if that is more than a thousandth of the largest one.
         """
-        J = jacobian_many(Problem(self._mechanism, self._constrained).arrays, self.q[None])[0]
+        J = jacobian_many(Problem(self._mechanism, self._goal.given).arrays, self.q[None])[0]
         U, values, _ = np.linalg.svd(J)
         lost = len(values) < len(U) or values[-1] <= SINGULAR_RATIO * values[0]
         return U[:, -1].copy() if lost else None
@@ -665,13 +606,13 @@ class Tracker:
         poses, at_once, _ = self._past.coming(seconds, looks)
         for step in self._others(self._past.pose()):
             state = self._standing(at_once, step)
-            if self._look(poses, state)[2] == servo.TRACKING:
+            if self._goal.look_ahead(poses, state)[2] == servo.TRACKING:
                 return np.asarray((self._state.now + step)[self._own])
         return None
 
     def _others(self, target: Array) -> Array:
         """Return the joint motions to the other branches of a pose inside the limits, shortest time first, (k, n)."""
-        steps = self._ways(solutions_of(Problem(self._arm, self._goal), target[:3]))
+        steps = self._ways(solutions_of(self._goal.problem, target[:3]))
         return self._by_time(steps[np.abs(steps[:, self._own]).max(axis=1, initial=0.0) > ELSEWHERE])
 
     def _by_time(self, steps: Array) -> Array:
@@ -693,8 +634,8 @@ class Tracker:
         q = as_joints(self._mechanism, to, "to")
         if q.shape != (self._mechanism.dof,):
             raise InvalidProblem(f"to must have shape ({self._mechanism.dof},), got {q.shape}")
-        q = self._with_virtual(q, target)
-        position, orientation = self._errors(q, target)
+        q = self._goal.with_virtual(q, target)
+        position, orientation = self._goal.errors(q, target)
         if is_away(position, orientation):
             raise InvalidProblem(
                 f"the joint values given to switch() must reach the last pose: the hand would be {position:.3g} m and "
@@ -711,19 +652,6 @@ class Tracker:
         own = step[self._own]
         return float(np.abs(own / np.where(np.isfinite(self.velocity), self.velocity, 1.0)).max())
 
-    def _with_virtual(self, q: Array, target: Array) -> Array:
-        """Add the joints of the goal's ranges to joint values of the arm, (n,), at a target as kernels take it."""
-        if self._constrained.ranges is None:
-            return q
-        one = Problem(self._mechanism, self._goal_at(target))
-        return np.asarray(extended(one, inside=True).with_virtual(q[None])[0])
-
-    def _goal_at(self, target: Array) -> Goal:
-        """Return the goal that the caller gave, with a target as kernels take it."""
-        T, goal = target.copy(), self._constrained
-        T[:3, :3] = T[:3, :3] @ self._goal.tip_rotation.T
-        return goal.at(T if goal.base is None else goal.base @ T)
-
     def _along(self, T: Array) -> Step:
         """Make one step of the motion to another branch."""
         self._store(T)
@@ -734,18 +662,7 @@ class Tracker:
         state = self._state
         state.last[:], state.now[:] = q - state.now, q
         restriction = self._joints.follow(q, self._duration)
-        return self._reported(status, *self._errors(self._joints.motion.q, T), restriction)
-
-    def _errors(self, q: Array, T: Array) -> tuple[float, float]:
-        """Pose errors of joint values [m], [rad]: what lies outside the ranges of the goal."""
-        if self._constrained.ranges is None:
-            measured = judge(self._arrays, q[None], T[None, :3], self._goal.arrays)
-        else:
-            goal = self._goal_at(T)
-            own = np.ascontiguousarray(q[None, self._own])
-            measured = goal.measure(Problem(self._mechanism, goal).arrays, own)
-        position, orientation, _ = measured[0]
-        return float(position), float(orientation)
+        return self._reported(status, *self._goal.errors(self._joints.motion.q, T), restriction)
 
     def foresee(self, seconds: float = 1.0, looks: int = 50, poses: ArrayLike | None = None) -> Foresight:
         """Predict whether the hand will lose its pose, by more than 1 mm or 0.01 rad, if it continues as it came.
@@ -766,10 +683,10 @@ class Tracker:
             coming, at_once, near = self._past.coming(seconds, looks, AFTER)
         else:
             given = as_pose(poses).reshape(-1, 4, 4)
-            coming, at_once = np.array([self._target(T) for T in given]).reshape(-1, 4, 4), 1
+            coming, at_once = np.array([self._goal.target(T) for T in given]).reshape(-1, 4, 4), 1
             near = len(coming)
         state = self._standing(at_once)
-        tracked, lost, ended = self._look(coming[:near], state)
+        tracked, lost, ended = self._goal.look_ahead(coming[:near], state)
         if ended == servo.TRACKING:
             return Foresight(TrackStatus.TRACKING, np.inf, None)
         joint = self._limiting_joint(state, ended)
@@ -778,7 +695,7 @@ class Tracker:
             state = self._standing(at_once)
             state.reach[:] *= FASTER
             while_after = round(AFTER / self.period / at_once)
-            _, _, truly = self._look(coming[: lost + 1 + while_after], state)
+            _, _, truly = self._goal.look_ahead(coming[: lost + 1 + while_after], state)
             if truly != servo.TRACKING:
                 ended = LIMIT if truly == LIMIT else SINGULAR
                 joint = self._limiting_joint(state, ended)
@@ -794,10 +711,6 @@ class Tracker:
             state.last[:] = 0.0
         return state
 
-    def _look(self, poses: Array, state: State) -> tuple[int, int, int]:
-        """Follow poses as `kernels.paths.servo.look_ahead` does; the state is changed."""
-        return look_ahead(self._index.address, self._tolerances, poses, *AWAY, self._memory, state)
-
     def _limiting_joint(self, state: State, ended: int) -> str | None:
         at_limit = (state.now <= state.lower) | (state.now >= state.upper)
         fast = np.abs(state.last) >= state.reach * (1 - 1e-9)
@@ -806,35 +719,9 @@ class Tracker:
         return names[int(some[0])] if len(some) and ended != SINGULAR else None
 
 
-def _one_goal(goal: Goal) -> Goal:
-    """Check the goal of a tracker.
-
-    Raises:
-        InvalidProblem: Not one goal, or ranges along axes that a moving target would turn.
-    """
-    if not isinstance(goal, Goal) or goal.shape != ():
-        raise InvalidProblem(
-            f"goal must be a Goal with one target, which every step replaces, got {goal!r:.80}"
-        )
-    if goal.ranges is not None and goal.frame != "tool":
-        raise InvalidProblem(
-            "a tracker supports ranges and cones with axes of the tool, since the target may turn: use Goal.pose with "
-            "frame='tool'"
-        )
-    return goal
-
-
 def _copied(state: State) -> State:
     """Copy a state, so that steps do not change the original."""
     return State(*(row.copy() for row in state))
-
-
-def _has_gaps(T: object) -> bool:
-    """Return whether a pose contains NaN or infinity; what is no pose has none."""
-    try:
-        return not np.isfinite(matrix_of(T)).all()
-    except (InvalidGoal, TypeError, ValueError):
-        return False
 
 
 def _numbers(name: str, values: ArrayLike, count: int, unit: str) -> Array:
@@ -857,12 +744,3 @@ def _towards(hand: Array, target: Array, most: ArrayLike, share: float, twist: A
     moved = np.empty((4, 4))
     move_towards(hand, target, np.asarray(most, dtype=np.float64), share, twist, moved)
     return moved
-
-
-def _one(T: object) -> Array:
-    """Read one pose.
-
-    Raises:
-        InvalidGoal: The argument is not one pose.
-    """
-    return np.ascontiguousarray(one_pose(T, "the pose of a step"))
