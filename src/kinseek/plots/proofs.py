@@ -89,7 +89,7 @@ def boxes(
     axes.set(xlabel=axis_label(names[x], kinds[x]), ylabel=axis_label(names[y], kinds[y]))
     axes.grid(False)
     here = f", {len(shown):,} of them in this slice" if len(shown) < len(looks) else ""
-    axes.set_title(f"{len(looks):,} boxes looked at{here};\nblue is proved empty, {left:,} left (red)")
+    axes.set_title(f"{len(looks):,} boxes examined{here};\nblue is proved empty, {left:,} left (red)")
     return figure
 
 
