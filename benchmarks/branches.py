@@ -315,13 +315,13 @@ def main() -> None:
     spare = [name for name in options.arms if name in REDUNDANT]
     page.rows(measure(name, options, missing, extra) for name in spare)
     page.head("Missing solutions")
-    page.items(missing, "Nothing.")
+    page.items(missing, "None.")
     page.head("Extra solutions")
     page.say(
         "Numbers of the targets at which the witness misses a solution. In brackets: the least singular value of the "
         "Jacobian at the solutions."
     )
-    page.items(extra, "Nothing.")
+    page.items(extra, "None.")
     page.end(options)
 
 

@@ -10,9 +10,9 @@ its own collisions, finds no contact at ten thousand points along it. *First che
 not part of the time of the plan. Two problems end beyond the limit of a joint in the file, -0.0698 rad, which is therefore
 raised to 0.02.
 
-A part that is done is kept in `build/benchmarks`, so what is stopped goes on there; the page is written when all are done.
-Peers get environments of their own. VAMP has a source distribution only, and its build downloads its parts; where it cannot,
-a wheel in the folder that the variable `UV_FIND_LINKS` names is taken.
+Finished parts are stored in `build/benchmarks`, so an interrupted run continues with the missing ones. The page is written
+when all parts are finished. Peers get environments of their own. VAMP has only a source distribution, whose build downloads
+other files; if that is not possible, put a wheel into a folder and set `UV_FIND_LINKS` to it.
 
     python -m benchmarks.planning vamp/resources/panda                # writes benchmarks/planning.md
     python -m benchmarks.planning vamp/resources/panda --only peers   # this part anew, and the page if the others are there
@@ -54,18 +54,18 @@ LONGER = 1.1
 
 
 SETTINGS = """\
-kinseek and OMPL check the hulls of the collision meshes. VAMP checks 59 spheres in their place, and capsules instead of
+kinseek and OMPL check the hulls of the collision meshes. VAMP checks 59 spheres instead, and capsules instead of
 cylinders (boxes in the scenes *box*); *kinseek, spheres* plans with the same shapes. VAMP has its settings for this arm,
 its fixed sequence of samples and its simplification. OMPL's RRT-Connect and its simplification have the default settings
 and a fixed seed, and call a scene of kinseek from Python: `scene.free` at the default distance of 1% of the extent of the
-space, or `scene.free_motion`, which proves motions. Times are wall times in Python of search and simplification; the scene
-is there before. VAMP and OMPL run on one thread; `Scene.plan` uses every core for large batches."""
+space, or `scene.free_motion`, which proves motions. Times are wall times in Python of search and simplification, without
+making the scene. VAMP and OMPL run on one thread; `Scene.plan` uses every core for large batches."""
 """How the planners are called, as the page says it."""
 
 COLUMNS = f"""\
 *Free* counts paths along which MuJoCo finds no contact at {POINTS:,} points, by the shapes that the planner checks and by
-the hulls; *deepest* is the deepest contact with the hulls. Where the hulls reach beyond the spheres, a path that is right
-by the spheres touches. But for link 6, the meshes have at least 99.9% of the volume of their hulls, so most of these
+the hulls; *deepest* is the deepest contact with the hulls. Where the hulls reach beyond the spheres, a path that is free
+by the spheres may touch. Except for link 6, the meshes have at least 99.9% of the volume of their hulls, so most of these
 contacts are contacts of the meshes. Lengths are Euclidean. */ VAMP's* is the median ratio of the lengths over the problems
 that both solve, *both free* over those where both paths are free by the hulls, and *above {LONGER:g}* the share of larger
 ratios among the former."""

@@ -1,8 +1,8 @@
 """Servoing: time of a step, whether joints keep to their speeds, and whether the end of a branch is predicted in time.
 
 Lines of 0.4 m and circles of 0.15 m at 100 Hz, 5 s each, placed so that every pose can be reached. Joints move at most 1.5
-rad/s. Every tracker begins at the joint values that made the task and gets one pose at a time. A task is lost where the
-hand is first farther off than 1 mm or 0.01 rad, by plain NumPy forward kinematics: the branch on which a task begins may end
+rad/s. Every tracker begins at the joint values that made the task and gets one pose at a time. A task is lost as soon
+as the hand is more than 1 mm or 0.01 rad off, by plain NumPy forward kinematics: the branch on which a task begins may end
 at a joint limit or at a singularity, or a joint may be too slow. *Too fast* and *outside limits* count the tasks in which a
 joint exceeds its speed limit or leaves its range.
 

@@ -439,7 +439,7 @@ def main() -> None:
     arms, absent = loaded(options.arms)
     page = Page("Streams", "benchmarks.streams", __doc__)
     if absent:
-        page.say(f"Skipped, since there is no file: {', '.join(absent)}.")
+        page.say(f"Skipped, because their files are missing: {', '.join(absent)}.")
 
     each = {arm.name: ours(arm, options.steps * 2 // 3 // len(arms)) for arm in arms}
     kinds, whole = {kind: Tally() for kind in STREAMS}, Tally()
@@ -456,15 +456,15 @@ def main() -> None:
     page.say(
         f"*after {SETTLED:g} s*: rests of a target during which the arm is at rest after that time. *reversals*: changes",
         "of direction of a joint after that time and after the arm has come to rest. *reached*: reachable targets from",
-        f"which the hand is at most {REACHED:g} m and rad away after {HOLD:g} s; *the others*: the status there.",
+        f"which the hand is at most {REACHED:g} m and rad away after {HOLD:g} s; *the others*: the status of the rest.",
     )
     page.rows({"stream": kind} | tally.rests for kind, tally in [*kinds.items(), ("all", whole)])
 
     page.head("Beside other trackers")
     page.say(
         "The streams of one seed. Ruckig makes one step a period towards the joint values of a tracker that limits only",
-        "velocities, and stands still where it finds no motion; in the second row its targets move at the velocities of",
-        "that tracker. Limits that peers are given:",
+        "velocities, and stands still if it finds no motion; in the second row its targets also have the velocities of",
+        "that tracker. Limits of the peers:",
         f"{'; '.join(f'{peer} {limits}' for peer, limits in PEERS.items())}. Jerk counts only where it is limited.",
     )
     beside: dict[str, Tally] = {}
@@ -476,9 +476,9 @@ def main() -> None:
     )
     page.head("Lag")
     page.say(
-        "Behind the mouse, distances between hand and target: in the same period, and (*off the shape*) the largest at the",
-        "time shift *behind* that makes their mean least. *overshoot*: how far a joint goes beyond its value at rest",
-        "after jumps.",
+        "Distances between hand and target while the hand follows the mouse: in the same period, and (*off the shape*) the",
+        "largest one after the hand's path is shifted in time by *behind*, which makes their mean least. *overshoot*: how",
+        "far a joint goes beyond its value at rest after jumps.",
     )
     page.rows(sorted(mice, key=lambda row: (row["arm"], row["jerk"])))
 
@@ -489,7 +489,7 @@ def main() -> None:
     )
     page.rows(among_bodies(arm, options.steps // 3 // len(arms), whole.faults) for arm in arms)
     page.head("Time of a step")
-    page.say("Behind the mouse, median / p99 [µs]; the trackers take turns.")
+    page.say("While following the mouse, median / p99 [µs]; the trackers are measured alternately.")
     page.rows(costs(arm) for arm in arms)
     page.head("Faults")
     page.items(whole.faults[:SHOWN])

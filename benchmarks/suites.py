@@ -1,16 +1,16 @@
 """The goals of other projects' tests and benchmarks, solved, and judged by pinocchio.
 
-Nothing of these suites is part of this repository: clone those that are wanted, and give the folders. Each is recognised by
-what it contains.
+No part of these suites is in this repository: clone the ones that you want, and give their folders. Each is recognised by
+its contents.
 
-- *EAIK* (OstermD/EAIK, BSD-3-Clause; Ostermeier et al. 2025): the arms of its system tests that are asked for poses, with as
-  many random joint values as there. Known solutions are these joint values, and those that EAIK, where it is installed,
+- *EAIK* (OstermD/EAIK, BSD-3-Clause; Ostermeier et al. 2025): the arms that its system tests solve for poses, with the
+  same number of random joint values. Known solutions are these joint values, and those that EAIK, where it is installed,
   finds to 1e-6 on arms without a locked joint.
 - *stereo-sew* (rpiRobotics/stereo-sew, BSD-3-Clause; Elias and Wen 2024): the ten families of random arms of seven joints of
   its correctness tests, 100 arms of each with random joint values.
 - *ssik* (personalrobotics/ssik, BSD-3-Clause): the URDF files of its fixtures, by the solver that it chooses for them, at
-  the joint values of its manifest and of its tests that are inside the limits, and at random ones; on arms of seven joints
-  a twentieth as many, for each gets an arm of its own with a locked joint. It lists no solutions but these.
+  the joint values of its manifest and of its tests that are inside the limits, and at random ones. Arms of seven joints
+  get a twentieth as many, because each needs an arm of its own with a locked joint. There are no other known solutions.
 - *robometrics* (fishbotics/robometrics, MIT; its data MIT and BSD-3-Clause): goals of a Panda's hand in scenes, with listed
   joint values. Each set that is there in full is read; the two large ones are in Git LFS, one of which is
   MotionBenchMaker's.
@@ -19,11 +19,11 @@ what it contains.
 
 A goal is *exact* if `arm.ik` reports a success, and pinocchio finds from the URDF file that its joint values reach the goal
 within 1e-6 m and 1e-6 rad and are inside the limits. A known solution is *found* if `arm.branches` has it within 1e-3 rad
-modulo 2π. On arms of seven joints the joints that the test names, else the third, are locked at the values of the known
-solution, so that in general finitely many are left. *On self-motions* are those of which infinitely many are left; such a
-solution is found if `arm.ik(T, near=...)` returns it. *Wrong* counts branches that pinocchio does not confirm. *Free in the
-scene* counts goals that are exact and whose joint values touch nothing by MuJoCo. Times are medians of the second call of
-each goal.
+modulo 2π. On arms of seven joints, the joints that the test names, or else the third one, are locked at the values of the
+known solution, so that in general finitely many solutions remain. *On self-motions* counts known solutions where infinitely
+many remain; such a solution is found if `arm.ik(T, near=...)` returns it. *Wrong* counts branches that pinocchio does not
+confirm. *Free in the scene* counts goals that are exact and whose joint values touch nothing by MuJoCo. Times are medians of
+the second call of each goal.
 
     python -m benchmarks.suites EAIK ssik stereo-sew robometrics vamp/resources/panda    # writes benchmarks/suites.md
     python -m benchmarks.suites EAIK --quick                                             # a few of each, printed

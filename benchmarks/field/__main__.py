@@ -1,7 +1,7 @@
-"""Every solver of inverse kinematics that can be installed, on thirty arms, judged by one outside forward kinematics.
+"""Every solver of inverse kinematics that can be installed, on thirty arms, judged by the forward kinematics of pinocchio.
 
     pip install -e '.[field]'
-    python -m benchmarks.field --quick                        # some five minutes, once the environments are there
+    python -m benchmarks.field --quick                        # some five minutes, once the environments exist
     python -m benchmarks.field --table --keep                 # less than eight minutes: all that the README's table needs
     python -m benchmarks.field --half                         # some forty minutes: all arms, half of the targets
     python -m benchmarks.field                                # an hour and a quarter
@@ -9,11 +9,11 @@
     python -m benchmarks.field --solvers kinseek ./mine.py    # an adapter of your own, mine.txt beside it
     python -m benchmarks.field --questions unreachable \
         --solvers kinseek eaik ssik benchmarks/field/adapters/kinseek_brief.py    # beside nearest=False
-    python -m benchmarks.field --page                         # the page and the tables anew, of what is measured
+    python -m benchmarks.field --page                         # only write the tables and the page again
 
-Makes an environment for each solver, asks all of them by turns, judges, and writes answers.parquet, pieces.parquet and
-index.html. What is measured is kept: a run that was stopped goes on from there. docs/field.md says what is asked, and how
-to add a solver.
+Makes an environment for each solver, measures all of them alternately, judges their results, and writes answers.parquet,
+pieces.parquet and index.html. Measurements are stored, so an interrupted run continues with the missing ones. docs/field.md
+describes the questions, and how to add a solver.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def main() -> None:
             dest="size",
             action="store_const",
             const=name,
-            help=f"{what}; kept apart from the full run",
+            help=f"{what}; stored apart from the full run",
         )
     parser.add_argument(
         "--solvers", nargs="+", type=solver_name, default=SOLVERS, help="names, or adapters' files"
@@ -83,10 +83,10 @@ def main() -> None:
         "--questions", nargs="+", choices=names, metavar="NAME", help=f"of {', '.join(names)}"
     )
     parser.add_argument(
-        "--seed", type=int, default=0, help="another one draws other targets, and is kept apart"
+        "--seed", type=int, default=0, help="draws the targets; runs with different seeds are stored apart"
     )
     parser.add_argument(
-        "--page", action="store_true", help="measure nothing, write the tables and the page anew"
+        "--page", action="store_true", help="measure nothing; write the tables and the page again"
     )
     parser.add_argument(
         "--python",
@@ -94,7 +94,7 @@ def main() -> None:
         type=own_python,
         default=[],
         metavar="SOLVER=PATH",
-        help="a Python that has a solver, for one that is worked on; then nothing is pinned",
+        help="a Python with a solver that you develop; its packages are not pinned",
     )
     parser.add_argument(
         "--keep",

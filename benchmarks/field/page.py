@@ -103,7 +103,7 @@ def _overview(made: Page, shown: Shown) -> None:
     if shown.answers.empty:
         return
     made.head("In short")
-    made.say("Sorted by the share of random poses, then by the time; a click on a column sorts by that.")
+    made.say("Sorted by the share of random poses, then by the time. Click on a column to sort by it.")
     whole = summed(shown.answers, ["solver", "settings", "question"])
     rows = []
     for (solver, settings), group in whole.groupby(["solver", "settings"], sort=False):
@@ -125,7 +125,7 @@ def _overview(made: Page, shown: Shown) -> None:
     if len(random):
         made.say(f"<figure>{plots.exact_against_time(random, shown.names)}")
         made.say(
-            "<figcaption>Random poses: ring, recommended settings; dot, best ones; with intervals. Up and left is better."
+            "<figcaption>Random poses, with intervals. Rings: recommended settings; dots: best ones. Up and left is better."
             "</figcaption></figure>"
         )
         answers = shown.answers
@@ -139,22 +139,22 @@ def _read(made: Page) -> None:
     made.items(
         [
             f"**Exact**: within {TIGHT} m and {TIGHT} rad of the pose by pinocchio's forward kinematics, and inside "
-            "the limits but for as much of rounding. Of targets that were asked: every question has its time, and a slow "
-            "solver is asked fewer. In brackets the 95 % interval (Wilson).",
+            "the limits up to the same tolerance. It is a share of the measured targets: every question has a time limit, "
+            "so a slow solver gets fewer. In brackets the 95 % interval (Wilson).",
             f"**1 mm**: within {LOOSE * 1e3:g} mm and {LOOSE_TURN:g} rad, and inside the limits.",
-            "**False**: the solver calls it a success, or says nothing of success, and it is not even that.",
-            "**Recommended**: what its maintainers' manual says, named in its adapter. **Best**: what did best in a "
-            "small sweep on other targets of the first arms: most exact answers, and of those that may be within half "
-            "a percent of that, by their interval, the quickest.",
-            "A slow solver gets time in proportion to how much its share varied in the sweep: one that solves all or "
-            "nothing gets less. The intervals show what is left of chance.",
-            "**µs**: wall time of one call from Python, on one thread. All solvers are measured by turns, each on an "
-            f"{SLICES}th of the targets and then each on the next, so that a machine that changes its speed does so for "
-            "all. A solver that needs a start and gets none begins in the middle of the ranges.",
+            "**False**: the solver reports a success, or reports nothing, and the result is not even within 1 mm.",
+            "**Recommended**: the settings of the maintainers' manual, named in the adapter. **Best**: the settings that "
+            "did best in a small sweep on other targets of the first arms: the fastest of those whose share of exact "
+            "solutions is the largest, or may be within half a percent of it, by their interval.",
+            "The time limit depends on how much the share varied in the sweep: a solver that solves all or no targets gets "
+            "less time. The intervals show the remaining uncertainty.",
+            "**µs**: wall time of one call from Python, on one thread. The solvers are measured alternately, each on an "
+            f"{SLICES}th of the targets and then each on the next, so a change of the machine's speed affects all of them. "
+            "A solver that needs a start and gets none begins in the middle of the ranges.",
             "**× kinseek**: each time is divided by kinseek's median time for the same slice; the number is the median of "
             "these ratios, with its interval. It depends on the machine far less than microseconds do.",
-            "Arms that a solver refuses do not count against it in shares; **arms** says how many it took.",
-            "A difference that is smaller than the intervals is none.",
+            "Arms that a solver rejects do not count against it; **arms** is the number of arms that it accepts.",
+            "A difference that is smaller than the intervals is not significant.",
         ]
     )
 
@@ -190,10 +190,10 @@ def _unreachable(shown: Shown) -> Table:
     rows = []
     for row, own in shown.groups("unreachable"):
         cells = {
-            ">says so %": 100 * (~own["believed"]).mean(),
-            ">hands something back %": 100 * own["position_error"].notna().mean(),
+            ">reports it %": 100 * (~own["believed"]).mean(),
+            ">returns joint values %": 100 * own["position_error"].notna().mean(),
             ">nearest, excess %": own["excess"].median(),
-            ">its turn is off by °": np.degrees(own["orientation_error"].median()),
+            ">orientation error °": np.degrees(own["orientation_error"].median()),
         }
         times = {f">{name} µs": number(row[name]) for name in ("median", "p99", "worst")}
         figures = {column: number(value) for column, value in cells.items()}
@@ -330,47 +330,48 @@ SECTIONS: tuple[tuple[str, str, Callable[[Shown], Table]], ...] = (
     (TITLES["start"], _asked("start"), _start),
     (
         TITLES["unreachable"],
-        "One and a half times as far off as all links in a row. *Says so*: no success claimed. *Nearest*: of what is handed "
-        "back inside the limits, how much farther from the place it is than the nearest that anybody has, median; solvers "
-        "weigh the turn against it as they do in reach, so how far that is off stands beside it.",
+        "Positions at 1.5 times the length of the arm from the base. *Reports it*: the solver does not report a success. "
+        "*Nearest, excess*: for joint values inside the limits, how much farther the hand is from the position than in the "
+        "nearest pose of all solvers, median. Solvers weigh position against orientation, so the orientation error follows.",
         _unreachable,
     ),
     (
         TITLES["branches"],
-        "Six-jointed arms. *Known* is all that any solver found for a pose, judged, full turns counted as one; nobody knows "
-        "more. A solver that does not offer all answers is not in this table.",
+        "Arms with six joints. *Known* solutions of a pose are those that any solver found, as judged; full turns count as "
+        "one. Solvers that do not return all solutions are not in this table.",
         _branches,
     ),
     (
         TITLES["batch"],
-        "Poses in one call, one thread; time is that of the call by the number of poses. Who takes no batches is left out.",
+        "Many poses in one call, on one thread; the time is that of the call divided by the number of poses. Solvers "
+        "without batches are not in this table.",
         _batches,
     ),
     (
         "The same bits",
-        "Poses that get the same bits from a second solver of the same kind, and from four at once in threads of a process.",
+        "Share of poses for which a second instance of the solver, or four instances in threads, return the same bits.",
         _again,
     ),
     (
         "The first answer, memory, size",
-        "Seconds from the start of Python to the first answer in a new process, the most memory it has held by then, and "
-        "what the environment's packages take on disk, NumPy and all others that the solver stands on among them.",
+        "Seconds from the start of Python to the first solution in a new process, the peak memory until then, and the disk "
+        "space of all packages of the environment, NumPy included.",
         _light,
     ),
     (
         "What wrong input does",
-        "Each in a process that is watched. Joint values for something that is no pose are silence: the caller goes on with "
-        "them. From a start outside the limits joint values are as good an answer as an exception.",
+        "Each case runs in a supervised process. A solver that returns joint values for an invalid pose reports nothing, so "
+        "its caller would use them. For a start outside the limits, joint values are as good as an exception.",
         _wrong,
     ),
-    ("Random poses, arm by arm", "Each arm's own figures.", _arms),
-    ("The solvers and their settings", "What each ran with.", _solvers),
+    ("Random poses, arm by arm", "The figures of each arm.", _arms),
+    ("The solvers and their settings", "Versions and settings of each solver.", _solvers),
 )
 """Sections of the page that are a table: title, what it shows, and its rows; one without rows is left out."""
 
 
 def _missing(made: Page, shown: Shown) -> None:
-    made.head("What is not measured, and why")
+    made.head("Missing measurements, and why")
     known, names = shown.known, shown.names
     items = [
         f"**{names[solver]}**: {html.escape(each['state'])}."
@@ -390,7 +391,7 @@ def _missing(made: Page, shown: Shown) -> None:
     if "raised" in known:
         raised = known.groupby("solver", sort=False)["raised"].sum()
         calls = ", ".join(f"{names[str(solver)]} {int(count)}" for solver, count in raised.items() if count)
-        items += [f"Calls that ended in an exception, and count as failures: {calls}."] if calls else []
+        items += [f"Calls that raised an exception, which count as failures: {calls}."] if calls else []
     made.items(items)
 
 

@@ -207,7 +207,7 @@ QUESTIONS = (
     Question(
         "singular",
         "Near singularities",
-        "joints at 0 or ±π/2, or 1e-3 rad aside, the most singular tenth of them",
+        "joints at 0 or ±π/2, or 1e-3 rad off, the most singular tenth of the poses",
         100,
         0.4,
         singular,
@@ -216,13 +216,13 @@ QUESTIONS = (
     Question(
         "unreachable",
         "Out of reach",
-        "one and a half times as far off as all links in a row",
+        "positions at 1.5 times the length of the arm from the base",
         20,
         0.4,
         out_of_reach,
     ),
     Question(
-        "position", "Position only", "a place, no matter how it is turned", 100, 0.3, at_random, "position"
+        "position", "Position only", "a position, with any orientation", 100, 0.3, at_random, "position"
     ),
     Question(
         "start",
@@ -236,7 +236,7 @@ QUESTIONS = (
     Question(
         "branches",
         "Every answer",
-        "all joint values that reach a pose, of arms with six joints",
+        "all solutions of a pose, for arms with six joints",
         50,
         0.5,
         at_random,
@@ -244,10 +244,14 @@ QUESTIONS = (
         tuned=False,
     ),
     _once("batch", "Batches", "up to 250 poses in one call, one thread", 2000, 2.0),
-    _once("twice", "The same again", "a second solver, the same poses: are the bits the same?", 25, 2.0),
-    _once("threads", "In four threads", "a solver a thread, the same poses: are the bits the same?", 25, 4.0),
+    _once("twice", "The same again", "a second instance of the solver: are the bits the same?", 25, 2.0),
+    _once("threads", "In four threads", "one instance for each thread: are the bits the same?", 25, 4.0),
     _once(
-        "first", "The first answer", "from the start of Python to the first answer, in a new process", 5, 30.0
+        "first",
+        "The first answer",
+        "from the start of Python to the first solution, in a new process",
+        5,
+        30.0,
     ),
     *(
         Question(f"wrong {case}", case, "what comes back", 1, 5.0, make, "wrong", tuned=False, few=True)

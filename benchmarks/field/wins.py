@@ -17,10 +17,10 @@ COMPARED = tuple(
 )
 
 BEYOND = (
-    "Beyond the 95 % intervals, on arms that both take. Times are multiples of kinseek's time for the same targets, "
-    "measured alternately; medians of the arms."
+    "These differences exceed the 95 % intervals of both solvers, on arms that both support. Times are multiples of "
+    "kinseek's time for the same targets, measured alternately; medians of the arms."
 )
-"""What the sentences have in common."""
+"""Applies to all sentences."""
 
 SHOWN = 4
 """Arms that are named."""
@@ -104,8 +104,8 @@ def _nearer(theirs: pd.DataFrame, ours: pd.DataFrame) -> Iterator[tuple[str, str
     one, other = (each["excess"].dropna() for each in (theirs, ours[ours["arm"].isin(theirs["arm"])]))
     if quantile_interval(one, 0.5)[1] < quantile_interval(other, 0.5)[0]:
         yield (
-            "a nearer place handed back",
-            f"{one.median():.3g} % farther than the nearest known against {other.median():.3g}, whatever the turn",
+            "a nearer position",
+            f"{one.median():.3g} % farther than the nearest known against {other.median():.3g}, with any orientation",
         )
 
 

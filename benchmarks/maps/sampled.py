@@ -1,4 +1,4 @@
-"""What maps get wrong that are made in the same time: ours, and those that samples of joint values fill.
+"""Errors of maps that take the same time: ours, and those that samples of joint values fill.
 
 Of the literature only the ideas are here, written anew, compiled forward kinematics under all of them. RM4D (Rudorfer 2024,
 arXiv:2410.06968): poses that differ by a turn about the first axis and by one about the tool's z axis are one; what is left
@@ -190,7 +190,7 @@ def measure(page: Page, tests: int, seconds: float) -> None:
     """Write the section: every map is given the same CPU time of one thread."""
     arm = kinseek.load("ur5e")
     half = half_of(arm, 0.1)
-    with page.section("Errors of maps that are made in the same time"):
+    with page.section("Errors of maps that take the same time"):
         T = tests_of(arm, tests)
         judge = eaik(arm)
         truth = np.array([len(judge(pose)) > 0 for pose in T])

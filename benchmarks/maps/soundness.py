@@ -73,7 +73,7 @@ def one(cell: Numbers) -> tuple[slice, ...]:
 
 def measure(page: Page, poses: int, vectors: int) -> None:
     """Write the section."""
-    with page.section("Is anything reached in what is proved empty?"):
+    with page.section("Is anything reached in cells that are proved empty?"):
         page.say(
             f"{EACH} poses are drawn in each of some rings, of two sizes, that are proved empty (`depth={DEPTH}`).",
             "Each pose is turned by a random angle about the first axis, and one coordinate in five lies at an edge",

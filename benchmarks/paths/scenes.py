@@ -2,8 +2,8 @@
 
 Every path that is returned is checked by MuJoCo, with the same shapes and pairs, its own forward kinematics and its own
 collisions, at 20 points of each step between two reached poses, except for breaks. It is *confirmed* if there is no contact.
-Times are processor times of one thread, and the least of up to five runs; what a scene needs once is not part of them. Where
-bodies break all ways, the time is that of several plans, of which the last ones have a layer at each pose near the breaks.
+Times are processor times of one thread, the least of up to five runs, without the preparation of the scene. If bodies
+interrupt all ways, the time is that of several plans, of which the last ones have a layer at each pose near the breaks.
 
     python -m benchmarks.paths.scenes --cppflow cppflow --jrl jrl  # writes benchmarks/paths/scenes.md
     python -m benchmarks.paths.scenes panda --quick                # printed and not written

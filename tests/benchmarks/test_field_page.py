@@ -82,8 +82,8 @@ def test_out_of_reach_counts_who_says_so_and_who_is_nearer() -> None:
     liar = answered("one", "unreachable", exact=0, error=1.00, microseconds=5.0)
     (said,) = won(ours, liar)
     assert said == (
-        "**Out of reach**, a nearer place handed back: One (best) 0 % farther than the nearest known against 1, "
-        "whatever the turn."
+        "**Out of reach**, a nearer position: One (best) 0 % farther than the nearest known against 1, "
+        "with any orientation."
     )
     (said,) = won(ours, answered("one", "unreachable", exact=0, error=2.0, microseconds=5.0, claimed=False))
     assert said.startswith("**Out of reach**, quicker: One (best) 0.52 × kinseek's time")
