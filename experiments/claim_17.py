@@ -1,4 +1,4 @@
-"""Claim 17: 500 points of a seven-joint arm. The paper's program is not to be had; ours runs on the Panda."""
+"""Claim 17: 500 points of a seven-joint arm. The paper's program is not available; ours runs on the Panda."""
 
 from __future__ import annotations
 

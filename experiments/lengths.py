@@ -1,4 +1,4 @@
-"""Other link lengths: do the comparisons of Figure 8 hang on the lengths that the paper does not print?"""
+"""Other link lengths: do the comparisons of Figure 8 depend on the lengths that the paper does not print?"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Inverse kinematics by twists and matrix exponentials, in NumPy: what the paper's Sec. 5 compares its search with.
 
 The product of exponentials (Brockett 1984) and Newton steps along the spatial twist that is still missing, damped
-(Levenberg 1944), from random starts until one comes home. Written as one would write it down, not to be fast.
+(Levenberg 1944), from random starts until one converges. Written as one would write it down, not to be fast.
 """
 
 from __future__ import annotations
