@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import kinseek
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Box, Points, Voxels
-from kinseek.collision.shapes import GRAIN
+from kinseek.collision.clouds import GRAIN
 from kinseek.collision.spheres import covers_of_cloud, neighbours
 from kinseek.kernels.collision.gaps import FREE, TOUCH
 

@@ -18,7 +18,7 @@ from kinseek.robots.chain import Frame, SerialChain
 
 from .cells import NEVER_APART, Meeting, Member, make_collision_model
 from .charts import Carried, Chart, chart_of, charts_of
-from .shapes import Cloud
+from .clouds import Cloud
 from .spheres import covers_of, covers_of_cloud
 
 if TYPE_CHECKING:

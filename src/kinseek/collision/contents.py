@@ -20,23 +20,12 @@ from kinseek.robots.chain import Frame, SerialChain
 
 from .assembly import Assembly, assemble, sampled
 from .bodies import ArmBodies, Body, Part, package_folders, require_number
+from .clouds import Cloud, Points, Voxels
 from .margins import Margins
 from .obstacles import obstacles
 from .others import OtherArm
 from .pairs import ALWAYS, ATTACHED, MAY_TOUCH, Pair, key, pairs_of
-from .shapes import (
-    Box,
-    Capsule,
-    Cloud,
-    Cylinder,
-    Mesh,
-    Points,
-    Shape,
-    Sphere,
-    Voxels,
-    file_path,
-    length_or_zero,
-)
+from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere, file_path, length_or_zero
 
 Array = NDArray[np.float64]
 

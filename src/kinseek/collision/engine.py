@@ -16,8 +16,9 @@ from kinseek.robots.chain import SerialChain
 from kinseek.support.forks import Lock
 
 from .broad import Broad
+from .clouds import Cloud
 from .geometry import library
-from .shapes import Cloud, Mesh, Shape
+from .shapes import Mesh, Shape
 from .share import share
 
 Array = NDArray[np.float64]

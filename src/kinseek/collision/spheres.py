@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from kinseek.support.caching import LRUCache
 
+from .clouds import Cloud
 from .geometry import library
 from .hulls import directions, farthest_beyond
-from .shapes import Box, Capsule, Cloud, Cylinder, Shape, Sphere, digest_of
+from .shapes import Box, Capsule, Cylinder, Shape, Sphere, digest_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

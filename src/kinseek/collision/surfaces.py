@@ -16,10 +16,11 @@ from kinseek.robots.chain import Frame, SerialChain
 from kinseek.support.transforms import square
 
 from .bodies import Part
+from .clouds import Cloud, Points
 from .contents import Contents
 from .hulls import sides_of_hull
 from .scene import Scene
-from .shapes import Box, Capsule, Cloud, Cylinder, Mesh, Points, Shape, Sphere
+from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
