@@ -507,6 +507,19 @@ def test_goals_with_ranges_are_proved_out_of_reach() -> None:
         assert certificate.lower_bound <= narrow.lower_bound < narrow.upper_bound
 
 
+@pytest.mark.parametrize(
+    ("name", "ranges"), [("scara4", {"free": "rz", "cone": 0.2}), ("puma560", {"box": {"rz": (-0.3, 0.4)}})]
+)
+def test_a_gap_bounds_the_error_of_a_goal_with_ranges(name: str, ranges: dict[str, Any]) -> None:
+    arm = kinseek.load(name)
+    goal = Goal.pose(kinseek.pose([0.9, 0.2, 0.5], rpy=[3.0, 0.4, 0.0]), **ranges)
+    certificate = arm.prove(goal, gap=0.1, budget=20_000)
+    assert certificate.verdict is Verdict.UNREACHABLE
+    assert certificate.lower_bound >= 0.4 * certificate.upper_bound
+    errors = Problem(arm.chain, goal).errors_of(random_joints(arm.chain, 20_000, seed=3))
+    assert certificate.lower_bound <= errors[:, 2].min()
+
+
 def test_a_pose_of_the_longer_arm_is_no_proof() -> None:
     """Outside the ranges by less than the virtual joints allow: not reached, and not proved."""
     arm = kinseek.load("planar2").with_limits({"joint1": (0.1, 0.1), "joint2": (0.2, 0.2)})

@@ -131,7 +131,7 @@ def _prove_in_ranges(
     if met:
         verdict, lower = Verdict.REACHABLE, 0.0
     elif verdict is Verdict.UNREACHABLE:
-        lower = least_outside(more.problem.goal)
+        lower = max(lower, least_outside(more.problem.goal))
     elif verdict is Verdict.REACHABLE:
         verdict, lower = Verdict.UNDECIDED, 0.0
     if not met and best.weighted_error < errors[0, 2]:
