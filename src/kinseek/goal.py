@@ -378,7 +378,7 @@ class Goal(Lazy):
         return self.target.shape[:-2]
 
     def at(self, target: Array) -> Goal:
-        """Return the same goal with another target."""
+        """Return the same goal with another target, (..., 4, 4)."""
         return replace(self, target=target)
 
     @lazy
