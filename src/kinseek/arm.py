@@ -199,8 +199,8 @@ class Arm(ForwardArm):
                 returned. If the arm is redundant, the self-motion is sampled more and more densely. If every solution found
                 collides, the status is `Status.BLOCKED`, and `contacts` lists the colliding pairs.
             clearance: Minimum distance between bodies of the scene [m].
-            nearest: Search for the nearest pose to a goal that is missed. With False the default solver answers such a goal
-                sooner, with any joint values. Solutions of goals that are reached are the same.
+            nearest: Search for the nearest pose to a goal that is missed. With False the default solver skips this
+                search: the joint values of such a goal are arbitrary. Solutions of goals that are reached are the same.
             time_limit: [s], after which no further part of the work is begun. The solution is the best so far, and
                 `out_of_time` reports for each target whether its search was cut short. The atlas and the compiled kernels,
                 which an arm needs once, are made in any case.
