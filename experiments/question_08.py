@@ -78,7 +78,7 @@ def table(rows: Sequence[Row]) -> str:
                 f"{float(row['orientation_mean_mrad']):.3g}",
             )
         )
-    later = "leaves of later passes, divided by those of CB(1)", "those of CB(3), divided by them"
+    later = "leaves of later passes, relative to CB(1)", "those of CB(3), relative to this row"
     columns = "method", "breadths", "evaluations", *later, "position [mm]", "orientation [mrad]"
     return tables.table(columns, cells)
 
