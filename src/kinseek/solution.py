@@ -413,7 +413,8 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         if outside or not (refused or hits or skipped):
             if missed.size == 1:
                 away = f"{position:.3g} m and {orientation:.3g} rad away"
-                reasons.append(f"the nearest pose found is {away}, {tolerances}")
+                pose = "nearest pose" if self.problem.nearest else "pose"
+                reasons.append(f"the {pose} found is {away}, {tolerances}")
             else:
                 reasons.append(f"errors up to {position:.3g} m, {orientation:.3g} rad, {tolerances}")
         if refused:

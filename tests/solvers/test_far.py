@@ -143,7 +143,12 @@ def test_a_far_goal_takes_no_evaluations_without_a_search_for_the_nearest_pose(n
             assert np.array_equal(one.q, q)
             assert not one.problem.nearest
             np.testing.assert_allclose(one.position_error, np.linalg.norm(arm.fk(q)[:3, 3] - T[:3, 3]))
-    assert arm.ik(poses[0], nearest=False, trace=True).evaluations == 0
+    traced = arm.ik(poses[0], nearest=False, trace=True)
+    assert traced.evaluations == 0
+    assert [each.name for each in traced.trace] == ["no search"]
+    assert traced.trace.notes[-1].endswith("nothing was searched.")
+    with pytest.raises(kinseek.NotReached, match=r"^the pose found is .* m and .* rad away"):
+        traced.require()
 
 
 def test_joint_values_as_nearest_are_refused() -> None:

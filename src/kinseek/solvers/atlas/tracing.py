@@ -78,8 +78,14 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
     tolerances, restarts, spent = tolerances_of(problem.goal, problem.budget, problem.nearest), 0, 0
     most = TOLERANCE.value(tolerances).budget
     if index.is_far(tolerances, problem.goal.targets[0]):
-        recorder.note("The target is farther away than the arm is long: only the nearest pose was searched.")
-        recorder.add("nearest pose", found.q, found.evaluations, memory=memory_bytes)
+        what = "only the nearest pose" if problem.nearest else "nothing"
+        recorder.note(f"The target is farther away than the arm is long: {what} was searched.")
+        recorder.add(
+            "nearest pose" if problem.nearest else "no search",
+            found.q,
+            found.evaluations,
+            memory=memory_bytes,
+        )
         return
     if index.structure.word != "none" and most >= ROOMS[0].evaluations:
         # Steps before the first round take some of its room: the search then computes what the geometry gives.
