@@ -20,19 +20,21 @@ def fk(chain: SerialChain, q: Sequence[float] | Array) -> Array:
     """``A_1 J_1 A_2 J_2 … A_m J_m A_tip``, (4, 4)."""
     T = np.eye(4)
     for k in range(len(chain.prismatic)):
-        T = T @ _square(chain.fixed[k])
         value = chain.multiplier[k] * q[chain.leader[k]] + chain.offset[k]
         J = np.eye(4)
         if chain.prismatic[k]:
             J[2, 3] = value
         else:
-            J[:3, :3] = Rotation.from_rotvec([0.0, 0.0, value]).as_matrix()
-        T = T @ J
+            c, s = np.cos(value), np.sin(value)
+            J[:2, :2] = [[c, -s], [s, c]]
+        T = T @ _square(chain.fixed[k]) @ J
     return np.asarray(T @ _square(chain.fixed[-1]))
 
 
 def _square(A: Array) -> Array:
-    return np.vstack([A, [0.0, 0.0, 0.0, 1.0]])
+    square = np.eye(4)
+    square[:3] = A
+    return square
 
 
 def weighted_error(T: Array, goal: Goal, target: Array | None = None) -> float:
