@@ -31,10 +31,36 @@ SHOWN = {
     "check": ("check", "ur5e"),
     "fk": ("fk", "panda", "0", "0", "0", "-1", "0", "1", "0"),
 }
+POSE = ("--at", "0.4", "0.2", "0.3", "--rpy", "180", "0", "0", "--deg", "--all")
+COMMANDS = [
+    *SHOWN.values(),
+    *(("solve", name, *POSE) for name in ("ur5e", "panda")),
+    *(("show", name) for name in ("pr2_left", "ur10e_rail")),
+]
+"""What the tests below look at, asked in one process for each kind of output: Python starts once for all of them."""
+ALL = """
+import json, sys
+from kinseek.cli import main
+for words in json.loads(sys.argv[1]):
+    try:
+        main(words)
+    except SystemExit as ended:
+        assert not ended.code, words
+    print("\x1e", flush=True)
+"""
+ASKED = [sys.executable, "-c", ALL, json.dumps(COMMANDS)]
 
 
-def in_terminal(columns: int, *words: str) -> str:
-    """What a command prints on a terminal that wide."""
+def parts(said: str) -> dict[tuple[str, ...], str]:
+    """What each command printed."""
+    *texts, last = said.split("\x1e\n")
+    assert last == ""
+    return dict(zip(COMMANDS, texts, strict=True))
+
+
+@cache
+def in_terminal(columns: int) -> dict[tuple[str, ...], str]:
+    """What each command prints on a terminal that wide."""
     fcntl, pty = pytest.importorskip("fcntl"), pytest.importorskip("pty")
     import struct
     import termios
@@ -42,9 +68,7 @@ def in_terminal(columns: int, *words: str) -> str:
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 50, columns, 0, 0))
     environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
-    process = subprocess.Popen(
-        [*MAIN, *words], stdin=theirs, stdout=theirs, stderr=subprocess.DEVNULL, env=environment
-    )
+    process = subprocess.Popen(ASKED, stdin=theirs, stdout=theirs, stderr=subprocess.DEVNULL, env=environment)
     os.close(theirs)
     said = b""
     while True:
@@ -57,21 +81,21 @@ def in_terminal(columns: int, *words: str) -> str:
         said += piece
     os.close(ours)
     assert process.wait() == 0
-    return said.decode().replace("\r", "")
+    return parts(said.decode().replace("\r", ""))
 
 
 @cache
-def in_pipe(*words: str) -> str:
-    """What a command prints into a pipe."""
+def in_pipe() -> dict[tuple[str, ...], str]:
+    """What each command prints into a pipe."""
     environment = {**os.environ, "COLUMNS": "30"}
-    done = subprocess.run([*MAIN, *words], capture_output=True, text=True, check=True, env=environment)
-    return done.stdout
+    done = subprocess.run(ASKED, capture_output=True, text=True, check=True, env=environment)
+    return parts(done.stdout)
 
 
 @pytest.mark.parametrize("columns", [80, 40])
 @pytest.mark.parametrize("case", SHOWN)
 def test_nothing_is_cut_and_every_line_fits(case: str, columns: int) -> None:
-    wide, narrow = in_pipe(*SHOWN[case]), in_terminal(columns, *SHOWN[case])
+    wide, narrow = in_pipe()[SHOWN[case]], in_terminal(columns)[SHOWN[case]]
     assert max(map(len, narrow.splitlines())) <= columns
     assert "…" not in narrow
     assert sorted(narrow.split()) == sorted(wide.split())  # Every word is there, and none is broken.
@@ -80,8 +104,8 @@ def test_nothing_is_cut_and_every_line_fits(case: str, columns: int) -> None:
 @pytest.mark.parametrize("columns", [80, 40])
 @pytest.mark.parametrize("name", ["ur5e", "panda"])
 def test_every_answer_fits(name: str, columns: int) -> None:
-    pose = ("--at", "0.4", "0.2", "0.3", "--rpy", "180", "0", "0", "--deg", "--all")
-    wide, narrow = in_pipe("solve", name, *pose), in_terminal(columns, "solve", name, *pose)
+    words = ("solve", name, *POSE)
+    wide, narrow = in_pipe()[words], in_terminal(columns)[words]
     assert max(map(len, narrow.splitlines())) <= columns
     numbers = [sorted(re.findall(r"-?\d\.\d{6}", said)) for said in (wide, narrow)]
     assert numbers[0] == numbers[1]
@@ -93,15 +117,15 @@ def test_every_answer_fits(name: str, columns: int) -> None:
 
 def test_every_arm_fits_eighty_columns_in_one_line_a_joint() -> None:
     for name in ("pr2_left", "ur5e", "ur10e_rail"):
-        said = in_terminal(80, "show", name)
+        said = in_terminal(80)["show", name]
         for joint in kinseek.load(name).joint_names:
             assert len(re.findall(rf"^{joint} +\w+( +[-\d.]+| +none){{4}}$", said, re.MULTILINE)) == 1
 
 
 def test_a_pipe_gets_one_row_a_line() -> None:
-    lines = in_pipe("robots").splitlines()
+    lines = in_pipe()[("robots",)].splitlines()
     assert [line.split()[0] for line in lines] == ["name", *catalog_names()]
-    lines = in_pipe("show", "ur5e").splitlines()
+    lines = in_pipe()["show", "ur5e"].splitlines()
     assert [line.split()[0] for line in lines[2:8]] == list(kinseek.load("ur5e").joint_names)
     assert [len(line.split()) for line in lines[2:8]] == [7] * 6
 
