@@ -13,11 +13,13 @@ Array = NDArray[np.float64]
 
 DENSE = 10_000
 """Samples of a trajectory."""
+FEW = 2_000
+"""Samples of one of many trajectories with few poses."""
 
 
-def worst(trajectory: Trajectory) -> dict[str, float]:
+def worst(trajectory: Trajectory, samples: int = DENSE) -> dict[str, float]:
     """The largest share of each limit at dense samples, and how far velocities and accelerations are from differences."""
-    t = np.linspace(0.0, trajectory.duration, DENSE)
+    t = np.linspace(0.0, trajectory.duration, samples)
     q, v, a = trajectory.q(t), trajectory.velocity(t), trajectory.acceleration(t)
     limits, chain = trajectory.limits, trajectory.mechanism
     found: dict[str, Any] = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import replace
+from functools import cache
 from typing import Any, cast
 
 import numpy as np
@@ -16,7 +17,7 @@ from benchmarks.trajectories import arc, corner
 from kinseek import Goal
 from kinseek.timing.limits import Limits
 from kinseek.timing.timed import Way, timed
-from motions import worst
+from motions import FEW, worst
 
 ARMS = ("ur5e", "panda", "iiwa14", "so101", "puma560")
 
@@ -29,13 +30,26 @@ def speeds(arm: kinseek.Arm) -> Any:
     return np.where(np.isnan(arm.velocity), 2.0, arm.velocity)
 
 
+@cache
+def both(name: str) -> tuple[kinseek.Path, kinseek.Path]:
+    """An arc and a corner of an arm."""
+    arm, rng = kinseek.load(name), np.random.default_rng(5)
+    return arc(arm, rng), corner(arm, rng)
+
+
+@cache
+def without_jerk(name: str) -> list[kinseek.Trajectory]:
+    """Both in time, with limits of speed and acceleration alone."""
+    arm = kinseek.load(name)
+    return [path.timed(speeds(arm), accelerations(arm)) for path in both(name)]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("tool_speed", [None, 0.15])
 def test_limits_hold_between_samples(name: str, tool_speed: float | None) -> None:
-    arm, rng = kinseek.load(name), np.random.default_rng(5)
-    for make in (arc, corner):
-        path = make(arm, rng)
+    arm = kinseek.load(name)
+    for path in both(name):
         trajectory = path.timed(speeds(arm), accelerations(arm), tool_speed=tool_speed)
         found = worst(trajectory)
         shares = [found["velocity"], found["acceleration"], found.get("tool_speed", 0.0)]
@@ -55,10 +69,9 @@ def test_limits_hold_between_samples(name: str, tool_speed: float | None) -> Non
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("jerk", [1000.0, 100.0])
 def test_jerks_hold_between_samples(name: str, jerk: float) -> None:
-    arm, rng = kinseek.load(name), np.random.default_rng(5)
-    for make in (arc, corner):
-        path = make(arm, rng)
-        free, trajectory = (path.timed(speeds(arm), accelerations(arm), limit) for limit in (None, jerk))
+    arm = kinseek.load(name)
+    for path, free in zip(both(name), without_jerk(name), strict=True):
+        trajectory = path.timed(speeds(arm), accelerations(arm), jerk)
         found = worst(trajectory)
         shares = [found["velocity"], found["acceleration"], found["jerk"]]
         assert max(shares) <= 1.0
@@ -315,7 +328,8 @@ def test_reversals_of_all_joints() -> None:
             if not path.success or np.abs(path.q - q).max() > 1e-3:
                 continue
             trajectory = path.timed(velocity=2.0, acceleration=10.0)
-            assert max(worst(trajectory)[limit] for limit in ("velocity", "acceleration")) <= 1.0 + 1e-9
+            found = worst(trajectory, FEW)
+            assert max(found["velocity"], found["acceleration"]) <= 1.0 + 1e-9
             # From rest to rest and back is possible in this time.
             step = np.abs(way).max()
             assert trajectory.duration < 1.5 * (count - 1) * (step / 2.0 + 2.0 * np.sqrt(step / 10.0))
@@ -385,7 +399,7 @@ def test_any_joint_values_and_limits(seed: int, count: int, style: str, jerk: bo
     breaks = np.array([len(q) // 2] if stop and len(q) > 3 else [], dtype=np.int64)
     trajectory = timed(Way(arm, None, q, breaks, None, 0.0, (1e-6, 1e-6)), limits, (0.0, 0.0))
     assert np.isfinite(trajectory.duration)
-    found = worst(trajectory)
+    found = worst(trajectory, FEW)
     assert max(found["velocity"], found["acceleration"], found.get("jerk", 0.0)) <= 1.0 + 1e-9
     kept = trajectory.limits_kept
     assert max(np.max(share) for share in kept if share is not None) <= 1.0 + 1e-9
