@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import FrozenInstanceError, fields
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -60,11 +61,17 @@ def make(cls: type[Solver]) -> Solver:
 
 def chain_of(name: str) -> SerialChain:
     """The chain behind an arm, by which answers are judged."""
-    return kinseek.load(name.removeprefix("fk of ")).chain
+    return loaded(name.removeprefix("fk of ")).chain
 
 
+@cache
+def loaded(name: str) -> kinseek.Arm:
+    return kinseek.load(name)
+
+
+@cache
 def arm_of(name: str) -> kinseek.Arm:
-    arm = kinseek.load(name.removeprefix("fk of "))
+    arm = loaded(name.removeprefix("fk of "))
     if not name.startswith("fk of "):
         return arm
     return kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper, kinds=arm.chain.kinds)
