@@ -40,6 +40,16 @@ def one_by_one(work: Any, todo: Any, blocks: int, advance: Any, written: Any) ->
         run._in_this_process(work, index, blocks - len(todo) + done, blocks, written)
 
 
+@pytest.fixture(name="finished", scope="module")
+def _finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small map, which tests copy."""
+    place = tmp_path_factory.mktemp("finished") / "map.zarr"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "_in_processes", one_by_one)
+        maps.reach(ARM, GRID, store=place, **SMALL)
+    return place
+
+
 @pytest.fixture(autouse=True)
 def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks are done in this process, one after the other, unless a client is given."""
@@ -129,8 +139,8 @@ def test_a_task_that_meets_a_full_disk_tells_what_it_has_done(monkeypatch: pytes
     assert (rest, error) == ([(0, 0, 1, 0), (0, 1, 0, 0)], full)
 
 
-def test_a_half_written_block_is_made_anew(tmp_path: Path) -> None:
-    maps.reach(ARM, GRID, store=tmp_path / "map.zarr", **SMALL)
+def test_a_half_written_block_is_made_anew(tmp_path: Path, finished: Path) -> None:
+    shutil.copytree(finished, tmp_path / "map.zarr")
     good = files(tmp_path / "map.zarr")
     chunk = next(path for path in (tmp_path / "map.zarr" / "reached" / "c").rglob("*") if path.is_file())
     chunk.write_bytes(chunk.read_bytes()[:7])
@@ -141,9 +151,9 @@ def test_a_half_written_block_is_made_anew(tmp_path: Path) -> None:
     assert files(tmp_path / "map.zarr") == good
 
 
-def test_a_store_of_another_map_is_refused(tmp_path: Path) -> None:
+def test_a_store_of_another_map_is_refused(tmp_path: Path, finished: Path) -> None:
     place = tmp_path / "map.zarr"
-    maps.reach(ARM, GRID, store=place, **SMALL)
+    shutil.copytree(finished, place)
     before = files(place)
     coarse = maps.Grid((-0.9, 0.9, 0.9), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3), maps.orientations(24))
     others: list[tuple[kinseek.Arm, maps.Grid, dict[str, Any], str]] = [
@@ -159,8 +169,10 @@ def test_a_store_of_another_map_is_refused(tmp_path: Path) -> None:
     assert files(place) == before
 
 
-def test_a_store_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    maps.reach(ARM, GRID, store=tmp_path / "map.zarr", **SMALL)
+def test_a_store_of_another_version_is_refused(
+    tmp_path: Path, finished: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(finished, tmp_path / "map.zarr")
     monkeypatch.setattr("kinseek.maps.make.version", lambda: "9.9.9+feed")
     with pytest.raises(kinseek.InvalidMap, match=r"version is '.*', requested '9\.9\.9\+feed'"):
         maps.reach(ARM, GRID, store=tmp_path / "map.zarr", **SMALL)
@@ -187,10 +199,10 @@ def test_a_folder_that_is_no_map_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no user ids here")
 def test_a_store_of_another_user_is_read_and_not_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, finished: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     place, mine = tmp_path / "map.zarr", os.geteuid()
-    maps.reach(ARM, GRID, store=place, **SMALL)
+    shutil.copytree(finished, place)
     (place / "blocks" / "done" / "c" / "0" / "0" / "0" / "0").unlink()
     before = files(place)
     monkeypatch.setattr(os, "geteuid", lambda: mine + 1)
@@ -218,11 +230,11 @@ def test_a_store_of_another_user_is_read_and_not_written(
     ],
 )
 def test_a_store_that_others_may_write_to_is_read_and_not_written(
-    tmp_path: Path, inner: str, bits: int
+    tmp_path: Path, finished: Path, inner: str, bits: int
 ) -> None:
     """Another user could replace a folder in it by a link to a folder elsewhere, while blocks are written."""
     place = tmp_path / "a map.zarr"
-    maps.reach(ARM, GRID, store=place, **SMALL)
+    shutil.copytree(finished, place)
     (place / "blocks" / "done" / "c" / "0" / "0" / "0" / "0").unlink()
     before = files(place)
     (place / inner).chmod(bits)
@@ -239,9 +251,11 @@ def test_a_store_that_others_may_write_to_is_read_and_not_written(
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no user ids here")
 @pytest.mark.parametrize("inner", [".", "reached", "blocks/done"])
-def test_metadata_that_others_may_write_to_is_read_and_not_believed(tmp_path: Path, inner: str) -> None:
+def test_metadata_that_others_may_write_to_is_read_and_not_believed(
+    tmp_path: Path, finished: Path, inner: str
+) -> None:
     place = tmp_path / "map.zarr"
-    maps.reach(ARM, GRID, store=place, **SMALL)
+    shutil.copytree(finished, place)
     (place / inner / "zarr.json").chmod(0o666)
     with pytest.raises(
         kinseek.InvalidMap, match=r"others may write to .*zarr\.json \(mode 666\).*chmod -R go-w"
@@ -255,9 +269,9 @@ def test_metadata_that_others_may_write_to_is_read_and_not_believed(tmp_path: Pa
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives folders away")
-def test_a_folder_of_another_user_in_a_store_is_refused(tmp_path: Path) -> None:
+def test_a_folder_of_another_user_in_a_store_is_refused(tmp_path: Path, finished: Path) -> None:
     place = tmp_path / "map.zarr"
-    maps.reach(ARM, GRID, store=place, **SMALL)
+    shutil.copytree(finished, place)
     os.chown(place / "reached" / "c", 65534, -1)
     (place / "reached" / "c").chmod(0)
     with pytest.raises(kinseek.InvalidMap, match="reached/c belongs to user 65534, and this is user 0"):
@@ -284,9 +298,9 @@ def test_others_may_not_write_to_a_new_store_whatever_the_umask(tmp_path: Path, 
 
 
 @pytest.mark.slow
-def test_blocks_are_not_written_through_links(tmp_path: Path) -> None:
+def test_blocks_are_not_written_through_links(tmp_path: Path, finished: Path) -> None:
     place, victim = tmp_path / "map.zarr", tmp_path / "victim"
-    maps.reach(ARM, GRID, store=place, **SMALL)
+    shutil.copytree(finished, place)
     shutil.rmtree(place / "blocks" / "done" / "c")  # No block is done.
     shutil.rmtree(place / "reached" / "c" / "0")
     victim.mkdir()
@@ -442,15 +456,18 @@ def test_damaged_metadata_is_read_or_refused(kind: str, written: Path) -> None:
     ]
     refused = list[str]()
     began = time.process_time()
-    for name, change in random.Random(0).sample(cases, 60):
+    for name, change in random.Random(0).sample(cases, SOME):
         try:
             damaged(written, kind, name, change)
         except kinseek.KinseekError as error:
             refused.append(str(error))
-    assert 0 < len(refused) < 60
+    assert 0 < len(refused) < SOME
     assert all(each.isprintable() for each in refused)
-    assert time.process_time() - began < 60 * 3.0
+    assert time.process_time() - began < SOME * 3.0
 
+
+SOME = 40
+"""Changes that are tried of each map; there are some thousand."""
 
 ROOT = "zarr.json"
 BLOSC: dict[str, Any] = {
