@@ -100,13 +100,17 @@ def test_pairs_of_branches_that_vanish_are_not_looked_for() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "seed"), [("rizon4", 38), ("gen3", 87)])
-def test_curves_of_answers_that_part_and_join_anew_between_two_poses_are_passed(name: str, seed: int) -> None:
+@pytest.mark.parametrize(
+    ("name", "seed", "part"), [("rizon4", 38, slice(264, 640)), ("gen3", 87, slice(None))]
+)
+def test_curves_of_answers_that_part_and_join_anew_between_two_poses_are_passed(
+    name: str, seed: int, part: slice
+) -> None:
     # The one needs a layer at every pose there, the other a way around a place that a plan took for passable as well.
     arm = kinseek.load(name)
     q = made(arm, 1000, seed, 4, 0.98)
     longest = 1.5 * float(np.abs(np.diff(q, axis=0)).max())
-    path = arm.follow(arm.fk(q), max_step=longest).require()
+    path = arm.follow(arm.fk(q[part]), max_step=longest).require()
     assert path.largest_step.max() <= longest
 
 
