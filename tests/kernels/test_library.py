@@ -179,8 +179,8 @@ def test_numba_is_left_alone_unless_it_is_asked_for() -> None:
 
 
 def copied(tmp_path: Path) -> Path:
-    """A copy of the package, with its library."""
-    shutil.copytree(PACKAGE, tmp_path / "kinseek", ignore=shutil.ignore_patterns("__pycache__"))
+    """A copy of the package, with its library, and with the modules that are compiled already."""
+    shutil.copytree(PACKAGE, tmp_path / "kinseek", ignore=shutil.ignore_patterns("*.nbi", "*.nbc"))
     return tmp_path / "kinseek"
 
 

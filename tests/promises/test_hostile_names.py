@@ -350,7 +350,9 @@ def test_pictures_show_escapes_and_no_formula(picture: str, tmp_path: Path) -> N
         warnings.filterwarnings("error", message="Glyph")
         figure = pictures(arm)[picture]()
         texts = [text for text in figure.findobj(Text) if text.get_visible()]
-        plots.save(figure, tmp_path / "picture.png")  # Half a formula is an error, if it is drawn as one.
+        plots.save(
+            figure, tmp_path / "picture.png", dpi=30
+        )  # Half a formula is an error, if it is drawn as one.
     drawn = [text.get_text() for text in texts]
     assert hidden("".join(drawn)) == set()
     assert not any(is_math_text(text) for text in drawn if "frac" in text)
