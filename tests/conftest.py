@@ -85,10 +85,16 @@ def lacking(extra: str) -> list[str]:
     return sorted(name for name in names if canonicalize_name(name) not in installed)
 
 
+_settings: dict[str, object] = {}
+"""Matplotlib's, as they were restored: restoring them after each of thousands of tests takes seconds."""
+
+
 @pytest.fixture(autouse=True)
 def _no_picture_and_no_style_is_left() -> Iterator[None]:
     """Close figures and restore Matplotlib's settings: experiments draw larger letters than examples."""
     yield
     if pyplot := sys.modules.get("matplotlib.pyplot"):
         pyplot.close("all")
-        pyplot.rcdefaults()
+        if dict.__ne__(pyplot.rcParams, _settings):
+            pyplot.rcdefaults()
+            _settings.update(pyplot.rcParams)
