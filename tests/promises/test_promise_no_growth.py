@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the memory of the process where Linux tells it")
 def test_a_hundred_calls_of_each_kind_leave_nothing_behind() -> None:
-    held = soak(8.0, told=lambda line: None)
+    held = soak(5.0, told=lambda line: None)
     # A leak of one answer's joint values a call would be seen: some 100 calls a turn.
     assert growth(held) < 1.0, held
 

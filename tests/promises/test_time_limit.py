@@ -251,7 +251,7 @@ def test_a_path_keeps_the_time(name: str) -> None:
     goal = GOALS.get(name, Goal.pose)(T)
     arm.follow(goal.at(goal.target[:40]))  # What is needed once is made in any case.
     shorter = False
-    for limit in (0.02, 0.1, 0.3):
+    for limit in (0.02, 0.1, 0.2):
         began = time.process_time()
         path = arm.follow(goal, threads=1, time_limit=limit)
         assert time.process_time() - began < limit + 0.3
@@ -281,29 +281,29 @@ def test_a_slow_judgement_and_a_slow_cost_keep_the_time() -> None:
             followed(arm, path)
 
 
-@pytest.mark.parametrize("name", ["cost", "valid"])
-def test_what_the_user_says_of_a_long_path_keeps_the_time(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_user_says_of_a_long_path_keeps_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search leaves time for it, and poses that come too late cost nothing."""
     processor_clock(monkeypatch)
     arm = kinseek.load("ur5e")
     T = way(arm, 100_000)
-    quick: dict[str, Any] = {"cost": lambda q: (q**2).sum(axis=1), "valid": lambda q: True}
-    options = {name: quick[name]}
-    arm.follow(T[:40], **options)
+    arm.follow(T[:40])
     began = time.process_time()
     assert arm.follow(T, threads=1).planned.all()
     limit = 0.4 * (time.process_time() - began)
-    taken = list[float]()
-    for _ in range(3):  # The least of three: what runs beside it can slow a call down.
-        began = time.process_time()
-        path = arm.follow(T, threads=1, time_limit=limit, **options)
-        taken.append(time.process_time() - began)
-        assert path.out_of_time
+    quick: tuple[dict[str, Any], ...] = ({"cost": lambda q: (q**2).sum(axis=1)}, {"valid": lambda q: True})
+    for options in quick:
+        arm.follow(T[:40], **options)
+        taken = list[float]()
+        for _ in range(3):  # The least of three: what runs beside it can slow a call down.
+            began = time.process_time()
+            path = arm.follow(T, threads=1, time_limit=limit, **options)
+            taken.append(time.process_time() - began)
+            assert path.out_of_time
+            assert path.planned.sum() > 200
+            if taken[-1] < 1.5 * limit + 0.2:
+                break
+        assert min(taken) < 1.5 * limit + 0.2
         followed(arm, path)
-        assert path.planned.sum() > 200
-        if taken[-1] < 1.5 * limit + 0.2:
-            break
-    assert min(taken) < 1.5 * limit + 0.2
 
 
 def processor_clock(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -424,8 +424,8 @@ def test_work_on_each_of_many_targets_keeps_the_time(name: str, monkeypatch: pyt
     few = call(T[:2], **options)  # What is needed once is made in any case.
     processor_clock(monkeypatch)
     began = time.process_time()
-    found = call(T, threads=1, time_limit=0.2, **options)
-    assert time.process_time() - began < 0.8
+    found = call(T, threads=1, time_limit=0.1, **options)
+    assert time.process_time() - began < 0.7
     if name.startswith("ik"):
         assert found.out_of_time.any()
         assert name == "ik, proved" or not found.out_of_time[0]
