@@ -13,7 +13,7 @@ from fuzz.readers import READERS
 
 pytestmark = pytest.mark.slow
 
-SECONDS = 10.0
+SECONDS = 4.0
 
 
 def test_mutated_files_end_in_an_arm_or_in_a_kinseek_error() -> None:
