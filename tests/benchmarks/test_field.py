@@ -355,13 +355,18 @@ def test_intervals_hold_what_they_are_of() -> None:
 
 @pytest.mark.slow
 def test_the_interval_of_a_ratio_knows_that_a_slice_shares_its_luck() -> None:
-    rng, hits, narrow = np.random.default_rng(0), [], []
+    rng = np.random.default_rng(0)
+    hits: list[bool] = []
+    narrow: list[bool] = []
     for _ in range(200):
         luck = np.repeat(rng.normal(scale=0.1, size=20), 25)
         relative = 2.0 + luck + rng.normal(scale=0.02, size=500)
         rows = pd.DataFrame({"arm": "a", "part": np.repeat(np.arange(20), 25), "relative": relative})
-        hits.append(ratio_interval(rows)[0] <= 2.0 <= ratio_interval(rows)[1])
-        narrow.append(quantile_interval(relative, 0.5)[0] <= 2.0 <= quantile_interval(relative, 0.5)[1])
+        for found, (low, high) in (
+            (hits, ratio_interval(rows)),
+            (narrow, quantile_interval(relative, 0.5)),
+        ):
+            found.append(low <= 2.0 <= high)
     assert 0.88 < np.mean(hits) < 0.99
     assert np.mean(narrow) < 0.6, "as if all calls were independent"
     few = pd.DataFrame({"arm": "a", "part": [0, 1, 2, 3], "relative": 0.5})
