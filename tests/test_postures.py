@@ -367,15 +367,15 @@ def test_an_arm_angle_out_of_reach_gives_the_nearest() -> None:
 @pytest.mark.parametrize("name", SEVEN)
 def test_an_arm_angle_of_0_is_an_elbow_that_is_up(name: str) -> None:
     """If the arm reaches along x; the wrist is turned to the height of the shoulder by joint 2."""
-    arm, heights = kinseek.load(name), []
-    for second in np.linspace(-np.pi, np.pi, 721):
-        q = np.array([0.0, second, 0.0, -1.5, 0.0, 0.5, 0.0])
-        (E,), (W,) = shoulder_elbow_wrist(arm, q[None])
-        if abs(W[2]) < 5e-3 and W[0] > 0.1:
-            angle, up = float(arm_angle_in(arm).angles(q[None])[0]), E[2] > 0.0
-            assert abs(math.remainder(angle - (0.0 if up else math.pi), math.tau)) < 0.1
-            heights.append(up)
-    assert heights
+    arm = kinseek.load(name)
+    q = np.tile([0.0, 0.0, 0.0, -1.5, 0.0, 0.5, 0.0], (721, 1))
+    q[:, 1] = np.linspace(-np.pi, np.pi, 721)
+    elbow, wrist = shoulder_elbow_wrist(arm, q)
+    level = (np.abs(wrist[:, 2]) < 5e-3) & (wrist[:, 0] > 0.1)
+    assert level.any()
+    angles, up = arm_angle_in(arm).angles(q[level]), elbow[level, 2] > 0.0
+    for angle, is_up in zip(angles, up, strict=True):
+        assert abs(math.remainder(float(angle) - (0.0 if is_up else math.pi), math.tau)) < 0.1
 
 
 def test_valid_decides_before_the_arm_angle() -> None:
