@@ -23,7 +23,11 @@ def test_no_file_but_goal_and_kinds_has_a_table_of_kinds_or_asks_for_one_by_name
         if path.is_relative_to(SOURCE / "robots") or (path.parent == SOURCE and path.name in KNOW):
             continue
         seen += 1
-        for node in ast.walk(ast.parse(path.read_text())):
+        text = path.read_text()
+        named = sum(f"{quote}{name}{quote}" in text for name in KINDS for quote in "\"'")
+        if named < 2 and "goal.kind" not in text and "goal.form.name" not in text:
+            continue  # Parsing takes longest.
+        for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.Dict):
                 keys = {key.value for key in node.keys if isinstance(key, ast.Constant)}
                 assert len(keys & KINDS.keys()) < 2, f"{path}: {ast.unparse(node)}"
