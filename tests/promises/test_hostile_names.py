@@ -66,12 +66,12 @@ def hidden(text: str) -> set[str]:
 
 @pytest.mark.slow
 def test_every_such_character_is_escaped_and_no_other() -> None:
-    for number in range(0x110000):
-        letter = chr(number)
-        acts = unicodedata.category(letter)[0] == "C" or unicodedata.category(letter) in ("Zl", "Zp")
-        assert not acts or printable(letter).isascii()
-        if letter.isprintable():
-            assert printable(letter) == letter
+    kinds = {chr(number): unicodedata.category(chr(number)) for number in range(0x110000)}
+    acting = "".join(letter for letter, kind in kinds.items() if kind[0] == "C" or kind in ("Zl", "Zp"))
+    assert printable(acting).isascii()
+    shown = "".join(letter for letter in kinds if letter.isprintable())
+    assert printable(shown) == shown
+    assert printable(shown + "\0") == shown + r"\x00"
     assert printable("a\nb\t", keep="\n") == "a\nb\\t"
     assert in_html("<\x1b&") == "&lt;\\x1b&amp;"
 
