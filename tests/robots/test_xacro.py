@@ -12,7 +12,7 @@ import pytest
 from bad_urdf import joint
 from kinseek.errors import InvalidRobot
 from kinseek.robots import files, read, read_urdf, xacro_limits
-from kinseek.robots.packages import mesh_path
+from kinseek.robots.packages import is_planted, mesh_path
 from kinseek.robots.xacro import expand_xacro
 from robot_files import XACRO, soon, write
 
@@ -145,6 +145,16 @@ def test_a_package_that_another_user_planted_is_not_used(
     shared.chmod(0o1777)
     os.chown(path, 65534, 65534)
     assert (read(path).upper[0], mesh_path(mesh, path, {})) == (1.0, shared / "pack" / "a.stl")
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have no owners here")
+def test_a_package_that_comes_and_goes_is_not_used(tmp_path: Path) -> None:
+    """Another user can take a manifest away while its owner is looked at, and put it back before it is read."""
+    path = tmp_path / "own" / "r.xacro"
+    tmp_path.chmod(0o1777)
+    assert is_planted(tmp_path / "package.xml", path)
+    write(tmp_path, "package.xml", "<package/>")
+    assert not is_planted(tmp_path / "package.xml", path)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")

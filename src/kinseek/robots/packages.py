@@ -71,10 +71,10 @@ def _unquoted(address: str) -> str:
 
 
 def is_planted(entry: Path, robot: Path) -> bool:
-    """Return whether another user may have put an entry into a folder above a robot's file.
+    """Return whether another user may have put an entry into a folder above a robot's file, or may do so at any moment.
 
     In a folder like ``/tmp`` everyone can make a package of any name. What the user, root or the owner of the file has made
-    there is accepted.
+    there is accepted. What is not there is not: another user could make it between this check and its use.
 
     Args:
         entry: A file or folder.
@@ -88,7 +88,7 @@ def is_planted(entry: Path, robot: Path) -> bool:
         known = {0, os.geteuid(), *([robot.stat().st_uid] if robot.exists() else [])}  # It may be a text.
         return entry.lstat().st_uid not in known
     except (OSError, ValueError):  # It is not there, or its name cannot be a file's.
-        return False
+        return True
 
 
 def _stays_inside(path: str) -> bool:
