@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import struct
 import subprocess
 import sys
@@ -276,6 +277,32 @@ def test_materials_come_from_beside_and_from_nowhere_else(tmp_path: Path) -> Non
     assert colour("paint.mtl", 2 * MOST) == (255, 0, 0)
     (folder / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n" + "\n" * (MOST // 16))
     assert colour("paint.mtl") is None
+
+
+@pytest.mark.skipif(os.open not in os.supports_dir_fd, reason="folders cannot be opened here")
+@pytest.mark.parametrize("swapped", ["paint.mtl", "below"])
+def test_materials_come_from_nowhere_else_even_if_a_link_takes_their_place(
+    swapped: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The owner of the folder can make the link after the path was examined, and before the file is opened."""
+    folder, elsewhere = tmp_path / "meshes", tmp_path / "elsewhere"
+    for place in (folder / "below", elsewhere / "below"):
+        place.mkdir(parents=True)
+        for each in (place.parent, place):
+            (each / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    name = "paint.mtl" if swapped == "paint.mtl" else "below/paint.mtl"
+    beside = Beside(folder / "a.obj", MOST, Budget(MOST))
+    assert beside[name].startswith(b"newmtl")
+    read = Budget.read
+
+    def after_the_swap(*given: Any) -> bytes:
+        (folder / swapped).rename(folder / "away")
+        (folder / swapped).symlink_to(elsewhere / swapped)
+        return read(*given)
+
+    monkeypatch.setattr(Budget, "read", after_the_swap)
+    with pytest.raises(InvalidRobot, match="cannot read"):
+        beside[name]
 
 
 def test_text_that_is_not_utf8_is_latin1(tmp_path: Path) -> None:

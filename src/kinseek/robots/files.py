@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path, PureWindowsPath
 
 from kinseek.errors import InvalidRobot, near_names
@@ -33,12 +34,13 @@ _NOT_A_FILE = (
 )
 
 
-def file_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
+def file_bytes(path: Path, most: int = MOST_BYTES, *, below: Path | None = None) -> bytes:
     """Read a whole file.
 
     Args:
         path: The file.
         most: Largest allowed size in bytes.
+        below: A folder above a path without links, from which no link may lead; None permits links.
 
     Raises:
         InvalidRobot: The file does not exist, is not a regular file, cannot be read, or is too large.
@@ -46,7 +48,8 @@ def file_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     try:
         _require_regular(instead_of_a_file(path), path)
         # Its owner may put a pipe in its place at any moment: it is opened without waiting, and checked again.
-        with open(path, "rb", opener=_open_at_once) as file:
+        opener = _open_at_once if below is None else partial(_open_below, below)
+        with open(path, "rb", opener=opener) as file:
             _require_regular(_instead(os.fstat(file.fileno())), path)
             text = file.read(most + 1)  # Files of the kernel report size 0, and some never end.
     except InvalidRobot:
@@ -111,6 +114,22 @@ def _require_regular(what: str, path: Path) -> None:
 def _open_at_once(path: str, flags: int) -> int:
     """Open without waiting for the other end of a pipe."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _open_below(folder: Path, path: str, flags: int) -> int:
+    """Open a file below a folder, step by step: another user may have put links in its path since it was resolved."""
+    if os.open not in os.supports_dir_fd:  # Windows.
+        return _open_at_once(path, flags)
+    *names, last = Path(path).relative_to(folder).parts
+    at = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        for name in names:
+            inner = os.open(name, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=at)
+            os.close(at)
+            at = inner
+        return os.open(last, flags | os.O_NONBLOCK | os.O_NOFOLLOW, dir_fd=at)
+    finally:
+        os.close(at)
 
 
 def require_few(count: int, noun: str, most: int, where: str) -> None:

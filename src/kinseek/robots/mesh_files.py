@@ -125,14 +125,14 @@ class Budget:
     refused: dict[Path, str] = field(default_factory=dict)
     """Meshes that were rejected, with the reason; they are not read again."""
 
-    def read(self, path: Path, most: int) -> bytes:
-        """Read a file of at most `most` bytes.
+    def read(self, path: Path, most: int, below: Path | None = None) -> bytes:
+        """Read a file of at most `most` bytes, in a folder out of which no link may lead.
 
         Raises:
             InvalidRobot: The file cannot be read or is too large, or the budget is exhausted.
         """
         if min(self.bytes_left, self.repeated_left) >= 0:
-            text = file_bytes(path, most)
+            text = file_bytes(path, most, below=below)
             self.bytes_left -= len(text)
             real = path.resolve()
             self.repeated_left -= len(text) if real in self.seen else 0
@@ -196,7 +196,7 @@ class Beside:
         found = next((each for each in places if each.is_relative_to(self._folder) and each.is_file()), None)
         if found is None:
             raise InvalidRobot(f"{name!r} is neither in {str(self._folder)!r} nor in a folder below")
-        text = self._budget.read(found, self._left)
+        text = self._budget.read(found, self._left, self._folder)
         self._left -= len(text)
         pixels = pixels_of_image(text)
         self._pixels += pixels
