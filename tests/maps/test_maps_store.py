@@ -515,6 +515,28 @@ def test_a_hostile_map_is_refused(name: str, where: list[str], value: Any, writt
         damaged(written, "rings", name, partial(put, where, value))
 
 
+@pytest.mark.parametrize("name", [ROOT, "reached/zarr.json", "rotation/zarr.json"])
+def test_metadata_that_are_replaced_after_their_check_are_not_used(
+    name: str, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "map"
+    shutil.copytree(written / "rings", place)
+    before = maps.open(place).load()
+    check = store.Store.require_sound
+
+    def then_replaced(*given: Any) -> None:
+        check(*given)
+        told = json.loads((place / name).read_text())
+        if name == ROOT:
+            told["attributes"]["kinseek"]["chunks"] = [10**9] * 3
+        else:
+            told["codecs"] = [{"name": "bytes"}, BLOSC]
+        (place / name).write_text(json.dumps(told))
+
+    monkeypatch.setattr(store.Store, "require_sound", then_replaced)
+    assert maps.open(place).load().identical(before)
+
+
 def test_a_hostile_map_is_not_gone_on_with(written: Path, tmp_path: Path) -> None:
     place, grid = tmp_path / "map", maps.Rings((0, 0.6, 0.3), (0, 0.6, 0.6), maps.orientations(8))
     shutil.copytree(written / "rings", place)

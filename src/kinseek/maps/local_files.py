@@ -34,15 +34,28 @@ class LocalFiles(LocalStore):
     """As Zarr has them, but nobody else may write to a file from the moment that it exists."""
 
     def __init__(
-        self, root: Path | str, *, read_only: bool = False, shown: frozenset[str] | None = None
+        self,
+        root: Path | str,
+        *,
+        read_only: bool = False,
+        shown: frozenset[str] | None = None,
+        known: dict[str, bytes] | None = None,
     ) -> None:
-        """Keep files in a folder; `shown` are the names in it that are listed, None: all."""
+        """Keep files in a folder.
+
+        Args:
+            root: The folder.
+            read_only: Is nothing written?
+            shown: The names in it that are listed; None: all.
+            known: Contents of metadata that were read before, by name. What is read is added and not read again, so that
+                metadata which were checked are those that are used. None: they are read whenever they are needed.
+        """
         super().__init__(root, read_only=read_only)
-        self.shown = shown
+        self.shown, self.known = shown, known
 
     def with_read_only(self, read_only: bool = False) -> LocalFiles:
         """Make the same, to read alone or to write, too."""
-        return type(self)(self.root, read_only=read_only, shown=self.shown)
+        return type(self)(self.root, read_only=read_only, shown=self.shown, known=self.known)
 
     async def list_dir(self, prefix: str) -> AsyncIterator[str]:
         """List what lies in a folder."""
@@ -63,14 +76,18 @@ class LocalFiles(LocalStore):
         """
         if byte_range is not None:  # Of shards, which no map has.
             return await super().get(key, prototype, byte_range)
-        most = MOST_BYTES if key.rpartition("/")[2] == METADATA else MOST_BLOCK
-        try:
-            content = await asyncio.to_thread(_content, self.root / key, most)
-        except (FileNotFoundError, NotADirectoryError):
-            return None
-        if content is None:
-            raise ValueError(f"{key!r} is not a regular file of at most {most:,} bytes")
-        return (prototype or default_buffer_prototype()).buffer.from_bytes(content)
+        metadata = key.rpartition("/")[2] == METADATA
+        known = self.known if metadata and self.known is not None else {}
+        if key not in known:
+            most = MOST_BYTES if metadata else MOST_BLOCK
+            try:
+                content = await asyncio.to_thread(_content, self.root / key, most)
+            except (FileNotFoundError, NotADirectoryError):
+                return None
+            if content is None:
+                raise ValueError(f"{key!r} is not a regular file of at most {most:,} bytes")
+            known.setdefault(key, content)
+        return (prototype or default_buffer_prototype()).buffer.from_bytes(known[key])
 
     async def set(self, key: str, value: Buffer) -> None:
         """Write a file, as a whole or not at all."""

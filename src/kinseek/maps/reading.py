@@ -56,6 +56,7 @@ def opened(store: Store) -> xarray.Dataset:
         InvalidMap: It is not as `reach` makes it.
     """
     try:
+        store = store.fixed()
         _require_description(store.description)
         store.require_sound(TYPES)
         dataset: xarray.Dataset = store.dataset()

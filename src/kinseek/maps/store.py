@@ -150,6 +150,17 @@ class Store(Lazy):
                 f"no map in {path!r} ({who()}): {reason(error)}. On a cluster the folder must be one that all workers see"
             ) from None
 
+    def fixed(self) -> Store:
+        """Return the store with its metadata as they are now: another user may replace their files at any time.
+
+        Raises:
+            ValueError: It is no map.
+        """
+        from .local_files import LocalFiles
+
+        folder = self._folder
+        return self if folder is None else Store(_group_in(LocalFiles(folder, known={})), self.place)
+
     @lazy
     def _arrays(self) -> dict[str, Any]:
         """The variables. They are opened when the description has been checked, which may name anything."""
@@ -226,7 +237,8 @@ class Store(Lazy):
             if self._folder is not None:
                 from .local_files import LocalFiles
 
-                source = LocalFiles(self._folder, shown=frozenset({*self._arrays, _ROTATION}))
+                shown = frozenset({*self._arrays, _ROTATION})
+                source = LocalFiles(self._folder, shown=shown, known=source.known)
             dataset = xarray.open_zarr(
                 source,
                 zarr_format=3,
@@ -315,16 +327,25 @@ class Store(Lazy):
 
 @lru_cache(maxsize=4)
 def _opened(path: str, inode: int, changed: int) -> Store:
-    import zarr
-
     from .local_files import LocalFiles
+
+    return Store(_group_in(LocalFiles(path)), path)
+
+
+def _group_in(files: Any) -> Any:
+    """Open the Zarr group in some files.
+
+    Raises:
+        ValueError: It is of another format.
+    """
+    import zarr
 
     with _quiet():
         # Not consolidated: such metadata may describe arrays of the other format.
-        group = zarr.open_group(LocalFiles(path), mode="r+", zarr_format=3, use_consolidated=False)
-        if group.metadata.zarr_format != 3:  # Zarr itself believes what zarr.json says of the format.
-            raise ValueError("it is of Zarr format 2, which can hold pickles")
-        return Store(group, path)
+        group = zarr.open_group(files, mode="r+", zarr_format=3, use_consolidated=False)
+    if group.metadata.zarr_format != 3:  # Zarr itself believes what zarr.json says of the format.
+        raise ValueError("it is of Zarr format 2, which can hold pickles")
+    return group
 
 
 def _forget_threads() -> None:
