@@ -29,8 +29,8 @@ from kinseek.kernels.arm.pose_error import is_rigid
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import start
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
-from kinseek.kernels.atlas.seeds import turns_fully
+from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_of, scratch_size
+from kinseek.kernels.atlas.seeds import copy_joints, into_limits, keep_joints, turns_fully
 from kinseek.kernels.atlas.task import (
     ORIENTATION_ERROR,
     POSITION_ERROR,
@@ -49,9 +49,10 @@ from kinseek.kernels.structure.closed import closed_starts, serves
 
 from . import one_joint_residual
 from .around import least_lean, write_starts_around
-from .distance import MOST_JOINTS
+from .distance import MOST_JOINTS, squared_gap
 from .one_joint import write_searched_starts
 from .refine_all import (
+    ANSWERS,
     CONTINUA,
     LATE,
     SEEDED,
@@ -92,6 +93,11 @@ HARDLY, ASIDE, LITTLE = 0.02, 0.0025, 0.15
 `may_hide`. HARDLY applies to any target. ASIDE is the possible error of joint 1 of the nearby arm, times the root of
 the distance of its equation from a double root. The angle is uncertain by that much, but LITTLE is the upper limit.
 Elsewhere an odd number shows that poses around the target missed solutions. Not examined further."""
+
+
+HARDLY_BEYOND, TURNED = 10.0, 1e-12
+"""Largest distance of a solution beyond a limit, as a multiple of the tolerances, with which it is refined with that limit;
+and the smallest [rad], which is more than full turns change by rounding."""
 
 
 class ArmTables(NamedTuple):
@@ -181,10 +187,13 @@ def find_branches(arm: ArmTables, tolerances: Array, target: Array, view: Array,
                 late = int(SURELY * many) if first else DEEP_STARTS
             count = refine_all(search, Batch(0, many, late, SEEDED), count)
             count = refine_siblings(search, arm.mirrors, before, count, False)
-        if count == 0:
-            count = try_fine_atlas(arm, search)
-            count = refine_siblings(search, arm.mirrors, 0, count, False)
+        count = return_to_limits(arm, search, count)
     rows = report_solutions(search, search.rows, count, tally[CONTINUA] > 0.0 or count == ROWS, result)
+    if plan.left != COMPLETE and result[rows - 1, ANSWERS] == 0.0:
+        # Found are at most solutions beyond limits that the search ignores.
+        count = try_fine_atlas(arm, search)
+        count = refine_siblings(search, arm.mirrors, 0, count, False)
+        rows = report_solutions(search, search.rows, count, tally[CONTINUA] > 0.0, result)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return rows
 
@@ -271,12 +280,43 @@ def is_suspicious(task: Task, count: int) -> bool:
 
 
 @counted
+def within_limits(arm: ArmTables, search: Search) -> Search:
+    """The same search, but with all limits, see `branches.index.GAP`."""
+    job = Job(arm.fine, search.job.tolerances, search.job.memory, search.job.width)
+    return Search(job, search.target, search.metric, search.starts, search.rows, search.left, search.tally)
+
+
+@counted
+def return_to_limits(arm: ArmTables, search: Search, count: int) -> int:
+    """Refine once more, with limits, the solutions that lie hardly beyond one; return the number of solutions.
+
+    Within the tolerances there may be a solution inside the limits. Those far beyond a limit are left to
+    `report_solutions`, which removes them.
+    """
+    task, many = task_at(search.job), 0
+    far = HARDLY_BEYOND * max(task.position_tolerance / task.length, task.orientation_tolerance)
+    scratch = scratch_of(search.job, task)
+    for j in range(count):
+        copy_joints(search.rows, j, scratch.seed)
+        into_limits(task, scratch.seed, search.metric.centre)
+        beyond = math.sqrt(squared_gap(search.metric.rates, search.rows, j, scratch.seed))
+        if TURNED < beyond < far:
+            keep_joints(search.starts, many, scratch.seed)
+            keep_joints(search.rows, j, scratch.seed)
+            search.left[j] = np.inf
+            many += 1
+    if many > 0:
+        count = refine_all(within_limits(arm, search), Batch(0, many, many, SIBLING), count)
+    return count
+
+
+@counted
 def try_fine_atlas(arm: ArmTables, search: Search) -> int:
     """Refine the solution that the fine atlas leads to; return the number of solutions, 0 or 1."""
-    job, starts = search.job, search.starts
-    task, dof = task_at(job), starts.shape[1]
+    starts = search.starts
+    task, dof = task_at(search.job), starts.shape[1]
     found = write_atlas_start(search, arm.fine)
-    count = refine_all(search, Batch(0, 1, 1, SIBLING), 0)
+    count = refine_all(within_limits(arm, search), Batch(0, 1, 1, SIBLING), 0)
     reached = found[dof + POSITION_ERROR] <= task.position_tolerance
     if count == 0 and reached and found[dof + ORIENTATION_ERROR] <= task.orientation_tolerance:
         # At the boundary of the workspace steps may lead away from a solution that is not exact.

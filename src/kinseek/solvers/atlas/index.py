@@ -60,11 +60,13 @@ class AtlasIndex(Lazy):
         of_tip: AtlasIndex | None = None,
         tool: Array | None = None,
         structure: Structure | None = None,
+        gap: float = 0.0,
     ) -> None:
         """Sample the middle joints and sort the samples, or share those of the tip's own atlas.
 
         If the goal is the whole pose of a tool, the pose of the tip is known, so both share the samples. The structure is
-        computed unless it is given.
+        computed unless it is given. Joints with ranges at most `gap` [rad] less than a full turn have no limits in the
+        refinement.
         """
         began = time.perf_counter()
         division = divide(chain, kind)
@@ -78,7 +80,7 @@ class AtlasIndex(Lazy):
         else:
             tip = inverse(arrays.fixed[-1] if division.tail != NONE else tool[:3])
             self.sorted = of_tip.sorted._replace(inverse_tip=tip)
-        lower, upper = open_limits(chain)
+        lower, upper = open_limits(chain, gap)
         columns = (np.arange(3) < kind.columns).astype(float) * kind.column_weight
         calls, size = routines(), chain.length
         known = structure is not None or of_tip is not None
