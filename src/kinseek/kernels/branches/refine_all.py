@@ -15,7 +15,7 @@ from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.atlas.batch import stand_still
-from kinseek.kernels.atlas.descent import iterate, within
+from kinseek.kernels.atlas.descent import DAMPING, iterate, within
 from kinseek.kernels.atlas.lanes import LANES, RESIDUAL2, Lanes
 from kinseek.kernels.atlas.memory import Scratch, scratch_of
 from kinseek.kernels.atlas.seeds import copy_joints, into_limits, keep_joints
@@ -33,11 +33,11 @@ ANSWER = SCORE + 1
 ANSWERS, SPENT, CONTINUUM = 0, 1, 2
 """Indices into the row after the solutions: their number, FK evaluations, and 1 if they belong to a continuum."""
 
-EVALUATED, CONTINUA, WEAKEST, LATE = 0, 1, 2, 3
+EVALUATED, CONTINUA, WEAKEST, LATE, STRANDED = 0, 1, 2, 3, 4
 """Indices into the tally of a search: FK evaluations; solutions on a continuum; the smallest singular value of the scaled
-Jacobian at any solution; and solutions that only a late start led to."""
+Jacobian at any solution; solutions that only a late start led to; and starts that ended in a valley, see `VALLEY`."""
 
-TALLY = LATE + 1
+TALLY = STRANDED + 1
 """Length of a tally."""
 
 SEEDED, SIBLING, SAMPLED = 0, 1, 2
@@ -59,6 +59,14 @@ tolerances. Not examined further."""
 PATIENCE, STRIKES, SLOW = 4, 3, 0.7
 """A start ends from step PATIENCE on, after STRIKES steps that each leave more than the fraction SLOW of the squared
 error. Not examined further."""
+
+VALLEY = 1e-5
+"""A start that is given up with a squared scaled error below this lies in a valley: the arm is close to having a
+self-motion there, so the pose hardly changes along a curve of joint values. Damping by the error then far exceeds the square
+of the smallest singular value, and steps along the curve are short. Not examined further."""
+
+SLIGHT = 1e-5
+"""Damping of steps from starts in a valley, relative to the squared error. Not examined further."""
 
 NEAR, HEADING, WITHIN_SIGHT = 0.1, 0.5, 0.6
 """A start ends if it is closer to a known solution than NEAR, or closer than WITHIN_SIGHT if the last step reduced the
@@ -157,6 +165,7 @@ def refine_all(search: Search, batch: Batch, count: int) -> int:
         np.zeros(dof),
     )
     following, active, most = batch.begin, 0, SIBLING_STEPS if batch.mode == SIBLING else STEPS
+    tally[STRANDED] = 0.0
     for l in range(LANES):
         stand_still(lanes, l)
     # An upper bound: every start has a limited number of steps, and one lane might process all starts in sequence.
@@ -184,6 +193,11 @@ def refine_all(search: Search, batch: Batch, count: int) -> int:
                 done = is_futile(progress, most, l)
             if not done:
                 continue
+            if not reached and error < VALLEY and progress.heading[l] == 0.0:
+                # In place of an earlier start, which is not needed any more.
+                for i in range(dof):
+                    search.starts[int(tally[STRANDED]), i] = lanes.q[i, l]
+                tally[STRANDED] += 1.0
             if reached and count < len(search.rows):
                 for i in range(dof):
                     scratch.seed[i] = lanes.q[i, l]
@@ -199,6 +213,19 @@ def refine_all(search: Search, batch: Batch, count: int) -> int:
                 count += 1 if known < 0 else 0
             progress.start[l] = IDLE
             active -= 1
+    return count
+
+
+@kernel
+def refine_stranded(search: Search, count: int) -> int:
+    """Refine again, with less damping, the starts that ended in a valley, see `VALLEY`; return the number of solutions."""
+    many = int(search.tally[STRANDED])
+    if many == 0:
+        return count
+    scratch = scratch_of(search.job, task_at(search.job))
+    scratch.damping[0] = SLIGHT
+    count = refine_all(search, Batch(0, many, many, SEEDED), count)
+    scratch.damping[0] = DAMPING
     return count
 
 

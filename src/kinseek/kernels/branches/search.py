@@ -63,6 +63,7 @@ from .refine_all import (
     Search,
     metric_of,
     refine_all,
+    refine_stranded,
     report_solutions,
 )
 from .sample import sample_branches, write_atlas_start
@@ -185,7 +186,7 @@ def find_branches(arm: ArmTables, tolerances: Array, target: Array, view: Array,
                 many = write_sampled_starts(search, arm.steps, known, Round(not first, kept, thin))
                 kept += many
                 late = int(SURELY * many) if first else DEEP_STARTS
-            count = refine_all(search, Batch(0, many, late, SEEDED), count)
+            count = refine_stranded(search, refine_all(search, Batch(0, many, late, SEEDED), count))
             count = refine_siblings(search, arm.mirrors, before, count, False)
         count = return_to_limits(arm, search, count)
     rows = report_solutions(search, search.rows, count, tally[CONTINUA] > 0.0 or count == ROWS, result)
