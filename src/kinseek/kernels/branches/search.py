@@ -79,10 +79,11 @@ ROWS = 64
 NEAR_POSES, FAR_POSES, NEAR_SAMPLES, FAR_SAMPLES = 0, 1, 2, 3
 """Sources of starts after the geometry of the arm, in the order in which they are tried."""
 
-COMPLETE, TWINS, SIBLINGS, POSES, SAMPLES = 0, 1, 2, 3, 4
+COMPLETE, TWINS, SIBLINGS, POSES, NEAREST, SAMPLES = 0, 1, 2, 3, 4, 5
 """What is left to do after the geometry of the arm: nothing; twins, if a solution is close to a singularity; siblings of
-the solutions; all sources, from poses around the target on; or all from samples on. An arm with a skewed wrist has no
-poses tried, because they find fewer of the solutions that the nearby arm has lost. Not examined further."""
+the solutions; all sources, from poses around the target on; samples, but more than the nearest only if these led to a new
+solution; or all from samples on. An arm with a skewed wrist has no poses tried, because they find fewer of the solutions
+that the nearby arm has lost. Not examined further."""
 
 BENT, OPEN, FAINT = 0.01, 1e-3, 5e-4
 """Thresholds for the smallest singular value at the solutions of an arm that nearly has three parallel axes. Below the
@@ -214,7 +215,7 @@ def try_closed_form(arm: ArmTables, task: Task, scratch: Scratch, search: Search
     axes = read_structure(structure)
     exact, left, lean = axes.deviation <= ROUNDING, SAMPLES, 1.0
     if not unsure and count >= sure and (count > 0 or (exact and tried == 0)):
-        left = COMPLETE if exact else TWINS
+        left = COMPLETE if exact else NEAREST if closed.swaying else TWINS
     elif not exact and tried > 0 and axes.kind == PARALLEL:
         left, lean = POSES, least_lean(structure, starts, tried)
     # In an arm that only nearly has its structure, an angle is seldom undetermined, and solutions next to its candidates
@@ -255,7 +256,7 @@ def is_worth_trying(source: int, arm: ArmTables, search: Search, plan: Plan, cou
         return hidden or doubtful or count < plan.sure or endless
     if source == NEAR_SAMPLES:
         return endless or plan.left >= POSES
-    if plan.left == POSES:
+    if plan.left != SAMPLES:
         return gained or weakest < FAINT or doubtful
     return plan.unsure or search.tally[LATE] > 0.0 or weakest < WEAK or doubtful
 
