@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
@@ -16,9 +17,11 @@ from benchmarks.self_motion import STEP, along
 from benchmarks.targets import plain_fk, random_joints, singular_joints, strict
 from chains import wide_panda
 from kinseek import Branches, BranchesBatch, Goal, InvalidGoal, InvalidProblem
+from kinseek.branches import index
 from kinseek.kernels.arm.jacobian import jacobian_many
-from kinseek.kernels.branches import seeding
-from kinseek.kernels.structure import candidates
+from kinseek.kernels.branches import refine_all, seeding
+from kinseek.kernels.structure import candidates, closed
+from kinseek.robots.joints import Joint, serial_chain
 from places import ROOT
 
 Array = NDArray[np.float64]
@@ -162,6 +165,105 @@ def test_what_was_missed_once_is_found(name: str) -> None:
         exact = exact[strict(arm.chain, exact, np.broadcast_to(target, (len(exact), 4, 4)))]
         witnesses = np.concatenate([q[None], searched(target), exact])
         assert (apart(witnesses, found.q).min(axis=1, initial=np.inf) < 1e-3).all()
+
+
+X, Y, Z, NO = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+
+
+def arm_of(axes: list[Any], offsets: list[Any], turns: list[Any], lower: Any, upper: Any) -> kinseek.Arm:
+    """An arm of revolute joints: their axes and origins x y z [m], roll pitch yaw [rad], and those of the tip."""
+    places = [kinseek.pose(p, rpy=rpy) for p, rpy in zip(offsets, turns, strict=True)]
+    limits = zip(np.broadcast_to(lower, len(axes)), np.broadcast_to(upper, len(axes)), strict=True)
+    joints = [
+        Joint(f"j{i}", "revolute", place, np.array(axis), low, high)
+        for i, (place, axis, (low, high)) in enumerate(zip(places, axes, limits, strict=False))
+    ]
+    return kinseek.Arm(serial_chain(joints, places[-1], name="arm", base="base", tip="tip"))
+
+
+def panda_with_a_lock() -> kinseek.Arm:
+    arm = kinseek.load("panda")
+    return arm.with_locked({arm.joint_names[2]: -1.27036317})
+
+
+def parallel_first() -> kinseek.Arm:
+    """Axes 1, 2 and 3 are parallel, axes 5 and 6 meet."""
+    offsets = [NO, X, (-1, 0, 1), (-1, 0, 0), (0, 1, 1), X, NO]
+    return arm_of([Y, Y, Y, Z, X, Z], offsets, [NO] * 7, -np.pi, np.pi)
+
+
+def parallel_last() -> kinseek.Arm:
+    """Axes 4, 5 and 6 are parallel, axes 1 and 2 meet."""
+    offsets = [NO, X, (0, 1, 1), (-1, 0, 0), (-1, 0, 1), X, NO]
+    return arm_of([Z, X, Z, Y, Y, Y], offsets, [NO] * 7, -np.pi, np.pi)
+
+
+def rounded_wrist() -> kinseek.Arm:
+    """A spherical wrist, but for 1.5708 in place of π/2 and a tenth of a millimetre."""
+    bent = 1.5708
+    turns = [
+        NO,
+        (bent, -0.10094999999999998, 3.1415853071795867),
+        (0, 0, -1.759),
+        (bent, 0, 0),
+        (-bent, 0, 0),
+    ]
+    offsets = [(0, 0, 0.123), NO, (0.28503, 0, 0), (-0.021984, -0.25075, 0), NO, (8.8259e-05, -0.091, 0), NO]
+    lower, upper = [-2.618, 0, -2.967, -1.745, -1.22, -2.0944], [2.168, 3.14, 0, 1.745, 1.22, 2.0944]
+    return arm_of([Z] * 6, offsets, [*turns, (bent, 0, 0), NO], lower, upper)
+
+
+HIDDEN = {
+    # Joint 4 is 5e-7 from one limit. The starts near this solution were stuck at the other one, half a radian away.
+    panda_with_a_lock: [(2.88589706, -1.51848521, -1.85368719, -2.89729945, 1.94445797, -1.07115327)],
+    # Axis 5 is nearly parallel to axes 1, 2 and 3: a four-bar linkage, on whose motion there are four solutions.
+    parallel_first: [
+        (-0.00576008, -0.18208262, -2.22821597, 1.52397231, 1.55116646, 1.02701265),
+        (2.73129952, -1.38871371, 2.52454083, 1.52397231, 1.55116646, 1.02701265),
+        (2.61172664, -1.37719347, 2.59329067, 1.52397231, 1.5904262, 1.02517312),
+        (-0.09640192, -0.19360285, -2.1653567, 1.52397231, 1.5904262, 1.02517312),
+        (0.60954489, 2.87828245, 1.92824894, 0.04682402, 0.04686639, 2.5500138),
+        (1.2232366, 1.83410653, 2.35873316, 0.04682402, 0.04686639, 2.5500138),
+        (-0.20855427, -1.20849234, -2.58726451, 0.04682402, 3.09472626, -0.49782803),
+        (-2.42509669, -0.36230398, -1.21691045, 0.04682402, 3.09472626, -0.49782803),
+    ],
+    # The same with axis 2.
+    parallel_last: [
+        (1.60117927, 1.68383906, -1.57125934, -2.51006905, 1.22226341, 1.81577154),
+        (0.0299721658, -0.000460054582, 0.000463009706, 1.05007926, 0.154148616, 1.00757688),
+        (0.0299721658, -0.000460054582, 0.000463009706, 2.59286103, 1.41664771, -1.79770398),
+        (1.60128373, 1.45775359, -1.57125934, 1.82706414, 0.338605066, -1.41161782),
+        (1.60128373, 1.45775359, -1.57125934, -3.05496372, 1.23219126, 2.57682386),
+        (1.60117927, 1.68383906, -1.57125934, 2.38443302, 0.348532911, -2.20500003),
+    ],
+    # The wrist is 2 mm from axis 1, and the nearby arm has joint 1 a tenth of a radian away.
+    rounded_wrist: [(1.60051593, 0.40744101, -0.31325603, -1.06683203, -0.01826653, 0.97868505)],
+}
+"""Solutions that a search gives up, or does not look for, and that suites of others know: all those of one pose."""
+
+
+@pytest.mark.parametrize("make", HIDDEN)
+def test_what_suites_of_others_know_is_found(make: Callable[[], kinseek.Arm]) -> None:
+    arm, known = make(), np.array(HIDDEN[make])
+    target = plain_fk(arm.chain, known[:1])[0]
+    found = one(arm.branches(target))
+    assert_true(arm, found, target)
+    assert (np.abs(plain_fk(arm.chain, known) - target) < 1e-6).all()
+    assert (apart(known, found.q).min(axis=1, initial=np.inf) < 1e-3).all()
+
+
+@pytest.mark.slow
+def test_limits_that_nearly_close_a_turn_hide_nothing() -> None:
+    """A search that keeps to such limits misses one in a hundred solutions with a joint at a limit."""
+    whole, rng = kinseek.load("rizon4"), np.random.default_rng(5)
+    arm = whole.with_locked({whole.joint_names[2]: 0.9})
+    q = rng.uniform(arm.lower, arm.upper, (1000, 6))
+    rows = np.arange(len(q))
+    q[rows, rows % 6] = np.where(rows // 6 % 2 == 0, arm.lower[rows % 6] + 5e-7, arm.upper[rows % 6] - 5e-7)
+    found = some(arm.branches(plain_fk(arm.chain, q)))
+    for each, branches, target in zip(q, found, plain_fk(arm.chain, q), strict=True):
+        assert_true(arm, branches, target)
+        assert apart(each[None], branches.q).min(initial=np.inf) < 1e-3
 
 
 LOST = {
@@ -597,7 +699,7 @@ def test_a_proof_keeps_every_answer_at_the_edge_of_reach(name: str) -> None:
 
 def test_the_page_names_the_constants_that_completeness_rests_on() -> None:
     text = (ROOT / "docs" / "branches_explained.md").read_text(encoding="utf-8")
-    known = vars(candidates) | vars(seeding)
+    known = vars(candidates) | vars(closed) | vars(seeding) | vars(refine_all) | vars(index)
     named = re.findall(r"^\| ((?:`[A-Z_]+`(?:, )?)+) \| ([^|]+) \|", text, re.MULTILINE)
     said = {
         name: float(value)
@@ -605,4 +707,5 @@ def test_the_page_names_the_constants_that_completeness_rests_on() -> None:
         for name, value in zip(re.findall(r"[A-Z_]+", names), values.split(","), strict=True)
     }
     assert said == {name: known[name] for name in said}
-    assert {"INFEASIBLE", "CLEAR", "FREE", "BESIDE", "LOOSE", "STARTS", "DEEP_STARTS"} <= set(said)
+    assert {"INFEASIBLE", "CLEAR", "FREE", "BESIDE", "LOOSE", "SWAYING", "STARTS", "DEEP_STARTS"} <= set(said)
+    assert {"VALLEY", "GAP"} <= set(said)
