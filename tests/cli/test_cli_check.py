@@ -408,6 +408,13 @@ def test_mjcf_is_read(tmp_path: Path) -> None:
         f"<mujoco><worldbody>{body.format('a', 'j', '')}{body.format('b', 'k', '')}</worldbody></mujoco>"
     )
     assert [each.severity for each in check(path).findings] == [Severity.NOTE]
+    path.write_text(
+        f"<mujoco><compiler angle='radian'/><worldbody>{body.format('a', 'j', '').replace('-1 1', '-180 180')}"
+        "</worldbody></mujoco>"
+    )
+    assert [(each.severity, each.what.partition(" in rad")[0]) for each in check(path).findings] == [
+        (Severity.WARNING, "joints with limits of many turns")
+    ]
 
 
 def test_a_xacro_file_gets_its_arguments_and_packages(

@@ -74,7 +74,7 @@ def check(
 
     Args:
         path: A .urdf or .xacro file, or a .xml file that contains URDF or MJCF. For MJCF the result only says whether it can
-            be read.
+            be read, and which limits are probably in degrees.
         base: Base link, as in `kinseek.load`.
         tip: Link whose pose is computed, as in `kinseek.load`.
         args: Values of a xacro file's arguments, by name.
@@ -129,9 +129,13 @@ def _check_chains(
         found.add(Severity.NOTE, "", f"only the first {len(tried)} of {len(ends)} tips are tried")
     for end in tried:
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UnitWarning)  # Reported for each joint already.
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always", UnitWarning)
                 read(tip=end)
+            for warning in caught:
+                # For URDF they are reported for each joint already; MJCF has no parents here.
+                if not parents and issubclass(warning.category, UnitWarning):
+                    found.add(Severity.WARNING, "", str(warning.message).removeprefix(f"{path}: "))
         except InvalidRobot as error:
             why = str(error).removeprefix(f"{path}: ")
             # Messages begin with their subject; what follows may list every joint of the file.
