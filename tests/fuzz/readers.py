@@ -21,12 +21,11 @@ from kinseek.collision.obstacles import obstacles
 from kinseek.collision.pairs import disabled_by
 from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.robots import SerialChain, read, read_dh, read_urdf
+from kinseek.robots.files import ENDINGS
 from kinseek.robots.srdf import read_srdf
 
 CORPUS = Path(__file__).resolve().parent / "corpus"
 """Files to start from; README.md there says of each why."""
-
-ARMS = (".urdf", ".xacro", ".xml")
 
 
 def kind_of(path: Path) -> str:
@@ -182,7 +181,7 @@ def _rigid(poses: Any) -> None:
 
 
 READERS: Mapping[str, Callable[[Path], None]] = {
-    **dict.fromkeys(ARMS, an_arm),
+    **dict.fromkeys(ENDINGS, an_arm),
     ".dh.json": a_table,
     ".obstacles.urdf": some_obstacles,
     ".scene": some_obstacles,

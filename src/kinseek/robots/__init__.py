@@ -25,7 +25,7 @@ from .bundled import read_bundled
 from .catalog import CatalogEntry, catalog_entry, catalog_names, catalog_path
 from .chain import Limits, SerialChain, with_limits
 from .dh import read_dh
-from .files import instead_of_a_description
+from .files import ANY_ENDING, instead_of_a_description
 from .mechanism import Mechanism
 from .urdf import Urdf, read_urdf, urdf_of_file
 
@@ -195,7 +195,7 @@ def _read_model(source: Any, base: str | None, tip: str | None) -> SerialChain:
     hint = "; give the file that it was read from" if known else ""
     hint = "; it is an arm already" if package == "kinseek" else hint
     raise InvalidRobot(
-        f"source must be the name of a bundled arm, a path to a .urdf, .xacro or .xml file, the text of a URDF, or a model "
+        f"source must be the name of a bundled arm, a path to a {ANY_ENDING} file, the text of a URDF, or a model "
         f"of yourdfpy, pinocchio or MuJoCo, got {what}{hint}. Bundled: {', '.join(catalog_names())}"
     )
 
@@ -218,13 +218,13 @@ def _what_it_may_be(source: str) -> str:
     """Describe a source that is neither a name nor a path, with suggestions."""
     if hint := hint_at(source):
         shown = repr(source if len(source) <= 60 else f"{source[:60]}…")
-        return f"no arm is called {shown}; {hint}. A path must end in .urdf, .xacro or .xml"
+        return f"no arm is called {shown}; {hint}. A path must end in {ANY_ENDING}"
     if found := instead_of_a_description(Path(source)):
-        return f"{source!r} is {found}; expected the path of a .urdf, .xacro or .xml file"
+        return f"{source!r} is {found}; expected the path of a {ANY_ENDING} file"
     plain = {_plain(name): name for name in catalog_names()}
     if (meant := plain.get(_plain(source))) is not None:
         return f"unknown robot {source!r}; did you mean {meant!r}? Names of bundled arms are lower-case"
-    return f"{suggest(source, catalog_names(), 'robot')}. A path must end in .urdf, .xacro or .xml"
+    return f"{suggest(source, catalog_names(), 'robot')}. A path must end in {ANY_ENDING}"
 
 
 def _plain(name: str) -> str:

@@ -22,6 +22,11 @@ MOST_LINKS = 10_000
 MOST_JOINTS = 1_000
 """Most moving joints between base and tip."""
 
+ENDINGS = (".urdf", ".xacro", ".xml")
+"""Endings of files that describe an arm."""
+ANY_ENDING = f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
+"""The endings, for messages."""
+
 WINDOWS = os.name == "nt"
 """Whether a name such as ``//server/share/file`` makes the system connect to another machine."""
 
@@ -154,8 +159,7 @@ def instead_of_a_description(path: Path) -> str:
 
 def _hint(path: Path) -> str:
     """Return the similar names of files in the same folder that could be meant, and the list of them."""
-    kinds = {".urdf", ".xacro", ".xml"}
-    kinds = kinds if path.suffix in kinds else {path.suffix}
+    kinds = ENDINGS if path.suffix in ENDINGS else (path.suffix,)
     try:
         nearby = sorted(p.name for p in path.parent.glob("*") if p.suffix in kinds)
     except OSError:

@@ -23,9 +23,6 @@ from .urdf_file import Robot
 from .xacro import urdf_text
 from .xml_files import root_element
 
-READABLE = (".urdf", ".xacro", ".xml")
-"""Extensions of the files that can be checked."""
-
 _TRIED, _WORK = 40, 40_000
 """Most tips that are tried, and largest product of tips and joints of the file, since an arm may contain all of them."""
 _HEAD = 1_000

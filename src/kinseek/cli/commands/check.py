@@ -12,8 +12,8 @@ from kinseek.cli.options import Robot, json_option, robot_options
 from kinseek.errors import InvalidProblem, InvalidRobot, suggest
 from kinseek.robots import catalog_entry, catalog_names, catalog_path
 from kinseek.robots.checks import Severity
-from kinseek.robots.files import instead_of_a_description
-from kinseek.robots.soundness import READABLE, check
+from kinseek.robots.files import ENDINGS, instead_of_a_description
+from kinseek.robots.soundness import check
 
 
 @click.command(
@@ -38,11 +38,11 @@ def command(robot: Robot, as_json: bool) -> int:
         raise InvalidProblem("--limits FILE is not checked: check reads the description of the robot alone")
     arm = robot.arm
     path = catalog_path(arm) if arm in catalog_names() else Path(arm).expanduser()
-    if path.suffix.lower() not in READABLE:
+    if path.suffix.lower() not in ENDINGS:
         if instead := instead_of_a_description(path):
-            raise InvalidRobot(f"{arm!r} is {instead}; expected the path of a {', '.join(READABLE)} file")
+            raise InvalidRobot(f"{arm!r} is {instead}; expected the path of a {', '.join(ENDINGS)} file")
         raise InvalidRobot(
-            f"{suggest(arm, catalog_names(), 'robot')}. A path must end in {', '.join(READABLE)}"
+            f"{suggest(arm, catalog_names(), 'robot')}. A path must end in {', '.join(ENDINGS)}"
         )
     found = check(path, robot.base, robot.tip, robot.args, robot.packages, not robot.untrusted, robot.limits)
     if arm in catalog_names():
