@@ -45,8 +45,8 @@ MEMORY = 8 * 2**30
 BESIDE = ("more.xacro", "more.xml")
 """Files of the corpus that others include; they are mutated, too."""
 
-SHARES = {".urdf": 6, ".xacro": 6, ".xml": 4, ".obstacles.urdf": 2, ".srdf": 1, ".scene": 2, ".dh.json": 2}
-SHARES |= {".csv": 2, ".jsonl": 1, ".goal.json": 2, ".calibration.yaml": 1, ".limits.yaml": 1}
+SHARES = dict.fromkeys(READERS, 1) | {".urdf": 6, ".xacro": 6, ".xml": 4, ".obstacles.urdf": 2}
+SHARES |= {".scene": 2, ".dh.json": 2, ".csv": 2, ".goal.json": 2}
 """How often each kind of file is taken."""
 
 Seeds = Mapping[str, list[bytes]]
