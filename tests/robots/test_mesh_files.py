@@ -19,7 +19,7 @@ import kinseek
 from kinseek import InvalidRobot
 from kinseek.robots import obj
 from kinseek.robots.mesh_files import ENDINGS, LEAST_BODIES, MOST_BODIES, Beside, Budget, pixels_of_image
-from kinseek.robots.meshes import CHECKS, mesh_parts
+from kinseek.robots.meshes import CHECKS, MOST_MESH, mesh_parts
 from kinseek.robots.obj import MOST_GROUPS
 from mesh_builders import (
     INSTANCE,
@@ -277,6 +277,29 @@ def test_materials_come_from_beside_and_from_nowhere_else(tmp_path: Path) -> Non
     assert colour("paint.mtl", 2 * MOST) == (255, 0, 0)
     (folder / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n" + "\n" * (MOST // 16))
     assert colour("paint.mtl") is None
+
+
+def test_materials_are_read_once_and_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file of 100 kB that was named 500 times took half a minute."""
+    for name in ("a.mtl", "b.mtl", "c.mtl"):
+        (tmp_path / name).write_text("".join(f"newmtl {i}\n" for i in range(MOST // 16 // 3 + 1)))
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\n" * 500 + f"{TRIANGLE}usemtl 1\nf 1 2 3\n")
+    read = list[str]()
+    get = Beside.get
+
+    def reading(beside: Beside, name: str) -> bytes:
+        read.append(name)
+        return get(beside, name)
+
+    monkeypatch.setattr(Beside, "__getitem__", reading)
+    assert mesh_parts(tmp_path / "a.obj")[0].visual.kind == "texture"
+    assert read == ["a.mtl"]
+    beside = Beside(tmp_path / "a.obj", MOST_MESH, Budget(MOST_MESH))
+    assert beside["a.mtl"]
+    assert beside["b.mtl"]
+    for name in ("c.mtl", "a.mtl"):
+        with pytest.raises(InvalidRobot, match="lines of materials"):
+            beside[name]
 
 
 @pytest.mark.skipif(os.open not in os.supports_dir_fd, reason="folders cannot be opened here")

@@ -172,12 +172,13 @@ def _pixels_of(visual: Any) -> int:
 
 
 class Beside:
-    """Files that a mesh refers to, materials and images: in its folder or below, with the size limit of a mesh together."""
+    """Files that a mesh refers to, materials and images: in its folder or below, with the limits of a mesh together."""
 
     def __init__(self, path: Path, most: int, budget: Budget) -> None:
         """Search beside this file, with at most `most` bytes and the rest of the budget."""
         self.file_name, self._budget = path.name, budget
-        self._folder, self._left, self._pixels, self._names = path.parent.resolve(), most, 0, 0
+        self._folder, self._left = path.parent.resolve(), most
+        self._pixels = self._names = self._lines = self._materials = 0
 
     def get(self, name: str) -> bytes:
         """Read one of the files.
@@ -188,6 +189,7 @@ class Beside:
         """
         self._names += 1
         at_most(self._names, MOST_NAMES, "names of other files")
+        self._require_few_materials()  # Otherwise each further file would be read before it is rejected.
         named = name.strip().replace("\\", "/")
         last = named.rpartition("/")[2]
         # Windows would connect to another machine for a name such as //server/share/file.
@@ -204,9 +206,14 @@ class Beside:
         if pixels:
             return text
         text = utf8(text)
-        at_most(len(text.splitlines()), MOST_LINES, "lines")
-        at_most(text.lower().count(b"newmtl"), MOST_BODIES, "materials")
+        self._lines += len(text.splitlines())
+        self._materials += text.lower().count(b"newmtl")
+        self._require_few_materials()
         return text
+
+    def _require_few_materials(self) -> None:
+        at_most(self._lines, MOST_LINES, "lines of materials")
+        at_most(self._materials, MOST_BODIES, "materials")
 
     __getitem__ = get
 

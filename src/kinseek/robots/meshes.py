@@ -137,7 +137,7 @@ def _painted(bodies: list[Body], libraries: list[str], beside: Beside) -> list[A
     import trimesh
 
     materials = dict[str, Any]()
-    for name in libraries:
+    for name in dict.fromkeys(libraries):
         with suppress(InvalidRobot):
             found = trimesh.exchange.obj.parse_mtl(beside[name], resolver=beside)
             materials |= {key: trimesh.visual.material.SimpleMaterial(**look) for key, look in found.items()}
