@@ -86,6 +86,20 @@ def test_a_file_of_settings_in_the_working_folder_is_not_obeyed(
     assert run(copy)[0] == pytest.approx(0.75)
 
 
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
+def test_a_file_of_settings_that_another_user_puts_there_meanwhile_is_not_obeyed(
+    copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "shared").mkdir()
+    monkeypatch.chdir(tmp_path / "shared")
+    Path(".numba_config.yaml").write_text("cpu_name: generic\n", encoding="utf-8")
+    not_yet = "import os; os.path.lexists = lambda path: False\n"
+    asked = f"{not_yet}import kinseek.kernels.compiler as c; assert c.config.CPU_NAME == {{!r}}\n"
+    run(copy, asked.format("generic"))  # The user's own folder: nobody else puts a file there.
+    Path().chmod(0o1777)
+    run(copy, asked.format(None))
+
+
 def test_without_any_writable_folder_it_compiles_each_time(copy: Path) -> None:
     nowhere = "import tempfile; tempfile.tempdir = '/proc/nowhere'\n"
     for _ in range(2):

@@ -10,11 +10,21 @@ import contextlib
 import os
 from pathlib import Path
 
-with (
-    contextlib.chdir(Path(__file__).parent)
-    if os.path.lexists(".numba_config.yaml")
-    else contextlib.nullcontext()
-):
+from kinseek.support.private import NotPrivate, require_private
+
+
+def _may_have_settings() -> bool:
+    """Return whether the working folder has such a file, or another user can put one there before Numba looks."""
+    try:
+        require_private(Path.cwd(), os.stat(os.curdir))
+    except NotPrivate:
+        return True
+    except OSError:  # It has been removed.
+        return False
+    return os.path.lexists(".numba_config.yaml")
+
+
+with contextlib.chdir(Path(__file__).parent) if _may_have_settings() else contextlib.nullcontext():
     from numba.core import config
 
 vars(config)["_config_fname"] = os.devnull
