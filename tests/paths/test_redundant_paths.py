@@ -147,7 +147,7 @@ def linked(poses: list[Array], ahead: float, longest: float, keep: bool) -> tupl
 @pytest.mark.parametrize("seed", range(4))
 def test_layers_are_linked_by_what_the_whole_step_costs(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    poses = [rng.uniform(0.0, 1.0, (4, 2)) + 0.1 * k for k in range(40)]
+    poses = [rng.uniform(0.0, 1.0, (4, 2)) + 0.1 * k for k in range(80)]
     places, breaks, cost = linked(poses, 0.1, 1e3, keep=True)
     sums = np.zeros(4)
     for before, after in itertools.pairwise(poses):

@@ -60,7 +60,7 @@ def test_however_a_pose_lies_in_memory_it_takes_the_short_way(
         raise AssertionError("the long way")
 
     monkeypatch.setattr(kinseek.Goal, "pose", refuse)
-    monkeypatch.setattr("kinseek.paths.tracker.one_pose", refuse)
+    monkeypatch.setattr("kinseek.paths.tracked_goal.one_pose", refuse)
     tracker = arm.track(q)
     found = arm.ik(given).q, arm.ik(given, near=near).q, arm.branches(given).q, tracker.step(given).q
     for one, another in zip(expected, found, strict=True):

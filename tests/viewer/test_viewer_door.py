@@ -516,7 +516,7 @@ def test_a_page_that_sends_without_end_waits_and_the_others_do_not(
     wait_for(lambda: not shown.pages)
     with websocket(shown.port) as flooding, websocket(shown.port) as other:
         began = time.monotonic()
-        for _ in range(200):
+        for _ in range(100):
             flooding.send(b"nothing")
         flooding.send(frame)
         other.send(frame)

@@ -192,7 +192,8 @@ class Door:
                 now = asyncio.get_running_loop().time
                 while True:
                     # A page that sends without end waits here, so that the others do not wait for it.
-                    await asyncio.sleep(max(self._taken_until - AHEAD - now(), 0.0))
+                    if (ahead := self._taken_until - now()) > AHEAD:
+                        await asyncio.sleep(ahead - AHEAD)
                     message = await super().recv(*args, **named)
                     cost = MESSAGE_TIME + BYTE_TIME * len(message)
                     self._taken_until = max(self._taken_until, now()) + cost
