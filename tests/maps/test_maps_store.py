@@ -599,10 +599,34 @@ def test_a_store_that_is_not_finished_leaves_nothing(
     def fail(*of: Any) -> None:
         raise error
 
-    monkeypatch.setattr(store, "_forbid_others_to_write", fail)
+    monkeypatch.setattr(os, "rename", fail)
     with pytest.raises((KeyboardInterrupt, kinseek.InvalidMap, RuntimeError)):
         maps.reach(ARM, TINY, store=tmp_path / "map")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need rights there")
+def test_a_link_in_the_place_of_an_unfinished_store_opens_no_folder_of_the_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who may write to the folder around a store may replace the store at any time."""
+    import zarr
+
+    home, shared, create = tmp_path / "home", tmp_path / "shared", zarr.create_group
+    for folder in (home, home / "private", shared):
+        folder.mkdir(mode=0o700)
+
+    def create_and_exchange(files: Any, **options: Any) -> Any:
+        group = create(files, **options)
+        Path(files.root).rename(shared / "gone")
+        Path(files.root).symlink_to(home)
+        return group
+
+    monkeypatch.setattr(zarr, "create_group", create_and_exchange)
+    with contextlib.suppress(kinseek.InvalidMap):
+        maps.reach(ARM, TINY, store=shared / "map")
+    assert (home / "blocks").is_dir()
+    assert [folder.stat().st_mode & 0o777 for folder in (home, home / "private")] == [0o700, 0o700]
 
 
 def test_names_in_the_folder_of_a_map_are_not_printed(

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from zarr.core.buffer.core import default_buffer_prototype
 from zarr.storage import LocalStore
 
-from kinseek.support.private import OTHERS_WRITE
+from kinseek.support.private import OTHERS_WRITE, make_folders
 
 if TYPE_CHECKING:
     from zarr.abc.store import ByteRequest
@@ -102,7 +102,7 @@ class LocalFiles(LocalStore):
         """Write a file, as a whole or not at all."""
         self._check_writable()
         path = self.root / key
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folders(self.root, Path(key).parent)
         part = path.with_suffix(f".{uuid.uuid4().hex}.partial")
         try:
             with open(part, "xb", opener=_open) as file:

@@ -11,12 +11,11 @@ import math
 import os
 import shlex
 import shutil
-import stat
 import sys
 import uuid
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ from kinseek.errors import InvalidMap, reason
 from kinseek.printable import printable
 from kinseek.support.interrupts import raise_of_handler
 from kinseek.support.lazy import Lazy, lazy
-from kinseek.support.private import OTHERS_WRITE, NotPrivate, require_private
+from kinseek.support.private import OTHERS_WRITE, NotPrivate, make_folders, require_private
 
 from .grid import grid_of
 
@@ -98,8 +97,8 @@ class Store(Lazy):
         making = None if path is None else path.with_name(f".{path.name}.{uuid.uuid4().hex}")
         try:
             if making is not None:
-                _make_folders(Path(making.anchor), making.parent.relative_to(making.anchor))
-                making.mkdir(mode=0o700)  # Nobody else can look inside until all folders have their modes.
+                make_folders(Path(making.anchor), making.parent.relative_to(making.anchor))
+                making.mkdir(mode=0o777 & ~OTHERS_WRITE)
             memory: Any = MemoryStore() if making is None else LocalFiles(making)
             group = zarr.create_group(
                 memory, zarr_format=3, attributes={**attributes, DESCRIPTION: description}
@@ -119,7 +118,6 @@ class Store(Lazy):
             blocks = tuple(-(-n // chunk) for n, chunk in zip(shape, chunks, strict=True))
             group.create_array(_DONE, shape=blocks, chunks=(1,) * len(blocks), dtype="uint8", fill_value=0)
             if making is not None and path is not None:
-                _forbid_others_to_write(making)
                 os.rename(making, path)
                 return cls.at(str(path))
             return cls(group, "memory")
@@ -213,9 +211,6 @@ class Store(Lazy):
         """
         chunks = self.description["chunks"]
         part = tuple(slice(i * n, (i + 1) * n) for i, n in zip(index, chunks, strict=True))
-        if self._folder is not None:
-            for array in (*self._arrays.values(), self._done):
-                _make_folders(self._folder, Path(array.path, array.metadata.encode_chunk_key(index)).parent)
         for name, array in self._arrays.items():
             array[part] = values[name]
         self._done[index] = self._done[index] + 1
@@ -412,19 +407,3 @@ def _require_own(store: Path, folder: Path) -> None:
             f"{error}, and this is user {os.geteuid()}: blocks are only written where no other user can change them. "
             f"Use another store, or make this one private: chown -R {os.geteuid()} {at}; chmod -R go-w {at}"
         ) from None
-
-
-def _forbid_others_to_write(folder: Path) -> None:
-    """Give a new store and the folders in it the modes that the umask asks for, without write permission for others."""
-    mode = stat.S_IMODE((folder / _DONE).stat().st_mode) & ~OTHERS_WRITE
-    for inner, _, _ in os.walk(folder, topdown=False):
-        os.chmod(inner, mode)
-
-
-def _make_folders(base: Path, below: Path) -> None:
-    """Make folders below a base that only this user may write to; Zarr would follow the umask alone."""
-    for part in below.parts:
-        base /= part
-        if not base.is_dir():
-            with suppress(FileExistsError):
-                base.mkdir(mode=0o777 & ~OTHERS_WRITE)

@@ -85,6 +85,18 @@ def read_private(path: Path) -> bytes:
         os.close(descriptor)
 
 
+def make_folders(base: Path, below: Path) -> None:
+    """Make the folders of a path below a base, with write permission for this user only, whatever the umask is.
+
+    They never need another mode: to change it later by name would change that of whatever has the name by then.
+    """
+    for part in below.parts:
+        base /= part
+        if not base.is_dir():
+            with suppress(FileExistsError):
+                base.mkdir(mode=0o777 & ~OTHERS_WRITE)
+
+
 def require_private(path: Path, status: os.stat_result) -> None:
     """Check that a folder or file belongs to this user, and that nobody else may write to it.
 
