@@ -515,6 +515,27 @@ def test_a_hostile_map_is_refused(name: str, where: list[str], value: Any, writt
         damaged(written, "rings", name, partial(put, where, value))
 
 
+@pytest.mark.parametrize("name", ["reached", "blocks/done", "radius", "rotation"])
+@pytest.mark.parametrize("consolidated", [False, True])
+def test_a_type_of_gigabytes_is_refused_before_a_value_of_it_is_made(
+    name: str, consolidated: bool, written: Path
+) -> None:
+    """Zarr makes a value of a type when it reads of it, also of those that consolidated metadata name."""
+    kind = {"name": "raw_bytes", "configuration": {"length_bytes": 2**31 - 1}}
+
+    def change(told: dict[str, Any]) -> None:
+        array = {**told, "data_type": kind, "fill_value": ""}
+        told.clear()
+        if consolidated:
+            there = {"kind": "inline", "must_understand": False, "metadata": {"x": array}}
+            told |= {"zarr_format": 3, "node_type": "group", "attributes": {}, "consolidated_metadata": there}
+        else:
+            told |= array
+
+    with pytest.raises(kinseek.InvalidMap, match=r"describes (a type with parameters|other arrays)"):
+        damaged(written, "rings", f"{name}/zarr.json", change)
+
+
 @pytest.mark.parametrize("name", [ROOT, "reached/zarr.json", "rotation/zarr.json"])
 def test_metadata_that_are_replaced_after_their_check_are_not_used(
     name: str, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

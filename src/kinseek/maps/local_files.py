@@ -6,6 +6,7 @@ Imported where a map is opened, for it imports Zarr.
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import stat
 import uuid
@@ -72,7 +73,7 @@ class LocalFiles(LocalStore):
         """Read a file; None if there is none. It is checked when it is open, whatever its name leads to.
 
         Raises:
-            ValueError: It is not a regular file, or too large.
+            ValueError: It is not a regular file, or too large, or metadata of a type with parameters.
         """
         if byte_range is not None:  # Of shards, which no map has.
             return await super().get(key, prototype, byte_range)
@@ -86,6 +87,8 @@ class LocalFiles(LocalStore):
                 return None
             if content is None:
                 raise ValueError(f"{key!r} is not a regular file of at most {most:,} bytes")
+            if metadata:
+                _require_plain(key, content)
             known.setdefault(key, content)
         return (prototype or default_buffer_prototype()).buffer.from_bytes(known[key])
 
@@ -112,6 +115,21 @@ class LocalFiles(LocalStore):
             with suppress(OSError):
                 part.unlink(missing_ok=True)
             raise
+
+
+def _require_plain(key: str, content: bytes) -> None:
+    """Check that metadata describe no type with parameters: Zarr makes a value of it at once, and it may be gigabytes long.
+
+    Raises:
+        ValueError: They describe one, or may do so for other arrays, or are not JSON.
+    """
+    described = json.loads(content)
+    if not isinstance(described, dict):
+        return
+    if not isinstance(described.get("data_type", ""), str):
+        raise ValueError(f"{key!r} describes a type with parameters")
+    if key != METADATA and described.get("consolidated_metadata"):  # Those of the store itself are not used.
+        raise ValueError(f"{key!r} describes other arrays")
 
 
 def _open(path: str, flags: int) -> int:
