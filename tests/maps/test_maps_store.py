@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import gzip
 import itertools
 import json
 import math
@@ -33,6 +34,8 @@ from map_files import ARM, GRID, SMALL, files, marks
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 distributed = pytest.importorskip("distributed")
+zstd = pytest.importorskip("numcodecs.zstd")
+local_files = pytest.importorskip("kinseek.maps.local_files")
 
 
 def one_by_one(work: Any, todo: Any, blocks: int, advance: Any, written: Any) -> None:
@@ -534,6 +537,46 @@ def test_a_type_of_gigabytes_is_refused_before_a_value_of_it_is_made(
 
     with pytest.raises(kinseek.InvalidMap, match=r"describes (a type with parameters|other arrays)"):
         damaged(written, "rings", f"{name}/zarr.json", change)
+
+
+def _twice(pack: Callable[[bytes], bytes], block: bytes) -> bytes:
+    return pack(block) + pack(block)
+
+
+def _skipped_first(block: bytes) -> bytes:
+    return b"\x50\x2a\x4d\x18\x04\0\0\0" + b"skip" + bytes(zstd.compress(block))
+
+
+@pytest.mark.parametrize(
+    "pack", [zstd.compress, partial(_twice, zstd.compress), _skipped_first, gzip.compress]
+)
+def test_a_block_that_unpacks_to_more_than_a_block_is_refused_unread(
+    pack: Callable[[bytes], bytes], written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place, codec = tmp_path / "map", "gzip" if pack is gzip.compress else "zstd"
+    shutil.copytree(written / "rings", place)
+    metadata = place / "reached" / "zarr.json"
+    told = json.loads(metadata.read_text())
+    options = {"level": 1} if codec == "gzip" else {"level": 1, "checksum": False}
+    told["codecs"] = [{"name": "bytes"}, {"name": codec, "configuration": options}]
+    metadata.write_text(json.dumps(told))
+    monkeypatch.setattr(local_files, "MOST_BLOCK", 2**20)
+    for path in (place / "reached" / "c").rglob("*"):
+        if path.is_file():
+            path.write_bytes(pack(bytes(2**20 + 1)))
+    with pytest.raises(kinseek.InvalidMap, match="does not unpack to at most 1,048,576 bytes"):
+        ask(place)
+
+
+def test_a_map_that_is_compressed_twice_is_refused(written: Path) -> None:
+    packed = {"name": "gzip", "configuration": {"level": 1}}
+    with pytest.raises(kinseek.InvalidMap, match="more than once"):
+        damaged(
+            written,
+            "rings",
+            "reached/zarr.json",
+            partial(put, ["codecs"], [{"name": "bytes"}, packed, packed]),
+        )
 
 
 @pytest.mark.parametrize("name", [ROOT, "reached/zarr.json", "rotation/zarr.json"])

@@ -6,10 +6,13 @@ Imported where a map is opened, for it imports Zarr.
 from __future__ import annotations
 
 import asyncio
+import gzip
+import io
 import json
 import os
 import stat
 import uuid
+import zlib
 from collections.abc import AsyncIterator
 from contextlib import suppress
 from pathlib import Path
@@ -29,6 +32,12 @@ MOST_BYTES = 2**20
 """Maximum size of a file of metadata [bytes]."""
 MOST_BLOCK = 2**29 + 2**20
 """Maximum size of a file of a block [bytes]: a block of the most cells, of 8 bytes each, and what a codec may add."""
+_ZSTD, _GZIP = b"\x28\xb5\x2f\xfd", b"\x1f\x8b"
+"""First bytes of a compressed block."""
+_ALSO_ZSTD = b"\xb5\x2f\xfd", b"\x2a\x4d\x18"
+"""Second to fourth byte of all that decoders of Zstandard accept: frames, also of old versions, and frames to skip."""
+_MOST_PARTS = 2**16
+"""Maximum number of parts of a frame of Zstandard; usually they have 128 KiB each."""
 
 
 class LocalFiles(LocalStore):
@@ -73,7 +82,8 @@ class LocalFiles(LocalStore):
         """Read a file; None if there is none. It is checked when it is open, whatever its name leads to.
 
         Raises:
-            ValueError: It is not a regular file, or too large, or metadata of a type with parameters.
+            ValueError: It is not a regular file, or too large, or metadata of a type with parameters, or a block that
+                unpacks to more than a block can have.
         """
         if byte_range is not None:  # Of shards, which no map has.
             return await super().get(key, prototype, byte_range)
@@ -87,8 +97,7 @@ class LocalFiles(LocalStore):
                 return None
             if content is None:
                 raise ValueError(f"{key!r} is not a regular file of at most {most:,} bytes")
-            if metadata:
-                _require_plain(key, content)
+            (_require_plain if metadata else _require_small)(key, content)
             known.setdefault(key, content)
         return (prototype or default_buffer_prototype()).buffer.from_bytes(known[key])
 
@@ -130,6 +139,57 @@ def _require_plain(key: str, content: bytes) -> None:
         raise ValueError(f"{key!r} describes a type with parameters")
     if key != METADATA and described.get("consolidated_metadata"):  # Those of the store itself are not used.
         raise ValueError(f"{key!r} describes other arrays")
+
+
+def _require_small(key: str, content: bytes) -> None:
+    """Check that a compressed block has at most `MOST_BLOCK` bytes when it is decoded: the decoders have no limit.
+
+    Raises:
+        ValueError: It has more, or does not say how many.
+    """
+    if content[1:4] in _ALSO_ZSTD:
+        size = _stated_size(content)
+    elif content.startswith(_GZIP):
+        size = _counted_size(content)
+    else:
+        return
+    if size is None or size > MOST_BLOCK:
+        raise ValueError(f"{key!r} does not unpack to at most {MOST_BLOCK:,} bytes")
+
+
+def _stated_size(content: bytes) -> int | None:
+    """Return the size that a frame of Zstandard states for its content, which decoders do not exceed (RFC 8878, 3.1.1).
+
+    Args:
+        content: The frame. A checksum of `crc32c` may follow.
+
+    Returns:
+        The size; None if it is not stated, or if this is not a single frame.
+    """
+    if len(content) < 5 or not content.startswith(_ZSTD):
+        return None
+    flags = content[4]
+    single, length = flags >> 5 & 1, (flags >> 5 & 1, 2, 4, 8)[flags >> 6]
+    at = 6 - single + (0, 1, 2, 4)[flags & 3]
+    size, at = int.from_bytes(content[at : at + length], "little"), at + length
+    for _ in range(_MOST_PARTS):
+        header, at = int.from_bytes(content[at : at + 3], "little"), at + 3
+        at += 1 if header >> 1 & 3 == 1 else header >> 3  # The second kind of part repeats one byte.
+        if header & 1 or at > len(content):
+            break
+    end = at + 4 * (flags >> 2 & 1)
+    if not length or not end <= len(content) <= end + 4:
+        return None
+    return size + 256 if length == 2 else size
+
+
+def _counted_size(members: bytes) -> int:
+    """Unpack a gzip file and count its bytes, until they are too many or damaged."""
+    size = 0
+    with suppress(OSError, EOFError, zlib.error), gzip.GzipFile(fileobj=io.BytesIO(members)) as file:
+        while size <= MOST_BLOCK and (part := file.read(2**20)):
+            size += len(part)
+    return size
 
 
 def _open(path: str, flags: int) -> int:

@@ -302,7 +302,7 @@ class Store(Lazy):
         With `chunks` None, any chunks no larger than the array are valid, at most `MOST_BLOCKS` of them.
         """
         array = self._array(name)
-        codecs = {codec.to_dict()["name"] for codec in array.metadata.codecs}
+        codecs = [codec.to_dict()["name"] for codec in array.metadata.codecs]
         there = array.shape, array.dtype, array.metadata.dimension_names
         as_made = there == (shape, np.dtype(dtype), dims)
         if not as_made or repr(float(array.fill_value)) != repr(float(fill)):  # NaN equals nothing.
@@ -311,10 +311,14 @@ class Store(Lazy):
         fits = fits and math.prod(array.cdata_shape) <= MOST_BLOCKS  # Dask has an entry for each.
         if array.chunks != chunks and (chunks is not None or not fits):
             raise self._unsound(f"the chunks of its array {name!r} are not its blocks")
-        if not codecs <= CODECS or array.shards is not None:
+        if not CODECS.issuperset(codecs) or array.shards is not None:
             raise self._unsound(
                 f"its array {name!r} is encoded by other codecs than {', '.join(sorted(CODECS))}"
             )
+        if len(codecs) > len(set(codecs)) or {"gzip", "zstd"} <= {
+            *codecs
+        }:  # Only one is checked when a block is read.
+            raise self._unsound(f"its array {name!r} is compressed more than once")
 
     def _unsound(self, why: str) -> InvalidMap:
         return InvalidMap(f"no map in {self.place!r} that maps.reach made: {why}")
