@@ -526,3 +526,16 @@ def test_a_page_that_sends_without_end_waits_and_the_others_do_not(
         assert (
             time.monotonic() - began > 3.0
         )  # 200 messages take 4 s, of which half a second is not waited for.
+
+
+def test_a_fragment_without_bytes_counts_as_a_message_and_is_not_kept(
+    shown: viewer.Viewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(door, "MESSAGE_TIME", 0.02)
+    frame = msgspec.msgpack.encode(CAMERA)
+    wait_for(lambda: not shown.pages)
+    with websocket(shown.port) as one:
+        began = time.monotonic()
+        one.send([*[b""] * 400, frame[:20], frame[20:]])
+        wait_for(lambda: shown.pages)
+        assert time.monotonic() - began > 7.5  # The page itself waits up to 3 s for what the browser kept.

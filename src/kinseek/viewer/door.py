@@ -33,8 +33,8 @@ SUPPORTED = "viser>=1.1.1,<1.2"
 MOST_MESSAGE = 2**20
 """Maximum size of a message from a page [bytes]; the longest is the state kept by a browser."""
 MESSAGE_TIME, BYTE_TIME = 1 / 500, 1 / 2**22
-"""Time for a message from a page, and for each of its bytes [s]; the next messages wait for the time of those before them.
-A page sends a hundred short messages a second while a goal is dragged. See `AHEAD`."""
+"""Time for a message from a page, or for a fragment of one, and for each of its bytes [s]; the next messages wait for the
+time of those before them. A page sends a hundred short messages a second while a goal is dragged. See `AHEAD`."""
 AHEAD = 0.5
 """Time of messages [s] that are taken without waiting, such as those of a page that has just opened."""
 MOST_TEXT = 200
@@ -191,14 +191,17 @@ class Door:
             async def recv(self, *args: Any, **named: Any) -> Any:
                 now = asyncio.get_running_loop().time
                 while True:
-                    # A page that sends without end waits here, so that the others do not wait for it.
-                    if (ahead := self._taken_until - now()) > AHEAD:
-                        await asyncio.sleep(ahead - AHEAD)
-                    message = await super().recv(*args, **named)
-                    cost = MESSAGE_TIME + BYTE_TIME * len(message)
-                    self._taken_until = max(self._taken_until, now()) + cost
-                    if is_message(message):
-                        return message
+                    # Joined at once: `super().recv` would keep empty fragments without end, about 100 bytes for each.
+                    message = bytearray()
+                    async for fragment in self.recv_streaming(decode=False):
+                        message += fragment
+                        cost = MESSAGE_TIME + BYTE_TIME * len(fragment)
+                        self._taken_until = max(self._taken_until, now()) + cost
+                        # A page that sends without end waits here, so that the others do not wait for it.
+                        if (ahead := self._taken_until - now()) > AHEAD:
+                            await asyncio.sleep(ahead - AHEAD)
+                    if is_message(bytes(message)):
+                        return bytes(message)
 
         options |= {"process_request": checked, "process_response": with_policy}
         options |= {"create_connection": Connection, "logger": _log}
