@@ -24,8 +24,6 @@ def read_yaml(path: Path, most: int, tags: Mapping[str, Callable[..., Any]] | No
     Raises:
         InvalidRobot: The file cannot be read, is not YAML, or is too large, as it is or with its aliases expanded.
     """
-    import yaml  # type: ignore[import-untyped]
-
     text = file_bytes(path, most)
     try:
         return yaml_content(text, str(path), tags)
@@ -33,7 +31,8 @@ def read_yaml(path: Path, most: int, tags: Mapping[str, Callable[..., Any]] | No
         raise
     except RecursionError:
         raise InvalidRobot(f"{path}: the values are nested too deeply") from None
-    except (yaml.YAMLError, ValueError) as error:  # A date such as 2001-99-99 raises a ValueError.
+    except Exception as error:
+        # PyYAML raises anything for a value that does not fit its tag, as in `!!bool x`.
         raise InvalidRobot(f"{path}: broken YAML: {error}") from None
 
 
@@ -50,7 +49,7 @@ def yaml_content(text: bytes, where: str, tags: Mapping[str, Callable[..., Any]]
             around one value.
         yaml.YAMLError: The text is not YAML.
     """
-    import yaml
+    import yaml  # type: ignore[import-untyped]
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
         """A separate class, so that the tags are not added to the loader of other programs."""
