@@ -7,10 +7,12 @@ import http.client
 import importlib.util
 import json
 import socket
+import threading
 import time
 import warnings
 from collections.abc import Iterator
 from functools import partial
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,7 @@ import kinseek
 from kinseek import InvalidUse, viewer
 from kinseek.viewer import door
 from kinseek.viewer.door import MESSAGES, POLICY, is_message, refusal
+from kinseek.viewer.page import Page
 
 viser = pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
@@ -539,3 +542,22 @@ def test_a_fragment_without_bytes_counts_as_a_message_and_is_not_kept(
         one.send([*[b""] * 400, frame[:20], frame[20:]])
         wait_for(lambda: shown.pages)
         assert time.monotonic() - began > 7.5  # The page itself waits up to 3 s for what the browser kept.
+
+
+def test_pages_that_do_not_answer_do_not_delay_the_next(
+    shown: viewer.Viewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frame, answer, silent, asked = msgspec.msgpack.encode(CAMERA), threading.Event(), 40, count()
+
+    def fetch(page: Any) -> None:
+        if next(asked) < silent:
+            answer.wait(60.0)
+
+    monkeypatch.setattr(Page, "_fetch", fetch)
+    wait_for(lambda: not shown.pages)
+    with contextlib.ExitStack() as open_ones:
+        open_ones.callback(answer.set)
+        for _ in range(silent + 1):
+            open_ones.enter_context(websocket(shown.port)).send(frame)
+        wait_for(lambda: len(shown.pages) == 1)
+    wait_for(lambda: not shown.pages)

@@ -95,8 +95,7 @@ class Viewer:
         self._server.scene.add_light_ambient("/light", intensity=1.6)
         self._set_initial_camera()
 
-        @self._server.on_client_connect
-        def _(client: Any) -> None:
+        def lay_out(client: Any) -> None:
             # The client may leave at any time, also while its page is laid out.
             _leave_quietly(client)
             try:
@@ -110,6 +109,12 @@ class Viewer:
                     self.pages[client.client_id] = page
                     return
             page.close()  # The client left before the layout was done.
+
+        @self._server.on_client_connect
+        async def _(client: Any) -> None:
+            # Not in a thread of viser, which has 32 for all pages: a browser that does not answer holds it for seconds.
+            name = f"kinseek page of client {client.client_id}"
+            threading.Thread(target=lay_out, args=(client,), name=name, daemon=True).start()
 
         @self._server.on_client_disconnect
         def _(client: Any) -> None:
