@@ -561,3 +561,19 @@ def test_pages_that_do_not_answer_do_not_delay_the_next(
             open_ones.enter_context(websocket(shown.port)).send(frame)
         wait_for(lambda: len(shown.pages) == 1)
     wait_for(lambda: not shown.pages)
+
+
+def test_pings_of_a_page_that_has_left_print_nothing(
+    shown: viewer.Viewer, caplog: pytest.LogCaptureFixture
+) -> None:
+    pings = b"\x89\x80\0\0\0\0" * 40_000
+    with websocket(shown.port) as leaving:
+        leaving.socket.settimeout(2.0)
+        with contextlib.suppress(OSError):
+            for _ in range(20):
+                leaving.socket.sendall(pings)
+        leaving.socket.shutdown(socket.SHUT_RDWR)
+    assert (
+        page(shown.port, {"Host": f"localhost:{shown.port}"})[0] == 200
+    )  # The server has read what was before.
+    assert not [record for record in caplog.records if record.name == "asyncio"]

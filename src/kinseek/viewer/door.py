@@ -14,6 +14,7 @@ viser answers a request for ``/C:/file`` on Windows with that file, whoever asks
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
 import re
@@ -202,6 +203,20 @@ class Door:
                             await asyncio.sleep(ahead - AHEAD)
                     if is_message(bytes(message)):
                         return bytes(message)
+
+            def send_data(self) -> None:
+                # As in the base class, except that nothing is written once the page has left: asyncio would print a line for
+                # every answer to a ping.
+                for data in self.protocol.data_to_send():
+                    if self.transport.is_closing():
+                        continue
+                    if data:
+                        self.transport.write(data)
+                    elif self.transport.can_write_eof():
+                        with contextlib.suppress(OSError, RuntimeError):
+                            self.transport.write_eof()
+                    else:
+                        self.transport.close()
 
         options |= {"process_request": checked, "process_response": with_policy}
         options |= {"create_connection": Connection, "logger": _log}
