@@ -208,6 +208,16 @@ def test_a_handler_may_raise_while_xacro_works(tmp_path: Path, monkeypatch: pyte
 
 @pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="no such signal")
 @pytest.mark.usefixtures("_handled")
+def test_a_handler_may_raise_while_yaml_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "limits.yaml"
+    path.write_text("joint_limits: {}\n", "utf-8")
+    monkeypatch.setattr("kinseek.robots.yaml_files.yaml_content", interrupt)
+    with pytest.raises(Late):
+        kinseek.load("planar2", limits=path)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="no such signal")
+@pytest.mark.usefixtures("_handled")
 def test_an_error_that_follows_what_a_handler_raised_is_another_one() -> None:
     def wrong(q: Any) -> Any:
         raise ValueError("of the function")

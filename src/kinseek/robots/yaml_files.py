@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from kinseek.errors import InvalidRobot
+from kinseek.support.interrupts import raise_of_handler
 
 from .expressions import MOST_DIGITS, MOST_ENTRIES
 from .files import file_bytes, require_few
@@ -33,6 +34,7 @@ def read_yaml(path: Path, most: int, tags: Mapping[str, Callable[..., Any]] | No
         raise InvalidRobot(f"{path}: the values are nested too deeply") from None
     except Exception as error:
         # PyYAML raises anything for a value that does not fit its tag, as in `!!bool x`.
+        raise_of_handler(error)
         raise InvalidRobot(f"{path}: broken YAML: {error}") from None
 
 
