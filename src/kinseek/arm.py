@@ -407,7 +407,7 @@ class Arm(ForwardArm):
         if self._branch_index is None:
             from .branches.index import index_of
 
-            self._branch_index = index_of(Problem(self._mechanism, Goal.pose(np.eye(4))))
+            self._branch_index = index_of(Problem(self._mechanism, _any_pose()))
         return self._branch_index
 
     def prove(

@@ -315,9 +315,8 @@ class Store(Lazy):
             raise self._unsound(
                 f"its array {name!r} is encoded by other codecs than {', '.join(sorted(CODECS))}"
             )
-        if len(codecs) > len(set(codecs)) or {"gzip", "zstd"} <= {
-            *codecs
-        }:  # Only one is checked when a block is read.
+        # When a block is read, what it unpacks to is checked for one compression.
+        if len(codecs) > len(set(codecs)) or {"gzip", "zstd"} <= set(codecs):
             raise self._unsound(f"its array {name!r} is compressed more than once")
 
     def _unsound(self, why: str) -> InvalidMap:

@@ -201,8 +201,8 @@ class Door:
                         # A page that sends without end waits here, so that the others do not wait for it.
                         if (ahead := self._taken_until - now()) > AHEAD:
                             await asyncio.sleep(ahead - AHEAD)
-                    if is_message(bytes(message)):
-                        return bytes(message)
+                    if is_message(whole := bytes(message)):
+                        return whole
 
             def send_data(self) -> None:
                 # As in the base class, except that nothing is written once the page has left: asyncio would print a line for
