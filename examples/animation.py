@@ -1,4 +1,4 @@
-"""Make the animation of the README: a UR5e and all its solutions, the paper's search, and a goal out of reach.
+"""Make the animation of the README: a UR5e and its solutions, a planned motion, the paper's search, a goal out of reach.
 
 Run: python examples/animation.py [PICTURE.gif]
 
@@ -25,7 +25,7 @@ INK, GREY, PALE, PAPER = "#24292f", "#8c959f", "#e0e3e6", "#fbfbfa"
 FLOOR = -0.35
 BLUE, RED, GREEN, *_ = plots.COLOURS
 DOWN = [np.pi, 0.0, 0.0]
-CIRCLE, STEPS_OUT, HOLD = 40, 14, 20
+CIRCLE, MOVING, STEPS_OUT, HOLD = 40, 40, 14, 20
 GAP = 0.01
 BARS = "all six joints, between their limits"
 HOME = [-0.5, -2.1, 2.4, -1.9, -1.6, -2.1]
@@ -69,7 +69,7 @@ class Stage:
         """Begin a frame: its title, what the panel is about, and lines below it."""
         self.figure.clear()
         space = self.figure.add_axes((-0.11, -0.16, 0.8, 1.22), projection="3d", facecolor=PAPER)
-        space.set(xlim=(-0.6, 1.05), ylim=(-0.6, 0.6), zlim=(FLOOR, 0.75))
+        self.frame(space)
         space.set_box_aspect((1.65, 1.2, 0.75 - FLOOR), zoom=1.22)
         space.view_init(16, -62)
         space.set_axis_off()
@@ -85,6 +85,11 @@ class Stage:
         panel = self.figure.add_axes((0.71, 0.41, 0.26, 0.42), facecolor=PAPER)
         panel.tick_params(labelsize=9.5, colors=INK)
         return space, panel
+
+    @staticmethod
+    def frame(space: Any) -> None:
+        """Show the same part of space in every frame."""
+        space.set(xlim=(-0.6, 1.05), ylim=(-0.6, 0.6), zlim=(FLOOR, 0.75))
 
     def keep(self, times: int = 1) -> None:
         """End a frame, shown so many times as long."""
@@ -159,6 +164,45 @@ def follow(stage: Stage) -> None:
         plots.draw_frame(space, T, 0.13)
         bars(panel, q, *found)
         stage.keep()
+
+
+def around(stage: Stage) -> None:
+    """Between a wall and a beam: a plan in a scene, and its trajectory against the limits of the joints."""
+    from kinseek.plots.scenes import draw_scene, draw_way
+
+    scene = kinseek.Scene.of(arm, capsules=0.05)
+    scene.add_box("wall", size=(0.7, 0.04, 0.6), pose=kinseek.pose([0.62, 0.0, 0.1]))
+    scene.add_box("beam", size=(1.0, 0.08, 0.08), pose=kinseek.pose([0.45, 0.0, 0.7]))
+    right, left = (kinseek.pose([0.5, y, 0.15], rpy=DOWN) for y in (-0.35, 0.35))
+    q0 = arm.ik(right, scene=scene, near=HOME).require().q
+    q1 = arm.ik(left, scene=scene, near=q0).require().q
+    planned = median(lambda: scene.plan(q0, q1), 11)
+    path = scene.plan(q0, q1)
+    trajectory = path.timed(velocity=2.0, acceleration=8.0)
+    assert path.status is kinseek.PathStatus.CONTINUOUS
+    t = np.linspace(0.0, trajectory.duration, 400)
+    shares = trajectory.velocity(t) / 2.0
+    for moment in np.linspace(0.0, trajectory.duration, MOVING):
+        space, panel = stage.clear(
+            "Around obstacles, as fast as the joints can",
+            "joint speeds within their limits",
+            f"planned in {short(planned)}",
+            "proved free at every moment",
+        )
+        q = trajectory.q(moment)
+        draw_scene(space, arm.chain, scene, q[None], q[None])
+        draw_way(space, arm.chain, trajectory, None)
+        draw(space, q)
+        plots.draw_frame(space, left, 0.13)
+        stage.frame(space)
+        for limit in (-1.0, 1.0):
+            panel.axhline(limit, color=GREY, linestyle="--", linewidth=1.0)
+        for column, color in zip(shares.T, plots.COLOURS, strict=False):
+            panel.plot(t, column, color=color, linewidth=1.4)
+        panel.axvline(moment, color=INK, linewidth=1.2)
+        panel.set(xlabel="[s]", ylim=(-1.15, 1.15), yticks=(-1, 0, 1), xlim=(0.0, trajectory.duration))
+        last = moment == trajectory.duration
+        stage.keep(12 if last else 1)
 
 
 def close_in(stage: Stage) -> None:
@@ -236,7 +280,7 @@ def show_far(stage: Stage, T: Pose, q: Array, about: str, *says: str) -> tuple[A
 
 def main(path: Path) -> None:
     stage = Stage()
-    for scene in (follow, close_in, out_of_reach):
+    for scene in (follow, around, close_in, out_of_reach):
         scene(stage)
     stage.save(path)
     seconds = len(stage.frames) * SECONDS_A_FRAME
