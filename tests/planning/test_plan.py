@@ -63,6 +63,19 @@ def require_free(path: Any, arm: kinseek.Arm, scene: Scene) -> None:
     assert ((path.q >= lower) & (path.q <= upper)).all()
 
 
+def test_a_planned_motion_leaves_space_for_the_spline_of_timed() -> None:
+    """The straight motion goes through the wall; the shortest way around it touches its edge."""
+    arm = kinseek.load("ur5e")
+    scene = Scene.of(arm, capsules=0.05)
+    scene.add_box("wall", (0.7, 0.04, 0.6), kinseek.pose([0.62, 0.0, 0.1]))
+    scene.add_box("beam", (1.0, 0.08, 0.08), kinseek.pose([0.45, 0.0, 0.7]))
+    right, left = (kinseek.pose([0.5, y, 0.15], rpy=DOWN) for y in (-0.35, 0.35))
+    q0 = arm.ik(right, scene=scene, near=[-0.5, -2.1, 2.4, -1.9, -1.6, -2.1]).require().q
+    path = scene.plan(q0, arm.ik(left, scene=scene, near=q0).require().q)
+    assert not scene.free_motion(path.q[0], path.q[-1])
+    assert len(path.timed(velocity=2.0, acceleration=8.0).stops) == 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("smooth", [True, False])
 @pytest.mark.parametrize("name", ["ur5e", "panda", "iiwa14", "jaco2_6", "scara4", "ur10e_rail"])

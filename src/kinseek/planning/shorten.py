@@ -37,19 +37,36 @@ CORNER = 8
 DENSE = 0.05
 """Bound on the motion of any point of the arm between neighbouring rows of a path [m]."""
 
+MARGIN = 2e-3
+"""Distance from obstacles beyond the clearance that is kept where the way has it [m]. `Path.timed` moves along a spline
+through the rows; where it comes too near to obstacles, the arm has to stop. Found by trial with
+`python -m benchmarks.planning`."""
+
 _GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
 """The steps of the sequence of *Roberts 2018* in two dimensions."""
 
 
 def shortened(space: Space, way: Array, deadline: Deadline) -> Array:
-    """Shorten a way, (N, n), that is proved free, until nothing gets shorter or the time is up."""
+    """Shorten a way, (N, n), that is proved free, until nothing gets shorter or the time is up.
+
+    At first all that is new keeps the margin, so parts of the way that are too near to obstacles stay. They are shortened
+    afterwards.
+    """
+    way = _shortened(space, way, deadline, True)
+    if space.along is None and len(way) > 2 and not space.proved(way[:-1], way[1:], MARGIN).all():
+        way = _shortened(space, way, deadline, False)
+    return way
+
+
+def _shortened(space: Space, way: Array, deadline: Deadline, wide: bool) -> Array:
+    """Shorten a way, (N, n), by motions that keep the margin: all of them, or those whose ends keep it."""
     first, before = 0, np.inf
     while len(way) > 2 and not deadline.passed and (length := lengths(way).sum()) <= (1.0 - LEAST) * before:
         before = length
         shares = (0.5 + np.arange(first + 1, first + TOGETHER + 1)[:, None] * _GOLDEN) % 1.0
         first += TOGETHER
         if space.along is None:
-            way = _with_shortcuts(space, _without_corners(space, way), shares)
+            way = _with_shortcuts(space, _without_corners(space, way, wide), shares, wide)
         else:
             way = _with_advances(space, way, shares)
     return way
@@ -60,10 +77,10 @@ def lengths(way: Array) -> Array:
     return np.asarray(np.linalg.norm(np.diff(way, axis=0), axis=1))
 
 
-def _without_corners(space: Space, way: Array) -> Array:
+def _without_corners(space: Space, way: Array, wide: bool) -> Array:
     """Leave out rows, (N, n), whose neighbours are connected by a free motion."""
     while len(way) > 2:
-        free = _free(space, way[:-2], way[2:])
+        free = _free(space, way[:-2], way[2:], _kept(space, way[:-2], way[2:], wide))
         if not free.any():
             break
         gains = lengths(way)[:-1] + lengths(way)[1:] - np.linalg.norm(way[2:] - way[:-2], axis=1)
@@ -77,7 +94,7 @@ def _without_corners(space: Space, way: Array) -> Array:
     return way
 
 
-def _with_shortcuts(space: Space, way: Array, shares: Array) -> Array:
+def _with_shortcuts(space: Space, way: Array, shares: Array, wide: bool) -> Array:
     """Try shortcuts between places on a way, (N, n), given as shares of its length, (k, 2); the best first."""
     along = np.concatenate([[0.0], np.cumsum(lengths(way))])
     places = np.sort(shares * along[-1], axis=1)
@@ -86,7 +103,8 @@ def _with_shortcuts(space: Space, way: Array, shares: Array) -> Array:
     ends = way[piece] + part[..., None] * (way[piece + 1] - way[piece])
     gains = places[:, 1] - places[:, 0] - np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     some = np.flatnonzero((piece[:, 0] < piece[:, 1]) & (gains > NEARER * along[-1]))
-    some = some[_free(space, ends[some, 0], ends[some, 1])]
+    a, b = ends[some, 0], ends[some, 1]
+    some = some[_free(space, a, b, _kept(space, a, b, wide))]
     taken = _best(some, gains, places)
     for i in sorted(
         taken, key=lambda i: -places[i, 0]
@@ -126,11 +144,19 @@ def refined(space: Space, along: Along, way: Array) -> Array:
     return np.insert(way, np.flatnonzero(holds) + 1, middles[holds], axis=0)
 
 
-def _free(space: Space, begins: Array, ends: Array) -> Flags:
-    """Return which motions are proved free, (k,); most others are rejected by samples."""
-    kept = np.flatnonzero(space.free_part(begins, ends - begins) == 1.0)
+def _kept(space: Space, begins: Array, ends: Array, wide: bool) -> Flags:
+    """Return which motions keep the margin, (k,): all, or those whose ends do."""
+    if wide or not len(begins):
+        return np.ones(len(begins), dtype=np.bool_)
+    return space.free(begins, MARGIN) & space.free(ends, MARGIN)
+
+
+def _free(space: Space, begins: Array, ends: Array, kept: Flags) -> Flags:
+    """Return which motions are proved free, (k,), with the margin where it is kept; samples reject most others."""
     free = np.zeros(len(begins), dtype=np.bool_)
-    free[kept] = space.proved(begins[kept], ends[kept])
+    for margin, group in ((MARGIN, np.flatnonzero(kept)), (0.0, np.flatnonzero(~kept))):
+        some = group[space.free_part(begins[group], (ends - begins)[group], margin) == 1.0]
+        free[some] = space.proved(begins[some], ends[some], margin)
     return free
 
 
@@ -147,6 +173,7 @@ def rounded(space: Space, way: Array, deadline: Deadline) -> Array:
     radius = np.minimum(size[:-1], size[1:]) / 2.0
     t = np.linspace(0.0, 1.0, CORNER + 1)[None, :, None]
     found: dict[int, Array] = {}
+    kept = space.free(way, MARGIN)
     for _ in range(ROUNDED):
         if not len(corners) or deadline.passed:
             break
@@ -155,7 +182,7 @@ def rounded(space: Space, way: Array, deadline: Deadline) -> Array:
         b = way[corners, None] + share * (after / size[1:, None])[corners - 1, None]
         rows = (1.0 - t) ** 2 * a + 2.0 * t * (1.0 - t) * way[corners, None] + t**2 * b
         flat = rows[:, :-1].reshape(-1, way.shape[1]), rows[:, 1:].reshape(-1, way.shape[1])
-        free = np.all(_free(space, *flat).reshape(len(corners), CORNER), axis=1)
+        free = np.all(_free(space, *flat, np.repeat(kept[corners], CORNER)).reshape(-1, CORNER), axis=1)
         found |= {int(i): rows[k] for k, i in enumerate(corners) if free[k]}
         corners = corners[np.flatnonzero(~free)]
         radius[corners - 1] /= 2.0

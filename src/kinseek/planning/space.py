@@ -95,21 +95,24 @@ class Space:
         """Return the full turns of continuous joints in differences of joint values, (..., n); 0 for other joints."""
         return np.where(self.endless, nearest_turns(gap), 0.0)
 
-    def free(self, q: Array) -> Flags:
-        """Return which joint values, (k, n), are free, (k,)."""
-        return np.asarray(self.scene.free(q, self.clearance), dtype=np.bool_)
+    def free(self, q: Array, margin: float = 0.0) -> Flags:
+        """Return which joint values, (k, n), are free with a margin [m] beyond the clearance, (k,)."""
+        return np.asarray(self.scene.free(q, self.clearance + margin), dtype=np.bool_)
 
-    def free_part(self, begins: Array, ways: Array) -> Array:
+    def free_part(self, begins: Array, ways: Array, margin: float = 0.0) -> Array:
         """Return which part of each motion is free up to its first contact, by samples, (k,) from 0 to 1.
 
         Args:
             begins: Joint values at which the motions begin, (k, n); they are free.
             ways: Differences to their ends, (k, n).
+            margin: Distance that is kept beyond the clearance [m].
         """
         if not len(ways):
             return np.zeros(0)
         counts = np.maximum(np.ceil(np.abs(ways) @ self.reach / APART), LEAST).astype(np.int64)
-        return np.asarray(self.scene.free_samples(begins, begins + ways, counts, self.clearance) / counts)
+        return np.asarray(
+            self.scene.free_samples(begins, begins + ways, counts, self.clearance + margin) / counts
+        )
 
     def advance(self, begins: Array, ways: Array) -> tuple[list[Array], Flags]:
         """Move from joint values towards others as far as is free, by samples.
@@ -151,11 +154,11 @@ class Space:
             going = going[on & ~there]
         return [each[1:] for each in rows], reached
 
-    def proved(self, begins: Array, ends: Array) -> Flags:
-        """Return which linear motions, (k, n) to (k, n), are proved free, (k,)."""
+    def proved(self, begins: Array, ends: Array, margin: float = 0.0) -> Flags:
+        """Return which linear motions, (k, n) to (k, n), are proved free with a margin [m] beyond the clearance, (k,)."""
         if not len(begins):
             return np.zeros(0, dtype=np.bool_)
-        free = self.scene.free_motion(begins, ends, self.clearance, thorough=False)
+        free = self.scene.free_motion(begins, ends, self.clearance + margin, thorough=False)
         return np.asarray(free, dtype=np.bool_)
 
 
