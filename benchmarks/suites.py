@@ -255,10 +255,7 @@ def ssik(folder: Path, count: int) -> Iterator[Goal]:
             continue
         path = folder / "tests" / "fixtures" / entry["fixture"]
         model = Model.read(name, path, entry["base_link"], entry["ee_link"])
-        ends = (  # Those of the soft limits that kinseek keeps, half a turn where there are none.
-            np.maximum(model.arm.lower, model.judge.arm.lower),
-            np.minimum(model.arm.upper, model.judge.arm.upper),
-        )
+        ends = model.judge.arm.lower, model.judge.arm.upper
         own = np.array([entry["sample_q"], *picked.get(entry["fixture"], [])])
         own = own[((own >= ends[0]) & (own <= ends[1])).all(axis=1)]
         many = rng.uniform(*ends, (count if model.arm.dof < 7 else max(1, count // 20), model.arm.dof))

@@ -65,6 +65,8 @@ class Judge:
         kinds = tuple(self._kind(name) for name in joints)
         ends = np.array([self._limits(name, kind) for name, kind in zip(joints, kinds, strict=True)]).T
         self._ends = np.where([kind == "continuous" for kind in kinds], [[-np.inf], [np.inf]], ends)
+        soft = np.array([_soft_limits(path).get(name, (-np.inf, np.inf)) for name in joints]).T
+        ends = np.stack([np.maximum(ends[0], soft[0]), np.minimum(ends[1], soft[1])])
         self._joints = joints
         home = self.fk(np.zeros((1, len(joints))))[0]
         self._stations = np.array([*(self._origin(name) for name in between), home[:3, 3]])
@@ -163,6 +165,17 @@ def _followers(path: Path) -> dict[str, tuple[str, float, float]]:
         if mimic is not None:
             factor, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
             found[joint.get("name", "")] = mimic.get("joint", ""), factor, offset
+    return found
+
+
+def _soft_limits(path: Path) -> dict[str, tuple[float, float]]:
+    """Soft limits of joints. MoveIt and kinseek keep them, other solvers do not, so targets lie within them."""
+    found = {}
+    for joint in ElementTree.parse(path).getroot().iter("joint"):
+        safety = joint.find("safety_controller")
+        if safety is not None:
+            lower, upper = (float(safety.get(f"soft_{end}_limit", "0")) for end in ("lower", "upper"))
+            found[joint.get("name", "")] = (lower, upper) if lower < upper else (-np.inf, np.inf)
     return found
 
 
