@@ -16,6 +16,10 @@ its contents.
   MotionBenchMaker's.
 - *MotionBenchMaker*, as VAMP has it (folder `resources/panda` of KavrakiLab/vamp, Apache-2.0; Chamzas et al. 2022): the
   poses in which its problems end, in their scenes. robometrics needs this folder, too, for the hulls of the Panda.
+- *RM4D* (mrudorfer/rm4d, MIT; Rudorfer 2025): the grasps of its example of a base position, 200 for each of four objects on
+  a floor of 2 m by 2 m. `maps.best_base` chooses the position of a Panda among the centres of 5 cm cells. *Reached* counts
+  the grasps that `arm.ik` solves from there, *confirmed* those that pinocchio confirms, and *proved out of reach* those for
+  which `arm.prove` has a proof.
 
 A goal is *exact* if `arm.ik` reports a success, and pinocchio finds from the URDF file that its joint values reach the goal
 within 1e-6 m and 1e-6 rad and are inside the limits. A known solution is *found* if `arm.branches` has it within 1e-3 rad
@@ -25,8 +29,8 @@ many remain; such a solution is found if `arm.ik(T, near=...)` returns it. *Wron
 confirm. *Free in the scene* counts goals that are exact and whose joint values touch nothing by MuJoCo. Times are medians of
 the second call of each goal.
 
-    python -m benchmarks.suites EAIK ssik stereo-sew robometrics vamp/resources/panda    # writes benchmarks/suites.md
-    python -m benchmarks.suites EAIK --quick                                             # a few of each, printed
+    python -m benchmarks.suites EAIK ssik stereo-sew robometrics vamp/resources/panda rm4d    # writes benchmarks/suites.md
+    python -m benchmarks.suites EAIK --quick                                                  # a few of each, printed
 """
 
 from __future__ import annotations
@@ -48,6 +52,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml  # type: ignore[import-untyped]
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import kinseek
 
@@ -384,12 +389,53 @@ def every(folders: list[Path], count: int) -> Iterator[Goal]:
             yield from ssik(folder, count)
         elif folder == panda:
             yield from motion_bench_maker(folder, cell, model, count)
+        elif (folder / "rm4d").is_dir():
+            pass  # See `bases`.
         elif (folder / "robometrics").is_dir() and panda is not None:
             yield from robometrics(folder, cell, model, count)
         else:
             raise SystemExit(
                 f"{folder} is none of the suites, or the Panda of VAMP is missing beside robometrics"
             )
+
+
+GRIPPER = np.array([[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""The frame of the Panda's fingers in that of RM4D's grasps."""
+
+FLOOR, CELL = 2.0, 0.05
+"""Width of RM4D's floor and of the cells in which a base may stand [m]."""
+
+
+def bases(folder: Path) -> Iterator[Row]:
+    """The objects of RM4D's example, grasped from the best position of the base."""
+    scene, robots = folder / "experiment_scripts/assets/scene01", folder / "rm4d/robots/assets/franka_panda"
+    model = Model.read("panda", robots / "panda166.urdf", "panda_link0", "panda_grasptarget")
+    grasps = {
+        path.stem.partition("_")[2]: np.load(path) @ GRIPPER for path in sorted(scene.glob("grasps_*.npy"))
+    }
+    for each in grasps.values():  # They have 32 bits.
+        each[:, :3, :3] = Rotation.from_matrix(each[:, :3, :3]).as_matrix()
+    x, y = np.meshgrid(*[np.arange(CELL / 2.0, FLOOR, CELL)] * 2)
+    places = kinseek.pose(np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1))
+    began = time.perf_counter()
+    ranked = kinseek.maps.best_base(model.arm, np.concatenate([*grasps.values()]), places, top=1, threads=1)
+    took, base = time.perf_counter() - began, np.asarray(ranked.base[0])
+    for name, each in grasps.items():
+        poses = np.linalg.inv(base) @ each
+        solution = model.arm.ik(poses)
+        verdict = good(model.judge.judge(solution.q, poses), STRICT, STRICT)
+        proofs = [model.arm.prove(T).verdict for T in poses[~solution.success]]
+        yield {
+            "object": name,
+            ">grasps": len(each),
+            ">base x m": f"{base[0, 3]:.3f}",
+            ">base y m": f"{base[1, 3]:.3f}",
+            ">reached": int(solution.success.sum()),
+            ">confirmed": int((verdict & solution.success).sum()),
+            ">proved out of reach": proofs.count(kinseek.Verdict.UNREACHABLE),
+            ">positions": len(places),
+            ">ranked in s": f"{took:.1f}",
+        }
 
 
 def measured(options: argparse.Namespace, misses: list[str]) -> Iterator[Row]:
@@ -417,6 +463,10 @@ def main() -> None:
     options = parser.options()
     page, misses = Page("Suites of others", "benchmarks.suites", __doc__), list[str]()
     page.rows(measured(options, misses))
+    for folder in options.folders:
+        if (folder / "rm4d").is_dir():
+            page.head("The base of RM4D's example")
+            page.rows(bases(folder))
     page.head("Misses")
     page.say("Without `prove=True`, `branches` does not claim that a list is complete.")
     page.items(misses)

@@ -69,7 +69,7 @@ def test_the_ranking_is_that_of_brute_force(by: str) -> None:
 @pytest.fixture(name="short_blocks")
 def _short_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Candidates are given up after a third of the poses that they are judged at otherwise."""
-    for name in ("FIRST", "BLOCK", "PIECE"):
+    for name in ("FIRST", "PIECE"):
         monkeypatch.setattr(f"kinseek.maps.base.{name}", getattr(maps.base, name) // 3)
 
 
