@@ -15,6 +15,7 @@ is left out.
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import importlib.util
 import io
@@ -213,6 +214,12 @@ def test_every_block_says_what_it_is_in() -> None:
     assert [f"{block}: {block.language!r}" for block in BLOCKS if block.language not in LANGUAGES] == []
     assert len(PYTHON) > 20
     assert len(COMMANDS) > 0
+
+
+def test_python_that_is_not_run_is_valid() -> None:
+    for block in BLOCKS:
+        if block.language == "python":
+            ast.parse(block.code, str(block))
 
 
 def anchors(page: Path) -> set[str]:
