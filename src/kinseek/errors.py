@@ -14,7 +14,7 @@
     ├── PathInterrupted(RuntimeError) an iterator of poses raised; carries the path through the poses before
     ├── MapInterrupted(RuntimeError) the making of a map ended early; finished blocks stay in its store
     ├── InternalError(AssertionError) kinseek contradicts itself: a bug in kinseek, please report it
-    └── NotReached(RuntimeError)     raised only by require(); carries the solution or the path
+    └── NotReached(RuntimeError)     a missed goal: require(), timed(), move(), plan(); carries the solution or path
 
 A missed tolerance is reported as a status of the solution; no exception is raised.
 
@@ -137,7 +137,7 @@ class InternalError(KinseekError, AssertionError):
 
 
 class NotReached(KinseekError, RuntimeError):
-    """A tolerance is missed, and the caller requested an exception by `require`."""
+    """A goal is missed, and the call is `require`, or cannot go on without it: `Path.timed`, `Arm.move`, `Scene.plan`."""
 
     def __init__(self, message: str, solution: Any) -> None:
         """Store the whole solution."""
