@@ -149,7 +149,7 @@ _speed_options = bundle(
     "--deg",
     is_flag=True,
     group=GOAL,
-    help="Angles of the poses, --start, --end, --tool and --box are in degrees.",
+    help="Angles of the poses, --start, --end, --tool, --box and --cone are in degrees.",
 )
 @option(
     "--start",
