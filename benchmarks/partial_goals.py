@@ -211,7 +211,7 @@ def main() -> None:
     ranged = [name for name in options.arms if name in RANGED]
     page, misses, seed = Page("Partial goals", "benchmarks.partial_goals", __doc__), list[str](), options.seed
     page.head("Making a goal and solving it")
-    page.say("Median times on one thread, of the goal alone and with `arm.ik` of it.")
+    page.say("Median times on one thread: to make a goal, and to make it and solve it with `arm.ik`.")
     page.rows(whole_calls(name, options.whole, seed) for name in options.arms)
     page.head("Arms of three to five joints")
     sizes = options.targets, options.singular, seed

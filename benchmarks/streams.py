@@ -456,7 +456,7 @@ def main() -> None:
     page.say(
         f"*after {SETTLED:g} s*: rests of a target during which the arm is at rest after that time. *reversals*: changes",
         "of direction of a joint after that time and after the arm has come to rest. *reached*: reachable targets from",
-        f"which the hand is at most {REACHED:g} m and rad away after {HOLD:g} s; *the others*: the status of the rest.",
+        f"which the hand is at most {REACHED:g} m and rad away after {HOLD:g} s; *the others*: status of the others.",
     )
     page.rows({"stream": kind} | tally.rests for kind, tally in [*kinds.items(), ("all", whole)])
 

@@ -461,14 +461,16 @@ def main() -> None:
     parser = command(__file__, __doc__, page="suites.md", goals=(1000, 5, "goals an arm, or of a set"))
     parser.add_argument("folders", nargs="+", type=Path, help="clones of the suites, see above")
     options = parser.options()
-    page, misses = Page("Suites of others", "benchmarks.suites", __doc__), list[str]()
+    page, misses = Page("Test suites of other projects", "benchmarks.suites", __doc__), list[str]()
     page.rows(measured(options, misses))
     for folder in options.folders:
         if (folder / "rm4d").is_dir():
             page.head("The base of RM4D's example")
             page.rows(bases(folder))
     page.head("Misses")
-    page.say("Without `prove=True`, `branches` does not claim that a list is complete.")
+    page.say(
+        "Goals with a wrong or missing result. Without `prove=True`, `branches` does not claim a complete list."
+    )
     page.items(misses)
     page.end(options)
 
