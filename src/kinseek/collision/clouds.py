@@ -196,7 +196,7 @@ def cloud_points(cloud: ArrayLike) -> Array:
     """Read the points of a cloud, (k, 3) [m].
 
     Raises:
-        InvalidScene: There is none, or they are no finite numbers of this shape, or too far from the origin.
+        InvalidScene: There are no points, or they are not finite, have another shape, or are too far from the origin.
     """
     try:
         points = as_float_array(cloud)

@@ -192,7 +192,7 @@ def work_of(
     """Return the data that workers need.
 
     Raises:
-        InvalidMap: The arguments make no map.
+        InvalidMap: An argument is not valid, or the arguments do not fit together.
     """
     if arm.axes is None:
         raise InvalidMap(

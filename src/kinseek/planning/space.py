@@ -84,7 +84,7 @@ class Space:
         return np.asarray(self.lower + share * (self.upper - self.lower))
 
     def around(self, q: Array, samples: Array) -> Array:
-        """Return joint values around others, (k, n), that lie to them as samples, (k, n), to the middle of the space."""
+        """Return q, (k, n), moved by `NEAR` times the way of samples, (k, n), from the middle of the space."""
         return np.clip(q + NEAR * (samples - (self.lower + self.upper) / 2.0), self.lower, self.upper)
 
     def way(self, gap: Array) -> Array:

@@ -38,10 +38,10 @@ MOST_INPUTS = 32
 
 
 def measured(text: bytes) -> Size:
-    """Return the size of a file unpacked.
+    """Return the size of the unpacked content of a file.
 
     Raises:
-        InvalidRobot: It is too large, or the reader would pass over a part of it.
+        InvalidRobot: It is too large, or the reader would ignore a part of it.
     """
     if zipfile.is_zipfile(io.BytesIO(text)):
         raise InvalidRobot("it is an archive; unpack it")

@@ -84,9 +84,9 @@ class DivideAndConquer:
     tree: str = "dynamic"
     """``"static"`` makes all nodes first; ``"dynamic"`` makes them when needed (DT)."""
     beam: int = 1
-    """K: cells that a pass passes to the next; the paper has 1."""
+    """K: cells of a pass that the next one searches; the paper has 1."""
     children: int | None = None
-    """Most cells that one cell passes to the next pass; fewer keep the beam spread out. None sets no limit."""
+    """Most cells of the beam that come from one cell of the pass before; fewer keep it spread out. None sets no limit."""
     node_budget: int = 20_000
     """Leaves per pass and cell that ``breadth="tuned"`` may use."""
     wrap: bool = True

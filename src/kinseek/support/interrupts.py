@@ -39,7 +39,7 @@ def chunks(count: int, size: int | None = None) -> Iterator[slice]:
 
 
 def in_chunks(work: Callable[..., NDArray[Kind]], *rows: NDArray[Any]) -> NDArray[Kind]:
-    """Apply a function that takes every row by itself, such that Ctrl-C is heard soon however many rows there are.
+    """Apply a function that treats rows independently, in chunks, so that Ctrl-C takes effect soon for any number of rows.
 
     Args:
         work: Takes as many arrays of k rows, and returns an array of k rows, (k, ...).
