@@ -39,8 +39,7 @@ from kinseek.collision.engine import TOUCH
 from kinseek.kernels.collision import gaps
 from kinseek.robots.chain import SerialChain, joint_points
 
-from .command import HERE, command
-from .field.adapters import path_of
+from .command import command
 from .outside import Outside
 from .page import Page, Row
 from .timing import least, timed
@@ -388,8 +387,7 @@ def _beside(
     batch = least(lambda: scene.free(q, threads=1)) / len(q) * 1e6
     yield row("kinseek, `scene.free(q)`", one_by_one(scene.free), batch, scene.free(q))
     for peer, (place, _, _) in CHECKERS.items():
-        requirements = HERE / "workers" / place if place == "vamp" else path_of(place)
-        found = called(requirements, "benchmarks.workers.scenes", "check", SECONDS, peer=peer, scene=known)
+        found = called(place, "benchmarks.workers.scenes", "check", SECONDS, peer=peer, scene=known)
         if isinstance(found, str):
             columns = ">µs one by one", ">µs of a batch", ">false alarms", ">misses"
             yield {"who": peer} | dict.fromkeys(columns, "–") | {"": found}

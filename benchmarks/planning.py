@@ -35,7 +35,8 @@ from numpy.typing import NDArray
 
 import kinseek
 
-from .command import HERE, ROOT, command
+from .command import ROOT, command
+from .field.adapters import path_of
 from .outside import Outside
 from .page import Page, Row, in_parts
 from .problems import Array, Cell, Task, length, points, tasks
@@ -224,7 +225,7 @@ def judged(planner: Planner, hulls: Cell, task: Task) -> Found:
 
 def started(peer: str, folder: Path, log: Path) -> tuple[Worker, str] | str:
     """A peer's process, ready for problems, and its release; or why there is none."""
-    python = environment(HERE / "workers" / PLANNERS[peer].requirements)
+    python = environment(path_of(PLANNERS[peer].requirements))
     if isinstance(python, str):
         return python
     worker = Worker(python, "benchmarks.workers.planners", log, source=ROOT / "src")

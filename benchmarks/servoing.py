@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +22,13 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import TrackStatus
 
-from .command import HERE, command
-from .field.adapters import path_of
-from .field.judge import bundled
+from .command import command
 from .page import Page, Row
 from .paths.curves import TASK_ARMS, placements
 from .targets import plain_fk, pose_errors
 from .timing import timed
 from .workers.motion import TRACKERS
-from .workers.process import called, releases
+from .workers.process import called_mover, releases
 
 Array = NDArray[np.float64]
 
@@ -124,10 +122,7 @@ def compared(
     yield steps(arm, "**kinseek**", by_kinseek(arm, paths, starts), paths, starts)
     task = {"paths": paths, "starts": starts, "period": PERIOD, "velocity": VELOCITY}
     for peer in peers:
-        name = TRACKERS[peer][0]
-        place = HERE / "workers" / name if name == "placo" else path_of(name)
-        known = asdict(bundled(arm.name).arm)
-        found = called(place, "benchmarks.workers.motion", "track", 900, peer=peer, arm=known, **task)
+        found = called_mover(TRACKERS[peer][0], "track", 900, arm.name, peer=peer, **task)
         versions[peer] = "" if isinstance(found, str) else found["version"]
         yield steps(arm, peer, found, paths, starts)
 

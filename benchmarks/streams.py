@@ -29,9 +29,7 @@ import kinseek
 from kinseek.collision import Box
 from kinseek.robots import catalog_names
 
-from .command import HERE, command
-from .field.adapters import path_of
-from .field.judge import bundled
+from .command import command
 from .moving import (
     HOLD,
     PERIOD,
@@ -52,7 +50,7 @@ from .moving import (
 from .page import Page, Row
 from .targets import fleet_arm
 from .timing import timed
-from .workers.process import called, releases
+from .workers.process import called_mover, releases
 
 Array = NDArray[np.float64]
 
@@ -262,7 +260,6 @@ def place_of(arm: kinseek.Arm, kind: str, seed: int, limits: Limits) -> str:
 
 def asked_of_peer(arm: kinseek.Arm, peer: str, made: dict[str, Stream]) -> dict[str, Tracked] | str:
     """What a peer does on streams, in its own environment, or why it does nothing; and its version."""
-    place = HERE / "workers" / peer if peer == "placo" else path_of(peer)
     longest = max(len(one.T) for one in made.values())
     paths = [
         np.concatenate([one.T, np.repeat(one.T[-1:], longest - len(one.T), axis=0)]) for one in made.values()
@@ -273,17 +270,7 @@ def asked_of_peer(arm: kinseek.Arm, peer: str, made: dict[str, Stream]) -> dict[
         "period": PERIOD,
         "velocity": VELOCITY,
     }
-    known = asdict(bundled(arm.name).arm)
-    found = called(
-        place,
-        "benchmarks.workers.motion",
-        "track",
-        900,
-        peer=peer,
-        arm=known,
-        acceleration=ACCELERATION,
-        **task,
-    )
+    found = called_mover(peer, "track", 900, arm.name, peer=peer, acceleration=ACCELERATION, **task)
     if isinstance(found, str):
         return found
     VERSIONS[peer] = found["version"]

@@ -6,7 +6,7 @@ import argparse
 import tempfile
 import urllib.request
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
-from benchmarks.field.adapters import path_of
-from benchmarks.field.judge import bundled
 from benchmarks.page import Page, Row
 from benchmarks.targets import plain_fk, pose_errors
 from benchmarks.timing import cpu
 from benchmarks.workers.motion import FOLLOWERS
-from benchmarks.workers.process import called, releases
+from benchmarks.workers.process import called_mover, releases
 
 from .curves import KINDS, LARGEST, TASK_ARMS, Array, goal_of, placements
 
@@ -167,9 +165,8 @@ def by_peer(
     arm: kinseek.Arm, kind: str, peer: str, paths: Array, starts: Array
 ) -> tuple[Followed | None, str]:
     """Let a peer follow every path, from one start after another, and its version; or nothing, and why."""
-    place = path_of(FOLLOWERS[peer][0]), "benchmarks.workers.motion", "follow", SECONDS + 300
     task = {"paths": paths, "starts": starts, "free": kind == "raster", "seconds": SECONDS}
-    found = called(*place, peer=peer, arm=asdict(bundled(arm.name).arm), **task)
+    found = called_mover(FOLLOWERS[peer][0], "follow", SECONDS + 300, arm.name, peer=peer, **task)
     if isinstance(found, str):
         return None, found
     return judged(arm, kind, np.array(found["q"], dtype=float), paths, found["times"]), found["version"]

@@ -11,10 +11,12 @@ import subprocess
 import tempfile
 import threading
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from benchmarks.command import ROOT
+from benchmarks.field.adapters import path_of
 
 from .environments import environment
 from .serve import as_list
@@ -126,17 +128,17 @@ class Worker:
                 self._process.stdin.close()
 
 
-def called(requirements: Path, module: str, call: str, seconds: float, /, **arguments: Any) -> Any:
+def called(peer: str, module: str, call: str, seconds: float, /, **arguments: Any) -> Any:
     """Call one function in a process of its own; its value, or a string that says why there is none.
 
     Args:
-        requirements: Of the environment, with any ending instead of .txt; it is made if it is not there.
+        peer: Name of the requirements of the environment, which is made if it is not there.
         module: As `Worker` takes it.
         call: Name of the function.
         seconds: After so many the process is ended.
         arguments: Of the function.
     """
-    python = environment(requirements)
+    python = environment(path_of(peer))
     if isinstance(python, str):
         return python[:60]
     with tempfile.TemporaryDirectory() as folder:
@@ -147,6 +149,14 @@ def called(requirements: Path, module: str, call: str, seconds: float, /, **argu
             return str(why)[:60]
         finally:
             worker.close()
+
+
+def called_mover(place: str, call: str, seconds: float, arm: str, **task: Any) -> Any:
+    """Call `follow` or `track` of `benchmarks.workers.motion` for a bundled arm, as `called` does."""
+    from benchmarks.field.judge import bundled
+
+    known = asdict(bundled(arm).arm)
+    return called(place, "benchmarks.workers.motion", call, seconds, arm=known, **task)
 
 
 def releases(versions: dict[str, str]) -> str:

@@ -120,7 +120,7 @@ def test_a_peer_that_fails_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(process, "environment", lambda requirements: Path(sys.executable))
     arm, nothing = asdict(bundled("panda").arm), np.zeros((1, 50, 4, 4))
     asked = {"arm": arm, "paths": nothing, "starts": np.zeros((1, 1, 7)), "free": False, "seconds": 1.0}
-    motion = Path("eaik"), "benchmarks.workers.motion", "follow", 60
+    motion = "eaik", "benchmarks.workers.motion", "follow", 60
     seven = "seven joints only with one of them locked"
     assert process.called(*motion, **asked, peer="EAIK, ladder") == seven
     assert process.called(*motion, **asked, peer="Descartes").startswith("ModuleNotFound")

@@ -35,5 +35,8 @@ def adapter(path: Path) -> Adapter:
 
 
 def path_of(name: str) -> Path:
-    """File of one of `SOLVERS`, or of an adapter that lies elsewhere."""
-    return HERE / f"{name}.py" if name in SOLVERS else Path(name).resolve()
+    """File of an adapter whose requirements are in this folder, or of one that lies elsewhere.
+
+    Peers of other benchmarks have only requirements here.
+    """
+    return HERE / f"{name}.py" if (HERE / f"{name}.txt").is_file() else Path(name).resolve()
