@@ -6,7 +6,7 @@ python -m benchmarks.speed_table           # after python -m benchmarks.field --
 from __future__ import annotations
 
 from .command import ROOT, command, writes
-from .field.summary import SPEED
+from .field.page import SPEED
 
 README = ROOT / "README.md"
 BEGIN, END = "<!-- speed table: python -m benchmarks.speed_table -->\n", "<!-- end -->\n"

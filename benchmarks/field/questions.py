@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -152,56 +152,6 @@ def from_a_start(judge: Judge, count: int, rng: Rng) -> Asked:
     return reached(judge, moved, starts)
 
 
-def _spoiled(pose: Callable[[Array], Any] | None, start: Callable[[Array], Array] | None = None) -> Any:
-    """One pose at random with something wrong about it, or about the start."""
-
-    def make(judge: Judge, count: int, rng: Rng) -> Asked:
-        asked = at_random(judge, 1, rng)
-        poses = asked.poses if pose is None else np.asarray(pose(asked.poses[0].copy()))[None]
-        starts = asked.starts if start is None else np.asarray(start(judge.arm.upper))[None]
-        return Asked(poses, starts, asked.origins[:0] if pose else asked.origins)
-
-    return make
-
-
-def _put(row: slice | int, column: slice | int, value: float) -> Callable[[Array], Array]:
-    def put(T: Array) -> Array:
-        T[row, column] = value
-        return T
-
-    return put
-
-
-def _mirrored(T: Array) -> Array:
-    T[:3, 0] *= -1.0
-    return T
-
-
-def _stretched(T: Array) -> Array:
-    T[:3, :3] *= 2.0
-    return T
-
-
-WRONG: dict[str, Any] = {
-    "NaN in the place": _spoiled(_put(0, 3, np.nan)),
-    "NaN in the turn": _spoiled(_put(0, 0, np.nan)),
-    "infinite place": _spoiled(_put(0, 3, np.inf)),
-    "turn of zeros": _spoiled(_put(slice(3), slice(3), 0.0)),
-    "turn stretched": _spoiled(_stretched),
-    "turn mirrored": _spoiled(_mirrored),
-    "3 x 3 array": _spoiled(lambda T: T[:3, :3]),
-    "start of NaN": _spoiled(None, lambda upper: np.full_like(upper, np.nan)),
-    "start outside": _spoiled(None, lambda upper: upper + 1.0),
-    "start too short": _spoiled(None, lambda upper: upper[:-1]),
-}
-"""Input that a program hands on when something went wrong before it."""
-
-
-def _once(name: str, title: str, what: str, count: int, seconds: float) -> Question:
-    """A question about random poses that a few arms are asked, with the recommended settings."""
-    return Question(name, title, what, count, seconds, at_random, name, tuned=False, few=True)
-
-
 QUESTIONS = (
     Question("random", "Random poses", "joint values uniform inside the limits", 200, 1.0, at_random),
     Question(
@@ -243,19 +193,27 @@ QUESTIONS = (
         "branches",
         tuned=False,
     ),
-    _once("batch", "Batches", "up to 250 poses in one call, one thread", 2000, 2.0),
-    _once("twice", "The same again", "a second instance of the solver: are the bits the same?", 25, 2.0),
-    _once("threads", "In four threads", "one instance for each thread: are the bits the same?", 25, 4.0),
-    _once(
+    Question(
+        "batch",
+        "Batches",
+        "up to 250 poses in one call, one thread",
+        2000,
+        2.0,
+        at_random,
+        "batch",
+        tuned=False,
+        few=True,
+    ),
+    Question(
         "first",
         "The first answer",
         "from the start of Python to the first solution, in a new process",
         5,
         30.0,
-    ),
-    *(
-        Question(f"wrong {case}", case, "what comes back", 1, 5.0, make, "wrong", tuned=False, few=True)
-        for case, make in WRONG.items()
+        at_random,
+        "first",
+        tuned=False,
+        few=True,
     ),
 )
 """In the order in which they are asked and shown."""

@@ -7,11 +7,10 @@ hangs is a result like any other; the solver gets a new process.
 
 from __future__ import annotations
 
-import itertools
 import os
 import random
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -60,7 +59,7 @@ class Solver:
         self._loaded: dict[str, str | None] = {}
         self._arm = ""
         self.hangs: set[tuple[str, str]] = set()
-        """Arms and labels of settings with which a question hung, wrong input aside."""
+        """Arms and labels of settings with which a question hung."""
 
     def ask(
         self, judge: Judge, label: str, settings: dict[str, Any], way: str, seconds: float, **slice: Any
@@ -97,7 +96,7 @@ class Solver:
             worker = self._started()
             found: dict[str, Any] = worker.ask("ask", PATIENCE + 3 * seconds, label=label, way=way, **slice)
         except Gone as gone:
-            if str(gone).startswith(HANG) and way != "wrong":
+            if str(gone).startswith(HANG):
                 self.hangs.add((name, label))
             self.close()
             raise
@@ -232,23 +231,19 @@ def take_turns(field: Field, judge: Judge, question: Question, tasks: Sequence[t
         pieces.save(turn.task.piece, turn.piece(question, count, host))
 
 
-def measure(
-    field: Field, solvers: Sequence[Solver], advance: Callable[[str, int], None] = lambda what, count: None
-) -> dict[str, str]:
+def measure(field: Field, solvers: Sequence[Solver]) -> dict[str, str]:
     """Ask all solvers everything that is not known yet.
 
     Args:
         field: The measurement.
         solvers: Those that take part.
-        advance: Is called before each of `rounds` with what it is, and how many are done.
 
     Returns:
         By the name of a solver, the label of the settings that did best in the sweep.
     """
-    number = itertools.count()
     try:
         for judge in field.judges[: field.size.swept]:
-            advance(f"sweep on {judge.arm.name}", next(number))
+            print(f"sweep on {judge.arm.name}", flush=True)
             varied = [
                 (solver, task(field, solver.adapter, judge, SWEEP, label, each))
                 for solver in solvers
@@ -268,7 +263,7 @@ def measure(
             for question in field.questions:
                 if not fits(question, judge, place, field.size):
                     continue
-                advance(f"{question.title.lower()} on {judge.arm.name}", next(number))
+                print(f"{question.title.lower()} on {judge.arm.name}", flush=True)
                 tasks = []
                 for solver in solvers:
                     name, settings = solver.adapter.stem, settings_of(solver.module)
@@ -288,12 +283,3 @@ def labels(field: Field, question: Question, best: str) -> list[str]:
     if not field.size.recommended:
         return [best]
     return list(dict.fromkeys(("recommended", best))) if question.tuned else ["recommended"]
-
-
-def rounds(field: Field) -> int:
-    """How often `measure` reports."""
-    return len(field.judges[: field.size.swept]) + sum(
-        fits(question, judge, place, field.size)
-        for place, judge in enumerate(field.judges)
-        for question in field.questions
-    )

@@ -45,7 +45,7 @@ def collect(field: Field) -> tuple[pd.DataFrame, pd.DataFrame]:
             poses, origins, starts = asked["poses"], asked["origins"], asked["starts"]
         facts = {name: fact for name, fact in piece.facts.items() if name != "host"}
         known.append(place | {"state": piece.state, "asked": len(poses)} | facts)
-        if len(piece.target) and wanted[question].way != "wrong":
+        if len(piece.target):
             verdict = judges[arm].judge(piece.q, poses[piece.target])
             rows = pd.DataFrame(verdict._asdict())
             rows.insert(0, "target", piece.target)

@@ -6,10 +6,8 @@ Served by `benchmarks.workers.serve` in the solver's own environment. Imports Nu
 from __future__ import annotations
 
 import contextlib
-import threading
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from .adapters import adapter
-from .protocol import Adapter, Answer, Arm, Array, Refused, Solver, arm_of
+from .protocol import Adapter, Answer, Arm, Refused, Solver, arm_of
 
 WARM = 2e-3
 """How long a solver is called before times are taken [s]: it was idle while the others had their turns."""
@@ -25,7 +23,7 @@ WARM = 2e-3
 CLAIMS = {True: 1, False: 0, None: -1}
 
 MODULE: list[Adapter] = []
-SOLVERS: dict[str, tuple[Arm, Callable[[], Solver], Solver]] = {}
+SOLVERS: dict[str, tuple[Arm, Solver]] = {}
 """By the label of the settings; all of one arm."""
 
 LAST: dict[str, float] = {}
@@ -44,11 +42,10 @@ def begin(file: str) -> str:
 def load(arm: dict[str, Any], label: str, settings: dict[str, Any]) -> None:
     """Make a solver of an arm; those of another arm are dropped."""
     read = arm_of(arm)
-    if any(other.name != read.name for other, _, _ in SOLVERS.values()):
+    if any(other.name != read.name for other, _ in SOLVERS.values()):
         SOLVERS.clear()
         LAST.clear()
-    make = partial(MODULE[0].load, read, settings)
-    SOLVERS[label] = read, make, make()
+    SOLVERS[label] = read, MODULE[0].load(read, settings)
 
 
 class Rows:
@@ -75,7 +72,7 @@ class Slice:
 
     def __init__(self, label: str, poses: Any, starts: Any, count: int, seconds: float) -> None:
         """Read what a call brings; the poses after the first `count` only warm the solver up."""
-        self.arm, self.make, self.solver = SOLVERS[label]
+        self.arm, self.solver = SOLVERS[label]
         self.label, self.poses, self.starts = label, np.array(poses, float), np.array(starts, float)
         self.count, self.seconds, self.rows = count, seconds, Rows(len(self.arm.joints))
         self.facts: dict[str, Any] = {}
@@ -144,49 +141,6 @@ def batch(asked: Slice) -> None:
         asked.rows.add(i, Answer(each, None if claimed is None else claimed[i]), taken)
 
 
-def _answers(solver: Solver, poses: Array) -> list[bytes]:
-    found = (solver.solve(T, None).q for T in poses)
-    return [b"" if q is None else np.asarray(q, dtype=float).tobytes() for q in found]
-
-
-def _alike(one: list[bytes], other: list[bytes]) -> float:
-    return sum(a == b for a, b in zip(one, other, strict=True)) / len(one)
-
-
-def _timely(asked: Slice, runs: int) -> Array:
-    """As many poses as can be asked so many times."""
-    before = time.perf_counter()
-    asked.solver.solve(asked.poses[0], None)
-    taken = max(time.perf_counter() - before, 1e-9)
-    return np.asarray(asked.poses[: max(int(asked.seconds / runs / taken), 2)])
-
-
-def twice(asked: Slice) -> None:
-    """The same poses by two new solvers."""
-    poses = _timely(asked, 2)
-    asked.facts["alike"] = _alike(_answers(asked.make(), poses), _answers(asked.make(), poses))
-
-
-def threads(asked: Slice) -> None:
-    """The same poses by four solvers at once, and by one alone."""
-    poses, found = _timely(asked, 5), {}
-    solvers = [asked.make() for _ in range(5)]
-    alone = _answers(solvers[0], poses)
-
-    def run(number: int) -> None:
-        found[number] = _answers(solvers[number], poses)
-
-    others = [threading.Thread(target=run, args=(number,)) for number in range(1, 5)]
-    for thread in others:
-        thread.start()
-    for thread in others:
-        thread.join()
-    if len(found) < len(others):
-        asked.facts |= {"alike": 0.0, "outcome": "raised an exception"}
-    else:
-        asked.facts["alike"] = min(_alike(alone, each) for each in found.values())
-
-
 def first(asked: Slice) -> None:
     """One pose, in a process that has just begun; the caller takes the time. And the most memory held by then [MB]."""
     asked.solver.solve(asked.poses[0], None)
@@ -197,27 +151,8 @@ def first(asked: Slice) -> None:
     asked.facts["memory"] = float(next(held, np.nan)) * 1024 / 1e6
 
 
-def wrong(asked: Slice) -> None:
-    """Something that is no pose, or no start: in words, what comes back."""
-    begin = asked.starts[0] if len(asked.starts) else None
-    try:
-        answer = asked.solver.solve(asked.poses[0], begin)
-    except (KeyboardInterrupt, SystemExit):
-        raise
-    except BaseException as error:  # such as a panic of Rust
-        past = "" if isinstance(error, Exception) else ", past `except Exception`"
-        asked.facts["outcome"] = f"raises {type(error).__name__}{past}"
-        return
-    if answer.q is None or answer.claimed is False:
-        asked.facts["outcome"] = "says that it failed"
-        return
-    asked.rows.add(0, answer, np.nan)
-    numbers = np.isfinite(np.asarray(answer.q, dtype=float)).all()
-    asked.facts["outcome"] = "joint values" if numbers else "NaN as joint values"
-
-
 WAYS: dict[str, Callable[[Slice], None]] = {
-    each.__name__: each for each in (solve, start, position, branches, batch, twice, threads, first, wrong)
+    each.__name__: each for each in (solve, start, position, branches, batch, first)
 }
 
 

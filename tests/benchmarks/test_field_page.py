@@ -1,17 +1,12 @@
-"""The page of the benchmark of all solvers: where others do better, what is not measured, and whether runs agree."""
+"""The page of the benchmark of all solvers: where others do better, and what is not measured."""
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
-import pytest
 
-from benchmarks.field import agree
 from benchmarks.field.page import _why
-from benchmarks.field.tables import ANSWERS, marked
+from benchmarks.field.tables import marked
 from benchmarks.field.wins import wins
 
 NAMES = {"kinseek": "kinseek", "one": "One", "two": "Two"}
@@ -116,21 +111,3 @@ def test_states_are_told_without_what_differs_from_arm_to_arm() -> None:
     )
     assert _why("ends with 1: Failure at some/file.cc") == "the process ends with 1"
     assert _why("revolute joints only") == "revolute joints only"
-
-
-@pytest.mark.parametrize(("exact", "ends"), [(97, 0), (60, 1)])
-def test_three_runs_agree_or_the_command_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], exact: int, ends: int
-) -> None:
-    folders = [tmp_path / f"run-{seed}" for seed in range(3)]
-    for folder, share in zip(folders, (95, 96, exact), strict=True):
-        folder.mkdir()
-        answered("one", exact=share, count=100).assign(q=None).to_parquet(folder / ANSWERS)
-    monkeypatch.setattr(sys, "argv", ["agree", *map(str, folders)])
-    assert agree.main() == ends
-    told = capsys.readouterr().out
-    assert f"exact: {ends} of 1 do not agree" in told
-    assert ("exact of one · best · random: 95, 96, 60" in told) == bool(ends)
-    monkeypatch.setattr(sys, "argv", ["agree", str(folders[0])])
-    with pytest.raises(SystemExit):
-        agree.main()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.field.summary import SPEED
+from benchmarks.field.page import SPEED
 from benchmarks.speed_table import README, updated
 
 

@@ -30,7 +30,6 @@ SCRIPTS = [
     ROOT / "benchmarks" / "paths" / "__main__.py",
     ROOT / "benchmarks" / "paths" / "fastest.py",
     ROOT / "benchmarks" / "paths" / "scenes.py",
-    ROOT / "benchmarks" / "field" / "agree.py",
     ROOT / "experiments" / "__main__.py",
 ]
 scripts = pytest.mark.parametrize(
