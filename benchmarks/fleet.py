@@ -9,29 +9,25 @@ thread. *Two cores* is the wall time on one thread divided by that on two.
 
     python -m benchmarks.fleet                 # writes benchmarks/fleet.md
     python -m benchmarks.fleet panda ur5e --random 10000
-    python -m benchmarks.fleet --seeds 5       # near-singular targets alone, with five seeds; printed and not written
 """
 
 from __future__ import annotations
 
 import statistics
-import time
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
 from kinseek.kinds import POSE
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
-from .command import at_least_one, command
+from .command import command
 from .page import Page, Row
 from .reachable import list_misses, missed, share
-from .targets import fleet_arm, fleet_names, plain_fk, random_joints, singular_joints, strict
+from .targets import Array, fleet_arm, fleet_names, plain_fk, random_joints, singular_joints, strict
 from .timing import batch_cost, least, timed
 
-Array = NDArray[np.float64]
 Figures = dict[str, float]
 """What is measured of an arm, by the keys of `FORMATS`."""
 
@@ -140,18 +136,6 @@ def verdicts(found: dict[str, Figures], joints: dict[str, int]) -> Iterator[Row]
         }
 
 
-def near_singular(names: tuple[str, ...], count: int, seeds: int) -> None:
-    """Solve near-singular targets of several seeds, and print those that are not reached."""
-    misses: list[str] = []
-    for name in names:
-        arm, began, before = fleet_arm(name), time.perf_counter(), len(misses)
-        for seed in range(seeds):
-            solved(arm, f"singular, seed {seed}", singular_joints(arm.chain, count, seed), misses)
-        took = time.perf_counter() - began
-        print(f"{name:18s} missed {len(misses) - before} of {seeds * count:,}  {took:.1f} s", flush=True)
-    print("\n".join([*misses, f"{len(misses)} misses"]))
-
-
 def main() -> None:
     """Measure and write the page."""
     parser = command(
@@ -163,13 +147,7 @@ def main() -> None:
         singular=(5_000, 500, "near-singular targets an arm"),
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
-    parser.add_argument(
-        "--seeds", type=at_least_one, help="near-singular targets of so many seeds, and nothing else"
-    )
     options = parser.options()
-    if options.seeds:
-        near_singular(options.arms, options.singular, options.seeds)
-        return
     page, misses, found = Page("The fleet", "benchmarks.fleet", __doc__), list[str](), dict[str, Figures]()
     joints = {name: fleet_arm(name).dof for name in options.arms}
 

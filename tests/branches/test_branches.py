@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 import kinseek
 from benchmarks.branches import SWEPT, eaik, restarts
-from benchmarks.self_motion import STEP, along
 from benchmarks.targets import plain_fk, random_joints, singular_joints, strict
 from chains import wide_panda
 from kinseek import Branches, BranchesBatch, Goal, InvalidGoal, InvalidProblem
@@ -544,6 +543,31 @@ def test_a_sample_of_the_self_motion_is_spread(name: str) -> None:
         # Farthest-point choice: eight of them lie farther apart than the fifty do.
         gaps = [apart(each.q, each.q) + 10 * np.eye(len(each)) for each in (few, found)]
         assert gaps[0].min() > gaps[1].min()
+
+
+STEP = 0.03
+"""Steps along a curve of the self-motion [rad]."""
+
+
+def along(arm: kinseek.Arm, q: Array, target: Array, way: int) -> Array:
+    """The self-motion from q until a limit, or once round, (k, n): steps in the null space, brought back by Newton."""
+    rotation = pytest.importorskip("scipy.spatial.transform").Rotation
+    rows, before = [q], np.zeros(arm.dof)
+    while len(rows) < 1000:
+        null = np.linalg.svd(arm.jacobian(q))[2][-1]
+        null = way * null if len(rows) == 1 else null * np.copysign(1.0, null @ before)
+        q, before = q + STEP * null, null
+        for _ in range(4):
+            pose = arm.fk(q)
+            turn = rotation.from_matrix(target[:3, :3] @ pose[:3, :3].T).as_rotvec()
+            off = np.concatenate([target[:3, 3] - pose[:3, 3], turn])
+            q = q + np.linalg.pinv(arm.jacobian(q), rcond=1e-4) @ off
+        beyond = (q < arm.lower - 1e-6) | (q > arm.upper + 1e-6)
+        round_once = len(rows) > 10 and apart(q[None], rows[0][None])[0, 0] < STEP / 2
+        if (beyond & ~arm.chain.endless).any() or round_once:
+            break
+        rows.append(q)
+    return np.array(rows)
 
 
 @pytest.mark.slow

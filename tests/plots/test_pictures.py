@@ -74,14 +74,12 @@ def test_the_animation_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_pictures_of_the_proof(found: list[str], tmp_path: Path) -> None:
     proof_pictures.draw_cost(proof_pictures.read_rows(proof_pictures.ROWS), tmp_path)
     proof_pictures.draw_tightness(tmp_path)
-    proof_pictures.draw_boxes(tmp_path)
     assert found == []
 
 
-@pytest.mark.jit
 def test_pictures_of_the_atlas(found: list[str], tmp_path: Path) -> None:
     arm = kinseek.load(atlas_pictures.ARM)
-    query = atlas_pictures.Query(arm, arm.fk(np.array([0.4, -1.1, 1.3, -0.9, 1.2, 0.5])))
+    query = atlas_pictures.query(arm, arm.fk(atlas_pictures.VALUES))
     atlas_pictures.draw_samples(query, tmp_path)
     atlas_pictures.draw_query(query, tmp_path)
     assert found == []
@@ -112,13 +110,3 @@ def test_an_arm_that_is_missing_is_explained(tmp_path: Path, monkeypatch: pytest
     module = experiment("question_10")
     module.draw(Store(ROOT / "experiments" / "results", "question_10").rows(), tmp_path / "one.png")
     assert seen == [(4, []), (4, []), (3, ["not run"])]
-
-
-def test_boxes_that_are_left_can_be_seen(tmp_path: Path) -> None:
-    from matplotlib.colors import to_rgb
-    from matplotlib.image import imread
-
-    proof_pictures.draw_boxes(tmp_path)
-    picture = np.asarray(imread(tmp_path / "proof_boxes.png"))[..., :3]
-    red = np.abs(picture - to_rgb(proof_pictures.LEFT)).max(axis=2) < 0.1
-    assert red.sum() > 1e-3 * red.size
