@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
 from kinseek import plots
@@ -21,10 +20,8 @@ from kinseek.robots.joints import Joint, serial_chain
 from kinseek.support.transforms import rotation, transform
 
 from .command import PICTURES, command, writes
-from .targets import machine, plain_fk, pose_errors, random_joints
+from .targets import Array, machine, plain_fk, pose_errors, random_joints
 from .timing import batch_cost, timed
-
-Array = NDArray[np.float64]
 
 ROUNDS = 9
 """Every case is measured this often, in turn with the others, so that the moods of the machine spread over all."""

@@ -21,7 +21,6 @@ from typing import Any, cast
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
 from kinseek.robots.chain import SerialChain
@@ -30,10 +29,8 @@ from kinseek.solvers.black_box.samples import Samples
 from .command import ROOT, command
 from .page import Page, Row
 from .reachable import Flags, list_misses, share
-from .targets import fleet_arm, plain_fk, pose_errors, random_joints, singular_joints
+from .targets import Array, fleet_arm, plain_fk, pose_errors, random_joints, singular_joints
 from .timing import timed
-
-Array = NDArray[np.float64]
 
 ARMS = ("ur5e", "puma560", "jaco2_6", "irb120", "piper", "panda", "iiwa14", "ur10e_rail", "so101", "irb5400")
 

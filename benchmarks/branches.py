@@ -50,11 +50,9 @@ from .field.adapters import adapter, path_of
 from .field.judge import Judge, bundled
 from .field.run import Solver, solver_of
 from .page import Page, Row, percent
-from .targets import plain_fk, random_joints, singular_joints, strict
+from .targets import Array, plain_fk, random_joints, singular_joints, strict
 from .timing import batch_cost, timed
 from .workers.process import Gone, Raised
-
-Array = NDArray[np.float64]
 
 CLOSED = ("ur5e", "ur10e", "puma560", "irb120", "kr6r900")
 OPEN = ("jaco2_6", "irb5400", "mpx3500", "ur10e_calibrated")

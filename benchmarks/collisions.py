@@ -31,7 +31,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
 from kinseek.collision import Box, Capsule
@@ -42,11 +41,10 @@ from kinseek.robots.chain import SerialChain, joint_points
 from .command import command
 from .outside import Outside
 from .page import Page, Row
+from .targets import Array
 from .timing import least, timed
 from .workers.process import called, releases
 from .workers.scenes import CHECKERS
-
-Array = NDArray[np.float64]
 
 RADIUS = 0.05
 """Of the capsules [m]."""

@@ -12,14 +12,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
 from kinseek.robots.chain import SerialChain
 
-from .targets import plain_fk, pose_errors
-
-Array = NDArray[np.float64]
+from .targets import Array, plain_fk, pose_errors
 
 PERIOD = 0.002
 """[s]"""

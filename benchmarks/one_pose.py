@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
 from kinseek.kernels.atlas.lanes import LANES
@@ -24,10 +23,8 @@ from kinseek.solvers.atlas.index import PLAIN, AtlasIndex
 
 from .command import command
 from .page import Page, Row
-from .targets import plain_fk, random_joints
+from .targets import Array, plain_fk, random_joints
 from .timing import timed
-
-Array = NDArray[np.float64]
 
 ARMS = ("ur5e", "puma560", "ur10e_calibrated", "jaco2_6", "panda", "iiwa14")
 REPEATS = 7

@@ -11,13 +11,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
 from kinseek.collision import Box, Capsule, Cylinder, Mesh, Points, Sphere
 from kinseek.collision.engine import Solid
 
-Array = NDArray[np.float64]
+from .targets import Array
 
 
 class Outside:

@@ -18,7 +18,6 @@ import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import kinseek
@@ -28,10 +27,8 @@ from kinseek.support.transforms import angles_between
 from .command import command
 from .page import Page, Row
 from .reachable import Flags, list_misses, missed
-from .targets import STRICT, plain_fk, random_joints, singular_joints
+from .targets import STRICT, Array, plain_fk, random_joints, singular_joints
 from .timing import batch_cost, timed
-
-Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 

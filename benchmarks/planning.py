@@ -39,7 +39,8 @@ from .command import ROOT, command
 from .field.adapters import path_of
 from .outside import Outside
 from .page import Page, Row, in_parts
-from .problems import Array, Cell, Task, length, points, tasks
+from .problems import Cell, Task, length, points, tasks
+from .targets import Array
 from .workers.environments import environment
 from .workers.planners import PLANNERS
 from .workers.process import Gone, Raised, Worker, releases

@@ -15,11 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import yaml  # type: ignore[import-untyped]
-from numpy.typing import NDArray
 
 import kinseek
 
-Array = NDArray[np.float64]
+from .targets import Array
 
 WIDER = ('soft_upper_limit="-0.0698"', 'soft_upper_limit="0.02"')
 """The limit of the fourth joint in the file, and one inside which all problems end [rad]."""

@@ -25,7 +25,6 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import kinseek
@@ -40,9 +39,8 @@ from kinseek.support.deadline import Deadline
 
 from .command import at_least_one, command
 from .page import Page, Row
+from .targets import Array
 from .timing import cpu
-
-Array = NDArray[np.float64]
 
 
 def changed_poses(arm: kinseek.Arm, count: int, seed: int = 0) -> Iterator[Array]:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 import kinseek
 
 from .page import Page
+from .targets import Array
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

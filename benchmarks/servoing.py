@@ -17,7 +17,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
 from kinseek import TrackStatus
@@ -25,12 +24,10 @@ from kinseek import TrackStatus
 from .command import command
 from .page import Page, Row
 from .paths.curves import TASK_ARMS, placements
-from .targets import plain_fk, pose_errors
+from .targets import Array, plain_fk, pose_errors
 from .timing import timed
 from .workers.motion import TRACKERS
 from .workers.process import called_mover, releases
-
-Array = NDArray[np.float64]
 
 PERIOD, VELOCITY = 0.01, 1.5
 """[s], [rad/s]"""

@@ -21,7 +21,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
 from kinseek.kernels.backend import LIBRARY
@@ -30,10 +29,8 @@ from kinseek.robots.catalog import catalog_path
 
 from .command import HERE, ROOT, command
 from .page import Page, Row, percent
-from .targets import fleet_names, plain_fk, random_joints, strict
+from .targets import Array, fleet_names, plain_fk, random_joints, strict
 from .workers.process import Gone, Raised, Worker
-
-Array = NDArray[np.float64]
 
 CLONES = HERE / ".since"
 

@@ -23,7 +23,6 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
 from kinseek.collision import Box
@@ -48,11 +47,9 @@ from .moving import (
     violations,
 )
 from .page import Page, Row
-from .targets import fleet_arm
+from .targets import Array, fleet_arm
 from .timing import timed
 from .workers.process import called_mover, releases
-
-Array = NDArray[np.float64]
 
 ARMS = ("ur5e", "panda", "iiwa14", "xarm7", "gen3", "so101", "irb120", "fetch")
 

@@ -61,8 +61,7 @@ from .field.judge import STRICT, Judge, good
 from .outside import Outside
 from .page import Page, Row
 from .problems import Cell, tasks
-
-Array = NDArray[np.float64]
+from .targets import Array
 
 SAME = 1e-3
 """[rad]"""

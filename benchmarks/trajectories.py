@@ -20,15 +20,13 @@ import numpy as np
 import toppra
 import toppra.algorithm
 import toppra.constraint
-from numpy.typing import NDArray
 
 import kinseek
 
 from .command import command
 from .page import Page, Row
+from .targets import Array
 from .timing import timed
-
-Array = NDArray[np.float64]
 
 ARMS = ("ur5e", "panda", "iiwa14", "xarm7", "gen3", "kr6r900", "irb120", "puma560", "ur10e", "so101")
 

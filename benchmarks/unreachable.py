@@ -40,10 +40,9 @@ from .field.run import Solver, solver_of
 from .field.tasks import settings_of
 from .page import Page, Row
 from .proof import unreachable
+from .targets import Array
 from .timing import timed
 from .workers.process import Gone, Raised, releases
-
-Array = NDArray[np.float64]
 
 ARMS = ("puma560", "ur5e", "kr6r900")
 

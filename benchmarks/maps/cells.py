@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
+from benchmarks.targets import Array
 from kinseek import maps
 from kinseek.maps import make
 from kinseek.maps.block import Work, compute
 from kinseek.maps.orientations import about_z, direction, shortest_turn
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 Index = tuple[int, ...]
 

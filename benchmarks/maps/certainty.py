@@ -10,12 +10,13 @@ import numpy as np
 
 import kinseek
 from benchmarks.page import Page, Row
+from benchmarks.targets import Array
 from benchmarks.timing import cpu
 from kinseek import maps
 from kinseek.maps.block import BlockScratch, Work, answered
 from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED
 
-from .cells import Array, Numbers, half_of, rings_around, work_of
+from .cells import Numbers, half_of, rings_around, work_of
 
 BILLION = (0.05, 12_000)
 """Rings of an arm as long as the UR5e [m, orientations] that stand for a billion cells of a `Grid`."""

@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 
 import kinseek
 from benchmarks.page import Page, Row
+from benchmarks.targets import Array
 from benchmarks.timing import cpu
 from kinseek import maps
 from kinseek.maps.grid import BLOCK
 from kinseek.maps.search import reached, ruled_out
 
-from .cells import COUNT, WIDTH, Array, drawn, grid_around, rings_around, whole, work_of
+from .cells import COUNT, WIDTH, drawn, grid_around, rings_around, whole, work_of
 
 ARMS = ("ur5e", "irb120", "panda")
 

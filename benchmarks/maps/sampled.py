@@ -22,10 +22,11 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from benchmarks.branches import eaik
 from benchmarks.page import Page, Row
+from benchmarks.targets import Array
 from benchmarks.timing import cpu
 from kinseek import maps
 
-from .cells import COUNT, WIDTH, Array, drawn, grid_around, half_of, rings_around, whole, work_of
+from .cells import COUNT, WIDTH, drawn, grid_around, half_of, rings_around, whole, work_of
 
 Flags = NDArray[np.bool_]
 Said = Callable[[Array], Flags]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import kinseek
 from benchmarks.branches import eaik
 from benchmarks.page import Page, Row
+from benchmarks.targets import Array
 from kinseek import maps
 from kinseek.branches.result import BranchesBatch
 from kinseek.maps.block import BlockScratch, Work, answered
@@ -20,7 +21,7 @@ from kinseek.maps.cells import EMPTY
 from kinseek.maps.orientations import about_z
 from kinseek.maps.search import reached, ruled_out
 
-from .cells import Array, Index, Numbers, drawn, inside, rings_around, work_of
+from .cells import Index, Numbers, drawn, inside, rings_around, work_of
 
 ARMS = {"ur5e": True, "irb120": True, "panda": False}
 """And whether EAIK knows them."""

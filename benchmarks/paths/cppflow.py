@@ -15,8 +15,7 @@ import numpy as np
 import yaml  # type: ignore[import-untyped]
 
 import kinseek
-
-from .curves import Array
+from benchmarks.targets import Array
 
 PROBLEMS = (
     "fetch_arm__hello",

@@ -6,11 +6,9 @@ import tracemalloc
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
-
-Array = NDArray[np.float64]
+from benchmarks.targets import Array
 
 POSES, HARMONICS, SHARE, WITHIN = 1000, 4, 0.98, 1.5
 """Poses and harmonics of a curve, the share of the ranges that it uses, and how much larger a step may be than its."""

@@ -16,12 +16,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
 from benchmarks.command import command
-
-Array = NDArray[np.float64]
+from benchmarks.targets import Array
 
 SIX, SEVEN = ("ur5e", "irb120", "kr6r900", "lite6"), ("panda", "iiwa14", "gen3", "rizon4")
 KINDS = {"pose": SEVEN, "free turn": SIX + SEVEN, "position": SIX + SEVEN, "cone": SIX + SEVEN}

@@ -12,6 +12,7 @@ import numpy as np
 
 import kinseek
 from benchmarks.page import Page, Row
+from benchmarks.targets import Array
 from benchmarks.timing import cpu
 
 from .curves import (
@@ -20,7 +21,6 @@ from .curves import (
     POSES,
     TASK_ARMS,
     WITHIN,
-    Array,
     curve,
     goal_of,
     holds,

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 import kinseek
 from benchmarks.page import Page, Row
-from benchmarks.targets import plain_fk, pose_errors
+from benchmarks.targets import Array, plain_fk, pose_errors
 from benchmarks.timing import cpu
 from benchmarks.workers.motion import FOLLOWERS
 from benchmarks.workers.process import called_mover, releases
 
-from .curves import KINDS, LARGEST, TASK_ARMS, Array, goal_of, placements
+from .curves import KINDS, LARGEST, TASK_ARMS, goal_of, placements
 
 PLACE, TURN = 1e-4, 1e-3
 """Within which a pose counts [m], [rad]."""

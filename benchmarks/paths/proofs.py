@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 import kinseek
 from benchmarks.page import Page, Row
+from benchmarks.targets import Array
 from kinseek import Goal, Problem
 from kinseek.derivatives import constraint_jacobian
 from kinseek.paths.certify import prove_rows
 from kinseek.support.turns import TURN
 
-from .curves import POSES, Array, curve
+from .curves import POSES, curve
 
 ARMS = ("ur5e", "puma560", "irb120", "kr6r900", "jaco2_6", "panda", "iiwa14", "gen3", "xarm7", "rizon4")
 

@@ -24,10 +24,11 @@ import kinseek
 from benchmarks.command import command
 from benchmarks.outside import Outside
 from benchmarks.page import Page, Row
+from benchmarks.targets import Array
 from benchmarks.timing import cpu
 
 from . import cppflow
-from .curves import POSES, Array, curve
+from .curves import POSES, curve
 
 SHORT, CAPSULES, BODIES = 301, 0.03, 20
 """Poses of a line or circle, the radius of the capsules that stand for links [m], and the bodies of each scene."""
