@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
-from .effort import EXPERIMENTS, Effort, Experiment, Row, experiment
-from .store import ExperimentError, Store, key_of, unwritable
+from .effort import EXPERIMENTS, Effort, Experiment, experiment
+from .store import ExperimentError, Store, key_of
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
@@ -29,8 +30,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         effort = Effort(quick=asked.quick, seed=asked.seed)
         # A quick run must not replace the full results that the repository keeps.
         folder = asked.out or (HERE / "results-quick" if asked.quick else RESULTS)
-        require_extra()
-        run_all(names, effort, folder, force=asked.force, redraw=asked.redraw)
+        if find_spec("matplotlib") is None:  # Asked before hours are spent.
+            raise ExperimentError("matplotlib is missing: pip install 'kinseek[experiments]'")
+        try:
+            run_all(names, effort, folder, force=asked.force, redraw=asked.redraw)
+        except OSError as error:
+            why = f"cannot write to {folder}: {error.strerror or error}. Choose another folder with --out"
+            raise ExperimentError(why) from error
     except ExperimentError as error:
         print(f"experiments: {error}", file=sys.stderr)
         return 2
@@ -89,59 +95,27 @@ def chosen(names: Sequence[str]) -> list[str]:
     return [name for name in EXPERIMENTS if not names or name in names]
 
 
-def require_extra() -> None:
-    """Ask for the optional packages before hours are spent.
-
-    Raises:
-        ExperimentError: matplotlib or rich is missing.
-    """
-    try:
-        import matplotlib  # noqa: F401
-        import rich  # noqa: F401
-    except ImportError as error:
-        raise ExperimentError(f"{error.name} is missing: pip install 'kinseek[experiments]'") from error
-
-
 def run_all(
     names: Sequence[str], effort: Effort, folder: Path, *, force: bool = False, redraw: bool = False
 ) -> None:
-    """Run experiments one after the other, with a progress bar, each into its own three files."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description:<12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    """Run experiments one after the other, each into its own three files, and say what goes on."""
     begun = time.perf_counter()
-    console = Console()
-    # Without a terminal no bar moves, so that a line a step must say what is going on.
-    plain = not console.is_terminal
-    with Progress(*columns, console=console, disable=plain) as progress:
-        for number, name in enumerate(names, start=1):
-            module = experiment(name)
-            store = Store(folder, name)
-            if redraw:
-                draw(module, store)
-                continue
-            if store.finished(effort) and not force:
-                progress.console.print(f"{name}: finished already (--force runs it again)")
-                if not store.picture.exists():
-                    draw(module, store)
-                continue
-            if plain:
-                say(f"{number}/{len(names)} {name}: {summary(module)} ...")
-            start = time.perf_counter()
-            run(module, store, effort, lambda steps: progress.track(steps, description=name))  # noqa: B023
+    for number, name in enumerate(names, start=1):
+        module, store, start = experiment(name), Store(folder, name), time.perf_counter()
+        if redraw:
             draw(module, store)
-            if plain:
-                say(
-                    f"    {len(module.cases(effort))} rows in {time.perf_counter() - start:.1f} s -> {store.picture}"
-                )
-        if plain:
-            say(f"all in {time.perf_counter() - begun:.0f} s, in {folder}")
-
-
-def say(line: str) -> None:
-    """Print a line at once, so that a log shows it while the work goes on."""
-    print(line, flush=True)
+        elif store.finished(effort) and not force:
+            print(f"{name}: finished already (--force runs it again)")
+            if not store.picture.exists():
+                draw(module, store)
+        else:
+            # At once, so that a log shows it while the work goes on.
+            print(f"{number}/{len(names)} {name}: {summary(module)} ...", flush=True)
+            run(module, store, effort)
+            draw(module, store)
+            count, took = len(module.cases(effort)), time.perf_counter() - start
+            print(f"    {count} rows in {took:.1f} s -> {store.picture}", flush=True)
+    print(f"all in {time.perf_counter() - begun:.0f} s, in {folder}")
 
 
 def summary(module: Experiment) -> str:
@@ -149,15 +123,13 @@ def summary(module: Experiment) -> str:
     return (module.__doc__ or "").partition("\n")[0].partition(": ")[2].rstrip(".")
 
 
-def run(
-    module: Experiment, store: Store, effort: Effort, track: Callable[[list[Row]], Iterable[Row]] = iter
-) -> None:
+def run(module: Experiment, store: Store, effort: Effort) -> None:
     """Measure what is missing, row by row, and give the rows their final name once all are there."""
     cases = list(module.cases(effort))
     keys = tuple(cases[0])
     done = {key_of(row, keys) for row in store.begin(effort)}
     start = time.perf_counter()
-    for case in track([case for case in cases if key_of(case, keys) not in done]):
+    for case in (case for case in cases if key_of(case, keys) not in done):
         store.append({**case, **module.measure(case, effort)})
     store.finish(effort, cases, time.perf_counter() - start)
 
@@ -166,16 +138,13 @@ def draw(module: Experiment, store: Store) -> None:
     """Draw the picture from the CSV.
 
     Raises:
-        ExperimentError: There is no CSV yet, or the folder cannot be written.
+        ExperimentError: There is no CSV yet.
     """
     if not store.csv.exists():
         raise ExperimentError(
             f"{store.name} has not been run: there is no {store.csv.name} in {store.folder}"
         )
-    try:
-        module.draw(store.rows(module.cases(Effort())[0]), store.picture)
-    except OSError as error:
-        raise unwritable(store.folder, error) from error
+    module.draw(store.rows(module.cases(Effort())[0]), store.picture)
 
 
 if __name__ == "__main__":

@@ -92,6 +92,12 @@ def error_columns(position: Array, orientation: Array) -> Row:
     return dict(zip(ERRORS, map(float, values), strict=True))
 
 
+def errors(solution: kinseek.Solution) -> Row:
+    """How many points a batch has, and what `error_columns` makes of its errors."""
+    position, orientation = solution.position_error, solution.orientation_error
+    return {"points": len(position), **error_columns(position, orientation)}
+
+
 def equation_1(branching_factor: int, dof: int) -> int:
     """Nodes that brute force expands (the paper, Eq. 1)."""
     return sum(branching_factor**i for i in range(1, dof + 1))

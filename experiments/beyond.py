@@ -14,7 +14,7 @@ from .arms import (
     BRANCHING_FACTOR,
     BY_HAND,
     Array,
-    error_columns,
+    errors,
     random_goals,
     random_joints,
     timed,
@@ -86,7 +86,7 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors, work and time of a batch."""
-    search, arm = str(case["search"]), kinseek.load(str(case["arm"]))
+    search, arm = case["search"], kinseek.load(case["arm"])
     points = effort.pick(200 if search.startswith("brute") and arm.dof == 4 else 1000, 3)
     goals = random_goals(arm, points, effort.seed)
     solver = solver_of(search, arm.dof)
@@ -100,8 +100,7 @@ def measure(case: Row, effort: Effort) -> Row:
         solution, seconds = timed(arm, goals, solver)
     low, high = _bootstrap(1e3 * solution.position_error)
     return {
-        "points": points,
-        **error_columns(solution.position_error, solution.orientation_error),
+        **errors(solution),
         "mean_low_mm": low,
         "mean_high_mm": high,
         "below_1_mm": float((solution.position_error < 1e-3).mean()),
@@ -130,7 +129,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     figure, axes = canvas(2, 4, (13, 8.6), sharey=True)
     for over, under, dof in zip(axes[0], axes[1], ARMS, strict=True):
         for row in where(rows, dof=dof):
-            place = -SEARCHES.index(str(row["search"]))
+            place = -SEARCHES.index(row["search"])
             low, mean, high = (
                 _shown(row[name]) for name in ("mean_low_mm", "position_mean_mm", "mean_high_mm")
             )

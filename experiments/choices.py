@@ -11,7 +11,7 @@ import numpy as np
 import kinseek
 
 from . import tables
-from .arms import ARMS, BRANCHING_FACTOR, error_columns, random_goals
+from .arms import ARMS, BRANCHING_FACTOR, errors, random_goals
 from .effort import Effort, Row
 from .style import LOOKS, NAMES, canvas, column, finish, lines, where
 
@@ -95,7 +95,7 @@ def fits(options: dict[str, Any], dof: int) -> bool:
 
 def solver_of(case: Row) -> kinseek.DivideAndConquer | kinseek.BlindSearch:
     """The search of a case."""
-    choice = str(case["choice"])
+    choice = case["choice"]
     if choice in BLIND:
         return kinseek.BlindSearch(**BLIND[choice])
     options = dict(CHOICES[choice])
@@ -104,8 +104,8 @@ def solver_of(case: Row) -> kinseek.DivideAndConquer | kinseek.BlindSearch:
     return kinseek.DivideAndConquer(
         **{
             "branching_factor": BRANCHING_FACTOR,
-            "divisions": int(case["divisions"]),
-            "breadth": int(case["breadth"]),
+            "divisions": case["divisions"],
+            "breadth": case["breadth"],
             **options,
         }
     )
@@ -113,15 +113,14 @@ def solver_of(case: Row) -> kinseek.DivideAndConquer | kinseek.BlindSearch:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors and work, and of how many joints the breadth is too small to walk back from every first cell."""
-    arm, solver = kinseek.load(str(case["arm"])), solver_of(case)
+    arm, solver = kinseek.load(case["arm"]), solver_of(case)
     points = effort.pick({2: 1000, 3: 1000, 4: 300, 6: 100}[arm.dof], 3)
     goals = random_goals(arm, points, effort.seed)
-    solution = arm.ik(kinseek.Goal.pose(goals, position_weight=float(case["position_weight"])), solver=solver)
+    solution = arm.ik(kinseek.Goal.pose(goals, position_weight=case["position_weight"]), solver=solver)
     # Blind Search has no windows: it moves from its start.
     short = () if isinstance(solver, kinseek.BlindSearch) else solver.reach_notes(solution.problem)
     return {
-        "points": points,
-        **error_columns(solution.position_error, solution.orientation_error),
+        **errors(solution),
         "evaluations_mean": float(solution.evaluations.mean()),
         "joints_short": len(short),
     }
@@ -140,7 +139,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
             ]
             axis.plot(
                 column(some, "position_mean_mm"),
-                [names.index(str(row["choice"])) for row in some],
+                [names.index(row["choice"]) for row in some],
                 label=f"CB({breadth})" if breadth else "Blind Search",
                 **{**look, "linestyle": "none"},
             )
@@ -153,7 +152,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         lines(axis, some, "divisions", "position_mean_mm", "choice", SPIKE)
         axis.set(yscale="log", ylim=(0.05, 10), xlabel="D", title=f"2 DOF, Br = 4, K_P = {weight:g} K_A")
         axis.set_xticks(
-            sorted({int(row["divisions"]) for row in where(rows, dof=2, position_weight=weight)} - {0})
+            sorted({row["divisions"] for row in where(rows, dof=2, position_weight=weight)} - {0})
         )
     axes[1, 2].legend(loc="upper right")
     axes[1, 1].set_ylabel("mean position error [mm]")
@@ -204,7 +203,7 @@ MEANS = {
 
 def millimetres(row: Row) -> str:
     """The mean error of a row to two digits."""
-    mean = float(row["position_mean_mm"])
+    mean = row["position_mean_mm"]
     return f"{mean:.2g}" if mean < 99.5 else f"{mean:.0f}"
 
 
@@ -213,7 +212,7 @@ def table(rows: Sequence[Row]) -> str:
     lines = []
     for choice, told in MEANS.items():
         some = where(rows, choice=choice, position_weight=1.0)
-        some = [row for row in some if row["divisions"] in (0, 3) and int(row["breadth"]) < 4]
+        some = [row for row in some if row["divisions"] in (0, 3) and row["breadth"] < 4]
         lines.append(
             (choice, *told, *(" / ".join(map(millimetres, where(some, dof=d))) or "–" for d in ARMS))
         )
@@ -223,13 +222,13 @@ def table(rows: Sequence[Row]) -> str:
 def walks_table(rows: Sequence[Row]) -> str:
     """Mean position errors [mm] over D of the lattices and of the breadth that reaches, in Markdown."""
     found = where(rows, dof=2, position_weight=HEAVY)
-    divisions = sorted({int(row["divisions"]) for row in found})
+    divisions = sorted({row["divisions"] for row in found})
     lines = []
     for choice in SPIKE:
         cells = [f"{choice}{', Br = 4' if choice != REACH else ''}"]
         for d in divisions:
             (row,) = where(found, choice=choice, divisions=d)
             breadth = f"Br = {row['breadth']}: " if choice == REACH else ""
-            cells.append(f"{breadth}{millimetres(row)}{', out of reach' if int(row['joints_short']) else ''}")
+            cells.append(f"{breadth}{millimetres(row)}{', out of reach' if row['joints_short'] else ''}")
         lines.append(cells)
     return tables.table((f"two-link arm, K_P = {HEAVY:g} K_A", *(f"D = {d}" for d in divisions)), lines)

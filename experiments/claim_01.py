@@ -32,7 +32,7 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Compare with the best node of the same grid."""
-    arm, grid, method = kinseek.load(str(case["arm"])), int(case["branching_factor"]), str(case["method"])
+    arm, grid, method = kinseek.load(case["arm"]), case["branching_factor"], case["method"]
     points = effort.pick(300 if arm.dof < 4 else 60, 3)
     goals = random_goals(arm, points, effort.seed)
     breadth: int | tuple[int, ...] | str = "tuned"
@@ -56,13 +56,13 @@ def measure(case: Row, effort: Effort) -> Row:
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Share of points where the best node was found."""
-    grids = sorted({(int(row["dof"]), int(row["branching_factor"])) for row in rows})
+    grids = sorted({(row["dof"], row["branching_factor"]) for row in rows})
     figure, axes = canvas(size=(8, 4.2))
     for number, (look, method) in enumerate(zip(LOOKS, METHODS, strict=False)):
         some = [where(rows, dof=dof, branching_factor=grid, method=method)[0] for dof, grid in grids]
         places = [place + 0.08 * (number - 2.5) for place in range(len(grids))]
         points_only = {**look, "linestyle": "none"}
-        axes[0, 0].plot(places, [100 * float(row["best_found"]) for row in some], label=method, **points_only)
+        axes[0, 0].plot(places, [100 * row["best_found"] for row in some], label=method, **points_only)
     axes[0, 0].set(ylabel="points with the best node found [%]", ylim=(-3, 103))
     axes[0, 0].set_xticks(range(len(grids)), [f"{dof} DOF\nB = {grid}" for dof, grid in grids])
     axes[0, 0].legend(loc="center left", bbox_to_anchor=(1, 0.5), title="DaC +")

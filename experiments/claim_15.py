@@ -26,9 +26,9 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Compare the two errors point by point."""
-    arm = kinseek.load(str(case["arm"]))
+    arm = kinseek.load(case["arm"])
     points = effort.pick(1000, 10)
-    solution = arm.ik(random_goals(arm, points, effort.seed), solver=solver_of(str(case["method"]), arm.dof))
+    solution = arm.ik(random_goals(arm, points, effort.seed), solver=solver_of(case["method"], arm.dof))
     position, turn = solution.position_error, solution.orientation_error
     return {
         "points": points,
@@ -51,7 +51,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     figure, axes = canvas(1, 2, (10, 4.4))
     means = "position_mean_mm", "orientation_mean_mrad"
     lines(axes[0, 0], rows, *means, "dof", ARMS, NAMES, DOTS)
-    rows = [{**row, "place": METHODS.index(str(row["method"]))} for row in rows]
+    rows = [{**row, "place": METHODS.index(row["method"])} for row in rows]
     lines(axes[0, 1], rows, "place", "rank_correlation", "dof", ARMS, NAMES)
     axes[0, 0].set(
         xscale="log",

@@ -36,7 +36,7 @@ def measure(case: Row, effort: Effort) -> Row:
     Only the elbow arm can point up or down; the others get goals in the plane of their reach. A pose asks for
     a random turn of the hand as well: about the vertical, where the arm can turn about nothing else.
     """
-    dof, arm = int(case["dof"]), kinseek.load(str(case["arm"]))
+    dof, arm = case["dof"], kinseek.load(case["arm"])
     points = effort.pick(500 if dof < 6 else 200, 5)
     rng = np.random.default_rng([effort.seed, dof, 16])
     direction = rng.normal(size=(points, 3))
@@ -46,14 +46,14 @@ def measure(case: Row, effort: Effort) -> Row:
         turn[:, 1:3] = 0.0
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     centre = np.array(CENTRES[dof], dtype=float)
-    position = centre + REACH * float(case["distance_over_reach"]) * direction
+    position = centre + REACH * case["distance_over_reach"] * direction
     goal = kinseek.Goal.position(position)
     if case["goal"] == "pose":
         goal = kinseek.Goal.pose(kinseek.pose(position, quat_wxyz=turn))
     solution = arm.ik(goal, solver=solver_of("CB(3)", dof))
     tip = arm.fk(solution.q)[:, :3, 3] - centre
     angle = np.degrees(_angle(tip, direction))
-    least = REACH * (float(case["distance_over_reach"]) - 1)
+    least = REACH * (case["distance_over_reach"] - 1)
     return {
         "points": points,
         "angle_mean_deg": float(angle.mean()),

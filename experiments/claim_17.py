@@ -34,7 +34,7 @@ def measure(case: Row, effort: Effort) -> Row:
     """Time 500 points."""
     arm, points = kinseek.load("panda"), effort.pick(500, 3)
     goal = kinseek.Goal.pose(random_goals(arm, points, effort.seed))
-    solution, seconds = timed(arm, goal, SEARCHES[str(case["search"])])
+    solution, seconds = timed(arm, goal, SEARCHES[case["search"]])
     return {
         "points": points,
         "seconds": seconds,
@@ -48,7 +48,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Seconds for all points, against the ten that the paper quotes."""
     figure, axes = canvas(size=(8.5, 3.6))
     axis, places = axes[0, 0], range(len(rows))
-    axis.barh(places, [float(row["seconds"]) for row in rows], color="#56b4e9", height=0.5)
+    axis.barh(places, [row["seconds"] for row in rows], color="#56b4e9", height=0.5)
     axis.axvline(QUOTED, color="#c23b00", linestyle="--")
     axis.set(xscale="log", xlim=(1e-4, 100))
     axis.set_xlabel(f"time for {rows[0]['points']} points of a 7-DOF arm (Panda) [s]")
@@ -57,6 +57,6 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     above = axis.secondary_xaxis("top")
     above.set_xticks([QUOTED], ["MATLAB, in the paper: 10 s"], color="#c23b00")
     solved = axis.secondary_yaxis("right")
-    solved.set_yticks(places, [f"{100 * float(row['solved']):.3g} %" for row in rows])
+    solved.set_yticks(places, [f"{100 * row['solved']:.3g} %" for row in rows])
     solved.set_ylabel("points within 1 µm and 1 µrad")
     save(figure, path)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import kinseek
 
-from .arms import ARMS, BY_HAND, DIVISIONS, error_columns, random_goals
+from .arms import ARMS, BY_HAND, DIVISIONS, errors, random_goals
 from .effort import Effort, Row
 from .style import LOOKS, NAMES, canvas, finish, lines, where
 
@@ -41,14 +41,14 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors of a batch."""
-    arm, method, size = kinseek.load(str(case["arm"])), str(case["method"]), int(case["branching_factor"])
+    arm, method, size = kinseek.load(case["arm"]), case["method"], case["branching_factor"]
     points = effort.pick(300 if arm.dof < 6 else 200, 3)
     solver: kinseek.Solver = kinseek.BruteForce(size)
     if method != "brute force":
         breadth = BY_HAND[arm.dof] if method == "BT" else int(method[3])
         solver = kinseek.DivideAndConquer(size, DIVISIONS, breadth)
     solution = arm.ik(random_goals(arm, points, effort.seed), solver=solver)
-    return {"points": points, **error_columns(solution.position_error, solution.orientation_error)}
+    return {**errors(solution)}
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:

@@ -33,7 +33,7 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Walk the whole grid, or what the bounds leave of it; compare with kinseek's brute force."""
-    dof, size, order = int(case["dof"]), int(case["branching_factor"]), str(case["order"])
+    dof, size, order = case["dof"], case["branching_factor"], case["order"]
     arm, points = kinseek.load(ARMS[dof]), effort.pick(5, 1)
     goals = random_goals(arm, points, effort.seed)
     grid = plain.Grid(plain.ARMS[dof], size, size, (1,) * dof)
@@ -118,7 +118,7 @@ def breadth_first(grid: plain.Grid, goal: plain.Frame, incumbent: float) -> tupl
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Nodes expanded and nodes held by each order."""
-    grids = sorted({(int(row["dof"]), int(row["branching_factor"])) for row in rows})
+    grids = sorted({(row["dof"], row["branching_factor"]) for row in rows})
     figure, axes = canvas(1, 2, (10, 4), sharey=True)
     panels = (("nodes_expanded", "nodes expanded per point"), ("most_held", "most nodes held at once"))
     for axis, (name, label) in zip(axes[0], panels, strict=True):

@@ -9,7 +9,7 @@ import numpy as np
 
 import kinseek
 
-from .arms import ARMS, error_columns, random_joints
+from .arms import ARMS, errors, random_joints
 from .effort import Effort, Row
 from .style import NAMES, canvas, finish, lines, plain_ticks, where
 
@@ -38,15 +38,14 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors from starts at a distance."""
-    arm, within = kinseek.load(str(case["arm"])), float(case["start_within"])
+    arm, within = kinseek.load(case["arm"]), case["start_within"]
     points = effort.pick(300 if arm.dof < 6 else 100, 3)
     q = random_joints(arm, points, effort.seed)
     noise = np.random.default_rng([effort.seed, arm.dof, 21]).uniform(-within, within, q.shape)
     near = random_joints(arm, points, effort.seed + 1) if within == ANYWHERE else q + noise
-    solution = arm.ik(arm.fk(q), near=near, solver=CHANGES[str(case["changes"])])
+    solution = arm.ik(arm.fk(q), near=near, solver=CHANGES[case["changes"]])
     return {
-        "points": points,
-        **error_columns(solution.position_error, solution.orientation_error),
+        **errors(solution),
         "stuck": float((solution.position_error > STUCK).mean()),
         "evaluations_mean": float(solution.evaluations.mean()),
     }
@@ -56,7 +55,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Share that is stuck and mean error against the distance of the start, one column an arm."""
     figure, axes = canvas(2, 4, (13, 6.4), sharex=True, sharey="row")
     for over, under, dof in zip(axes[0], axes[1], ARMS, strict=True):
-        some = [{**row, "percent": 100 * float(row["stuck"])} for row in where(rows, dof=dof)]
+        some = [{**row, "percent": 100 * row["stuck"]} for row in where(rows, dof=dof)]
         lines(over, some, "start_within", "percent", "changes", CHANGES)
         lines(under, some, "start_within", "position_median_mm", "changes", CHANGES)
         over.set(xscale="log", title=NAMES[dof])

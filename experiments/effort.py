@@ -6,10 +6,10 @@ import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar, cast
+from typing import Any, Protocol, TypeVar, cast
 
-Value = str | int | float
-Row = Mapping[str, Value]
+Row = Mapping[str, Any]
+"""Names of columns, and text or numbers."""
 T = TypeVar("T")
 
 EXPERIMENTS = (

@@ -78,7 +78,7 @@ def solver_of(search: str, dof: int, budget: int) -> tuple[kinseek.Solver, int]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors; the search also gets the budget, so that none exceeds it."""
-    arm, search, budget = kinseek.load(str(case["arm"])), str(case["search"]), int(case["budget"])
+    arm, search, budget = kinseek.load(case["arm"]), case["search"], case["budget"]
     points = effort.pick(200 if budget < 10**5 else 40, 2)
     solver, parameter = solver_of(search, arm.dof, budget)
     goal = kinseek.Goal.pose(random_goals(arm, points, effort.seed))
@@ -98,7 +98,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     panels = ("position_mean_mm", "position_median_mm")
     for place, dof in enumerate(ARMS):
         for line, name in zip(axes, panels, strict=True):
-            some = [{**row, name: max(float(row[name]), 1e-7)} for row in where(rows, dof=dof)]
+            some = [{**row, name: max(row[name], 1e-7)} for row in where(rows, dof=dof)]
             lines(line[place], some, "budget", name, "search", SEARCHES)
             line[place].set(xscale="log", yscale="log")
             line[place].axhline(1, color="#777777", linewidth=1)

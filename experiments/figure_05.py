@@ -23,7 +23,7 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Solve one point and count."""
-    dof = int(case["dof"])
+    dof = case["dof"]
     arm = kinseek.load(ARMS[dof])
     goal = random_goals(arm, 1, effort.seed)[0]
     if case["method"] == "brute force":

@@ -17,8 +17,8 @@ __all__ = ["cases", "draw", "measure"]
 
 def measure(case: Row, effort: Effort) -> Row:
     """Time a batch; the nodes are the same for every point."""
-    dof, divisions, breadth = int(case["dof"]), int(case["divisions"]), int(case["breadth"])
-    arm = kinseek.load(str(case["arm"]))
+    dof, divisions, breadth = case["dof"], case["divisions"], case["breadth"]
+    arm = kinseek.load(case["arm"])
     points = effort.pick(100 if dof < 4 else 20, 3)
     solution, seconds = timed(arm, random_goals(arm, points, effort.seed), sweep.solver(case))
     return {

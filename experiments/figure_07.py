@@ -8,7 +8,7 @@ from pathlib import Path
 import kinseek
 
 from . import sweep
-from .arms import error_columns, random_goals
+from .arms import errors, random_goals
 from .effort import Effort, Row
 from .sweep import cases
 
@@ -17,10 +17,10 @@ __all__ = ["cases", "draw", "measure"]
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors of a batch."""
-    arm = kinseek.load(str(case["arm"]))
+    arm = kinseek.load(case["arm"])
     points = effort.pick(1000 if arm.dof < 4 else 100, 5)
     solution = arm.ik(random_goals(arm, points, effort.seed), solver=sweep.solver(case))
-    return {"points": points, **error_columns(solution.position_error, solution.orientation_error)}
+    return {**errors(solution)}
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:

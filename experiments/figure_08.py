@@ -19,9 +19,9 @@ def measure(case: Row, effort: Effort) -> Row:
     """Errors of a batch, and a digest of the answers, to see which methods give the same ones."""
     import hashlib
 
-    arm = kinseek.load(str(case["arm"]))
+    arm = kinseek.load(case["arm"])
     points = effort.pick(100, 5)
-    solver = solver_of(str(case["method"]), arm.dof)
+    solver = solver_of(case["method"], arm.dof)
     solution = arm.ik(random_goals(arm, points, effort.seed), solver=solver)
     return {
         "points": points,

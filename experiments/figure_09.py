@@ -17,9 +17,9 @@ __all__ = ["cases", "draw", "measure"]
 
 def measure(case: Row, effort: Effort) -> Row:
     """Time a batch; the static tree is made once for it, as in the paper."""
-    arm = kinseek.load(str(case["arm"]))
+    arm = kinseek.load(case["arm"])
     points = effort.pick(100, 5)
-    solver = solver_of(str(case["method"]), arm.dof)
+    solver = solver_of(case["method"], arm.dof)
     solution, seconds = timed(arm, random_goals(arm, points, effort.seed), solver)
     breadths = solver.breadths(solution.problem)
     return {

@@ -27,9 +27,9 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Solve one point and count."""
-    dof, branching_factor = int(case["dof"]), int(case["branching_factor"])
+    dof, branching_factor = case["dof"], case["branching_factor"]
     arm = kinseek.load(ARMS[dof])
-    solver = kinseek.DivideAndConquer(branching_factor, DIVISIONS, BY_HAND[dof], str(case["tree"]))
+    solver = kinseek.DivideAndConquer(branching_factor, DIVISIONS, BY_HAND[dof], case["tree"])
     expected = divide_and_conquer_nodes(branching_factor, DIVISIONS, BY_HAND[dof])
     if case["tree"] == "static":
         expected = dof * branching_factor

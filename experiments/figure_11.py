@@ -34,7 +34,7 @@ def measure(case: Row, effort: Effort) -> Row:
     arm = kinseek.load("elbow6")
     points = effort.pick(100, 5)
     goals = random_goals(arm, points + 1, effort.seed)
-    solver = kinseek.DivideAndConquer(int(case["branching_factor"]), DIVISIONS, BY_HAND[6], str(case["tree"]))
+    solver = kinseek.DivideAndConquer(case["branching_factor"], DIVISIONS, BY_HAND[6], case["tree"])
     arm.ik(goals[:1], solver=solver)
     starts = []
     for _ in range(5):
@@ -55,7 +55,7 @@ def measure(case: Row, effort: Effort) -> Row:
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Time against B."""
     figure, axes = canvas(1, 3, (13, 4.2))
-    rows = [{**row, "total": float(row["ms_per_point"]) + float(row["preparation_ms"])} for row in rows]
+    rows = [{**row, "total": row["ms_per_point"] + row["preparation_ms"]} for row in rows]
     for axis, name in zip(axes[0], ("ms_per_point", "total", "nodes_expanded"), strict=True):
         lines(axis, rows, "branching_factor", name, "tree", LABELS, LABELS)
     axes[0, 0].set(xscale="log", ylim=(0, None), ylabel="time per point [ms]", title="tree ready")

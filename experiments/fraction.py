@@ -12,7 +12,7 @@ import kinseek
 from kinseek.kernels.arrays import Indices
 
 from . import tables
-from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, error_columns, random_goals
+from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, errors, random_goals
 from .effort import Effort, Row
 from .style import DOTS, LOOKS, NAMES, canvas, column, finish, lines, where
 
@@ -65,13 +65,12 @@ def solver_of(mixture: str, breadth: float, dof: int) -> kinseek.DivideAndConque
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors and work of a batch."""
-    arm = kinseek.load(str(case["arm"]))
+    arm = kinseek.load(case["arm"])
     points = effort.pick(1000 if arm.dof < 6 else 500, 3)
-    solver = solver_of(str(case["mixture"]), float(case["breadth"]), arm.dof)
+    solver = solver_of(case["mixture"], case["breadth"], arm.dof)
     solution = arm.ik(random_goals(arm, points, effort.seed), solver=solver)
     return {
-        "points": points,
-        **error_columns(solution.position_error, solution.orientation_error),
+        **errors(solution),
         "evaluations_mean": float(solution.evaluations.mean()),
     }
 
@@ -112,7 +111,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 def table(rows: Sequence[Row]) -> str:
     """Errors and work of each breadth as built, in Markdown."""
     built = where(rows, mixture=BUILT)
-    breadths = sorted({float(row["breadth"]) for row in built})
+    breadths = sorted({row["breadth"] for row in built})
     return tables.table(
         ("breadth", *(f"{dof} DOF" for dof in ARMS)),
         ((f"{breadth:g}", *_cells(where(built, breadth=breadth))) for breadth in breadths),
@@ -134,4 +133,4 @@ def mixtures_table(rows: Sequence[Row]) -> str:
 def _cells(rows: Sequence[Row]) -> list[str]:
     """Error and work on each arm."""
     each = (where(rows, dof=dof)[0] for dof in ARMS)
-    return [f"{float(row['position_mean_mm']):.2g} mm, {float(row['evaluations_mean']):,.0f}" for row in each]
+    return [f"{row['position_mean_mm']:.2g} mm, {row['evaluations_mean']:,.0f}" for row in each]

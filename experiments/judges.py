@@ -1,7 +1,9 @@
-"""The rules that judge the paper's claims by the CSVs: every verdict comes from numbers, none is typed."""
+"""The paper's claims, and the rules that judge them by the CSVs: every verdict comes from numbers, none is typed."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +50,36 @@ class Results:
         return float(self(name, **wanted)[0][column])
 
 
+@dataclass(frozen=True)
+class Claim:
+    """A sentence of the paper and the rule that judges it."""
+
+    number: int
+    section: str
+    sentence: str
+    source: str
+    """Experiments whose rows judge it."""
+    reversal: str
+    """What would change the verdict. A test changes the rows in this way."""
+    judge: Callable[[Results], Verdict]
+
+
+CLAIMS: list[Claim] = []
+"""Every claim, in order."""
+
+
+def claim(
+    section: str, sentence: str, source: str, reversal: str
+) -> Callable[[Callable[[Results], Verdict]], Callable[[Results], Verdict]]:
+    """Make a rule that of the next claim; see `Claim`."""
+
+    def added(judge: Callable[[Results], Verdict]) -> Callable[[Results], Verdict]:
+        CLAIMS.append(Claim(len(CLAIMS) + 1, section, sentence, source, reversal, judge))
+        return judge
+
+    return added
+
+
 def mm(value: float) -> str:
     """A length in [mm], two significant digits, as words."""
     return f"{value:.2g} mm" if value < 100 else f"{value:.0f} mm"
@@ -63,12 +95,19 @@ def judged(part: int, of: int) -> str:
     return HOLDS if part == of else IN_PART if part else FAILS
 
 
+@claim(
+    "abstract, 4.2",
+    "finds the best solution, in logarithmic time",
+    "figure_11, claim_01",
+    "holds if CB(3) finds the best node for 99.5 % of the points on every grid; fails if it does not and the nodes "
+    "of a pass grow with B",
+)
 def claim_1(results: Results) -> Verdict:
     """Steps of the work per factor of three in B, and how often the best node is found."""
-    nodes = [int(row["nodes_expanded"]) for row in results("figure_11", tree="dynamic")]
+    nodes = [row["nodes_expanded"] for row in results("figure_11", tree="dynamic")]
     steps = set(np.diff(nodes[1:]).tolist())
-    times = [float(row["ms_per_point"]) for row in results("figure_11", tree="dynamic")]
-    found = {m: [float(r["best_found"]) for r in results("claim_01", method=m)] for m in ("CB(1)", "CB(3)")}
+    times = [row["ms_per_point"] for row in results("figure_11", tree="dynamic")]
+    found = {m: [r["best_found"] for r in results("claim_01", method=m)] for m in ("CB(1)", "CB(3)")}
     logarithmic = len(steps) == 1
     slope, fixed = np.polyfit(nodes, times, 1)
     text = (
@@ -81,6 +120,12 @@ def claim_1(results: Results) -> Verdict:
     return text, judged(int(logarithmic) + int(min(found["CB(3)"]) > 0.995), 2)
 
 
+@claim(
+    "3.1",
+    "Eq. 1 is the number of nodes that brute force expands",
+    "figure_05",
+    "holds in part if one count differs by one node, fails if all do",
+)
 def claim_2(results: Results) -> Verdict:
     """Brute force's counter against the formula."""
     rows = results("figure_05", method="brute force")
@@ -90,12 +135,24 @@ def claim_2(results: Results) -> Verdict:
     )
 
 
+@claim(
+    "4.2",
+    "brute force on 4 DOF at B = 60 expands over 10 million nodes",
+    "figure_05",
+    "fails at 10 million or fewer",
+)
 def claim_3(results: Results) -> Verdict:
     """The count itself."""
     count = results.one("figure_05", "nodes_expanded", dof=4, method="brute force")
     return f"{count:,.0f} nodes", HOLDS if count > 1e7 else FAILS
 
 
+@claim(
+    "4.2",
+    "time rises steeply with D and with DOF",
+    "figure_06",
+    "in part if the nodes of one arm grow five times or less from D = 3 to 32, or less than those of a smaller arm",
+)
 def claim_4(results: Results) -> Verdict:
     """Growth from D = 3 to 32, in nodes and in time, CB(3)."""
     parts, growth = [], []
@@ -113,6 +170,13 @@ RUN_BY_THE_PAPER = {2: 32, 3: 16, 4: 8}
 """Largest D by DOF: the text says that the larger arms have fewer points. Where they end is our guess."""
 
 
+@claim(
+    "4.2",
+    "the error tends to rise with D in 3 … 32; D = 3 is best",
+    "figure_07, question_05",
+    "holds if for one breadth the error rises on all three arms, and no D is better than 3 on any of them, both beyond "
+    "the intervals; fails if fewer than half of these six conditions are met",
+)
 def claim_5(results: Results) -> Verdict:
     """Two conditions on three arms, for the breadth that suits the paper best, beyond 95 % intervals."""
     met: dict[int, int] = {}
@@ -120,11 +184,11 @@ def claim_5(results: Results) -> Verdict:
     for breadth in (1, 2, 3):
         met[breadth], words = 0, []
         for dof, last in RUN_BY_THE_PAPER.items():
-            rows = [r for r in results("figure_07", dof=dof, breadth=breadth) if int(r["divisions"]) <= last]
+            rows = [r for r in results("figure_07", dof=dof, breadth=breadth) if r["divisions"] <= last]
             rises = surely_less(rows[0], rows[-1])
             best = not any(surely_less(row, rows[0]) for row in rows[1:])
             met[breadth] += rises + best
-            ends = [float(row["position_mean_mm"]) for row in (rows[0], rows[-1])]
+            ends = [row["position_mean_mm"] for row in (rows[0], rows[-1])]
             words.append(f"{mm(ends[0])} → {mm(ends[1])}{' (D = 3 is best)' if best else ''}")
         parts.append(f"CB({breadth}): {', '.join(words)}")
     top = max(met, key=lambda breadth: met[breadth])
@@ -139,22 +203,29 @@ def claim_5(results: Results) -> Verdict:
 
 def surely_less(small: Row, large: Row) -> bool:
     """Is a mean error less than another, their 95 % intervals apart?"""
-    highest = float(small["position_mean_mm"]) + 1.96 * float(small["position_standard_error_mm"])
-    lowest = float(large["position_mean_mm"]) - 1.96 * float(large["position_standard_error_mm"])
-    return highest < lowest
+    highest = small["position_mean_mm"] + 1.96 * small["position_standard_error_mm"]
+    lowest = large["position_mean_mm"] - 1.96 * large["position_standard_error_mm"]
+    return bool(highest < lowest)
 
 
 SPIKE = 1.2
 """The error at D = 4 is a spike if it is so many times the larger one of its neighbours."""
 
 
+@claim(
+    "4.2, 5",
+    "a spike at D = 4, for 2 DOF alone",
+    "question_06",
+    "holds if with K_P = K_A the error at D = 4 is 1.2 times that of its neighbours on this arm and on no other; fails "
+    "if, under every weight that gives this arm a spike, another arm has one too",
+)
 def claim_6(results: Results) -> Verdict:
     """The error at D = 4 over its larger neighbour: on the two-link arm a spike, and on the others none."""
     rows = results("question_06")
     heights = {
         (breadth, weight): {dof: question_06.spike(rows, dof, breadth, weight) for dof in (2, 3, 4)}
         for breadth in question_06.BREADTHS
-        for weight in sorted({float(row["position_weight"]) for row in rows})
+        for weight in sorted({row["position_weight"] for row in rows})
     }
     alone = {
         key: value[2]
@@ -173,6 +244,12 @@ def claim_6(results: Results) -> Verdict:
     return text, IN_PART if alone else FAILS
 
 
+@claim(
+    "4.2",
+    "at D = 180 and 360 the error falls and the time rises much",
+    "figure_06, figure_07",
+    "in part if for one breadth the error at D = 360 is not below that at 32, or takes less than three times as long",
+)
 def claim_7(results: Results) -> Verdict:
     """Errors and times of the two-link arm at D = 3, 32, 180 and 360."""
     good, parts = 0, []
@@ -192,12 +269,19 @@ def claim_7(results: Results) -> Verdict:
     return "D = 32 → 180 → 360: " + "; ".join(parts), judged(good, 3)
 
 
+@claim(
+    "4.2",
+    "CB(1) is worst by far, the others are near or below 1 mm",
+    "figure_08, question_08",
+    "holds if all others are below 1.5 mm and CB(1) is three times worse on every arm; fails if CB(1) is not the worst "
+    "on one arm",
+)
 def claim_8(results: Results) -> Verdict:
     """CB(1) over the next worst, and the arms on which the others come near a millimetre."""
     ratios, near, of, parts = [], 0, 0, []
     for dof in ARMS:
         errors = {
-            str(row["method"]): float(row["position_mean_mm"])
+            row["method"]: row["position_mean_mm"]
             for row in results("figure_08", dof=dof)
             if row["method"] != "tuned"
         }
@@ -213,14 +297,21 @@ def claim_8(results: Results) -> Verdict:
     return text, HOLDS if near == of and min(ratios) > 3 else IN_PART if min(ratios) > 1 else FAILS
 
 
+@claim(
+    "4.2",
+    "CB(1) is fastest by nearly ten times, CB(3) slowest by ten or more",
+    "figure_09",
+    "holds if CB(1) is fastest and CB(3) slowest on every arm, and each of the two factors is met on one arm (the paper "
+    "does not say on which); fails if none of these four conditions is met",
+)
 def claim_9(results: Results) -> Verdict:
     """Ratios of nodes and of times on every arm: two orders, and two factors that the paper asks of no arm in particular."""
     fast, slow, parts = [], [], []
     for dof in ARMS:
-        rows = {str(row["method"]): row for row in results("figure_09", dof=dof) if row["method"] != "tuned"}
+        rows = {row["method"]: row for row in results("figure_09", dof=dof) if row["method"] != "tuned"}
         words = []
         for name in ("nodes_expanded", "ms_per_point"):
-            values = {method: float(row[name]) for method, row in rows.items()}
+            values = {method: row[name] for method, row in rows.items()}
             first = min(value for method, value in values.items() if method != "CB(1)") / values["CB(1)"]
             last = values["CB(3)"] / max(value for method, value in values.items() if method != "CB(3)")
             words.append(f"{first:.2g} and {last:.2g}")
@@ -237,6 +328,13 @@ def claim_9(results: Results) -> Verdict:
     return text, judged(sum((min(fast) > 1, min(slow) > 1, max(fast) > 7, max(slow) >= 10)), 4)
 
 
+@claim(
+    "4.2, 5",
+    "CB(2) and CB(3) show extreme errors at 2 DOF",
+    "question_10, question_10_exchanged",
+    "holds if under one reading CB(2) and CB(3) have extreme errors on two joints, and errors below 1.5 mm on the other "
+    "arms; fails if they have extreme errors on two joints under no reading",
+)
 def claim_10(results: Results) -> Verdict:
     """The two-link arm's error over the worst other arm, wrapping and not; and are the others near a millimetre?"""
     extreme, near, parts = {}, {}, []
@@ -244,7 +342,7 @@ def claim_10(results: Results) -> Verdict:
         words = []
         for breadth in (2, 3):
             rows = results("question_10", reading=reading, breadth=breadth)
-            errors = {int(row["dof"]): float(row["position_mean_mm"]) for row in rows}
+            errors = {row["dof"]: row["position_mean_mm"] for row in rows}
             others = max(value for dof, value in errors.items() if dof != 2)
             extreme[reading, breadth] = errors[2] > 1.2 * others
             near[reading, breadth] = others < 1.5
@@ -263,7 +361,7 @@ def claim_10(results: Results) -> Verdict:
             divisions=3,
         )
         rows = results("question_10", reading="wrap", breadth=breadth)
-        others = max(float(row["position_mean_mm"]) for row in rows if row["dof"] != 2)
+        others = max(row["position_mean_mm"] for row in rows if row["dof"] != 2)
         extreme["exchanged", breadth], near["exchanged", breadth] = exchanged > 1.2 * others, others < 1.5
         words.append(f"CB({breadth}) {mm(exchanged)}")
     parts.append(f"wrap, the two lengths exchanged: {', '.join(words)}")
@@ -275,6 +373,12 @@ def claim_10(results: Results) -> Verdict:
     return "; ".join(parts), HOLDS if printed else IN_PART if alone else FAILS
 
 
+@claim(
+    "4.2",
+    "BT and DT + BT give the same answers",
+    "figure_08",
+    "in part if one arm's answers differ in a bit",
+)
 def claim_11(results: Results) -> Verdict:
     """Digests of the joint values."""
     same = sum(
@@ -288,10 +392,7 @@ def claim_11(results: Results) -> Verdict:
 def crossover(results: Results, dof: int) -> float:
     """The B at which both trees have as many nodes, interpolated between powers of three."""
     trees = {
-        tree: {
-            int(r["branching_factor"]): float(r["nodes_created"])
-            for r in results("figure_10", dof=dof, tree=tree)
-        }
+        tree: {r["branching_factor"]: r["nodes_created"] for r in results("figure_10", dof=dof, tree=tree)}
         for tree in ("static", "dynamic")
     }
     factors = sorted(set(trees["static"]) & set(trees["dynamic"]))
@@ -299,6 +400,12 @@ def crossover(results: Results, dof: int) -> float:
     return float(np.exp(np.interp(0.0, gaps, np.log(factors))))
 
 
+@claim(
+    "4.2",
+    "DT creates fewer nodes above B ≈ 10,000, more below",
+    "figure_10",
+    "holds if the curves of all four arms cross between 3,300 and 30,000, fails if none does",
+)
 def claim_12(results: Results) -> Verdict:
     """Where the curves of Figure 10 cross."""
     crossings = {dof: crossover(results, dof) for dof in ARMS}
@@ -309,15 +416,19 @@ def claim_12(results: Results) -> Verdict:
     return text, judged(near, len(ARMS))
 
 
+@claim(
+    "4.2",
+    "without DT it is slightly faster",
+    "objects, figure_11",
+    "in part if the lower quartile of the ratios falls to 1.02, fails if the median does",
+)
 def claim_13(results: Results) -> Verdict:
     """Time with the dynamic tree over time without, the tree being ready: of Python objects, as the paper's were."""
     ratios = paired(results, "objects, DT", "objects")
     bare = paired(results, "numbers", "objects")
-    static = {
-        row["branching_factor"]: float(row["ms_per_point"]) for row in results("figure_11", tree="static")
-    }
+    static = {row["branching_factor"]: row["ms_per_point"] for row in results("figure_11", tree="static")}
     compiled = [
-        float(row["ms_per_point"]) / static[row["branching_factor"]]
+        row["ms_per_point"] / static[row["branching_factor"]]
         for row in results("figure_11", tree="dynamic")
         if row["branching_factor"] in static
     ]
@@ -333,14 +444,18 @@ def claim_13(results: Results) -> Verdict:
 def paired(results: Results, program: str, base: str) -> list[float]:
     """Time of one program over that of another, for every search that both have run."""
     keys = ("dof", "method", "branching_factor")
-    times = {
-        tuple(row[key] for key in keys): float(row["ms_per_point"])
-        for row in results("objects", program=base)
-    }
+    times = {tuple(row[key] for key in keys): row["ms_per_point"] for row in results("objects", program=base)}
     rows = {tuple(row[key] for key in keys): row for row in results("objects", program=program)}
     return [float(rows[key]["ms_per_point"]) / times[key] for key in rows if key in times]
 
 
+@claim(
+    "5",
+    "6 DOF below 1 mm on average, in under 2 s",
+    "figure_08, figure_09, question_08, objects",
+    "holds if CB(3) or DT + BT is below both limits at K_P = K_A; fails if no weight and breadth gives an error below "
+    "1 mm, or if all that do take 2 s a point",
+)
 def claim_14(results: Results) -> Verdict:
     """Errors and times of the elbow arm: one solver must have both. The paper has breadths up to 3."""
     methods = ("CB(3)", "DT + BT", "tuned")
@@ -354,18 +469,18 @@ def claim_14(results: Results) -> Verdict:
     )
 
     def words(row: Row) -> str:
-        nodes = float(row["nodes_expanded"])
+        nodes = row["nodes_expanded"]
         return (
-            f"{row['method']} at K_P / K_A = {row['position_weight']:g} /m, {mm(float(row['position_mean_mm']))} and "
-            f"{float(row['orientation_mean_mrad']):.2g} mrad, in {compiled * nodes:.2g} ms compiled and "
+            f"{row['method']} at K_P / K_A = {row['position_weight']:g} /m, {mm(row['position_mean_mm'])} and "
+            f"{row['orientation_mean_mrad']:.2g} mrad, in {compiled * nodes:.2g} ms compiled and "
             f"{1e-6 * node * nodes:.2g} s with node objects in plain Python"
         )
 
     question = results("question_08", dof=6)
     paper = [row for row in question if max(map(int, str(row["breadths"]).replace(TUNED, "9").split())) <= 3]
-    least = min(paper, key=lambda row: float(row["position_mean_mm"]))
-    good = [row for row in question if float(row["position_mean_mm"]) < 1]
-    straight = min(good or question, key=lambda row: float(row["orientation_mean_mrad"]))
+    least = min(paper, key=lambda row: row["position_mean_mm"])
+    good = [row for row in question if row["position_mean_mm"] < 1]
+    straight = min(good or question, key=lambda row: row["orientation_mean_mrad"])
     text = "; ".join(f"{m} {mm(errors[m])} in {times[m]:.2g} ms" for m in methods)
     text += (
         f"; over all weights the least position error with breadths up to 3: {words(least)}; of those below 1 mm the least "
@@ -373,17 +488,23 @@ def claim_14(results: Results) -> Verdict:
     )
     if any(errors[m] < 1 and times[m] < 2000 for m in ("CB(3)", "DT + BT")):
         return text, HOLDS
-    quick = any(compiled * float(row["nodes_expanded"]) < 2000 for row in good)
+    quick = any(compiled * row["nodes_expanded"] < 2000 for row in good)
     return text, IN_PART if quick or (errors["tuned"] < 1 and times["tuned"] < 2000) else FAILS
 
 
+@claim(
+    "4.2",
+    "no case of a high position error with a low orientation error, or vice versa",
+    "claim_15",
+    "holds if no point has one error high and the other low",
+)
 def claim_15(results: Results) -> Verdict:
     """Rank correlations, and points with one error high and the other low."""
     rows = results("claim_15")
-    correlations = [float(row["rank_correlation"]) for row in rows]
-    odd = sum(int(row["far_but_aligned"]) + int(row["near_but_turned"]) for row in rows)
-    points = sum(int(row["points"]) for row in rows)
-    worst = min(rows, key=lambda row: float(row["rank_correlation"]))
+    correlations = [row["rank_correlation"] for row in rows]
+    odd = sum(row["far_but_aligned"] + row["near_but_turned"] for row in rows)
+    points = sum(row["points"] for row in rows)
+    worst = min(rows, key=lambda row: row["rank_correlation"])
     text = (
         f"rank correlation over points from {min(correlations):+.2f} ({worst['dof']} DOF, {worst['method']}) "
         f"to {max(correlations):+.2f}; one error high (5 cm or 50 mrad) and the other low (5 mm or 5 mrad) "
@@ -393,10 +514,16 @@ def claim_15(results: Results) -> Verdict:
     return text, FAILS if odd else HOLDS
 
 
+@claim(
+    "2.1",
+    "an unreachable goal makes the arm point towards it",
+    "claim_16",
+    "holds if the mean angle is below 5° for whole poses too; fails if positions are not within 5°",
+)
 def claim_16(results: Results) -> Verdict:
     """Angles between arm and goal."""
-    position = [float(row["angle_p95_deg"]) for row in results("claim_16", goal="position")]
-    poses = [float(row["angle_mean_deg"]) for row in results("claim_16", goal="pose")]
+    position = [row["angle_p95_deg"] for row in results("claim_16", goal="position")]
+    poses = [row["angle_mean_deg"] for row in results("claim_16", goal="pose")]
     text = (
         f"position goals: 95 % within {max(position):.2g}° on every arm at every distance; whole poses with "
         f"K_P = K_A: mean angle {min(poses):.2g}° to {max(poses):.2g}°, because the orientation of the hand counts too"
@@ -406,6 +533,12 @@ def claim_16(results: Results) -> Verdict:
     return text, HOLDS if max(poses) < 5 else IN_PART
 
 
+@claim(
+    "5",
+    "one or two orders of magnitude slower than twists and exponentials (500 points of a 7-DOF arm in 10 s)",
+    "objects, claim_17",
+    "holds if the ratio lies between 10 and 100, fails if the search is as fast or a thousand times slower",
+)
 def claim_17(results: Results) -> Verdict:
     """The search in plain Python over twists and exponentials in NumPy, on one seven-joint arm."""
     row = results("claim_17", search="default")[0]
@@ -416,18 +549,23 @@ def claim_17(results: Results) -> Verdict:
         f"the paper's program and computer are not available. Twists and exponentials in NumPy: {0.5 * twists:.2g} s for "
         f"500 points; DaC + DT + BT with node objects on the same arm {search / 1e3:.2g} s a point, {ratio:,.0f} times as "
         f"much; kinseek's default answers {row['points']} points of the Panda in {row['seconds']:.2g} s, "
-        f"{100 * float(row['solved']):.1f} % of them to 1 µm and 1 µrad"
+        f"{100 * row['solved']:.1f} % of them to 1 µm and 1 µrad"
     )
     return text, HOLDS if 10 <= ratio <= 100 else IN_PART if 1 < ratio <= 1000 else FAILS
 
 
+@claim(
+    "2.1",
+    "a larger branching factor gives greater precision",
+    "claim_18",
+    "holds if divide and conquer gains from B = 810 to a million on every arm; fails if brute force gains nothing in "
+    "one step",
+)
 def claim_18(results: Results) -> Verdict:
     """Does every larger B lower the mean error, in brute force and in divide and conquer?"""
     fell = of = 0
     for dof in ARMS:
-        errors = [
-            float(row["position_mean_mm"]) for row in results("claim_18", dof=dof, method="brute force")
-        ]
+        errors = [row["position_mean_mm"] for row in results("claim_18", dof=dof, method="brute force")]
         fell, of = fell + int(sum(np.diff(errors) < 0)), of + max(len(errors) - 1, 0)
     gains = {}
     for dof in ARMS:
@@ -446,12 +584,18 @@ def claim_18(results: Results) -> Verdict:
     return text, HOLDS if fell == of and gain == len(gains) else IN_PART if fell == of else FAILS
 
 
+@claim(
+    "2.1",
+    "breadth-first search is not possible; nodes with only some joints set make no sense",
+    "claim_19",
+    "holds if breadth first finds the best node of no grid",
+)
 def claim_19(results: Results) -> Verdict:
     """Breadth first on the same grid; and bounds that judge a node before all joints are set."""
     rows = results("claim_19", order="breadth first")
     found = sum(row["same_best"] == 1.0 for row in rows)
     shares = [
-        float(row["nodes_expanded"])
+        row["nodes_expanded"]
         / results.one(
             "claim_19",
             "nodes_expanded",
@@ -461,7 +605,7 @@ def claim_19(results: Results) -> Verdict:
         )
         for row in results("claim_19", order="breadth first, bounds")
     ]
-    held = max(int(row["most_held"]) for row in rows)
+    held = max(row["most_held"] for row in rows)
     text = (
         f"breadth first finds the best node of {found} of {len(rows)} grids, with as many nodes as depth first, but "
         f"holds up to {held:,} at once; bounds judge nodes with only some joints set: with them {span(shares)} % of the "
@@ -470,6 +614,12 @@ def claim_19(results: Results) -> Verdict:
     return text, FAILS if found == len(rows) else IN_PART if found else HOLDS
 
 
+@claim(
+    "4.2",
+    "brute force on 2 DOF can handle B = 720 in a few seconds",
+    "objects",
+    "in part if node objects take ten seconds; fails if bare numbers take ten seconds too",
+)
 def claim_20(results: Results) -> Verdict:
     """Brute force in plain Python at B = 720 on two joints."""
     programs = ("objects", "numbers", "kernels")
@@ -486,6 +636,13 @@ def claim_20(results: Results) -> Verdict:
     return text, HOLDS if seconds["objects"] < 10 else IN_PART if seconds["numbers"] < 10 else FAILS
 
 
+@claim(
+    "1",
+    "Blind Search only works very close to its start",
+    "claim_21",
+    "holds if with fixed changes more than a tenth of the starts anywhere are stuck, and five times as many as of the "
+    "near ones, on every arm; in part if on one arm",
+)
 def claim_21(results: Results) -> Verdict:
     """Who is stuck: starts near and anywhere, with fixed changes that are small against 5 cm, and with shrinking ones."""
     parts, worse = [], 0
@@ -496,8 +653,8 @@ def claim_21(results: Results) -> Verdict:
                 results("claim_21", dof=dof, changes=changes, start_within=within)[0]
                 for within in (0.1, 10.0)
             )
-            shares.append((float(close["stuck"]), float(anywhere["stuck"])))
-            errors.append(float(anywhere["position_median_mm"]))
+            shares.append((close["stuck"], anywhere["stuck"]))
+            errors.append(anywhere["position_median_mm"])
         if changes == "fixed 0.01":
             worse = sum(far > 0.1 and far > 5 * near for near, far in shares)
         parts.append(
@@ -516,6 +673,13 @@ def claim_21(results: Results) -> Verdict:
     return text, judged(worse, len(ARMS))
 
 
+@claim(
+    "5",
+    "DaC can be improved by breaking up the arm into separate chains, in certain cases",
+    "separate",
+    "in part if for one arm and breadth one of the two errors, or the evaluations, are above those of the whole arm; "
+    "fails if this is so for every arm and breadth",
+)
 def claim_22(results: Results) -> Verdict:
     """Whole arm against chains, each searched once as the paper has it, for every breadth of its arms that can be split."""
     split = [name for name in ARMS.values() if results("separate", arm=name)[0]["second"]]
@@ -524,17 +688,17 @@ def claim_22(results: Results) -> Verdict:
         for row in results("separate", search="chains, once")
         if row["arm"] in split
     ]
-    better = sum(all(float(row[name]) <= float(whole[name]) for name in _CHAINS) for row, whole in pairs)
+    better = sum(all(row[name] <= whole[name] for name in _CHAINS) for row, whole in pairs)
     parts = []
     for row, whole in pairs:
         if row["breadth"] != 4:
             continue
         again = results("separate", search="chains", arm=row["arm"], breadth=4)[0]
         three = (whole, row, again)
-        share = float(row["evaluations_mean"]) / float(whole["evaluations_mean"])
-        more = float(again["evaluations_mean"]) / float(whole["evaluations_mean"])
-        places = " → ".join(mm(float(each["position_mean_mm"])) for each in three)
-        turns = " → ".join(f"{float(each['orientation_mean_mrad']):.2g}" for each in three)
+        share = row["evaluations_mean"] / whole["evaluations_mean"]
+        more = again["evaluations_mean"] / whole["evaluations_mean"]
+        places = " → ".join(mm(each["position_mean_mm"]) for each in three)
+        turns = " → ".join(f"{each['orientation_mean_mrad']:.2g}" for each in three)
         parts.append(
             f"{row['dof']} DOF {places} and {turns} mrad for {100 * share:.2g} and {100 * more:.2g} % of the evaluations"
         )
@@ -547,13 +711,19 @@ def claim_22(results: Results) -> Verdict:
     return text, judged(better, len(pairs))
 
 
+@claim(
+    "3.2",
+    "Br needs to be a whole number",
+    "fraction",
+    "holds if no half lies between its whole breadths; in part if some do not",
+)
 def claim_23(results: Results) -> Verdict:
     """A breadth between two whole ones as `DivideAndConquer` has it: is it between them in work, and of use?"""
     between, of, parts = 0, 0, []
     for dof in ARMS:
-        rows = {float(row["breadth"]): row for row in results("fraction", dof=dof, mixture=BUILT)}
-        works = {b: float(row["evaluations_mean"]) for b, row in rows.items()}
-        errors = {b: float(row["position_mean_mm"]) for b, row in rows.items()}
+        rows = {row["breadth"]: row for row in results("fraction", dof=dof, mixture=BUILT)}
+        works = {b: row["evaluations_mean"] for b, row in rows.items()}
+        errors = {b: row["position_mean_mm"] for b, row in rows.items()}
         for low in (1.0, 2.0):
             half = low + 0.5
             of += 1

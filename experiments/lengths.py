@@ -10,7 +10,7 @@ from typing import Any
 
 import kinseek
 
-from .arms import ARMS, BRANCHING_FACTOR, BY_HAND, DIVISIONS, error_columns, random_goals
+from .arms import ARMS, BRANCHING_FACTOR, BY_HAND, DIVISIONS, errors, random_goals
 from .effort import Effort, Row
 from .style import LOOKS, NAMES, canvas, column, finish, where
 
@@ -47,12 +47,12 @@ def arm_with(name: str, share: float, tool: float) -> kinseek.Arm:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors of a batch."""
-    arm = arm_with(str(case["arm"]), float(case["fore_share"]), float(case["tool_m"]))
-    points, method = effort.pick(300, 3), str(case["method"])
+    arm = arm_with(case["arm"], case["fore_share"], case["tool_m"])
+    points, method = effort.pick(300, 3), case["method"]
     breadth = BY_HAND[arm.dof] if method == "BT" else int(method[3])
     solver = kinseek.DivideAndConquer(BRANCHING_FACTOR, DIVISIONS, breadth)
     solution = arm.ik(random_goals(arm, points, effort.seed), solver=solver)
-    return {"points": points, **error_columns(solution.position_error, solution.orientation_error)}
+    return {**errors(solution)}
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
@@ -64,10 +64,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
             _line(axis, some, "fore_share", method, look)
         axis.set(yscale="log", title=NAMES[dof], xlabel="forearm's share of the reach")
     for look, method in zip(LOOKS, METHODS, strict=False):
-        some = [
-            row for row in where(rows, dof=6, method=method) if abs(float(row["fore_share"]) - 1 / 3) < 0.01
-        ]
-        _line(axes[0, 3], sorted(some, key=lambda row: float(row["tool_m"])), "tool_m", method, look)
+        some = [row for row in where(rows, dof=6, method=method) if abs(row["fore_share"] - 1 / 3) < 0.01]
+        _line(axes[0, 3], sorted(some, key=lambda row: row["tool_m"]), "tool_m", method, look)
     axes[0, 3].set(title=NAMES[6], xlabel="hand beyond the wrist's centre [m]")
     axes[0, 0].set_ylabel("mean position error [mm]")
     finish(
@@ -80,7 +78,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 
 
 def _line(axis: Any, rows: Sequence[Row], name: str, label: str, look: dict[str, Any]) -> None:
-    spread = [1.96 * float(row["position_standard_error_mm"]) for row in rows]
+    spread = [1.96 * row["position_standard_error_mm"] for row in rows]
     axis.errorbar(
         column(rows, name), column(rows, "position_mean_mm"), spread, label=label, capsize=3, **look
     )

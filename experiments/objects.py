@@ -66,14 +66,14 @@ def arm_of(dof: int) -> kinseek.Arm:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Time a program, count its nodes, and compare its answers with those of the kernels."""
-    dof, method, size = int(case["dof"]), str(case["method"]), int(case["branching_factor"])
+    dof, method, size = case["dof"], case["method"], case["branching_factor"]
     if case["program"] == TWISTS:
         return _measure_twists(dof, effort)
     arm, brute = arm_of(dof), method == "brute force"
     breadths = BREADTHS[dof] if method == "BT" else (1 if brute else int(method[3]),) * dof
     grid = plain.Grid(plain.ARMS[dof], size, size if brute else DIVISIONS, breadths)
     goals = random_goals(arm, 100 if case["program"] in KERNELS else effort.pick(20, 1), effort.seed)
-    tree = KERNELS.get(str(case["program"]), "dynamic")
+    tree = KERNELS.get(case["program"], "dynamic")
     solver: kinseek.Solver = kinseek.DivideAndConquer(size, DIVISIONS, breadths, tree)
     if brute:
         solver = kinseek.BruteForce(size)
@@ -83,7 +83,7 @@ def measure(case: Row, effort: Effort) -> Row:
     if case["program"] in KERNELS:
         points = 1 if nodes > 10**6 else effort.pick(100, 3)
         return _measure_kernels(arm, goals[:points], solver)
-    program = plain.PROGRAMS[str(case["program"])]
+    program = plain.PROGRAMS[case["program"]]
     answers, seconds, ready, made = _run(program, grid, goals[:points], 1 if nodes * points > 200_000 else 3)
     kernel = arm.ik(goals[:points], solver=solver).weighted_error
     errors = [
@@ -191,9 +191,9 @@ def draw(rows: Sequence[Row], path: Path) -> None:
             for row in where(rows, branching_factor=BRANCHING_FACTOR, program=program)
             if row["method"] != "CB(3)"
         ]
-        best = {int(row["dof"]): row for row in some}
+        best = {row["dof"]: row for row in some}
         if best:
-            values = [float(row["us_per_node"]) for row in best.values()]
+            values = [row["us_per_node"] for row in best.values()]
             axes[0, 0].plot(list(best), values, label=program, **look)
     axes[0, 0].set(
         yscale="log", xlabel="DOF", ylabel="CPU time per node [µs]", title="the same nodes, B = 7200"
@@ -202,10 +202,10 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     _draw_growth(axes[1, 0], rows)
     for look, program in zip(LOOKS, ("objects", "objects, DT", "numbers", "kernels"), strict=False):
         some = sorted(
-            where(rows, dof=6, method="BT", program=program), key=lambda row: int(row["branching_factor"])
+            where(rows, dof=6, method="BT", program=program), key=lambda row: row["branching_factor"]
         )
         sizes = column(some, "branching_factor")
-        axes[1, 1].plot(sizes, [int(row["bytes_held"]) / 2**20 for row in some], label=program, **look)
+        axes[1, 1].plot(sizes, [row["bytes_held"] / 2**20 for row in some], label=program, **look)
     axes[1, 1].axhline(4096, color="#777777", linewidth=1)
     axes[1, 1].text(9, 4500, "4 GB, the paper's laptop", color="#555555", va="bottom")
     axes[1, 1].set(
@@ -234,7 +234,7 @@ def _draw_ratios(axis: Any, rows: Sequence[Row]) -> None:
             if over:
                 name = f"{row['dof']} DOF {row['method']}"
                 places.append(ticks.setdefault(name, len(ticks)))
-                ratios.append(float(row["ms_per_point"]) / float(over[0]["ms_per_point"]))
+                ratios.append(row["ms_per_point"] / float(over[0]["ms_per_point"]))
         axis.plot(places, ratios, label=program, **{**look, "linestyle": "none"})
     axis.axhline(1, color="#000000", linewidth=1)
     axis.set(ylabel="time over that of node objects, tree ready", ylim=(0, 1.8), title="what an object costs")
@@ -249,16 +249,16 @@ def _draw_growth(axis: Any, rows: Sequence[Row]) -> None:
                 for row in where(rows, dof=6, method="BT", program=program)
                 if row["branching_factor"] != BRANCHING_FACTOR
             ),
-            key=lambda row: int(row["branching_factor"]),
+            key=lambda row: row["branching_factor"],
         )
         if some:
             first = float(some[0]["ms_per_point"])
-            values = [float(row["ms_per_point"]) / first for row in some]
+            values = [row["ms_per_point"] / first for row in some]
             axis.plot(column(some, "branching_factor"), values, label=f"time, {program}", **look)
     some = sorted(
-        where(rows, dof=6, method="BT", program="kernels, DT"), key=lambda row: int(row["branching_factor"])
+        where(rows, dof=6, method="BT", program="kernels, DT"), key=lambda row: row["branching_factor"]
     )
-    nodes = [int(row["nodes_expanded"]) for row in some]
+    nodes = [row["nodes_expanded"] for row in some]
     axis.plot(
         column(some, "branching_factor"),
         [n / nodes[0] for n in nodes],

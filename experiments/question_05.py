@@ -65,9 +65,9 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors of the two-link arm under one reading."""
-    reading, divisions = READINGS[str(case["reading"])], int(case["divisions"])
-    breadth = int(case["breadth"]) or divisions - divisions // 2 + 1
-    low, high = RANGES[str(case["range_deg"])]
+    reading, divisions = READINGS[case["reading"]], case["divisions"]
+    breadth = case["breadth"] or divisions - divisions // 2 + 1
+    low, high = RANGES[case["range_deg"]]
     arm = kinseek.Arm.from_dh([[0.5, 0, 0, 0], [0.25, 0, 0, 0]], [low, low], [high, high])
     points = effort.pick(1000 if divisions < 16 else 300 if divisions < 100 else 20, 10)
     goals = random_goals(arm, points, effort.seed)

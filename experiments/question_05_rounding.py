@@ -44,11 +44,11 @@ def least_reach(size: int, divisions: int, breadth: int) -> float:
 def measure(case: Row, effort: Effort) -> Row:
     """Errors, and how far the passes reach."""
     arm, divisions, breadth = (
-        kinseek.load(ARMS[int(case["dof"])]),
-        int(case["divisions"]),
-        int(case["breadth"]),
+        kinseek.load(ARMS[case["dof"]]),
+        case["divisions"],
+        case["breadth"],
     )
-    size, points = branching_factor(str(case["grid"]), divisions), effort.pick(1000, 10)
+    size, points = branching_factor(case["grid"], divisions), effort.pick(1000, 10)
     solver = kinseek.DivideAndConquer(size, divisions, breadth)
     solution = arm.ik(random_goals(arm, points, effort.seed), solver=solver)
     return {

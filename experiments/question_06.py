@@ -9,7 +9,7 @@ import numpy as np
 
 import kinseek
 
-from .arms import BRANCHING_FACTOR, error_columns, random_joints
+from .arms import BRANCHING_FACTOR, errors, random_joints
 from .effort import Effort, Row
 from .style import LOOKS, NAMES, canvas, lines, plain_ticks, save, where
 from .sweep import ARMS
@@ -37,18 +37,17 @@ def measure(case: Row, effort: Effort) -> Row:
     Those that bend the elbow the other way, and those whose true first joint lies in the middle third between
     two values of the first pass: a third, if that did not matter.
     """
-    arm = kinseek.load(str(case["arm"]))
+    arm = kinseek.load(case["arm"])
     points = effort.pick({2: 2000, 3: 1000, 4: 500}[arm.dof], 5)
     q = random_joints(arm, points, effort.seed)
-    goal = kinseek.Goal.pose(arm.fk(q), position_weight=float(case["position_weight"]))
-    solver = kinseek.DivideAndConquer(BRANCHING_FACTOR, int(case["divisions"]), int(case["breadth"]))
+    goal = kinseek.Goal.pose(arm.fk(q), position_weight=case["position_weight"])
+    solver = kinseek.DivideAndConquer(BRANCHING_FACTOR, case["divisions"], case["breadth"])
     solution = arm.ik(goal, solver=solver)
     bad = solution.position_error > 1e-3
-    between = np.abs(q[:, 0] * int(case["divisions"]) / (2 * np.pi) % 1 - 0.5) < 1 / 6
+    between = np.abs(q[:, 0] * case["divisions"] / (2 * np.pi) % 1 - 0.5) < 1 / 6
     mirrored = np.sin(solution.q[:, 1]) * np.sin(q[:, 1]) < 0
     return {
-        "points": points,
-        **error_columns(solution.position_error, solution.orientation_error),
+        **errors(solution),
         "above_1_mm": float(bad.mean()),
         "other_elbow": float(mirrored[bad].mean()) if bad.any() and arm.dof == 2 else 0.0,
         "first_joint_between": float(between[bad].mean()) if bad.any() else 0.0,
@@ -80,7 +79,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         title=f"Br = 4, K_P / K_A = {heavy:g} /m\n(3 and 4 DOF: D up to 5 alone)",
     )
     for look, breadth in zip(LOOKS, BREADTHS, strict=False):
-        weights = sorted({float(row["position_weight"]) for row in rows})
+        weights = sorted({row["position_weight"] for row in rows})
         heights = [spike(rows, 2, breadth, weight) for weight in weights]
         axes[0, 2].plot(weights, heights, label=f"Br = {breadth}", **look)
     axes[0, 2].axhline(1, color="#777777", linewidth=1)
@@ -101,5 +100,5 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 def spike(rows: Sequence[Row], dof: int, breadth: int, weight: float) -> float:
     """Mean error at D = 4 over the larger one of its neighbours."""
     some = where(rows, dof=dof, breadth=breadth, position_weight=weight)
-    errors = {int(row["divisions"]): float(row["position_mean_mm"]) for row in some}
-    return errors[4] / max(errors[3], errors[5])
+    errors = {row["divisions"]: row["position_mean_mm"] for row in some}
+    return float(errors[4] / max(errors[3], errors[5]))

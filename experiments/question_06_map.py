@@ -29,11 +29,11 @@ def cases(effort: Effort) -> list[Row]:
 def measure(case: Row, effort: Effort) -> Row:
     """Goals spread over one tile."""
     across, along = effort.pick((12, 36), (2, 4))
-    side, divisions = effort.pick(8, 2), int(case["divisions"])
+    side, divisions = effort.pick(8, 2), case["divisions"]
     inside = (np.arange(side) + 0.5) / side - 0.5
     first, second = np.meshgrid(inside / across, 360 * inside / along)
-    first = (float(case["first_of_cell"]) + first.ravel()) * 2 * np.pi / divisions
-    second = np.radians(float(case["second_deg"]) + second.ravel())
+    first = (case["first_of_cell"] + first.ravel()) * 2 * np.pi / divisions
+    second = np.radians(case["second_deg"] + second.ravel())
     q = np.stack([first, second], axis=1)
     done = walk(arm_with_lattice(0.0), q, divisions, BREADTH, WEIGHT)
     return {
@@ -47,7 +47,7 @@ def measure(case: Row, effort: Effort) -> Row:
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """One row of panels a D: the first pass, the reach, the lost and the settled."""
-    every = sorted({int(row["divisions"]) for row in rows})
+    every = sorted({row["divisions"] for row in rows})
     names = {
         "mirrored_first": "first pass mirrored",
         "out_of_reach": "answer out of reach",
@@ -57,10 +57,10 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     figure, axes = canvas(len(every), 4, (11, 1 + 3 * len(every)), sharex=True, sharey=True)
     for line, d in zip(axes, every, strict=True):
         some = where(rows, divisions=d)
-        across = sorted({float(row["first_of_cell"]) for row in some})
-        along = sorted({float(row["second_deg"]) for row in some})
+        across = sorted({row["first_of_cell"] for row in some})
+        along = sorted({row["second_deg"] for row in some})
         for axis, (name, label) in zip(line, names.items(), strict=True):
-            tiles = np.array([float(row[name]) for row in some]).reshape(len(across), len(along)).T
+            tiles = np.array([row[name] for row in some]).reshape(len(across), len(along)).T
             axis.grid(False)
             shown = axis.imshow(
                 tiles, origin="lower", aspect="auto", extent=(0, 1, 0, 360), cmap="Greys", vmin=0, vmax=1

@@ -50,13 +50,13 @@ def turned(arm: kinseek.Arm, low: float) -> kinseek.Arm:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors for the same goals under each reading."""
-    arm, breadth, divisions = kinseek.load(str(case["arm"])), int(case["breadth"]), int(case["divisions"])
+    arm, breadth, divisions = kinseek.load(case["arm"]), case["breadth"], case["divisions"]
     points = effort.pick({2: 600, 3: 400, 4: 60}[arm.dof], 5)
     goals = arm.fk(random_joints(arm, points, effort.seed))
     if case["reading"] == AS_BUILT:
         q = arm.ik(goals, solver=kinseek.DivideAndConquer(BRANCHING_FACTOR, divisions, breadth)).q
     else:
-        low, reading = READINGS[str(case["reading"])]
+        low, reading = READINGS[case["reading"]]
         q = search(turned(arm, low), goals, reading, BRANCHING_FACTOR, divisions, breadth)
     position, turn = errors_of(arm, q, goals)
     return {"points": points, **error_columns(position, np.sqrt(np.maximum(turn, 0)))}
@@ -70,7 +70,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         some = where(rows, dof=dof, breadth=breadth)
         lines(axis, some, "divisions", "position_mean_mm", "reading", (AS_BUILT, *READINGS))
         axis.set(yscale="log", xlabel="D", title=f"{NAMES[dof]}, Br = {breadth}")
-        axis.set_xticks(sorted({int(row["divisions"]) for row in where(rows, dof=dof)}))
+        axis.set_xticks(sorted({row["divisions"] for row in where(rows, dof=dof)}))
     axes[0, 0].set_ylabel("mean position error [mm]")
     finish(
         figure,

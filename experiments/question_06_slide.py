@@ -9,7 +9,7 @@ import numpy as np
 
 import kinseek
 
-from .arms import BRANCHING_FACTOR, error_columns, random_goals, random_joints, spacings
+from .arms import BRANCHING_FACTOR, errors, random_goals, random_joints, spacings
 from .effort import Effort, Row
 from .style import canvas, finish, lines
 
@@ -33,7 +33,7 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors of a batch; and did the first pass take the reach's nearest sample?"""
-    arm, points, divisions = kinseek.load(ARM), effort.pick(1000, 20), int(case["divisions"])
+    arm, points, divisions = kinseek.load(ARM), effort.pick(1000, 20), case["divisions"]
     goals, q = random_goals(arm, points, effort.seed), random_joints(arm, points, effort.seed)
     breadths = tuple(map(int, str(case["breadths"]).split()))
     solver = kinseek.DivideAndConquer(BRANCHING_FACTOR, divisions, breadths)
@@ -44,8 +44,7 @@ def measure(case: Row, effort: Effort) -> Row:
     wrong = off > 0.5 / divisions + 1 / BRANCHING_FACTOR
     lost = solution.position_error > LOST
     return {
-        "points": points,
-        **error_columns(solution.position_error, solution.orientation_error),
+        **errors(solution),
         "lost": float(lost.mean()),
         "wrong_cell": float(wrong.mean()),
         "wrong_cell_of_lost": float(wrong[lost].mean()) if lost.any() else 0.0,
@@ -63,13 +62,13 @@ def comes_up_to(divisions: int, breadth: int) -> float:
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Mean error and the share that is lost, against D."""
     figure, axes = canvas(1, 2, (10, 4.2))
-    some = [{**row, "percent": 100 * float(row["lost"])} for row in rows]
+    some = [{**row, "percent": 100 * row["lost"]} for row in rows]
     for axis, name in zip(axes[0], ("position_mean_mm", "percent"), strict=True):
         lines(axis, some, "divisions", name, "breadths", BREADTHS, BREADTHS)
     axes[0, 0].set(yscale="log", xlabel="D", ylabel="mean position error [mm]")
     axes[0, 1].set(xlabel="D", ylabel="more than 1 mm off [% of goals]")
     for axis in axes[0]:
-        axis.set_xticks(sorted({int(row["divisions"]) for row in rows}))
+        axis.set_xticks(sorted({row["divisions"] for row in rows}))
     finish(
         figure,
         axes[0, 0],

@@ -37,12 +37,12 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors; which first passes went to the mirrored elbow; and who was lost."""
-    divisions, breadth = int(case["divisions"]), int(case["breadth"])
+    divisions, breadth = case["divisions"], case["breadth"]
     points = effort.pick(4000, 20)
-    arm = arm_with_lattice(np.radians(float(case["lattice_deg"])))
+    arm = arm_with_lattice(np.radians(case["lattice_deg"]))
     # The same goals for every lattice.
     q = random_joints(arm_with_lattice(0.0), points, effort.seed)
-    done = walk(arm, q, divisions, breadth, float(case["position_weight"]))
+    done = walk(arm, q, divisions, breadth, case["position_weight"])
     return {
         "points": points,
         "travel_deg": float(np.degrees(travel(divisions, breadth))),
@@ -62,8 +62,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Errors against the travel, the fate of goals with a mirrored first pass, and turned lattices."""
     figure, axes = canvas(1, 3, (13, 4.4))
     plain = where(rows, position_weight=WEIGHT, lattice_deg=0)
-    divisions = sorted({int(row["divisions"]) for row in plain})
-    some = sorted(plain, key=lambda row: float(row["travel_deg"]))
+    divisions = sorted({row["divisions"] for row in plain})
+    some = sorted(plain, key=lambda row: row["travel_deg"])
     lines(axes[0, 0], some, "travel_deg", "position_mean_mm", "divisions", divisions, "D = {}")
     axes[0, 0].axvline(180, color="#777777", linewidth=1)
     axes[0, 0].set(
@@ -83,13 +83,13 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         "settled": "settled: place right, turn wrong",
     }
     for look, (name, label) in zip(LOOKS, names.items(), strict=False):
-        values = [100 * float(row[name]) for row in four]
+        values = [100 * row[name] for row in four]
         axes[0, 1].plot(column(four, "divisions"), values, label=label, **look)
     axes[0, 1].set(
         xlabel="D", ylabel="share of goals [%]", title="Br = 4: who is lost, who settles", ylim=(0, 50)
     )
     some = where(rows, position_weight=WEIGHT, breadth=4)
-    some = sorted(some, key=lambda row: float(row["lattice_deg"]))
+    some = sorted(some, key=lambda row: row["lattice_deg"])
     lines(axes[0, 2], some, "lattice_deg", "position_mean_mm", "divisions", (3, 4, 5, 6), "D = {}")
     axes[0, 2].set(
         yscale="log",

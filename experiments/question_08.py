@@ -8,7 +8,7 @@ from pathlib import Path
 import kinseek
 
 from . import tables
-from .arms import ARMS, BRANCHING_FACTOR, BY_HAND, DIVISIONS, error_columns, random_goals
+from .arms import ARMS, BRANCHING_FACTOR, BY_HAND, DIVISIONS, errors, random_goals
 from .effort import Effort, Row
 from .style import NAMES, canvas, finish, lines, where
 
@@ -45,16 +45,15 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors of a batch."""
-    arm = kinseek.load(str(case["arm"]))
-    points, method = effort.pick(1000, 3), str(case["method"])
+    arm = kinseek.load(case["arm"])
+    points, method = effort.pick(1000, 3), case["method"]
     goals = random_goals(arm, points, effort.seed)
     breadths = TUNED if method == TUNED else BREADTHS[method][arm.dof]
     solver = kinseek.DivideAndConquer(BRANCHING_FACTOR, DIVISIONS, breadths)
-    goal = kinseek.Goal.pose(goals, position_weight=float(case["position_weight"]))
+    goal = kinseek.Goal.pose(goals, position_weight=case["position_weight"])
     solution = arm.ik(goal, solver=solver)
     return {
-        "points": points,
-        **error_columns(solution.position_error, solution.orientation_error),
+        **errors(solution),
         "nodes_expanded": int(solution.nodes_expanded.max()),
         "evaluations_mean": float(solution.evaluations.mean()),
     }
@@ -62,20 +61,20 @@ def measure(case: Row, effort: Effort) -> Row:
 
 def table(rows: Sequence[Row]) -> str:
     """Breadths on six joints at K_P = K_A, from few evaluations to many, in Markdown."""
-    some = sorted(where(rows, dof=6, position_weight=1.0), key=lambda row: float(row["evaluations_mean"]))
-    leaves = {str(row["method"]): float(row["evaluations_mean"]) - DIVISIONS**6 for row in some}
+    some = sorted(where(rows, dof=6, position_weight=1.0), key=lambda row: row["evaluations_mean"])
+    leaves = {row["method"]: row["evaluations_mean"] - DIVISIONS**6 for row in some}
     cells = []
     for row in some:
-        own, error = leaves[str(row["method"])], 1.96 * float(row["position_standard_error_mm"])
+        own, error = leaves[row["method"]], 1.96 * row["position_standard_error_mm"]
         cells.append(
             (
                 row["method"],
                 row["breadths"],
-                f"{float(row['evaluations_mean']):,.0f}",
+                f"{row['evaluations_mean']:,.0f}",
                 f"{own / leaves['CB(1)']:.3g}",
                 f"{leaves['CB(3)'] / own:.3g}",
-                f"{float(row['position_mean_mm']):.3g} ± {error:.2g}",
-                f"{float(row['orientation_mean_mrad']):.3g}",
+                f"{row['position_mean_mm']:.3g} ± {error:.2g}",
+                f"{row['orientation_mean_mrad']:.3g}",
             )
         )
     later = "leaves of later passes, relative to CB(1)", "those of CB(3), relative to this row"

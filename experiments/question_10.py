@@ -45,9 +45,9 @@ def measure(case: Row, effort: Effort) -> Row:
     With D = 3 a joint is first tried at 0°, 120° and 240°. What lies between 300° and 360° is nearest to 0°,
     and from there it can be reached only downwards, across the end of the range.
     """
-    arm = kinseek.load(str(case["arm"]))
-    reading: Reading = replace(READINGS[str(case["reading"])])
-    breadth = int(case["breadth"])
+    arm = kinseek.load(case["arm"])
+    reading: Reading = replace(READINGS[case["reading"]])
+    breadth = case["breadth"]
     points = effort.pick({2: 2000, 3: 1000, 4: 300, 6: 300 // breadth**2}[arm.dof], 5)
     joints = random_joints(arm, points, effort.seed)
     goals = arm.fk(joints)
@@ -70,7 +70,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Mean error against DOF for each breadth, one panel a reading."""
     figure, axes = canvas(1, 4, (13, 5.2), sharey=True)
     for axis, reading in zip(axes[0], SHOWN, strict=False):
-        some = [{**row, "place": list(ARMS).index(int(row["dof"]))} for row in where(rows, reading=reading)]
+        some = [{**row, "place": list(ARMS).index(row["dof"])} for row in where(rows, reading=reading)]
         lines(axis, some, "place", "position_mean_mm", "breadth", (1, 2, 3), "CB({})")
         axis.set(yscale="log", title=reading, xlabel="degrees of freedom")
         axis.set_xticks(range(len(ARMS)), list(map(str, ARMS)))

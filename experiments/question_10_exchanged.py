@@ -32,11 +32,11 @@ def cases(effort: Effort) -> list[Row]:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors of a batch."""
-    rows = [[length, 0, 0, 0] for length in LENGTHS[str(case["lengths"])]]
+    rows = [[length, 0, 0, 0] for length in LENGTHS[case["lengths"]]]
     arm = kinseek.Arm.from_dh(rows, [0.0, 0.0], [2 * np.pi, 2 * np.pi])
-    points, divisions, breadth = effort.pick(1000, 10), int(case["divisions"]), int(case["breadth"])
+    points, divisions, breadth = effort.pick(1000, 10), case["divisions"], case["breadth"]
     goals = random_goals(arm, points, effort.seed)
-    goal = kinseek.Goal.pose(goals, position_weight=float(case["position_weight"]))
+    goal = kinseek.Goal.pose(goals, position_weight=case["position_weight"])
     solution = arm.ik(goal, solver=kinseek.DivideAndConquer(BRANCHING_FACTOR, divisions, breadth))
     return {
         "points": points,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import kinseek
 
-from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, error_columns, random_goals, timed
+from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, errors, random_goals, timed
 from .effort import Effort, Row
 from .style import NAMES, canvas, finish, lines, where
 
@@ -39,16 +39,15 @@ def solver_of(search: str, breadth: int) -> kinseek.DivideAndConquer:
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors and work of a batch, the same goals for all searches of an arm; and how the arm is split."""
-    arm, points = kinseek.load(str(case["arm"])), effort.pick(500, 3)
+    arm, points = kinseek.load(case["arm"]), effort.pick(500, 3)
     goals = random_goals(arm, points, effort.seed)
-    solution, seconds = timed(arm, goals, solver_of(str(case["search"]), int(case["breadth"])))
+    solution, seconds = timed(arm, goals, solver_of(case["search"], case["breadth"]))
     split = kinseek.SeparateChains().split(kinseek.Problem(arm.chain, kinseek.Goal.pose(goals)))
     return {
         "dof": arm.dof,
         "first": len(split.first),
         "second": len(split.second),
-        "points": points,
-        **error_columns(solution.position_error, solution.orientation_error),
+        **errors(solution),
         "evaluations_mean": float(solution.evaluations.mean()),
         "split_evaluations": split.evaluations,
         "ms_per_point": 1e3 * seconds / points,
@@ -64,7 +63,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         for axis, name in zip(axes[:, place], ("position_mean_mm", "orientation_mean_mrad"), strict=True):
             lines(axis, where(rows, arm=arm), "evaluations_mean", name, "search", SEARCHES)
             for row in where(rows, arm=arm, search="whole arm"):
-                at = (float(row["evaluations_mean"]), float(row[name]))
+                at = (row["evaluations_mean"], row[name])
                 axis.annotate(f" {row['breadth']}", at, va="bottom")
             axis.set(xscale="log", yscale="log")
             axis.margins(x=0.15, y=0.1)

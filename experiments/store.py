@@ -16,7 +16,7 @@ from typing import Any
 
 from benchmarks.targets import processor
 
-from .effort import Effort, Row, Value
+from .effort import Effort, Row
 
 PACKAGES = ("kinseek", "numpy", "numba", "scipy", "matplotlib")
 
@@ -63,29 +63,23 @@ class Store:
 
     def begin(self, effort: Effort) -> list[Row]:
         """Open a run; return the whole rows that an interrupted one with the same arguments left behind."""
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            rows: list[Row] = []
-            if self.partial.exists() and _arguments(self.partial_manifest) == asdict(effort):
-                rows = read_rows(self.partial, torn=True)
-            self._rewrite(rows)
-            self.partial_manifest.write_text(json.dumps({"arguments": asdict(effort)}))
-        except OSError as error:
-            raise unwritable(self.folder, error) from error
+        self.folder.mkdir(parents=True, exist_ok=True)
+        rows: list[Row] = []
+        if self.partial.exists() and _arguments(self.partial_manifest) == asdict(effort):
+            rows = read_rows(self.partial, torn=True)
+        self._rewrite(rows)
+        self.partial_manifest.write_text(json.dumps({"arguments": asdict(effort)}))
         return rows
 
     def append(self, row: Row) -> None:
         """Write one row so that it survives whatever comes next; the first one brings the names of the columns."""
-        try:
-            with self.partial.open("a+", newline="") as file:
-                writer = csv.writer(file, lineterminator="\n")
-                if not file.tell():
-                    writer.writerow(row)
-                writer.writerow(map(_short, row.values()))
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise unwritable(self.folder, error) from error
+        with self.partial.open("a+", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            if not file.tell():
+                writer.writerow(row)
+            writer.writerow(map(_short, row.values()))
+            file.flush()
+            os.fsync(file.fileno())
 
     def finish(self, effort: Effort, cases: Sequence[Row], seconds: float) -> None:
         """Put the rows in the order of the cases and give them their final name, all at once."""
@@ -185,13 +179,6 @@ def commit() -> str:
         return "unknown"
 
 
-def unwritable(folder: Path, error: OSError) -> ExperimentError:
-    """The error for a folder that cannot be written."""
-    return ExperimentError(
-        f"cannot write to {folder}: {error.strerror or error}. Choose another folder with --out"
-    )
-
-
 def _arguments(manifest: Path) -> Any:
     try:
         return json.loads(manifest.read_text())["arguments"]
@@ -199,12 +186,12 @@ def _arguments(manifest: Path) -> Any:
         return None
 
 
-def _short(value: Value) -> Value:
+def _short(value: Any) -> Any:
     """Six significant digits: more would only show the noise of a clock."""
     return float(f"{value:.6g}") if isinstance(value, float) else value
 
 
-def _value(field: str) -> Value:
+def _value(field: str) -> Any:
     for kind in (int, float):
         try:
             return kind(field)

@@ -104,7 +104,7 @@ def plain_ticks(axis: Any, values: Sequence[float]) -> None:
 def mean_bars(axis: Any, places: Sequence[float], rows: Sequence[Row], look: dict[str, Any]) -> None:
     """The 95 % confidence interval of every mean, as a thin bar: 1.96 standard errors to either side."""
     for place, row in zip(places, rows, strict=True):
-        mean, spread = float(row["position_mean_mm"]), 1.96 * float(row["position_standard_error_mm"])
+        mean, spread = row["position_mean_mm"], 1.96 * row["position_standard_error_mm"]
         # On a logarithmic axis an interval that contains zero runs to the lower edge.
         low = max(mean - spread, 1e-6)
         axis.plot([place, place], [low, mean + spread], color=look["color"], linewidth=1, alpha=0.7, zorder=1)

@@ -30,7 +30,7 @@ def cases(effort: Effort) -> list[Row]:
 
 def solver(case: Row) -> kinseek.DivideAndConquer:
     """Divide and conquer with constant breadth."""
-    return kinseek.DivideAndConquer(BRANCHING_FACTOR, int(case["divisions"]), int(case["breadth"]), "dynamic")
+    return kinseek.DivideAndConquer(BRANCHING_FACTOR, case["divisions"], case["breadth"], "dynamic")
 
 
 def draw(rows: Sequence[Row], path: Path, quantities: dict[str, str], title: str) -> None:

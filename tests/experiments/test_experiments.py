@@ -19,7 +19,6 @@ from experiments.store import Store, read_rows
 pytestmark = pytest.mark.slow
 
 pytest.importorskip("matplotlib")
-pytest.importorskip("rich")
 
 QUICK = Effort(quick=True)
 ROOT = Path(command.__file__).parent
@@ -211,7 +210,7 @@ def test_the_committed_tables_are_what_the_committed_rows_give() -> None:
 
 def test_every_claim_has_one_of_the_four_verdicts() -> None:
     table = claims.claims_table(judges.Results(ROOT / "results")).splitlines()[2:]
-    assert len(table) == len(claims.CLAIMS) == 23
+    assert len(table) == len(judges.CLAIMS) == 23
     verdicts = ("**holds**", "**holds in part**", "**does not hold**", "**cannot be known**")
     assert all(any(f"| {verdict} |" in line for verdict in verdicts) for line in table)
 

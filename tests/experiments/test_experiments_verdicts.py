@@ -12,14 +12,13 @@ import pytest
 
 import kinseek
 from experiments import __main__ as command
-from experiments import claim_19, claims, fraction, judges, mirror, objects, plain, twists
+from experiments import claim_19, fraction, judges, mirror, objects, plain, twists
 from experiments.arms import ARMS, BY_HAND, random_goals
 from experiments.effort import Row
 from experiments.judges import FAILS, HOLDS, IN_PART, Results
 from experiments.store import read_rows
 
 pytest.importorskip("matplotlib")
-pytest.importorskip("rich")
 
 RESULTS = Path(command.__file__).parent / "results"
 Change = Callable[[Row], dict[str, Any]]
@@ -146,14 +145,14 @@ TURNS: list[tuple[int, dict[str, Change], str]] = [
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "changes", "expected"), TURNS)
 def test_changed_rows_turn_the_verdict(number: int, changes: dict[str, Change], expected: str) -> None:
-    judge = next(claim.judge for claim in claims.CLAIMS if claim.number == number)
+    judge = next(claim.judge for claim in judges.CLAIMS if claim.number == number)
     assert judge(Results(RESULTS))[1] != expected, "the rows as they are say so already"
     assert judge(changed(changes))[1] == expected
 
 
 def test_every_claim_says_what_would_turn_it_and_has_a_test_that_does() -> None:
-    assert {number for number, _, _ in TURNS} == {claim.number for claim in claims.CLAIMS}
-    assert all(claim.reversal for claim in claims.CLAIMS)
+    assert {number for number, _, _ in TURNS} == {claim.number for claim in judges.CLAIMS}
+    assert all(claim.reversal for claim in judges.CLAIMS)
 
 
 def test_slow_solvers_below_a_millimetre_are_no_reason_for_claim_14_to_hold() -> None:
@@ -295,7 +294,7 @@ def test_the_page_tells_each_claim_where_its_verdict_belongs() -> None:
         for numbers in re.findall(r"claims? (\d+(?:(?:, | and )\d+)*)", section):
             told += [(int(number), verdict) for number in re.findall(r"\d+", numbers)]
     results = Results(RESULTS)
-    assert sorted(told) == [(claim.number, claim.judge(results)[1]) for claim in claims.CLAIMS]
+    assert sorted(told) == [(claim.number, claim.judge(results)[1]) for claim in judges.CLAIMS]
     text = (RESULTS.parents[1] / "docs" / "paper_questions.md").read_text()
     assert re.findall(r"^## Question (\d+):", text, re.MULTILINE) == ["5", "6", "8", "10"]
 
