@@ -13,11 +13,10 @@ from benchmarks.page import Page, Row
 from benchmarks.workers.process import HANG
 
 from .judge import ARMS
-from .pieces import DONE
 from .questions import SLICES
 from .tables import HOST, NONE, Shown, best_settings, collect, marked, number, ratio, share, summed
 from .tables import write as write_tables
-from .tasks import Field
+from .tasks import DONE, Field
 from .wins import BEYOND, wins
 
 PAGE, SPEED = HERE / "field.md", HERE / "speed.md"

@@ -5,7 +5,7 @@
     RECOMMENDED = {"tolerance": 1e-4}       # what its manual says; say in the docstring where
     SWEEP = ({"tolerance": 1e-6},)          # other settings, of which the best is shown too
 
-    def load(arm: Arm, settings: dict[str, Any]) -> Solver: ...
+    def load(arm: Arm, settings: dict[str, Any]) -> Solver: ...     # or load = a class that is made so
 
 What it needs to be installed stands beside it in a file of requirements of the same name, with pinned versions. The library
 itself is imported within `load`, for the name and the settings are read where it is not installed. What has to be compiled
@@ -103,7 +103,8 @@ class Restarting:
     """What most adapters share: they descend from a start, and then from random ones until they succeed."""
 
     def __init__(self, arm: Arm, starts: int) -> None:
-        """Of an arm; `starts` counts all of them."""
+        """Of an arm without joints that follow others; `starts` counts all of them."""
+        without_followers(arm)
         self.arm, self._starts, self._rng = arm, starts, np.random.default_rng(0)
 
     def solve(self, T: Any, start: Any) -> Answer:

@@ -16,19 +16,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from benchmarks.workers.environments import environment
 from benchmarks.workers.process import HANG, Gone, Raised, Worker
 
-from . import pieces
 from .adapters import adapter, path_of
 from .judge import Judge
-from .pieces import Piece
 from .protocol import Adapter
 from .questions import SWEEP, Question, fits
 from .sweep import chosen, noise, swept
 from .tables import HOST
-from .tasks import Field, Task, settings_of, task
+from .tasks import DONE, Field, Task, save, settings_of, task
 
 PATIENCE, LOADING = 10.0, 240.0
 """After how long [s] beyond its time a question hangs; and what importing a solver and reading an arm may take more."""
@@ -191,19 +190,15 @@ class Turn:
         each = (times[(part == number) & ~np.isnan(times)] for number in range(len(self._slices)))
         return [float(np.median(some)) if len(some) else np.nan for some in each]
 
-    def piece(self, question: Question, count: int, host: list[float]) -> Piece:
+    def piece(self, question: Question, count: int, host: list[float]) -> pd.DataFrame:
         """What came of it, and the times of kinseek for the same slices; if it ended early, the reason alone."""
-        columns = {name: [] if self._ended else column for name, column in self._columns.items()}
-        q = np.array(columns["q"] or np.zeros((0, 0)), dtype=float)
+        made = pd.DataFrame(self._columns)[: 0 if self._ended else None]
         short = question.timed and self._asked < count
         late = f"{self._asked} of {count} in {self.task.seconds:g} s"
-        return Piece(
-            self._ended or (late if short else pieces.DONE),
-            *(q, np.array(columns["target"], dtype=int), np.array(columns["claimed"], dtype=int)),
-            *(np.array(columns["times"], dtype=float), np.array(columns["part"], dtype=int)),
-            self._facts | {"version": self.solver.version, "host": host},
-            self.task.digest,
-        )
+        facts = self._facts | {"version": self.solver.version, "host": host}
+        state = self._ended or (late if short else DONE)
+        made.attrs = {"state": state, "facts": facts, "digest": self.task.digest}
+        return made
 
 
 def take_turns(field: Field, judge: Judge, question: Question, tasks: Sequence[tuple[Solver, Task]]) -> None:
@@ -228,7 +223,7 @@ def take_turns(field: Field, judge: Judge, question: Question, tasks: Sequence[t
     hosts = [turn for turn in turns if turn.solver.adapter.stem == HOST]
     host = hosts[0].medians() if hosts else [np.nan] * len(slices)
     for turn in turns[len(again) :]:
-        pieces.save(turn.task.piece, turn.piece(question, count, host))
+        save(turn.task.piece, turn.piece(question, count, host))
 
 
 def measure(field: Field, solvers: Sequence[Solver]) -> dict[str, str]:

@@ -7,11 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import pieces
 from .judge import STRICT, good
 from .questions import SWEEP
 from .tables import interval
-from .tasks import Field, task
+from .tasks import Field, load, task
 
 LEAST = 0.4
 """Part of the time that is spent however sure the share is: times vary, too."""
@@ -33,14 +32,14 @@ def swept(field: Field, adapter: Path, settings: dict[str, dict[str, Any]]) -> d
         solved, asked, times = 0, 0, []
         for judge in field.judges[: field.size.swept]:
             one = task(field, adapter, judge, SWEEP, label, each)
-            piece = pieces.load(one.piece)
-            if piece is None or not len(piece.target):
+            piece = load(one.piece)
+            if piece is None or piece.empty:
                 continue
             with np.load(field.asked(judge, SWEEP)) as targets:
-                verdict = judge.judge(piece.q, targets["poses"][piece.target])
+                verdict = judge.judge(np.stack(piece["q"]), targets["poses"][piece["target"]])
             solved += int(good(verdict, STRICT, STRICT).sum())
-            times.append(piece.times)
-            asked += len(piece.target)
+            times.append(piece["times"])
+            asked += len(piece)
         if asked:
             found[label] = Swept(solved, asked, float(np.concatenate(times).mean()))
     return found

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from . import pieces
 from .judge import LOOSE, LOOSE_TURN, SLACK, STRICT, Verdict
 from .questions import QUESTIONS
-from .tasks import Field
+from .tasks import Field, load
 
 ANSWERS, PIECES = "answers.parquet", "pieces.parquet"
 
@@ -35,28 +34,28 @@ def collect(field: Field) -> tuple[pd.DataFrame, pd.DataFrame]:
     answers, known = [], []
     judges = {judge.arm.name: judge for judge in field.judges}
     wanted = {question.name: question for question in field.questions}
-    for path in sorted((field.folder / "pieces").glob("*/*/*/*.npz")):
+    for path in sorted((field.folder / "pieces").glob("*/*/*/*.parquet")):
         place = dict(zip(BY, (*path.parts[-4:-1], path.stem), strict=True))
         arm, question = place["arm"], place["question"]
-        piece = pieces.load(path)
+        piece = load(path)
         if piece is None or arm not in judges or question not in wanted:
             continue
         with np.load(field.asked(judges[arm], wanted[question])) as asked:
             poses, origins, starts = asked["poses"], asked["origins"], asked["starts"]
-        facts = {name: fact for name, fact in piece.facts.items() if name != "host"}
-        known.append(place | {"state": piece.state, "asked": len(poses)} | facts)
-        if len(piece.target):
-            verdict = judges[arm].judge(piece.q, poses[piece.target])
-            rows = pd.DataFrame(verdict._asdict())
-            rows.insert(0, "target", piece.target)
-            rows["microseconds"] = piece.times
-            rows["part"] = piece.part
-            rows["relative"] = piece.times / np.array(piece.facts["host"])[piece.part]
-            rows["claimed"] = pd.Series(piece.claimed).map({1: True, 0: False, -1: None}).astype("boolean")
-            rows["q"] = list(piece.q)
+        facts = dict(piece.attrs["facts"])
+        host = np.array(facts.pop("host"), dtype=float)
+        known.append(place | {"state": piece.attrs["state"], "asked": len(poses)} | facts)
+        if len(piece):
+            q, target = np.stack(piece["q"]), piece["target"].to_numpy()
+            rows = piece.rename(columns={"times": "microseconds"}).assign(
+                **judges[arm].judge(q, poses[target])._asdict(),
+                relative=piece["times"] / host[piece["part"]],
+                claimed=piece["claimed"].map({1: True, 0: False, -1: None}).astype("boolean"),
+            )
             if len(starts):
-                rows["moved"] = np.abs(piece.q - starts[piece.target]).max(axis=1)
-                rows["needed"] = np.abs(origins - starts)[piece.target].max(axis=1)
+                rows["moved"] = np.abs(q - starts[target]).max(axis=1)
+                rows["needed"] = np.abs(origins - starts)[target].max(axis=1)
+            rows.attrs = {}
             answers.append(rows.assign(**place))
     columns = [*BY, "target", "part", "microseconds", "relative", "claimed", *Verdict._fields, "q"]
     every = pd.concat(answers, ignore_index=True) if answers else pd.DataFrame(columns=columns)

@@ -1,4 +1,10 @@
-"""Tasks: a solver with one set of settings gets one question on one arm. Each has a file for what comes of it."""
+"""Tasks: a solver with one set of settings gets one question on one arm. What comes of it is a piece, a file each.
+
+A piece is a table with a row for each result: joint values `q`, (n,), NaN where there is none; the number of the `target`
+that it answers; `claimed`, 1 if the solver calls it a success, 0 if not, -1 if it says nothing; `times` [µs], NaN but for
+the first result of a target; and the `part`, the slice of the target. Its `attrs` are the `state`, which is `DONE` or says
+why there is less; `facts` that are no results; and the `digest` of all that it was measured with.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +16,32 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from benchmarks.workers.environments import digest, required
 
-from . import pieces
 from .judge import Judge
 from .protocol import Adapter
 from .questions import SIZES, SLICES, Question, Size
 
 FORMAT = "2"
 """Another number, and other targets are drawn and everything is measured again."""
+
+
+DONE = "done"
+"""The state of a piece of which every target was asked."""
+
+
+def save(path: Path, piece: pd.DataFrame) -> None:
+    """Write a piece, whole or not at all, so that a run that was stopped goes on from there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    piece.to_parquet(path.with_suffix(".unfinished"))
+    os.replace(path.with_suffix(".unfinished"), path)
+
+
+def load(path: Path) -> pd.DataFrame | None:
+    """Read a piece; None where there is none."""
+    return pd.read_parquet(path) if path.is_file() else None
 
 
 @dataclass(frozen=True)
@@ -37,8 +59,8 @@ class Task:
     @property
     def done(self) -> bool:
         """Whether there is a piece, measured with the same adapter, requirements, settings and targets."""
-        found = pieces.load(self.piece)
-        return found is not None and found.digest == self.digest
+        found = load(self.piece)
+        return found is not None and found.attrs["digest"] == self.digest
 
 
 @dataclass(frozen=True)
@@ -86,5 +108,5 @@ def task(
         *(FORMAT, adapter.read_bytes(), required(adapter), asked.read_bytes()),
         *(json.dumps(settings, sort_keys=True), f"{question.way} {SLICES} {seconds:g}"),
     )
-    path = field.folder / "pieces" / adapter.stem / label / judge.arm.name / f"{question.name}.npz"
+    path = field.folder / "pieces" / adapter.stem / label / judge.arm.name / f"{question.name}.parquet"
     return Task(path, label, settings, seconds, known)

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 
 import kinseek
-from benchmarks.field import pieces, run, sweep, tasks
+from benchmarks.field import run, sweep, tasks
 from benchmarks.field.adapters import SOLVERS, adapter, path_of
 from benchmarks.field.judge import ARMS, bundled, good
 from benchmarks.field.page import every_question, speed, summary
@@ -192,7 +192,7 @@ def test_a_solver_is_swept_measured_judged_and_not_asked_again(tmp_path: Path) -
     asked = (tmp_path / "log.txt").read_text(encoding="utf-8")
     assert measured(field, path) == "sweep 1"
     assert (tmp_path / "log.txt").read_text(encoding="utf-8") == asked, "asked again what was known"
-    (field.folder / "pieces/plane/sweep 1/planar2/random.npz").unlink()
+    (field.folder / "pieces/plane/sweep 1/planar2/random.parquet").unlink()
     measured(field, path)
     again = (tmp_path / "log.txt").read_text(encoding="utf-8")
     assert 0 < len(again) - len(asked) <= len("plane\n") * 2 * 40, "more than the piece that was missing"
@@ -216,10 +216,10 @@ def test_a_crash_and_a_hang_are_answers_and_the_rest_is_asked(
     measured(field, path)
     found = states(field)
     assert found["recommended unreachable"].startswith("hangs: nothing for ")
-    assert found["sweep 1 unreachable"] == pieces.DONE
+    assert found["sweep 1 unreachable"] == tasks.DONE
     assert found["sweep 1 start"] == "crashes: SIGSEGV"
     assert found["recommended start"] == "not asked: another question hangs on this arm"
-    assert found["sweep 1 limits"] == found["sweep 1 random"] == found["recommended random"] == pieces.DONE
+    assert found["sweep 1 limits"] == found["sweep 1 random"] == found["recommended random"] == tasks.DONE
 
 
 @pytest.mark.slow
@@ -236,7 +236,7 @@ def test_an_arm_on_which_a_solver_hangs_is_left_alone(
         assert found[f"recommended {question}"] == "not asked: another question hangs on this arm", (
             "the sweep"
         )
-        assert found[f"sweep 1 {question}"] == pieces.DONE
+        assert found[f"sweep 1 {question}"] == tasks.DONE
 
 
 def test_who_hangs_on_many_arms_is_asked_no_more(tmp_path: Path) -> None:
@@ -260,7 +260,7 @@ def test_an_arm_at_which_reading_ends_is_not_read_again(tmp_path: Path) -> None:
     assert measured(field, path) == "sweep 1"
     found = states(field)
     assert found["recommended random"] == found["recommended singular"] == "crashes: SIGSEGV"
-    assert found["sweep 1 random"] == found["sweep 1 singular"] == pieces.DONE
+    assert found["sweep 1 random"] == found["sweep 1 singular"] == tasks.DONE
     loads = log.read_text(encoding="utf-8").count("load")
     assert loads <= 2 * 3, "once a process for either settings, and again for those that a crash took away"
 
@@ -293,7 +293,9 @@ def test_what_changed_is_measured_anew(tmp_path: Path) -> None:
     path, field = a_solver(tmp_path), a_field(tmp_path, "random")
     question, judge = field.questions[0], field.judges[0]
     one = tasks.task(field, path, judge, question, "recommended", {"off": 0.5})
-    pieces.save(one.piece, pieces.Piece(pieces.DONE, digest=one.digest))
+    piece = pd.DataFrame()
+    piece.attrs = {"state": tasks.DONE, "facts": {"host": []}, "digest": one.digest}
+    tasks.save(one.piece, piece)
     assert one.done
     answers, known = collect(field)
     text = every_question(Shown.of(field, marked(answers), known)).text

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.field.protocol import Answer, Arm, Array, Refused, Restarting, without_followers
+from benchmarks.field.protocol import Answer, Arm, Array, Refused, Restarting
 
 NAME = "Drake"
 PACKAGE = "drake"
@@ -73,7 +73,4 @@ def plant_of(arm: Arm) -> tuple[Any, Any, Any, list[int]]:
     return plant, base, tip, [plant.GetJointByName(name).position_start() for name in arm.joints]
 
 
-def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
-    """The file itself."""
-    without_followers(arm)
-    return _Solver(arm, settings)
+load = _Solver

@@ -28,6 +28,7 @@ class _Solver:
     def __init__(self, arm: Arm, settings: dict[str, Any]) -> None:
         from ikpy.chain import Chain
 
+        without_followers(arm)
         warnings.simplefilter("ignore")
         links = Chain.from_urdf_file(arm.urdf, base_elements=[arm.base], symbolic=False).links
         active = [link.name in arm.joints for link in links]
@@ -67,7 +68,4 @@ class _Solver:
         return Answer(best, None)
 
 
-def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
-    """The chain from base to tip, of the file."""
-    without_followers(arm)
-    return _Solver(arm, settings)
+load = _Solver

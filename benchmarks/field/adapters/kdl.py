@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.field.protocol import Answer, Arm, Array, Refused, Restarting, without_followers
+from benchmarks.field.protocol import Answer, Arm, Array, Refused, Restarting
 
 NAME = "KDL"
 PACKAGE = "tesseract-robotics"
@@ -72,7 +72,4 @@ def environment_of(arm: Arm, solver: str, told: dict[str, Any]) -> Any:
     return environment
 
 
-def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
-    """The file itself."""
-    without_followers(arm)
-    return _Solver(arm, settings)
+load = _Solver

@@ -37,6 +37,4 @@ class _Solver:
         return solution.q, [bool(each) for each in solution.success]
 
 
-def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
-    """The bundled arms are the files themselves."""
-    return _Solver(arm, settings)
+load = _Solver

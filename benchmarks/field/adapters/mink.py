@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.field.protocol import Arm, Array, Refused, Stepping, without_followers
+from benchmarks.field.protocol import Arm, Array, Refused, Stepping
 
 NAME = "mink"
 PACKAGE = "mink"
@@ -102,7 +102,6 @@ class Mink:
 
 def load(arm: Arm, settings: dict[str, Any]) -> Stepping:
     """The file itself, with some mass to every link; a joint that follows another is a constraint that steps do not keep."""
-    without_followers(arm)
     gain = None if settings["speed"] else 1.0
     method = Mink(arm, settings["dt"], settings["lm_damping"], settings["speed"], gain=gain)
     return Stepping(arm, method, settings)

@@ -19,12 +19,14 @@ SWEEP: tuple[dict[str, Any], ...] = tuple(
 
 
 class _Solver:
-    def __init__(self, module: Any, arm: Arm, settings: dict[str, Any]) -> None:
-        self._robot = module.Robot.from_urdf_file(arm.urdf, arm.base, arm.tip)
+    def __init__(self, arm: Arm, settings: dict[str, Any]) -> None:
+        import optik
+
+        self._robot = optik.Robot.from_urdf_file(arm.urdf, arm.base, arm.tip)
         self._robot.set_parallelism(1)
         if self._robot.num_positions() != len(arm.joints):
             raise Refused(f"reads {self._robot.num_positions()} joints of {len(arm.joints)}")
-        self._config = module.SolverConfig(**settings)
+        self._config = optik.SolverConfig(**settings)
         self._middle = arm.middle
 
     def solve(self, T: Any, start: Any) -> Answer:
@@ -32,8 +34,4 @@ class _Solver:
         return Answer(None, False) if found is None else Answer(found[0], True)
 
 
-def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
-    """The file itself."""
-    import optik
-
-    return _Solver(optik, arm, settings)
+load = _Solver

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.field.adapters.pinocchio import configuration, values_of
-from benchmarks.field.protocol import Arm, Array, Stepping, without_followers
+from benchmarks.field.protocol import Arm, Array, Stepping
 
 NAME = "Pink"
 PACKAGE = "pin-pink"
@@ -123,6 +123,5 @@ class Pink:
 
 def load(arm: Arm, settings: dict[str, Any]) -> Stepping:
     """The file itself."""
-    without_followers(arm)
     more = {name: settings[name] for name in ("posture", "velocity")}
     return Stepping(arm, Pink(arm, settings["dt"], settings["lm_damping"], **more), settings)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.field.protocol import Arm, Array, Stepping, without_followers
+from benchmarks.field.protocol import Arm, Array, Stepping
 
 NAME = "pinocchio loop"
 PACKAGE = "pin"
@@ -117,6 +117,5 @@ class _Solver(Stepping):
 
 def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
     """The model of the file."""
-    without_followers(arm)
     method = Loop(arm, settings["damping"], settings["part"], clamp=settings["clamp"])
     return _Solver(arm, method, settings)

@@ -27,6 +27,7 @@ os.environ["JAX_PLATFORMS"] = "cpu"
 
 class _Solver:
     def __init__(self, arm: Arm, settings: dict[str, Any]) -> None:
+        without_followers(arm)
         self._bits = settings["bits"]
         joints, self._search = _compiled(arm.urdf, arm.base, arm.tip, self._bits)
         if len(joints) != len(arm.joints):
@@ -111,7 +112,4 @@ def _search(robot: Any, tip: int) -> Any:
     return search
 
 
-def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
-    """The file itself."""
-    without_followers(arm)
-    return _Solver(arm, settings)
+load = _Solver

@@ -24,20 +24,24 @@ SWEEP: tuple[dict[str, Any], ...] = (
 
 
 class _Solver:
-    def __init__(self, module: Any, arm: Arm, settings: dict[str, Any]) -> None:
-        self._ets = _elementary(module, arm)
+    def __init__(self, arm: Arm, settings: dict[str, Any]) -> None:
+        import roboticstoolbox
+
+        without_followers(arm)
+        self._ets = _elementary(roboticstoolbox, arm)
         self._start = arm.middle if settings["middle"] else None
         self._set = {name: value for name, value in settings.items() if name != "middle"}
 
     def solve(self, T: Any, start: Any) -> Answer:
-        found = self._ets.ik_LM(T, q0=self._start if start is None else start, **self._set)
-        return Answer(found.q, bool(found.success))
+        return self._asked(T, start)
 
     def position(self, place: Array, start: Array | None) -> Answer:
         T = np.eye(4)
         T[:3, 3] = place
-        mask = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-        found = self._ets.ik_LM(T, q0=self._start if start is None else start, mask=mask, **self._set)
+        return self._asked(T, start, mask=np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
+
+    def _asked(self, T: Any, start: Any, **mask: Array) -> Answer:
+        found = self._ets.ik_LM(T, q0=self._start if start is None else start, **mask, **self._set)
         return Answer(found.q, bool(found.success))
 
 
@@ -62,9 +66,4 @@ def _turn_to(axis: Array) -> Array:
     return np.column_stack([x, np.cross(axis, x), axis])
 
 
-def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
-    """Axes and points as elementary transforms."""
-    without_followers(arm)
-    import roboticstoolbox
-
-    return _Solver(roboticstoolbox, arm, settings)
+load = _Solver

@@ -21,8 +21,10 @@ SWEEP: tuple[dict[str, Any], ...] = (
 
 
 class _Solver:
-    def __init__(self, module: Any, arm: Arm, settings: dict[str, Any]) -> None:
-        self._solver = module.TracIK(arm.base, arm.tip, arm.urdf, **settings)
+    def __init__(self, arm: Arm, settings: dict[str, Any]) -> None:
+        import trac_ik
+
+        self._solver = trac_ik.TracIK(arm.base, arm.tip, arm.urdf, **settings)
         if self._solver.dof != len(arm.joints):
             raise Refused(f"reads {self._solver.dof} joints of {len(arm.joints)}")
         self._middle = arm.middle
@@ -32,8 +34,4 @@ class _Solver:
         return Answer(q, q is not None)
 
 
-def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
-    """The file itself."""
-    import trac_ik
-
-    return _Solver(trac_ik, arm, settings)
+load = _Solver
