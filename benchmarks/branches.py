@@ -49,7 +49,8 @@ from .command import at_least_one, command
 from .field.adapters import adapter, path_of
 from .field.judge import Judge, bundled
 from .field.run import Solver, solver_of
-from .page import Page, Row, percent
+from .page import Page, Row
+from .reachable import share
 from .targets import Array, plain_fk, random_joints, singular_joints, strict
 from .timing import batch_cost, timed
 from .workers.process import Gone, Raised
@@ -266,7 +267,7 @@ def measure(name: str, options: argparse.Namespace, missing: list[str], extra: l
         "structure": arm.structure.word,
         "witness": f"{label}{first}",
         ">targets": f"{count:,}",
-        ">complete %": percent(witnessed - len(found.misses), witnessed) if witness else "–",
+        ">complete %": share((witnessed - len(found.misses)) / witnessed) if witness else "–",
         ">extra": len(found.extra),
         ">false": found.false,
         ">solutions, mean": f"{found.numbers.mean():.2f}",

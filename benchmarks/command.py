@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -104,13 +103,3 @@ def writes(parser: argparse.ArgumentParser, option: str, default: Path, what: st
     """Add the option that says where output goes; without it, a file that the repository keeps is written anew."""
     shown = default.relative_to(ROOT)
     parser.add_argument(option, type=Path, default=default, help=f"{what}; {shown} if it is left out")
-
-
-def under_pytest(file: str, doc: str | None) -> None:
-    """Run a file of benchmarks that are written as tests, as ``pytest FILE --benchmark-only`` does."""
-    parser = command(file, doc)
-    parser.add_argument("-k", metavar="EXPRESSION", help="only those whose names match, as pytest's -k")
-    chosen = parser.parse_args().k
-    import pytest
-
-    sys.exit(pytest.main([file, "--benchmark-only", *(["-k", chosen] if chosen else [])]))

@@ -1,7 +1,7 @@
 """Targets that move, and a judge of what follows them: finite differences and forward kinematics, in NumPy alone.
 
 A stream is an array of poses, one a period, and the joint values at which its first pose is reached. It is made from an
-arm's geometry and a seed, by no kernel of the library. Where a target comes to rest it rests for three seconds.
+arm's geometry and a seed. Where a target comes to rest it rests for three seconds.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek.robots.chain import SerialChain
@@ -49,27 +50,6 @@ class Stream(NamedTuple):
 # Streams
 
 
-def rotations(turns: Array) -> Array:
-    """Rotation vectors, (k, 3), to matrices, (k, 3, 3)."""
-    angle = np.linalg.norm(turns, axis=1)[:, None, None]
-    axis = turns / np.maximum(angle[:, :, 0], 1e-300)
-    x, y, z = axis.T
-    K = np.zeros((len(turns), 3, 3))
-    K[:, 0, 1], K[:, 0, 2], K[:, 1, 0], K[:, 1, 2], K[:, 2, 0], K[:, 2, 1] = -z, y, z, -x, -y, x
-    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
-
-
-def rotation_vector(R: Array) -> Array:
-    """Rotation vector of a matrix, (3, 3) -> (3,); near half a turn from the eigenvector of 1."""
-    sine = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
-    size, cosine = np.linalg.norm(sine), (np.trace(R) - 1) / 2
-    if size > 1e-6:
-        return np.asarray(sine / size * np.arctan2(size, cosine))
-    if cosine > 0:
-        return sine
-    return np.asarray(np.linalg.svd(R - np.eye(3))[2][2] * np.pi)
-
-
 def ease(count: int) -> Array:
     """From 0 to 1 with rest at both ends, (count,)."""
     s = np.linspace(0.0, 1.0, count)
@@ -80,7 +60,8 @@ def between(A: Array, B: Array, s: Array) -> Array:
     """Poses on the straight line from one pose to another, turning evenly, (k,) -> (k, 4, 4)."""
     T = np.repeat(A[None], len(s), axis=0)
     T[:, :3, 3] += s[:, None] * (B[:3, 3] - A[:3, 3])
-    T[:, :3, :3] = rotations(s[:, None] * rotation_vector(B[:3, :3] @ A[:3, :3].T)) @ A[:3, :3]
+    turn = Rotation.from_matrix(B[:3, :3] @ A[:3, :3].T).as_rotvec()
+    T[:, :3, :3] = Rotation.from_rotvec(s[:, None] * turn).as_matrix() @ A[:3, :3]
     return T
 
 
@@ -89,7 +70,7 @@ def integrated(T0: Array, twists: Array) -> Array:
     T = np.repeat(T0[None], len(twists), axis=0)
     T[:, :3, 3] += np.cumsum(twists[:, :3], axis=0) * PERIOD
     R = T0[:3, :3]
-    for k, turn in enumerate(rotations(twists[:, 3:] * PERIOD)):
+    for k, turn in enumerate(Rotation.from_rotvec(twists[:, 3:] * PERIOD).as_matrix()):
         T[k, :3, :3] = R = turn @ R
         if k % 100 == 99:
             u, _, v = np.linalg.svd(R)
@@ -112,26 +93,16 @@ def there_and_back(way: Array) -> Array:
     return np.concatenate([way, rest(way[-1]), way[::-1], rest(way[0])])
 
 
-def jacobian(chain: SerialChain, q: Array) -> Array:
-    """Differences of poses by joint values, (n,) -> (6, n)."""
-    step = 1e-6
-    T = plain_fk(chain, np.concatenate([q + step * np.eye(chain.dof), q - step * np.eye(chain.dof)]))
-    ahead, back = T[: chain.dof], T[chain.dof :]
-    R = ahead[:, :3, :3] @ np.swapaxes(back[:, :3, :3], 1, 2)
-    turn = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1) / 2
-    return np.asarray(np.concatenate([ahead[:, :3, 3] - back[:, :3, 3], turn], axis=1).T / (2 * step))
-
-
-def margin(chain: SerialChain, q: Array) -> float:
+def margin(arm: kinseek.Arm, q: Array) -> float:
     """Least singular value of the Jacobian: how far from a singularity."""
-    return float(np.linalg.svd(jacobian(chain, q), compute_uv=False)[-1])
+    return float(np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1])
 
 
 def somewhere(arm: kinseek.Arm, rng: np.random.Generator, share: float = 0.6, looks: int = 30) -> Array:
     """Joint values in the inner part of the ranges, the farthest from a singularity among some, (n,)."""
     middle, half = (arm.lower + arm.upper) / 2, np.minimum((arm.upper - arm.lower) / 2, np.pi)
     each = middle + share * half * rng.uniform(-1, 1, (looks, arm.dof))
-    return np.asarray(max(each, key=lambda q: margin(arm.chain, q)))
+    return np.asarray(max(each, key=lambda q: margin(arm, q)))
 
 
 def base_axis(chain: SerialChain) -> tuple[Array, Array]:
@@ -195,7 +166,7 @@ def is_easy(arm: kinseek.Arm, stream: Stream, every: int = 25) -> bool:
     for target in stream.T[::every]:
         before = q
         for _ in range(4):
-            q = q + np.linalg.pinv(jacobian(arm.chain, q), rcond=1e-3) @ missing(arm.chain, q, target)
+            q = q + np.linalg.pinv(arm.jacobian(q), rcond=1e-3) @ missing(arm.chain, q, target)
         fast = np.abs(q - before).max() > 1.0 * every * PERIOD
         if fast or (~arm.chain.endless & ((q < arm.lower + 0.1) | (q > arm.upper - 0.1))).any():
             return False
@@ -205,7 +176,9 @@ def is_easy(arm: kinseek.Arm, stream: Stream, every: int = 25) -> bool:
 def missing(chain: SerialChain, q: Array, target: Array) -> Array:
     """The twist that leads to a pose in the time 1, (6,)."""
     T = plain_fk(chain, q[None])[0]
-    return np.concatenate([target[:3, 3] - T[:3, 3], rotation_vector(target[:3, :3] @ T[:3, :3].T)])
+    return np.concatenate(
+        [target[:3, 3] - T[:3, 3], Rotation.from_matrix(target[:3, :3] @ T[:3, :3].T).as_rotvec()]
+    )
 
 
 def joint_limit(arm: kinseek.Arm, rng: np.random.Generator) -> Stream:
@@ -246,7 +219,7 @@ def singular(arm: kinseek.Arm, rng: np.random.Generator) -> Stream:
                 np.where(np.arange(arm.dof) == joint, value, q) for value in (0.0, np.pi / 2, -np.pi / 2)
             ]
     inside = [q for q in looks if ((q > arm.lower + 0.3) & (q < arm.upper - 0.3)).all()] or looks
-    q = min(inside, key=lambda one: margin(arm.chain, one))
+    q = min(inside, key=lambda one: margin(arm, one))
     away = rng.normal(size=arm.dof)
     away *= 0.6 / np.abs(away).max()
     q0 = np.clip(q - away, arm.lower, arm.upper)
@@ -272,7 +245,7 @@ def boundary(arm: kinseek.Arm, rng: np.random.Generator) -> Stream:
     B[:3, 3] = point + rng.uniform(1.0, 1.1) * reach(arm) * out / np.linalg.norm(out)
     turn = rng.choice([-1.0, 1.0]) * 1.5 * ease(periods(3.0))
     around = np.repeat(B[None], len(turn), axis=0)
-    R = rotations(turn[:, None] * axis)
+    R = Rotation.from_rotvec(turn[:, None] * axis).as_matrix()
     around[:, :3, :3] = R @ B[:3, :3]
     wave = 1 + 0.03 * np.sin(6 * turn)[:, None]
     around[:, :3, 3] = point + wave * np.einsum("kij,j->ki", R, B[:3, 3] - point)

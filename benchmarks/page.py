@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-
 from .command import ROOT
 from .pages import mark_of
 from .targets import load, machine
@@ -168,8 +166,3 @@ def introduction(doc: str) -> str:
 def row_of(cells: Iterable[object]) -> str:
     """A row of a table."""
     return f"| {' | '.join(map(str, cells))} |"
-
-
-def percent(some: int, of: int) -> str:
-    """Percent to three digits; 100.000 only if it is all of them."""
-    return f"{np.floor(1e5 * some / of) / 1e3:.3f}"

@@ -38,7 +38,8 @@ def missed(label: str, answer: kinseek.Solution, good: Flags, made_from: Array) 
 def share(good: Any, digits: int = 3) -> str:
     """Percent, rounded down, so that 100 is all of them."""
     scale = 10.0**digits
-    return f"{np.floor(100 * scale * np.mean(good)) / scale:.{digits}f}"
+    # Rounding of the mean must not take a digit away.
+    return f"{np.floor(100 * scale * np.mean(good) + 1e-6) / scale:.{digits}f}"
 
 
 def list_misses(page: Page, misses: list[str]) -> None:

@@ -28,7 +28,8 @@ from kinseek.robots import catalog_entry
 from kinseek.robots.catalog import catalog_path
 
 from .command import HERE, ROOT, command
-from .page import Page, Row, percent
+from .page import Page, Row
+from .reachable import share
 from .targets import Array, fleet_names, plain_fk, random_joints, strict
 from .workers.process import Gone, Raised, Worker
 
@@ -129,7 +130,7 @@ def compared(names: Sequence[str], sources: tuple[Path, Path], turns: int, seed:
     for name in names:
         times, solved = measure(name, sources, turns, seed)
         every.append(times)
-        yield row(name, times, *(percent(n, turns * MANY) for n in solved))
+        yield row(name, times, *(share(n / (turns * MANY)) for n in solved))
     yield row(f"median of {len(every)}", np.median(every, axis=0), "", "")
 
 

@@ -80,9 +80,3 @@ def test_tuned_against_constant_breadth(benchmark: Any, name: str, breadth: int)
         )
         mean, nodes = 1e3 * solution.position_error.mean(), solution.nodes_expanded.mean()
         print(f"\n{name}, {leaves} leaves, breadth {shown}: mean {mean:.3f} mm, {nodes:,.0f} nodes")
-
-
-if __name__ == "__main__":
-    from benchmarks.command import under_pytest
-
-    under_pytest(__file__, __doc__)

@@ -15,7 +15,7 @@ import numpy as np
 import yaml  # type: ignore[import-untyped]
 
 import kinseek
-from benchmarks.targets import Array
+from benchmarks.targets import Array, plain_fk, pose_errors
 
 PROBLEMS = (
     "fetch_arm__hello",
@@ -105,10 +105,7 @@ def is_valid(arm: kinseek.Arm, poses: Array, q: Array, steps: Array) -> bool:
 
     Continuous joints count modulo full turns, as there.
     """
-    there = arm.fk(q)
-    away = np.linalg.norm(there[:, :3, 3] - poses[:, :3, 3], axis=1)
-    turn = np.swapaxes(there[:, :3, :3], 1, 2) @ poses[:, :3, :3]
-    angle = np.arccos(np.clip((np.trace(turn, axis1=1, axis2=2) - 1) / 2, -1, 1))
+    away, angle = pose_errors(plain_fk(arm.chain, q), poses)
     endless = np.array([kind == "continuous" for kind in arm.kinds])
     inside = (endless | ((q >= arm.lower) & (q <= arm.upper))).all()
     small = (np.abs(np.diff(q, axis=0)) < steps).all()

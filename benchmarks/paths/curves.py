@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 import kinseek
-from benchmarks.targets import Array
+from benchmarks.targets import Array, plain_fk, pose_errors
 
 POSES, HARMONICS, SHARE, WITHIN = 1000, 4, 0.98, 1.5
 """Poses and harmonics of a curve, the share of the ranges that it uses, and how much larger a step may be than its."""
@@ -47,10 +47,8 @@ def curve(
 
 
 def holds(arm: kinseek.Arm, path: kinseek.Path, T: Array) -> bool:
-    """Does the path keep what it says: the poses to 1e-6, by FK alone, and the limits?"""
-    poses = arm.fk(path.q)
-    place = np.linalg.norm(poses[:, :3, 3] - T[:, :3, 3], axis=1)
-    turn = np.linalg.norm(poses[:, :3, :3] - T[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
+    """Does the path keep what it says: the poses to 1e-6, by plain FK, and the limits?"""
+    place, turn = pose_errors(plain_fk(arm.chain, path.q), T)
     endless = np.array([kind == "continuous" for kind in arm.chain.kinds])
     inside = ((path.q >= arm.lower) & (path.q <= arm.upper) | endless).all()
     return bool(inside and (place <= 1e-6).all() and (turn <= 1e-6).all())

@@ -166,38 +166,36 @@ def solving(name: str) -> Callable[[Arm, bool], Follow]:
     return make
 
 
-def loop(arm: Arm, free: bool, period: float = 1.0, velocity: float = np.inf) -> Steps:
-    """The loop of pinocchio's manual, damped, with clamping; a fast step is scaled down."""
-    made: Steps = field("pinocchio").Loop(arm, 1e-6, free=free, longest=period * velocity)
-    return made
-
-
-def pink(
+def stepping(
+    name: str,
     arm: Arm,
     free: bool,
     period: float = 1.0,
-    velocity: float | bool = False,
+    velocity: float = 0.0,
     acceleration: float | None = None,
 ) -> Steps:
-    """Steps of pink's quadratic programme."""
-    damping = 1e-6 if velocity else 1e-9
-    more = {"velocity": velocity, "acceleration": acceleration, "free": free}
-    made: Steps = field("pink").Pink(arm, period, damping, **more)
+    """A differential method of the field, with a step in each period [s]; a velocity of 0 is none.
+
+    The loop of pinocchio's manual is damped, with clamping, and a fast step is scaled down. pink and mink solve their
+    quadratic programmes; pink alone can limit accelerations.
+    """
+    module, damping = field(name), 1e-6 if velocity else 1e-9
+    made: Steps
+    if name == "pinocchio":
+        made = module.Loop(arm, 1e-6, free=free, longest=period * velocity if velocity else np.inf)
+    elif name == "pink":
+        limits = {"velocity": velocity or False, "acceleration": acceleration}
+        made = module.Pink(arm, period, damping, free=free, **limits)
+    else:
+        made = module.Mink(arm, period, damping, velocity or None, free=free)
     return made
 
 
-def mink(arm: Arm, free: bool, period: float = 1.0, velocity: float | None = None) -> Steps:
-    """Steps of mink's quadratic programme."""
-    damping = 1e-6 if velocity else 1e-9
-    made: Steps = field("mink").Mink(arm, period, damping, velocity, free=free)
-    return made
-
-
-def differential(kind: Callable[[Arm, bool], Steps]) -> Callable[[Arm, bool], Follow]:
+def differential(name: str) -> Callable[[Arm, bool], Follow]:
     """Steps of a differential method, again and again at each pose."""
 
     def make(arm: Arm, free: bool) -> Follow:
-        method = kind(arm, free)
+        method = stepping(name, arm, free)
 
         def step(T: Any, q: Any) -> Any:
             method.stand(q)
@@ -239,8 +237,7 @@ def descartes(arm: Arm, free: bool) -> Follow:
         profile.target_pose_sample_axis = np.array([0.0, 0.0, 1.0])
         profile.target_pose_sample_resolution = np.pi / 6
         profile.target_pose_sample_min, profile.target_pose_sample_max = -np.pi, np.pi - np.pi / 6
-    # Releases of Tesseract have moved this class.
-    profiles = (getattr(language, "ProfileDictionary", None) or common.ProfileDictionary)()
+    profiles = language.ProfileDictionary()
     profiles.addProfile(planner, "P", module.cast_DescartesPlanProfileD(profile))
 
     def follow(targets: Any, start: Any) -> Any:
@@ -339,9 +336,9 @@ FOLLOWERS: dict[str, tuple[str, str, Callable[[Arm, bool], Follow]]] = {
     "Robotics Toolbox": ("robotics_toolbox", "roboticstoolbox-python", solving("robotics_toolbox")),
     "OptIK": ("optik", "optik-py", solving("optik")),
     "TRAC-IK": ("trac_ik", "pytracik", solving("trac_ik")),
-    "pinocchio loop": ("pinocchio", "pin", differential(loop)),
-    "pink": ("pink", "pin-pink", differential(pink)),
-    "mink": ("mink", "mink", differential(mink)),
+    "pinocchio loop": ("pinocchio", "pin", differential("pinocchio")),
+    "pink": ("pink", "pin-pink", differential("pink")),
+    "mink": ("mink", "mink", differential("mink")),
     "Descartes": ("kdl", "tesseract-robotics", descartes),
     "EAIK, ladder": ("eaik", "EAIK", ladder),
     "ssik solve_path": ("ssik", "ssik", ssik),
@@ -350,10 +347,10 @@ FOLLOWERS: dict[str, tuple[str, str, Callable[[Arm, bool], Follow]]] = {
 
 TRACKERS: dict[str, tuple[str, str, Callable[..., Any]]] = {
     "placo": ("placo", "placo", Placo),
-    "pink": ("pink", "pin-pink", lambda arm, *limits: pink(arm, False, *limits)),
-    "mink": ("mink", "mink", lambda arm, period, velocity: mink(arm, False, period, velocity)),
+    "pink": ("pink", "pin-pink", lambda arm, *limits: stepping("pink", arm, False, *limits)),
+    "mink": ("mink", "mink", lambda arm, *limits: stepping("mink", arm, False, *limits)),
     "Drake": ("drake", "drake", Drake),
-    "pinocchio step": ("pinocchio", "pin", lambda arm, period, velocity: loop(arm, False, period, velocity)),
+    "pinocchio step": ("pinocchio", "pin", lambda arm, *limits: stepping("pinocchio", arm, False, *limits)),
 }
 """Of each the adapter of the field whose environment it has, its distribution, and what makes it of an arm, a period, a
 velocity and, where it is in `ACCELERATING`, an acceleration."""

@@ -74,10 +74,7 @@ def run(script: Path) -> None:
     """Run a script as Python would, in this process, which has loaded most of what it needs."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Python warns of a module that is run after it was imported.
-        if script.stem.startswith("test_"):
-            runpy.run_path(str(script), run_name="__main__")
-        else:
-            runpy.run_module(module(script), run_name="__main__", alter_sys=True)
+        runpy.run_module(module(script), run_name="__main__", alter_sys=True)
 
 
 @scripts
