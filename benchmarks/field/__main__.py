@@ -7,6 +7,8 @@
     python -m benchmarks.field                                # an hour and a quarter
     python -m benchmarks.field --solvers kinseek ikpy --arms panda ur5e --questions random limits
     python -m benchmarks.field --solvers kinseek ./mine.py    # an adapter of your own, mine.txt beside it
+    python -m benchmarks.field --questions unreachable \
+        --solvers kinseek eaik ssik benchmarks/field/adapters/kinseek_brief.py    # beside nearest=False
     python -m benchmarks.field --page                         # only write the tables and the page again
 
 Makes an environment for each solver, measures all of them alternately, judges their results, and writes answers.parquet,
