@@ -39,7 +39,7 @@ class Status(Enum):
     """How a search ended; the value is the sentence to show."""
 
     SOLVED = "Solved: both errors are within their tolerances."
-    BEST_EFFORT = "Best effort: the nearest pose found; a tolerance is missed."
+    BEST_EFFORT = "Best effort: the pose found misses a tolerance."
     REJECTED = "Rejected: solutions were found, and `valid` rejected each of them."
     PROVED_UNREACHABLE = "Proved unreachable: no joint values within the limits meet the tolerances."
     OUT_OF_TIME = "Out of time: the nearest pose found before the time limit; a tolerance is missed."
