@@ -76,6 +76,15 @@ def test_look_ahead_finds_the_branch_that_goes_on() -> None:
     assert breaks >= 1
 
 
+def test_a_branch_that_continues_beyond_the_piece_explains_a_break() -> None:
+    arm = kinseek.load("ur5e")
+    T = kinseek.interpolate(arm.fk(arm.sample(2, seed=387)), step=0.01, turn=0.03)
+    first = next(arm.follow_stream(T, window=25, look_ahead=50))
+    assert len(first) == 26
+    assert first.breaks.tolist() == [16]
+    assert first.why[0].startswith("between poses 16 and 17: the branch before it ends with the path")
+
+
 def test_where_a_pose_is_missed_the_stream_goes_on() -> None:
     arm = kinseek.load("ur5e")
     T = line(np.array([0.4, -0.2, 0.4]), np.array([0.4, 0.2, 0.4]), 60)

@@ -120,7 +120,8 @@ def _end_of_branch(request: PathRequest, q: Array, i: int, wide: Layers, way: in
         if request.deadline.passed:
             return i, "the time limit was reached"
         j = i + way
-        if not 0 <= j < len(wide):
+        # The layers of a piece of a stream include those of the look-ahead.
+        if not 0 <= j < min(len(wide), len(request)):
             return (
                 j,
                 "it continues to the end of the path"
