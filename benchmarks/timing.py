@@ -1,9 +1,10 @@
-"""How long calls take: one by one from Python, as batches on one thread, and in processor time."""
+"""How long calls take: one by one from Python, as batches on one thread, and in processor time; and their memory."""
 
 from __future__ import annotations
 
 import statistics
 import time
+import tracemalloc
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -42,3 +43,12 @@ def cpu(work: Callable[..., Any], *given: Any) -> tuple[float, Any]:
     began = time.process_time()
     result = work(*given)
     return time.process_time() - began, result
+
+
+def peak(work: Callable[[], object]) -> int:
+    """The most memory that Python and NumPy hold during some work [bytes]."""
+    tracemalloc.start()
+    work()
+    held = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return held

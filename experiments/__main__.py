@@ -23,9 +23,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         names = chosen(asked.names)
         if names == ["claims"]:
             from .claims import rewrite
+            from .judges import Results
 
-            rewrite(asked.out or RESULTS, HERE / "README.md", asked.page)
-            print(f"{asked.page}: tables rewritten")
+            rewrite(Results(asked.out or RESULTS), asked.pages)
             return 0
         effort = Effort(quick=asked.quick, seed=asked.seed)
         # A quick run must not replace the full results that the repository keeps.
@@ -68,10 +68,10 @@ def parser() -> argparse.ArgumentParser:
         help="folder of the results; experiments/results if it is left out, or results-quick with --quick",
     )
     made.add_argument(
-        "--page",
+        "--pages",
         type=Path,
-        default=HERE / "README.md",
-        help="where claims writes its page; experiments/README.md if it is left out",
+        default=HERE.parent,
+        help="folder below which claims writes its pages; the repository if it is left out",
     )
     made.add_argument("--seed", type=int, default=0, help="seed of the random points")
     made.add_argument("--force", action="store_true", help="run finished experiments again")

@@ -1,10 +1,12 @@
-"""The tables of README.md, made from the CSVs: ``python -m experiments claims`` rewrites them."""
+"""The tables of README.md and of docs/paper*.md, made from the CSVs: ``python -m experiments claims`` rewrites them."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
+from . import choices, fraction, question_08
 from .effort import EXPERIMENTS
 from .judges import CLAIMS, Results
 from .tables import replaced, table
@@ -55,23 +57,38 @@ def machine_table(results: Results) -> str:
     return table(("experiment", "rows", "seconds", "commit", "processor"), rows)
 
 
-TABLES = {
-    "figures": figures_table,
-    "claims": claims_table,
-    "reversals": reversals_table,
-    "runs": machine_table,
+ROOT = Path(__file__).resolve().parents[1]
+PAGES: dict[str, dict[str, Callable[[Results], str]]] = {
+    "experiments/README.md": {
+        "figures": figures_table,
+        "claims": claims_table,
+        "reversals": reversals_table,
+        "runs": machine_table,
+    },
+    "docs/paper.md": {
+        "fractions": lambda results: fraction.table(results("fraction")),
+        "mixtures": lambda results: fraction.mixtures_table(results("fraction")),
+    },
+    "docs/paper_questions.md": {
+        "breadths": lambda results: question_08.table(results("question_08")),
+        "choices": lambda results: choices.table(results("choices")),
+        "walks": lambda results: choices.walks_table(results("choices")),
+    },
 }
-"""Tables of the README by their names."""
+"""The tables of each page by their names."""
 
 
-def rewritten(text: str, folder: Path) -> str:
-    """The README with every table between its markers made anew."""
-    results = Results(folder)
-    for name, make in TABLES.items():
+def rewritten(page: str, results: Results) -> str:
+    """The text of a page with every table between its markers made anew."""
+    text = (ROOT / page).read_text()
+    for name, make in PAGES[page].items():
         text = replaced(text, name, "experiments claims", make(results))
     return text
 
 
-def rewrite(folder: Path, readme: Path, page: Path) -> None:
-    """Make the tables of a README anew from the CSVs of a folder, and write the whole of it to a page."""
-    page.write_text(rewritten(readme.read_text(), folder))
+def rewrite(results: Results, folder: Path) -> None:
+    """Make the tables of all pages anew, and write the pages below a folder."""
+    for page in PAGES:
+        (folder / page).parent.mkdir(parents=True, exist_ok=True)
+        (folder / page).write_text(rewritten(page, results))
+        print(f"{folder / page}: tables rewritten")

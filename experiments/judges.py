@@ -20,7 +20,6 @@ from .style import where
 HOLDS = "**holds**"
 IN_PART = "**holds in part**"
 FAILS = "**does not hold**"
-UNKNOWN = "**cannot be known**"
 
 Verdict = tuple[str, str]
 """Our measurement in words and numbers, and the verdict."""

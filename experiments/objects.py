@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import time
-import tracemalloc
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import kinseek
+from benchmarks.timing import peak
 
 from . import plain, twists
 from .arms import ARMS, BRANCHING_FACTOR, BY_HAND, DIVISIONS, Array, random_goals, timed
@@ -100,7 +100,7 @@ def measure(case: Row, effort: Effort) -> Row:
         "ms_per_point": 1e3 * seconds / points,
         "us_per_node": 1e6 * seconds / made.expanded,
         "preparation_ms": 1e3 * ready,
-        "bytes_held": _held(lambda: _some(program, grid, goals[0])),
+        "bytes_held": peak(lambda: _some(program, grid, goals[0])),
     }
 
 
@@ -136,16 +136,6 @@ def _some(program: Callable[..., Any], grid: plain.Grid, goal: Array) -> object:
     return made
 
 
-def _held(work: Callable[[], object]) -> int:
-    """The most memory that a piece of work holds at once [B]."""
-    tracemalloc.start()
-    try:
-        work()
-        return tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-
-
 def _measure_kernels(arm: kinseek.Arm, goals: Array, solver: kinseek.Solver) -> Row:
     solution, seconds = timed(arm, goals, solver)
     nodes, points = int(solution.nodes_expanded.max()), len(goals)
@@ -158,7 +148,7 @@ def _measure_kernels(arm: kinseek.Arm, goals: Array, solver: kinseek.Solver) -> 
         "ms_per_point": 1e3 * seconds / points,
         "us_per_node": 1e6 * seconds / points / nodes,
         "preparation_ms": 0.0,
-        "bytes_held": _held(lambda: arm.ik(goals[0], solver=solver)),
+        "bytes_held": peak(lambda: arm.ik(goals[0], solver=solver)),
     }
 
 
@@ -178,7 +168,7 @@ def _measure_twists(dof: int, effort: Effort) -> Row:
         "ms_per_point": 1e3 * seconds / points,
         "us_per_node": 0.0,
         "preparation_ms": 0.0,
-        "bytes_held": _held(lambda: twists.solve(arm, goals[0], rng)),
+        "bytes_held": peak(lambda: twists.solve(arm, goals[0], rng)),
     }
 
 

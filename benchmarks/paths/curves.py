@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
-from collections.abc import Callable
-
 import numpy as np
 
 import kinseek
@@ -52,15 +49,6 @@ def holds(arm: kinseek.Arm, path: kinseek.Path, T: Array) -> bool:
     endless = np.array([kind == "continuous" for kind in arm.chain.kinds])
     inside = ((path.q >= arm.lower) & (path.q <= arm.upper) | endless).all()
     return bool(inside and (place <= 1e-6).all() and (turn <= 1e-6).all())
-
-
-def peak(work: Callable[[], object]) -> int:
-    """The most memory that Python and NumPy hold during some work [bytes]."""
-    tracemalloc.start()
-    work()
-    held = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return held
 
 
 def placement(arm: kinseek.Arm, kind: str, rng: np.random.Generator) -> tuple[Array, Array]:

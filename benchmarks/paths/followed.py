@@ -13,7 +13,7 @@ import numpy as np
 import kinseek
 from benchmarks.page import Page, Row
 from benchmarks.targets import Array
-from benchmarks.timing import cpu
+from benchmarks.timing import cpu, peak
 
 from .curves import (
     KINDS,
@@ -22,11 +22,10 @@ from .curves import (
     TASK_ARMS,
     WITHIN,
     curve,
-    goal_of,
     holds,
-    peak,
     placements,
 )
+from .peers import by_kinseek
 
 LONG_ARMS = ("irb120", "ur5e", "panda")
 BATCH = 1000
@@ -101,22 +100,16 @@ def tasks(page: Page, options: argparse.Namespace) -> None:
 
 def _tasks(name: str, kind: str, count: int, misses: list[str]) -> Row:
     arm = kinseek.load(name)
-    paths, _ = placements(arm, [kind] * count, 7)
-    travels, times = [], []
-    for i, T in enumerate(paths):
-        took, path = cpu(lambda T=T: arm.follow(goal_of(kind, T), max_step=LARGEST, threads=1))
-        times.append(took / len(T) * 1e6)
-        if path.success:
-            travels.append(path.length)
-        else:
-            misses.append(f"{name} {kind} {i}: {'; '.join(path.why[:2])}")
+    found, reasons = by_kinseek(arm, kind, placements(arm, [kind] * count, 7)[0])
+    misses += [f"{name} {kind} {i}: {reason}" for i, reason in reasons.items()]
+    travels = found.lengths[found.lengths > 0.0]
     return {
         "arm": name,
         "task": kind,
         ">placements": count,
         ">followed": len(travels),
-        ">joint travel, median rad": f"{np.median(travels) if travels else np.nan:.2f}",
-        ">µs a waypoint": f"{np.median(times):.1f}",
+        ">joint travel, median rad": f"{np.median(travels) if len(travels) else np.nan:.2f}",
+        ">µs a waypoint": f"{np.median(found.costs):.1f}",
     }
 
 

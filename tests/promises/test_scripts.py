@@ -16,7 +16,7 @@ from places import ROOT
 pytestmark = pytest.mark.slow
 
 KEPT = ("benchmarks", "experiments", "docs")
-PARTS = {"__init__", "command", "moving", "outside", "page", "problems", "reachable", "targets", "timing"}
+PARTS = {"__init__", "command", "moving", "outside", "page", "problems", "targets", "timing"}
 """Files of benchmarks/ that others import and nobody runs; those that begin with test_ are for pytest."""
 
 SCRIPTS = [
@@ -96,11 +96,12 @@ def test_what_is_written_anew_can_be_told_to_go_elsewhere(tmp_path: Path) -> Non
     before = kept()
     for words in (
         ["benchmarks.speed_table", "--output", str(tmp_path / "one.md")],
-        ["experiments", "claims", "--page", str(tmp_path / "two.md")],
+        ["experiments", "claims", "--pages", str(tmp_path)],
     ):
         subprocess.run([sys.executable, "-m", *words], cwd=ROOT, check=True, capture_output=True)
     assert (tmp_path / "one.md").read_text() == (ROOT / "README.md").read_text()
-    assert (tmp_path / "two.md").read_text() == (ROOT / "experiments" / "README.md").read_text()
+    for page in ("experiments/README.md", "docs/paper.md", "docs/paper_questions.md"):
+        assert (tmp_path / page).read_text() == (ROOT / page).read_text()
     assert kept() == before
 
 
