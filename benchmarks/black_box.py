@@ -27,9 +27,8 @@ from kinseek.robots.chain import SerialChain
 from kinseek.solvers.black_box.samples import Samples
 
 from .command import ROOT, command
-from .page import Page, Row
-from .reachable import Flags, list_misses, share
-from .targets import Array, fleet_arm, plain_fk, pose_errors, random_joints, singular_joints
+from .page import Flags, Page, Row, list_misses, share
+from .targets import Array, plain_fk, pose_errors, random_joints, singular_joints
 from .timing import timed
 
 ARMS = ("ur5e", "puma560", "jaco2_6", "irb120", "piper", "panda", "iiwa14", "ur10e_rail", "so101", "irb5400")
@@ -86,7 +85,7 @@ def one_row(chain: SerialChain, q: Array) -> Array:
 
 def catalog_case(name: str, way: str, random: int, singular: int, seed: int) -> Case:
     """A bundled arm as a function that takes many rows, one row, or one row compiled."""
-    chain = fleet_arm(name).chain
+    chain = kinseek.load(name).chain
     functions: dict[str, Callable[..., Any]] = {
         "vectorised": partial(plain_fk, chain),
         "one row": partial(one_row, chain),

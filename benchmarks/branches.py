@@ -47,13 +47,11 @@ from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 from .command import at_least_one, command
 from .field.adapters import adapter, path_of
-from .field.judge import Judge, bundled
-from .field.run import Solver, solver_of
-from .page import Page, Row
-from .reachable import share
+from .field.judge import bundled
+from .page import Page, Row, share
 from .targets import Array, plain_fk, random_joints, singular_joints, strict
 from .timing import batch_cost, timed
-from .workers.process import Gone, Raised
+from .workers.process import called_solver
 
 CLOSED = ("ur5e", "ur10e", "puma560", "irb120", "kr6r900")
 OPEN = ("jaco2_6", "irb5400", "mpx3500", "ur10e_calibrated")
@@ -128,14 +126,11 @@ def eaik(arm: kinseek.Arm) -> Callable[[Array], Array]:
     return lambda target: np.array(solve.branches(target)).reshape(-1, arm.dof).clip(arm.lower, arm.upper)
 
 
-def ssik(solver: Solver, judge: Judge, targets: Array) -> tuple[Any, Array]:
-    """How many answers ssik has to each target, and its times [µs].
-
-    Raises:
-        Raised, Gone: It has none.
-    """
-    slice = {"poses": np.concatenate([targets, targets[:50]]), "starts": [], "count": len(targets)}
-    found = solver.ask(judge, "built", SSIK, "branches", 300.0, **slice, limit=300.0)
+def ssik(arm: kinseek.Arm, targets: Array) -> tuple[Any, Array] | str:
+    """How many answers ssik has to each target, and its times [µs]; or why it has none."""
+    found = called_solver(arm.name, "ssik", SSIK, "branches", targets, 300.0)
+    if isinstance(found, str):
+        return found
     number = np.array(found["target"])
     there = ~np.isnan(np.array(found["q"], dtype=float)).any(axis=1)
     times = np.array(found["times"], dtype=float)
@@ -194,10 +189,9 @@ def find(
     witnessed: int,
 ) -> Found:
     """Find all solutions of the targets, part by part, by turns with the witness and with ssik."""
-    arm, judge, count = kinseek.load(name), bundled(name), len(targets)
+    arm, count = kinseek.load(name), len(targets)
     for target in targets[:50]:
         arm.branches(target)  # Whatever compiles or loads does so before the clock runs.
-    peer = solver_of("ssik") if name in CLOSED else ""
     empty = np.full(count, np.nan)
     found = Found([], [], np.empty(count, dtype=int), np.empty((CALLS, count)), empty, empty.copy())
     enough = SWEPT if name in ONE_JOINT else SEARCHED if name in CLOSED else AROUND
@@ -216,14 +210,14 @@ def find(
             others, found.theirs[asked] = timed(witness, targets[asked])
             for i, theirs in zip(asked, others, strict=True):
                 compared(found, arm, i, targets[i], right[i], theirs)
-        if isinstance(peer, Solver):
-            try:
-                said, found.beside[part] = ssik(peer, judge, targets[part])
-                print(f"  {name}, ssik: fewer answers to {(said < found.numbers[part]).sum()} targets")
-            except (Raised, Gone) as why:
-                print(f"  {name}, ssik: {why}")
-    if isinstance(peer, Solver):
-        peer.close()
+        if name not in CLOSED:
+            continue
+        beside = ssik(arm, targets[part])
+        if isinstance(beside, str):
+            print(f"  {name}, ssik: {beside}")
+        else:
+            said, found.beside[part] = beside
+            print(f"  {name}, ssik: fewer answers to {(said < found.numbers[part]).sum()} targets")
     return found
 
 

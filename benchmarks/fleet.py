@@ -23,9 +23,8 @@ from kinseek.kinds import POSE
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 from .command import command
-from .page import Page, Row
-from .reachable import list_misses, missed, share
-from .targets import Array, fleet_arm, fleet_names, plain_fk, random_joints, singular_joints, strict
+from .page import Page, Row, list_misses, missed, share
+from .targets import Array, plain_fk, random_joints, singular_joints, strict
 from .timing import batch_cost, least, timed
 
 Figures = dict[str, float]
@@ -82,7 +81,7 @@ def median_of(arm: kinseek.Arm, targets: Array, starts: Array | None = None) -> 
 
 def measure(name: str, random: int, singular: int, seed: int, misses: list[str]) -> Figures:
     """Measure one arm."""
-    arm = fleet_arm(name)
+    arm = kinseek.load(name)
     loose, tight = random_joints(arm.chain, random, seed), singular_joints(arm.chain, singular, seed)
     targets, near = plain_fk(arm.chain, loose), plain_fk(arm.chain, tight)
     arm.ik(targets[:100])  # Whatever compiles or loads does so before the clock runs.
@@ -141,7 +140,7 @@ def main() -> None:
     parser = command(
         __file__,
         __doc__,
-        arms=fleet_names(),
+        arms=(),
         page="fleet.md",
         random=(100_000, 5_000, "random targets an arm"),
         singular=(5_000, 500, "near-singular targets an arm"),
@@ -149,7 +148,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
     options = parser.options()
     page, misses, found = Page("The fleet", "benchmarks.fleet", __doc__), list[str](), dict[str, Figures]()
-    joints = {name: fleet_arm(name).dof for name in options.arms}
+    joints = {name: kinseek.load(name).dof for name in options.arms}
 
     def rows() -> Iterator[Row]:
         for name, dof in joints.items():

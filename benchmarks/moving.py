@@ -34,6 +34,9 @@ SETTLED = 2.0
 RESTING, TURNING = 1e-5, 1e-6
 """A joint rests below the first speed; opposite speeds are a reversal if both exceed the second [rad/s, m/s]."""
 
+SLACK = 1e-9
+"""Share of a limit beyond it that is rounding."""
+
 REACHED = 1e-6
 """[m], [rad]"""
 
@@ -289,15 +292,14 @@ def stream(arm: kinseek.Arm, kind: str, seed: int) -> Stream:
 # Judge
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(NamedTuple):
     """What joints may do; infinite where nothing is asked."""
 
-    velocity: float | Array
+    velocity: float
     """[rad/s] or [m/s]"""
-    acceleration: float | Array = np.inf
+    acceleration: float = np.inf
     """[rad/s²] or [m/s²]"""
-    jerk: float | Array = np.inf
+    jerk: float = np.inf
     """[rad/s³] or [m/s³]"""
 
 
@@ -313,35 +315,29 @@ class Violations:
     """The first step and its joint, by the kind of limit, where there is one."""
 
 
-def differences(q: Array, q0: Array, h: float | Array = PERIOD) -> tuple[Array, Array, Array]:
+def differences(q: Array, q0: Array) -> tuple[Array, Array, Array]:
     """Velocities, accelerations and jerks of joint values one a period, begun at rest, (k, n) each."""
-    h = np.broadcast_to(np.asarray(h, dtype=float), len(q))[:, None]
-    v = np.diff(np.concatenate([q0[None], q]), axis=0) / h
-    a = np.diff(np.concatenate([np.zeros_like(q0)[None], v]), axis=0) / h
-    j = np.diff(np.concatenate([np.zeros_like(q0)[None], a]), axis=0) / h
-    return v, a, j
+    rest = np.zeros_like(q0)[None]
+    v = np.diff(q, axis=0, prepend=q0[None]) / PERIOD
+    a = np.diff(v, axis=0, prepend=rest) / PERIOD
+    return v, a, np.diff(a, axis=0, prepend=rest) / PERIOD
 
 
-def violations(
-    arm: kinseek.Arm, q: Array, q0: Array, limits: Limits, h: float | Array = PERIOD, slack: float = 1e-9
-) -> Violations:
-    """What joint values one a period, (k, n), violate: by more than the slack and what rounding of q does to differences."""
-    h_ = np.broadcast_to(np.asarray(h, dtype=float), len(q))
-    h_ = np.min([h_, np.r_[h_[0], h_[:-1]], np.r_[h_[0], h_[0], h_][: len(h_)]], axis=0)[:, None]
-    ulp = 4 * np.spacing(np.maximum(np.abs(q), np.abs(np.concatenate([q0[None], q[:-1]]))).max())
+def violations(arm: kinseek.Arm, q: Array, q0: Array, limits: Limits) -> Violations:
+    """What joint values one a period, (k, n), violate: by more than `SLACK` and what rounding of q does to differences."""
+    ulp = 4 * np.spacing(np.abs(np.vstack([q0, q])).max())
     found = Violations({}, {}, {})
     outside = np.where(arm.chain.endless, 0.0, np.maximum(q - arm.upper, arm.lower - q))
-    excess = {"position": (outside, np.zeros_like(q))}
-    names, orders = ("velocity", "acceleration", "jerk"), (1, 2, 3)
-    for name, order, d in zip(names, orders, differences(q, q0, h), strict=True):
-        largest = np.broadcast_to(np.asarray(getattr(limits, name), dtype=float), q.shape)
-        excess[name] = np.abs(d) / largest, 1 + slack + ulp / h_**order / largest
+    excess: dict[str, tuple[Array, float]] = {"position": (outside, 0.0)}
+    for order, (name, d) in enumerate(zip(Limits._fields, differences(q, q0), strict=True), 1):
+        largest = limits[order - 1]
+        excess[name] = np.abs(d) / largest, 1 + SLACK + ulp / PERIOD**order / largest
     for name, (size, allowed) in excess.items():
         bad = ~(size <= allowed)
         found.steps[name], found.share[name] = int(bad.any(axis=1).sum()), float(size.max())
         if bad.any():
-            row = int(np.flatnonzero(bad.any(axis=1))[0])
-            found.first[name] = row, int(np.flatnonzero(bad[row])[0])
+            row, joint = np.argwhere(bad)[0].tolist()
+            found.first[name] = row, joint
     return found
 
 

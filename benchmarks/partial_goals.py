@@ -25,8 +25,7 @@ from kinseek import Goal
 from kinseek.support.transforms import angles_between
 
 from .command import command
-from .page import Page, Row
-from .reachable import Flags, list_misses, missed
+from .page import Flags, Page, Row, list_misses, missed
 from .targets import STRICT, Array, plain_fk, random_joints, singular_joints
 from .timing import batch_cost, timed
 

@@ -123,11 +123,7 @@ def sound(arm: kinseek.Arm, options: argparse.Namespace) -> Row:
 
 def least_singular(arm: kinseek.Arm, q: Array) -> float:
     """The least singular value of the Jacobian at q, (n,), lengths in units of the arm's reach."""
-    step, length = 1e-6, arm.chain.length
-    T, ahead, behind = arm.fk(q), arm.fk(q + step * np.eye(arm.dof)), arm.fk(q - step * np.eye(arm.dof))
-    slope = (ahead - behind) / (2 * step)
-    turn = slope[:, :3, :3] @ T[:3, :3].T
-    J = np.column_stack([slope[:, :3, 3] / length, turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]])
+    J = arm.jacobian(q) / np.repeat([arm.chain.length, 1.0], 3)[:, None]
     return float(np.linalg.svd(J, compute_uv=False)[-1])
 
 

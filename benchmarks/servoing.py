@@ -26,8 +26,8 @@ from .page import Page, Row
 from .paths.curves import TASK_ARMS, placements
 from .targets import Array, plain_fk, pose_errors
 from .timing import timed
-from .workers.motion import TRACKERS
-from .workers.process import called_mover, releases
+from .workers.motion import TRACK, TRACKERS
+from .workers.process import called, releases
 
 PERIOD, VELOCITY = 0.01, 1.5
 """[s], [rad/s]"""
@@ -119,7 +119,7 @@ def compared(
     yield steps(arm, "**kinseek**", by_kinseek(arm, paths, starts), paths, starts)
     task = {"paths": paths, "starts": starts, "period": PERIOD, "velocity": VELOCITY}
     for peer in peers:
-        found = called_mover(TRACKERS[peer][0], "track", 900, arm.name, peer=peer, **task)
+        found = called(TRACKERS[peer][0], *TRACK, arm=arm.name, peer=peer, **task)
         versions[peer] = "" if isinstance(found, str) else found["version"]
         yield steps(arm, peer, found, paths, starts)
 

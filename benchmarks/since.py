@@ -28,9 +28,8 @@ from kinseek.robots import catalog_entry
 from kinseek.robots.catalog import catalog_path
 
 from .command import HERE, ROOT, command
-from .page import Page, Row
-from .reachable import share
-from .targets import Array, fleet_names, plain_fk, random_joints, strict
+from .page import Page, Row, share
+from .targets import Array, plain_fk, random_joints, strict
 from .workers.process import Gone, Raised, Worker
 
 CLONES = HERE / ".since"
@@ -138,7 +137,7 @@ def main() -> None:
     """Run it and write the page."""
     parser = command(__file__, __doc__)
     parser.add_argument("commit", help="what is compared with, as git names it")
-    parser.ask(fleet_names(), "since.md", {"turns": (15, 1, "of each side and arm")})
+    parser.ask((), "since.md", {"turns": (15, 1, "of each side and arm")})
     parser.add_argument("--seed", type=int, default=3)
     options = parser.options()
     try:

@@ -18,7 +18,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -26,7 +27,6 @@ import numpy as np
 
 import kinseek
 from kinseek.collision import Box
-from kinseek.robots import catalog_names
 
 from .command import command
 from .moving import (
@@ -38,6 +38,7 @@ from .moving import (
     Limits,
     Rest,
     Stream,
+    Violations,
     lag,
     overshoot,
     periods,
@@ -47,11 +48,12 @@ from .moving import (
     violations,
 )
 from .page import Page, Row
-from .targets import Array, fleet_arm
+from .targets import Array
 from .timing import timed
-from .workers.process import called_mover, releases
+from .workers.motion import TRACK
+from .workers.process import called, releases
 
-ARMS = ("ur5e", "panda", "iiwa14", "xarm7", "gen3", "so101", "irb120", "fetch")
+ARMS = ("ur5e", "panda", "iiwa14", "xarm7", "gen3", "so101", "irb120")
 
 VELOCITY, ACCELERATION, JERK = 1.5, 20.0, 1000.0
 """[rad/s], [rad/s²], [rad/s³]"""
@@ -62,8 +64,6 @@ PEERS = {"placo": "velocity", "pink": "velocity, acceleration", "mink": "velocit
 """Trackers, and which limits of theirs are set."""
 
 KINDS = ("position", "velocity", "acceleration", "jerk")
-
-OURS = "**kinseek**"
 
 BODIES = 20
 
@@ -93,7 +93,7 @@ class Tracked(NamedTuple):
 
 def begun(arm: kinseek.Arm, q0: Array, limits: Limits, **more: Any) -> kinseek.Tracker:
     """A tracker with these limits."""
-    given = {name: value for name, value in asdict(limits).items() if np.isfinite(value).all()}
+    given = {name: value for name, value in limits._asdict().items() if np.isfinite(value)}
     return arm.track(q0, period=PERIOD, **given, **more)
 
 
@@ -113,12 +113,8 @@ class Behind:
         self._generator, self._out = Ruckig(arm.dof, PERIOD), OutputParameter(arm.dof)
         self._in = given = InputParameter(arm.dof)
         given.current_position = given.target_position = q0.tolist()
-        given.max_velocity, given.max_acceleration = (
-            [limits.velocity] * arm.dof,
-            [limits.acceleration] * arm.dof,
-        )
+        given.max_velocity, given.max_acceleration, given.max_jerk = ([each] * arm.dof for each in limits)
         given.synchronization = Synchronization.No
-        given.max_jerk = [limits.jerk] * arm.dof
 
     def step(self, T: Any) -> Any:
         """One period on; the tracker's answer with other joint values."""
@@ -137,7 +133,12 @@ class Behind:
         return answer._replace(q=np.array(self._out.new_position))
 
 
-BEHIND = {"ruckig behind a tracker": False, "the same, targets that move": True}
+STARTS: dict[str, Callable[[kinseek.Arm, Array, Limits], Any]] = {
+    "**kinseek**": begun,
+    "ruckig behind a tracker": partial(Behind, moving=False),
+    "the same, targets that move": partial(Behind, moving=True),
+}
+"""Trackers in this process."""
 
 
 def tracked(step: Step, T: Array) -> Tracked:
@@ -151,9 +152,9 @@ class Tally:
     """Of many streams."""
 
     steps: int = 0
-    violated: Counter[str] = field(default_factory=Counter)
-    share: dict[str, float] = field(default_factory=dict)
     stood: int = 0
+    judged: list[Violations] = field(default_factory=list)
+    """Of each stream."""
     each: list[tuple[Rest, bool, str]] = field(default_factory=list)
     """Rests, whether their targets can be reached, and the last status."""
     faults: list[str] = field(default_factory=list)
@@ -163,19 +164,13 @@ class Tally:
     ) -> None:
         """Judge what a tracker did on a stream."""
         judged = violations(arm, found.q, made.q0, limits)
+        self.judged.append(judged)
         self.steps += len(found.q)
         self.stood += found.statuses.count(STOOD)
-        for kind, number in judged.steps.items():
-            self.violated[kind] += number
-            self.share[kind] = max(self.share.get(kind, -np.inf), judged.share[kind])
-            if number:
-                row, joint = judged.first[kind]
-                size = f"{judged.share[kind]:.3g} " + (
-                    "rad outside" if kind == "position" else "of the limit"
-                )
-                self.faults.append(
-                    f"{where}: {kind}, {number} steps, the first {row}, joint {joint + 1}; at most {size}"
-                )
+        for kind, (row, joint) in judged.first.items():
+            size = f"{judged.share[kind]:.3g} {'rad outside' if kind == 'position' else 'of the limit'}"
+            number, first = judged.steps[kind], f"the first {row}, joint {joint + 1}"
+            self.faults.append(f"{where}: {kind}, {number} steps, {first}; at most {size}")
         for rest in rests(arm.chain, found.q, made.T) if aims else ():
             reachable = bool(arm.ik(made.T[rest.end]).success)
             status = found.statuses[rest.end]
@@ -189,14 +184,14 @@ class Tally:
                 off = f"{rest.position:.2g} m, {rest.orientation:.2g} rad"
                 self.faults.append(f"{at}, reachable, {off} off after {HOLD:g} s, {status}")
 
-    def add(self, other: Tally) -> None:
+    def __add__(self, other: Tally) -> Tally:
         """Both together."""
-        self.steps += other.steps
-        self.stood += other.stood
-        self.violated += other.violated
-        self.share = {kind: max(self.share.get(kind, -np.inf), size) for kind, size in other.share.items()}
-        self.each += other.each
-        self.faults += other.faults
+        return Tally(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
+
+    @property
+    def violated(self) -> Counter[str]:
+        """Number of steps that violate a limit, by its kind."""
+        return sum((Counter(one.steps) for one in self.judged), Counter())
 
     @property
     def limits(self) -> Row:
@@ -204,7 +199,8 @@ class Tally:
         cells: Row = {">steps": f"{self.steps:,}"}
         cells |= {f">{kind}": self.violated[kind] for kind in KINDS}
         return cells | {
-            f">largest {kind}": f"{self.share.get(kind, np.nan):.4g}" for kind in ("acceleration", "jerk")
+            f">largest {kind}": f"{max((one.share[kind] for one in self.judged), default=np.nan):.4g}"
+            for kind in ("acceleration", "jerk")
         }
 
     @property
@@ -225,17 +221,6 @@ class Tally:
         }
 
 
-def loaded(names: list[str]) -> tuple[list[kinseek.Arm], list[str]]:
-    """Arms, and the names of those that are not here."""
-    arms, absent = [], []
-    for name in names:
-        try:
-            arms.append(kinseek.load(name) if name in catalog_names() else fleet_arm(name))
-        except kinseek.KinseekError:
-            absent.append(name)
-    return arms, absent
-
-
 def ours(arm: kinseek.Arm, steps: int) -> dict[str, Tally]:
     """Every stream again and again, until so many steps are done: tallies of the streams."""
     tallies = {kind: Tally() for kind in STREAMS}
@@ -252,34 +237,25 @@ def ours(arm: kinseek.Arm, steps: int) -> dict[str, Tally]:
 
 def place_of(arm: kinseek.Arm, kind: str, seed: int, limits: Limits) -> str:
     """How to make a stream again."""
-    return f"{arm.name}, {kind!r}, seed {seed}{', jerk limited' if np.isfinite(limits.jerk).all() else ''}"
+    return f"{arm.name}, {kind!r}, seed {seed}{', jerk limited' if np.isfinite(limits.jerk) else ''}"
 
 
 def asked_of_peer(arm: kinseek.Arm, peer: str, made: dict[str, Stream]) -> dict[str, Tracked] | str:
     """What a peer does on streams, in its own environment, or why it does nothing; and its version."""
-    longest = max(len(one.T) for one in made.values())
-    paths = [
-        np.concatenate([one.T, np.repeat(one.T[-1:], longest - len(one.T), axis=0)]) for one in made.values()
-    ]
-    task = {
-        "paths": paths,
-        "starts": [one.q0 for one in made.values()],
-        "period": PERIOD,
-        "velocity": VELOCITY,
-    }
-    found = called_mover(peer, "track", 900, arm.name, peer=peer, acceleration=ACCELERATION, **task)
+    task = {"paths": [one.T for one in made.values()], "starts": [one.q0 for one in made.values()]}
+    limits = {"period": PERIOD, "velocity": VELOCITY, "acceleration": ACCELERATION}
+    found = called(peer, *TRACK, arm=arm.name, peer=peer, **task, **limits)
     if isinstance(found, str):
         return found
     VERSIONS[peer] = found["version"]
     rows = zip(made.items(), found["q"], found["times"], found["stood"], strict=True)
     return {
         kind: Tracked(
-            unwound(arm, np.array(q[:k]), one.q0),
-            np.array(times[:k]),
-            [STOOD if stands else "" for stands in stood[:k]],
+            unwound(arm, np.array(q), one.q0),
+            np.array(times),
+            [STOOD if stands else "" for stands in stood],
         )
         for (kind, one), q, times, stood in rows
-        for k in [len(one.T)]
     }
 
 
@@ -298,12 +274,9 @@ def compared(arm: kinseek.Arm, peers: list[str], tallies: dict[str, Tally], mice
     for limits in ALL_LIMITS:
         jerk = bool(np.isfinite(limits.jerk))
         who: dict[str, dict[str, Tracked] | str] = {
-            OURS: {kind: tracked(begun(arm, one.q0, limits).step, one.T) for kind, one in made.items()}
+            name: {kind: tracked(start(arm, one.q0, limits).step, one.T) for kind, one in made.items()}
+            for name, start in STARTS.items()
         }
-        for name, moving in BEHIND.items():
-            who[name] = {
-                kind: tracked(Behind(arm, one.q0, limits, moving).step, one.T) for kind, one in made.items()
-            }
         who |= {} if jerk else {peer: asked_of_peer(arm, peer, made) for peer in peers}
         for name, found in who.items():
             if isinstance(found, str):
@@ -420,17 +393,11 @@ def main() -> None:
     )
     parser.add_argument("--peers", nargs="*", choices=PEERS, default=list(PEERS), help="names")
     options = parser.options()
-    arms, absent = loaded(options.arms)
+    arms = [kinseek.load(name) for name in options.arms]
     page = Page("Streams", "benchmarks.streams", __doc__)
-    if absent:
-        page.say(f"Skipped, because their files are missing: {', '.join(absent)}.")
-
-    each = {arm.name: ours(arm, options.steps * 2 // 3 // len(arms)) for arm in arms}
-    kinds, whole = {kind: Tally() for kind in STREAMS}, Tally()
-    for tallies in each.values():
-        for kind, tally in tallies.items():
-            kinds[kind].add(tally)
-            whole.add(tally)
+    each = [ours(arm, options.steps * 2 // 3 // len(arms)) for arm in arms]
+    kinds = {kind: sum((tallies[kind] for tallies in each), Tally()) for kind in STREAMS}
+    whole = sum(kinds.values(), Tally())
     page.head("Limits")
     page.say(
         "*position* to *jerk*: steps that violate this limit. *largest*: the largest share of the limit in any step.",

@@ -13,18 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-import kinseek
 from kinseek.robots.chain import SerialChain
 
 Array = NDArray[np.float64]
 
 STRICT = 1e-6
 """[m] and [rad]"""
-
-ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"
-"""An optional folder beside the checkout: ``NAME.urdf`` files, and ``robots.json`` with the base and the tip link of each.
-
-The repository does not contain it. With it, exactly its arms are measured; without it, all bundled arms are."""
 
 
 def plain_fk(chain: SerialChain, q: Array) -> Array:
@@ -78,26 +72,6 @@ def singular_joints(chain: SerialChain, count: int, seed: int) -> Array:
     half = np.full(pick.shape, np.pi / 2)
     chosen = np.choose(pick, [np.zeros(pick.shape), low, high, half, -half, loose])
     return np.asarray(np.clip(chosen, chain.lower, chain.upper))
-
-
-def fleet_names() -> tuple[str, ...]:
-    """Names of the arms to measure: those of the optional folder `ROBOTS` if it exists, otherwise all bundled arms."""
-    if ROBOTS.is_dir():
-        return tuple(sorted(path.stem for path in ROBOTS.glob("*.urdf")))
-    from kinseek.robots import catalog_names
-
-    return catalog_names()
-
-
-def fleet_arm(name: str) -> kinseek.Arm:
-    """Load an arm by its name: from the optional folder `ROBOTS` if it has the arm, otherwise the bundled arm."""
-    path = ROBOTS / f"{name}.urdf"
-    if not path.is_file():
-        return kinseek.load(name)
-    import json
-
-    entry = json.loads((ROBOTS / "robots.json").read_text(encoding="utf-8"))[name]
-    return kinseek.load(path, base=entry["base"], tip=entry["tip"])
 
 
 def processor() -> str:

@@ -14,7 +14,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 import toppra
@@ -48,34 +47,36 @@ TRIALS = 200
 
 def arc(arm: kinseek.Arm, rng: np.random.Generator, count: int = 150) -> kinseek.Path:
     """A continuous path along a random arc."""
-    for _ in range(TRIALS):
-        q = rng.uniform(np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0))
+
+    def poses(q: Array) -> Array:
         T = np.repeat(arm.fk(q)[None], count, axis=0)
         angle = np.linspace(0.0, rng.uniform(0.5, 2.0), count)
         a, b = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
         T[:, :3, 3] += 0.15 * ((np.cos(angle) - 1.0)[:, None] * a + np.sin(angle)[:, None] * b)
-        path = arm.follow(_goal(arm, T))
-        if path.success:
-            return path
-    raise AssertionError(f"no continuous arc of {arm.name}")
+        return T
+
+    return _followed(arm, rng, poses)
 
 
 def corner(arm: kinseek.Arm, rng: np.random.Generator) -> kinseek.Path:
     """A continuous path along two lines with a sharp corner."""
+
+    def poses(q: Array) -> Array:
+        first, last = (arm.fk(q + 0.3 * rng.normal(size=arm.dof)) for _ in range(2))
+        return kinseek.interpolate([first, arm.fk(q), last], step=0.005, turn=0.03)
+
+    return _followed(arm, rng, poses)
+
+
+def _followed(arm: kinseek.Arm, rng: np.random.Generator, poses: Callable[[Array], Array]) -> kinseek.Path:
+    """The first path that is continuous, of poses made from random joint values."""
     for _ in range(TRIALS):
-        q = rng.uniform(np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0))
-        ends = [arm.fk(q + 0.3 * rng.normal(size=arm.dof)) for _ in range(2)]
-        path = arm.follow(
-            _goal(arm, kinseek.interpolate([ends[0], arm.fk(q), ends[1]], step=0.005, turn=0.03))
-        )
+        T = poses(rng.uniform(np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)))
+        # An arm with too few joints follows the positions.
+        path = arm.follow(T if arm.dof >= 6 else kinseek.Goal.position(T[:, :3, 3]))
         if path.success:
             return path
     raise AssertionError(f"no continuous path of {arm.name}")
-
-
-def _goal(arm: kinseek.Arm, T: Array) -> Any:
-    """All of the poses, or their positions for an arm with too few joints."""
-    return T if arm.dof >= 6 else kinseek.Goal.position(T[:, :3, 3])
 
 
 def speeds_of(arm: kinseek.Arm) -> Array:

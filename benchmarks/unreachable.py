@@ -34,15 +34,13 @@ from kinseek.proof.branch_and_bound import prove
 from kinseek.solution import Status
 
 from .command import command
-from .field.adapters import SOLVERS
-from .field.judge import bundled
-from .field.run import Solver, solver_of
+from .field.adapters import SOLVERS, adapter, path_of
 from .field.tasks import settings_of
 from .page import Page, Row
 from .proof import unreachable
 from .targets import Array
 from .timing import timed
-from .workers.process import Gone, Raised, releases
+from .workers.process import called_solver, releases
 
 ARMS = ("puma560", "ur5e", "kr6r900")
 
@@ -100,17 +98,15 @@ def by_kinseek(arm: kinseek.Arm, far: Far) -> Returned:
     return Returned(q, np.zeros(len(q), bool), times / 1e3, f"proved for {100 * proved:.0f} %")
 
 
-def by_solver(solver: Solver, name: str, far: Far) -> Returned:
-    """Ask a solver of the field.
-
-    Raises:
-        Raised, Gone: It returns nothing at all.
-    """
+def by_solver(arm: str, solver: str, far: Far, versions: dict[str, str]) -> Returned | str:
+    """Ask a solver of the field, or say why it returns nothing at all; adds its version."""
     poses = np.array([problem.goal.target for problem, _ in far])
-    slice = {"poses": np.concatenate([poses, poses[:5]]), "starts": [], "count": len(poses), "limit": SECONDS}
-    label = SETTINGS.get(solver.adapter.stem, "recommended")
-    settings = settings_of(solver.module)[label]
-    found = solver.ask(bundled(name), label, settings, "solve", SECONDS, **slice)
+    module = adapter(path_of(solver))
+    settings = settings_of(module)[SETTINGS.get(solver, "recommended")]
+    found = called_solver(arm, solver, settings, "solve", poses, SECONDS)
+    if isinstance(found, str):
+        return found
+    versions[module.NAME] = found["version"]
     q, left = np.array(found["q"], dtype=float), len(poses) - len(found["q"])
     claimed = np.array(found["claimed"]) != 0
     return Returned(
@@ -152,19 +148,11 @@ def row(name: str, who: str, far: Far, found: Returned | str) -> Row:
     return cells | dict(zip(columns, figures, strict=True)) | {"": found.note}
 
 
-def asked(name: str, far: Far, solvers: dict[str, Solver | str], versions: dict[str, str]) -> Iterator[Row]:
+def asked(name: str, far: Far, solvers: list[str], versions: dict[str, str]) -> Iterator[Row]:
     """A row of kinseek, and one of each solver."""
     yield row(name, "**kinseek**", far, by_kinseek(kinseek.load(name), far))
-    for who, solver in solvers.items():
-        if isinstance(solver, str):
-            yield row(name, who, far, solver)
-            continue
-        try:
-            found: Returned | str = by_solver(solver, name, far)
-            versions[solver.module.NAME] = solver.version
-        except (Raised, Gone) as why:
-            found = str(why)
-        yield row(name, solver.module.NAME, far, found)
+    for solver in solvers:
+        yield row(name, adapter(path_of(solver)).NAME, far, by_solver(name, solver, far, versions))
 
 
 def main() -> None:
@@ -182,11 +170,7 @@ def main() -> None:
     page, versions = Page("Goals out of reach", "benchmarks.unreachable", __doc__), dict[str, str]()
     far = {name: far_goals(kinseek.load(name), options.goals, options.seed) for name in options.arms}
     page.say("Goals: " + ", ".join(f"{len(each)} for {name}" for name, each in far.items()) + ".")
-    solvers = {name: solver_of(name) for name in options.solvers}
-    page.rows(line for name, each in far.items() for line in asked(name, each, solvers, versions))
-    for solver in solvers.values():
-        if isinstance(solver, Solver):
-            solver.close()
+    page.rows(line for name, each in far.items() for line in asked(name, each, options.solvers, versions))
     page.note = releases(versions)
     page.end(options)
 

@@ -182,7 +182,6 @@ def every_question(shown: Shown) -> Page:
         rows = [_figures(question.name, row, own, shown) for row, own in shown.groups(question.name)]
         if rows:
             made.head(question.title)
-            made.say(f"{question.what.capitalize()}.")
             made.rows(rows, show=False)
     made.head("Random poses, arm by arm")
     random = shown.answers[shown.answers["question"] == "random"]

@@ -67,8 +67,6 @@ class Question:
 
     name: str
     title: str
-    what: str
-    """For who reads the page."""
     count: int
     """Targets an arm."""
     seconds: float
@@ -153,72 +151,19 @@ def from_a_start(judge: Judge, count: int, rng: Rng) -> Asked:
 
 
 QUESTIONS = (
-    Question("random", "Random poses", "joint values uniform inside the limits", 200, 1.0, at_random),
-    Question(
-        "singular",
-        "Near singularities",
-        "joints at 0 or ±π/2, or 1e-3 rad off, the most singular tenth of the poses",
-        100,
-        0.4,
-        singular,
-    ),
-    Question("limits", "At limits", "half of the joints at a limit exactly", 100, 0.4, at_limits),
-    Question(
-        "unreachable",
-        "Out of reach",
-        "positions at 1.5 times the length of the arm from the base",
-        20,
-        0.4,
-        out_of_reach,
-    ),
-    Question(
-        "position", "Position only", "a position, with any orientation", 100, 0.3, at_random, "position"
-    ),
-    Question(
-        "start",
-        "A given start",
-        "each joint within 0.1 rad (or m) of values that reach the pose",
-        100,
-        0.3,
-        from_a_start,
-        "start",
-    ),
-    Question(
-        "branches",
-        "Every answer",
-        "all solutions of a pose, for arms with six joints",
-        50,
-        0.5,
-        at_random,
-        "branches",
-        tuned=False,
-    ),
-    Question(
-        "batch",
-        "Batches",
-        "up to 250 poses in one call, one thread",
-        2000,
-        2.0,
-        at_random,
-        "batch",
-        tuned=False,
-        few=True,
-    ),
-    Question(
-        "first",
-        "The first answer",
-        "from the start of Python to the first solution, in a new process",
-        5,
-        30.0,
-        at_random,
-        "first",
-        tuned=False,
-        few=True,
-    ),
+    Question("random", "Random poses", 200, 1.0, at_random),
+    Question("singular", "Near singularities", 100, 0.4, singular),
+    Question("limits", "At limits", 100, 0.4, at_limits),
+    Question("unreachable", "Out of reach", 20, 0.4, out_of_reach),
+    Question("position", "Position only", 100, 0.3, at_random, "position"),
+    Question("start", "A given start", 100, 0.3, from_a_start, "start"),
+    Question("branches", "Every answer", 50, 0.5, at_random, "branches", tuned=False),
+    Question("batch", "Batches", 2000, 2.0, at_random, "batch", tuned=False, few=True),
+    Question("first", "The first answer", 5, 30.0, at_random, "first", tuned=False, few=True),
 )
-"""In the order in which they are asked and shown."""
+"""In the order in which they are asked and shown; docs/field.md says what each is."""
 
-SWEEP = Question("sweep", "Sweep", "random poses, others than those that are measured", 100, 0.7, at_random)
+SWEEP = Question("sweep", "Sweep", 100, 0.7, at_random)
 """What settings are chosen by."""
 
 

@@ -7,9 +7,7 @@ hangs is a result like any other; the solver gets a new process.
 
 from __future__ import annotations
 
-import os
 import random
-import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -18,10 +16,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from benchmarks.workers.environments import environment
 from benchmarks.workers.process import HANG, Gone, Raised, Worker
 
-from .adapters import adapter, path_of
 from .judge import Judge
 from .protocol import Adapter
 from .questions import SWEEP, Question, fits
@@ -134,14 +130,6 @@ class Solver:
             self._worker.close()
         self._worker = None
         self._loaded = {label: why for label, why in self._loaded.items() if why is not None}
-
-
-def solver_of(name: str) -> Solver | str:
-    """A solver of the field by its name, in its environment; or why there is none."""
-    path = path_of(name)
-    python = environment(path)
-    log = Path(tempfile.gettempdir()) / f"kinseek-{os.getpid()}-{name}.txt"
-    return python if isinstance(python, str) else Solver(path, adapter(path), python, log)
 
 
 class Turn:

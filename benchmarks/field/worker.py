@@ -48,6 +48,17 @@ def load(arm: dict[str, Any], label: str, settings: dict[str, Any]) -> None:
     SOLVERS[label] = read, MODULE[0].load(read, settings)
 
 
+def answers(
+    file: str, arm: dict[str, Any], settings: dict[str, Any], way: str, poses: Any, limit: float
+) -> dict[str, Any]:
+    """Ask a solver of an arm for some poses, for `limit` seconds, in one call; also returns the version of its package."""
+    release = begin(file)
+    load(arm, "", settings)
+    # Behind them some of the poses again, to warm up with.
+    found = ask("", way, [*poses, *poses[:50]], [], len(poses), limit)
+    return found | {"version": release}
+
+
 class Rows:
     """Answers as they come, in columns."""
 

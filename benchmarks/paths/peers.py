@@ -18,7 +18,7 @@ from benchmarks.page import Page, Row
 from benchmarks.targets import Array, plain_fk, pose_errors
 from benchmarks.timing import cpu
 from benchmarks.workers.motion import FOLLOWERS
-from benchmarks.workers.process import called_mover, releases
+from benchmarks.workers.process import called, releases
 
 from .curves import KINDS, LARGEST, TASK_ARMS, goal_of, placements
 
@@ -27,6 +27,8 @@ PLACE, TURN = 1e-4, 1e-3
 
 STARTS, SECONDS = 8, 540
 """Starts for what kinseek missed, and time of a peer for one kind of task [s]: what is not done by then is not counted."""
+
+FOLLOW = "benchmarks.workers.motion", "follow", SECONDS + 300
 
 GRID = 120
 """Values of the last joint over which all solutions are found."""
@@ -166,7 +168,7 @@ def by_peer(
 ) -> tuple[Followed | None, str]:
     """Let a peer follow every path, from one start after another, and its version; or nothing, and why."""
     task = {"paths": paths, "starts": starts, "free": kind == "raster", "seconds": SECONDS}
-    found = called_mover(FOLLOWERS[peer][0], "follow", SECONDS + 300, arm.name, peer=peer, **task)
+    found = called(FOLLOWERS[peer][0], *FOLLOW, arm=arm.name, peer=peer, **task)
     if isinstance(found, str):
         return None, found
     return judged(arm, kind, np.array(found["q"], dtype=float), paths, found["times"]), found["version"]

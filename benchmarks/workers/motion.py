@@ -355,6 +355,9 @@ TRACKERS: dict[str, tuple[str, str, Callable[..., Any]]] = {
 """Of each the adapter of the field whose environment it has, its distribution, and what makes it of an arm, a period, a
 velocity and, where it is in `ACCELERATING`, an acceleration."""
 
+TRACK = "benchmarks.workers.motion", "track", 900
+"""What is called, and how long it may take [s]."""
+
 ACCELERATING = ("pink",)
 """Trackers that can limit accelerations."""
 
@@ -397,25 +400,26 @@ def track(
     velocity: float,
     acceleration: float | None = None,
 ) -> dict[str, Any]:
-    """Track every path, (P, N, 4, 4), from its start, (P, n): joint values, and the time of every step [µs].
+    """Track each of P paths, (N, 4, 4), from its start, (n,): joint values, and the time of every step [µs], a list each.
 
-    An acceleration [rad/s²] is for those that can limit it. One that finds no step stands still (`stood`, (P, N)).
+    An acceleration [rad/s²] is for those that can limit it. One that finds no step stands still (`stood`).
     """
-    paths, starts = np.array(paths), np.array(starts)
     limits = [velocity] if acceleration is None or peer not in ACCELERATING else [velocity, acceleration]
     method = TRACKERS[peer][2](arm_of(arm), period, *limits)
-    q, times = np.empty((*paths.shape[:2], starts.shape[1])), np.empty(paths.shape[:2])
-    stood = np.zeros(paths.shape[:2], dtype=bool)
-    for row, (targets, start) in enumerate(zip(paths, starts, strict=True)):
-        method.stand(start)
-        for k, T in enumerate(targets):
-            began = time.perf_counter_ns()
+    made: dict[str, list[list[Any]]] = {"q": [], "times": [], "stood": []}
+    for targets, start in zip(paths, starts, strict=True):
+        method.stand(np.array(start))
+        for column in made.values():
+            column.append([])
+        for T in np.array(targets):
+            began, stands = time.perf_counter_ns(), False
             method.aim(T)
             try:
                 method.step()
             except Exception:  # Each has its own, of a quadratic programme without a solution.
-                stood[row, k] = True
+                stands = True
                 method.stand(method.q)
-            q[row, k] = method.q
-            times[row, k] = (time.perf_counter_ns() - began) / 1e3
-    return {"q": q, "times": times, "stood": stood, "version": version(TRACKERS[peer][1])}
+            row = method.q, (time.perf_counter_ns() - began) / 1e3, stands
+            for column, value in zip(made.values(), row, strict=True):
+                column[-1].append(value)
+    return made | {"version": version(TRACKERS[peer][1])}

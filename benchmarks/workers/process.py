@@ -24,6 +24,9 @@ from .serve import as_list
 HANG = "hangs"
 """Begins the message of `Gone` if no reply came in time."""
 
+LOADING = 300.0
+"""What importing a solver and reading an arm may take [s]."""
+
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS", "XLA_NUM_THREADS"),
     "1",
@@ -128,7 +131,7 @@ class Worker:
                 self._process.stdin.close()
 
 
-def called(peer: str, module: str, call: str, seconds: float, /, **arguments: Any) -> Any:
+def called(peer: str, module: str, call: str, seconds: float, /, arm: str = "", **arguments: Any) -> Any:
     """Call one function in a process of its own; its value, or a string that says why there is none.
 
     Args:
@@ -136,8 +139,13 @@ def called(peer: str, module: str, call: str, seconds: float, /, **arguments: An
         module: As `Worker` takes it.
         call: Name of the function.
         seconds: After so many the process is ended.
+        arm: Name of a bundled arm that the function gets as `Arm` of the field has it, if any.
         arguments: Of the function.
     """
+    if arm:
+        from benchmarks.field.judge import bundled
+
+        arguments["arm"] = asdict(bundled(arm).arm)
     python = environment(path_of(peer))
     if isinstance(python, str):
         return python[:60]
@@ -151,12 +159,14 @@ def called(peer: str, module: str, call: str, seconds: float, /, **arguments: An
             worker.close()
 
 
-def called_mover(place: str, call: str, seconds: float, arm: str, **task: Any) -> Any:
-    """Call `follow` or `track` of `benchmarks.workers.motion` for a bundled arm, as `called` does."""
-    from benchmarks.field.judge import bundled
-
-    known = asdict(bundled(arm).arm)
-    return called(place, "benchmarks.workers.motion", call, seconds, arm=known, **task)
+def called_solver(
+    arm: str, solver: str, settings: dict[str, Any], way: str, poses: Any, seconds: float
+) -> dict[str, Any] | str:
+    """Let a solver of the field answer poses for some time; see `answers` of `benchmarks.field.worker`."""
+    asked = {"file": str(path_of(solver)), "settings": settings, "way": way, "poses": poses, "limit": seconds}
+    module = "benchmarks.field.worker", "answers", LOADING + 3 * seconds
+    found: dict[str, Any] | str = called(solver, *module, arm=arm, **asked)
+    return found
 
 
 def releases(versions: dict[str, str]) -> str:

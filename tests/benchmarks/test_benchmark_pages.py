@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
-from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +13,6 @@ import pytest
 import kinseek
 from benchmarks import pages
 from benchmarks.command import ROOT
-from benchmarks.field.judge import bundled
 from benchmarks.page import Page, Part, in_parts
 from benchmarks.since import MANY, measure, side
 from benchmarks.workers import process
@@ -118,8 +117,14 @@ def hang():
 def test_a_peer_that_fails_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("eaik")
     monkeypatch.setattr(process, "environment", lambda requirements: Path(sys.executable))
-    arm, nothing = asdict(bundled("panda").arm), np.zeros((1, 50, 4, 4))
-    asked = {"arm": arm, "paths": nothing, "starts": np.zeros((1, 1, 7)), "free": False, "seconds": 1.0}
+    nothing = np.zeros((1, 50, 4, 4))
+    asked: dict[str, Any] = {
+        "arm": "panda",
+        "paths": nothing,
+        "starts": np.zeros((1, 1, 7)),
+        "free": False,
+        "seconds": 1.0,
+    }
     motion = "eaik", "benchmarks.workers.motion", "follow", 60
     seven = "seven joints only with one of them locked"
     assert process.called(*motion, **asked, peer="EAIK, ladder") == seven
