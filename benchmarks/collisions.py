@@ -135,10 +135,8 @@ def by_hand(
 
 def checks(page: Page, options: Any) -> None:
     """What a check costs."""
-    arm = kinseek.load(options.urdf, tip=options.tip)
-    scene = kinseek.Scene.of(arm, meshes=options.meshes)
-    boxes = add_boxes(scene)
-    hand = by_hand(scene, options.urdf, arm, [str(folder) for folder in options.meshes], boxes)
+    arm, scene = among(options, "box", BOXES)
+    hand = by_hand(scene, options.urdf, arm, [str(folder) for folder in options.meshes], BOXES)
     q = arm.sample(options.checks, seed=1)
     verdicts = np.array([hand(one) for one in q])
     same = int((scene.free(q) == verdicts).sum())
@@ -186,9 +184,7 @@ def checks(page: Page, options: Any) -> None:
 
 def proofs(page: Page, options: Any) -> None:
     """How many joint values the first pass decides, and whether it is right."""
-    arm = kinseek.load(options.urdf, tip=options.tip)
-    scene = kinseek.Scene.of(arm, meshes=options.meshes)
-    add_boxes(scene)
+    arm, scene = among(options, "box", BOXES)
     engine, told, wrong = scene._engine, np.zeros(3, dtype=np.int64), np.zeros(2, dtype=np.int64)
     done = 0
     while done < options.proofs:
@@ -212,15 +208,23 @@ def proofs(page: Page, options: Any) -> None:
     )
 
 
-def add_boxes(scene: kinseek.Scene) -> list[Any]:
-    """Twenty boxes around an arm, and their poses."""
-    rng = np.random.default_rng(0)
-    boxes = []
-    for number in range(20):
-        size, place = rng.uniform(0.05, 0.2, 3), rng.uniform(-1, 1, 3)
-        boxes.append((Box(size), kinseek.pose(place, rpy=rng.uniform(-3, 3, 3))))
-        scene.add(f"box{number}", *boxes[-1])
-    return boxes
+def around(seed: int, shape: Callable[[np.random.Generator], Any]) -> list[tuple[Any, Array]]:
+    """Twenty obstacles around an arm, and their poses."""
+    rng = np.random.default_rng(seed)
+    return [(shape(rng), kinseek.pose(rng.uniform(-1, 1, 3), rpy=rng.uniform(-3, 3, 3))) for _ in range(20)]
+
+
+BOXES = around(0, lambda rng: Box(rng.uniform(0.05, 0.2, 3)))
+CAPSULES = around(1, lambda rng: Capsule(rng.uniform(0.03, 0.08), rng.uniform(0.05, 0.3)))
+
+
+def among(options: Any, name: str, obstacles: list[tuple[Any, Array]], **more: Any) -> Any:
+    """The arm of a file with meshes, and its scene with obstacles whose names begin so."""
+    arm = kinseek.load(options.urdf, tip=options.tip)
+    scene = kinseek.Scene.of(arm, meshes=options.meshes, **more)
+    for number, (shape, pose) in enumerate(obstacles):
+        scene.add(f"{name}{number}", shape, pose)
+    return arm, scene
 
 
 def shelf(name: str) -> tuple[kinseek.Arm, kinseek.Scene]:
@@ -306,22 +310,10 @@ def motions(name: str, count: int, points: int) -> Row:
     }
 
 
-def capsules(count: int = 20) -> list[tuple[Capsule, Array]]:
-    """Capsules around an arm, and their poses."""
-    rng, found = np.random.default_rng(1), []
-    for _ in range(count):
-        shape = Capsule(rng.uniform(0.03, 0.08), rng.uniform(0.05, 0.3))
-        found.append((shape, kinseek.pose(rng.uniform(-1, 1, 3), rpy=rng.uniform(-3, 3, 3))))
-    return found
-
-
-def described(
-    scene: kinseek.Scene, arm: kinseek.Arm, options: Any, obstacles: Any, q: Array
-) -> dict[str, Any]:
-    """What a peer may need to know of a scene."""
-    half = np.array([[0.0, 0.0, shape.length / 2] for shape, _ in obstacles])
-    turned = np.array([pose[:3, :3] @ side for (_, pose), side in zip(obstacles, half, strict=True)])
-    middles = np.array([pose[:3, 3] for _, pose in obstacles])
+def described(scene: kinseek.Scene, arm: kinseek.Arm, options: Any, q: Array) -> dict[str, Any]:
+    """What a peer may need to know of the scene with capsules."""
+    turned = np.array([pose[:3, 2] * shape.length / 2 for shape, pose in CAPSULES])
+    middles = np.array([pose[:3, 3] for _, pose in CAPSULES])
     links = {body for body in scene.bodies if not body.startswith("capsule")}
     ignored = [(pair.a, pair.b) for pair in scene.pairs if not pair.counts and {pair.a, pair.b} <= links]
     return {
@@ -332,7 +324,7 @@ def described(
         "fingers": FINGERS,
         "begins": middles - turned,
         "ends": middles + turned,
-        "radii": np.array([shape.radius for shape, _ in obstacles]),
+        "radii": np.array([shape.radius for shape, _ in CAPSULES]),
         "ignored": ignored,
         "q": q,
     }
@@ -340,14 +332,11 @@ def described(
 
 def beside(page: Page, options: Any) -> None:
     """Ask kinseek, coal by hand and the peers about the same joint values."""
-    arm, obstacles = kinseek.load(options.urdf, tip=options.tip), capsules()
     fingers = _fingers(options.urdf)
     joints = {name: FINGERS for name, leads in fingers.items() if leads}
-    scene = kinseek.Scene.of(arm, meshes=options.meshes, srdf=options.srdf, joints=joints)
-    for number, (shape, pose) in enumerate(obstacles):
-        scene.add(f"capsule{number}", shape, pose)
+    arm, scene = among(options, "capsule", CAPSULES, srdf=options.srdf, joints=joints)
     q, folders = arm.sample(options.checks, seed=5), [str(folder) for folder in options.meshes]
-    hand = by_hand(scene, options.urdf, arm, folders, obstacles, dict.fromkeys(fingers, FINGERS))
+    hand = by_hand(scene, options.urdf, arm, folders, CAPSULES, dict.fromkeys(fingers, FINGERS))
     truth = np.array([hand(each) for each in q])
     page.head(f"Beside VAMP and PyRoki: {arm.name} with itself and twenty capsules")
     page.say(
@@ -359,7 +348,7 @@ def beside(page: Page, options: Any) -> None:
         "arm and not from an error of the peer, but a user gets this verdict.",
     )
     versions: dict[str, str] = {}
-    page.rows(_beside(scene, hand, q, truth, described(scene, arm, options, obstacles, q), versions))
+    page.rows(_beside(scene, hand, q, truth, described(scene, arm, options, q), versions))
     page.say(releases(versions))
 
 

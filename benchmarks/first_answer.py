@@ -1,12 +1,12 @@
 """The first seconds and megabytes of a new user: processes from their start to the first solution.
 
-Builds a wheel, or takes the given one, and installs it in a new environment without Numba. Prints the megabytes on disk
-without those of NumPy, the seconds of new processes, measured alternately with `import numpy`, and the most memory that such
-a process held. A missed target is a failure. With `--jit` the sources are measured instead: with the library of kernels,
-with kernels that Numba has compiled before, and in a first run, which compiles. Linux and macOS; pip needs PyPI.
+Builds a wheel and installs it in an environment without Numba. Prints the megabytes on disk without those of NumPy, the
+seconds of new processes, measured alternately with `import numpy`, and the most memory that such a process held. A missed
+target is a failure. With `--jit` the sources are measured instead: with the library of kernels, with kernels that Numba has
+compiled before, and in a first run, which compiles. Linux and macOS; uv needs PyPI.
 
     python -m benchmarks.first_answer
-    python -m benchmarks.first_answer --wheel kinseek-0.1.0-cp311-abi3-linux_x86_64.whl --rounds 5
+    python -m benchmarks.first_answer --rounds 5
     python -m benchmarks.first_answer --jit
 """
 
@@ -21,7 +21,8 @@ import time
 from pathlib import Path
 
 from .command import ROOT, command
-from .workers.environments import megabytes
+from .field.adapters import path_of
+from .workers.environments import environment, megabytes
 
 MOST_MEGABYTES, MOST_MEBIBYTES = 60.0, 80.0
 FACTOR, MORE = 2.0, 0.3
@@ -56,30 +57,11 @@ Seen = dict[str, list[tuple[float, float]]]
 """Of each process the seconds and the memory [MiB] of every run."""
 
 
-def environment(cache: Path, **more: str) -> dict[str, str]:
+def user_of(cache: Path, **more: str) -> dict[str, str]:
     """A user's: byte code is kept, and nothing else chooses how kernels run."""
     ours = ("PYTHON", "KINSEEK_", "NUMBA_")
     kept = {name: value for name, value in os.environ.items() if not name.startswith(ours)}
     return kept | {"XDG_CACHE_HOME": str(cache)} | more
-
-
-def installed(wheel: Path | None, folder: Path) -> Path:
-    """Make an environment with a wheel and its command line in it; return its Python.
-
-    Raises:
-        SystemExit: Numba came with it.
-    """
-    if wheel is None:
-        build = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), str(ROOT)]
-        subprocess.run(build, env=os.environ | {"KINSEEK_BUILD": "always"}, check=True)
-        wheel = next(folder.glob("*.whl"))
-    subprocess.run([sys.executable, "-m", "venv", str(folder / "venv")], check=True)
-    python = folder / "venv" / "bin" / "python"
-    install = [str(python), "-m", "pip", "install", "-q", f"{wheel}[cli]"]
-    subprocess.run(install, check=True, env=environment(folder))
-    if subprocess.run([str(python), "-c", "import numba"], capture_output=True, check=False).returncode == 0:
-        raise SystemExit("Numba is there, so this shows nothing")
-    return python
 
 
 def once(python: Path, code: str, user: dict[str, str]) -> tuple[float, float]:
@@ -104,13 +86,15 @@ def alternately(python: Path, processes: dict[str, str], user: dict[str, str], r
     return seen
 
 
-def of_a_wheel(place: Path, wheel: Path | None, rounds: int) -> list[str]:
+def of_a_wheel(place: Path, rounds: int) -> list[str]:
     """Measure a wheel; what misses its target."""
-    python, missed = installed(wheel, place), []
-    size = megabytes(python, without=("numpy", "pip", "setuptools", "_distutils", "distutils"))
+    python, missed = environment(path_of("kinseek_cli")), list[str]()
+    if isinstance(python, str):
+        raise SystemExit(python)
+    size = megabytes(python, without=("numpy",))
     print(f"on disk beyond NumPy: {size:.1f} MB (target {MOST_MEGABYTES:.0f})")
     missed += ["on disk"] * (size > MOST_MEGABYTES)
-    seen = alternately(python, PROCESSES, environment(place / "cache"), rounds)
+    seen = alternately(python, PROCESSES, user_of(place / "cache"), rounds)
     most = FACTOR * statistics.median(seconds for seconds, _ in seen.pop(BASE)) + MORE
     print(f"targets {most:.2f} s, {MOST_MEBIBYTES:.0f} MiB")
     for name, figures in seen.items():
@@ -124,26 +108,25 @@ def of_sources(place: Path, rounds: int) -> None:
     """Measure the sources, with each kind of kernels."""
     python, sources = Path(sys.executable), {"PYTHONPATH": str(ROOT / "src")}
     print("from the library")
-    alternately(python, SOURCES, environment(place / "library", **sources), rounds)
+    alternately(python, SOURCES, user_of(place / "library", **sources), rounds)
     print("a first run, which compiles")
     for name, code in SOURCES.items():
-        user = environment(place / name.replace(" ", "-"), KINSEEK_JIT="1", **sources)
+        user = user_of(place / name.replace(" ", "-"), KINSEEK_JIT="1", **sources)
         print(f"{name:58} {once(python, code, user)[0]:6.1f} s", flush=True)
     print("with kernels that Numba compiled before")
-    alternately(python, SOURCES, environment(place / "numba", KINSEEK_JIT="1", **sources), rounds)
+    alternately(python, SOURCES, user_of(place / "numba", KINSEEK_JIT="1", **sources), rounds)
 
 
 def main() -> None:
     """Print tables, and fail where a target is missed."""
     parser = command(__file__, __doc__, rounds=(15, 15, "of each process"))
-    parser.add_argument("--wheel", type=Path, help="one that is there already")
     parser.add_argument("--jit", action="store_true", help="the sources, and what Numba compiles of them")
     options = parser.options()
     with tempfile.TemporaryDirectory() as folder:
         if options.jit:
             of_sources(Path(folder), options.rounds)
             return
-        missed = of_a_wheel(Path(folder), options.wheel, options.rounds)
+        missed = of_a_wheel(Path(folder), options.rounds)
     if missed:
         raise SystemExit(f"missed: {', '.join(missed)}")
 

@@ -59,25 +59,6 @@ def answers(
     return found | {"version": release}
 
 
-class Rows:
-    """Answers as they come, in columns."""
-
-    def __init__(self, joints: int) -> None:
-        """None yet."""
-        self._joints = joints
-        self.columns: dict[str, list[Any]] = {"q": [], "target": [], "claimed": [], "times": []}
-
-    def add(self, target: int, answer: Answer, microseconds: float) -> None:
-        """Keep an answer; what is not a list of n numbers counts as none."""
-        q = np.full(self._joints, np.nan)
-        if answer.q is not None and np.shape(answer.q) == q.shape:
-            q[:] = answer.q
-        claimed = None if answer.claimed is None else bool(answer.claimed)
-        row = (q.tolist(), target, CLAIMS[claimed], microseconds)
-        for column, value in zip(self.columns.values(), row, strict=True):
-            column.append(value)
-
-
 class Slice:
     """Some targets of a question, and the solver that gets them."""
 
@@ -85,8 +66,19 @@ class Slice:
         """Read what a call brings; the poses after the first `count` only warm the solver up."""
         self.arm, self.solver = SOLVERS[label]
         self.label, self.poses, self.starts = label, np.array(poses, float), np.array(starts, float)
-        self.count, self.seconds, self.rows = count, seconds, Rows(len(self.arm.joints))
+        self.count, self.seconds = count, seconds
+        self.columns: dict[str, list[Any]] = {"q": [], "target": [], "claimed": [], "times": []}
         self.facts: dict[str, Any] = {}
+
+    def add(self, target: int, answer: Answer, microseconds: float) -> None:
+        """Keep an answer; what is not a list of n numbers counts as none."""
+        q = np.full(len(self.arm.joints), np.nan)
+        if answer.q is not None and np.shape(answer.q) == q.shape:
+            q[:] = answer.q
+        claimed = None if answer.claimed is None else bool(answer.claimed)
+        row = (q.tolist(), target, CLAIMS[claimed], microseconds)
+        for column, value in zip(self.columns.values(), row, strict=True):
+            column.append(value)
 
     def each(self, call: Callable[[int], Sequence[Answer]]) -> None:
         """Ask target by target until time is up, the first in any case; an exception is a failure that is counted."""
@@ -105,7 +97,7 @@ class Slice:
                 answers, raised = (Answer(None, False),), raised + 1
             taken = (time.perf_counter_ns() - before) / 1e3
             for number, answer in enumerate(answers or (Answer(None, False),)):
-                self.rows.add(i, answer, np.nan if number else taken)
+                self.add(i, answer, np.nan if number else taken)
             LAST[self.label] = taken / 1e6
             if time.perf_counter() - began > self.seconds:
                 break
@@ -149,7 +141,7 @@ def batch(asked: Slice) -> None:
     q, claimed = call(poses)
     taken = (time.perf_counter_ns() - before) / 1e3 / len(poses)
     for i, each in enumerate(q):
-        asked.rows.add(i, Answer(each, None if claimed is None else claimed[i]), taken)
+        asked.add(i, Answer(each, None if claimed is None else claimed[i]), taken)
 
 
 def first(asked: Slice) -> None:
@@ -171,4 +163,4 @@ def ask(label: str, way: str, poses: Any, starts: Any, count: int, limit: float)
     """Ask a loaded solver for the first `count` of some poses, for `limit` seconds; return columns of answers, and facts."""
     asked = Slice(label, poses, starts, count, limit)
     WAYS[way](asked)
-    return asked.rows.columns | {"facts": asked.facts}
+    return asked.columns | {"facts": asked.facts}
