@@ -7,82 +7,34 @@ how fast a machine draws. Run: pytest benchmarks/test_viewer.py --benchmark-only
 
 from __future__ import annotations
 
-import json
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+
+from benchmarks.workers.process import Worker
 
 ARMS = ("ur5e", "panda", "scara4")
 
 GOALS, RATE = 1_000, 60.0
 """Goals of a drag, and how many a second a browser sends."""
 
-SERVER = """
-import json, os, resource, sys
-if hasattr(os, "sched_setaffinity"):
-    os.sched_setaffinity(0, {sorted(os.sched_getaffinity(0))[-1]})
-import kinseek
-from kinseek import viewer
-from kinseek.viewer.page import Page
-answered = [0]
-solve = Page._solve
-def counted(self, picked):
-    solve(self, picked)
-    answered[0] += 1
-Page._solve = counted
-def memory():
-    with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * resource.getpagesize()
-running = viewer.show(kinseek.load(sys.argv[1]), port=0, block=False, open_browser=False)
-for line in sys.stdin:
-    page = next(iter(running.pages.values()), None)
-    told = {"port": running.port, "answered": answered[0], "memory": memory()}
-    if page is not None:
-        told |= {"goal": page.options.target.tolist(), "idle": page.idle}
-        told |= {"cpu": sum(os.times()[:2])}
-    print(json.dumps(told), flush=True)
-running.stop()
-"""
+
+def at_rest(server: Worker) -> dict[str, Any]:
+    """The figures of the server when all is done."""
+    while not (told := figures(server)).get("idle"):
+        time.sleep(0.1)
+    return told
 
 
-class Server:
-    """The viewer in a process of its own."""
-
-    def __init__(self, arm: str) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", SERVER, arm], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        assert self.process.stdout is not None
-        self.process.stdout.readline()  # Where it is shown.
-
-    def told(self) -> dict[str, Any]:
-        """Its figures now."""
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.write("?\n")
-        self.process.stdin.flush()
-        told: dict[str, Any] = json.loads(self.process.stdout.readline())
-        return told
-
-    def at_rest(self) -> dict[str, Any]:
-        """Its figures when all is done."""
-        while not (told := self.told()).get("idle"):
-            time.sleep(0.1)
-        return told
-
-    def stop(self) -> None:
-        """End it."""
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.close()
-        self.process.wait(20)
-        self.process.stdout.close()
+def figures(server: Worker) -> dict[str, Any]:
+    """The figures of the server now."""
+    told: dict[str, Any] = server.ask("figures", 60)
+    return told
 
 
 class Visitor:
@@ -143,14 +95,6 @@ class Visitor:
         self._socket.close()
 
 
-@pytest.fixture
-def server(request: pytest.FixtureRequest) -> Iterator[Server]:
-    pytest.importorskip("viser")
-    running = Server(request.param)
-    yield running
-    running.stop()
-
-
 def way(centre: Any, number: int, size: float) -> Any:
     """A goal of a drag: around and around its beginning, farther and farther."""
     T, angle = np.array(centre), 2 * np.pi * number / 100
@@ -160,16 +104,16 @@ def way(centre: Any, number: int, size: float) -> Any:
     return T
 
 
-def drag(server: Server, visitor: Visitor, centre: Any) -> dict[str, float]:
+def drag(server: Worker, visitor: Visitor, centre: Any) -> dict[str, float]:
     """Drag at the browser's rate; what was answered by the end of it, and how long it took."""
-    before, frames, sent = server.told(), visitor.frames, visitor.bytes
+    before, frames, sent = figures(server), visitor.frames, visitor.bytes
     began = time.monotonic()
     for number in range(GOALS):
         while time.monotonic() < began + number / RATE:
             time.sleep(0.001)
         visitor.drag_to(way(centre, number, 0.05))
     seconds = time.monotonic() - began
-    after = server.told()
+    after = figures(server)
     return {
         "answers a second": (after["answered"] - before["answered"]) / seconds,
         "frames a second": (visitor.frames - frames) / seconds,
@@ -178,18 +122,21 @@ def drag(server: Server, visitor: Visitor, centre: Any) -> dict[str, float]:
     }
 
 
-@pytest.mark.parametrize("server", ARMS, indirect=True)
-def test_a_drag_keeps_up_and_memory_does_not_grow(benchmark: Any, server: Server) -> None:
-    visitor = Visitor(server.told()["port"])
-    centre = server.at_rest()["goal"]
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_drag_keeps_up_and_memory_does_not_grow(benchmark: Any, arm: str, tmp_path: Path) -> None:
+    pytest.importorskip("viser")
+    server = Worker(Path(sys.executable), "benchmarks.workers.viewer", tmp_path / "log.txt")
+    visitor = Visitor(server.ask("begin", 60, arm=arm))
+    centre = at_rest(server)["goal"]
     drag(server, visitor, centre)  # What is made once is made now.
-    memory = server.at_rest()["memory"]
-    figures = benchmark.pedantic(drag, (server, visitor, centre), rounds=1)
-    grown = server.at_rest()["memory"] - memory
-    figures |= {"grown MB": grown / 1e6, "memory MB": memory / 1e6}
+    memory = at_rest(server)["memory"]
+    found = benchmark.pedantic(drag, (server, visitor, centre), rounds=1)
+    grown = at_rest(server)["memory"] - memory
+    found |= {"grown MB": grown / 1e6, "memory MB": memory / 1e6}
     visitor.close()
-    benchmark.extra_info.update(figures)
-    print("\n", *(f"{name} {value:.4g};" for name, value in figures.items()))
-    assert figures["answers a second"] > 0.97 * RATE
-    assert figures["frames a second"] > 0.9 * RATE
+    server.close()
+    benchmark.extra_info.update(found)
+    print("\n", *(f"{name} {value:.4g};" for name, value in found.items()))
+    assert found["answers a second"] > 0.97 * RATE
+    assert found["frames a second"] > 0.9 * RATE
     assert grown < 4e6
