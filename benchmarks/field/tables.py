@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.stats import binomtest
 
 from .judge import LOOSE, LOOSE_TURN, SLACK, STRICT, Verdict
 from .questions import QUESTIONS
@@ -91,10 +92,8 @@ def interval(successes: float, count: int) -> tuple[float, float]:
     """95 % of a share, by Wilson 1927."""
     if not count:
         return float("nan"), float("nan")
-    z, share = 1.96, successes / count
-    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
-    half = z / (1 + z * z / count) * np.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
-    return max(middle - half, 0.0), min(middle + half, 1.0)
+    low, high = binomtest(int(successes), count).proportion_ci(method="wilson")
+    return float(low), float(high)
 
 
 def quantile_interval(values: Any, share: float) -> tuple[float, float]:

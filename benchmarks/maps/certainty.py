@@ -61,33 +61,26 @@ class Told(NamedTuple):
         return f"{format(self.mean * scale, digits)} ± {format(self.error * scale, digits)}"
 
 
-class Rows:
-    """Rows drawn from all of some rings."""
+def a_row(rings: maps.Rings, rng: np.random.Generator) -> Cells:
+    """The cells of a row drawn from all of some rings."""
+    row = rings.orientations.arcs
+    place = [int(rng.integers(n)) for n in rings.shape[:-1]]
+    first = row * int(rng.integers(rings.shape[-1] // row))
+    return (*(slice(i, i + 1) for i in place), slice(first, first + row))
 
-    def __init__(self, arm: kinseek.Arm, rings: maps.Rings) -> None:
-        self.arm, self.rings, self.rng = arm, rings, np.random.default_rng(1)
 
-    def drawn(self) -> Cells:
-        """The cells of one more row."""
-        row = self.rings.orientations.arcs
-        place = [int(self.rng.integers(n)) for n in self.rings.shape[:-1]]
-        first = row * int(self.rng.integers(self.rings.shape[-1] // row))
-        return (*(slice(i, i + 1) for i in place), slice(first, first + row))
+def judge_of(arm: kinseek.Arm, rings: maps.Rings, depth: int) -> Callable[[Cells], Judged]:
+    """What judges a row, so deep."""
+    work = work_of(arm, rings, None, prove=True, depth=depth)
+    scratch = BlockScratch(work)
+    scratch.arm.ik(np.eye(4))  # Builds the atlas.
 
-    def judge(self, depth: int) -> Callable[[Cells], Judged]:
-        """What judges a row, so deep."""
-        work = work_of(self.arm, self.rings, None, prove=True, depth=depth)
-        scratch = BlockScratch(work)
-        scratch.arm.ik(np.eye(4))  # Builds the atlas.
+    def judged(part: Cells) -> Judged:
+        took, values = cpu(answered, work, scratch, rings.poses(part), part)
+        shares = (float((values["cell"] == word).mean()) for word in (REACHED, EMPTY, UNDECIDED))
+        return Judged(took / rings.orientations.arcs, *shares)
 
-        def judged(part: Cells) -> Judged:
-            took, values = cpu(answered, work, scratch, self.rings.poses(part), part)
-            reached, empty, undecided = (
-                float((values["cell"] == word).mean()) for word in (REACHED, EMPTY, UNDECIDED)
-            )
-            return Judged(took / self.rings.orientations.arcs, reached, empty, undecided)
-
-        return judged
+    return judged
 
 
 def in_turn(judge: Callable[[Cells], Judged], parts: Iterable[Cells], seconds: float) -> Array:
@@ -134,19 +127,19 @@ def looked_at(
 
     A row that is decided without a cut stays as it is: the others, one in twenty, make nearly all that differs.
     """
-    rows, parts = Rows(arm, rings), list[Cells]()
+    rng, parts = np.random.default_rng(1), list[Cells]()
 
     def draw() -> Iterator[Cells]:
         while True:
-            parts.append(rows.drawn())
+            parts.append(a_row(rings, rng))
             yield parts[-1]
 
-    shallow = in_turn(rows.judge(0), draw(), 2 * seconds)
+    shallow = in_turn(judge_of(arm, rings, 0), draw(), 2 * seconds)
     undecided = shallow[:, Judged._fields.index("undecided")] > 0.0
     every, groups = np.arange(len(parts)), [np.flatnonzero(undecided), np.flatnonzero(~undecided)]
     yield 0, len(parts), len(parts), [two_phases(each, [(every, each)]) for each in shallow.T]
     for depth in DEPTHS:
-        judge, most = rows.judge(depth), seconds * (long if depth == DEPTHS[-1] else 1.0)
+        judge, most = judge_of(arm, rings, depth), seconds * (long if depth == DEPTHS[-1] else 1.0)
         deep = [
             in_turn(judge, (parts[i] for i in members.tolist()), most * share)
             for members, share in zip(groups, (1.0 - SHUT, SHUT), strict=True)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.field.adapters import adapter, path_of
-from benchmarks.field.protocol import Arm, Steps, arm_of
+from benchmarks.field.protocol import Arm, Stepping, Steps, arm_of
 
 Follow = Callable[[Any, Any], Any]
 """Poses (N, 4, 4) and a start (n,) to joint values (N, n), NaN from where nothing was found."""
@@ -136,16 +136,16 @@ class Drake:
         return self._q[self._columns]
 
 
-def chained(step: Callable[[Any, Any], Any]) -> Follow:
+def chained(solver: Any) -> Follow:
     """From pose to pose: each is solved from the answer before it."""
 
     def follow(targets: Any, start: Any) -> Any:
         rows, q = np.full((len(targets), len(start)), np.nan), start
         for i, T in enumerate(targets):
-            found = step(T, q)
-            if found is None or np.abs(np.asarray(found) - q).max() > (LARGEST if i else np.inf):
+            answer = solver.solve(T, q)
+            if not answer.claimed or np.abs(np.asarray(answer.q) - q).max() > (LARGEST if i else np.inf):
                 break
-            rows[i] = q = np.asarray(found, dtype=float)
+            rows[i] = q = np.asarray(answer.q, dtype=float)
         return rows
 
     return follow
@@ -153,17 +153,7 @@ def chained(step: Callable[[Any, Any], Any]) -> Follow:
 
 def solving(name: str) -> Callable[[Arm, bool], Follow]:
     """A solver of the field, with the settings of `RESTARTING`."""
-
-    def make(arm: Arm, free: bool) -> Follow:
-        solver = field(name).load(arm, RESTARTING[name])
-
-        def step(T: Any, q: Any) -> Any:
-            answer = solver.solve(T, q)
-            return answer.q if answer.claimed else None
-
-        return chained(step)
-
-    return make
+    return lambda arm, free: chained(field(name).load(arm, RESTARTING[name]))
 
 
 def stepping(
@@ -191,26 +181,23 @@ def stepping(
     return made
 
 
-def differential(name: str) -> Callable[[Arm, bool], Follow]:
+class Differential(Stepping):
     """Steps of a differential method, again and again at each pose."""
 
-    def make(arm: Arm, free: bool) -> Follow:
-        method = stepping(name, arm, free)
+    def __init__(self, name: str, arm: Arm, free: bool) -> None:
+        """Of an arm; with a free turn about the tool, that part of the error does not count."""
+        settings = {"restarts": 0, "steps": ROUNDS, "tolerance": CLOSE}
+        super().__init__(arm, stepping(name, arm, free), settings)
+        self._counted = 5 if free else 6
 
-        def step(T: Any, q: Any) -> Any:
-            method.stand(q)
-            error = method.aim(T)
-            for _ in range(ROUNDS):
-                turn = error[3 : 5 if free else 6]
-                if np.linalg.norm(error[:3]) < CLOSE and np.linalg.norm(turn) < CLOSE:
-                    return method.q
-                method.step()
-                error = method.missing()
-            return None
+    def far(self, error: Any) -> float:
+        """The larger error of place and turn."""
+        return super().far(error[: self._counted])
 
-        return chained(step)
 
-    return make
+def differential(name: str) -> Callable[[Arm, bool], Follow]:
+    """Paths of a differential method."""
+    return lambda arm, free: chained(Differential(name, arm, free))
 
 
 def descartes(arm: Arm, free: bool) -> Follow:
