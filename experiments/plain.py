@@ -11,6 +11,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from .arms import spacings
+
 Frame = tuple[float, ...]
 """Twelve numbers: the origin [m] and the x, y and z axes of a frame, each in the base."""
 BASE: Frame = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
@@ -144,10 +146,7 @@ class Grid:
 
     def spacings(self) -> list[int]:
         """Of every pass, in nodes."""
-        values = [max(self.size // self.divisions, 1)]
-        while values[-1] > 1:
-            values.append(max(values[-1] // self.divisions, 1))
-        return values
+        return spacings(self.size, self.divisions)
 
     def value(self, joint: int, index: int) -> float:
         """Value of a node [rad] or [m]."""
