@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import kinseek
+from kinseek.support.whole_file import whole_file
 from kinseek.tables import Table, branches_table, path_table, solution_table, write_table
 
 UR5E = kinseek.load("ur5e")
@@ -71,6 +72,38 @@ def test_a_file_that_is_replaced_keeps_its_permissions(tmp_path: Path, mode: int
     write_table(path, solution_table(UR5E.ik(TARGETS[0])))
     assert path.read_text().startswith("shoulder_pan_joint,")
     assert path.stat().st_mode & 0o777 == mode
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs POSIX permissions")
+def test_a_file_that_is_replaced_runs_as_nobody(tmp_path: Path) -> None:
+    path = tmp_path / "q.csv"
+    path.touch()
+    path.chmod(0o6777)
+    with whole_file(path) as file:
+        file.write(b"q")
+        assert os.fstat(file.fileno()).st_mode & 0o7777 == 0o777
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs POSIX permissions")
+def test_permissions_of_no_other_file_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, private = tmp_path / "q.csv", tmp_path / "key"
+    for each, mode in ((path, 0o640), (private, 0o600)):
+        each.touch()
+        each.chmod(mode)
+    chmod = os.chmod
+
+    def exchanged(place: int | str | Path, mode: int, **named: bool) -> None:
+        (part,) = tmp_path.glob(".*.part")
+        assert not part.stat().st_mode & ~mode & 0o777
+        part.unlink()
+        part.symlink_to(private)
+        chmod(place, mode, **named)
+
+    monkeypatch.setattr(os, "chmod", exchanged)
+    monkeypatch.setattr(os, "supports_fd", {*os.supports_fd, exchanged})
+    with whole_file(path) as file:
+        file.write(b"q")
+    assert private.stat().st_mode & 0o777 == 0o600
 
 
 def test_a_path_as_rows() -> None:

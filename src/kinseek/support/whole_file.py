@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import stat
+import os
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,7 +34,8 @@ def output_path(path: Path, what: str) -> Path:
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file that replaces `path` when it is complete; until then, and after a failure, nothing is changed.
 
-    An existing file keeps its permissions: who may not read it may not read what replaces it either.
+    An existing file keeps its permissions: who may not read it may not read what replaces it either. It does not keep
+    set-user-ID and set-group-ID bits, because another user may have made it.
 
     Args:
         path: A path from `output_path`.
@@ -46,11 +47,14 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     # Process ids repeat in containers, and a process that was killed leaves its file.
     part = path.with_name(f".{uuid.uuid4().hex}.part")
     try:
-        file = part.open("xb")
+        mode = path.stat().st_mode & 0o777 if path.exists() else None
+        first = 0o666 if mode is None else mode  # Nobody opens it in between who may not read it later.
+        file = open(part, "xb", opener=lambda name, flags: os.open(name, flags, first))  # noqa: SIM115  # Closed below.
         try:
             with file:
-                if path.exists():
-                    part.chmod(stat.S_IMODE(path.stat().st_mode))
+                if mode is not None:
+                    # Of the open file, because another user may have put a link in its place.
+                    os.chmod(file.fileno() if os.chmod in os.supports_fd else part, mode)
                 yield file
             part.replace(path)
         except BaseException:  # Includes Ctrl-C.
