@@ -333,6 +333,7 @@ BAD: list[tuple[str, str, str]] = [
         MOVEIT.replace("0 0 0.9\n0 0 0 1", "0 0 0.9\n0 0 0 0"),
         r"the pose of a shape of 'the pole'",
     ),
+    ("cell.scene", MOVEIT.replace("table", "t" * 1001), "1,001 letters in a name, expected at most 1,000"),
     ("cell.scene", "empty\n.\n", "no obstacles: it has no objects"),
     ("cell.scene", "", "the file ends where"),
 ]

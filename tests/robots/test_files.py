@@ -11,7 +11,7 @@ import pytest
 
 from kinseek.errors import InvalidRobot
 from kinseek.robots import files, read, read_dh
-from kinseek.robots.files import MOST_BYTES, MOST_JOINTS, MOST_LINKS, require_here
+from kinseek.robots.files import MOST_BYTES, MOST_JOINTS, MOST_LINKS, MOST_NAME, require_here
 from kinseek.robots.packages import mesh_path
 from robot_files import MODEL, XACRO, soon, write
 
@@ -130,6 +130,14 @@ def test_a_comb_is_read_soon(tmp_path: Path) -> None:
     )
     with soon(), pytest.raises(InvalidRobot, match=r"branches below base .* and .* more"):
         read(write(tmp_path, "r.urdf", text + "</robot>"))
+
+
+@pytest.mark.parametrize("place", ['robot name="', 'link name="', 'joint name="'])
+def test_long_names_are_refused(place: str, tmp_path: Path) -> None:
+    text = tree(1, "continuous", row=True)
+    read(write(tmp_path, "r.urdf", text.replace('joint name="j0', f'joint name="{"x" * MOST_NAME}')))
+    with soon(), pytest.raises(InvalidRobot, match="letters in a name, expected at most 1,000"):
+        read(write(tmp_path, "s.urdf", text.replace(place, place + "x" * MOST_NAME)))
 
 
 def test_a_long_table_is_refused() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidGoal, InvalidRobot, InvalidScene
 from kinseek.pose_arguments import pose
 from kinseek.robots.chain import Frame
-from kinseek.robots.files import file_bytes
+from kinseek.robots.files import MOST_NAME, file_bytes
 from kinseek.robots.urdf import fixed_links
 from kinseek.robots.urdf_file import read_robot
 from kinseek.robots.xacro import urdf_text
@@ -162,6 +162,10 @@ def _moveit(content: bytes, where: str) -> list[Body]:
         name = words.take("a name")
         if not name.text or name.text in bodies:
             raise words.wrong(name, "a name that no other object has")
+        if len(name.text) > MOST_NAME:
+            raise InvalidScene(
+                f"{where}: {len(name.text):,} letters in a name, expected at most {MOST_NAME:,}"
+            )
         if (objects := objects + 1) > MOST_OBJECTS:
             raise InvalidScene(f"{where}: {objects:,} objects, expected at most {MOST_OBJECTS:,}")
         what = repr(name.text)

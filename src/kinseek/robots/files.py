@@ -21,6 +21,8 @@ MOST_LINKS = 10_000
 """Most links, and most joints, of one file."""
 MOST_JOINTS = 1_000
 """Most moving joints between base and tip."""
+MOST_NAME = 1_000
+"""Most letters of the name of a robot, link, joint or obstacle: a table has the width of the longest name in every row."""
 
 ENDINGS = (".urdf", ".xacro", ".xml")
 """Endings of files that describe an arm."""

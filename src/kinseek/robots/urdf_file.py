@@ -17,7 +17,7 @@ from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.support.transforms import rotation, transform
 
 from .chain import Array
-from .files import MOST_LINKS, require_few
+from .files import MOST_LINKS, MOST_NAME, require_few
 from .joints import Mimics
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .xml_files import root_element
@@ -130,7 +130,7 @@ class Robot:
         """Take the root element of a file, its name for messages, and folders of ROS packages by name.
 
         Raises:
-            InvalidRobot: The root is not a robot, or it has too many links or joints.
+            InvalidRobot: The root is not a robot, it has too many links or joints, or a name is too long.
         """
         if root.tag != "robot":
             raise InvalidRobot(f"{where}: not a robot: the root tag is <{root.tag}>, expected <robot>")
@@ -140,6 +140,7 @@ class Robot:
         self.name = str(root.get("name") or "")
         self.links = [UrdfLink(element) for element in root.iterchildren("link")]
         self.joints = [UrdfJoint(element) for element in root.iterchildren("joint")]
+        self._require_short(self, *self.links, *self.joints)
         self.parents: dict[str, str | None] = {link.name: None for link in self.links}
         """The parent of each link, None for the root."""
         for joint in self.joints:
@@ -147,7 +148,11 @@ class Robot:
                 self.parents[joint.child] = joint.parent
 
     def add_root(self, name: str, kind: str, parent: str, child: str) -> None:
-        """Add a joint with the root as its child, and a link without geometry as its parent, also to the element."""
+        """Add a joint with the root as its child, and a link without geometry as its parent, also to the element.
+
+        Raises:
+            InvalidRobot: A name is too long.
+        """
         make = self.root.makeelement
         link, joint = make("link", name=parent), make("joint", name=name, type=kind)
         joint.append(make("parent", link=parent))
@@ -156,7 +161,12 @@ class Robot:
         self.root.append(joint)
         self.links.append(UrdfLink(link))
         self.joints.append(UrdfJoint(joint))
+        self._require_short(self.links[-1], self.joints[-1])
         self.parents |= {parent: None, child: parent}
+
+    def _require_short(self, *parts: Robot | UrdfLink | UrdfJoint) -> None:
+        for part in parts:
+            require_few(len(part.name), "letters in a name", MOST_NAME, self.where)
 
     @property
     def mimics(self) -> Mimics:
