@@ -520,6 +520,15 @@ def test_a_gap_bounds_the_error_of_a_goal_with_ranges(name: str, ranges: dict[st
     assert certificate.lower_bound <= errors[:, 2].min()
 
 
+def test_the_gap_counts_one_angle_and_not_two_axes() -> None:
+    """The orientation is missed by 0.9 rad about z, which turns the x and the y axis: the error counts it once."""
+    arm = kinseek.load("planar2")
+    T = arm.fk(np.array([0.3, 1.0])) @ kinseek.pose([0.0, 0.0, 0.0], rpy=[0.0, 0.0, 1.0])
+    certificate = arm.prove(Goal.pose(T, box={"rz": (-0.1, 0.1)}, position_weight=10.0), gap=0.02)
+    assert 0.97 / 2 < certificate.lower_bound / (1 - np.cos(0.9)) < 1.0
+    assert certificate.upper_bound == pytest.approx(1 - np.cos(0.9), abs=1e-6)
+
+
 def test_a_pose_of_the_longer_arm_is_no_proof() -> None:
     """Outside the ranges by less than the virtual joints allow: not reached, and not proved."""
     arm = kinseek.load("planar2").with_limits({"joint1": (0.1, 0.1), "joint2": (0.2, 0.2)})

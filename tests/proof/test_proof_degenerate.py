@@ -253,6 +253,37 @@ def test_isolation_splits_boxes_as_far_as_exclusion_does() -> None:
     assert nothing.boxes == alone.boxes
 
 
+def test_a_box_too_narrow_to_split_is_never_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One round gives it up, and the last of many rounds ends without any box: still nothing is excluded."""
+    turns = [("revolute", AXES[axis], -2.5, 2.4) for axis in "zzy"]
+    chain = chain_of(*turns, tip=(0.4, 0.1, 0.0))
+    goal = Goal.position(fk(chain, np.array([0.3, 0.9, 0.4]))[:3, 3], position_tolerance=0.0)
+    problem = Problem(chain, goal)
+    alone = excluded(problem, 20_000)
+    for name in ("FIRST", "PIECE"):
+        monkeypatch.setattr(f"kinseek.proof.boxes.{name}", 4)
+    rounds = excluded(problem, 20_000, threads=1)
+    assert rounds.boxes == alone.boxes > 40
+    assert len(rounds.left) == 0
+    assert rounds.stuck == alone.stuck > 0.0
+    assert rounds.outcome == alone.outcome == STOPPED
+
+
+@pytest.mark.parametrize("name", ["so101", "piper", "irb5400", "ur10e_rail", "panda"])
+def test_the_first_box_holds_both_limits(name: str) -> None:
+    """In exact arithmetic, and also for limits whose middle and half width have to be rounded."""
+    chain, rng = kinseek.load(name).chain, np.random.default_rng(4)
+    for _ in range(50):
+        shift = rng.normal(size=chain.dof)
+        chain = replace(
+            chain, lower=chain.lower - abs(shift), upper=chain.lower + rng.uniform(0.1, 3.0, chain.dof)
+        )
+        middle, half = start_boxes(chain, False)[0].reshape(2, -1).tolist()
+        for c, h, lower, upper in zip(middle, half, chain.lower.tolist(), chain.upper.tolist(), strict=True):
+            assert Fraction(c) - Fraction(h) <= Fraction(lower)
+            assert Fraction(upper) <= Fraction(c) + Fraction(h)
+
+
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e15, 1e30])
 @pytest.mark.jit
 def test_equations_without_a_single_answer_are_solved_by_something_finite(scale: float) -> None:

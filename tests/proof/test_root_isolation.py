@@ -331,6 +331,48 @@ def test_a_solution_beyond_a_limit_does_not_count() -> None:
     assert cut.solutions is None
 
 
+@pytest.mark.parametrize("name", ["planar2", "cylindrical3"])
+def test_the_distance_reaches_from_edge_to_edge(name: str) -> None:
+    """Answers fill a region. One at its edge is given, and one at the opposite edge is as near as is claimed."""
+    arm, rng, place = kinseek.load(name), np.random.default_rng(5), 1e-6
+    for _ in range(5):
+        q = arm.lower + rng.uniform(0.1, 0.4, arm.dof) * (arm.upper - arm.lower)
+        goal = Goal.position(arm.fk(q)[:3, 3], position_tolerance=place)
+        inverse = np.linalg.pinv(arm.jacobian(q)[:3])
+        for row in inverse:  # The motion of the tip that moves this joint most.
+            step = inverse @ (0.99 * place * row / np.linalg.norm(row))
+            isolation = isolate(Problem(arm.chain, goal), (q + step)[None])
+            assert isolation.complete
+            assert errors(fk(arm.chain, q - step), goal)[0] <= place
+            assert holds(isolation, arm.chain, q - step)
+
+
+def test_the_distance_of_a_last_joint_counts_the_tolerance_at_both_ends() -> None:
+    arm, turn = kinseek.load("scara4"), 1e-3
+    q = np.array([0.3, 0.9, 0.5 * (arm.lower[2] + arm.upper[2]), 0.2])
+    goal = Goal.pose(arm.fk(q), position_tolerance=1e-9, orientation_tolerance=turn)
+    last = 0.99 * turn * np.eye(4)[3]
+    isolation = isolate(Problem(arm.chain, goal), (q + last)[None])
+    assert isolation.complete
+    assert holds(isolation, arm.chain, q - last)
+
+
+@pytest.mark.parametrize(("apart", "count"), [(0.5e-6, None), (TURN, None), (TURN + 0.5e-6, None), (3e-6, 2)])
+def test_two_answers_that_may_be_one_solution_are_not_counted_as_two(apart: float, count: int | None) -> None:
+    q = np.array([[0.1], [0.1 + apart]])
+    isolation = Isolation(
+        complete=True,
+        q=q,
+        distance=np.full((2, 1), 1e-6),
+        given=np.arange(2),
+        exact=np.ones(2, dtype=np.bool_),
+        boxes=0,
+        undecided=0,
+        periodic=np.ones(1, dtype=np.bool_),
+    )
+    assert isolation.solutions == count
+
+
 @pytest.mark.parametrize(
     ("name", "q"),
     [

@@ -264,6 +264,18 @@ def test_rounding_of_a_pose_stays_below_its_bound(name: str) -> None:
     assert of_points(sizes) / 1000 < moved < of_points(sizes)
 
 
+@pytest.mark.parametrize("joints", [1, 6, 10])
+def test_the_bounds_are_those_that_the_page_derives(joints: int) -> None:
+    """The formulas of docs/proof_explained.md: errors that are met are far smaller, so only this notices a lost term."""
+    sizes, u = Sizes(joints=joints, angles=20.0, rate=6.0, reach=2.0, defect=1e-16), 2.0**-53
+    g = [k * u / (1 - k * u) for k in range(9)]
+    each = 3 * g[3] + 2 * g[2] + 8 * u
+    a = 1.01 * ((joints + 4) * each + math.sqrt(2) * g[2] * sizes.angles + sizes.defect)
+    e = sizes.reach * (a + math.sqrt(3) * g[4] + (joints + 4) * g[6] + g[8])
+    assert of_axes(sizes) == pytest.approx(a, rel=1e-12, abs=0.0)
+    assert of_points(sizes) == pytest.approx(e, rel=1e-12, abs=0.0)
+
+
 def test_margins_grow_with_joints_angles_lengths_and_defects() -> None:
     base = Sizes(joints=6, angles=20.0, rate=6.0, reach=2.0, defect=0.0)
     here = margins_of(base)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -155,6 +156,26 @@ def test_the_gap_closes_where_a_limit_of_the_second_joint_holds_the_arm_back() -
     assert best.weighted_error > 0.01
     bounded = bounded_by_ball(problem, 0.99 * best.weighted_error, 12_000)
     assert bounded.lower == 0.99 * best.weighted_error
+
+
+def test_axes_that_miss_each_other_widen_the_margin() -> None:
+    """The ball is on the second axis. Its distance from the first one counts twice: for the arm and for the goal."""
+    arm, apart = kinseek.load("panda"), 9e-7
+    problem = Problem(arm.chain, Goal.pose(arm.fk(np.full(7, 0.5))))
+    fixed = arm.chain.fixed.copy()
+    across = np.cross([0.0, 0.0, 1.0], fixed[1, :, 2])
+    fixed[1, :, 3] += apart * across / np.linalg.norm(across)
+    other = Problem(replace(arm.chain, fixed=fixed), problem.goal)
+    exact, first = ball_of(problem)
+    askew, same = ball_of(other)
+    assert first == same == 2
+    assert askew.margin > exact.margin + 1.99 * apart
+
+
+def ball_of(problem: Problem) -> tuple[Shoulder, int]:
+    found = shoulder_of(problem, *question_without_last(problem))
+    assert found is not None
+    return found
 
 
 def test_arms_without_a_joint_to_spare_have_no_ball() -> None:
