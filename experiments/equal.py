@@ -21,7 +21,7 @@ SEARCHES = (
     "blind search, from the middle",
     "coordinate descent, from the middle",
     "beam, then descent",
-    "atlas, the default",
+    "default of arm.ik",
 )
 _PASSES = len(spacings(BRANCHING_FACTOR, DIVISIONS))
 
