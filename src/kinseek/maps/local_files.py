@@ -1,6 +1,6 @@
 """The files of a map on disk: only this user may write to them, whatever the umask is, and only regular files are read.
 
-Imported where a map is opened, for it imports Zarr.
+It imports Zarr, so other modules import it only where a map is opened.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """An even grid of orientations with a proved covering radius.
 
-A rotation is determined by the image of the z axis, a point of the sphere, and a rotation about that. So SO(3) is locally
+A rotation is determined by the image of the z axis, a point of the sphere, and a turn about this image. So SO(3) is locally
 the sphere times a circle (the Hopf fibration, with which Yershova, Jain, LaValle and Mitchell 2010 build grids on SO(3)).
 The sphere is divided into regions of equal area, collars of rectangles between two caps (Leopardi 2006, "A partition of the
 unit sphere into regions of equal area and small diameter"), and the circle into equal arcs. So all cells have the same
@@ -8,7 +8,7 @@ volume, and their number is arbitrary.
 
 The cell of region i, with centre c, and arc j is { S(c, d) R Rz(t) : d in the region, |t| <= half an arc }. Here R is the
 cell's own rotation, R z = c, and S(c, d) is the shortest rotation of c onto d. For each d the arcs tile the circle, so the
-cells tile SO(3). The axis of S(c, d) is perpendicular to c, and Rz(t) moved to the base rotates about c. So the angle Ω
+cells tile SO(3). The axis of S(c, d) is perpendicular to c, the axis of the rotation R Rz(t) R^-1. So the angle Ω
 between a member and R satisfies cos(Ω/2) = cos(σ/2) cos(t/2), with σ the angle of c and d. It is largest in a corner of the
 region at the end of the arc.
 """

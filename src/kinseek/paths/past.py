@@ -1,4 +1,4 @@
-"""The last poses of a tracker, and where they lead: the hand keeps its rates of rotation and of curvature."""
+"""The last poses of a tracker, extrapolated: angular velocity, speed and curvature of the path stay constant."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Servoing: each period takes one target and returns one set of joint values, with a bounded amount of work.
 
-There are two layers. A reference, joint values that track the target as fast as the velocity limits allow
-(`kernels.paths.servo`); and the joints, which follow the reference within all limits and can always stop in time
-(`limited`). Without limits of acceleration and jerk and without a scene, the joints are at the reference.
+There are two layers. The reference is a set of joint values that tracks the target as fast as the velocity limits allow
+(`kernels.paths.servo`). The joints follow the reference within all limits and can always stop in time (`limited`). Without
+limits of acceleration and jerk and without a scene, the joints are at the reference.
 """
 
 from __future__ import annotations
