@@ -2,30 +2,7 @@
 
 from __future__ import annotations
 
-
-def robot(*joints: str, links: str = "a b c") -> str:
-    return (
-        '<robot name="r">'
-        + "".join(f'<link name="{link}"/>' for link in links.split())
-        + "".join(joints)
-        + "</robot>"
-    )
-
-
-def joint(
-    name: str = "j",
-    ends: str = "a b",
-    kind: str = "revolute",
-    inside: str = '<limit lower="-1" upper="2"/>',
-) -> str:
-    parent, child = ends.split()
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{inside}</joint>'
-    )
-
-
-LIMIT = '<limit lower="-1" upper="2"/>'
-SECOND = joint("k", "b c", "fixed", "")
+from robot_files import LIMIT, SECOND, joint, robot
 
 BAD_FILES = {
     "broken XML": ("<robot><link></robot>", "broken XML.*line 1"),

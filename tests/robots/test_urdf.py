@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from bad_urdf import BAD_FILES, LIMIT, SECOND, joint, robot
+from bad_urdf import BAD_FILES
 from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import SerialChain, read, read_urdf
@@ -21,6 +21,7 @@ from kinseek.robots.chain import Array
 from kinseek.robots.joints import Mimics
 from kinseek.support.transforms import rotation, transform
 from places import SHARED
+from robot_files import LIMIT, SECOND, joint, robot
 
 NEEDS_SHARED = pytest.mark.skipif(not SHARED.is_dir(), reason="the shared robots are not here")
 FLEET = json.loads((SHARED / "robots.json").read_text()) if SHARED.is_dir() else {}

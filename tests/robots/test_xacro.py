@@ -9,12 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from bad_urdf import joint
 from kinseek.errors import InvalidRobot
 from kinseek.robots import files, read, read_urdf, xacro_limits
 from kinseek.robots.packages import is_planted, mesh_path
 from kinseek.robots.xacro import expand_xacro
-from robot_files import XACRO, soon, write
+from robot_files import XACRO, joint, soon, write
 
 
 @pytest.mark.parametrize("trusted", [True, False])
