@@ -21,6 +21,8 @@ from hypothesis import HealthCheck, settings
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from command_line import CommandLine
+
 settings.register_profile(
     "kinseek",
     deadline=None,
@@ -83,6 +85,13 @@ def lacking(extra: str) -> list[str]:
     names = {each.name for each in asked if each.marker and each.marker.evaluate({"extra": extra})}
     installed = {canonicalize_name(each.name) for each in metadata.distributions()}
     return sorted(name for name in names if canonicalize_name(name) not in installed)
+
+
+@pytest.fixture
+def cli(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> CommandLine:
+    """The command line, in this process."""
+    monkeypatch.setenv("COLUMNS", "100")
+    return CommandLine(capfd)
 
 
 _settings: dict[str, object] = {}

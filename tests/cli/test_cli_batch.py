@@ -10,32 +10,29 @@ import subprocess
 import sys
 import types
 import uuid
-import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 import kinseek
+from command_line import CommandLine
 from kinseek import tables
 from kinseek.cli import files
 from kinseek.cli.columns import MATRIX
 from kinseek.cli.parquet_pages import unpacked_bytes
-from kinseek.cli.program import run
 from kinseek.tables import Table
 
 ARM = "planar2"
+IN = Path("in.parquet")
+XYZ = ["x", "y", "z"]
 TABLE = Table([], np.zeros((1, 0)), {"a": np.zeros(1)}, {})
 
 
 @pytest.fixture(autouse=True)
 def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-
-
-def solve(source: str, out: str, *more: str, arm: str = "ur5e") -> int:
-    return run(["solve", arm, "--batch", source, "--out", out, *more])
 
 
 @pytest.fixture(name="poses")
@@ -75,18 +72,14 @@ def angles_of(poses: Any) -> dict[str, Any]:
     "turn",
     ["qw,qx,qy,qz", "roll,pitch,yaw", "rotvec_x,rotvec_y,rotvec_z", "nx,ny,nz,tx,ty,tz", "matrix"],
 )
-def test_every_way_to_give_a_pose(
-    turn: str, poses: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_way_to_give_a_pose(turn: str, poses: Any, tmp_path: Path, cli: CommandLine) -> None:
     if turn == "matrix":
         write_csv(tmp_path / "in.csv", ",".join(MATRIX), poses.reshape(-1, 16))
     else:
         rows = np.hstack([poses[:, :3, 3], angles_of(poses)[turn]])
         write_csv(tmp_path / "in.csv", f"x,y,z,{turn}", rows)
-    out = tmp_path / "out.csv"
-    assert solve("in.csv", "out.csv") == 0
-    assert "5 poses: 5 reached, 0 not" in capsys.readouterr().out
-    columns, arm = read_csv(out), kinseek.load("ur5e")
+    assert "5 poses: 5 reached, 0 not" in cli("solve ur5e --batch in.csv --out out.csv").out
+    columns, arm = read_csv(tmp_path / "out.csv"), kinseek.load("ur5e")
     assert list(columns)[:6] == list(arm.joint_names)
     q = np.array([columns[name] for name in arm.joint_names], dtype=float).T
     assert np.abs(arm.fk(q) - poses).max() < 5e-6
@@ -95,14 +88,15 @@ def test_every_way_to_give_a_pose(
     assert max(map(float, columns["position_error"])) <= 1e-6
 
 
-def test_columns_may_stand_in_any_order_and_be_in_degrees(poses: Any, tmp_path: Path) -> None:
+def test_columns_may_stand_in_any_order_and_be_in_degrees(
+    poses: Any, tmp_path: Path, cli: CommandLine
+) -> None:
     angles = np.rad2deg(angles_of(poses)["roll,pitch,yaw"])
     rows = np.hstack([angles[:, ::-1], poses[:, :3, 3]])
-    source = write_csv(tmp_path / "in.csv", "yaw; pitch ;roll;x;y;z".replace(";", ","), rows)
+    source = write_csv(tmp_path / "in.csv", "yaw, pitch ,roll,x,y,z", rows)
     source.write_text("\ufeff" + source.read_text(encoding="utf-8").replace(",", ";"), encoding="utf-8")
-    out = tmp_path / "out.npy"
-    assert solve("in.csv", "out.npy", "--deg") == 0
-    assert np.abs(kinseek.load("ur5e").fk(np.load(out)["q"]) - poses).max() < 5e-6
+    cli("solve ur5e --batch in.csv --out out.npy --deg")
+    assert np.abs(kinseek.load("ur5e").fk(np.load("out.npy")["q"]) - poses).max() < 5e-6
 
 
 def test_a_file_that_a_killed_process_left_is_not_in_the_way(
@@ -126,13 +120,12 @@ def test_a_file_that_a_killed_process_left_is_not_in_the_way(
     assert longest.exists()
 
 
-def test_arrays_in_and_out(poses: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_arrays_in_and_out(poses: Any, cli: CommandLine) -> None:
     poses[3, :3, 3] = [5.0, 0.0, 0.0]
-    np.save(tmp_path / "in.npy", poses)
-    assert solve("in.npy", "out.npy", "--json") == 1
-    facts = json.loads(capsys.readouterr().out)
+    np.save("in.npy", poses)
+    facts = cli("solve ur5e --batch in.npy --out out.npy --json", code=1).facts
     assert (facts["poses"], facts["reached"], facts["not_reached"]) == (5, 4, [4])
-    found, expected = np.load(tmp_path / "out.npy"), kinseek.load("ur5e").ik(poses)
+    found, expected = np.load("out.npy"), kinseek.load("ur5e").ik(poses)
     assert np.array_equal(found["q"], expected.q)
     assert np.array_equal(found["success"], expected.success)
     assert np.array_equal(found["position_error"], expected.position_error)
@@ -140,15 +133,29 @@ def test_arrays_in_and_out(poses: Any, tmp_path: Path, capsys: pytest.CaptureFix
 
 
 @pytest.mark.slow
-def test_parquet_in_and_out(poses: Any, tmp_path: Path) -> None:
-    pyarrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
-    columns = dict(zip(MATRIX, poses.reshape(-1, 16).T, strict=True))
-    parquet.write_table(pyarrow.table(columns), tmp_path / "in.parquet")
-    assert solve("in.parquet", "out.parquet") == 0
-    table, arm = parquet.read_table(tmp_path / "out.parquet"), kinseek.load("ur5e")
+def test_parquet_in_and_out(poses: Any, arrow: Arrow, cli: CommandLine) -> None:
+    arrow.write(dict(zip(MATRIX, poses.reshape(-1, 16).T, strict=True)))
+    cli("solve ur5e --batch in.parquet --out out.parquet")
+    table, arm = arrow.parquet.read_table("out.parquet"), kinseek.load("ur5e")
     q = np.stack([table.column(name).to_numpy() for name in arm.joint_names], axis=1)
     assert np.array_equal(q, arm.ik(poses).q)
     assert table.column("success").to_pylist() == [True] * 5
+
+
+class Arrow(NamedTuple):
+    """pyarrow and what tests need of it."""
+
+    pa: Any
+    parquet: Any
+
+    def write(self, columns: dict[str, Any], **options: Any) -> None:
+        """Write the file in.parquet."""
+        self.parquet.write_table(self.pa.table(columns), IN, **options)
+
+
+@pytest.fixture
+def arrow() -> Arrow:
+    return Arrow(pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet"))
 
 
 def npy_of(header: str) -> bytes:
@@ -176,90 +183,82 @@ HEADERS = {
 }
 
 
+def read(name: str, positions: bool = False) -> Any:
+    """Poses of a table; positions alone, if that is asked for."""
+    return files.read_poses(Path(name), positions, False)
+
+
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("case", HEADERS)
-def test_a_damaged_header_of_an_array_is_refused(case: str, tmp_path: Path) -> None:
-    (tmp_path / "in.npy").write_bytes(npy_of(HEADERS[case]))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        with pytest.raises(kinseek.InvalidGoal, match=r"cannot be read as a \.npy file: ."):
-            files.read_poses(tmp_path / "in.npy", False, False)
+def test_a_damaged_header_of_an_array_is_refused(case: str) -> None:
+    Path("in.npy").write_bytes(npy_of(HEADERS[case]))
+    with pytest.raises(kinseek.InvalidGoal, match=r"cannot be read as a \.npy file: ."):
+        read("in.npy")
 
 
-def test_an_archive_of_arrays_is_refused_and_an_array_is_read(tmp_path: Path) -> None:
-    np.savez(tmp_path / "in.npz", np.eye(4))
-    (tmp_path / "in.npz").rename(tmp_path / "in.npy")
+def test_an_archive_of_arrays_is_refused_and_an_array_is_read() -> None:
+    np.savez("in.npz", np.eye(4))
+    Path("in.npz").rename("in.npy")
     with pytest.raises(kinseek.InvalidGoal, match=r"cannot be read as a \.npy file"):
-        files.read_poses(tmp_path / "in.npy", False, False)
-    np.save(tmp_path / "in.npy", np.eye(4)[None])
-    assert type(files.read_poses(tmp_path / "in.npy", False, False)) is np.ndarray
-    np.save(tmp_path / "in.npy", np.empty((0, 4, 4)))
+        read("in.npy")
+    np.save("in.npy", np.eye(4)[None])
+    assert type(read("in.npy")) is np.ndarray
+    np.save("in.npy", np.empty((0, 4, 4)))
     with pytest.raises(kinseek.InvalidGoal, match="no poses"):
-        files.read_poses(tmp_path / "in.npy", False, False)
+        read("in.npy")
 
 
-def test_a_parquet_file_that_would_grow_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_parquet_file_that_would_grow_is_refused(arrow: Arrow, monkeypatch: pytest.MonkeyPatch) -> None:
     """1 MB with 30 million rows of zeros took 9 s and 3.6 GB."""
-    pa = pytest.importorskip("pyarrow")
-    parquet = pytest.importorskip("pyarrow.parquet")
     names = ("x", "y", "z", "qw", "qx", "qy", "qz")
-    parquet.write_table(pa.table({name: np.ones(100_000) for name in names}), tmp_path / "in.parquet")
-    assert len(files.read_poses(tmp_path / "in.parquet", False, False)) == 100_000
+    arrow.write({name: np.ones(100_000) for name in names})
+    assert len(read("in.parquet")) == 100_000
     monkeypatch.setattr(files, "MOST_VALUES", 10_000)
     with pytest.raises(kinseek.InvalidGoal, match="700,000 numbers, expected at most"):
-        files.read_poses(tmp_path / "in.parquet", False, False)
-    parquet.write_table(pa.table({"x": ["a" * 1000] * 1000}), tmp_path / "in.parquet")
+        read("in.parquet")
+    arrow.write({"x": ["a" * 1000] * 1000})
     with pytest.raises(kinseek.InvalidGoal, match="column x holds string, expected numbers"):
-        files.read_poses(tmp_path / "in.parquet", False, False)
+        read("in.parquet")
 
 
-def varint(value: int, length: int = 0) -> bytes:
-    """A signed integer as Thrift's compact protocol has it, as long as is asked for."""
-    value = value << 1 if value >= 0 else (-value << 1) - 1
+def plain(value: int, length: int = 0) -> bytes:
+    """An unsigned integer of Thrift's compact protocol, as long as is asked for."""
     sevens = [value >> shift & 127 for shift in range(0, max(7 * length, value.bit_length(), 1), 7)]
     return bytes([each | 128 for each in sevens[:-1]] + sevens[-1:])
 
 
-def test_a_parquet_page_that_would_grow_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def varint(value: int, length: int = 0) -> bytes:
+    """A signed integer of this protocol."""
+    return plain(value << 1 if value >= 0 else (-value << 1) - 1, length)
+
+
+def test_a_parquet_page_that_would_grow_is_refused(arrow: Arrow, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the footer says is small: pyarrow unpacked 8 GB of 264 kB, for it believes the header of the page."""
-    pa = pytest.importorskip("pyarrow")
-    parquet = pytest.importorskip("pyarrow.parquet")
-    path, rows = tmp_path / "in.parquet", 100_001
-    table = pa.table({name: np.zeros(rows) for name in ("x", "y", "z")})
-    options = {
-        "compression": "zstd",
-        "use_dictionary": False,
-        "write_statistics": False,
-        "store_schema": False,
-    }
-    parquet.write_table(table, path, **options)
-    text = path.read_bytes()
+    rows = 100_001
+    left_out = dict.fromkeys(("use_dictionary", "write_statistics", "store_schema"), False)
+    arrow.write({name: np.zeros(rows) for name in XYZ}, compression="zstd", **left_out)
+    text = IN.read_bytes()
     start = len(text) - 8 - int.from_bytes(text[-8:-4], "little")
     assert text[start:].count(varint(rows)) >= 4  # In each column, and in the group of them.
-    path.write_bytes(text[:start] + text[start:].replace(varint(rows), varint(4, len(varint(rows)))))
-    assert parquet.read_metadata(path).num_rows == 4
+    IN.write_bytes(text[:start] + text[start:].replace(varint(rows), varint(4, len(varint(rows)))))
+    assert arrow.parquet.read_metadata(IN).num_rows == 4
     monkeypatch.setattr(files, "MOST_VALUES", 1_000)
     with pytest.raises(kinseek.InvalidGoal, match=r"pages of 2,400,[0-9]{3} bytes, expected at most"):
-        files.read_poses(path, True, False)
+        read("in.parquet", positions=True)
 
 
 @pytest.mark.parametrize("codec", ["none", "snappy", "zstd"])
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
 @pytest.mark.parametrize("more", [True, False])
-def test_pages_are_added_up(version: str, codec: str, more: bool, tmp_path: Path) -> None:
+def test_pages_are_added_up(version: str, codec: str, more: bool, arrow: Arrow) -> None:
     """The footer of a file that pyarrow writes counts the same bytes, and the headers of the pages."""
-    pa = pytest.importorskip("pyarrow")
-    parquet = pytest.importorskip("pyarrow.parquet")
     rng = np.random.default_rng(0)
-    table = pa.table(
-        {"x": rng.normal(size=20_000), "y": rng.integers(0, 9, 20_000), "z": [None, 1.0] * 10_000}
-    )
-    options = {"use_dictionary": more, "write_statistics": more, "write_page_checksum": more}
-    path = tmp_path / "in.parquet"
-    parquet.write_table(
-        table, path, None, compression=codec, data_page_version=version, data_page_size=9_000, **options
-    )
-    group = parquet.read_metadata(path).row_group(0)
-    with path.open("rb") as file:
+    columns = {"x": rng.normal(size=20_000), "y": rng.integers(0, 9, 20_000), "z": [None, 1.0] * 10_000}
+    options: dict[str, Any] = {"compression": codec, "data_page_version": version, "data_page_size": 9_000}
+    options |= dict.fromkeys(("use_dictionary", "write_statistics", "write_page_checksum"), more)
+    arrow.write(columns, **options)
+    group = arrow.parquet.read_metadata(IN).row_group(0)
+    with IN.open("rb") as file:
         for column in map(group.column, range(3)):
             rest = column.total_uncompressed_size - unpacked_bytes(file, column)
             assert 0 < rest < 100 + column.total_uncompressed_size / 50
@@ -273,12 +272,6 @@ def field(number: int, kind: int, value: bytes) -> bytes:
 def many(kind: int, count: int, values: bytes) -> bytes:
     """A list of Thrift's compact protocol."""
     return bytes([15 << 4 | kind]) + plain(count) + values
-
-
-def plain(value: int) -> bytes:
-    """An unsigned integer, as lengths are."""
-    sevens = [value >> shift & 127 for shift in range(0, max(value.bit_length(), 1), 7)]
-    return bytes([each | 128 for each in sevens[:-1]] + sevens[-1:])
 
 
 def footer(names: list[str], groups: int = 1, parts: int = 0, more: bytes = b"", kind: int = 12) -> bytes:
@@ -298,7 +291,6 @@ def footer(names: list[str], groups: int = 1, parts: int = 0, more: bytes = b"",
     return b"PAR1" + text + len(text).to_bytes(4, "little") + b"PAR1"
 
 
-XYZ = ["x", "y", "z"]
 FOOTERS: dict[str, tuple[bytes, str]] = {
     "no rows": (footer(XYZ, 1, 3), "holds no poses"),
     "more parts than columns": (footer(XYZ, 4, 1000), "a group of rows has 1,000 columns, expected 3"),
@@ -368,27 +360,25 @@ def test_a_footer_that_pyarrow_would_end_for_is_refused(case: str, refusals: dic
     assert FOOTERS[case][1] in refusals[case]
 
 
-def test_a_footer_of_many_groups_is_read(tmp_path: Path) -> None:
-    pa = pytest.importorskip("pyarrow")
-    parquet = pytest.importorskip("pyarrow.parquet")
-    table = pa.table({name: np.arange(20_000.0) for name in XYZ})
+def test_a_footer_of_many_groups_is_read(arrow: Arrow) -> None:
+    pa, parquet = arrow
+    table = pa.table({name: np.arange(20_000.0) for name in XYZ}).replace_schema_metadata({"a": "b"})
     options = {"row_group_size": 50, "write_page_index": True, "sorting_columns": [parquet.SortingColumn(0)]}
-    parquet.write_table(table.replace_schema_metadata({"a": "b"}), tmp_path / "in.parquet", **options)
-    assert len(files.read_poses(tmp_path / "in.parquet", True, False)) == 20_000
+    parquet.write_table(table, IN, **options)
+    assert len(read("in.parquet", positions=True)) == 20_000
 
 
-def test_a_parquet_file_with_groups_of_no_rows(tmp_path: Path) -> None:
-    pa = pytest.importorskip("pyarrow")
-    parquet = pytest.importorskip("pyarrow.parquet")
-    schema, path = pa.schema([(name, pa.float64()) for name in ("x", "y", "z")]), tmp_path / "in.parquet"
+def test_a_parquet_file_with_groups_of_no_rows(arrow: Arrow) -> None:
+    pa, parquet = arrow
+    schema = pa.schema([(name, pa.float64()) for name in XYZ])
     for counts in ((3, 0, 5), (0,)):
-        with parquet.ParquetWriter(path, schema) as writer:
+        with parquet.ParquetWriter(IN, schema) as writer:
             for count in counts:
-                writer.write_table(pa.table(dict.fromkeys(schema.names, np.ones(count)), schema=schema))
+                writer.write_table(pa.table(dict.fromkeys(XYZ, np.ones(count)), schema=schema))
         if sum(counts):
-            assert len(files.read_poses(path, True, False)) == 8
+            assert len(read("in.parquet", positions=True)) == 8
     with pytest.raises(kinseek.InvalidGoal, match="no poses"):
-        files.read_poses(path, True, False)
+        read("in.parquet", positions=True)
 
 
 HEADER = b"\x15\x00\x15" + varint(9) + b"\x15" + varint(3) + b"\x2c\x15" + varint(2) + b"\x00"
@@ -430,51 +420,49 @@ def test_a_damaged_header_of_a_page_is_refused(case: str) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
 @pytest.mark.parametrize("ending", tables.TABLE_ENDINGS)
-def test_a_pipe_or_a_device_is_no_table(ending: str, tmp_path: Path) -> None:
+def test_a_pipe_or_a_device_is_no_table(ending: str) -> None:
     """A pipe that nobody writes to hung, and /dev/zero filled the memory."""
-    table = tmp_path / f"in{ending}"
+    table = Path(f"in{ending}")
     os.mkfifo(table)
     with pytest.raises(kinseek.InvalidProblem, match="it is a pipe, expected a regular file"):
-        files.read_poses(table, False, False)
+        read(table.name)
     table.unlink()
     table.symlink_to("/dev/null")  # As /dev/zero, which has no end.
     with pytest.raises(kinseek.InvalidProblem, match="it is a device, expected a regular file"):
-        files.read_poses(table, False, False)
+        read(table.name)
 
 
-def test_the_first_row_has_a_largest_length(tmp_path: Path) -> None:
+def test_the_first_row_has_a_largest_length() -> None:
     """Such a row was held in memory as a whole, and a file with a hole of 1 TB has few bytes on disk."""
-    with (tmp_path / "in.csv").open("wb") as file:
+    with Path("in.csv").open("wb") as file:
         file.truncate(2**22)
     with pytest.raises(kinseek.InvalidGoal, match="the first row has more than 1,048,576 letters"):
-        files.read_poses(tmp_path / "in.csv", False, False)
+        read("in.csv")
 
 
 def test_without_pyarrow_it_says_what_to_install(
-    poses: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    poses: Any, monkeypatch: pytest.MonkeyPatch, cli: CommandLine
 ) -> None:
-    np.save(tmp_path / "in.npy", poses)
+    np.save("in.npy", poses)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    assert solve("in.npy", "o.parquet") == 2
-    assert "pip install 'kinseek[parquet]'" in capsys.readouterr().err
+    assert "pip install 'kinseek[parquet]'" in cli.refused("solve ur5e --batch in.npy --out o.parquet")
 
 
-def test_every_answer_of_every_pose(poses: Any, tmp_path: Path) -> None:
-    np.save(tmp_path / "in.npy", poses)
-    assert solve("in.npy", "out.csv", "--all") == 0
-    columns, arm = read_csv(tmp_path / "out.csv"), kinseek.load("ur5e")
+def test_every_answer_of_every_pose(poses: Any, cli: CommandLine) -> None:
+    np.save("in.npy", poses)
+    cli("solve ur5e --batch in.npy --out out.csv --all")
+    columns, arm = read_csv(Path("out.csv")), kinseek.load("ur5e")
     expected = arm.branches(poses)
     assert [columns["row"].count(str(k + 1)) for k in range(5)] == expected.counts.tolist()
     assert np.array_equal(np.array([columns[name] for name in arm.joint_names], dtype=float).T, expected.q)
 
 
-def test_options_of_a_goal_hold_for_every_row(tmp_path: Path) -> None:
-    write_csv(tmp_path / "in.csv", "x,y,z", [[0.3, 0.4, 0.0], [0.3, -0.4, 0.0]])
-    out = tmp_path / "out.npy"
-    more = ("--position-only", "--near", "joint1=1,joint2=-2")
-    assert solve("in.csv", "out.npy", *more, arm=ARM) == 0
-    near = kinseek.load(ARM).ik(kinseek.Goal.position([[0.3, 0.4, 0.0], [0.3, -0.4, 0.0]]), near=[1.0, -2.0])
-    assert np.array_equal(np.load(out)["q"], near.q)
+def test_options_of_a_goal_hold_for_every_row(cli: CommandLine) -> None:
+    rows = [[0.3, 0.4, 0.0], [0.3, -0.4, 0.0]]
+    write_csv(Path("in.csv"), "x,y,z", rows)
+    cli("solve", ARM, "--batch in.csv --out out.npy --position-only --near joint1=1,joint2=-2")
+    near = kinseek.load(ARM).ik(kinseek.Goal.position(rows), near=[1.0, -2.0])
+    assert np.array_equal(np.load("out.npy")["q"], near.q)
 
 
 WRONG = {
@@ -520,66 +508,55 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_wrong_tables(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_tables(case: str, tmp_path: Path, cli: CommandLine) -> None:
     text, said = WRONG[case]
-    (tmp_path / "in.csv").write_text(text, encoding="utf-8")
-    assert solve("in.csv", "out.csv") == 2
-    heard = capsys.readouterr()
-    assert said in heard.err
-    assert (heard.out, heard.err.count("\n"), heard.err.startswith("kinseek: ")) == ("", 1, True)
+    Path("in.csv").write_text(text, encoding="utf-8")
+    assert said in cli.refused("solve ur5e --batch in.csv --out out.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["in.csv"]
 
 
 @pytest.mark.slow
-def test_the_row_of_a_large_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_row_of_a_large_table(cli: CommandLine) -> None:
     rows = np.tile([0.4, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0], (50_000, 1))
-    source, out = tmp_path / "in.csv", tmp_path / "out.csv"
     for column, value, said in ((0, np.nan, "x is nan"), (slice(3, 7), 0.0, "zero quaternion")):
         broken = rows.copy()
         broken[41_326, column] = value
-        np.savetxt(source, broken, delimiter=",", header="x,y,z,qw,qx,qy,qz", comments="")
-        assert solve("in.csv", "out.csv") == 2
-        heard = capsys.readouterr().err
+        np.savetxt("in.csv", broken, delimiter=",", header="x,y,z,qw,qx,qy,qz", comments="")
+        heard = cli.refused("solve ur5e --batch in.csv --out out.csv")
         assert "row 41,327: " in heard
         assert said in heard
     matrices = np.tile(np.eye(4), (50_000, 1, 1))
     matrices[41_326, 0, 0] = -1.0
-    np.save(tmp_path / "in.npy", matrices)
-    assert solve("in.npy", "out.csv") == 2
-    assert "row 41,327: not a rigid transform" in capsys.readouterr().err
-    assert not out.exists()
+    np.save("in.npy", matrices)
+    heard = cli.refused("solve ur5e --batch in.npy --out out.csv")
+    assert "row 41,327: not a rigid transform" in heard
+    assert not Path("out.csv").exists()
 
 
 MISUSE = {
-    "no file": (("--batch", "nowhere.csv", "--out", "out.csv"), "cannot read 'nowhere.csv'"),
+    "no file": ("--batch nowhere.csv --out out.csv", "cannot read 'nowhere.csv'"),
     "no ending": (
-        ("--batch", "in.npy", "--out", "out.txt"),
+        "--batch in.npy --out out.txt",
         "--out takes a file that ends in .csv, .npy, .parquet",
     ),
-    "other ending": (("--batch", "in.json", "--out", "out.csv"), "--batch takes a file that ends in .csv"),
-    "no folder": (("--batch", "in.npy", "--out", "nowhere/out.csv"), "does not exist"),
-    "a folder": (("--batch", "in.npy", "--out", "folder.csv"), "is not a regular file"),
-    "the same": (("--batch", "in.npy", "--out", "./in.npy"), "is the file that --batch reads"),
-    "no out": (("--batch", "in.npy"), "--batch needs --out"),
-    "out alone": (("--out", "out.csv"), "add --batch"),
-    "at": (
-        ("--batch", "in.npy", "--out", "out.csv", "--at", "1", "2", "3"),
-        "it cannot be combined with --at",
-    ),
-    "rpy": (
-        ("--batch", "in.npy", "--out", "out.csv", "--rpy", "1", "2", "3"),
-        "it cannot be combined with --rpy",
-    ),
-    "lines": (("--batch", "in.npy", "--out", "out.csv", "--jsonl"), "cannot be combined"),
-    "pickle": (("--batch", "pickle.npy", "--out", "out.csv"), "cannot be read as a .npy file"),
-    "shape": (("--batch", "shape.npy", "--out", "out.csv"), "expected numbers of shape (N, 4, 4)"),
-    "letters": (("--batch", "latin.csv", "--out", "out.csv"), "is not UTF-8 text"),
-    "parquet": (("--batch", "in.parquet", "--out", "out.csv"), "cannot be read as a Parquet file"),
+    "other ending": ("--batch in.json --out out.csv", "--batch takes a file that ends in .csv"),
+    "no folder": ("--batch in.npy --out nowhere/out.csv", "does not exist"),
+    "a folder": ("--batch in.npy --out folder.csv", "is not a regular file"),
+    "the same": ("--batch in.npy --out ./in.npy", "is the file that --batch reads"),
+    "no out": ("--batch in.npy", "--batch needs --out"),
+    "out alone": ("--out out.csv", "add --batch"),
+    "at": ("--batch in.npy --out out.csv --at 1 2 3", "it cannot be combined with --at"),
+    "rpy": ("--batch in.npy --out out.csv --rpy 1 2 3", "it cannot be combined with --rpy"),
+    "lines": ("--batch in.npy --out out.csv --jsonl", "cannot be combined"),
+    "pickle": ("--batch pickle.npy --out out.csv", "cannot be read as a .npy file"),
+    "shape": ("--batch shape.npy --out out.csv", "expected numbers of shape (N, 4, 4)"),
+    "letters": ("--batch latin.csv --out out.csv", "is not UTF-8 text"),
+    "parquet": ("--batch in.parquet --out out.csv", "cannot be read as a Parquet file"),
 }
 
 
 @pytest.mark.parametrize("case", MISUSE)
-def test_misuse(case: str, poses: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_misuse(case: str, poses: Any, tmp_path: Path, cli: CommandLine) -> None:
     if case == "parquet":
         pytest.importorskip("pyarrow")
     np.save("in.npy", poses)
@@ -587,21 +564,18 @@ def test_misuse(case: str, poses: Any, tmp_path: Path, capsys: pytest.CaptureFix
     np.save("pickle.npy", np.array([{}, {}]), allow_pickle=True)
     Path("folder.csv").mkdir()
     Path("latin.csv").write_bytes(b"x,y,z\n\xe4,1,2\n")
-    Path("in.parquet").write_bytes(b"no table")
+    IN.write_bytes(b"no table")
     before = sorted(path.name for path in tmp_path.iterdir())
     words, said = MISUSE[case]
-    assert run(["solve", "ur5e", *words]) == 2
-    heard = capsys.readouterr()
-    assert said in heard.err
-    assert (heard.out, heard.err.count("\n")) == ("", 1)
+    assert said in cli.refused("solve ur5e", words)
     assert sorted(path.name for path in tmp_path.iterdir()) == before
 
 
 @pytest.mark.parametrize("ending", ["csv", "npy"])
 def test_nothing_is_half_written(
-    ending: str, poses: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ending: str, poses: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: CommandLine
 ) -> None:
-    np.save(tmp_path / "in.npy", poses)
+    np.save("in.npy", poses)
     out = tmp_path / f"out.{ending}"
     out.write_text("what was there", encoding="utf-8")
 
@@ -611,21 +585,18 @@ def test_nothing_is_half_written(
 
     monkeypatch.setattr(tables, "_write_csv", stopped)
     monkeypatch.setattr("numpy.save", stopped)
-    assert solve("in.npy", out.name) == 130
+    cli("solve ur5e --batch in.npy --out", out.name, code=130)
     assert out.read_text(encoding="utf-8") == "what was there"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.npy", out.name]
 
 
-def test_what_lies_in_the_way_stays(
-    poses: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    np.save(tmp_path / "in.npy", poses)
+def test_what_lies_in_the_way_stays(poses: Any, monkeypatch: pytest.MonkeyPatch, cli: CommandLine) -> None:
+    np.save("in.npy", poses)
     known = uuid.uuid4()
     monkeypatch.setattr(uuid, "uuid4", lambda: known)
-    other = tmp_path / f".{known.hex}.part"
+    other = Path(f".{known.hex}.part")
     other.write_text("not ours", encoding="utf-8")
-    assert solve("in.npy", "out.npy") == 2
-    assert "cannot write" in capsys.readouterr().err
+    assert "cannot write" in cli.refused("solve ur5e --batch in.npy --out out.npy")
     assert other.read_text(encoding="utf-8") == "not ours"
 
 

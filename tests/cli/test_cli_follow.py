@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,313 +9,239 @@ import numpy as np
 import pytest
 
 import kinseek
-from kinseek.cli.program import run
+from command_line import CommandLine
+
+ARM = kinseek.load("ur5e")
+FOLLOW = "follow ur5e line.npy joints.npy"
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(name="line")
-def _line(tmp_path: Path) -> Any:
+def _line() -> Any:
+    """Poses along a line, which are in the file line.npy."""
     poses = np.array([kinseek.pose([0.4, y, 0.3], rpy=[np.pi, 0, 0]) for y in np.linspace(-0.2, 0.2, 40)])
-    np.save(tmp_path / "line.npy", poses)
+    np.save("line.npy", poses)
     return poses
 
 
-def test_a_line(line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "joints.npy"
-    assert run(["follow", "ur5e", str(tmp_path / "line.npy"), str(out)]) == 0
-    told = capsys.readouterr().out
+@pytest.fixture(name="gap")
+def _gap(line: Any) -> Any:
+    """The same, two of them out of reach."""
+    line[7:9, 0, 3] = 3.0
+    np.save("line.npy", line)
+    return line
+
+
+def joints(name: str = "joints.npy") -> Any:
+    """Joint values that were written."""
+    return np.load(name)["q"]
+
+
+def test_a_line(line: Any, cli: CommandLine) -> None:
+    told = cli(FOLLOW).words
     assert "40 poses" in told
-    assert str(kinseek.PathStatus.CONTINUOUS) in " ".join(told.split())
-    rows = np.load(out)
-    np.testing.assert_allclose(kinseek.load("ur5e").fk(rows["q"]), line, atol=1e-6)
+    assert str(kinseek.PathStatus.CONTINUOUS) in told
+    rows = np.load("joints.npy")
+    np.testing.assert_allclose(ARM.fk(rows["q"]), line, atol=1e-6)
     assert rows["reached"].all()
     assert not rows["break_after"].any()
 
 
-def test_poses_out_of_reach_are_named(line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    line[7:9, 0, 3] = 3.0
-    np.save(tmp_path / "line.npy", line)
-    words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(tmp_path / "joints.csv")]
-    assert run([*words, "--json"]) == 1
-    told = json.loads(capsys.readouterr().out)
+def test_poses_out_of_reach_are_named(gap: Any, cli: CommandLine) -> None:
+    told = cli("follow ur5e line.npy joints.csv --json", code=1).facts
     assert told["status"] == "UNREACHABLE"
     # One way of counting: what programs read, what people read, and what Python says.
-    path = kinseek.load("ur5e").follow(line)
+    path = ARM.follow(gap)
     assert told["missed"] == [7, 8] == np.flatnonzero(~path.reached).tolist()
     assert told["why"] == list(path.why)
     assert any("poses 7 to 8 are" in each for each in told["why"])
     with pytest.raises(kinseek.NotReached, match="counted from 0: poses 7 to 8 are out of reach"):
         path.require()
-    assert run(words) == 1
-    assert "poses are counted from 0: - poses 7 to 8 are" in " ".join(capsys.readouterr().out.split())
-    reached = (tmp_path / "joints.csv").read_text(encoding="utf-8").splitlines()
-    assert len(reached) == 41
+    words = cli("follow ur5e line.npy joints.csv", code=1).words
+    assert "poses are counted from 0: - poses 7 to 8 are" in words
+    assert len(Path("joints.csv").read_text(encoding="utf-8").splitlines()) == 41
 
 
-def test_a_break_is_told_where_no_step_is_small_enough(
-    line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = [
-        "follow",
-        "ur5e",
-        str(tmp_path / "line.npy"),
-        str(tmp_path / "joints.npy"),
-        "--max-step",
-        "0.001",
-    ]
-    assert run(words) == 1
-    assert str(kinseek.PathStatus.BROKEN) in " ".join(capsys.readouterr().out.split())
-    assert np.load(tmp_path / "joints.npy")["break_after"].sum() == 39
-    assert run([*words, "--json"]) == 1
-    told = json.loads(capsys.readouterr().out)
+@pytest.mark.usefixtures("line")
+def test_a_break_is_told_where_no_step_is_small_enough(cli: CommandLine) -> None:
+    assert str(kinseek.PathStatus.BROKEN) in cli(FOLLOW, "--max-step 0.001", code=1).words
+    assert np.load("joints.npy")["break_after"].sum() == 39
+    told = cli(FOLLOW, "--max-step 0.001 --json", code=1).facts
     assert told["break_after"] == list(range(39))
     assert told["why"][0].startswith("between poses 0 and 1:")
 
 
-def test_both_ends_and_a_period(line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arm, out = kinseek.load("ur5e"), tmp_path / "joints.npy"
-    path = arm.follow(line, start=arm.branches(line[0]).q[2])
-    words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(out)]
-    ends = [
-        word
-        for name, q in (("--start", path.q[0]), ("--end", path.q[-1]))
-        for word in (name, str(q.tolist()))
-    ]
-    ends = [word.strip("[]").replace(",", " ") for word in ends]
-    assert run([*words, *ends, "--period", "0.1"]) == 0
-    np.testing.assert_array_equal(np.load(out)["q"][[0, -1]], path.q[[0, -1]])
-    assert run([*words, "--period", "0.001"]) == 1  # Faster than its joints.
-    assert "0.00314 rad is allowed" in capsys.readouterr().out
-    assert run(["follow", "puma560", *words[2:], "--period", "0.1"]) == 2
-    assert "no speed above 0" in capsys.readouterr().err
+def test_both_ends_and_a_period(line: Any, cli: CommandLine) -> None:
+    path = ARM.follow(line, start=ARM.branches(line[0]).q[2])
+    start, end = (" ".join(map(str, q)) for q in path.q[[0, -1]])
+    cli(FOLLOW, f"--start '{start}' --end '{end}' --period 0.1")
+    np.testing.assert_array_equal(joints()[[0, -1]], path.q[[0, -1]])
+    faster_than_its_joints = cli(FOLLOW, "--period 0.001", code=1).out
+    assert "0.00314 rad is allowed" in faster_than_its_joints
+    assert "no speed above 0" in cli.refused("follow puma560 line.npy joints.npy --period 0.1")
 
 
 @pytest.mark.usefixtures("line")
-def test_ctrl_c_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_leaves_what_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: CommandLine
+) -> None:
     def stopped(*words: Any, **options: Any) -> None:
         raise KeyboardInterrupt
 
-    out = tmp_path / "joints.csv"
+    out = Path("joints.npy")
     out.write_text("what was there", encoding="utf-8")
     monkeypatch.setattr("kinseek.paths.follow.isolated_layers", stopped)
-    assert run(["follow", "ur5e", str(tmp_path / "line.npy"), str(out)]) == 130
+    cli(FOLLOW, code=130)
     assert out.read_text(encoding="utf-8") == "what was there"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["joints.csv", "line.npy"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["joints.npy", "line.npy"]
 
 
 @pytest.mark.usefixtures("line")
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["line.npy", "line.npy"], "OUT 'line.npy' is the file that POSES reads"),
-        (["line.npy", "joints.txt"], "OUT takes a file that ends in .csv, .npy, .parquet, got 'joints.txt'"),
-        (["nothing.csv", "joints.csv"], "cannot read 'nothing.csv'"),
-        (["line.npy", "joints.csv", "--max-step", "0"], "max_step"),
-        (["line.npy", "joints.csv", "--start", "0 0 0 0 0 0"], "start"),
-        (["line.npy", "joints.csv", "--end", "0 0 0 0 0 0"], "end does not reach the last pose"),
-        (["line.npy", "joints.csv", "--step", "0.1"], "--step and --turn are needed together"),
-        (
-            ["line.npy", "joints.csv", "--blend", "0.1"],
-            "--step and --turn are needed together, and with --blend",
-        ),
-        (["line.npy", "joints.csv", "--step", "0", "--turn", "1"], "step must be a number above 0"),
-        (
-            ["line.npy", "joints.csv", "--step", "1", "--turn", "1", "--blend", "1"],
-            "blend must be at most half",
-        ),
-        (["line.npy", "joints.csv", "--period", "0"], "--period must be above 0"),
-        (["line.npy"], "follow needs an output file: OUT for joint values, or --out for a trajectory"),
-        (["line.npy", "joints.csv", "--jerk", "5"], "limits of a motion in time are for --out"),
-        (
-            ["line.npy", "--out", "seam.txt"],
-            "ends in .csv, .npy, .parquet, .script, .src, .mod, got 'seam.txt'",
-        ),
-        (
-            ["line.npy", "--out", "line.npy", "--acceleration", "5"],
-            "--out 'line.npy' is the file of POSES too",
-        ),
-        (["line.npy", "a.csv", "--out", "a.csv", "--acceleration", "5"], "is the file of OUT too"),
-        (["line.npy", "--out", "a b.src", "--acceleration", "5"], "a program cannot be called 'a b'"),
-        (
-            ["line.npy", "--out", "a.mod", "--acceleration", "5", "6"],
-            "--acceleration needs 1 or 6 numbers, got 2",
-        ),
-        (["line.npy", "--out", "seam.script", "--acceleration", "5"], "needs a period"),
-        (["line.npy", "--out", "seam.mod"], "has no acceleration limit"),
-        (["line.npy", "--out", "seam.mod", "--acceleration", "0"], "acceleration must be above 0"),
+        ("line.npy line.npy", "OUT 'line.npy' is the file that POSES reads"),
+        ("line.npy joints.txt", "OUT takes a file that ends in .csv, .npy, .parquet, got 'joints.txt'"),
+        ("nothing.csv joints.csv", "cannot read 'nothing.csv'"),
+        ("line.npy joints.csv --max-step 0", "max_step"),
+        ("line.npy joints.csv --start '0 0 0 0 0 0'", "start"),
+        ("line.npy joints.csv --end '0 0 0 0 0 0'", "end does not reach the last pose"),
+        ("line.npy joints.csv --step 0.1", "--step and --turn are needed together"),
+        ("line.npy joints.csv --blend 0.1", "--step and --turn are needed together, and with --blend"),
+        ("line.npy joints.csv --step 0 --turn 1", "step must be a number above 0"),
+        ("line.npy joints.csv --step 1 --turn 1 --blend 1", "blend must be at most half"),
+        ("line.npy joints.csv --period 0", "--period must be above 0"),
+        ("line.npy", "follow needs an output file: OUT for joint values, or --out for a trajectory"),
+        ("line.npy joints.csv --jerk 5", "limits of a motion in time are for --out"),
+        ("line.npy --out seam.txt", "ends in .csv, .npy, .parquet, .script, .src, .mod, got 'seam.txt'"),
+        ("line.npy --out line.npy --acceleration 5", "--out 'line.npy' is the file of POSES too"),
+        ("line.npy a.csv --out a.csv --acceleration 5", "is the file of OUT too"),
+        ("line.npy --out 'a b.src' --acceleration 5", "a program cannot be called 'a b'"),
+        ("line.npy --out a.mod --acceleration 5 6", "--acceleration needs 1 or 6 numbers, got 2"),
+        ("line.npy --out seam.script --acceleration 5", "needs a period"),
+        ("line.npy --out seam.mod", "has no acceleration limit"),
+        ("line.npy --out seam.mod --acceleration 0", "acceleration must be above 0"),
     ],
 )
-def test_misuse_is_one_line(
-    words: list[str],
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert run(["follow", "ur5e", *words]) == 2
-    told = capsys.readouterr().err
-    assert said in told
-    assert told.count("\n") == 1
-    assert not (tmp_path / "joints.csv").exists()
+def test_misuse_is_one_line(words: str, said: str, cli: CommandLine) -> None:
+    assert said in cli.refused("follow ur5e", words)
+    assert not Path("joints.csv").exists()
 
 
-@pytest.mark.usefixtures("line")
-def test_the_options_of_a_goal_are_those_of_solve(tmp_path: Path) -> None:
-    words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(tmp_path / "joints.npy")]
-    assert run([*words, "--free", "x,rz", "--frame", "base", "--position-tolerance", "0.001"]) == 0
-    poses = np.load(tmp_path / "line.npy")
-    goal = kinseek.Goal.pose(poses, free=("x", "rz"), frame="base", position_tolerance=0.001)
-    np.testing.assert_array_equal(
-        np.load(tmp_path / "joints.npy")["q"], kinseek.load("ur5e").follow(goal, max_step=0.3).q
-    )
+def test_the_options_of_a_goal_are_those_of_solve(line: Any, cli: CommandLine) -> None:
+    cli(FOLLOW, "--free x,rz --frame base --position-tolerance 0.001")
+    goal = kinseek.Goal.pose(line, free=("x", "rz"), frame="base", position_tolerance=0.001)
+    np.testing.assert_array_equal(joints(), ARM.follow(goal, max_step=0.3).q)
 
 
-def test_poses_are_inserted_between_key_poses(tmp_path: Path) -> None:
+def test_poses_are_inserted_between_key_poses(cli: CommandLine) -> None:
     keys = [
         [0.4, -0.2, 0.3, 0, 0, -1, 1, 0, 0],
         [0.4, 0.2, 0.3, 0, 0, -2, 1, 0.1, 0.1],
         [0.5, 0.2, 0.3, 0, 0, -1, 2, 0, 0],
     ]
     rows = ["x,y,z,nx,ny,nz,tx,ty,tz", *(",".join(map(str, row)) for row in keys)]
-    (tmp_path / "keys.csv").write_text("\n".join(rows), encoding="utf-8")
-    words = ["follow", "ur5e", str(tmp_path / "keys.csv"), str(tmp_path / "joints.npy")]
-    assert run([*words, "--step", "0.01", "--turn", "0.05", "--blend", "0.02"]) == 0
+    Path("keys.csv").write_text("\n".join(rows), encoding="utf-8")
+    cli("follow ur5e keys.csv joints.npy --step 0.01 --turn 0.05 --blend 0.02")
     numbers = np.array(keys, dtype=float)
     poses = kinseek.pose(numbers[:, :3], z_axis=numbers[:, 3:6], x_axis=numbers[:, 6:])
     dense = kinseek.interpolate(poses, step=0.01, turn=0.05, blend=0.02)
-    np.testing.assert_allclose(
-        kinseek.load("ur5e").fk(np.load(tmp_path / "joints.npy")["q"]), dense, atol=1e-6
-    )
+    np.testing.assert_allclose(ARM.fk(joints()), dense, atol=1e-6)
 
 
 @pytest.mark.usefixtures("line")
-def test_a_time_limit_leaves_poses_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(tmp_path / "joints.npy"), "--time-limit"]
-    assert run([*words, "1e-9", "--json"]) == 1
-    told = json.loads(capsys.readouterr().out)
+def test_a_time_limit_leaves_poses_out(cli: CommandLine) -> None:
+    told = cli(FOLLOW, "--time-limit 1e-9 --json", code=1).facts
     assert told["status"] == "OUT_OF_TIME"
     assert told["not_planned"] == told["missed"] == list(range(40))
     assert told["break_after"] == []
-    assert run([*words, "1e6"]) == 0
-    capsys.readouterr()
-    assert run([*words, "0"]) == 2
-    assert "time_limit must be a number of seconds above 0" in capsys.readouterr().err
+    cli(FOLLOW, "--time-limit 1e6")
+    heard = cli.refused(FOLLOW, "--time-limit 0")
+    assert "time_limit must be a number of seconds above 0" in heard
 
 
-def test_what_is_proved_is_told(line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(tmp_path / "joints.npy"), "--prove"]
-    assert run(words) == 0
-    assert "proved to be unbroken, inside the limits: the whole path" in " ".join(
-        capsys.readouterr().out.split()
-    )
-    assert np.load(tmp_path / "joints.npy")["proved_after"].tolist() == [True] * 39 + [False]
-    line[7:9, 0, 3] = 3.0
-    np.save(tmp_path / "line.npy", line)
-    assert run([*words, "--json"]) == 1
-    told = json.loads(capsys.readouterr().out)
+@pytest.mark.usefixtures("line")
+def test_what_is_proved_is_told(cli: CommandLine) -> None:
+    told = cli(FOLLOW, "--prove").words
+    assert "proved to be unbroken, inside the limits: the whole path" in told
+    assert np.load("joints.npy")["proved_after"].tolist() == [True] * 39 + [False]
+
+
+@pytest.mark.usefixtures("gap")
+def test_what_is_proved_of_a_path_with_a_gap_is_told(cli: CommandLine) -> None:
+    told = cli(FOLLOW, "--prove --json", code=1).facts
     assert told["certified"] is False
     assert told["proved_steps"] == 36
     assert told["impossible"] == []
     assert any("poses 7 to 8 are proved out of reach" in each for each in told["why"])
 
 
-@pytest.mark.usefixtures("line")
-def test_a_trajectory_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["follow", "ur5e", str(tmp_path / "line.npy"), "--acceleration", "5", "--tool-speed", "0.1"]
-    assert run([*words, "--period", "0.01", "--out", str(tmp_path / "seam.npy")]) == 0
-    told = capsys.readouterr().out
+def test_a_trajectory_is_written(line: Any, tmp_path: Path, cli: CommandLine) -> None:
+    words = "follow ur5e line.npy --acceleration 5 --tool-speed 0.1"
+    told = cli(words, "--period 0.01 --out seam.npy").words
     assert "fastest motion within the limits: " in told
     assert "tool speed" in told
-    assert f"trajectory: {tmp_path / 'seam.npy'}" in told.replace("\n", " ")
-    arm = kinseek.load("ur5e")
-    trajectory = arm.follow(np.load(tmp_path / "line.npy")).timed(acceleration=5.0, tool_speed=0.1)
-    rows, samples = np.load(tmp_path / "seam.npy"), trajectory.sample(0.01)
+    assert "trajectory: seam.npy" in told
+    trajectory = ARM.follow(line).timed(acceleration=5.0, tool_speed=0.1)
+    rows, samples = np.load("seam.npy"), trajectory.sample(0.01)
     np.testing.assert_array_equal(rows["t"], samples.times)
     np.testing.assert_array_equal(rows["q"], samples.q)
     np.testing.assert_array_equal(rows["acceleration"], samples.acceleration)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["line.npy", "seam.npy"]
-    assert run([*words, str(tmp_path / "q.csv"), "--out", str(tmp_path / "seam.mod"), "--json"]) == 0
-    facts = json.loads(capsys.readouterr().out)
-    assert facts["out"] == str(tmp_path / "q.csv")
-    assert facts["trajectory"]["out"] == str(tmp_path / "seam.mod")
+    facts = cli(words, "q.csv --out seam.mod --json").facts
+    assert facts["out"] == "q.csv"
+    assert facts["trajectory"]["out"] == "seam.mod"
     assert facts["trajectory"]["duration"] == trajectory.duration
     assert facts["trajectory"]["bottleneck"][0]["limit"] == trajectory.bottleneck[0].limit
     assert max(facts["trajectory"]["limits_kept"]["acceleration"]) <= 1.0
-    assert (tmp_path / "seam.mod").read_text().count("MoveAbsJ") == 40  # One for each pose.
-    assert (tmp_path / "q.csv").exists()
+    assert Path("seam.mod").read_text().count("MoveAbsJ") == 40  # One for each pose.
+    assert Path("q.csv").exists()
 
 
-def test_the_fastest_motion_is_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_fastest_motion_is_chosen(cli: CommandLine) -> None:
     arm = kinseek.load("panda")
     t = np.linspace(0.0, 2.0 * np.pi, 60)
     circle = np.stack([0.45 + 0.1 * np.cos(t), 0.15 * np.sin(t), np.full(60, 0.4)], axis=1)
     poses = kinseek.pose(circle, rpy=[np.pi, 0.0, 0.0])
-    np.save(tmp_path / "circle.npy", poses)
-    words = ["follow", "panda", str(tmp_path / "circle.npy"), "--acceleration", "8", "--json"]
-    words += ["--out", str(tmp_path / "seam.csv")]
-    durations = []
-    for more in ([], ["--fastest"]):
-        assert run([*words, *more]) == 0
-        durations.append(json.loads(capsys.readouterr().out)["trajectory"]["duration"])
+    np.save("circle.npy", poses)
+    first, fastest = (
+        cli("follow panda circle.npy --acceleration 8 --json --out seam.csv", more).facts["trajectory"]
+        for more in ("", "--fastest")
+    )
     expected = arm.follow(poses, cost="time", acceleration=8.0).timed(acceleration=8.0).duration
-    assert durations[1] == expected < durations[0]
-    assert run(["follow", "panda", str(tmp_path / "circle.npy"), str(tmp_path / "q.csv"), "--fastest"]) == 2
-    assert "--out, which is not given" in capsys.readouterr().err
+    assert fastest["duration"] == expected < first["duration"]
+    heard = cli.refused("follow panda circle.npy q.csv --fastest")
+    assert "--out, which is not given" in heard
 
 
-@pytest.mark.usefixtures("line")
-def test_limits_may_differ_from_joint_to_joint(tmp_path: Path) -> None:
-    words = [
-        "follow",
-        "ur5e",
-        str(tmp_path / "line.npy"),
-        "--out",
-        str(tmp_path / "seam.npy"),
-        "--period",
-        "0.1",
-    ]
-    arm = kinseek.load("ur5e")
-    path = arm.follow(np.load(tmp_path / "line.npy"))
+def test_limits_may_differ_from_joint_to_joint(line: Any, cli: CommandLine) -> None:
     each = [3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
-    expected = path.timed(acceleration=each, velocity=0.5).sample(0.1)
-    named = [f"{name}={value}" for name, value in zip(arm.joint_names, each, strict=True)]
-    for accelerations in (map(str, each), named):
-        assert run([*words, "--acceleration", *accelerations, "--velocity", "0.5"]) == 0
-        np.testing.assert_array_equal(np.load(tmp_path / "seam.npy")["q"], expected.q)
+    expected = ARM.follow(line).timed(acceleration=each, velocity=0.5).sample(0.1)
+    named = [f"{name}={value}" for name, value in zip(ARM.joint_names, each, strict=True)]
+    for accelerations in (each, named):
+        limits = ["--acceleration", *accelerations, "--velocity 0.5"]
+        cli("follow ur5e line.npy --out seam.npy --period 0.1", *limits)
+        np.testing.assert_array_equal(joints("seam.npy"), expected.q)
 
 
-def test_all_limits_reach_the_time_law(
-    line: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_all_limits_reach_the_time_law(line: Any, monkeypatch: pytest.MonkeyPatch, cli: CommandLine) -> None:
     def timed(self: kinseek.Path, **limits: Any) -> None:
         assert len(self) == len(line)
         assert limits == {"velocity": 1.0, "acceleration": 2.0, "jerk": 3.0, "tool_speed": 4.0}
         raise kinseek.InvalidProblem("seen")
 
     monkeypatch.setattr(kinseek.Path, "timed", timed)
-    words = ["--velocity", "1", "--acceleration", "2", "--jerk", "3", "--tool-speed", "4"]
-    assert (
-        run(["follow", "ur5e", str(tmp_path / "line.npy"), "--out", str(tmp_path / "seam.mod"), *words]) == 2
-    )
-    assert capsys.readouterr().err == "kinseek: seen\n"
+    limits = "--velocity 1 --acceleration 2 --jerk 3 --tool-speed 4"
+    assert cli.refused("follow ur5e line.npy --out seam.mod", limits) == "kinseek: seen\n"
 
 
-def test_without_all_poses_there_is_no_trajectory(
-    line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    line[7, 0, 3] = 3.0
-    np.save(tmp_path / "line.npy", line)
-    words = [
-        "follow",
-        "ur5e",
-        str(tmp_path / "line.npy"),
-        "--acceleration",
-        "5",
-        "--out",
-        str(tmp_path / "a.mod"),
-    ]
-    assert run(words) == 1
-    assert "no trajectory, since some poses are missed" in " ".join(capsys.readouterr().out.split())
-    assert run([*words, "--json"]) == 1
-    assert json.loads(capsys.readouterr().out)["trajectory"] is None
-    assert not (tmp_path / "a.mod").exists()
+@pytest.mark.usefixtures("gap")
+def test_without_all_poses_there_is_no_trajectory(cli: CommandLine) -> None:
+    words = "follow ur5e line.npy --acceleration 5 --out a.mod"
+    assert "no trajectory, since some poses are missed" in cli(words, code=1).words
+    assert cli(words, "--json", code=1).facts["trajectory"] is None
+    assert not Path("a.mod").exists()

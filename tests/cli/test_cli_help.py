@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import shlex
 import subprocess
 import sys
 import types
@@ -14,8 +13,10 @@ import click
 import pytest
 
 import kinseek
+from command_line import CommandLine
 from kinseek.cli import program
 from kinseek.cli.help import Command
+from robot_files import link, robot
 
 CONTEXT = click.Context(program.PROGRAM, info_name="kinseek")
 
@@ -43,7 +44,7 @@ def test_every_command_has_an_example_of_itself(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("example", examples())
 def test_examples_run(
-    example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: CommandLine
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("poses.csv").write_text(
@@ -52,9 +53,7 @@ def test_examples_run(
     if "--scene" in example:
         pytest.importorskip("pinocchio")
         box = '<collision><origin xyz="0.9 0 0"/><geometry><box size="0.1 1 1"/></geometry></collision>'
-        Path("cell.urdf").write_text(
-            f'<robot name="cell"><link name="wall">{box}</link></robot>', encoding="utf-8"
-        )
+        Path("cell.urdf").write_text(robot(link("wall", box), links=""), encoding="utf-8")
     if example.startswith("kinseek map"):
         pytest.importorskip("xarray")
     lines = '{"position": [0.4, 0.2, 0.3], "rpy": [3.1, 0, 0]}\n'
@@ -63,18 +62,16 @@ def test_examples_run(
         example = example.removesuffix(" < poses.jsonl")
     if example.startswith("kinseek view"):
         monkeypatch.setitem(sys.modules, "kinseek.viewer", types.SimpleNamespace(show=lambda *_, **__: None))
-    if example.startswith(
-        "kinseek export"
-    ):  # Compiling takes half a minute; tests/export/test_export.py does it.
+    words = example.removeprefix("kinseek ")
+    if words.startswith("export"):  # Compiling takes half a minute; tests/export/test_export.py does it.
 
         def reached(*_: Any, **__: Any) -> None:
             raise kinseek.InvalidExport("as far as this")
 
         monkeypatch.setattr("kinseek.cli.commands.export.prepare", reached)
-        assert program.run(shlex.split(example)[1:]) == 2
-        assert capsys.readouterr().err == "kinseek: as far as this\n"
+        assert cli.refused(words) == "kinseek: as far as this\n"
         return
-    assert program.run(shlex.split(example)[1:]) == 0
+    cli(words)
 
 
 @pytest.mark.parametrize("columns", [40, 60, 80, 200])

@@ -4,69 +4,70 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pytest
 
 import kinseek
-from kinseek.cli.program import run
+from command_line import CommandLine, Ended
 
 GOOD: dict[str, Any] = {"position": [0.4, 0.2, 0.3], "rpy": [3.0, 0.1, -0.2]}
+POSE = kinseek.pose(GOOD["position"], rpy=GOOD["rpy"])
 
 
-def ask(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], lines: list[Any], *words: str
-) -> tuple[int, list[dict[str, Any]]]:
-    text = "\n".join(line if isinstance(line, str) else json.dumps(line) for line in lines)
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
-    code = run(["solve", "ur5e", "--jsonl", *words])
-    heard = capsys.readouterr()
-    assert heard.err == ""
-    return code, [json.loads(line) for line in heard.out.splitlines()]
+class Asked(Protocol):
+    """Gives lines to ``kinseek solve ur5e --jsonl``."""
+
+    def __call__(self, lines: list[Any], words: str = "", code: int = 0) -> Ended: ...
 
 
-def test_an_answer_a_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.fixture
+def ask(monkeypatch: pytest.MonkeyPatch, cli: CommandLine) -> Asked:
+    def asked(lines: list[Any], words: str = "", code: int = 0) -> Ended:
+        text = "\n".join(line if isinstance(line, str) else json.dumps(line) for line in lines)
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+        return cli("solve ur5e --jsonl", words, code=code)
+
+    return asked
+
+
+def test_an_answer_a_line(ask: Asked) -> None:
     arm = kinseek.load("ur5e")
-    pose = kinseek.pose(GOOD["position"], rpy=GOOD["rpy"])
     near = [0.3, -1.0, 1.5, 0.1, 1.2, 0.4]
     lines = [
         GOOD,
-        {"matrix": pose.tolist(), "id": "seven"},
+        {"matrix": POSE.tolist(), "id": "seven"},
         "",
         {**GOOD, "near": near},
         {**GOOD, "near": dict(zip(arm.joint_names[::-1], near[::-1], strict=True))},
         {**GOOD, "position": [4, 0, 0]},
     ]
-    code, said = ask(monkeypatch, capsys, lines)
-    assert code == 1
+    ended = ask(lines, code=1)
+    assert ended.err == ""
+    said = ended.rows
     assert [facts["line"] for facts in said] == [1, 2, 4, 5, 6]
     assert [facts["success"] for facts in said] == [True] * 4 + [False]
-    assert said[0]["q"] == arm.ik(pose).q.tolist()
+    assert said[0]["q"] == arm.ik(POSE).q.tolist()
     assert said[1]["id"] == "seven"
-    assert said[2]["q"] == said[3]["q"] == arm.ik(pose, near=near).q.tolist()
-    assert ask(monkeypatch, capsys, [GOOD])[0] == 0
+    assert said[2]["q"] == said[3]["q"] == arm.ik(POSE, near=near).q.tolist()
+    ask([GOOD], code=0)
 
 
-def test_degrees_and_positions_alone(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_degrees_and_positions_alone(ask: Asked) -> None:
     turned = {**GOOD, "rpy": np.rad2deg(GOOD["rpy"]).tolist()}
     arm = kinseek.load("ur5e")
-    _, (facts,) = ask(monkeypatch, capsys, [turned], "--deg")
-    assert np.allclose(arm.fk(facts["q"]), kinseek.pose(GOOD["position"], rpy=GOOD["rpy"]), atol=5e-6)
-    _, (facts,) = ask(monkeypatch, capsys, [{"position": [0.4, 0.2, 0.3]}], "--position-only")
+    facts = ask([turned], "--deg").facts
+    assert np.allclose(arm.fk(facts["q"]), POSE, atol=5e-6)
+    facts = ask([{"position": [0.4, 0.2, 0.3]}], "--position-only").facts
     assert facts["orientation_error"] is None
     assert np.allclose(arm.fk(facts["q"])[:3, 3], [0.4, 0.2, 0.3], atol=2e-6)
 
 
-def test_every_answer(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    _, (facts,) = ask(monkeypatch, capsys, [GOOD], "--all")
-    expected = kinseek.load("ur5e").branches(kinseek.pose(GOOD["position"], rpy=GOOD["rpy"]))
+def test_every_answer(ask: Asked) -> None:
+    facts, expected = ask([GOOD], "--all").facts, kinseek.load("ur5e").branches(POSE)
     assert np.array_equal([each["q"] for each in facts["branches"]], expected.q)
 
 
@@ -117,12 +118,11 @@ BAD = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", BAD)
-def test_a_bad_line_is_told_and_the_next_is_read(
-    case: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bad_line_is_told_and_the_next_is_read(case: str, ask: Asked) -> None:
     line, wrong = BAD[case]
-    code, said = ask(monkeypatch, capsys, [GOOD, line, GOOD])
-    assert code == 2
+    ended = ask([GOOD, line, GOOD], code=2)
+    assert ended.err == ""
+    said = ended.rows
     assert [facts["line"] for facts in said] == [1, 2, 3]
     assert wrong in said[1]["error"]
     assert said[0]["q"] == said[2]["q"]
@@ -166,26 +166,7 @@ def test_a_reader_that_goes_ends_it_quietly() -> None:
         assert [line for line in process.stderr if "compiling kernels" not in line] == []
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device here")
-def test_a_full_disk_is_one_line() -> None:
-    with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            MAIN, input=LINE * 3, stdout=full, stderr=subprocess.PIPE, text=True, check=False, env=os.environ
-        )
-    said = [line for line in done.stderr.splitlines() if "compiling kernels" not in line]
-    assert (done.returncode, len(said)) == (2, 1)
-    assert said[0].startswith("kinseek: cannot write the output: ")
-
-
-def test_degrees_are_suspected_in_the_words_of_a_command_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    lines = [GOOD, {**GOOD, "rpy": [180, 0, 0]}]
-    monkeypatch.setattr(
-        sys, "stdin", io.TextIOWrapper(io.BytesIO("\n".join(map(json.dumps, lines)).encode()))
-    )
-    assert run(["solve", "ur5e", "--jsonl"]) == 0
-    (said,) = capsys.readouterr().err.splitlines()
+def test_degrees_are_suspected_in_the_words_of_a_command_line(ask: Asked) -> None:
+    (said,) = ask([GOOD, {**GOOD, "rpy": [180, 0, 0]}]).err.splitlines()
     assert said.startswith("kinseek: warning: line 2: rpy has an angle of 180 rad")
     assert said.endswith("add --deg")

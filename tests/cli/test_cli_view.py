@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import types
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -15,76 +16,59 @@ from xml.sax.saxutils import quoteattr
 import pytest
 
 import kinseek
+from command_line import CommandLine
 from kinseek.cli.program import run
 
 
-def test_view_hands_the_arm_on(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def shown_by(monkeypatch: pytest.MonkeyPatch, show: Callable[..., None]) -> None:
+    """Have a function called in the place of the viewer's."""
+    monkeypatch.setitem(sys.modules, "kinseek.viewer", types.SimpleNamespace(show=show))
+
+
+def test_view_hands_the_arm_on(
+    monkeypatch: pytest.MonkeyPatch, cli: CommandLine, capfd: pytest.CaptureFixture[str]
+) -> None:
     shown: list[Any] = []
+    usual = {"host": "127.0.0.1", "port": 8080, "share": False, "open_browser": None, "packages": {}}
+    usual |= {"scene": None, "clearance": 0.0}
 
     def show(arm: Any, **options: Any) -> None:
         shown.append((arm.name, arm.tip, options))
         print("shown at http://127.0.0.1:9000", flush=True)
-        assert "shown at" in capsys.readouterr().out  # At once, not at the end.
+        assert "shown at" in capfd.readouterr().out  # At once, not at the end.
 
-    monkeypatch.setitem(sys.modules, "kinseek.viewer", types.SimpleNamespace(show=show))
-    assert run(["view", "panda"]) == 0
-    options = {"host": "127.0.0.1", "port": 8080, "share": False, "open_browser": None, "packages": {}}
-    options |= {"scene": None, "clearance": 0.0}
-    assert shown.pop() == ("panda", "panda_link8", options)
-    words = [
-        "--tip",
-        "panda_link5",
-        "--host",
-        "0.0.0.0",
-        "--port",
-        "9000",
-        "--no-browser",
-        "--share",
-        "--package",
-        "a=/b=c",
-    ]
-    assert run(["view", "panda", *words]) == 0
-    options = {
-        "host": "0.0.0.0",
-        "port": 9000,
-        "share": True,
-        "open_browser": False,
-        "packages": {"a": "/b=c"},
-        "scene": None,
-        "clearance": 0.0,
-    }
-    assert shown.pop() == ("panda", "panda_link5", options)
-    for wrong, said in ((["--port", "70000"], "70000"), (["--package", "a"], "--package takes NAME=FOLDER")):
-        assert run(["view", "panda", *wrong]) == 2
-        assert said in capsys.readouterr().err
+    shown_by(monkeypatch, show)
+    cli("view panda")
+    assert shown.pop() == ("panda", "panda_link8", usual)
+    cli("view panda --tip panda_link5 --host 0.0.0.0 --port 9000 --no-browser --share --package a=/b=c")
+    other = {"host": "0.0.0.0", "port": 9000, "share": True, "open_browser": False, "packages": {"a": "/b=c"}}
+    assert shown.pop() == ("panda", "panda_link5", usual | other)
+    for wrong, said in (("--port 70000", "70000"), ("--package a", "--package takes NAME=FOLDER")):
+        assert said in cli.refused("view panda", wrong)
     pytest.importorskip("pinocchio")
-    assert run(["view", "panda", "--scene", "self", "--capsules", "0.05", "--clearance", "0.01"]) == 0
+    cli("view panda --scene self --capsules 0.05 --clearance 0.01")
     _, _, options = shown.pop()
     assert options["scene"].fits(kinseek.load("panda").mechanism)
     assert options["clearance"] == 0.01
-    assert run(["view", "panda", "--clearance", "0.01"]) == 2
-    assert "--clearance needs a scene" in capsys.readouterr().err
+    assert "--clearance needs a scene" in cli.refused("view panda --clearance 0.01")
 
 
 def test_without_the_extra_it_says_how_to_install_it(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, cli: CommandLine
 ) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
-    assert run(["view", "panda", "--no-browser", "--port", "0"]) == 2
-    assert "pip install 'kinseek[view]'" in capsys.readouterr().err
+    assert "pip install 'kinseek[view]'" in cli.refused("view panda --no-browser --port 0")
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_for_a_shell(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_script_for_a_shell(shell: str, cli: CommandLine) -> None:
     if shell == "bash" and shutil.which("bash") is None:
         pytest.skip("no bash here")
-    assert run(["completion", shell]) == 0
-    assert "_KINSEEK_COMPLETE" in capsys.readouterr().out
+    assert "_KINSEEK_COMPLETE" in cli("completion", shell).out
 
 
-def test_an_unknown_shell(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["completion", "bsh"]) == 2
-    assert "did you mean 'bash'" in capsys.readouterr().err
+def test_an_unknown_shell(cli: CommandLine) -> None:
+    assert "did you mean 'bash'" in cli.refused("completion bsh")
 
 
 COMPLETED = {
@@ -190,26 +174,17 @@ def test_completion_trusts_no_xacro_file(tmp_path: Path) -> None:
     ],
 )
 def test_view_whose_output_cannot_be_written_ends_in_a_line(
-    error: OSError,
-    code: int,
-    said: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    error: OSError, code: int, said: str, monkeypatch: pytest.MonkeyPatch, cli: CommandLine
 ) -> None:
     def show(arm: Any, **options: Any) -> None:
         raise error
 
-    monkeypatch.setitem(sys.modules, "kinseek.viewer", types.SimpleNamespace(show=show))
-    assert run(["view", "panda"]) == code
-    assert capsys.readouterr().err == said
+    shown_by(monkeypatch, show)
+    assert cli("view panda", code=code).err == said
 
 
 def test_view_prints_letters_that_the_terminal_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(
-        sys.modules,
-        "kinseek.viewer",
-        types.SimpleNamespace(show=lambda arm, **options: print("\N{OHM SIGN}")),
-    )
+    shown_by(monkeypatch, lambda arm, **options: print("\N{OHM SIGN}"))
     written = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, "ascii"))
     assert run(["view", "panda"]) == 0

@@ -15,10 +15,11 @@ from pathlib import Path
 import pytest
 
 import kinseek
-from kinseek import cli
+from command_line import CommandLine
+from kinseek.cli import main
 from kinseek.cli.layout import sentence, table
-from kinseek.cli.program import run
 from kinseek.robots import catalog_names
+from robot_files import TURNING, robot, write
 
 pytestmark = pytest.mark.slow
 
@@ -142,22 +143,23 @@ def test_a_closed_pipe_ends_quietly(words: tuple[str, ...]) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device here")
-@pytest.mark.parametrize("words", [("robots",), ("fk", "planar2", "0", "0", "--json"), ("--version",)])
-def test_a_full_disk_is_one_line(words: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    "words",
+    ["robots", "fk planar2 0 0 --json", "--version", "solve planar2 --jsonl --position-only"],
+)
+def test_a_full_disk_is_one_line(words: str) -> None:
+    lines = '{"position": [0.3, 0.4, 0]}\n' * 3  # What the last one reads.
     with open("/dev/full", "w") as full:
-        done = subprocess.run([*MAIN, *words], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        done = subprocess.run(
+            [*MAIN, *words.split()], input=lines, stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
     said = [line for line in done.stderr.splitlines() if "compiling kernels" not in line]
     assert (done.returncode, len(said)) == (2, 1)
     assert said[0].startswith("kinseek: cannot write the output: ")
 
 
 def test_letters_that_a_terminal_has_not_are_escaped(tmp_path: Path) -> None:
-    path = tmp_path / "r.urdf"
-    path.write_text(
-        '<robot name="Händchen"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
-        '<parent link="a"/><child link="b"/></joint></robot>',
-        encoding="utf-8",
-    )
+    path = write(tmp_path, "r.urdf", robot(TURNING, links="a b", name="Händchen"))
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(
         [*MAIN, "show", str(path)], capture_output=True, text=True, check=False, env=environment
@@ -203,31 +205,26 @@ def test_a_sentence_is_broken_at_blanks() -> None:
 
 # What --json says of goals and proofs
 
-AT = ("--at", "0.4", "0.2", "0.3", "--rpy", "180", "0", "0", "--deg", "--json")
+SOLVE = "solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --json"
 
 
 @pytest.mark.parametrize(
-    ("options", "free", "frame"),
+    ("options", "free", "frame", "cone"),
     [
-        ((), [], "tool"),
-        (("--free", "z,rz"), ["z", "rz"], "tool"),
-        (("--free", "x", "--frame", "base"), ["x"], "base"),
-        (("--free", "rx"), ["rx"], "tool"),
-        (("--free", "rx,ry,rz"), ["rx", "ry", "rz"], "tool"),
+        ("", [], "tool", 0.0),
+        ("--free z,rz", ["z", "rz"], "tool", 0.0),
+        ("--free x --frame base", ["x"], "base", 0.0),
+        ("--free rx", ["rx"], "tool", 0.0),
+        ("--free rx,ry,rz", ["rx", "ry", "rz"], "tool", 0.0),
+        ("--free rz --cone 10", ["rz"], "tool", 10.0),
     ],
 )
 def test_json_says_what_is_free(
-    options: tuple[str, ...], free: list[str], frame: str, capsys: pytest.CaptureFixture[str]
+    options: str, free: list[str], frame: str, cone: float, cli: CommandLine
 ) -> None:
-    assert run(["solve", "ur5e", *AT, *options]) == 0
-    goal = json.loads(capsys.readouterr().out)["goal"]
+    goal = cli(SOLVE, options).facts["goal"]
     assert (goal["free"], goal["ranges"], goal["frame"]) == (free, {}, frame)
-
-
-def test_json_says_the_cone(capsys: pytest.CaptureFixture[str]) -> None:
-    for options, cone in ((("--free", "rz", "--cone", "10"), 10.0), (("--free", "rz"), 0.0)):
-        assert run(["solve", "ur5e", *AT, *options]) == 0
-        assert json.loads(capsys.readouterr().out)["goal"]["cone"] == pytest.approx(math.radians(cone))
+    assert goal["cone"] == pytest.approx(math.radians(cone))
 
 
 def test_json_says_ranges() -> None:
@@ -242,27 +239,23 @@ def test_json_says_ranges() -> None:
     assert facts["goal"]["free"] == ["rz"]
 
 
-def test_json_holds_the_proof(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["solve", "planar2", "--position-only", "--json", "--at"]
-    far, near = ["0.9", "0", "0"], ["0.4", "0.3", "0"]
-    assert run([*words, *far, "--prove"]) == 1
-    proof = json.loads(capsys.readouterr().out)["proof"]
+def test_json_holds_the_proof(cli: CommandLine) -> None:
+    far = "solve planar2 --position-only --json --at 0.9 0 0"
+    near = "solve planar2 --position-only --json --at 0.4 0.3 0"
+    proof = cli(far, "--prove", code=1).facts["proof"]
     assert proof["verdict"] == "UNREACHABLE"
     assert 0.0 < proof["lower_bound"] <= proof["upper_bound"] == pytest.approx(0.15, abs=1e-3)
     assert proof["boxes"] >= 0
-    assert run([*words, *far]) == 1
-    assert json.loads(capsys.readouterr().out)["proof"] is None
-    assert run([*words, *near, "--prove"]) == 0
-    assert json.loads(capsys.readouterr().out)["proof"]["verdict"] == "REACHABLE"
+    assert cli(far, code=1).facts["proof"] is None
+    assert cli(near, "--prove").facts["proof"]["verdict"] == "REACHABLE"
 
 
 @pytest.mark.parametrize("columns", ["1", "2", "3"])
 def test_help_is_printed_however_narrow_the_terminal_is(
-    columns: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    columns: str, monkeypatch: pytest.MonkeyPatch, cli: CommandLine
 ) -> None:
     monkeypatch.setenv("COLUMNS", columns)
-    assert run(["solve", "--help"]) == 0
-    assert "--trace" in capsys.readouterr().out
+    assert "--trace" in cli("solve --help").out
 
 
 def test_ctrl_c_during_the_import_ends_without_a_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -272,11 +265,10 @@ def test_ctrl_c_during_the_import_ends_without_a_traceback(monkeypatch: pytest.M
 
     monkeypatch.setitem(sys.modules, "kinseek.cli.program", Interrupted("kinseek.cli.program"))
     with pytest.raises(SystemExit) as ended:
-        cli.main(["robots"])
+        main(["robots"])
     assert ended.value.code == 130
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("address", ["tls://127.0.0.1:1", "ucx://127.0.0.1:1", "tcp://127.0.0.1"])
 def test_a_scheduler_that_cannot_be_reached_is_said_to_be_so(address: str) -> None:
     """Without certificates, Dask raised a TypeError.
@@ -292,7 +284,6 @@ def test_a_scheduler_that_cannot_be_reached_is_said_to_be_so(address: str) -> No
 
 
 def test_a_picture_without_a_folder_is_refused_before_the_map_is_made(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, cli: CommandLine
 ) -> None:
-    assert run(["map", "panda", "--picture", str(tmp_path / "none" / "map.png")]) == 2
-    assert "does not exist" in capsys.readouterr().err
+    assert "does not exist" in cli.refused("map panda --picture", tmp_path / "none" / "map.png")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -12,34 +11,28 @@ import numpy as np
 import pytest
 
 import kinseek
+from command_line import CommandLine
 from kinseek import maps, plots
-from kinseek.cli.program import run
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 pytest.importorskip("distributed")
 
-COARSE = ["--step", "0.5", "--orientations", "12"]
-
 
 @pytest.mark.slow
-def test_a_map_from_the_shell(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_map_from_the_shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: CommandLine) -> None:
     monkeypatch.chdir(tmp_path)
-    assert run(["map", "ur5e", *COARSE, "--store", "m.zarr", "--picture", "m.png", "--json"]) == 0
-    out, err = capsys.readouterr()
-    told = json.loads(out)
-    assert f"{told['cells']:,} cells at" in err
+    coarse = "--step 0.5 --orientations 12 --store m.zarr"
+    ended = cli("map ur5e", coarse, "--picture m.png --json")
+    told = ended.facts
+    assert f"{told['cells']:,} cells at" in ended.err
     assert Path("m.png").stat().st_size > 1000
     m = maps.open("m.zarr")
     assert told["cells"] == m.reached.size
     assert told["reached"] == pytest.approx(float((m.reached == 1).mean()))
-    assert run(["map", "ur5e", *COARSE, "--store", "m.zarr"]) == 2
-    assert "add --resume" in capsys.readouterr().err
-    assert run(["map", "ur5e", *COARSE, "--store", "m.zarr", "--resume"]) == 0
-    assert run(["map", "ur10e", *COARSE, "--store", "m.zarr", "--resume"]) == 2
-    assert "has another map" in capsys.readouterr().err
+    assert "add --resume" in cli("map ur5e", coarse, code=2).err
+    cli("map ur5e", coarse, "--resume")
+    assert "has another map" in cli("map ur10e", coarse, "--resume", code=2).err
 
 
 @pytest.mark.slow
@@ -57,27 +50,22 @@ def test_a_picture_does_not_obey_the_working_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--resume"], "--resume needs --store FOLDER"),
-        (["--step", "0"], "positive length"),
-        (["--range", "0 1 2"], "--range needs 6 numbers, got 3: 0 1 2"),
-        (["--range", "a b c d e f"], "--range: 'a' is not a number"),
-        (["--step", "0.3", "--range", "-1 1 -1 1 0 1"], "must divide its range"),
-        (["--step", "0.0005"], "too large"),
-        (["--what", "speed"], "unknown measure 'speed'"),
-        (["--picture", "m.jpg"], "must end in .png"),
-        (["--depth", "-1", "--prove"], "depth must be"),
+        ("--resume", "--resume needs --store FOLDER"),
+        ("--step 0", "positive length"),
+        ("--range '0 1 2'", "--range needs 6 numbers, got 3: 0 1 2"),
+        ("--range 'a b c d e f'", "--range: 'a' is not a number"),
+        ("--step 0.3 --range '-1 1 -1 1 0 1'", "must divide its range"),
+        ("--step 0.0005", "too large"),
+        ("--what speed", "unknown measure 'speed'"),
+        ("--picture m.jpg", "must end in .png"),
+        ("--depth -1 --prove", "depth must be"),
     ],
 )
 def test_misuse_at_the_shell(
-    words: list[str],
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    words: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: CommandLine
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert run(["map", "ur5e", *words]) == 2
-    out, err = capsys.readouterr()
+    out, err = cli("map ur5e", words, code=2)
     assert said in err
     assert out == ""
     assert list(tmp_path.iterdir()) == []
@@ -181,11 +169,11 @@ def test_the_estimate_has_the_start_of_processes_in_it(monkeypatch: pytest.Monke
 
 
 def test_an_estimate_of_processes_asks_for_what_they_need(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, cli: CommandLine
 ) -> None:
     from kinseek.maps import cost
 
     cost._processes.cache_clear()
     monkeypatch.setitem(sys.modules, "zarr", None)
-    assert run(["map", "ur5e", "--step", "0.05", "--estimate"]) == 2
-    assert "pip install 'kinseek[maps]'" in capsys.readouterr().err
+    heard = cli("map ur5e --step 0.05 --estimate", code=2).err
+    assert "pip install 'kinseek[maps]'" in heard

@@ -13,8 +13,8 @@ import pytest
 import yaml  # type: ignore[import-untyped]
 
 import kinseek
+from command_line import CommandLine
 from kinseek import InvalidRobot, LimitWarning, UnitWarning
-from kinseek.cli.program import run
 from kinseek.robots import catalog_path
 
 NAN = np.nan
@@ -280,15 +280,12 @@ def test_it_is_for_a_urdf(tmp_path: Path) -> None:
         kinseek.load(model, limits=written({"a": entry(1)}, tmp_path))
 
 
-def test_in_a_shell(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["show", "panda", "--limits", str(panda(tmp_path))]) == 0
-    assert re.search(r"panda_joint2 .* 2\.175 +1\.875 +500\n", capsys.readouterr().out)
+def test_in_a_shell(tmp_path: Path, cli: CommandLine) -> None:
+    shown = cli("show panda --limits", panda(tmp_path)).out
+    assert re.search(r"panda_joint2 .* 2\.175 +1\.875 +500\n", shown)
     wide = written({"elbow_joint": entry(9.5)}, tmp_path)
-    assert run(["show", "ur5e", "--limits", str(wide)]) == 0
-    assert re.fullmatch(
-        "kinseek: warning: .*'elbow_joint' velocity 9.5 instead of 3.14159\n", capsys.readouterr().err
-    )
-    assert run(["check", "panda", "--limits", str(panda(tmp_path))]) == 2
-    assert "--limits FILE is not checked" in capsys.readouterr().err
-    assert run(["show", "panda", "--limits", "panda_joint1=-1,1", "--limits", str(panda(tmp_path))]) == 2
-    assert "--limits takes NAME=LOWER,UPPER|FILE" in capsys.readouterr().err
+    heard = cli("show ur5e --limits", wide).err
+    assert re.fullmatch("kinseek: warning: .*'elbow_joint' velocity 9.5 instead of 3.14159\n", heard)
+    assert "--limits FILE is not checked" in cli.refused("check panda --limits", panda(tmp_path))
+    both = cli.refused("show panda --limits panda_joint1=-1,1 --limits", panda(tmp_path))
+    assert "--limits takes NAME=LOWER,UPPER|FILE" in both

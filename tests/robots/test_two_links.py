@@ -11,11 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.cli.program import run
+from command_line import CommandLine
 from kinseek.errors import InvalidRobot
 from kinseek.proof.certificate import Verdict
 from kinseek.robots import catalog_path
 from pinocchio_poses import pinocchio_poses
+from robot_files import write
 
 Array = NDArray[np.float64]
 
@@ -302,20 +303,15 @@ def test_a_scene_of_a_mobile_base() -> None:
         scene.free(some.sample(3))
 
 
-def test_the_command_line_takes_two_links_and_limits(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "r.urdf"
-    path.write_text(two_arms(mobile="planar"), encoding="utf-8")
-    assert run(["show", str(path), "--base", "left_hand", "--tip", "right_hand"]) == 0
-    assert "base left_hand, tip right_hand" in capsys.readouterr().out
-    wide = ["--limits", "drive/x=-2,2", "--limits", "drive/y=-1,1"]
-    assert run(["show", str(path), "--tip", "right_hand", *wide]) == 0
-    assert "drive/yaw" in capsys.readouterr().out
-    assert run(["show", str(path), "--tip", "right_hand", "--limits", "drive/x=2"]) == 2
-    assert "--limits takes NAME=LOWER,UPPER|FILE, got drive/x=2" in capsys.readouterr().err
-    assert run(["check", str(path), "--base", "left_hand", "--tip", "right_hand"]) == 1
-    assert "needs the limits= of kinseek.load" in capsys.readouterr().out
+def test_the_command_line_takes_two_links_and_limits(tmp_path: Path, cli: CommandLine) -> None:
+    path = write(tmp_path, "r.urdf", two_arms(mobile="planar"))
+    hands = "--base left_hand --tip right_hand"
+    assert "base left_hand, tip right_hand" in cli("show", path, hands).out
+    wide = "--limits drive/x=-2,2 --limits drive/y=-1,1"
+    assert "drive/yaw" in cli("show", path, "--tip right_hand", wide).out
+    heard = cli.refused("show", path, "--tip right_hand --limits drive/x=2")
+    assert "--limits takes NAME=LOWER,UPPER|FILE, got drive/x=2" in heard
+    assert "needs the limits= of kinseek.load" in cli("check", path, hands, code=1).out
 
 
 def test_mjcf_goes_up_and_down() -> None:
