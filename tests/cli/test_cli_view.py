@@ -180,6 +180,7 @@ def test_view_whose_output_cannot_be_written_ends_in_a_line(
         raise error
 
     shown_by(monkeypatch, show)
+    monkeypatch.setattr(sys, "stdout", io.StringIO())  # One without a file, as in a notebook.
     assert cli("view panda", code=code).err == said
 
 

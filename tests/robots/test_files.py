@@ -13,9 +13,12 @@ from kinseek.errors import InvalidRobot
 from kinseek.robots import files, read, read_dh
 from kinseek.robots.files import MOST_BYTES, MOST_JOINTS, MOST_LINKS, MOST_NAME, require_here
 from kinseek.robots.packages import mesh_path
-from robot_files import MODEL, XACRO, soon, write
+from robot_files import MODEL, XACRO, joint, robot, soon, write
 
 SUFFIXES = (".urdf", ".xacro", ".xml")
+
+
+PIPES = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
 
 
 def needs(suffix: str) -> None:
@@ -23,17 +26,23 @@ def needs(suffix: str) -> None:
         pytest.importorskip("mujoco")
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+@PIPES
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_pipe_is_refused(suffix: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
+def test_what_is_no_regular_file_is_refused(kind: str, suffix: str, tmp_path: Path) -> None:
     needs(suffix)
-    path = tmp_path / f"pipe{suffix}"
-    os.mkfifo(path)
-    with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
+    path = tmp_path / f"robot{suffix}"
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    else:
+        path.mkdir()
+    with pytest.raises(InvalidRobot, match=f"it is a {kind}, expected a regular file"):
         read(path)
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+@PIPES
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_pipe_that_replaces_a_checked_file_is_refused(
     suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -54,16 +63,6 @@ def test_a_pipe_that_replaces_a_checked_file_is_refused(
         read(path)
 
 
-@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no such device here")
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_device_is_refused(suffix: str, tmp_path: Path) -> None:
-    needs(suffix)
-    path = tmp_path / f"zero{suffix}"
-    path.symlink_to("/dev/zero")
-    with pytest.raises(InvalidRobot, match="it is a device, expected a regular file"):
-        read(path)
-
-
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_huge_file_is_refused_unread(suffix: str, tmp_path: Path) -> None:
     needs(suffix)
@@ -76,27 +75,29 @@ def test_a_huge_file_is_refused_unread(suffix: str, tmp_path: Path) -> None:
         read(path)
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
-def test_what_a_file_includes_is_no_pipe_either(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
-    for suffix in (".xacro", ".xml"):
-        os.mkfifo(tmp_path / f"pipe{suffix}")
-    include = '<xacro:include filename="pipe.xacro"/>'
+@PIPES
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("r.xacro", XACRO.format('<xacro:include filename="pipe"/>')),
+        ("m.xml", MODEL.format("<include file='pipe'/>", "")),
+        ("n.xml", MODEL.format("<asset><model name='m' file='pipe'/></asset>", "")),
+    ],
+)
+def test_what_a_file_includes_is_no_pipe_either(file: str, text: str, tmp_path: Path) -> None:
+    needs(Path(file).suffix)
+    os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
-        read(write(tmp_path, "r.xacro", XACRO.format(include)))
-    with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
-        read(write(tmp_path, "m.xml", MODEL.format("<include file='pipe.xml'/>", "")))
-    with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
-        read(write(tmp_path, "n.xml", MODEL.format("<asset><model name='m' file='pipe.xml'/></asset>", "")))
+        read(write(tmp_path, file, text))
 
 
-def tree(count: int, kind: str, row: bool) -> str:
-    links = "".join(f'<link name="l{i}"/>' for i in range(count + 1))
-    joints = "".join(
-        f'<joint name="j{i}" type="{kind}"><parent link="l{i if row else 0}"/><child link="l{i + 1}"/></joint>'
-        for i in range(count)
-    )
-    return f'<robot name="r">{links}{joints}</robot>'
+def tree(count: int, kind: str, row: bool, comb: bool = False) -> str:
+    """Links in a row, or all below the first; in a comb each of the row has a tooth."""
+    joints = [joint(f"j{i}", f"l{i if row else 0} l{i + 1}", kind, "") for i in range(count)]
+    teeth = range(count if comb else 0)
+    joints += [joint(f"k{i}", f"l{i} t{i}", "fixed", "") for i in teeth]
+    names = [*(f"l{i}" for i in range(count + 1)), *(f"t{i}" for i in teeth)]
+    return robot(*joints, links=" ".join(names))
 
 
 @pytest.mark.slow
@@ -122,14 +123,9 @@ def test_a_file_just_below_the_limit_is_read_soon(row: bool, tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_a_comb_is_read_soon(tmp_path: Path) -> None:
-    half = MOST_LINKS // 2 - 1
-    text = tree(half, "continuous", row=True).removesuffix("</robot>")
-    text += "".join(
-        f'<link name="t{i}"/><joint name="k{i}" type="fixed"><parent link="l{i}"/><child link="t{i}"/></joint>'
-        for i in range(half)
-    )
+    text = tree(MOST_LINKS // 2 - 1, "continuous", row=True, comb=True)
     with soon(), pytest.raises(InvalidRobot, match=r"branches below base .* and .* more"):
-        read(write(tmp_path, "r.urdf", text + "</robot>"))
+        read(write(tmp_path, "r.urdf", text))
 
 
 @pytest.mark.parametrize("place", ['robot name="', 'link name="', 'joint name="'])
@@ -155,13 +151,10 @@ def test_entities_that_grow_are_refused(suffix: str, tmp_path: Path) -> None:
         read(path)
 
 
-def test_a_folder_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "r.urdf").mkdir()
-    with pytest.raises(InvalidRobot, match="it is a folder"):
-        read(tmp_path / "r.urdf")
-    if sys.platform != "win32":
-        with pytest.raises(InvalidRobot, match="is not a valid file name"):
-            read("a\0b.urdf")
+@pytest.mark.skipif(sys.platform == "win32", reason="other names are valid")
+def test_a_name_that_is_none_is_refused() -> None:
+    with pytest.raises(InvalidRobot, match="is not a valid file name"):
+        read("a\0b.urdf")
 
 
 ELSEWHERE = (

@@ -15,6 +15,7 @@ from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import read, read_mjcf
 from kinseek.robots.chain import Array
 from places import SHARED
+from robot_files import TURNING, robot, write
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -49,12 +50,6 @@ TREE = """
   <keyframe><key qpos="0 0 0 0"/></keyframe>
 </mujoco>
 """
-
-
-def write(folder: Path, text: str, name: str = "m.xml") -> Path:
-    path = folder / name
-    path.write_text(text)
-    return path
 
 
 def frame_pose(data: Any, name: str) -> Array:
@@ -97,7 +92,7 @@ def test_real_file_agrees_with_stored_poses(tip: str, capfd: pytest.CaptureFixtu
 )
 def test_poses_are_mujocos_own(tmp_path: Path, angle: str, base: str | None, tip: str | None) -> None:
     text = TREE.format(angle=angle)
-    chain = read_mjcf(write(tmp_path, text), base, tip)
+    chain = read_mjcf(write(tmp_path, "m.xml", text), base, tip)
     assert chain.tip == (tip or "three")
     bare = text.replace('<geom type="mesh" mesh="lost"/>', '<geom size="0.1"/>')
     model = mujoco.MjModel.from_xml_string(bare[: bare.index("<asset>")] + "</mujoco>")
@@ -123,22 +118,18 @@ def test_a_site_may_have_a_material(default: str, own: str, tmp_path: Path) -> N
     body = f'<body name="b"><joint name="j"/><site name="s" pos="0 0 1" {own}/></body>'
     asset = '<asset><material name="red" rgba="1 0 0 1"/></asset>'
     text = f"<mujoco>{asset}{default}<worldbody>{body}</worldbody></mujoco>"
-    assert read(write(tmp_path, text), tip="s").frames["s"].pose[2, 3] == 1.0
+    assert read(write(tmp_path, "m.xml", text), tip="s").frames["s"].pose[2, 3] == 1.0
 
 
 def test_kinds_and_name(tmp_path: Path) -> None:
-    chain = read_mjcf(write(tmp_path, TREE.format(angle="radian")))
+    chain = read_mjcf(write(tmp_path, "m.xml", TREE.format(angle="radian")))
     assert chain.name == "small"
     assert (chain.base, chain.tip) == ("world", "three")
     assert chain.kinds == ("revolute", "prismatic", "revolute", "continuous")
 
 
 def test_xml_that_is_a_urdf_is_read_as_one(tmp_path: Path) -> None:
-    text = (
-        '<robot name="u"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
-        '<parent link="a"/><child link="b"/></joint></robot>'
-    )
-    assert read(write(tmp_path, text)).base == "a"
+    assert read(write(tmp_path, "m.xml", robot(TURNING, links="a b"))).base == "a"
 
 
 BAD = {
@@ -164,7 +155,7 @@ def test_bad_file_is_refused_with_a_reason(case: str, tmp_path: Path) -> None:
     if not text.startswith(("<mujoco", "<sdf", "<ROBOT")):
         text = f'<mujoco><worldbody><body name="b">{text}</body></worldbody></mujoco>'
     with pytest.raises(InvalidRobot, match=f"(?s){message}"):
-        read_mjcf(write(tmp_path, text))
+        read_mjcf(write(tmp_path, "m.xml", text))
 
 
 def test_an_attached_model_is_no_urdf(tmp_path: Path) -> None:
@@ -173,11 +164,11 @@ def test_an_attached_model_is_no_urdf(tmp_path: Path) -> None:
     asset = '<asset><model name="m" file="inner.xml"/></asset>'
     text = f'<mujoco>{asset}<worldbody><attach model="m" body="a"/></worldbody></mujoco>'
     with pytest.raises(InvalidRobot, match=r"inner\.xml: the root of a model is 'robot', expected 'mujoco'"):
-        read_mjcf(write(tmp_path, text))
+        read_mjcf(write(tmp_path, "m.xml", text))
 
 
 def test_base_and_tip_must_exist(tmp_path: Path) -> None:
-    path = write(tmp_path, TREE.format(angle="radian"))
+    path = write(tmp_path, "m.xml", TREE.format(angle="radian"))
     with pytest.raises(InvalidRobot, match="unknown body or site 'hands'; did you mean 'hand'"):
         read_mjcf(path, tip="hands")
     assert read_mjcf(path, "two", "one").base == "two"
@@ -188,4 +179,4 @@ def test_base_and_tip_must_exist(tmp_path: Path) -> None:
 def test_missing_mujoco_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(MissingExtra, match=r"kinseek\[mjcf\]"):
-        read_mjcf(write(tmp_path, TREE.format(angle="radian")))
+        read_mjcf(write(tmp_path, "m.xml", TREE.format(angle="radian")))

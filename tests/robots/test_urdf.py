@@ -21,7 +21,7 @@ from kinseek.robots.chain import Array
 from kinseek.robots.joints import Mimics
 from kinseek.support.transforms import rotation, transform
 from places import SHARED
-from robot_files import LIMIT, SECOND, joint, robot
+from robot_files import LIMIT, SECOND, joint, link, robot, write
 
 NEEDS_SHARED = pytest.mark.skipif(not SHARED.is_dir(), reason="the shared robots are not here")
 FLEET = json.loads((SHARED / "robots.json").read_text()) if SHARED.is_dir() else {}
@@ -38,12 +38,6 @@ MESSY_TIPS = [
 
 def fk(chain: SerialChain, q: ArrayLike) -> Array:
     return forward_many(chain.arrays, np.array(q, dtype=float))
-
-
-def write(folder: Path, text: str, name: str = "r.urdf") -> Path:
-    path = folder / name
-    path.write_text(text)
-    return path
 
 
 # Real files
@@ -117,19 +111,19 @@ def test_random_chain_is_the_product_of_its_transforms(
     expected = np.eye(4)
     joints = []
     variables = []
-    for i, link in enumerate(links):
+    for i, drawn in enumerate(links):
         x, y, z = np.eye(3)
-        axis = np.array(link["axis"]) / np.linalg.norm(link["axis"])
-        roll, pitch, yaw = link["rpy"]
+        axis = np.array(drawn["axis"]) / np.linalg.norm(drawn["axis"])
+        roll, pitch, yaw = drawn["rpy"]
         turn = rotation(z, yaw) @ rotation(y, pitch) @ rotation(x, roll)
-        moves = link["kind"] != "fixed"
+        moves = drawn["kind"] != "fixed"
         leaders = [k for k in range(i) if links[k]["kind"] != "fixed"]
         inside = (
-            f'<origin xyz="{" ".join(map(repr, link["xyz"]))}" rpy="{" ".join(map(repr, link["rpy"]))}"/>'
+            f'<origin xyz="{" ".join(map(repr, drawn["xyz"]))}" rpy="{" ".join(map(repr, drawn["rpy"]))}"/>'
             f'<axis xyz="{" ".join(repr(float(v)) for v in axis)}"/>'
         )
-        if moves and link["mimic"] and leaders:
-            pick, multiplier, offset = link["mimic"]
+        if moves and drawn["mimic"] and leaders:
+            pick, multiplier, offset = drawn["mimic"]
             leader = leaders[pick % len(leaders)]
             inside += f'<mimic joint="j{leader}" multiplier="{multiplier}" offset="{offset}"/>'
             value.append(multiplier * value[leader] + offset)
@@ -138,14 +132,14 @@ def test_random_chain_is_the_product_of_its_transforms(
             value.append(q[i])
             if moves:
                 variables.append(q[i])
-        joints.append(joint(f"j{i}", f"l{i} l{i + 1}", link["kind"], inside))
-        expected = expected @ transform(turn, link["xyz"])
-        if link["kind"] == "prismatic":
+        joints.append(joint(f"j{i}", f"l{i} l{i + 1}", drawn["kind"], inside))
+        expected = expected @ transform(turn, drawn["xyz"])
+        if drawn["kind"] == "prismatic":
             expected = expected @ transform(np.eye(3), value[i] * axis)
         elif moves:
             expected = expected @ transform(rotation(axis, value[i]), (0, 0, 0))
     text = robot(*joints, links=" ".join(f"l{i}" for i in range(len(links) + 1)))
-    path = write(tmp_path, text)
+    path = write(tmp_path, "r.urdf", text)
     if not variables:
         with pytest.raises(InvalidRobot, match=r"no movable joint"):
             read_urdf(path)
@@ -158,7 +152,7 @@ def test_random_chain_is_the_product_of_its_transforms(
 
 
 def test_defaults_are_those_of_urdf(tmp_path: Path) -> None:
-    chain = read_urdf(write(tmp_path, robot(joint(), links="a b")))
+    chain = read_urdf(write(tmp_path, "r.urdf", robot(joint(), links="a b")))
     assert (chain.base, chain.tip, chain.name) == ("a", "b", "r")
     np.testing.assert_allclose(
         fk(chain, [[0.3]])[0, :3, :3], rotation(np.array([1.0, 0, 0]), 0.3), atol=1e-15
@@ -169,11 +163,11 @@ def test_meshes_sensors_and_strange_tags_are_never_looked_at(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     noise = (
-        '<!-- x --><gazebo><joint name="j"/></gazebo><transmission name="t"/><material name="m"/><odd/>'
-        '<link name="b"><visual><geometry><mesh filename="package://none/x.stl"/></geometry></visual></link>'
+        '<!-- x --><gazebo><joint name="j"/></gazebo><transmission name="t"/><material name="m"/><odd/>',
+        link("b", '<visual><geometry><mesh filename="package://none/x.stl"/></geometry></visual>'),
     )
-    text = robot(joint(inside=f'{LIMIT}<dynamics damping="x"/><odd/>'), noise, links="a")
-    assert read_urdf(write(tmp_path, text)).dof == 1
+    text = robot(joint(inside=f'{LIMIT}<dynamics damping="x"/><odd/>'), *noise, links="a")
+    assert read_urdf(write(tmp_path, "r.urdf", text)).dof == 1
     assert capfd.readouterr() == ("", "")
 
 
@@ -184,7 +178,7 @@ def test_chained_mimics_lead_through_a_joint_beside_the_path(tmp_path: Path) -> 
         joint("k", "b c", inside='<mimic joint="side" multiplier="3" offset="-1"/>'),
         links="a b c s",
     )
-    chain = read_urdf(write(tmp_path, text), tip="c")
+    chain = read_urdf(write(tmp_path, "r.urdf", text), tip="c")
     assert chain.joint_names == ("j",)
     np.testing.assert_array_equal(chain.multiplier, [1, 6])
     np.testing.assert_array_equal(chain.offset, [0, 2])
@@ -232,7 +226,7 @@ def test_a_followers_limits_narrow_its_leader(
         joint(inside=limit(leader)) if leader else joint(kind="continuous", inside=""),
         joint("k", "b c", inside=limit(follower) + '<mimic joint="j" multiplier="-2" offset="-3"/>'),
     )
-    path = write(tmp_path, text)
+    path = write(tmp_path, "r.urdf", text)
     if expected is None:
         with pytest.raises(
             InvalidRobot, match=r"'k' with limits \[-1.0, 2.0\] leaves no value for joint 'j'"
@@ -249,7 +243,7 @@ def test_a_follower_that_never_moves_stands_inside_its_limits(
     tmp_path: Path, offset: str, sound: bool
 ) -> None:
     inside = f'<limit lower="-1" upper="2"/><mimic joint="j" multiplier="0" offset="{offset}"/>'
-    path = write(tmp_path, robot(joint(), joint("k", "b c", inside=inside)))
+    path = write(tmp_path, "r.urdf", robot(joint(), joint("k", "b c", inside=inside)))
     if sound:
         assert read_urdf(path).offset[1] == float(offset)
         return
@@ -267,7 +261,7 @@ def test_joints_beside_the_path_may_be_anything(tmp_path: Path) -> None:
         joint("loose", "b t", "revolute", ""),
         links="w a b s t",
     )
-    assert read_urdf(write(tmp_path, text), base="a", tip="b").joint_names == ("j",)
+    assert read_urdf(write(tmp_path, "r.urdf", text), base="a", tip="b").joint_names == ("j",)
     with pytest.raises(InvalidRobot, match=r"'float' is floating.*Choose base='a'"):
         read_urdf(tmp_path / "r.urdf", tip="b")
     with pytest.raises(InvalidRobot, match=r"'side' is planar"):
@@ -283,12 +277,12 @@ def test_bad_file_is_refused_with_a_reason(
 ) -> None:
     text, message = BAD_FILES[case]
     with pytest.raises(InvalidRobot, match=message):
-        read_urdf(write(tmp_path, text))
+        read_urdf(write(tmp_path, "r.urdf", text))
     assert capfd.readouterr() == ("", "")
 
 
 def test_missing_file_names_its_neighbours(tmp_path: Path) -> None:
-    path = write(tmp_path, robot(joint(), SECOND), "panda.urdf")
+    path = write(tmp_path, "panda.urdf", robot(joint(), SECOND))
     with pytest.raises(InvalidRobot, match=r"no file .*pandas.urdf.*did you mean 'panda.urdf'"):
         read_urdf(path.with_name("pandas.urdf"))
     with pytest.raises(InvalidRobot, match=r"no file .*'$"):
@@ -299,7 +293,7 @@ def test_missing_file_names_its_neighbours(tmp_path: Path) -> None:
 
 
 def test_base_and_tip_must_exist_and_differ(tmp_path: Path) -> None:
-    path = write(tmp_path, robot(joint(), SECOND))
+    path = write(tmp_path, "r.urdf", robot(joint(), SECOND))
     with pytest.raises(InvalidRobot, match=r"unknown link 'aa'; did you mean 'a'.*Valid: a, b, c"):
         read_urdf(path, base="aa")
     with pytest.raises(InvalidRobot, match=r"unknown link 'z'. Valid"):
@@ -312,16 +306,15 @@ def test_base_and_tip_must_exist_and_differ(tmp_path: Path) -> None:
 def test_a_namespace_of_its_own_hides_no_element(root: str, tmp_path: Path) -> None:
     """The origin was left out; readers of ROS know no namespaces."""
     text = joint(inside='<origin xmlns="u" xyz="0 0 0.5"/><limit lower="-1" upper="1"/>')
-    path = write(tmp_path, f'<robot name="r"{root}><link name="a"/><link name="b"/>{text}</robot>')
+    path = write(tmp_path, "r.urdf", robot(text, links="a b").replace("<robot", f"<robot{root}"))
     assert read_urdf(path).fixed[0, 2, 3] == 0.5
 
 
 def test_a_prefix_for_the_namespace_of_the_root_is_rejected(tmp_path: Path) -> None:
     """Readers of ROS ignored the origin, which was read here."""
     text = joint(inside='<p:origin xyz="0 0 0.5"/><limit lower="-1" upper="1"/>')
-    path = write(
-        tmp_path, f'<robot name="r" xmlns="u" xmlns:p="u"><link name="a"/><link name="b"/>{text}</robot>'
-    )
+    spaces = '<robot xmlns="u" xmlns:p="u"'
+    path = write(tmp_path, "r.urdf", robot(text, links="a b").replace("<robot", spaces))
     with pytest.raises(InvalidRobot, match="<p:origin> in line 1 is of the namespace of the root"):
         read_urdf(path)
 
@@ -330,8 +323,8 @@ def test_a_prefix_for_the_namespace_of_the_root_is_rejected(tmp_path: Path) -> N
 def test_an_encoding_that_hides_markup_is_rejected(encoding: str, end: str, tmp_path: Path) -> None:
     """Readers of ROS, and editors, see the origin in a comment."""
     text = joint(inside=f'<!-- {end}<origin xyz="0 0 0.5"/><!-- --><limit lower="-1" upper="1"/>')
-    text = f'<robot name="r"><link name="a"/><link name="b"/>{text}</robot>'
-    path = write(tmp_path, f'<?xml version="1.0" encoding="{encoding}"?>{text}')
+    head = f'<?xml version="1.0" encoding="{encoding}"?>'
+    path = write(tmp_path, "r.urdf", head + robot(text, links="a b"))
     with pytest.raises(InvalidRobot, match=f"the encoding '{encoding}' is not read|Unsupported encoding"):
         read_urdf(path)
 
@@ -342,7 +335,7 @@ def test_an_encoding_that_hides_markup_is_rejected(encoding: str, end: str, tmp_
 )
 def test_a_document_type_is_rejected(declared: str, tmp_path: Path) -> None:
     """For readers of ROS it ends at the first >: the comment is another robot for them."""
-    path = write(tmp_path, f"<!DOCTYPE robot [{declared}]>{robot(joint(), SECOND)}")
+    path = write(tmp_path, "r.urdf", f"<!DOCTYPE robot [{declared}]>{robot(joint(), SECOND)}")
     with pytest.raises(
         InvalidRobot, match=r"it has a document type \(<!DOCTYPE …>\), which MuJoCo and readers of ROS"
     ):
@@ -351,6 +344,6 @@ def test_a_document_type_is_rejected(declared: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("encoding", ["UTF-8", "UTF-16", "US-ASCII", "iso-8859-1", "Windows-1252", "GB2312"])
 def test_usual_encodings_are_read(encoding: str, tmp_path: Path) -> None:
-    path = tmp_path / "r.urdf"
-    path.write_bytes(f'<?xml version="1.0" encoding="{encoding}"?>{robot(joint(), SECOND)}'.encode(encoding))
+    text = f'<?xml version="1.0" encoding="{encoding}"?>{robot(joint(), SECOND)}'
+    path = write(tmp_path, "r.urdf", text.encode(encoding))
     assert read_urdf(path).tip == "c"
