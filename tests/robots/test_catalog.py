@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import kinseek
 from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import catalog_entry, catalog_names, catalog_path, read
 from kinseek.robots.catalog import limits_table
+from pinocchio_poses import pinocchio_poses
 from places import ROOT, SHARED
 
 FLEET = json.loads((SHARED / "robots.json").read_text()) if SHARED.is_dir() else {}
@@ -40,24 +42,10 @@ def test_fleet_agrees_with_stored_poses(name: str) -> None:
 @pytest.mark.parametrize("name", catalog_names())
 def test_pinocchio_agrees(name: str) -> None:
     pinocchio = pytest.importorskip("pinocchio")
-    chain = read(name)
-    model = pinocchio.buildModelFromXML(catalog_path(name).read_text(), mimic=True)
-    data = model.createData()
-    rng = np.random.default_rng(1)
-    q = rng.uniform(chain.lower, chain.upper, (10, chain.dof))
-    for values, pose in zip(q, forward_many(chain.arrays, q), strict=True):
-        configuration = np.zeros(model.nq)
-        for joint, value in zip(chain.joint_names, values, strict=True):
-            at = model.joints[model.getJointId(joint)]
-            configuration[at.idx_q : at.idx_q + at.nq] = (
-                value if at.nq == 1 else (np.cos(value), np.sin(value))
-            )
-        pinocchio.framesForwardKinematics(model, data, configuration)
-        base, tip = (
-            data.oMf[model.getFrameId(link, pinocchio.FrameType.BODY)].homogeneous
-            for link in (chain.base, chain.tip)
-        )
-        np.testing.assert_allclose(pose, np.linalg.inv(base) @ tip, rtol=0, atol=1e-12)
+    arm, model = kinseek.load(name), pinocchio.buildModelFromXML(catalog_path(name).read_text(), mimic=True)
+    q = arm.sample(10, seed=1)
+    expected = pinocchio_poses(pinocchio, model, arm, q)
+    np.testing.assert_allclose(forward_many(arm.chain.arrays, q), expected, rtol=0, atol=1e-12)
 
 
 def test_the_papers_arms() -> None:

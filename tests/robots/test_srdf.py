@@ -12,35 +12,27 @@ import pytest
 import kinseek
 from kinseek import InvalidRobot, InvalidScene
 from kinseek.robots.srdf import read_srdf
+from robot_files import XACRO, joint, link, robot, write
 
-
-def joint(name: str, kind: str, parent: str, child: str, more: str = "") -> str:
-    """A joint with limits; the child link is 0.3 m above the parent."""
-    return (
-        f'<joint name="{name}" type="{kind}"><origin xyz="0.05 0 0.3"/><axis xyz="0 1 0"/><parent link="{parent}"/>'
-        f'<child link="{child}"/><limit lower="-2" upper="2" effort="1" velocity="1"/>{more}</joint>'
-    )
-
-
+PLACED = '<origin xyz="0.05 0 0.3"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/>'
+"""Inside a joint: the child link is 0.3 m above the parent."""
 JOINTS = [
-    ("lift", "prismatic", "base", "torso"),
-    ("a1", "revolute", "torso", "left1"),
-    ("a2", "revolute", "left1", "left2"),
-    ("wrist", "fixed", "left2", "hand"),
-    ("finger", "prismatic", "hand", "finger1"),
-    ("b1", "revolute", "torso", "right1"),
-    ("b2", "revolute", "right1", "right2"),
+    ("lift", "base torso", "prismatic"),
+    ("a1", "torso left1", "revolute"),
+    ("a2", "left1 left2", "revolute"),
+    ("wrist", "left2 hand", "fixed"),
+    ("finger", "hand finger1", "prismatic"),
+    ("b1", "torso right1", "revolute"),
+    ("b2", "right1 right2", "revolute"),
 ]
+BALL = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
 LINKS = ["base", "torso", "left1", "left2", "hand", "finger1", "finger2", "right1", "right2"]
-URDF = (
-    '<robot name="torso">'
-    + "".join(
-        f'<link name="{n}"><collision><geometry><sphere radius="0.02"/></geometry></collision></link>'
-        for n in LINKS
-    )
-    + "".join(joint(*each) for each in JOINTS)
-    + joint("finger_b", "prismatic", "hand", "finger2", '<mimic joint="finger"/>')
-    + "</robot>"
+URDF = robot(
+    *(link(name, BALL) for name in LINKS),
+    *(joint(*each, PLACED) for each in JOINTS),
+    joint("finger_b", "hand finger2", "prismatic", f'{PLACED}<mimic joint="finger"/>'),
+    links="",
+    name="torso",
 )
 GROUPS = {
     "left": '<chain base_link="torso" tip_link="hand"/>',
@@ -82,7 +74,7 @@ def srdf(groups: dict[str, str], more: str = "", name: str = "torso") -> str:
 
 def state(name: str, group: str, **values: object) -> str:
     """A named state."""
-    joints = "".join(f'<joint name="{joint}" value="{value}"/>' for joint, value in values.items())
+    joints = "".join(f'<joint name="{name}" value="{value}"/>' for name, value in values.items())
     return f'<group_state name="{name}" group="{group}">{joints}</group_state>'
 
 
@@ -111,8 +103,7 @@ TEXT = srdf(GROUPS, STATES)
     ],
 )
 def test_a_group_is_the_arm_between_its_links(group: str, base: str, tip: str, tmp_path: Path) -> None:
-    file = tmp_path / "torso.srdf"
-    file.write_text(TEXT, encoding="utf-8")
+    file = write(tmp_path, "torso.srdf", TEXT)
     arm, expected = kinseek.load(URDF, srdf=file, group=group), kinseek.load(URDF, base, tip)
     assert (arm.base, arm.tip, arm.joint_names) == (base, tip, expected.joint_names)
     q = expected.sample(10)
@@ -201,8 +192,7 @@ def test_states_are_joint_values() -> None:
 
 def test_states_agree_with_pinocchio(tmp_path: Path) -> None:
     pinocchio = pytest.importorskip("pinocchio")
-    file = tmp_path / "a.srdf"
-    file.write_text(TEXT, encoding="utf-8")
+    file = write(tmp_path, "a.srdf", TEXT)
     model = pinocchio.buildModelFromXML(URDF)
     pinocchio.loadReferenceConfigurations(model, str(file))
     q = model.referenceConfigurations["up"]
@@ -254,12 +244,9 @@ def test_pairs_that_are_disabled_by_default() -> None:
 
 
 def test_a_xacro_file(tmp_path: Path) -> None:
-    file = tmp_path / "torso.srdf.xacro"
-    head = '<robot name="torso" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="side" default="left"/>'
-    file.write_text(
-        head + '<group name="arm"><chain base_link="torso" tip_link="$(arg side)2"/></group></robot>',
-        encoding="utf-8",
-    )
+    group = '<group name="arm"><chain base_link="torso" tip_link="$(arg side)2"/></group>'
+    text = XACRO.format('<xacro:arg name="side" default="left"/>' + group)
+    file = write(tmp_path, "torso.srdf.xacro", text)
     for trusted in (True, False):
         assert kinseek.load(URDF, srdf=file, group="arm", trusted=trusted).tip == "left2"
 
@@ -302,14 +289,9 @@ def test_large_files_take_no_long_time() -> None:
 
 def time_of_files(count: int) -> float:
     """Read files with so many links; the processor time [s]."""
-    urdf = (
-        '<robot name="torso">'
-        + "".join(f'<link name="l{i}"/>' for i in range(count + 1))
-        + "".join(
-            joint(f"j{i}", "revolute" if i < 9 else "fixed", f"l{i}", f"l{i + 1}") for i in range(count)
-        )
-        + "</robot>"
-    )
+    kinds = ["revolute" if i < 9 else "fixed" for i in range(count)]
+    joints = (joint(f"j{i}", f"l{i} l{i + 1}", kind, PLACED) for i, kind in enumerate(kinds))
+    urdf = robot(*joints, links=" ".join(f"l{i}" for i in range(count + 1)), name="torso")
     groups = {
         "arm": "".join(f'<joint name="j{i}"/><link name="l{i}"/>' for i in range(count)),
         "top": "".join(f'<group name="g{i}"/>' for i in range(count)) + '<group name="arm"/>',

@@ -20,18 +20,14 @@ from kinseek.robots import xacro_untrusted
 from kinseek.robots.expressions import FUNCTIONS, Refused, evaluate
 from kinseek.robots.yaml_files import yaml_content
 from places import SHARED
+from robot_files import XACRO, joint, link, write
 
-XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
-JOINT = (
-    '<link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/>'
-    '<axis xyz="0 0 1"/><limit lower="0" upper="{}"/></joint>'
-)
+JOINT = link("a") + link("b") + joint(inside='<axis xyz="0 0 1"/><limit lower="0" upper="{}"/>')
 
 
 def upper_of(folder: Path, text: str, before: str = "", **options: Any) -> float:
     """Upper limit of an arm whose file has an expression there."""
-    path = folder / "r.xacro"
-    path.write_text(XACRO.format(before + JOINT.format(text)), encoding="utf-8")
+    path = write(folder, "r.xacro", XACRO.format(before + JOINT.format(text)))
     return float(kinseek.load(path, **options).upper[0])
 
 

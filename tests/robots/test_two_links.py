@@ -15,25 +15,22 @@ from command_line import CommandLine
 from kinseek.errors import InvalidRobot
 from kinseek.proof.certificate import Verdict
 from kinseek.robots import catalog_path
-from pinocchio_poses import pinocchio_poses
-from robot_files import write
+from pinocchio_poses import configuration, pinocchio_poses
+from robot_files import joint, link, robot, write
 
 Array = NDArray[np.float64]
 
 YUMI = Path(__file__).parents[3] / "shared" / "robots" / "messy" / "urdf_tree_yumi" / "yumi.urdf"
 
 
-def joint(name: str, parent: str, child: str, kind: str, more: str = "", at: int = 0) -> str:
+def placed(name: str, ends: str, kind: str, more: str = "", at: int = 0) -> str:
     """A joint whose origin and axis depend on `at`."""
     rng = np.random.default_rng(at)
     xyz, rpy = " ".join(map(str, rng.uniform(-0.3, 0.3, 3))), " ".join(map(str, rng.uniform(-3, 3, 3)))
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
     direction = "" if kind in ("fixed", "planar", "floating") else f'<axis xyz="{" ".join(map(str, axis))}"/>'
-    return (
-        f'<joint name="{name}" type="{kind}"><origin xyz="{xyz}" rpy="{rpy}"/><parent link="{parent}"/>'
-        f'<child link="{child}"/>{direction}{more}</joint>'
-    )
+    return joint(name, ends, kind, f'<origin xyz="{xyz}" rpy="{rpy}"/>{direction}{more}')
 
 
 LIMIT = '<limit lower="-1.5" upper="2" effort="1" velocity="2"/>'
@@ -42,43 +39,38 @@ SLIDE = '<limit lower="-0.1" upper="0.4" effort="1" velocity="2"/>'
 
 def two_arms(dof: int = 6, mobile: str = "") -> str:
     """A torso that turns, with two arms of some joints, a fixed hand each, one slide and one endless joint among them."""
-    links, joints = ["root", "torso"], [joint("waist", "root", "torso", "revolute", LIMIT, 1)]
+    links, joints = ["root", "torso"], [placed("waist", "root torso", "revolute", LIMIT, 1)]
     if mobile:
-        links, joints = ["map", *links], [joint("drive", "map", "root", mobile, "", 9), *joints]
+        links, joints = ["map", *links], [placed("drive", "map root", mobile, "", 9), *joints]
     for number, side in enumerate(("left", "right")):
         above = "torso"
         for i in range(dof):
             kind, more = ("prismatic", SLIDE) if i == 2 else ("revolute", LIMIT)
             kind, more = ("continuous", "") if i == 3 else (kind, more)
             links.append(f"{side}_{i}")
-            joints.append(joint(f"{side}_j{i}", above, links[-1], kind, more, 10 * number + i + 20))
+            joints.append(placed(f"{side}_j{i}", f"{above} {links[-1]}", kind, more, 10 * number + i + 20))
             above = links[-1]
         links.append(f"{side}_hand")
-        joints.append(joint(f"{side}_wrist", above, links[-1], "fixed", "", 77 + number))
+        joints.append(placed(f"{side}_wrist", f"{above} {links[-1]}", "fixed", "", 77 + number))
     shape = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
-    return (
-        '<robot name="two">'
-        + "".join(f'<link name="{link}">{shape}</link>' for link in links)
-        + "".join(joints)
-        + "</robot>"
-    )
+    return robot(*(link(name, shape) for name in links), *joints, links="")
 
 
 def hands() -> str:
     """Two short arms, seen from hand to hand an arm of six joints whose last three axes meet."""
-    rows = [("left", "0.3 0 0", "0 1 0"), ("right", "-0.3 0.1 0", "0 1 0")]
-    text, links = "", ["torso"]
-    for side, at, axis in rows:
-        above = "torso"
-        for i, turn in enumerate(("0 0 1", axis, axis) if side == "left" else ("1 0 0", "0 1 0", "0 0 1")):
-            links.append(f"{side}{i}")
-            origin = at if side == "left" or i == 0 else "0 0 0"
-            text += (
-                f'<joint name="{side}_{i}" type="revolute"><origin xyz="{origin}"/><parent link="{above}"/>'
-                f'<child link="{links[-1]}"/><axis xyz="{turn}"/>{LIMIT}</joint>'
-            )
-            above = links[-1]
-    return f'<robot name="h">{"".join(f"<link name={link!r}/>" for link in links)}{text}</robot>'
+    rows = [
+        ("left_0", "torso left0", "0.3 0 0", "0 0 1"),
+        ("left_1", "left0 left1", "0.3 0 0", "0 1 0"),
+        ("left_2", "left1 left2", "0.3 0 0", "0 1 0"),
+        ("right_0", "torso right0", "-0.3 0.1 0", "1 0 0"),
+        ("right_1", "right0 right1", "0 0 0", "0 1 0"),
+        ("right_2", "right1 right2", "0 0 0", "0 0 1"),
+    ]
+    joints = [
+        joint(name, ends, inside=f'<origin xyz="{at}"/><axis xyz="{axis}"/>{LIMIT}')
+        for name, ends, at, axis in rows
+    ]
+    return robot(*joints, links="torso left0 left1 left2 right0 right1 right2")
 
 
 TREES = ("two", "two long", "yumi", "panda", "ur10e_rail", "pr2_left")
@@ -129,11 +121,11 @@ def test_links_and_joints_on_the_way_have_their_poses() -> None:
     text = two_arms()
     arm, model = kinseek.load(text, "left_hand", "right_hand"), pin.buildModelFromXML(text)
     q = arm.sample(1)
-    for link in ("left_4", "left_0", "torso", "right_3"):
-        part = kinseek.load(text, "left_hand", link)
-        some = [arm.joint_names.index(name) for name in part.joint_names]
+    for name in ("left_4", "left_0", "torso", "right_3"):
+        part = kinseek.load(text, "left_hand", name)
+        some = [arm.joint_names.index(each) for each in part.joint_names]
         expected = pinocchio_poses(pin, model, part, q[:, some])[0]
-        np.testing.assert_allclose(arm.fk(q[0], link=link), expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(arm.fk(q[0], link=name), expected, rtol=0, atol=1e-12)
     # A joint's frame is that of its child link, whichever way the chain goes.
     np.testing.assert_allclose(arm.fk(q[0], link="left_j2"), arm.fk(q[0], link="left_2"), rtol=0, atol=1e-15)
     assert "waist" not in arm.joint_names
@@ -153,12 +145,8 @@ def test_limits_speeds_and_kinds_stay() -> None:
 
 def test_a_mimic_joint_may_be_on_the_other_side() -> None:
     mimic = LIMIT + '<mimic joint="a" multiplier="-0.5" offset="0.2"/>'
-    text = (
-        '<robot name="r"><link name="t"/><link name="l"/><link name="r"/>'
-        + joint("a", "t", "l", "revolute", LIMIT, 3)
-        + joint("b", "t", "r", "revolute", mimic, 4)
-        + "</robot>"
-    )
+    left, right = placed("a", "t l", "revolute", LIMIT, 3), placed("b", "t r", "revolute", mimic, 4)
+    text = robot(left, right, links="t l r")
     arm = kinseek.load(text, "l", "r")
     assert arm.joint_names == ("a",)
     left = kinseek.load(text, tip="l")
@@ -241,13 +229,7 @@ def test_the_motion_of_joints_with_several_axes_is_pinocchios(kind: str) -> None
     up = kinseek.load(text, "right_hand", "map", limits=limits)
     for row in arm.sample(20):
         values = dict(zip(arm.joint_names, row, strict=True))
-        full = pin.neutral(model)
-        for name, value in values.items():
-            if "/" not in name:
-                moved = model.joints[model.getJointId(name)]
-                full[moved.idx_q : moved.idx_q + moved.nq] = (
-                    [np.cos(value), np.sin(value)] if moved.nq == 2 else [value]
-                )
+        full = configuration(pin, model, arm.joint_names[count:], row[count:])
         if kind == "planar":
             yaw = values["drive/yaw"]
             full[drive.idx_q : drive.idx_q + 4] = [*row[:2], np.cos(yaw), np.sin(yaw)]
@@ -263,10 +245,7 @@ def test_the_motion_of_joints_with_several_axes_is_pinocchios(kind: str) -> None
 
 
 def test_a_planar_joint_moves_in_the_plane_of_its_axis() -> None:
-    text = (
-        '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="planar"><parent link="a"/><child link="b"/>'
-        '<axis xyz="0 1 0"/></joint></robot>'
-    )
+    text = robot(joint(kind="planar", inside='<axis xyz="0 1 0"/>'), links="a b")
     arm = kinseek.load(text, limits={"j/x": (-1, 1), "j/y": (-1, 1), "j/yaw": (-0.5, 0.5)})
     assert arm.kinds == ("prismatic", "prismatic", "revolute")
     T = arm.fk([0.3, -0.7, 0.4])

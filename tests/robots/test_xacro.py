@@ -13,7 +13,11 @@ from kinseek.errors import InvalidRobot
 from kinseek.robots import files, read, read_urdf, xacro_limits
 from kinseek.robots.packages import is_planted, mesh_path
 from kinseek.robots.xacro import expand_xacro
-from robot_files import XACRO, joint, soon, write
+from robot_files import TURNING, XACRO, joint, link, soon, write
+
+ENDS = link("a") + link("b")
+UP = joint(inside='<limit lower="-1" upper="${up}"/>')
+"""A joint whose upper limit is a property."""
 
 
 @pytest.mark.parametrize("trusted", [True, False])
@@ -23,7 +27,7 @@ def test_xacro_names_elements(trusted: bool, tmp_path: Path) -> None:
         '<xacro:property name="noun" value="link"/><xacro:element xacro:name="${noun}" name="a"/>'
         '<link><xacro:attribute name="name" value="b"/></link>'
     )
-    path = write(tmp_path, "r.xacro", XACRO.format(body + joint(inside='<limit lower="-1" upper="1"/>')))
+    path = write(tmp_path, "r.xacro", XACRO.format(body + joint()))
     assert read_urdf(path, trusted=trusted).tip == "b"
 
 
@@ -31,7 +35,7 @@ def test_xacro_names_elements(trusted: bool, tmp_path: Path) -> None:
 def test_xacro_evaluates_a_file_once(trusted: bool, tmp_path: Path) -> None:
     """xacrodoc did so until nothing changed, and so looked for a property of the name that $${…} stands for."""
     names = '<link name="a"/><link name="b$${unknown}"/>'
-    text = joint(ends="a b$${unknown}", inside='<limit lower="-1" upper="1"/>')
+    text = joint(ends="a b$${unknown}")
     path = write(tmp_path, "r.xacro", XACRO.format(names + text))
     assert read_urdf(path, trusted=trusted).tip == "b${unknown}"
 
@@ -40,9 +44,7 @@ def test_xacro_finds_includes_beside_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     write(tmp_path, "part.xacro", XACRO.format('<xacro:property name="up" value="2"/>'))
-    body = '<xacro:include filename="part.xacro"/><link name="a"/><link name="b"/>' + joint(
-        inside='<limit lower="-1" upper="${up}"/>'
-    )
+    body = '<xacro:include filename="part.xacro"/>' + ENDS + UP
     path = write(tmp_path, "r.urdf.xacro", XACRO.format(body))
     monkeypatch.chdir(tmp_path.parent)
     before = os.listdir(tmp_path)
@@ -58,23 +60,16 @@ def test_same_package_name_in_two_places_stays_apart(tmp_path: Path) -> None:
         package.mkdir(parents=True)
         write(package, "package.xml", "<package><name>pack</name></package>")
         write(package, "part.xacro", XACRO.format(f'<xacro:property name="up" value="{upper}"/>'))
-        body = '<xacro:include filename="$(find pack)/part.xacro"/><link name="a"/><link name="b"/>' + joint(
-            inside='<limit lower="-1" upper="${up}"/>'
-        )
+        body = '<xacro:include filename="$(find pack)/part.xacro"/>' + ENDS + UP
         assert read_urdf(write(package, "r.xacro", XACRO.format(body))).upper[0] == float(upper)
 
 
 def test_xacro_prints_nothing_and_other_threads_print_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "part.xacro").write_text('<robot name="r"/>', encoding="utf-8")
-    path = tmp_path / "r.xacro"
-    path.write_text(
-        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="pi" value="3"/>'
-        '<xacro:include filename="part.xacro"/><link name="a"/><link name="b"/><joint name="j" type="continuous">'
-        '<parent link="a"/><child link="b"/></joint></robot>',
-        encoding="utf-8",
-    )
+    write(tmp_path, "part.xacro", '<robot name="r"/>')
+    head = '<xacro:property name="pi" value="3"/><xacro:include filename="part.xacro"/>'
+    path = write(tmp_path, "r.xacro", XACRO.format(head + ENDS + TURNING))
     read_bytes = files.file_bytes
 
     def file_bytes(file: Path, *most: int) -> bytes:
@@ -122,10 +117,7 @@ def test_a_package_that_another_user_planted_is_not_used(
         write(folder, "part.xacro", XACRO.format('<xacro:property name="up" value="1"/>'))
         write(folder, manifest, "<package><name>pack</name></package>")
         write(folder, "a.stl", "")
-    body = (
-        '<xacro:include filename="$(find pack)/part.xacro"/><link name="a"/><link name="b"/>'
-        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><limit lower="0" upper="${up}"/></joint>'
-    )
+    body = '<xacro:include filename="$(find pack)/part.xacro"/>' + ENDS + UP
     path = write(shared / "own", "r.xacro", XACRO.format(body))
     shared.chmod(0o1777)
     mesh = "package://pack/a.stl"
@@ -273,8 +265,7 @@ def test_a_default_that_could_be_divided_in_many_ways_is_read_soon(tmp_path: Pat
 
 def test_entities_of_a_document_type_are_read(tmp_path: Path) -> None:
     links = '<link name="&one;"/><link name="b"/>'
-    joint = '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>'
-    text = '<!DOCTYPE robot [<!ENTITY one "a">]>' + XACRO.format(links + joint)
+    text = '<!DOCTYPE robot [<!ENTITY one "a">]>' + XACRO.format(links + TURNING)
     assert read(write(tmp_path, "r.xacro", text)).joint_names == ("j",)
 
 
@@ -287,8 +278,8 @@ def test_a_document_type_of_many_brackets_is_refused(tmp_path: Path) -> None:
 def test_a_pattern_in_the_name_of_a_file_is_allowed(tmp_path: Path) -> None:
     for i in range(2):
         write(tmp_path, f"part{i}.xacro", XACRO.format(f'<link name="l{i}"/>'))
-    joint = '<joint name="j" type="continuous"><parent link="l0"/><child link="l1"/></joint>'
-    path = write(tmp_path, "r.xacro", XACRO.format('<xacro:include filename="part[01].xacro"/>' + joint))
+    include = '<xacro:include filename="part[01].xacro"/>'
+    path = write(tmp_path, "r.xacro", XACRO.format(include + joint(ends="l0 l1")))
     assert read(path).joint_names == ("j",)
 
 
