@@ -145,8 +145,8 @@ def test_limits_speeds_and_kinds_stay() -> None:
 
 def test_a_mimic_joint_may_be_on_the_other_side() -> None:
     mimic = LIMIT + '<mimic joint="a" multiplier="-0.5" offset="0.2"/>'
-    left, right = placed("a", "t l", "revolute", LIMIT, 3), placed("b", "t r", "revolute", mimic, 4)
-    text = robot(left, right, links="t l r")
+    joints = placed("a", "t l", "revolute", LIMIT, 3), placed("b", "t r", "revolute", mimic, 4)
+    text = robot(*joints, links="t l r")
     arm = kinseek.load(text, "l", "r")
     assert arm.joint_names == ("a",)
     left = kinseek.load(text, tip="l")

@@ -44,6 +44,7 @@ def separate_cone(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes
     widths(form, scratch)
     differentiate(form, scratch, 0, 1)
     rest = rests(form, scratch, scratch.r, 0)
+    # The point that lies back along the column is the tip: only `gap=` moves it, and it is not for cones.
     seen = Expansion(0, rest, rest.three_p)
     T, goal, dof = scratch.T, scratch.goal, len(scratch.c)
     edge = math.cos(min(proof_goal.angle, math.pi))

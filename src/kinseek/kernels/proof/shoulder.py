@@ -1,8 +1,8 @@
 """Lower bound of the error of an arm whose first two joints are replaced by a ball joint, in the other joints alone.
 
 Remove the first two joints, and put a ball joint on the second axis instead. It can make every motion that the arm can
-make, so its smallest error is a lower bound. It equals the error of the arm if the arm is redundant and no limit of the
-first joints is active: the other joints then compensate for what two joints cannot do. A nearest pose of seven joints
+make, so its smallest error is a lower bound. It equals the error of the arm if the first three axes meet in a point and
+no limit of these joints is active. On other arms it may be smaller. A nearest pose of seven joints
 lies on a curve, the self-motion of the arm, along which boxes of joint values accumulate. Here most of that curve is
 divided out.
 
@@ -14,7 +14,7 @@ column to α, then ``s = |z|²`` and ``u = z·α``. For any multipliers λ and �
 
 The minimum over α leaves ``-|K_A b + μ z|``, which is at least ``-(|K_A b + μ z|² + m²)/(2 m)`` for any m > 0. All but
 the first term is then a polynomial in z with the same curvature in all directions, and its minimum over all z with
-``|z - g| ≤ ceiling / K_P`` is known. A bound thus needs a few products. Any multipliers give one, and those that describe
+``|z - g| ≤ ceiling / K_P`` is known; without this condition a positive λ gives minus infinity. A bound thus needs a few products. Any multipliers give one, and those that describe
 how the error grows with s and u mostly give the error itself.
 
 If the axes do not intersect, the ball is on the first one, and the second joint is one of the others. A rotation about
