@@ -41,7 +41,12 @@ def save(path: Path, piece: pd.DataFrame) -> None:
 
 def load(path: Path) -> pd.DataFrame | None:
     """Read a piece; None where there is none."""
-    return pd.read_parquet(path) if path.is_file() else None
+    if not path.is_file():
+        return None
+    piece = pd.read_parquet(path)
+    if len(piece):  # Where every number is NaN, Parquet gives None.
+        piece["q"] = [np.array(q, dtype=np.float64) for q in piece["q"]]
+    return piece
 
 
 @dataclass(frozen=True)

@@ -398,6 +398,14 @@ def test_the_adapter_of_the_documentation_is_short_and_solves(tmp_path: Path) ->
     assert marked(answers)["near"].any()
 
 
+def test_a_piece_without_any_joint_values_counts_as_missed(tmp_path: Path) -> None:
+    path, field = a_solver(tmp_path, "return Answer(None, False)"), a_field(tmp_path, "random")
+    measured(field, path)
+    answers, _ = collect(field)
+    assert len(answers)
+    assert answers["position_error"].isna().all()
+
+
 def test_time_is_spent_where_shares_vary_and_never_less_than_a_part() -> None:
     known, even, unknown = (
         sweep.noise(each) for each in (sweep.Swept(300, 300, 1.0), sweep.Swept(50, 100, 1.0), None)
