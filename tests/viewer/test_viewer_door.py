@@ -28,7 +28,7 @@ viser = pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
 
 import websockets  # noqa: E402, F401
-from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
+from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus  # noqa: E402
 from websockets.sync.client import ClientConnection, connect  # noqa: E402
 
 pytestmark = pytest.mark.slow
@@ -562,6 +562,29 @@ def test_pages_that_do_not_answer_do_not_delay_the_next(
             open_ones.enter_context(websocket(shown.port)).send(frame)
         wait_for(lambda: len(shown.pages) == 1)
     wait_for(lambda: not shown.pages)
+
+
+def test_further_connections_are_closed_until_one_leaves(
+    shown: viewer.Viewer, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    wait_for(lambda: not shown.pages)
+    monkeypatch.setattr(door, "MOST_CONNECTIONS", 2)
+    with (
+        websocket(shown.port),
+        socket.create_connection(("127.0.0.1", shown.port)),
+        pytest.raises((ConnectionClosed, InvalidMessage, OSError)),
+    ):
+        websocket(shown.port)
+
+    answers = list[int]()
+
+    def answered() -> bool:
+        with contextlib.suppress(OSError):
+            answers.extend([] if answers else [page(shown.port, {"Host": f"localhost:{shown.port}"})[0]])
+        return answers == [200]
+
+    wait_for(answered)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_pings_of_a_page_that_has_left_print_nothing(

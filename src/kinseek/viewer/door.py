@@ -38,6 +38,8 @@ MESSAGE_TIME, BYTE_TIME = 1 / 500, 1 / 2**22
 time of those before them. A page sends a hundred short messages a second while a goal is dragged. See `AHEAD`."""
 AHEAD = 0.5
 """Time of messages [s] that are taken without waiting, such as those of a page that has just opened."""
+MOST_CONNECTIONS = 100
+"""Maximum number of open connections: a page has one, with eight threads and one or two megabytes."""
 MOST_TEXT = 200
 """Maximum length of a name, or of typed text."""
 FAR = 1e9
@@ -188,6 +190,11 @@ class Door:
             """A connection that ignores messages that no page sends, and takes no more than a page sends."""
 
             _taken_until = 0.0
+
+            def connection_made(self, transport: asyncio.BaseTransport) -> None:
+                super().connection_made(transport)
+                if len(self.server.handlers) > MOST_CONNECTIONS:
+                    self.transport.abort()
 
             async def recv(self, *args: Any, **named: Any) -> Any:
                 now = asyncio.get_running_loop().time
