@@ -9,6 +9,7 @@ import json
 import socket
 import threading
 import time
+import tracemalloc
 import warnings
 from collections.abc import Iterator
 from functools import partial
@@ -357,6 +358,24 @@ def test_no_odd_message_is_taken_and_every_other_is() -> None:
         data = bytearray(msgspec.msgpack.encode(CAMERA))
         data[int(rng.integers(len(data)))] = int(rng.integers(256))
         is_message(bytes(data))  # Says so, and raises nothing.
+
+
+@pytest.mark.parametrize(
+    "most",
+    [
+        b"\xdd\0\1\0\0" + b"\x90" * 2**16,
+        b"\x81\xa4type\xdd\0\1\0\0" + b"\x90" * 2**16,
+        b"\xdf\0\1\0\0" + b"".join(b"\xa4%04x\x90" % i for i in range(2**16)),
+    ],
+)
+def test_a_message_of_lists_is_not_unpacked(most: bytes) -> None:
+    assert not is_message(b"")  # It makes the decoder.
+    tracemalloc.start()
+    try:
+        assert not is_message(most)
+        assert tracemalloc.get_traced_memory()[1] < 2**20
+    finally:
+        tracemalloc.stop()
 
 
 def test_messages_are_those_of_viser_with_all_their_fields() -> None:

@@ -20,10 +20,11 @@ import math
 import re
 import sys
 from collections.abc import Callable, Mapping
+from functools import cache
 from http import HTTPStatus
 from ipaddress import ip_address
 from types import FunctionType, MethodType
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import parse_qsl, unquote
 
 from kinseek.errors import InvalidUse
@@ -257,20 +258,33 @@ def _log_exception(loop: Any, context: Mapping[str, Any]) -> None:
 
 def is_message(data: Any) -> bool:
     """Return whether data are a message that a page of kinseek can send, with valid values."""
-    from msgspec import MsgspecError, msgpack
+    from msgspec import MsgspecError
 
     if not isinstance(data, bytes):
         return False
     try:
-        message = msgpack.decode(data)
+        message = _decoder().decode(data)
     except (MsgspecError, ValueError, RecursionError):
-        return False
-    if not isinstance(message, dict):
         return False
     fields = MESSAGES.get(message.pop("type", None)) if isinstance(message.get("type"), str) else None
     if fields is None or not message.keys() <= fields.keys():
         return False
     return all(sound(message[name]) if name in message else name == "owner" for name, sound in fields.items())
+
+
+@cache
+def _decoder() -> Any:
+    """Return a decoder that stops at a key that no message has, and at lists of anything but numbers.
+
+    A million empty lists in one message would keep the garbage collector busy, and with it the pages of others.
+    """
+    from msgspec import msgpack
+
+    literal: Any = Literal
+    names = literal[("type", *{name for fields in MESSAGES.values() for name in fields})]
+    plain: Any = bool | float | int | str | list[float | int] | None
+    mapping: Any = dict
+    return msgpack.Decoder(mapping[names, plain | dict[Literal["value"], plain]])
 
 
 def _number(value: Any) -> bool:
