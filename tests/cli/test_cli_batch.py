@@ -203,8 +203,26 @@ def test_an_archive_of_arrays_is_refused_and_an_array_is_read() -> None:
         read("in.npy")
     np.save("in.npy", np.eye(4)[None])
     assert type(read("in.npy")) is np.ndarray
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, :3, 3] = np.arange(9.0).reshape(3, 3)
+    np.save("in.npy", np.asfortranarray(poses, dtype=">f4"))
+    np.testing.assert_array_equal(read("in.npy"), poses)
     np.save("in.npy", np.empty((0, 4, 4)))
     with pytest.raises(kinseek.InvalidGoal, match="no poses"):
+        read("in.npy")
+
+
+def test_a_file_that_its_owner_shortens_does_not_end_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    mapped = np.lib.format.open_memmap
+    np.save("in.npy", np.tile(np.eye(4), (1000, 1, 1)))
+
+    def shortened(*given: Any, **named: Any) -> Any:
+        array = mapped(*given, **named)
+        os.truncate("in.npy", 200)
+        return array
+
+    monkeypatch.setattr(np.lib.format, "open_memmap", shortened)
+    with pytest.raises(kinseek.InvalidGoal, match="it became shorter meanwhile"):
         read("in.npy")
 
 

@@ -176,7 +176,11 @@ def _npy(path: Path) -> Array:
         raise InvalidGoal(
             f"{path}: expected numbers of shape (N, 4, 4), got {array.dtype} of shape {array.shape}"
         )
-    return np.array(array, dtype=np.float64)
+    # Only the header comes from the mapped file: the system ends a process that reads one which its owner has shortened.
+    values = np.fromfile(path, array.dtype, array.size, offset=array.offset)
+    if len(values) < array.size:
+        raise InvalidGoal(f"{str(path)!r} cannot be read as a .npy file: it became shorter meanwhile")
+    return values.reshape(array.shape, order="F" if array.flags.fnc else "C").astype(np.float64)
 
 
 def _parquet(path: Path, position_only: bool, extra: Collection[str]) -> dict[str, Array]:

@@ -10,8 +10,8 @@ is therefore at most
 If κ(ρ) < ρ in every joint, all solutions within ρ lie within κ(ρ), then within κ(κ(ρ)), and so on down to a distance that
 the tolerances allow. (Krawczyk 1969; Moore 1977, who uses interval derivatives in place of the Taylor polynomial.) At
 most one joint vector within ρ reaches the goal exactly, by the theorem of Collatz and Wielandt: docs/proof_explained.md
-has the proof. If `exists` is True there is one, by the argument of `kernels.paths.tube`. A box inside such a neighbourhood needs
-no further examination.
+has the proof. If `exists` is True there is one, by the argument of `kernels.paths.tube`. A box inside such a
+neighbourhood needs no further examination.
 """
 
 from __future__ import annotations

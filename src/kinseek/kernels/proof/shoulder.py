@@ -13,9 +13,10 @@ column to α, then ``s = |z|²`` and ``u = z·α``. For any multipliers λ and �
     E ≥ λ s + μ u + least over z, |α| = 1 of  K_P |z - g| + K_A (1 - α·b) - λ |z|² - μ z·α.
 
 The minimum over α leaves ``-|K_A b + μ z|``, which is at least ``-(|K_A b + μ z|² + m²)/(2 m)`` for any m > 0. All but
-the first term is then a polynomial in z with the same curvature in all directions, and its minimum over all z with
-``|z - g| ≤ ceiling / K_P`` is known; without this condition a positive λ gives minus infinity. A bound thus needs a few products. Any multipliers give one, and those that describe
-how the error grows with s and u mostly give the error itself.
+the first term is then a polynomial in z with the same curvature in all directions, and its minimum over all z with ``|z
+- g| ≤ ceiling / K_P`` is known; without this condition a positive λ gives minus infinity. A bound thus needs a few
+products. Any multipliers give one, and those that describe how the error grows with s and u mostly give the error
+itself.
 
 If the axes do not intersect, the ball is on the first one, and the second joint is one of the others. A rotation about
 the first axis, e, then also keeps ``p·e`` and ``a·e``. With multipliers η and θ for these two the bound is that of the
