@@ -53,6 +53,17 @@ def _finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.fixture(name="place")
+def _place(tmp_path: Path, finished: Path) -> Path:
+    """A copy of the small map."""
+    return Path(shutil.copytree(finished, tmp_path / "map.zarr"))
+
+
+def reach(place: Path, **options: Any) -> Any:
+    """Make the small map, or go on with it."""
+    return maps.reach(ARM, GRID, store=place, **SMALL | options)
+
+
 @pytest.fixture(autouse=True)
 def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks are done in this process, one after the other, unless a client is given."""
@@ -89,7 +100,7 @@ def test_a_child_forked_after_a_map_was_read_can_read_it(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_a_map_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = maps.reach(ARM, GRID, store=tmp_path / "whole.zarr", **SMALL)
+    whole = reach(tmp_path / "whole.zarr")
     computed = []
 
     def stops(work: Any, index: Any, real: Any = block.compute) -> Any:
@@ -102,14 +113,14 @@ def test_a_map_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(
         kinseek.MapInterrupted, match=r"No space left on device; 4 of \d+ blocks are done"
     ) as told:
-        maps.reach(ARM, GRID, store=tmp_path / "part.zarr", **SMALL)
+        reach(tmp_path / "part.zarr")
     assert told.value.done == 4
     part = maps.open(tmp_path / "part.zarr")
     known = part.reached.values >= 0
     assert 0.0 < known.mean() < 1.0
     assert (part.reached.values[known] == whole.reached.values[known]).all()
     before = marks(tmp_path / "part.zarr")
-    maps.reach(ARM, GRID, store=tmp_path / "part.zarr", **SMALL)
+    reach(tmp_path / "part.zarr")
     after = marks(tmp_path / "part.zarr")
     assert {path: after[path] for path in before} == before
     assert len(set(computed)) == told.value.blocks == len(computed) - 1
@@ -142,21 +153,21 @@ def test_a_task_that_meets_a_full_disk_tells_what_it_has_done(monkeypatch: pytes
     assert (rest, error) == ([(0, 0, 1, 0), (0, 1, 0, 0)], full)
 
 
-def test_a_half_written_block_is_made_anew(tmp_path: Path, finished: Path) -> None:
-    shutil.copytree(finished, tmp_path / "map.zarr")
-    good = files(tmp_path / "map.zarr")
-    chunk = next(path for path in (tmp_path / "map.zarr" / "reached" / "c").rglob("*") if path.is_file())
+def first_block(place: Path, name: str) -> Path:
+    """One of the files with the values of an array."""
+    return next(path for path in (place / name / "c").rglob("*") if path.is_file())
+
+
+def test_a_half_written_block_is_made_anew(place: Path) -> None:
+    good = files(place)
+    chunk = first_block(place, "reached")
     chunk.write_bytes(chunk.read_bytes()[:7])
-    (
-        tmp_path / "map.zarr" / "blocks" / "done" / chunk.relative_to(tmp_path / "map.zarr" / "reached")
-    ).unlink()
-    maps.reach(ARM, GRID, store=tmp_path / "map.zarr", **SMALL)
-    assert files(tmp_path / "map.zarr") == good
+    (place / "blocks" / "done" / chunk.relative_to(place / "reached")).unlink()
+    reach(place)
+    assert files(place) == good
 
 
-def test_a_store_of_another_map_is_refused(tmp_path: Path, finished: Path) -> None:
-    place = tmp_path / "map.zarr"
-    shutil.copytree(finished, place)
+def test_a_store_of_another_map_is_refused(place: Path) -> None:
     before = files(place)
     coarse = maps.Grid((-0.9, 0.9, 0.9), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3), maps.orientations(24))
     others: list[tuple[kinseek.Arm, maps.Grid, dict[str, Any], str]] = [
@@ -172,13 +183,10 @@ def test_a_store_of_another_map_is_refused(tmp_path: Path, finished: Path) -> No
     assert files(place) == before
 
 
-def test_a_store_of_another_version_is_refused(
-    tmp_path: Path, finished: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shutil.copytree(finished, tmp_path / "map.zarr")
+def test_a_store_of_another_version_is_refused(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("kinseek.maps.make.version", lambda: "9.9.9+feed")
     with pytest.raises(kinseek.InvalidMap, match=r"version is '.*', requested '9\.9\.9\+feed'"):
-        maps.reach(ARM, GRID, store=tmp_path / "map.zarr", **SMALL)
+        reach(place)
 
 
 def test_what_travels_is_small_and_blocks_are_as_large_as_they_may_be() -> None:
@@ -194,23 +202,22 @@ def test_a_folder_that_is_no_map_is_refused(tmp_path: Path) -> None:
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters" / "a.txt").write_text("dear")
     with pytest.raises(kinseek.InvalidMap, match="no map in"):
-        maps.reach(ARM, GRID, store=tmp_path / "letters", **SMALL)
+        reach(tmp_path / "letters")
     with pytest.raises(kinseek.InvalidMap, match="cannot be made"):
-        maps.reach(ARM, GRID, store=tmp_path / "letters" / "a.txt" / "map.zarr", **SMALL)
+        reach(tmp_path / "letters" / "a.txt" / "map.zarr")
     assert [path.name for path in tmp_path.iterdir()] == ["letters"]
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no user ids here")
 def test_a_store_of_another_user_is_read_and_not_written(
-    tmp_path: Path, finished: Path, monkeypatch: pytest.MonkeyPatch
+    place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place, mine = tmp_path / "map.zarr", os.geteuid()
-    shutil.copytree(finished, place)
+    mine = os.geteuid()
     (place / "blocks" / "done" / "c" / "0" / "0" / "0" / "0").unlink()
     before = files(place)
     monkeypatch.setattr(os, "geteuid", lambda: mine + 1)
     with pytest.raises(kinseek.InvalidMap, match=f"belongs to user {mine}, and this is user {mine + 1}"):
-        maps.reach(ARM, GRID, store=place, **SMALL)
+        reach(place)
     assert files(place) == before
     assert (maps.open(place).reached.values >= 0).all()
     work = make.work_of(ARM, GRID, ("reached",), store=str(place), **make.options_of(SMALL))
@@ -233,52 +240,47 @@ def test_a_store_of_another_user_is_read_and_not_written(
     ],
 )
 def test_a_store_that_others_may_write_to_is_read_and_not_written(
-    tmp_path: Path, finished: Path, inner: str, bits: int
+    tmp_path: Path, place: Path, inner: str, bits: int
 ) -> None:
     """Another user could replace a folder in it by a link to a folder elsewhere, while blocks are written."""
-    place = tmp_path / "a map.zarr"
-    shutil.copytree(finished, place)
+    place = place.rename(tmp_path / "a map.zarr")
     (place / "blocks" / "done" / "c" / "0" / "0" / "0" / "0").unlink()
     before = files(place)
     (place / inner).chmod(bits)
     with pytest.raises(
         kinseek.InvalidMap, match=rf"others may write to .*\(mode {bits:o}\).*chmod -R go-w '.*/a map.zarr'"
     ):
-        maps.reach(ARM, GRID, store=place, **SMALL)
+        reach(place)
     assert files(place) == before
     assert (maps.open(place).reached.values >= 0).all()
     (place / inner).chmod(bits & ~0o1022)
-    assert maps.reach(ARM, GRID, store=place, **SMALL).attrs == maps.open(place).attrs
+    assert reach(place).attrs == maps.open(place).attrs
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no user ids here")
 @pytest.mark.parametrize("inner", [".", "reached", "blocks/done"])
 def test_metadata_that_others_may_write_to_is_read_and_not_believed(
-    tmp_path: Path, finished: Path, inner: str
+    tmp_path: Path, place: Path, inner: str
 ) -> None:
-    place = tmp_path / "map.zarr"
-    shutil.copytree(finished, place)
     (place / inner / "zarr.json").chmod(0o666)
     with pytest.raises(
         kinseek.InvalidMap, match=r"others may write to .*zarr\.json \(mode 666\).*chmod -R go-w"
     ):
-        maps.reach(ARM, GRID, store=place, **SMALL)
+        reach(place)
     assert (maps.open(place).reached.values >= 0).all()
     (place / inner / "zarr.json").rename(tmp_path / "zarr.json")
     (place / inner / "zarr.json").symlink_to(tmp_path / "zarr.json")
     with pytest.raises(kinseek.InvalidMap, match=r"holds a link, '.*zarr\.json'"):
-        maps.reach(ARM, GRID, store=place, **SMALL)
+        reach(place)
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives folders away")
-def test_a_folder_of_another_user_in_a_store_is_refused(tmp_path: Path, finished: Path) -> None:
-    place = tmp_path / "map.zarr"
-    shutil.copytree(finished, place)
+def test_a_folder_of_another_user_in_a_store_is_refused(place: Path) -> None:
     os.chown(place / "reached" / "c", 65534, -1)
     (place / "reached" / "c").chmod(0)
     with pytest.raises(kinseek.InvalidMap, match="reached/c belongs to user 65534, and this is user 0"):
-        maps.reach(ARM, GRID, store=place, **SMALL)
+        reach(place)
 
 
 @pytest.mark.slow
@@ -287,7 +289,7 @@ def test_a_folder_of_another_user_in_a_store_is_refused(tmp_path: Path, finished
 def test_others_may_not_write_to_a_new_store_whatever_the_umask(tmp_path: Path, umask: int) -> None:
     before = os.umask(umask)
     try:
-        maps.reach(ARM, GRID, store=tmp_path / "parent" / "map.zarr", **SMALL)
+        reach(tmp_path / "parent" / "map.zarr")
     finally:
         os.umask(before)
     place = tmp_path / "parent" / "map.zarr"
@@ -297,23 +299,22 @@ def test_others_may_not_write_to_a_new_store_whatever_the_umask(tmp_path: Path, 
     held = [path for path in place.rglob("*") if path.is_file()]
     assert {path.stat().st_mode & 0o777 for path in held} == {0o644 & ~umask}
     assert {place / "zarr.json", place / "reached" / "c" / "0" / "0" / "0" / "0"} <= {*held}
-    maps.reach(ARM, GRID, store=place, **SMALL)
+    reach(place)
 
 
 @pytest.mark.slow
-def test_blocks_are_not_written_through_links(tmp_path: Path, finished: Path) -> None:
-    place, victim = tmp_path / "map.zarr", tmp_path / "victim"
-    shutil.copytree(finished, place)
+def test_blocks_are_not_written_through_links(tmp_path: Path, place: Path) -> None:
+    victim = tmp_path / "victim"
     shutil.rmtree(place / "blocks" / "done" / "c")  # No block is done.
     shutil.rmtree(place / "reached" / "c" / "0")
     victim.mkdir()
     (place / "reached" / "c" / "0").symlink_to("../../../victim")
     with pytest.raises(kinseek.InvalidMap, match=r"holds a link, 'reached.c.0'"):
-        maps.reach(ARM, GRID, store=place, **SMALL)
+        reach(place)
     assert not any(victim.iterdir())
     (place / "reached" / "c" / "0").unlink()
     (tmp_path / "link.zarr").symlink_to("map.zarr")  # The user named this one.
-    assert (maps.reach(ARM, GRID, store=tmp_path / "link.zarr", **SMALL).reached.values >= 0).all()
+    assert (reach(tmp_path / "link.zarr").reached.values >= 0).all()
 
 
 class _Trap:
@@ -367,7 +368,7 @@ def test_a_map_from_elsewhere_is_not_unpickled(
     with pytest.raises(kinseek.InvalidMap, match="no map in"):
         maps.open(place)
     with pytest.raises(kinseek.InvalidMap, match="no map in"):
-        maps.reach(ARM, GRID, store=place, **SMALL)
+        reach(place)
     assert not sprung.exists()
     pickle.loads((place / "x" / "0").read_bytes())
     assert sprung.exists()
@@ -424,6 +425,8 @@ def ask(place: Path) -> None:
 
 
 TINY = maps.Grid((-0.6, 0.6, 0.6), (-0.6, 0.6, 0.6), (0, 0.6, 0.6), maps.orientations(8))
+RINGS = maps.Rings((0, 0.6, 0.3), (0, 0.6, 0.6), maps.orientations(8))
+PROVED: dict[str, Any] = {"prove": True, "depth": 1, "budget": 50}
 
 
 @pytest.fixture(name="written", scope="module")
@@ -432,9 +435,28 @@ def _written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("maps")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "_in_processes", one_by_one)
-        maps.reach(ARM, TINY, store=place / "grid", prove=True, depth=1, budget=50)
-        maps.reach(ARM, maps.Rings((0, 0.6, 0.3), (0, 0.6, 0.6), maps.orientations(8)), store=place / "rings")
+        maps.reach(ARM, TINY, store=place / "grid", **PROVED)
+        maps.reach(ARM, RINGS, store=place / "rings")
     return place
+
+
+@pytest.fixture(name="grid")
+def _grid(tmp_path: Path, written: Path) -> Path:
+    """A copy of the map of a grid."""
+    return Path(shutil.copytree(written / "grid", tmp_path / "map"))
+
+
+@pytest.fixture(name="rings")
+def _rings(tmp_path: Path, written: Path) -> Path:
+    """A copy of the map of rings."""
+    return Path(shutil.copytree(written / "rings", tmp_path / "map"))
+
+
+def rewrite(metadata: Path, change: Callable[[Any], None]) -> None:
+    """Change a file of metadata."""
+    told = json.loads(metadata.read_text())
+    change(told)
+    metadata.write_text(json.dumps(told))
 
 
 def damaged(written: Path, kind: str, name: str, change: Callable[[Any], None]) -> None:
@@ -442,9 +464,7 @@ def damaged(written: Path, kind: str, name: str, change: Callable[[Any], None]) 
     place = written / "damaged"
     shutil.rmtree(place, ignore_errors=True)
     shutil.copytree(written / kind, place)
-    told = json.loads((place / name).read_text())
-    change(told)
-    (place / name).write_text(json.dumps(told))
+    rewrite(place / name, change)
     ask(place)
 
 
@@ -551,66 +571,51 @@ def _skipped_first(block: bytes) -> bytes:
     "pack", [zstd.compress, partial(_twice, zstd.compress), _skipped_first, gzip.compress]
 )
 def test_a_block_that_unpacks_to_more_than_a_block_is_refused_unread(
-    pack: Callable[[bytes], bytes], written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    pack: Callable[[bytes], bytes], rings: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place, codec = tmp_path / "map", "gzip" if pack is gzip.compress else "zstd"
-    shutil.copytree(written / "rings", place)
-    metadata = place / "reached" / "zarr.json"
-    told = json.loads(metadata.read_text())
-    options = {"level": 1} if codec == "gzip" else {"level": 1, "checksum": False}
-    told["codecs"] = [{"name": "bytes"}, {"name": codec, "configuration": options}]
-    metadata.write_text(json.dumps(told))
+    codec = {"name": "zstd", "configuration": {"level": 1, "checksum": False}}
+    if pack is gzip.compress:
+        codec = {"name": "gzip", "configuration": {"level": 1}}
+    rewrite(rings / "reached" / "zarr.json", partial(put, ["codecs"], [{"name": "bytes"}, codec]))
     monkeypatch.setattr(local_files, "MOST_BLOCK", 2**20)
-    for path in (place / "reached" / "c").rglob("*"):
+    for path in (rings / "reached" / "c").rglob("*"):
         if path.is_file():
             path.write_bytes(pack(bytes(2**20 + 1)))
     with pytest.raises(kinseek.InvalidMap, match="does not unpack to at most 1,048,576 bytes"):
-        ask(place)
+        ask(rings)
 
 
 def test_a_map_that_is_compressed_twice_is_refused(written: Path) -> None:
     packed = {"name": "gzip", "configuration": {"level": 1}}
+    change = partial(put, ["codecs"], [{"name": "bytes"}, packed, packed])
     with pytest.raises(kinseek.InvalidMap, match="more than once"):
-        damaged(
-            written,
-            "rings",
-            "reached/zarr.json",
-            partial(put, ["codecs"], [{"name": "bytes"}, packed, packed]),
-        )
+        damaged(written, "rings", "reached/zarr.json", change)
 
 
 @pytest.mark.parametrize("name", [ROOT, "reached/zarr.json", "rotation/zarr.json"])
 def test_metadata_that_are_replaced_after_their_check_are_not_used(
-    name: str, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, rings: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place = tmp_path / "map"
-    shutil.copytree(written / "rings", place)
-    before = maps.open(place).load()
+    before = maps.open(rings).load()
     check = store.Store.require_sound
+    change = partial(put, ["codecs"], [{"name": "bytes"}, BLOSC])
+    if name == ROOT:
+        change = partial(put, ["attributes", "kinseek", "chunks"], [10**9] * 3)
 
     def then_replaced(*given: Any) -> None:
         check(*given)
-        told = json.loads((place / name).read_text())
-        if name == ROOT:
-            told["attributes"]["kinseek"]["chunks"] = [10**9] * 3
-        else:
-            told["codecs"] = [{"name": "bytes"}, BLOSC]
-        (place / name).write_text(json.dumps(told))
+        rewrite(rings / name, change)
 
     monkeypatch.setattr(store.Store, "require_sound", then_replaced)
-    assert maps.open(place).load().identical(before)
+    assert maps.open(rings).load().identical(before)
 
 
-def test_a_hostile_map_is_not_gone_on_with(written: Path, tmp_path: Path) -> None:
-    place, grid = tmp_path / "map", maps.Rings((0, 0.6, 0.3), (0, 0.6, 0.6), maps.orientations(8))
-    shutil.copytree(written / "rings", place)
-    metadata = place / "blocks" / "done" / "zarr.json"
-    told = json.loads(metadata.read_text())
-    told["shape"] = told["chunk_grid"]["configuration"]["chunk_shape"] = [3 * 10**9, 1, 1]
-    metadata.write_text(json.dumps(told))
-    shutil.rmtree(place / "blocks" / "done" / "c")
+def test_a_hostile_map_is_not_gone_on_with(rings: Path) -> None:
+    for where in (["shape"], ["chunk_grid", "configuration", "chunk_shape"]):
+        rewrite(rings / "blocks" / "done" / "zarr.json", partial(put, where, [3 * 10**9, 1, 1]))
+    shutil.rmtree(rings / "blocks" / "done" / "c")
     with pytest.raises(kinseek.InvalidMap, match="done"):
-        maps.reach(ARM, grid, store=place)
+        maps.reach(ARM, RINGS, store=rings)
 
 
 @pytest.mark.parametrize("place", ["~nobody-of-this-name/map", "a\0b", 5])
@@ -628,30 +633,26 @@ def test_a_store_that_is_no_path_is_refused(place: Any) -> None:
     ],
 )
 def test_a_map_with_damaged_places_is_refused_before_it_is_gone_on_with(
-    name: str, text: str | None, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, text: str | None, rings: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place, grid = tmp_path / "map", maps.Rings((0, 0.6, 0.3), (0, 0.6, 0.6), maps.orientations(8))
-    shutil.copytree(written / "rings", place)
-    shutil.rmtree(place / "blocks" / "done" / "c")  # Nothing is done.
-    metadata = place / name / "zarr.json"
+    shutil.rmtree(rings / "blocks" / "done" / "c")  # Nothing is done.
+    metadata = rings / name / "zarr.json"
     if text:
-        metadata.write_text(json.dumps(json.loads(metadata.read_text()) | json.loads(text)))
+        rewrite(metadata, lambda told: told.update(json.loads(text)))
     elif text is None:
         metadata.unlink()
     else:
         metadata.write_text("")
     monkeypatch.setattr(make, "run", lambda *work: pytest.fail("blocks are computed"))
     with pytest.raises(kinseek.InvalidMap, match="cannot be read"):
-        maps.reach(ARM, grid, store=place)
+        maps.reach(ARM, RINGS, store=rings)
 
 
 def test_a_map_whose_rotations_are_in_too_many_blocks_is_refused(tmp_path: Path) -> None:
     grid = maps.Grid((0, 1, 1), (0, 1, 1), (0, 1, 1), maps.orientations(30_000))
     maps.reach(ARM, grid, store=tmp_path / "map")
-    metadata = tmp_path / "map" / "rotation" / "zarr.json"
-    told = json.loads(metadata.read_text())
-    told["chunk_grid"]["configuration"]["chunk_shape"] = [1, 1, 1]
-    metadata.write_text(json.dumps(told))
+    change = partial(put, ["chunk_grid", "configuration", "chunk_shape"], [1, 1, 1])
+    rewrite(tmp_path / "map" / "rotation" / "zarr.json", change)
     with pytest.raises(kinseek.InvalidMap, match="rotation"):
         maps.open(tmp_path / "map")
 
@@ -693,18 +694,15 @@ def test_a_link_in_the_place_of_an_unfinished_store_opens_no_folder_of_the_user(
     assert [folder.stat().st_mode & 0o777 for folder in (home, home / "private")] == [0o700, 0o700]
 
 
-def test_names_in_the_folder_of_a_map_are_not_printed(
-    written: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_names_in_the_folder_of_a_map_are_not_printed(rings: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Zarr warns of folders that are none of its own, with their names as they are."""
-    shutil.copytree(written / "rings", tmp_path / "map")
-    (tmp_path / "map" / "\x1b]0;title\x07").mkdir()
-    title = tmp_path / "map" / "zarr.json"
+    (rings / "\x1b]0;title\x07").mkdir()
+    title = rings / "zarr.json"
     title.write_text(title.read_text().replace('"title": "What', '"title": "\\u001b]0;What'))
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        ask(tmp_path / "map")
-        print(maps.open(tmp_path / "map"))
+        ask(rings)
+        print(maps.open(rings))
     assert not told
     written_out = capfd.readouterr()
     assert "]0;What" in written_out.out
@@ -719,34 +717,28 @@ def test_names_in_the_folder_of_a_map_are_not_printed(
     ],
     ids=["group", "array"],
 )
-def test_tracebacks_show_escapes(name: str, key: str, value: Any, written: Path, tmp_path: Path) -> None:
+def test_tracebacks_show_escapes(name: str, key: str, value: Any, grid: Path) -> None:
     """Python prints the errors that led to an error, too; those of Zarr quote metadata as they are."""
-    shutil.copytree(written / "grid", tmp_path / "map")
-    told = json.loads((tmp_path / "map" / name).read_text())
-    (tmp_path / "map" / name).write_text(json.dumps(told | {key: value}))
+    rewrite(grid / name, partial(put, [key], value))
     with pytest.raises(kinseek.InvalidMap, match="title") as caught:
-        maps.open(tmp_path / "map")
+        maps.open(grid)
     assert "\x1b" not in "".join(traceback.format_exception(caught.value))
 
 
-def test_a_block_that_cannot_be_decoded_is_said_to_be_so(written: Path, tmp_path: Path) -> None:
-    shutil.copytree(written / "grid", tmp_path / "map")
-    chunk = next(path for path in (tmp_path / "map" / "cell" / "c").rglob("*") if path.is_file())
-    chunk.write_bytes(b"no block")
-    dataset = maps.open(tmp_path / "map")
+def test_a_block_that_cannot_be_decoded_is_said_to_be_so(grid: Path) -> None:
+    first_block(grid, "cell").write_bytes(b"no block")
+    dataset = maps.open(grid)
     for question in (maps.volume, lambda of: maps.at(of, np.eye(4)), lambda of: maps.expand(of, TINY)):
         with pytest.raises(kinseek.InvalidMap, match="values of the map cannot be read"):
             question(dataset)
 
 
-def test_a_mark_that_cannot_be_decoded_is_said_to_be_so(written: Path, tmp_path: Path) -> None:
-    shutil.copytree(written / "grid", tmp_path / "map")
-    mark = next(path for path in (tmp_path / "map" / "blocks" / "done" / "c").rglob("*") if path.is_file())
-    mark.write_bytes(b"no mark")
+def test_a_mark_that_cannot_be_decoded_is_said_to_be_so(grid: Path) -> None:
+    first_block(grid, "blocks/done").write_bytes(b"no mark")
     with pytest.raises(
         kinseek.InvalidMap, match=r"marks of finished blocks in .*blocks/done' cannot be read"
     ):
-        maps.reach(ARM, TINY, store=tmp_path / "map", prove=True, depth=1, budget=50)
+        maps.reach(ARM, TINY, store=grid, **PROVED)
 
 
 def test_a_map_is_expanded_to_a_grid_alone(written: Path) -> None:
@@ -764,45 +756,38 @@ NEIGHBOURS = ["{broken", "[]", '{"zarr_format": 3, "node_type": "\\u001b[31m"}']
 
 
 @pytest.mark.slow
-def test_what_lies_beside_the_arrays_is_not_read(written: Path, tmp_path: Path) -> None:
+def test_what_lies_beside_the_arrays_is_not_read(written: Path, rings: Path) -> None:
     """Zarr opened all of it at once, and printed a traceback for each file when Python ended."""
-    place = tmp_path / "map.zarr"
-    shutil.copytree(written / "rings", place)
     for number in range(300):
-        (place / f"other{number}").mkdir()
-        (place / f"other{number}" / "zarr.json").write_text(NEIGHBOURS[number % len(NEIGHBOURS)])
+        (rings / f"other{number}").mkdir()
+        (rings / f"other{number}" / "zarr.json").write_text(NEIGHBOURS[number % len(NEIGHBOURS)])
     read = "import sys; from kinseek import maps; print(sorted(maps.open(sys.argv[1]).variables))"
     ended = subprocess.run(
-        [sys.executable, "-c", read, place], check=False, capture_output=True, text=True, timeout=100
+        [sys.executable, "-c", read, rings], check=False, capture_output=True, text=True, timeout=100
     )
     assert (ended.returncode, ended.stderr) == (0, "")
     assert ended.stdout == f"{sorted(map(str, maps.open(written / 'rings').variables))}\n"
 
 
-def test_a_description_names_nothing_but_variables(written: Path, tmp_path: Path) -> None:
+def test_a_description_names_nothing_but_variables(grid: Path) -> None:
     """A file as large as the disk, below an array, was read as the metadata of a variable."""
-    place = tmp_path / "map"
-    shutil.copytree(written / "grid", place)
-    (place / "blocks" / "other").mkdir()
-    with (place / "blocks" / "other" / "zarr.json").open("wb") as file:
+    (grid / "blocks" / "other").mkdir()
+    with (grid / "blocks" / "other" / "zarr.json").open("wb") as file:
         file.truncate(2**40)
-    about = json.loads((place / ROOT).read_text())
-    about["attributes"]["kinseek"]["variables"].append("blocks/other")
-    (place / ROOT).write_text(json.dumps(about))
+    rewrite(grid / ROOT, lambda told: told["attributes"]["kinseek"]["variables"].append("blocks/other"))
     with pytest.raises(kinseek.InvalidMap, match="its variables are"):
-        maps.open(place)
+        maps.open(grid)
     with pytest.raises(kinseek.InvalidMap, match="variables is"):
-        maps.reach(ARM, GRID, store=place, **SMALL)
+        reach(grid)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
 @pytest.mark.parametrize("replaced", ["pipe", "device", "large file"])
 def test_metadata_that_are_replaced_while_they_are_read(
-    replaced: str, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    replaced: str, grid: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Another user may own the folder, and change it after a look at it."""
-    shutil.copytree(written / "grid", tmp_path / "map")
-    name = tmp_path / "map" / "reached" / "zarr.json"
+    name = grid / "reached" / "zarr.json"
 
     def exchanged(path: Path, *more: Any, real: Any = Path.stat, **how: Any) -> os.stat_result:
         found: os.stat_result = real(path, *more, **how)
@@ -818,26 +803,22 @@ def test_metadata_that_are_replaced_while_they_are_read(
 
     monkeypatch.setattr(Path, "stat", exchanged)
     with pytest.raises(kinseek.InvalidMap, match="is not a regular file of at most 1,048,576 bytes"):
-        maps.open(tmp_path / "map")
+        maps.open(grid)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
-def test_a_pipe_among_the_metadata_is_not_opened(written: Path, tmp_path: Path) -> None:
-    shutil.copytree(written / "grid", tmp_path / "map")
-    (tmp_path / "map" / "reached" / "zarr.json").unlink()
-    os.mkfifo(tmp_path / "map" / "reached" / "zarr.json")
+def test_a_pipe_among_the_metadata_is_not_opened(grid: Path) -> None:
+    (grid / "reached" / "zarr.json").unlink()
+    os.mkfifo(grid / "reached" / "zarr.json")
     with pytest.raises(kinseek.InvalidMap, match="is not a regular file"):
-        maps.open(tmp_path / "map")
+        maps.open(grid)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
 @pytest.mark.parametrize("replaced", ["pipe", "link to a device", "huge file"])
 @pytest.mark.parametrize("name", ["cell", "blocks/done"])
-def test_a_block_that_is_no_regular_file_is_not_read(
-    name: str, replaced: str, written: Path, tmp_path: Path
-) -> None:
-    shutil.copytree(written / "grid", tmp_path / "map")
-    block = next(path for path in (tmp_path / "map" / name / "c").rglob("*") if path.is_file())
+def test_a_block_that_is_no_regular_file_is_not_read(name: str, replaced: str, grid: Path) -> None:
+    block = first_block(grid, name)
     block.unlink()
     if replaced == "pipe":
         os.mkfifo(block)
@@ -846,10 +827,10 @@ def test_a_block_that_is_no_regular_file_is_not_read(
     else:
         with block.open("wb") as file:
             file.truncate(2**40)  # A sparse file, which takes no space on disk.
-    dataset = maps.open(tmp_path / "map")
+    dataset = maps.open(grid)
     read: dict[str, Callable[[], Any]] = {
         "cell": partial(maps.volume, dataset),
-        "blocks/done": partial(maps.reach, ARM, TINY, store=tmp_path / "map", prove=True, depth=1, budget=50),
+        "blocks/done": partial(maps.reach, ARM, TINY, store=grid, **PROVED),
     }
     with pytest.raises(kinseek.InvalidMap, match="is not a regular file of at most"):
         read[name]()
@@ -861,9 +842,8 @@ def as_a_pipe(place: Path) -> None:
 
 
 def as_texts(place: Path) -> None:
-    name = place / "zarr.json"
     text = {"data_type": "string", "fill_value": "", "codecs": [{"name": "vlen-utf8"}]}
-    name.write_text(json.dumps(json.loads(name.read_text()) | text))
+    rewrite(place / "zarr.json", lambda told: told.update(text))
     (place / "c" / "0").write_bytes(b"\xff" * 4)
 
 
@@ -871,13 +851,11 @@ def as_texts(place: Path) -> None:
 @pytest.mark.parametrize("change", [as_a_pipe, as_texts])
 @pytest.mark.parametrize("name", ["x", "orientation"])
 def test_the_places_of_a_map_are_not_read(
-    name: str, change: Callable[[Path], None], written: Path, tmp_path: Path
+    name: str, change: Callable[[Path], None], grid: Path, written: Path
 ) -> None:
     """xarray read arrays with the names of dimensions, whatever their type and codecs, when a map was opened."""
-    shutil.copytree(written / "grid", tmp_path / "map")
-    change(tmp_path / "map" / name)
-    found, expected = maps.open(tmp_path / "map"), maps.open(written / "grid")
-    assert found.identical(expected)
+    change(grid / name)
+    assert maps.open(grid).identical(maps.open(written / "grid"))
 
 
 @pytest.fixture(name="client", scope="module")
@@ -890,8 +868,8 @@ def _client() -> Iterator[Any]:
 
 @pytest.mark.slow
 def test_a_client_gives_the_same_bits(tmp_path: Path, client: Any) -> None:
-    maps.reach(ARM, GRID, store=tmp_path / "here.zarr", **SMALL)
-    maps.reach(ARM, GRID, store=tmp_path / "there.zarr", client=client, **SMALL)
+    reach(tmp_path / "here.zarr")
+    reach(tmp_path / "there.zarr", client=client)
     assert files(tmp_path / "here.zarr") == files(tmp_path / "there.zarr")
     sent = maps.reach(ARM, GRID, client=client, **SMALL)
     assert (sent.reached.values == maps.open(tmp_path / "here.zarr").reached.values).all()
@@ -919,9 +897,9 @@ def test_a_full_disk_on_a_worker_is_told_in_a_sentence(
     with monkeypatch.context() as while_full:
         while_full.setattr(store.Store, "write", full)
         with pytest.raises(kinseek.MapInterrupted, match="No space left on device; 0 of"):
-            maps.reach(ARM, GRID, store=tmp_path / "map.zarr", client=client, **SMALL)
+            reach(tmp_path / "map.zarr", client=client)
     assert "Traceback" not in caplog.text
-    again = maps.reach(ARM, GRID, store=tmp_path / "map.zarr", client=client, **SMALL)
+    again = reach(tmp_path / "map.zarr", client=client)
     assert (again.reached.values == whole.reached.values).all()
 
 
