@@ -179,6 +179,8 @@ def test_a_batch_is_each_of_its_goals() -> None:
     ("options", "words"),
     [
         ({"prefer": "speed"}, "unknown preference 'speed'.*dexterity"),
+        ({"prefer": "near"}, "unknown preference 'near'.*give near=$"),
+        ({"prefer": [0.0] * 6}, "unknown preference.*give near=$"),
         ({"prefer": "limits", "cost": lambda q: q[:, 0]}, "prefer and cost"),
         ({"prefer": "limits", "near": np.zeros(7)}, "near and prefer"),
         ({"prefer": "limits", "solver": kinseek.Atlas()}, "solver= cannot be combined"),

@@ -70,7 +70,10 @@ def preference_of(problem: Problem, prefer: Preferred | None, cost: Cost | None)
     else:
         posture, order = None, prefer
         if order is not None and order not in ORDERS:
-            raise InvalidProblem(suggest(str(order), ORDERS, "preference"))
+            raise InvalidProblem(
+                f"{suggest(str(order), ORDERS, 'preference')}, or a posture such as {{'elbow': 'up'}}; "
+                "for the solution nearest to joint values, give near="
+            )
     given = [("near", problem.near), ("prefer", order), ("cost", cost)]
     chosen = [name for name, value in given if value is not None]
     if len(chosen) > 1:
