@@ -31,6 +31,8 @@ MOST_VALUES = 2**24
 """Maximum number of values in a Parquet file, independent of its size."""
 VALUES_OF_A_BYTE = 16
 """Maximum number of values per byte of a larger one: those of a constant column take hardly any space."""
+_PIPES = ("-", "/dev/stdin", "/dev/stdout")
+"""What other programs take for standard input and output."""
 BYTES_OF_A_VALUE = 16
 """Maximum size of all unpacked pages, per allowed value: 8 in a page of numbers, and as many in a dictionary."""
 
@@ -88,8 +90,10 @@ def ending(path: Path, option: str) -> str:
     """
     found = path.suffix.lower()
     if found not in TABLE_ENDINGS:
+        pipe = str(path) in _PIPES
         raise InvalidProblem(
             f"{option} takes a file that ends in {', '.join(TABLE_ENDINGS)}, got {str(path)!r}"
+            + ("; through a pipe, solve --jsonl takes poses line by line" if pipe else "")
         )
     return found
 
