@@ -32,7 +32,7 @@ from .solvers.black_box.samples import Samples, samples_of
 from .solvers.checks import as_solver, warn_if_far, with_progress
 from .support.deadline import Deadline
 from .support.shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
-from .support.units import warn_of_distance
+from .support.units import warn_of_distance, warn_of_period
 from .support.validation import as_flag, as_integer
 from .unknown_arguments import unknown_argument
 
@@ -737,7 +737,7 @@ class Arm(ForwardArm):
         from .paths.limited import Around
         from .paths.tracker import Tracker
 
-        return Tracker(
+        tracker = Tracker(
             self._mechanism,
             q0,
             period,
@@ -747,6 +747,8 @@ class Arm(ForwardArm):
             Around(scene, self._clearance(scene, clearance)),
             Preference(prefer, prefer_speed),
         )
+        warn_of_period(tracker.period, 2)
+        return tracker
 
     def _with_proofs(self, solution: Solution, deadline: Deadline) -> Solution:
         from .proof.branch_and_bound import prove

@@ -150,7 +150,7 @@ class NotReached(KinseekError, RuntimeError):
 
 
 class UnitWarning(_OneLine, UserWarning):
-    """An angle beyond a full turn or a length far beyond the arm's reach: perhaps degrees or millimetres."""
+    """An angle beyond a full turn, a length far beyond the reach, a period of seconds: perhaps degrees, millimetres, Hz."""
 
 
 class RepairWarning(_OneLine, UserWarning):

@@ -478,3 +478,11 @@ def test_what_a_tracker_cannot_track_is_refused(goal: Any, words: str) -> None:
     arm = kinseek.load("ur5e")
     with pytest.raises(InvalidProblem, match=words):
         arm.track(np.zeros(6), goal=goal)
+
+
+def test_a_rate_as_the_period_is_warned_of() -> None:
+    arm = kinseek.load("ur5e")
+    with pytest.warns(kinseek.UnitWarning, match=r"period is 500 s .* write period=1/500$") as seen:
+        arm.track(np.zeros(6), period=500)
+    assert seen[0].filename == __file__
+    arm.track(np.zeros(6), period=1.0)

@@ -1,4 +1,4 @@
-"""Warnings of numbers that are probably in another unit: degrees instead of radians, millimetres instead of metres.
+"""Warnings of numbers that are probably in another unit: degrees for radians, millimetres for metres, Hz for seconds.
 
 No value is changed or rejected: a `UnitWarning` names the value and says how to write it in the other unit.
 """
@@ -26,6 +26,8 @@ FAST = {"velocity": 50.0, "acceleration": 500.0}
 are not judged: common ones, 500 to 10,000 rad/s³, could be either unit."""
 FAR = 10.0
 """A goal farther away than this multiple of the reach causes a warning."""
+SLOW = 1.0
+"""A period of control longer than this causes a warning [s]: robots are servoed at 10 to 1,000 Hz."""
 
 
 def warn_of_angles(angles: Array | Sequence[float], what: str, advice: str, level: int) -> None:
@@ -96,6 +98,21 @@ def warn_of_rates(
         warnings.warn(
             f"{where}: {name} limits in radians that hardly any joint has: {listed}; if these are degrees, multiply them by "
             "π/180",
+            UnitWarning,
+            stacklevel=level + 1,
+        )
+
+
+def warn_of_period(period: float, level: int) -> None:
+    """Warn of a period of control that is probably a rate.
+
+    Args:
+        period: Time between two steps [s].
+        level: Number of calls between here and the line to blame.
+    """
+    if period > SLOW:
+        warnings.warn(
+            f"period is {period:g} s between two steps: if it is a rate in Hz, write period=1/{period:g}",
             UnitWarning,
             stacklevel=level + 1,
         )
