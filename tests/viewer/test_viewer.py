@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -30,6 +29,7 @@ from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameter
 from kinseek.viewer.server import Viewer, free_port
 from kinseek.viewer.session import GoalResult, Proof, Session, beginning, call_of, nearest_of, status_of
 from kinseek.viewer.workers import Newest
+from viewer_pages import client, page_of, wait_until
 
 Kinds = ("planar2", "cylindrical3", "scara4", "so101", "ur5e", "panda", "ur10e_rail", "atlas_torso_arm")
 """2 to 10 joints, slides and mimics among them."""
@@ -647,13 +647,6 @@ def test_a_trace_of_a_goal_that_is_gone_is_not_kept() -> None:
     assert page.trace is not None
 
 
-def wait_until(there: Any, seconds: float = 5.0) -> None:
-    end = time.monotonic() + seconds
-    while not there():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.005)
-
-
 def test_a_page_begins_where_the_arm_is_dexterous() -> None:
     arm = kinseek.load("ur5e")
     q = beginning(arm)
@@ -682,10 +675,9 @@ def test_a_page_that_cannot_begin_leaves_no_threads(
 
     monkeypatch.setattr(Page, "_begin", gone)
     monkeypatch.setattr(Page, "_fetch", lambda page: None)
-    client = MagicMock(client_id=1)
     before = set(threading.enumerate())
     with pytest.raises(ConnectionError):
-        Page(client, sessions["ur5e"], Meshes())
+        Page(client(), sessions["ur5e"], Meshes())
     for thread in set(threading.enumerate()) - before:
         thread.join(5)
         assert not thread.is_alive()
@@ -698,12 +690,9 @@ def motion_of(arm: Arm) -> kinseek.Trajectory:
     return arm.follow(arm.fk(q), start=q[0]).timed(acceleration=20.0)
 
 
-def _rest(page: Any) -> None:
+def rest(page: Any) -> None:
     """Wait until all work of a page is done."""
-    began = time.monotonic()
-    while not page.idle:
-        assert time.monotonic() < began + 60.0
-        time.sleep(0.01)
+    wait_until(lambda: page.idle, 60.0)
 
 
 @pytest.mark.parametrize("name", ["ur5e", "panda"])
@@ -711,19 +700,10 @@ def test_a_motion_is_shown_at_every_time(
     name: str, sessions: dict[str, Session], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("trimesh")
-    from kinseek.viewer.page import Page
-
-    monkeypatch.setattr(Page, "_fetch", lambda page: None)
-    session = sessions[name]
+    session, browser = sessions[name], client()
     motion = motion_of(session.arm)
-    client = MagicMock(client_id=1)
-    client.camera.aspect = 1.5
-    for name in ("add_html", "add_slider"):  # Not the same one at each call.
-        getattr(client.gui, name).side_effect = lambda *given, **named: MagicMock(value=0.0)
-    page = Page(client, session, Meshes(), motion)
-    try:
-        _rest(page)
-        begins, ends = np.moveaxis(client.scene.add_line_segments.call_args_list[-1].args[1], 1, 0)
+    with page_of(session, motion, browser) as page:
+        begins, ends = np.moveaxis(browser.scene.add_line_segments.call_args_list[-1].args[1], 1, 0)
         ends_of_motion = session.arm.fk(motion.q([0.0, motion.duration]))[:, :3, 3]
         np.testing.assert_allclose([begins[0], ends[-1]], ends_of_motion, atol=1e-5)
         for t in (0.0, 0.4 * motion.duration, motion.duration, motion.duration + 0.001):
@@ -738,34 +718,23 @@ def test_a_motion_is_shown_at_every_time(
         times: list[tuple[float, float]] = []
         monkeypatch.setattr(page, "show_time", lambda t: times.append((time.monotonic(), t)))
         page._player.give("motion")
-        _rest(page)
+        rest(page)
         real, played = np.array(times).T
         assert played[0] < 0.5 * motion.duration
         assert (np.diff(played) > 0.0).all()
         assert played[-1] == motion.duration
         # A picture shows a time that has come, and none is shown too early.
         assert ((real - real[0])[:-1] >= (played - played[0])[:-1] - 1e-3).all()
-    finally:
-        page.close()
 
 
 @pytest.fixture
-def servo_page(sessions: dict[str, Session], monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def servo_page(sessions: dict[str, Session]) -> Iterator[Any]:
     """A page whose goal drives a UR5e."""
     pytest.importorskip("trimesh")
-    from kinseek.viewer.page import Page
-
-    monkeypatch.setattr(Page, "_fetch", lambda page: None)
-    client = MagicMock(client_id=1)
-    client.camera.aspect = 1.5
-    for name in ("add_html", "add_slider", "add_checkbox"):  # Not the same one at each call.
-        getattr(client.gui, name).side_effect = lambda *given, **named: MagicMock(value=False)
-    page = Page(client, sessions["ur5e"], Meshes())
-    _rest(page)
-    page.servo(True)
-    wait_until(lambda: "data-shares='6'" in str(page.panel.shares.content))
-    yield page
-    page.close()
+    with page_of(sessions["ur5e"]) as page:
+        page.servo(True)
+        wait_until(lambda: "data-shares='6'" in str(page.panel.shares.content))
+        yield page
 
 
 def test_a_goal_drives_a_tracker_within_its_limits(servo_page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -797,7 +766,7 @@ def test_a_goal_drives_a_tracker_within_its_limits(servo_page: Any, monkeypatch:
     wait_until(lambda: "Tracking" in page.panel.result.content)  # Shown less often than the arm moves.
     assert page.branches is None
     page.servo(False)
-    _rest(page)
+    rest(page)
     assert page.result.reached
     assert not page.panel.servo.value
     assert page.panel.shares.content == ""
@@ -816,7 +785,7 @@ def test_a_goal_that_cannot_be_tracked_is_said(servo_page: Any) -> None:
     servo_page.change(free=["rz"])
     servo_page.change(free=["x", "y", "z", "rx", "ry", "rz"])
     wait_until(lambda: not servo_page._servoing)
-    _rest(servo_page)
+    rest(servo_page)
     assert "data-status='refused'" in servo_page.panel.result.content
     assert not servo_page.panel.servo.value
 

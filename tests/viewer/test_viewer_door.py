@@ -24,6 +24,7 @@ from kinseek import InvalidUse, viewer
 from kinseek.viewer import door
 from kinseek.viewer.door import MESSAGES, POLICY, is_message, refusal
 from kinseek.viewer.page import Page
+from viewer_pages import CAMERA, wait_until
 
 viser = pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
@@ -35,18 +36,8 @@ from websockets.sync.client import ClientConnection, connect  # noqa: E402
 pytestmark = pytest.mark.slow
 
 PROTOCOL = f"viser-v{viser.__version__}"
-CAMERA: dict[str, Any] = {
-    "type": "ViewerCameraMessage",
-    "wxyz": [1.0, 0.0, 0.0, 0.0],
-    "position": [1.0, 1, 1],
-    "fov": 0.8,
-    "near": 0.01,
-    "far": 100,
-    "image_height": 600,
-    "image_width": 800,
-    "look_at": [0.0, 0.0, 0.0],
-    "up_direction": [0.0, 0.0, 1.0],
-}
+encode = msgspec.msgpack.encode
+FRAME = encode(CAMERA)
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +149,7 @@ def test_another_name_of_loopback_is_for_this_machine_alone(monkeypatch: pytest.
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST", "[::1]", "127.0.0.2"])
 def test_this_machine_is_let_in_by_any_of_its_names(host: str, shown: viewer.Viewer) -> None:
     with websocket(shown.port, host) as one:
-        one.send(msgspec.msgpack.encode(CAMERA))
+        one.send(FRAME)
         assert one.recv(timeout=10)
     with websocket(shown.port, host, origin=None) as one:  # No browser.
         assert one.recv(timeout=10)
@@ -350,12 +341,12 @@ ODD: list[Any] = [
 
 def test_no_odd_message_is_taken_and_every_other_is() -> None:
     for odd in ODD:
-        data = odd if isinstance(odd, bytes | str) else msgspec.msgpack.encode(odd)
+        data = odd if isinstance(odd, bytes | str) else encode(odd)
         assert not is_message(data), odd
-    assert is_message(msgspec.msgpack.encode(CAMERA))
+    assert is_message(FRAME)
     rng = np.random.default_rng(1)
     for _ in range(3000):
-        data = bytearray(msgspec.msgpack.encode(CAMERA))
+        data = bytearray(FRAME)
         data[int(rng.integers(len(data)))] = int(rng.integers(256))
         is_message(bytes(data))  # Says so, and raises nothing.
 
@@ -386,27 +377,27 @@ def test_messages_are_those_of_viser_with_all_their_fields() -> None:
         assert set(wire_field_names(getattr(_messages, name))) == set(fields)
 
 
-def wait_for(there: Any) -> None:
-    until = time.monotonic() + 20
-    while not there() and time.monotonic() < until:
-        time.sleep(0.02)
-    assert there()
+@contextlib.contextmanager
+def visit(shown: viewer.Viewer) -> Iterator[tuple[Any, Any]]:
+    """A client and its page, which is gone in the end."""
+    with websocket(shown.port) as one:
+        one.send(FRAME)
+        wait_until(lambda: shown.pages)
+        (mine,) = shown.pages.values()
+        yield one, mine
+    wait_until(lambda: not shown.pages)
 
 
 def test_angles_beyond_a_turn_turn_the_goal_without_a_warning(
     shown: viewer.Viewer, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with websocket(shown.port) as one:
-        one.send(msgspec.msgpack.encode(CAMERA))
-        wait_for(lambda: shown.pages)
-        (mine,) = shown.pages.values()
+    with visit(shown) as (one, mine):
         for yaw in (390.0, 1e6, -1e8):
             turn = {"value": [0.0, 0.0, yaw]}
             message = {"type": "GuiUpdateMessage", "uuid": mine.panel.turn._impl.uuid, "updates": turn}
-            one.send(msgspec.msgpack.encode(message))
+            one.send(encode(message))
             expected = kinseek.pose([0.0, 0.0, 0.0], rpy=turn["value"], degrees=True)[:3, :3]
-            wait_for(partial(turned_to, mine, expected))
-    wait_for(lambda: not shown.pages)
+            wait_until(partial(turned_to, mine, expected))
     assert capfd.readouterr() == ("", "")
 
 
@@ -419,9 +410,9 @@ def test_odd_messages_print_nothing_and_the_page_goes_on(
 ) -> None:
     with websocket(shown.port) as one:
         for odd in ODD:
-            one.send(odd if isinstance(odd, bytes | str) else msgspec.msgpack.encode(odd))
-        one.send(msgspec.msgpack.encode(CAMERA))  # Now there is a page.
-        wait_for(lambda: shown.pages)
+            one.send(odd if isinstance(odd, bytes | str) else encode(odd))
+        one.send(FRAME)  # Now there is a page.
+        wait_until(lambda: shown.pages)
         number, mine = next(iter(shown.pages.items()))
         handles = dict(shown._server.get_clients()[number].gui._gui_input_handle_from_uuid)
         sent: list[dict[str, Any]] = [
@@ -448,22 +439,15 @@ def test_odd_messages_print_nothing_and_the_page_goes_on(
             for index in (None, 0, 10**8)
         ]
         for each in sent:
-            one.send(msgspec.msgpack.encode(each))
-        one.send(msgspec.msgpack.encode(CAMERA))
-        wait_for(lambda: mine.idle)
+            one.send(encode(each))
+        one.send(FRAME)
+        wait_until(lambda: mine.idle)
         search = mine.panel.search
         assert search.value in search.options
-        one.send(
-            msgspec.msgpack.encode(
-                {
-                    "type": "GuiUpdateMessage",
-                    "uuid": mine.panel.follow._impl.uuid,
-                    "updates": {"value": False},
-                }
-            )
-        )
-        wait_for(lambda: not mine.options.follow)
-    wait_for(lambda: not shown.pages)
+        follow = {"uuid": mine.panel.follow._impl.uuid, "updates": {"value": False}}
+        one.send(encode({"type": "GuiUpdateMessage", **follow}))
+        wait_until(lambda: not mine.options.follow)
+    wait_until(lambda: not shown.pages)
     for rubbish in (
         b"\x00" * 100,
         b"GET / HTTP/9\r\n\r\n",
@@ -501,28 +485,19 @@ def test_what_a_browser_kept_prints_nothing(
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from kinseek.viewer.page import Page  # Which imports viser.
-
     kept = json.dumps(json.loads(shown._session.begin.to_json()) | odd)
     monkeypatch.setattr(Page, "_fetch", lambda page: kept)
-    with warnings.catch_warnings(record=True) as warned, websocket(shown.port) as one:
+    with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
-        one.send(msgspec.msgpack.encode(CAMERA))
-        wait_for(lambda: shown.pages)
-        (mine,) = shown.pages.values()
-        wait_for(lambda: mine.idle)
-        assert mine.result.reached
-    wait_for(lambda: not shown.pages)
+        with visit(shown) as (_, mine):
+            wait_until(lambda: mine.idle)
+            assert mine.result.reached
     assert (warned, capfd.readouterr()) == ([], ("", ""))
 
 
 def test_a_page_that_leaves_is_drawn_on_without_a_warning(shown: viewer.Viewer) -> None:
-    with websocket(shown.port) as one:
-        one.send(msgspec.msgpack.encode(CAMERA))
-        wait_for(lambda: shown.pages)
-        (mine,) = shown.pages.values()
-        wait_for(lambda: mine.idle)
-    wait_for(lambda: not shown.pages)
+    with visit(shown) as (_, mine):
+        wait_until(lambda: mine.idle)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         mine.view.show_goal(np.eye(4))
@@ -534,17 +509,16 @@ def test_a_page_that_sends_without_end_waits_and_the_others_do_not(
     shown: viewer.Viewer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(door, "MESSAGE_TIME", 0.02)
-    frame = msgspec.msgpack.encode(CAMERA)
-    wait_for(lambda: not shown.pages)
+    wait_until(lambda: not shown.pages)
     with websocket(shown.port) as flooding, websocket(shown.port) as other:
         began = time.monotonic()
         for _ in range(100):
             flooding.send(b"nothing")
-        flooding.send(frame)
-        other.send(frame)
-        wait_for(lambda: shown.pages)
+        flooding.send(FRAME)
+        other.send(FRAME)
+        wait_until(lambda: shown.pages)
         assert len(shown.pages) == 1  # That of the other.
-        wait_for(lambda: len(shown.pages) == 2)
+        wait_until(lambda: len(shown.pages) == 2)
         assert (
             time.monotonic() - began > 3.0
         )  # 200 messages take 4 s, of which half a second is not waited for.
@@ -555,32 +529,31 @@ def test_a_fragment_without_bytes_counts_as_a_message_and_is_not_kept(
 ) -> None:
     monkeypatch.setattr(door, "MESSAGE_TIME", 0.02)
     monkeypatch.setattr(Page, "_fetch", lambda page: None)  # It waits for what the browser has kept.
-    frame = msgspec.msgpack.encode(CAMERA)
-    wait_for(lambda: not shown.pages)
+    wait_until(lambda: not shown.pages)
     with websocket(shown.port) as one:
         began = time.monotonic()
-        one.send([*[b""] * 100, frame[:20], frame[20:]])
-        wait_for(lambda: shown.pages)
+        one.send([*[b""] * 100, FRAME[:20], FRAME[20:]])
+        wait_until(lambda: shown.pages)
         assert time.monotonic() - began > 1.3  # Half a second of two is not waited for.
 
 
 def test_pages_that_do_not_answer_do_not_delay_the_next(
     shown: viewer.Viewer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    frame, answer, silent, asked = msgspec.msgpack.encode(CAMERA), threading.Event(), 40, count()
+    answer, silent, asked = threading.Event(), 40, count()
 
     def fetch(page: Any) -> None:
         if next(asked) < silent:
             answer.wait(60.0)
 
     monkeypatch.setattr(Page, "_fetch", fetch)
-    wait_for(lambda: not shown.pages)
+    wait_until(lambda: not shown.pages)
     with contextlib.ExitStack() as open_ones:
         open_ones.callback(answer.set)
         for _ in range(silent + 1):
-            open_ones.enter_context(websocket(shown.port)).send(frame)
-        wait_for(lambda: len(shown.pages) == 1)
-    wait_for(lambda: not shown.pages)
+            open_ones.enter_context(websocket(shown.port)).send(FRAME)
+        wait_until(lambda: len(shown.pages) == 1)
+    wait_until(lambda: not shown.pages)
 
 
 def test_further_connections_are_closed_until_one_leaves(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -13,8 +12,8 @@ import pytest
 import kinseek
 from kinseek import Scene, Status, viewer
 from kinseek.viewer import words
-from kinseek.viewer.meshes import Meshes
 from kinseek.viewer.session import Session, call_of, status_of
+from viewer_pages import CAMERA, client, page_of, wait_until
 
 pytest.importorskip("coal")
 trimesh = pytest.importorskip("trimesh")
@@ -38,39 +37,11 @@ def session() -> Session:
     return Session(UR5E, cell())
 
 
-def wait_until(there: Callable[[], object], seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not there():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.005)
-
-
-def client() -> Any:
-    """Stands for a browser; every 3D object and every input is one of its own."""
-    made = MagicMock(client_id=1)
-    made.camera.aspect = 1.5
-    for name in ("add_html", "add_slider", "add_checkbox", "add_vector3", "add_dropdown", "add_button_group"):
-        getattr(made.gui, name).side_effect = lambda *given, **named: MagicMock(value=False)
-    for name in (
-        "add_frame",
-        "add_mesh_simple",
-        "add_point_cloud",
-        "add_line_segments",
-    ):
-        getattr(made.scene, name).side_effect = lambda *given, **named: MagicMock()
-    return made
-
-
 @pytest.fixture
-def page(session: Session, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def page(session: Session) -> Iterator[Any]:
     pytest.importorskip("viser")
-    from kinseek.viewer.page import Page
-
-    monkeypatch.setattr(Page, "_fetch", lambda page: None)
-    made = Page(client(), session, Meshes())
-    wait_until(lambda: made.idle)
-    yield made
-    made.close()
+    with page_of(session) as made:
+        yield made
 
 
 def goal(page: Any, target: Any) -> None:
@@ -180,8 +151,6 @@ def test_a_branch_that_collides_is_shown_with_what_it_hits(page: Any) -> None:
 
 def test_large_meshes_are_boxes_and_the_panel_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("viser")
-    from kinseek.viewer.page import Page
-
     ball = trimesh.creation.icosphere(2)
     scene = cell()
     scene.add(
@@ -189,12 +158,11 @@ def test_large_meshes_are_boxes_and_the_panel_says_so(monkeypatch: pytest.Monkey
         kinseek.collision.Mesh(ball.vertices, ball.faces, hull=False),
         kinseek.pose([9.0, 0.0, 0.0]),
     )
-    monkeypatch.setattr(Page, "_fetch", lambda page: None)
     for most, drawn in ((10**6, len(ball.faces)), (100, 12)):
         monkeypatch.setattr("kinseek.viewer.bodies.MOST_FACES", most)
         browser = client()
-        page = Page(browser, Session(UR5E, scene), Meshes())
-        page.close()
+        with page_of(Session(UR5E, scene), browser=browser):
+            pass
         counts = [len(call.args[2]) for call in browser.scene.add_mesh_simple.call_args_list]
         assert drawn in counts
         said = "".join(call.args[0] for call in browser.gui.add_html.call_args_list)
@@ -318,10 +286,7 @@ def test_a_client_edits_the_scene_and_odd_values_print_nothing(capfd: pytest.Cap
         with connect(
             address, subprotocols=[Subprotocol(f"viser-v{viser.__version__}")], max_size=None
         ) as one:
-            send(
-                type="ViewerCameraMessage", wxyz=[1.0, 0, 0, 0], position=[1.0, 1, 1], fov=0.8, near=0.01, far=100.0,
-                image_height=600, image_width=800, look_at=[0.0, 0, 0], up_direction=[0.0, 0, 1]
-            )  # fmt: skip
+            send(**CAMERA)
             wait_until(lambda: shown.pages)
             (page,) = shown.pages.values()
             wait_until(lambda: page.idle)
@@ -464,19 +429,12 @@ def test_a_newer_goal_ends_a_plan(page: Any, monkeypatch: pytest.MonkeyPatch) ->
     assert page.trajectory is not None
 
 
-def test_a_motion_that_hits_something_is_red_there_and_says_so(
-    session: Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_motion_that_hits_something_is_red_there_and_says_so(session: Session) -> None:
     pytest.importorskip("viser")
-    from kinseek.viewer.page import Page
-
-    monkeypatch.setattr(Page, "_fetch", lambda page: None)
     q = UR5E.ik(FREE).q + np.linspace(0.0, 1.2, 30)[:, None] * [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     through = UR5E.follow(UR5E.fk(q), start=q[0]).timed(acceleration=5.0)
     browser = client()
-    page = Page(browser, session, Meshes(), through)
-    try:
-        wait_until(lambda: page.idle)
+    with page_of(session, through, browser) as page:
         assert "The motion hits &lt;b&gt;wall" in page.panel.plan.content
         (line,) = browser.scene.add_line_segments.call_args_list[1:]
         points, colours = line.args[1:3]
@@ -485,5 +443,3 @@ def test_a_motion_that_hits_something_is_red_there_and_says_so(
         free = page.scene.free(through.q(np.linspace(0.0, through.duration, len(points) + 1)))
         np.testing.assert_array_equal(red, ~(free[1:] & free[:-1]))
         assert 0 < red.sum() < len(red)
-    finally:
-        page.close()
