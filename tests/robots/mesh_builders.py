@@ -14,6 +14,7 @@ import pytest
 
 from kinseek.robots import collada_scene, glb, mesh_files, obj, ply, stl
 from kinseek.robots.meshes import mesh_parts
+from robot_files import TURNING, link, robot, write
 
 MOST = 2**16
 """Bytes of a file in most of these tests, so that what is too much is small."""
@@ -31,9 +32,7 @@ def read(folder: Path, kind: str, content: str | bytes, most: int = MOST) -> lis
     """Bodies of a file with this content."""
     if kind == "dae":
         pytest.importorskip("collada")
-    path = folder / f"a.{kind}"
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return mesh_parts(path, most)
+    return mesh_parts(write(folder, f"a.{kind}", content), most)
 
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
@@ -74,18 +73,25 @@ def written_glb(data: bytes, **told: Any) -> bytes:
     return struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks
 
 
+def glb_parts(corners: int = 3, view: int = 0) -> dict[str, Any]:
+    """Description of a file of one body with as many corners, in a view of so many bytes."""
+    return {
+        "bufferViews": [{"buffer": 0, "byteLength": view or 12 * corners}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": corners, "type": "VEC3"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}],
+    }
+
+
 def one_glb(
     count: int = 3, view: int = 0, repeat: int = 1, nodes: int = 1, corners: int = 3, **more: Any
 ) -> bytes:
-    data = np.resize(np.eye(3, dtype="<f4"), (corners, 3)).tobytes()
-    return written_glb(
-        data,
-        bufferViews=[{"buffer": 0, "byteLength": view or len(data)}],
-        accessors=[{"bufferView": 0, "componentType": 5126, "count": count or corners, "type": "VEC3"}],
-        meshes=[{"primitives": [{"attributes": {"POSITION": 0}, **more}] * repeat}],
-        nodes=[{"mesh": 0} for _ in range(nodes)],
-        scenes=[{"nodes": [*range(nodes)]}],
-    )
+    told = glb_parts(corners, view)
+    told["accessors"][0]["count"] = count or corners
+    told["meshes"] = [{"primitives": [{"attributes": {"POSITION": 0}, **more}] * repeat}]
+    told |= {"nodes": [{"mesh": 0}] * nodes, "scenes": [{"nodes": [*range(nodes)]}]}
+    return written_glb(np.resize(np.eye(3, dtype="<f4"), (corners, 3)).tobytes(), **told)
 
 
 def archive() -> bytes:
@@ -97,16 +103,9 @@ def archive() -> bytes:
 
 def changed_glb(where: str, change: dict[str, Any]) -> bytes:
     """A file of one triangle, with a change to its first accessor, primitive, mesh or node, or to the whole."""
-    part: dict[str, Any] = {"attributes": {"POSITION": 0}}
-    mesh, node = {"primitives": [part]}, {"mesh": 0}
-    accessor = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
-    told: dict[str, Any] = {
-        "bufferViews": [{"buffer": 0, "byteLength": 36}],
-        "accessors": [accessor],
-        "meshes": [mesh],
-        "nodes": [node],
-        "scenes": [{"nodes": [0]}],
-    }
+    told = glb_parts()
+    (accessor,), (mesh,), (node,) = told["accessors"], told["meshes"], told["nodes"]
+    part = mesh["primitives"][0]
     {"accessor": accessor, "part": part, "mesh": mesh, "node": node, "": told}[where].update(change)
     return written_glb(np.eye(3, dtype="<f4").tobytes(), **told)
 
@@ -116,27 +115,17 @@ def pictured_glb(size: tuple[int, int], kind: str = "PNG") -> tuple[bytes, dict[
     held = io.BytesIO()
     pytest.importorskip("PIL.Image").new("RGB" if kind == "EPS" else "1", size).save(held, format=kind)
     corners, picture = np.eye(3, dtype="<f4").tobytes(), held.getvalue()
-    return corners + picture, {
-        "bufferViews": [
-            {"buffer": 0, "byteLength": 36},
-            {"buffer": 0, "byteOffset": 36, "byteLength": len(picture)},
-        ],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+    told = glb_parts()
+    told["bufferViews"].append({"buffer": 0, "byteOffset": 36, "byteLength": len(picture)})
+    told["meshes"][0]["primitives"][0]["material"] = 0
+    return corners + picture, told | {
         "images": [{"bufferView": 1, "mimeType": "image/png"}],
         "textures": [{"source": 0}],
         "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
-        "nodes": [{"mesh": 0}],
-        "scenes": [{"nodes": [0]}],
     }
 
 
 def robot_of(folder: Path, *geometries: str, tag: str = "visual") -> Path:
     """An arm of one joint with so many shapes."""
     shapes = "".join(f"<{tag}><geometry>{each}</geometry></{tag}>" for each in geometries)
-    path = folder / "arm.urdf"
-    path.write_text(
-        f'<robot name="r"><link name="a">{shapes}</link><link name="b"/>'
-        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>'
-    )
-    return path
+    return write(folder, "arm.urdf", robot(link("a", shapes), TURNING, links="b"))

@@ -21,6 +21,7 @@ from kinseek import InvalidRobot
 from kinseek.robots import obj, ply, stl
 from kinseek.robots.meshes import mesh_parts
 from kinseek.robots.polygons import triangulated
+from mesh_builders import ply_header
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -218,14 +219,12 @@ def test_errors_of_text_stl_count_each_line_once(end: str) -> None:
         read("stl", text.replace("\n", end).encode())
 
 
-def ply_header(form: str, faces: int, lists: int = 0) -> bytes:
-    header = f"ply\nformat {form} 1.0\nelement vertex 4\n" + "".join(
-        f"property char {axis}\n" for axis in "xyz"
-    )
-    header += f"element face {faces}\nproperty list uchar uchar vertex_index\n"
-    return (
-        header + "".join(f"property list uchar uchar a{i}\n" for i in range(lists)) + "end_header\n"
-    ).encode()
+def square_header(encoding: str, faces: int, lists: int = 0) -> bytes:
+    """A header of four vertices, of faces, and of more lists beside the corners of each."""
+    vertices = ["element vertex 4", *(f"property char {axis}" for axis in "xyz")]
+    names = ["vertex_index", *(f"a{i}" for i in range(lists))]
+    properties = (f"property list uchar uchar {name}" for name in names)
+    return ply_header(*vertices, f"element face {faces}", *properties, encoding=encoding)
 
 
 SQUARE = bytes([0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0])
@@ -234,11 +233,11 @@ SQUARE = bytes([0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0])
 def test_lists_of_ply_have_limits() -> None:
     """A list takes one byte of a file, and as long as many numbers."""
     rows = 20_000
-    text = ply_header("binary_little_endian", rows, 250) + SQUARE
+    text = square_header("binary_little_endian", rows, 250) + SQUARE
     text += b"\3\0\1\2\1\0".ljust(255, b"\0") + (rows - 1) * b"\3\0\1\2".ljust(254, b"\0")
     with pytest.raises(InvalidRobot, match="values and lists in rows of different lengths"):
         read("ply", text)
-    text = ply_header("ascii", 1) + b"0 0 0\n1 0 0\n1 1 0\n0 1 0\n" + b"40000" + 40_000 * b" 1" + b"\n"
+    text = square_header("ascii", 1) + b"0 0 0\n1 0 0\n1 1 0\n0 1 0\n" + b"40000" + 40_000 * b" 1" + b"\n"
     with pytest.raises(InvalidRobot, match="bytes in a row"):
         read("ply", text)
 
@@ -246,7 +245,7 @@ def test_lists_of_ply_have_limits() -> None:
 @pytest.mark.parametrize("number", ["0.5", "128", "-129"])
 def test_coordinates_of_ply_have_the_declared_type(number: str) -> None:
     with pytest.raises(InvalidRobot, match="expected a whole one of type int8"):
-        read("ply", ply_header("ascii", 1) + f"0 0 0\n{number} 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n".encode())
+        read("ply", square_header("ascii", 1) + f"0 0 0\n{number} 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n".encode())
 
 
 @pytest.mark.filterwarnings("error")
@@ -259,7 +258,7 @@ def test_rows_of_ply_in_one_line_are_named() -> None:
     with pytest.raises(
         InvalidRobot, match=r"row 1 of its element 'vertex' does not have the numbers of one line"
     ):
-        read("ply", ply_header("ascii", 1) + b"0 0 0 1 0 0 1 1 0\n0 1 0\n4 0 1 2 3\n")
+        read("ply", square_header("ascii", 1) + b"0 0 0 1 0 0 1 1 0\n0 1 0\n4 0 1 2 3\n")
 
 
 U = [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)]
