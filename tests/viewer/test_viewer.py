@@ -727,6 +727,20 @@ def test_a_motion_is_shown_at_every_time(
         assert ((real - real[0])[:-1] >= (played - played[0])[:-1] - 1e-3).all()
 
 
+def test_passes_of_a_search_are_shown(sessions: dict[str, Session]) -> None:
+    pytest.importorskip("trimesh")
+    with page_of(sessions["ur5e"]) as page:
+        page.panel.passes.value = True
+        for search in ("Atlas", "DivideAndConquer"):  # Without windows of joint values, and with them.
+            page.change(search=search)
+            page.show_passes(True)
+            rest(page)
+            for number, one in enumerate(page.trace):
+                page.show_pass(number)
+                assert one.name in page.panel.pass_text.content
+                assert page.panel.number.value == number + 1 or len(page.trace) == 1
+
+
 @pytest.fixture
 def servo_page(sessions: dict[str, Session]) -> Iterator[Any]:
     """A page whose goal drives a UR5e."""
