@@ -78,8 +78,9 @@ def test_a_break_is_told_where_no_step_is_small_enough(cli: CommandLine) -> None
 def test_both_ends_and_a_period(line: Any, cli: CommandLine) -> None:
     path = ARM.follow(line, start=ARM.branches(line[0]).q[2])
     start, end = (" ".join(map(str, q)) for q in path.q[[0, -1]])
-    cli(FOLLOW, f"--start '{start}' --end '{end}' --period 0.1")
-    np.testing.assert_array_equal(joints()[[0, -1]], path.q[[0, -1]])
+    for line_of_ends in (f"--start '{start}' --end '{end}'", f"--start {start} --end {end}"):
+        cli(FOLLOW, line_of_ends, "--period 0.1")
+        np.testing.assert_array_equal(joints()[[0, -1]], path.q[[0, -1]])
     faster_than_its_joints = cli(FOLLOW, "--period 0.001", code=1).out
     assert "0.00314 rad is allowed" in faster_than_its_joints
     assert "no speed above 0" in cli.refused("follow puma560 line.npy joints.npy --period 0.1")

@@ -559,7 +559,7 @@ def test_pages_that_do_not_answer_do_not_delay_the_next(
 def test_further_connections_are_closed_until_one_leaves(
     shown: viewer.Viewer, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    wait_for(lambda: not shown.pages)
+    wait_until(lambda: not shown.pages)
     monkeypatch.setattr(door, "MOST_CONNECTIONS", 2)
     with (
         websocket(shown.port),
@@ -575,7 +575,7 @@ def test_further_connections_are_closed_until_one_leaves(
             answers.extend([] if answers else [page(shown.port, {"Host": f"localhost:{shown.port}"})[0]])
         return answers == [200]
 
-    wait_for(answered)
+    wait_until(answered)
     assert capfd.readouterr() == ("", "")
 
 

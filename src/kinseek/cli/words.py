@@ -23,6 +23,8 @@ LENGTHS = {
     "--y-axis": 3,
     "--tool": 6,
     "--near": None,
+    "--start": None,
+    "--end": None,
     "--lock": None,
     "--velocity": None,
     "--acceleration": None,
@@ -53,9 +55,9 @@ def join_lists(words: Sequence[str]) -> list[str]:
 
 
 def is_number(word: str) -> bool:
-    """Return whether every part of the word between commas is a number, including NaN and infinity."""
+    """Return whether every part of the word between commas and blanks is a number, including NaN and infinity."""
     try:
-        return "_" not in word and bool([float(part) for part in word.split(",")])
+        return "_" not in word and bool([float(part) for some in word.split() for part in some.split(",")])
     except ValueError:
         return False
 
