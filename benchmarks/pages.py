@@ -53,6 +53,8 @@ PAGES = {
 }
 
 GIVEN = {
+    "collisions.md": "an arm with meshes, --urdf",
+    "paths/scenes.md": "the folders of CppFlow's problems",
     "planning.md": "the folder of its data",
     "since.md": "a commit",
     "suites.md": "the folders of its data",
