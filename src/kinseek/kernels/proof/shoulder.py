@@ -2,9 +2,8 @@
 
 Remove the first two joints, and put a ball joint on the second axis instead. It can make every motion that the arm can
 make, so its smallest error is a lower bound. It equals the error of the arm if the first three axes meet in a point and
-no limit of these joints is active. On other arms it may be smaller. A nearest pose of seven joints
-lies on a curve, the self-motion of the arm, along which boxes of joint values accumulate. Here most of that curve is
-divided out.
+no limit of these joints is active. On other arms it may be smaller. A nearest pose of seven joints lies on a curve, the
+self-motion of the arm, along which boxes of joint values accumulate. Here most of that curve is divided out.
 
 Let p be the tip as seen from the ball, a the relevant column of the hand, and g and b their goals. The rotation of the
 ball does not change ``s = |p|²`` and ``u = p·a``, and only these two matter: if the ball moves the tip to z and the
@@ -13,10 +12,9 @@ column to α, then ``s = |z|²`` and ``u = z·α``. For any multipliers λ and �
     E ≥ λ s + μ u + least over z, |α| = 1 of  K_P |z - g| + K_A (1 - α·b) - λ |z|² - μ z·α.
 
 The minimum over α leaves ``-|K_A b + μ z|``, which is at least ``-(|K_A b + μ z|² + m²)/(2 m)`` for any m > 0. All but
-the first term is then a polynomial in z with the same curvature in all directions, and its minimum over all z with ``|z
-- g| ≤ ceiling / K_P`` is known; without this condition a positive λ gives minus infinity. A bound thus needs a few
-products. Any multipliers give one, and those that describe how the error grows with s and u mostly give the error
-itself.
+the first term is then a polynomial in z with the same curvature in all directions, and its minimum over all z with
+``|z - g| ≤ ceiling / K_P`` is known; without this condition a positive λ gives minus infinity. A bound thus needs a few
+products. Any multipliers give one, and those that describe how the error grows with s and u mostly give the error itself.
 
 If the axes do not intersect, the ball is on the first one, and the second joint is one of the others. A rotation about
 the first axis, e, then also keeps ``p·e`` and ``a·e``. With multipliers η and θ for these two the bound is that of the
