@@ -70,3 +70,14 @@ def test_the_question_is_the_one_that_was_asked() -> None:
     solution = arm.ik(target)
     target[:3, 3] = 9.0
     np.testing.assert_array_equal(solution.problem.goal.target, asked)
+
+
+def test_require_says_what_is_proved_and_leaves_out_a_free_orientation() -> None:
+    place = Goal.position([7.0, 0.0, 0.0])
+    with pytest.raises(NotReached, match=r"nearest pose found is \S+ m away, tolerance 1e-06 m$"):
+        ARM.ik(place).require()
+    with pytest.raises(NotReached, match=r"tolerance 1e-06 m; proved: no joint .* reach the goal$"):
+        ARM.ik(place, prove=True).require()
+    both = Goal.position(np.stack([place.target, ARM.fk(Q)])[:, :3, 3])
+    with pytest.raises(NotReached, match=r"1 of 2 targets .*; proved: no joint .* reach 1 of them$"):
+        ARM.ik(both, prove=True).require()

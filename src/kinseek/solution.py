@@ -412,11 +412,16 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         outside = position > goal.position_tolerance or orientation > goal.orientation_tolerance
         if outside or not (refused or hits or skipped):
             if missed.size == 1:
-                away = f"{position:.3g} m and {orientation:.3g} rad away"
+                away = f"{position:.3g} m and {orientation:.3g} rad away, {tolerances}"
+                if goal.kind == "position":
+                    away = f"{position:.3g} m away, tolerance {goal.position_tolerance:g} m"
                 pose = "nearest pose" if self.problem.nearest else "pose"
-                reasons.append(f"the {pose} found is {away}, {tolerances}")
+                reasons.append(f"the {pose} found is {away}")
             else:
                 reasons.append(f"errors up to {position:.3g} m, {orientation:.3g} rad, {tolerances}")
+            if proved := int(np.sum(solution.proved_unreachable)):
+                which = "the goal" if missed.size == 1 else f"{proved} of them"
+                reasons.append(f"proved: no joint values inside the limits reach {which}")
         if refused:
             reasons.append(f"`valid` rejected {refused} {'solution' if refused == 1 else 'solutions'}")
         if hits:
