@@ -35,7 +35,7 @@ def with_proofs(request: PathRequest, path: Path, threads: int | None) -> Path:
 
 
 def _words(path: Path, proof: PathProof, report: Missed) -> list[str]:
-    short = "the work that a path may spend on proofs did not suffice"
+    short = "the work that a path may spend on proofs did not suffice; arm.prove does more for one pose"
     short = "the time limit was reached" if proof.out_of_time else short
     said = [
         (proof.out_of_reach, "proved out of reach: no joint values inside the limits meet the tolerances"),
