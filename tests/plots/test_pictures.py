@@ -60,13 +60,13 @@ def test_the_animation_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert spec.loader is not None
     animation = module_from_spec(spec)
     spec.loader.exec_module(animation)
-    for name in ("CIRCLE", "STEPS_OUT", "HOLD"):
+    for name in ("CIRCLE", "MOVING", "STEPS_OUT", "HOLD"):
         monkeypatch.setattr(animation, name, 2)
     animation.main(tmp_path / "small.gif")
     with Image.open(tmp_path / "small.gif") as small, Image.open(PICTURES / "kinseek.gif") as kept:
         assert small.size == kept.size == (800, 450)
         # Two of the circle, eight passes, two of the way out, less the last, and two of the proof.
-        assert getattr(small, "n_frames", 0) == 13
+        assert getattr(small, "n_frames", 0) == 15
         assert small.info["loop"] == kept.info["loop"] == 0
     assert (PICTURES / "kinseek.gif").stat().st_size < 2_000_000
 
