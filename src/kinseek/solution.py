@@ -413,7 +413,7 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         if outside or not (refused or hits or skipped):
             if missed.size == 1:
                 away = f"{position:.3g} m and {orientation:.3g} rad away, {tolerances}"
-                if goal.kind == "position":
+                if not goal.form.columns:
                     away = f"{position:.3g} m away, tolerance {goal.position_tolerance:g} m"
                 pose = "nearest pose" if self.problem.nearest else "pose"
                 reasons.append(f"the {pose} found is {away}")
