@@ -388,8 +388,6 @@ def every(folders: list[Path], count: int) -> Iterator[Goal]:
             yield from ssik(folder, count)
         elif folder == panda:
             yield from motion_bench_maker(folder, cell, model, count)
-        elif (folder / "rm4d").is_dir():
-            pass  # See `bases`.
         elif (folder / "robometrics").is_dir() and panda is not None:
             yield from robometrics(folder, cell, model, count)
         else:
@@ -460,12 +458,13 @@ def main() -> None:
     parser = command(__file__, __doc__, page="suites.md", goals=(1000, 5, "goals an arm, or of a set"))
     parser.add_argument("folders", nargs="+", type=Path, help="clones of the suites, see above")
     options = parser.options()
+    examples = [folder for folder in options.folders if (folder / "rm4d").is_dir()]
+    options.folders = [folder for folder in options.folders if folder not in examples]
     page, misses = Page("Test suites of other projects", "benchmarks.suites", __doc__), list[str]()
     page.rows(measured(options, misses))
-    for folder in options.folders:
-        if (folder / "rm4d").is_dir():
-            page.head("The base of RM4D's example")
-            page.rows(bases(folder))
+    for folder in examples:
+        page.head("The base of RM4D's example")
+        page.rows(bases(folder))
     page.head("Misses")
     page.say(
         "Goals with a wrong or missing result. Without `prove=True`, `branches` does not claim a complete list."

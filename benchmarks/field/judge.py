@@ -65,7 +65,8 @@ class Judge:
         kinds = tuple(self._kind(name) for name in joints)
         ends = np.array([self._limits(name, kind) for name, kind in zip(joints, kinds, strict=True)]).T
         self._ends = np.where([kind == "continuous" for kind in kinds], [[-np.inf], [np.inf]], ends)
-        soft = np.array([_soft_limits(path).get(name, (-np.inf, np.inf)) for name in joints]).T
+        narrowed = _soft_limits(path)
+        soft = np.array([narrowed.get(name, (-np.inf, np.inf)) for name in joints]).T
         ends = np.stack([np.maximum(ends[0], soft[0]), np.minimum(ends[1], soft[1])])
         self._joints = joints
         home = self.fk(np.zeros((1, len(joints))))[0]
