@@ -508,6 +508,29 @@ def test_without_the_extra_it_is_told_which() -> None:
     assert "kinseek[collision]" in said
 
 
+@pytest.mark.slow
+def test_distances_from_boxes_do_not_depend_on_the_first_check_in_the_process() -> None:
+    # The static variable of coal that geometry._settle_boxes sets.
+    first = (
+        "import coal, numpy as np\n"
+        "place, there = coal.Transform3s(), coal.Transform3s(np.eye(3), np.array([3.0, 0.0, 0.0]))\n"
+        "check = lambda: coal.distance(coal.Box(1.0, 1.0, 1.0), place, coal.Capsule(0.1, 0.3), there,\n"
+        "    coal.DistanceRequest(), coal.DistanceResult())\n"
+    )
+    ask = (
+        "import kinseek\n"
+        "arm = kinseek.load('ur5e')\n"
+        "scene = kinseek.Scene.of(arm, capsules=0.05)\n"
+        "scene.add_box('crate', size=(0.1, 0.1, 0.3), pose=kinseek.pose([0.5, 0.1, 0.3]))\n"
+    )
+    digest = "print(scene.distance(arm.sample(200, seed=1)).tobytes().hex())\n"
+    said = {
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+        for code in (first + ask + digest, first + ask + "check()\n" + digest)
+    }
+    assert len(said) == 1
+
+
 def mujoco_geom(shape: kinseek.collision.Shape, T: np.ndarray) -> str:
     """The same shape in MuJoCo's words: sizes are halves."""
     x, y, z, w = pin.Quaternion(T[:3, :3]).coeffs().tolist()

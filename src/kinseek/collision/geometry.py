@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import import_module
 from typing import Any
 
@@ -28,9 +29,23 @@ def library(name: str) -> Any:
     """
     try:
         with importing:
+            _settle_boxes(import_module("coal"))
             return import_module(name)
     except ImportError:
         raise MissingExtra("A scene with collisions", "collision") from None
+
+
+@cache
+def _settle_boxes(coal: Any) -> None:
+    """Let results about boxes not depend on the first check in the process.
+
+    coal makes boxes larger by 1e-10 of their size on one side where a direction of its search has a zero. It keeps what it
+    decided for the first direction in the process for all later ones (`getShapeSupport` of a box, a static variable). The
+    first one here has no zero, so that boxes keep their size.
+    """
+    place = coal.Transform3s(np.array([[1, -2, 2], [2, -1, -2], [2, 2, 1]]) / 3.0, np.array([3.0, 0.2, 0.1]))
+    box, capsule = coal.Box(1.0, 1.0, 1.0), coal.Capsule(0.1, 0.3)
+    coal.distance(capsule, coal.Transform3s(), box, place, coal.DistanceRequest(), coal.DistanceResult())
 
 
 def triangles(vertices: Array, faces: NDArray[np.int64]) -> Any:
