@@ -1,4 +1,4 @@
-"""Where NumPy would drop an imaginary part or a mask, nothing is dropped: the numbers are refused."""
+"""What NumPy would drop (an imaginary part, a mask) or take for numbers (text, bools) is refused."""
 
 from __future__ import annotations
 
@@ -36,6 +36,22 @@ def test_an_imaginary_part_is_refused(take: Callable[[Any], Any]) -> None:
 def test_masked_numbers_are_refused(take: Callable[[Any], Any]) -> None:
     with pytest.raises(kinseek.KinseekError, match=r"\d+ of \d+ numbers are masked"):
         take(np.ma.masked_array(T, mask=np.ones((4, 4), dtype=bool)))
+
+
+@pytest.mark.parametrize("take", [*HELD, lambda T: kinseek.Arm.from_dh(T[:1], [-1.0], [1.0])])
+@pytest.mark.parametrize(
+    ("given", "what"), [(T.astype(str), "text"), (T > 0, "bools"), (T.astype("m8[s]"), "durations")]
+)
+def test_text_and_bools_are_no_numbers(take: Callable[[Any], Any], given: Any, what: str) -> None:
+    with pytest.raises(kinseek.KinseekError, match=f"got {what}, not numbers"):
+        take(given)
+
+
+@pytest.mark.parametrize("q", [["0.5", "0.1"], ["0.5", 0.1], [True, False]])
+def test_text_and_bools_in_a_list_are_no_numbers(q: Any) -> None:
+    for take in (ARM.fk, lambda q: ARM.ik(T, near=q), ARM.track, lambda q: ARM.move(q, [0.0, 0.0])):
+        with pytest.raises(kinseek.KinseekError, match=r"got (text|bools), not numbers"):
+            take(q)
 
 
 def test_real_numbers_in_other_arrays_are_taken() -> None:

@@ -21,6 +21,7 @@ from kinseek.errors import InvalidGoal, InvalidRobot, suggest
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.poses import one_pose
 from kinseek.support.transforms import rotation, transform
+from kinseek.support.validation import as_float_array
 
 from .chain import Array, Frame, SerialChain
 from .joints import Joint, serial_chain
@@ -180,6 +181,6 @@ def _rigid(pose: Any, what: str) -> Array:
 
 def _numbers(values: object, what: str) -> Array:
     try:
-        return np.array(values, dtype=float)
+        return as_float_array(values)
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidRobot(f"{what}: expected numbers: {error}") from error

@@ -17,6 +17,9 @@ from .interrupts import chunks
 _NUMBERS = 2**20
 """Numbers that are copied at a time."""
 
+_KINDS = {"b": "bools", "U": "text", "S": "bytes", "M": "dates", "m": "durations", "V": "records"}
+"""Names of types of arrays that are not numbers."""
+
 NO_BOUND = 2**62
 """Default bound of integers, because kernels take 64-bit numbers. A message names it only if a value exceeds it."""
 
@@ -25,23 +28,27 @@ def as_float_array(values: Any) -> NDArray[np.float64]:
     """Make a new array of floats from values that can be converted without loss.
 
     Raises:
-        ValueError: Some values are not real, or masked; or not numbers. In the last case `numpy.array` raises, and it may
-            also raise a TypeError or an OverflowError.
+        ValueError: Some values are not real, or masked; or not numbers, which includes bools and numbers in quotes. NumPy
+            itself may also raise a TypeError or an OverflowError.
     """
-    if isinstance(values, np.ndarray):
-        if values.dtype.kind == "c" and (count := np.count_nonzero(values.imag)):
-            raise ValueError(
-                f"{count} of {values.size} numbers have an imaginary part; if they are real, use .real"
-            )
-        # Whether the type is plain is asked first: NumPy imports `ma`, which takes 7 ms, when its name is first read.
-        masked = type(values) is not np.ndarray and isinstance(values, np.ma.MaskedArray)
-        if masked and (count := np.count_nonzero(np.ma.getmaskarray(values))):
-            raise ValueError(
-                f"{count} of {values.size} numbers are masked; if they have values, use .filled(...)"
-            )
-        if values.dtype.kind == "c":
-            values = values.real
-    if not isinstance(values, np.ndarray) or values.size <= _NUMBERS or values.ndim == 0:
+    if not isinstance(values, np.ndarray):
+        values = np.array(values)  # Its type shows bools and text, which the conversion to floats accepts.
+    kind = values.dtype.kind
+    if kind not in "iufcO" and values.size:
+        raise ValueError(f"got {_KINDS.get(kind, values.dtype)}, not numbers")
+    if kind == "c" and (count := np.count_nonzero(values.imag)):
+        raise ValueError(
+            f"{count} of {values.size} numbers have an imaginary part; if they are real, use .real"
+        )
+    # Whether the type is plain is asked first: NumPy imports `ma`, which takes 7 ms, when its name is first read.
+    masked = type(values) is not np.ndarray and isinstance(values, np.ma.MaskedArray)
+    if masked and (count := np.count_nonzero(np.ma.getmaskarray(values))):
+        raise ValueError(
+            f"{count} of {values.size} numbers are masked; if they have values, use .filled(...)"
+        )
+    if kind == "c":
+        values = values.real
+    if values.size <= _NUMBERS or values.ndim == 0:
         return np.array(values, dtype=np.float64)
     # In C order, whatever the order of `values` is: their rows are then a view.
     copied = np.empty(values.shape, dtype=np.float64)
