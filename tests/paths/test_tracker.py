@@ -41,6 +41,11 @@ def test_a_circle_is_tracked(name: str) -> None:
         before = answer.q
 
 
+def test_a_tracker_shows_where_its_joints_are() -> None:
+    tracker = kinseek.load("planar2").track([0.25, -1], velocity=2.0)
+    assert repr(tracker) == "Tracker('planar2', period=0.002 s, q=[0.25, -1])"
+
+
 def test_a_jump_is_caught_up_with_and_no_joint_is_too_fast() -> None:
     arm = kinseek.load("ur5e")
     T = np.concatenate([circle(50), circle(400, 0.1), np.repeat(circle(1, 0.1), 300, axis=0)])

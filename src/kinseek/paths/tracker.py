@@ -219,6 +219,11 @@ class Tracker:
         self._prefer_speed = as_number("prefer_speed", prefer.speed, *TIMES, InvalidProblem)
         self.prefer(prefer.what)
 
+    def __repr__(self) -> str:
+        """The arm, the period and the joint values."""
+        values = ", ".join(f"{value:.4g}" for value in self.q)
+        return f"Tracker({self._mechanism.name!r}, period={self.period:g} s, q=[{values}])"
+
     @property
     def q(self) -> Array:
         """Current joint values, (n,), [rad] or [m]."""
