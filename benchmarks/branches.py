@@ -47,7 +47,7 @@ from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 from .command import at_least_one, command
 from .field.adapters import adapter, path_of
-from .field.judge import bundled
+from .field.protocol import Arm as ArmOfField
 from .page import Page, Row, share
 from .targets import Array, plain_fk, random_joints, singular_joints, strict
 from .timing import batch_cost, timed
@@ -119,10 +119,19 @@ def apart(a: Array, b: Array) -> Array:
 def eaik(arm: kinseek.Arm) -> Callable[[Array], Array]:
     """All of EAIK's exact answers inside the limits, (k, n), as a function of the target.
 
+    It gets the axes of the arm as it is given: maps, for example, turn the base of an arm.
+
     Raises:
         ImportError: EAIK is not installed.
     """
-    solve: Any = adapter(path_of("eaik")).load(bundled(arm.name).arm, {})
+    chain, frames = arm.chain, [np.eye(4)]
+    for fixed in chain.fixed:
+        frames.append(frames[-1] @ np.vstack([fixed, [0.0, 0.0, 0.0, 1.0]]))
+    at_zero = np.array(frames[1:])
+    axes, points = at_zero[:-1, :3, 2] * chain.multiplier[:, None], at_zero[:-1, :3, 3]
+    names = arm.name, "", arm.base, arm.tip, tuple(arm.joint_names), tuple(arm.kinds)
+    asked = ArmOfField(*names, arm.lower, arm.upper, axes, points, home=at_zero[-1], follows=False)
+    solve: Any = adapter(path_of("eaik")).load(asked, {})
     return lambda target: np.array(solve.branches(target)).reshape(-1, arm.dof).clip(arm.lower, arm.upper)
 
 

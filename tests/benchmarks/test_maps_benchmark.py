@@ -7,9 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import kinseek
-from benchmarks.maps.cells import drawn, grid_around, inside, rings_around
+from benchmarks.branches import eaik
+from benchmarks.maps.cells import drawn, grid_around, inside, rings_around, work_of
 from benchmarks.maps.certainty import two_phases
 from benchmarks.maps.sampled import Table, filled, seeded
+from kinseek.maps.block import BlockScratch
 
 pytest.importorskip("xarray")
 
@@ -49,6 +51,14 @@ def test_a_table_that_is_filled_knows_what_fills_it() -> None:
 def test_the_seeded_solver_finds_most_and_nothing_out_of_reach() -> None:
     assert seeded(UR5E, UR5E.fk(UR5E.sample(200, seed=3))).mean() > 0.8
     assert not seeded(UR5E, np.array([kinseek.pose([1.3, 0.0, 0.3])])).any()
+
+
+def test_the_judge_of_cells_that_are_proved_empty_is_asked_about_the_arm_of_the_rings() -> None:
+    pytest.importorskip("eaik")
+    arm = BlockScratch(work_of(UR5E, rings_around(UR5E, 0.1, 576))).arm
+    assert np.abs(arm.fk(np.zeros(6)) - UR5E.fk(np.zeros(6))).max() > 0.1
+    solve, T = eaik(arm), arm.fk(arm.sample(100, seed=4))
+    assert all(len(solve(pose)) for pose in T)
 
 
 @pytest.mark.parametrize("make", [grid_around, rings_around])
