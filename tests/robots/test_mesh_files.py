@@ -583,3 +583,37 @@ def test_a_long_chain_of_nodes_is_refused(tmp_path: Path) -> None:
     assert len(read(tmp_path, "glb", chain(20))) == 21
     with pytest.raises(InvalidRobot, match="steps from its nodes to the root"):
         read(tmp_path, "glb", chain(2000), 2**20)
+
+
+WITHOUT_MANIFOLD = """
+import sys
+
+import kinseek
+from kinseek.collision import Mesh
+from kinseek.viewer.meshes import meshes_of
+
+if "viewer" in sys.argv:
+    assert not meshes_of(kinseek.load("arm.urdf").chain).missing
+else:
+    assert len(Mesh.read("a.stl").faces) == 12
+print("trimesh" in sys.modules)
+import manifold3d
+"""
+
+
+@pytest.mark.parametrize("who", ["viewer", "scene"])
+def test_trimesh_does_not_import_manifold3d(who: str, tmp_path: Path) -> None:
+    """Its wheels look for libraries in a folder below /tmp, where another user can put them."""
+    trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / "a.stl")
+    robot_of(tmp_path, '<mesh filename="a.stl"/>')
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "manifold3d.py").write_text("print('imported')\n", encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", WITHOUT_MANIFOLD, who],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(tmp_path / "other")},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "True\nimported\n"

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.errors import InvalidRobot, InvalidScene
+from kinseek.errors import InvalidRobot, InvalidScene, MissingExtra
 from kinseek.support.interrupts import uninterrupted
 from kinseek.support.lazy import Lazy, lazy
 from kinseek.support.validation import as_float_array
@@ -297,9 +297,12 @@ class Mesh(Shape):
                 budget allows, or has no triangles; or `simplify` is not a length.
             MissingExtra: trimesh is not installed.
         """
-        library("trimesh")
-        from kinseek.robots.meshes import mesh_parts
+        from kinseek.robots.meshes import import_trimesh, mesh_parts
 
+        try:
+            import_trimesh()
+        except ImportError:
+            raise MissingExtra("A scene with collisions", "collision") from None
         try:
             parts = mesh_parts(file_path(path), MOST_BYTES, budget=budget)
         except InvalidRobot as error:

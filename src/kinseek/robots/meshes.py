@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ def mesh_parts(path: Path, most: int = MOST_MESH, *, budget: Budget | None = Non
 
 def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> list[Any]:
     """Check a mesh and read it, as `mesh_parts` does."""
-    _import_trimesh()
+    import_trimesh()
 
     def take(size: Size) -> None:
         budget.take(size._replace(bodies=max(size.bodies, LEAST_BODIES)))
@@ -86,16 +87,37 @@ def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> lis
     return parts
 
 
-def _import_trimesh() -> None:
-    """Import trimesh before it is used here: a forked child could not finish an import that another thread has begun."""
-    with importing:
+def import_trimesh() -> Any:
+    """Import trimesh before it is used: a forked child could not finish an import that another thread has begun.
+
+    trimesh would import manifold3d, if it is installed, for operations that kinseek does not use. Wheels of manifold3d name
+    the temporary folder of their build as the first place of their libraries: another user can put code there.
+
+    Raises:
+        ImportError: It is not installed.
+    """
+    with importing, _without("manifold3d"):
         import logging
 
-        import trimesh  # noqa: F401
+        import trimesh
     # Without any handler, Python would print trimesh's log messages about files, with tracebacks.
     log = logging.getLogger("trimesh")
     if not log.handlers:
         log.addHandler(logging.NullHandler())
+    return trimesh
+
+
+@contextmanager
+def _without(name: str) -> Iterator[None]:
+    """Let Python find no module of a name, unless it is imported already."""
+    known = name in sys.modules
+    if not known:
+        sys.modules[name] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        if not known:
+            sys.modules.pop(name, None)
 
 
 def _of_scene(

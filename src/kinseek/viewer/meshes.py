@@ -14,7 +14,7 @@ from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.robots.chain import Frame, SerialChain
 from kinseek.robots.mesh_files import Budget, Size
-from kinseek.robots.meshes import mesh_parts
+from kinseek.robots.meshes import import_trimesh, mesh_parts
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf_file import Robot, numbers_of, origin_of, read_robot
 
@@ -122,7 +122,7 @@ def _shapes(
     budget: Budget,
 ) -> Iterator[Any]:
     """Yield the triangles of one visual in the frame of its link."""
-    import trimesh
+    trimesh = import_trimesh()
 
     shape = visual.find("geometry")
     shape = None if shape is None else next(iter(shape), None)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.kernels.arm.forward import forward_many
+from kinseek.robots.meshes import import_trimesh
 from kinseek.support.transforms import from_quaternion, quaternion, square, transform
 
 from .bodies import HIT, Bodies
@@ -57,8 +58,7 @@ class Poses:
         opacity: float | None,
     ) -> None:
         """Make space for `count` poses; they are invisible until they are set."""
-        import trimesh
-
+        trimesh = import_trimesh()
         self._figure, self._count = figure, count
         self._each = figure.links + figure.joints
         rod = trimesh.creation.cylinder(1.0, 1.0, sections=24 if opacity is None else 8)
