@@ -133,6 +133,12 @@ def test_a_package_that_another_user_planted_is_not_used(
     # A shared folder that only a group can write to is not such a folder, and neither are the owner's own files.
     shared.chmod(0o775)
     assert (read(path).upper[0], mesh_path(mesh, path, {})) == (1.0, shared / "pack" / "a.stl")
+    # In a sticky one they cannot change the user's own files, and could only plant a package above these.
+    shared.chmod(0o1775)
+    assert mesh_path(mesh, path, {}) == real / "a.stl"
+    monkeypatch.delenv("ROS_PACKAGE_PATH")
+    with pytest.raises(InvalidRobot, match="package 'pack' is not found"):
+        read(path)
     shared.chmod(0o1777)
     os.chown(path, 65534, 65534)
     assert (read(path).upper[0], mesh_path(mesh, path, {})) == (1.0, shared / "pack" / "a.stl")

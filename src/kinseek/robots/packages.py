@@ -74,7 +74,8 @@ def is_planted(entry: Path, robot: Path) -> bool:
     """Return whether another user may have put an entry into a folder above a robot's file, or may do so at any moment.
 
     In a folder like ``/tmp`` everyone can make a package of any name. What the user, root or the owner of the file has made
-    there is accepted. What is not there is not: another user could make it between this check and its use.
+    there is accepted. What is not there is not: another user could make it between this check and its use. A sticky
+    folder of a group is treated alike. In its other folders, members of a group can replace the files of each other anyway.
 
     Args:
         entry: A file or folder.
@@ -83,7 +84,8 @@ def is_planted(entry: Path, robot: Path) -> bool:
     if not hasattr(os, "geteuid"):
         return False
     try:
-        if not entry.parent.stat().st_mode & stat.S_IWOTH:
+        mode = entry.parent.stat().st_mode
+        if not mode & stat.S_IWOTH and not (mode & stat.S_IWGRP and mode & stat.S_ISVTX):
             return False
         known = {0, os.geteuid(), *([robot.stat().st_uid] if robot.exists() else [])}  # It may be a text.
         return entry.lstat().st_uid not in known
