@@ -84,6 +84,18 @@ def test_a_file_that_is_replaced_runs_as_nobody(tmp_path: Path) -> None:
         assert os.fstat(file.fileno()).st_mode & 0o7777 == 0o777
 
 
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives files away")
+def test_another_user_who_made_the_file_first_cannot_write_to_it(tmp_path: Path) -> None:
+    """In a folder like /tmp anybody can make a file with the name of a program that root saves."""
+    path = tmp_path / "q.csv"
+    path.touch()
+    path.chmod(0o666)
+    os.chown(path, 65534, 65534)
+    with whole_file(path) as file:
+        assert os.fstat(file.fileno()).st_mode & 0o777 == 0o644
+    assert (path.stat().st_uid, path.stat().st_mode & 0o777) == (0, 0o644)
+
+
 @pytest.mark.skipif(os.name == "nt", reason="needs POSIX permissions")
 def test_permissions_of_no_other_file_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, private = tmp_path / "q.csv", tmp_path / "key"

@@ -11,6 +11,8 @@ from typing import BinaryIO
 
 from kinseek.errors import InvalidProblem
 
+from .private import OTHERS_WRITE
+
 
 def output_path(path: Path, what: str) -> Path:
     """Return the path of an output file, with links resolved.
@@ -35,7 +37,8 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file that replaces `path` when it is complete; until then, and after a failure, nothing is changed.
 
     An existing file keeps its permissions: who may not read it may not read what replaces it either. It does not keep
-    set-user-ID and set-group-ID bits, because another user may have made it.
+    set-user-ID and set-group-ID bits, because another user may have made it. If another user has made it, only this user may
+    write to the new one.
 
     Args:
         path: A path from `output_path`.
@@ -47,7 +50,7 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     # Process ids repeat in containers, and a process that was killed leaves its file.
     part = path.with_name(f".{uuid.uuid4().hex}.part")
     try:
-        mode = path.stat().st_mode & 0o777 if path.exists() else None
+        mode = _kept_mode(path.stat()) if path.exists() else None
         first = 0o666 if mode is None else mode  # Nobody opens it in between who may not read it later.
         file = open(part, "xb", opener=lambda name, flags: os.open(name, flags, first))  # noqa: SIM115  # Closed below.
         try:
@@ -63,3 +66,9 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     except OSError as error:
         reason = error.strerror or error
         raise InvalidProblem(f"cannot write {str(path)!r}: {reason}; nothing was written") from None
+
+
+def _kept_mode(status: os.stat_result) -> int:
+    """Return the permissions of a file that it leaves to the one that replaces it."""
+    own = not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
+    return status.st_mode & (0o777 if own else 0o777 & ~OTHERS_WRITE)
