@@ -22,6 +22,13 @@ def score(arm: kinseek.Arm, target: Array, q: Array, order: str) -> float:
     return float(scores(Problem(arm.chain, Goal.pose(target)), q[None], order, None)[0])
 
 
+def test_an_order_without_a_measure_is_an_error() -> None:
+    """Not the order by the middle of the ranges under another name."""
+    arm = kinseek.load("ur5e")
+    with pytest.raises(KeyError):
+        score(arm, arm.fk(np.zeros(6)), np.zeros(6), "new")
+
+
 @pytest.mark.parametrize("order", ORDERS)
 def test_six_joints_take_the_best_branch(order: Order) -> None:
     arm = kinseek.load("ur5e")

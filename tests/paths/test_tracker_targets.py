@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, InvalidProblem, TrackStatus
+from kinseek.branches.order import ORDERS, Order
 from ros_messages import Point, Pose, Quaternion
 
 Array = NDArray[np.float64]
@@ -153,9 +154,7 @@ def test_wrong_targets_are_refused() -> None:
 @pytest.mark.parametrize(
     "prefer",
     [
-        "mid-range",
-        "limits",
-        "dexterity",
+        *ORDERS,
         {"arm_angle": 0.6},
         list(PANDA + np.array([0.5, 0, -0.5, 0, 0.3, 0, 0])),
     ],
@@ -173,15 +172,28 @@ def test_a_redundant_arm_drifts_to_what_it_prefers(prefer: Any) -> None:
     assert 1e-3 < moved <= 0.3 * 1.02, "the drift is no faster than allowed, up to its curvature"
     away = (q - (arm.lower + arm.upper) / 2) / (arm.upper - arm.lower)
     J = arm.jacobian(q)
-    before, after = {
+    costs = {
         "mid-range": np.linalg.norm(away, axis=1),
         "limits": (away**4).sum(axis=1),
         "dexterity": -np.linalg.det(J @ np.swapaxes(J, 1, 2)),
-    }.get(prefer if isinstance(prefer, str) else "", np.ones(2) * [1, 0])
-    assert after < before
-    if isinstance(prefer, dict):
+    }
+    if isinstance(prefer, str):
+        before, after = costs[prefer]
+        assert after < before
+    elif isinstance(prefer, list):
+        assert np.abs(step.q - prefer).sum() < np.abs(start - prefer).sum()
+    else:
         solution = arm.ik(arm.fk(step.q), near=step.q)
         assert abs(solution.configuration["arm_angle"] - 0.6) < 1e-2
+
+
+def test_an_order_that_no_drift_follows_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not the drift to the middle of the ranges under another name."""
+    monkeypatch.setattr("kinseek.paths.drift.ORDERS", (*ORDERS, "new"))
+    arm, new = kinseek.load("panda"), cast("Order", "new")
+    tracker = arm.track(PANDA, **LIMITS, prefer=new)
+    with pytest.raises(AssertionError, match="unreachable"):
+        tracker.step(arm.fk(PANDA))
 
 
 def test_preferences_change_on_the_way_and_wrong_ones_are_refused() -> None:

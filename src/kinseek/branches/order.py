@@ -69,14 +69,26 @@ def scores(problem: Problem, q: Array, order: str, cost: Cost | None) -> Array:
         turning = np.array(chain.kinds) == "continuous"
         gap = np.where(turning, shortest(gap), gap)
         return np.asarray(np.linalg.norm(gap, axis=-1))
-    if order == "dexterity":
-        return -manipulability(problem, q)
-    half = np.maximum((chain.upper - chain.lower) / 2, 1e-12)
-    away = (q - (chain.lower + chain.upper) / 2) / half
-    if order == "limits":
-        limited = np.array(chain.kinds) != "continuous"
-        return np.asarray(np.abs(away[..., limited]).max(axis=-1, initial=0.0))
-    return np.asarray(np.linalg.norm(away, axis=-1))
+    return _MEASURES[order](problem, q)
+
+
+def _from_mid_range(problem: Problem, q: Array) -> Array:
+    return np.asarray(np.linalg.norm(_away(problem, q), axis=-1))
+
+
+def _towards_limits(problem: Problem, q: Array) -> Array:
+    limited = np.array(problem.chain.kinds) != "continuous"
+    return np.asarray(np.abs(_away(problem, q)[..., limited]).max(axis=-1, initial=0.0))
+
+
+def _away(problem: Problem, q: Array) -> Array:
+    """Return how far joints are from the middle of their ranges, in halves of these, (..., n)."""
+    lower, upper = problem.chain.lower, problem.chain.upper
+    return np.asarray((q - (lower + upper) / 2) / np.maximum((upper - lower) / 2, 1e-12))
+
+
+def _without_dexterity(problem: Problem, q: Array) -> Array:
+    return -manipulability(problem, q)
 
 
 def manipulability(problem: Problem, q: Array) -> Array:
@@ -90,6 +102,14 @@ def manipulability(problem: Problem, q: Array) -> Array:
         problem = Problem(problem.mechanism, rigid)
     values = np.linalg.svd(constraint_jacobian(problem, q), compute_uv=False)
     return np.asarray(values[:, : problem.chain.dof - index_of(problem).freedom].prod(axis=1))
+
+
+_MEASURES: dict[str, Callable[[Problem, Array], Array]] = {
+    "mid-range": _from_mid_range,
+    "limits": _towards_limits,
+    "dexterity": _without_dexterity,
+}
+"""Cost of each solution by each of the `ORDERS`, (k, n) -> (k,)."""
 
 
 def cost_of(cost: Cost, q: Array) -> Array:

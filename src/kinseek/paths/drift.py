@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, assert_never
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import index_of
-from kinseek.branches.order import ORDERS, manipulability
+from kinseek.branches.order import ORDERS, Order, manipulability
 from kinseek.derivatives import constraint_jacobian
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.postures import ARM_ANGLE, PostureRequest, read_posture
@@ -62,7 +62,7 @@ class Drift:
         """
         self._problem, self._speed = problem, speed
         self._posture: PostureRequest | None = None
-        self._rule: str
+        self._order: Order | None = None
         chain = problem.chain
         self._age, self._aim, self._velocity = np.inf, np.zeros(chain.dof), np.zeros(chain.dof)
         self._ends = np.array(chain.kinds) != "continuous"
@@ -76,15 +76,14 @@ class Drift:
         if isinstance(prefer, str):
             if prefer not in ORDERS:
                 raise InvalidProblem(suggest(prefer, ORDERS, "preference"))
-            self._rule = prefer
+            self._order = prefer
         elif isinstance(prefer, Mapping) and set(prefer) == {ARM_ANGLE}:
-            self._rule, self._posture = ARM_ANGLE, read_posture(problem.mechanism, prefer)
+            self._posture = read_posture(problem.mechanism, prefer)
         else:
             if isinstance(prefer, Mapping) and ARM_ANGLE in prefer:
                 raise InvalidProblem(
                     f"prefer= of a tracker takes {ARM_ANGLE!r} alone, got {', '.join(map(str, prefer))}"
                 )
-            self._rule = "posture"
             self._middle = as_joints(problem.mechanism, prefer, "prefer")
             if self._middle.shape != (chain.dof,):
                 raise InvalidProblem(
@@ -115,16 +114,20 @@ class Drift:
         return np.asarray(still @ self._gradient(q))
 
     def _gradient(self, q: Array) -> Array:
-        if self._rule == "dexterity":
-            steps = SMALL * np.eye(len(q))
-            with np.errstate(divide="ignore"):
-                values = np.log(manipulability(self._problem, q + np.concatenate([steps, -steps])))
-            gradient = (values[: len(q)] - values[len(q) :]) / (2.0 * SMALL)
-            gradient[~np.isfinite(gradient)] = 0.0
-            return self._speed * gradient
         away = q - self._middle
-        if self._rule == "posture":
-            return -np.where(self._ends, away, shortest(away)) / APPROACH
-        if self._rule == "limits":
-            return -self._speed * np.where(self._ends, away / self._half, 0.0) ** 3
-        return -np.where(self._ends, away, 0.0) / APPROACH
+        match self._order:
+            case "dexterity":
+                steps = SMALL * np.eye(len(q))
+                with np.errstate(divide="ignore"):
+                    values = np.log(manipulability(self._problem, q + np.concatenate([steps, -steps])))
+                gradient = (values[: len(q)] - values[len(q) :]) / (2.0 * SMALL)
+                gradient[~np.isfinite(gradient)] = 0.0
+                return self._speed * gradient
+            case "limits":
+                return -self._speed * np.where(self._ends, away / self._half, 0.0) ** 3
+            case "mid-range":
+                return -np.where(self._ends, away, 0.0) / APPROACH
+            case None:  # To joint values.
+                return -np.where(self._ends, away, shortest(away)) / APPROACH
+            case _:
+                assert_never(self._order)
