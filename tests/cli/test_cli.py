@@ -13,6 +13,7 @@ import pytest
 
 import kinseek
 from command_line import CommandLine
+from kinseek.branches.order import ORDERS
 from kinseek.cli.searches import make_search, parameters, searches
 from kinseek.cli.words import join_lists
 from kinseek.kernels.backend import describe_backend
@@ -231,7 +232,7 @@ def test_all_answers_proved(cli: CommandLine) -> None:
     assert "0 solutions" in cli("solve planar2 --at 5 0 0 --position-only --all", code=1).out
 
 
-@pytest.mark.parametrize("order", ["mid-range", "limits", "dexterity"])
+@pytest.mark.parametrize("order", ORDERS)
 def test_the_preferred_answer(cli: CommandLine, order: Any) -> None:
     expected = kinseek.load("ur5e").branches(DOWN_POSE, order=order)
     assert np.allclose(cli(DOWN, "--json --prefer", order).facts["q"], expected.q[0], atol=1e-9)

@@ -314,7 +314,7 @@ def call_branches(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
     """Every answer."""
     goal = goal_of(rng, arm, scale, None)
     near = near_of(rng, arm, None) if rng.random() < 0.4 else None
-    order = "mid-range" if near is not None else ORDERS[rng.integers(3)]
+    order = "mid-range" if near is not None else ORDERS[rng.integers(len(ORDERS))]
     count = None if rng.random() < 0.5 else int(rng.integers(1, 60))
     copies = bool(rng.random() < 0.1)
     found: Any = arm.branches(goal, near=near, order=order, count=count, copies=copies)
@@ -328,7 +328,7 @@ def call_prefer(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
     goal = goal_of(rng, arm, scale, None)
     choice = rng.integers(3)
     if choice == 0:
-        wish: dict[str, Any] = {"prefer": str(rng.choice(["mid-range", "limits", "dexterity"]))}
+        wish: dict[str, Any] = {"prefer": str(rng.choice(ORDERS))}
     elif choice == 1:
         wish = {"cost": lambda q: np.abs(q).sum(axis=1)}
     else:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
-from kinseek.branches.order import Preferred
+from kinseek.branches.order import ORDERS, Preferred
 from kinseek.branches.result import Branches, BranchesBatch
 from kinseek.collision import Scene
 from kinseek.errors import InvalidProblem
@@ -78,7 +78,7 @@ class SolveRequest:
         if isinstance(self.prefer, Mapping):
             raise InvalidProblem(
                 "--prefer NAME=VALUE chooses one solution by its posture; it cannot be combined with --all, which prints "
-                "every one. Valid with --all: --prefer mid-range, limits or dexterity"
+                f"every one. Valid with --all: --prefer {', '.join(ORDERS[:-1])} or {ORDERS[-1]}"
             )
         order: dict[str, Any] = {} if self.prefer is None else {"order": self.prefer}
         return self.arm.branches(

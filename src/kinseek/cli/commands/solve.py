@@ -9,6 +9,7 @@ from typing import Any, cast
 import click
 
 from kinseek.arm import Arm
+from kinseek.branches.order import ORDERS
 from kinseek.branches.result import Branches
 from kinseek.cli import report
 from kinseek.cli.batch import solve_file
@@ -86,7 +87,7 @@ _MANY = "Many poses"
 @option(
     "--prefer",
     metavar="WORD",
-    shell_complete=complete(lambda: ("mid-range", "limits", "dexterity", "elbow=up", "elbow=down")),
+    shell_complete=complete(lambda: (*ORDERS, "elbow=up", "elbow=down")),
     group=_WHICH,
     help="The best of all solutions: mid-range (nearest to the middle of the limits), limits (farthest from them) or "
     "dexterity (farthest from singular); or a posture such as elbow=up,wrist=flip or arm_angle=0.5, rad.",
