@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import kinseek
-from kinseek.timing.formats import save
+from kinseek.timing.formats import ENDINGS, LANGUAGES, save
 from kinseek.timing.languages import KRL, SERVOJ, Language
 from stand_in import HOSTILE, arm_with, smooth
 
@@ -23,6 +23,11 @@ PROGRAMS = [
     ("seam.src", "krl", 0.5),
     ("seam.mod", "rapid", 0.5),
 ]
+
+
+def test_every_language_and_ending_is_tested() -> None:
+    assert {language for _, language, _ in PROGRAMS} == set(LANGUAGES)
+    assert {Path(file).suffix for file, *_ in PROGRAMS} == set(ENDINGS) == set(COMMENTS)
 
 
 def written(folder: Path, file: str, trajectory: Any, *args: Any, **options: Any) -> str:
@@ -263,7 +268,7 @@ def test_a_joint_without_a_limit_has_the_default_acceleration(tmp_path: Path) ->
 def test_a_motion_without_a_way(tmp_path: Path) -> None:
     trajectory = smooth()
     trajectory.end = trajectory.start.copy()
-    for language in ("servoj", "movej", "movel", "krl", "rapid"):
+    for language in LANGUAGES:
         text = written(tmp_path, "seam.txt", trajectory, 0.5, language=language)
         assert "nan" not in text
         assert "inf" not in text
