@@ -13,10 +13,11 @@ import kinseek
 from bad_urdf import BAD_FILES
 from command_line import CommandLine
 from kinseek.robots import catalog_names, read_urdf, soundness
-from kinseek.robots.checks import Severity
+from kinseek.robots.checks import CHECKS, Refuses, Severity, findings
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.soundness import Finding, check
 from kinseek.robots.urdf_file import Robot
+from kinseek.robots.xml_files import root_element
 from places import SHARED
 from robot_files import XACRO, joint, robot, write
 
@@ -147,6 +148,15 @@ FAULTS = {
 def checked(folder: Path, text: str) -> list[Finding]:
     """What is found in a file of this text."""
     return check(write(folder, "r.urdf", text)).findings
+
+
+def test_every_check_is_of_something() -> None:
+    """Arms are refused for their joints alone, so such a check is of a joint."""
+    assert {check.of for check in CHECKS} == {"robot", "link", "joint"}
+    assert {check.of for check in CHECKS if check.refuses is Refuses.ARM} == {"joint"}
+    robot = Robot(root_element(SOUND.encode(), "r.urdf"), "r.urdf")
+    with pytest.raises(KeyError):
+        list(findings(CHECKS[0]._replace(of="links"), robot))  # type: ignore[arg-type]
 
 
 def test_a_sound_file(tmp_path: Path, cli: CommandLine) -> None:

@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from enum import Enum
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -80,7 +80,7 @@ class Refuses(Enum):
     NOTHING = 0
     FILE = 1
     ARM = 2
-    """Arms that have the joint between base and tip."""
+    """Arms that have the joint between base and tip; for checks of joints alone."""
 
 
 # The whole file
@@ -401,7 +401,7 @@ def nearly_a_turn(joint: UrdfJoint) -> Iterator[str]:
 class Check(NamedTuple):
     """One check, and what its findings mean."""
 
-    of: str
+    of: Literal["robot", "link", "joint"]
     """What it examines: the ``"robot"``, each ``"link"`` or each ``"joint"``."""
     find: Callable[[Any], Iterator[Any]]
     severity: Severity
@@ -448,8 +448,9 @@ def findings(check: Check, robot: Robot) -> Found:
     """Yield what a check finds in a robot: the part, and a sentence."""
     if check.of == "robot":
         yield from check.find(robot)
+        return
     parts: dict[str, list[Any]] = {"link": robot.links, "joint": robot.joints}
-    for each in parts.get(check.of, []):
+    for each in parts[check.of]:
         yield from ((each.part, f"{each.part}{what}") for what in check.find(each))
 
 
