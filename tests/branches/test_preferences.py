@@ -30,6 +30,18 @@ def test_an_order_without_a_measure_is_an_error() -> None:
 
 
 @pytest.mark.parametrize("order", ORDERS)
+def test_the_place_of_an_order_in_the_list_means_nothing(
+    order: Order, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = kinseek.load("ur5e")
+    targets = plain_fk(arm.chain, random_joints(arm.chain, 20, 43))
+    before = arm.branches(targets, order=order).q
+    for module in ("find", "prefer"):
+        monkeypatch.setattr(f"kinseek.branches.{module}.ORDERS", (order, *ORDERS))
+    np.testing.assert_array_equal(arm.branches(targets, order=order).q, before)
+
+
+@pytest.mark.parametrize("order", ORDERS)
 def test_six_joints_take_the_best_branch(order: Order) -> None:
     arm = kinseek.load("ur5e")
     for target in plain_fk(arm.chain, random_joints(arm.chain, 20, 41)):

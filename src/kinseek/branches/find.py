@@ -26,7 +26,7 @@ from kinseek.support.validation import as_integer
 from kinseek.virtual_joints import extended
 
 from .index import SAMPLE_SIZE, BranchIndex, index_of
-from .order import ORDERS, Cost, Selection, scores, which_valid
+from .order import DEFAULT, ORDERS, Cost, Selection, scores, which_valid
 from .result import Branches, BranchesBatch, OfEachGoal, late_branches, solutions_of
 
 MOST = 100_000
@@ -214,7 +214,7 @@ def _given(problem: Problem, order: str, cost: Cost | None) -> list[tuple[str, b
     return [
         ("near", problem.near is not None),
         ("cost", cost is not None),
-        (f"order={order!r}", order != "mid-range"),
+        (f"order={order!r}", order != DEFAULT),
     ]
 
 
@@ -305,7 +305,7 @@ def _chosen(found: Branches, selection: Selection, sort: bool) -> Branches:
         q = full_turn_copies(problem.chain, q)
         errors = problem.errors_of(q)
     place = np.arange(len(q))
-    if sort or selection.copies or selection.cost is not None or selection.order != ORDERS[0]:
+    if sort or selection.copies or selection.cost is not None or selection.order != DEFAULT:
         place = np.argsort(scores(problem, q, selection.order, selection.cost), kind="stable")
     rejected = 0
     if selection.valid is not None:

@@ -34,6 +34,9 @@ Order = Literal["mid-range", "limits", "dexterity"]
 
 ORDERS: tuple[Order, ...] = get_args(Order)
 
+DEFAULT: Order = "mid-range"
+"""Order in which the kernels return solutions."""
+
 
 Preferred = Order | Mapping[str, Any]
 """Preferred solution of `Arm.ik`: the first by a criterion, or one with a posture."""
@@ -43,7 +46,7 @@ Preferred = Order | Mapping[str, Any]
 class Selection:
     """Which solutions are requested, and in which order; see `Arm.branches`."""
 
-    order: str = "mid-range"
+    order: str = DEFAULT
     cost: Cost | None = None
     valid: Valid | None = None
     copies: bool = False
@@ -54,7 +57,7 @@ class Selection:
     def as_found(self) -> bool:
         """Return whether solutions are requested as the kernels find and sort them."""
         needs_choice = self.cost is not None or self.valid is not None or self.copies or self.prove
-        return self.order == "mid-range" and not needs_choice
+        return self.order == DEFAULT and not needs_choice
 
 
 def scores(problem: Problem, q: Array, order: str, cost: Cost | None) -> Array:

@@ -23,7 +23,7 @@ from kinseek.virtual_joints import extended
 from .at_arm_angle import walk_to_arm_angle
 from .find import LAST, SEARCHING, branches_of, full_turn_copies
 from .index import BranchIndex, index_of
-from .order import ORDERS, Cost, Preferred, Selection, Valid, is_valid, scores
+from .order import DEFAULT, ORDERS, Cost, Preferred, Selection, Valid, is_valid, scores
 from .result import Branches, BranchesBatch
 
 _SLIDERS = 3
@@ -80,7 +80,7 @@ def preference_of(problem: Problem, prefer: Preferred | None, cost: Cost | None)
         raise InvalidProblem(
             f"{' and '.join(chosen)} cannot be combined, since each sets the order; give one of them"
         )
-    return Preference(order or ORDERS[0], cost, posture)
+    return Preference(order or DEFAULT, cost, posture)
 
 
 def preferred(
