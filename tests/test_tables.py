@@ -32,11 +32,11 @@ def test_a_solution_as_a_data_frame() -> None:
     assert table["status"].value_counts().to_dict() == {"SOLVED": 29, "INVALID": 1}
     assert (table.dtypes["success"], table.dtypes["evaluations"]) == (np.dtype(bool), np.dtype(np.int64))
     one = UR5E.ik(TARGETS[0]).to_frame()
-    assert (one.shape, one["status"][0]) == ((1, 12), "SOLVED")
+    assert (one.shape, one["status"][0]) == ((1, 6 + len(FACTS)), "SOLVED")
     grid = UR5E.ik(TARGETS.reshape(5, 6, 4, 4)).to_frame()
     assert isinstance(grid.index, pd.MultiIndex)
     assert grid.loc[(1, 2), "elbow_joint"] == UR5E.ik(TARGETS.reshape(5, 6, 4, 4)).q[1, 2, 2]
-    assert UR5E.ik(np.zeros((0, 4, 4))).to_frame().shape == (0, 12)
+    assert UR5E.ik(np.zeros((0, 4, 4))).to_frame().shape == (0, 6 + len(FACTS))
 
 
 def test_branches_as_a_data_frame() -> None:

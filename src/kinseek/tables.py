@@ -150,7 +150,7 @@ def solution_table(solution: Any, in_scene: bool = False) -> Table:
         "success": np.ravel(solution.success),
         "status": np.array([status.name for status in _objects(solution.status)], dtype=str),
         "position_error": np.ravel(solution.position_error),
-        "orientation_error": _turns(solution.problem, solution.orientation_error),
+        "orientation_error": _orientation_errors(solution.problem, solution.orientation_error),
         "weighted_error": np.ravel(solution.weighted_error),
         "evaluations": np.ravel(solution.evaluations),
     }
@@ -184,7 +184,7 @@ def branches_batch_table(batch: Any) -> Table:
 def _branches_columns(branches: Any, problem: Any) -> dict[str, Column]:
     return {
         "position_error": branches.position_error,
-        "orientation_error": _turns(problem, branches.orientation_error),
+        "orientation_error": _orientation_errors(problem, branches.orientation_error),
     }
 
 
@@ -195,14 +195,14 @@ def path_table(path: Any) -> Table:
     columns = {
         "reached": path.reached,
         "position_error": path.position_error,
-        "orientation_error": _turns(path.problem, path.orientation_error),
+        "orientation_error": _orientation_errors(path.problem, path.orientation_error),
         "break_after": breaks,
         **({"proved_after": np.append(path.proved, False)[: len(path)]} if path.proof is not None else {}),
     }
     return Table(path.problem.mechanism.joint_names, path.q, columns, {"pose": np.arange(len(path))})
 
 
-def _turns(problem: Any, error: Any) -> Column:
+def _orientation_errors(problem: Any, error: Any) -> Column:
     """Return orientation errors, or NaN if the goal has no orientation."""
     return np.ravel(error) if problem.goal.form.columns else np.full(np.size(error), np.nan)
 

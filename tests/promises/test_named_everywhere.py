@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import click
+import numpy as np
 import pytest
 
 import kinseek
 from kinseek.branches.order import ORDERS
 from kinseek.cli.commands import follow, solve
+from kinseek.tables import branches_table, path_table, solution_table
 from kinseek.timing.formats import ENDINGS, LANGUAGES
 from kinseek.timing.trajectory import Trajectory
 from places import ROOT
@@ -50,6 +52,18 @@ def test_pages_name_every_order(name: str) -> None:
 def test_the_command_line_names_every_order() -> None:
     assert missing(ORDERS, help_of(solve.command, "--prefer")) == []
     assert missing((f"`{each}`" for each in ORDERS), page("command_line.md")) == []
+
+
+def test_the_command_line_names_every_column() -> None:
+    arm = kinseek.load("ur5e")
+    T = arm.fk(np.ones(6))
+    tables = [
+        solution_table(arm.ik(T), in_scene=True),
+        branches_table(arm.branches(T)),
+        path_table(arm.follow(T[None], prove=True)),
+    ]
+    for table in tables:
+        assert missing((f"`{name}`" for name in table.columns), page("command_line.md")) == []
 
 
 def test_programs_of_controllers_are_named() -> None:
