@@ -733,7 +733,7 @@ class Arm(ForwardArm):
         """
         if unknown:
             raise unknown_argument(Arm.track, unknown)
-        from .paths.drift import Preference
+        from .paths.drift import DriftOptions
         from .paths.limited import Around
         from .paths.tracker import Tracker
 
@@ -745,7 +745,7 @@ class Arm(ForwardArm):
             recover,
             goal,
             Around(scene, self._clearance(scene, clearance)),
-            Preference(prefer, prefer_speed),
+            DriftOptions(prefer, prefer_speed),
         )
         warn_of_period(tracker.period, 2)
         return tracker

@@ -34,8 +34,8 @@ SMALL = 1e-4
 """Step of the differences for the gradient of the dexterity [rad] or [m]."""
 
 
-class Preference(NamedTuple):
-    """What a redundant arm prefers."""
+class DriftOptions(NamedTuple):
+    """What a redundant arm prefers while its hand follows a target."""
 
     what: Any = None
     """See `Arm.track`; None for nothing."""
@@ -43,7 +43,7 @@ class Preference(NamedTuple):
     """Largest velocity of a joint [rad/s] or [m/s]."""
 
 
-ANYWHERE = Preference()
+ANYWHERE = DriftOptions()
 
 
 class Drift:

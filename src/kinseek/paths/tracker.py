@@ -26,7 +26,7 @@ from kinseek.robots.mechanism import RATES, Mechanism
 from kinseek.support.validation import as_flag, as_float_array, as_number
 from kinseek.timing.limits import positive
 
-from .drift import ANYWHERE, Drift, Preference
+from .drift import ANYWHERE, Drift, DriftOptions
 from .joints import Turning
 from .limited import KINDS, NOTHING, Around, LimitedJoints, Rates, Restriction, StraightWay, straight_way
 from .past import TIMES, PastPoses
@@ -156,7 +156,7 @@ class Tracker:
         recover: bool = True,
         goal: Goal | None = None,
         around: Around = NOTHING,
-        prefer: Preference = ANYWHERE,
+        prefer: DriftOptions = ANYWHERE,
     ) -> None:
         """Start at joint values, at rest.
 
