@@ -11,6 +11,9 @@ import pytest
 import kinseek
 from kinseek.branches.order import ORDERS
 from kinseek.cli.commands import follow, solve
+from kinseek.cli.commands import map as map_command
+from kinseek.maps.measures import MEASURES
+from kinseek.robots.files import ENDINGS as ENDINGS_OF_ROBOTS
 from kinseek.tables import branches_table, path_table, solution_table
 from kinseek.timing.formats import ENDINGS, LANGUAGES
 from kinseek.timing.trajectory import Trajectory
@@ -64,6 +67,17 @@ def test_the_command_line_names_every_column() -> None:
     ]
     for table in tables:
         assert missing((f"`{name}`" for name in table.columns), page("command_line.md")) == []
+
+
+def test_measures_of_maps_are_named() -> None:
+    assert missing(MEASURES, help_of(map_command.command, "--what")) == []
+    assert missing((f"| `{each}` |" for each in quoted(MEASURES)), page("maps.md")) == []
+
+
+def test_files_of_robots_are_named() -> None:
+    assert missing(ENDINGS_OF_ROBOTS, solve.command.get_help(click.Context(solve.command))) == []
+    assert missing(ENDINGS_OF_ROBOTS, kinseek.load.__doc__) == []
+    assert missing(ENDINGS_OF_ROBOTS, page("arms.md")) == []
 
 
 def test_programs_of_controllers_are_named() -> None:
