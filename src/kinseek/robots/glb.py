@@ -85,11 +85,10 @@ def measured(text: bytes) -> Size:
     shared = max(sum(weights), sum(weights[mesh] for mesh in meshes))
     at_most(shared, max(2 * len(text), MOST_SHARED), "bytes in its bodies")
     corners = max(held.corners, drawn_corners(shown.corners, text))
-    at_most(
-        sum(_pixels(text, 20 + length, views[each["bufferView"]]) for each in images),
-        MOST_PIXELS,
-        "pixels in its images",
-    )
+    pictures = [views[each["bufferView"]] for each in images]
+    at_most(sum(each["byteLength"] for each in pictures), 2 * len(text), "bytes in its images")
+    content = _content(text, 20 + length) if images else b""
+    at_most(sum(_pixels(content, each) for each in pictures), MOST_PIXELS, "pixels in its images")
     return Size(
         max(len(nodes), held.bodies, shown.bodies),
         corners,
@@ -194,15 +193,20 @@ def _steps(nodes: list[Any], roots: list[int]) -> int:
     return total
 
 
-def _pixels(text: bytes, place: int, view: dict[str, Any]) -> int:
-    """Return the number of pixels of an image: a view of the first binary chunk, from the end of the description on."""
-    start = view.get("byteOffset", 0)
+def _content(text: bytes, place: int) -> bytes:
+    """Return the first binary chunk, from the end of the description on."""
     while place + 8 <= len(text):
         size, kind = struct.unpack_from("<II", text, place)
         if kind == _BINARY:
-            return pixels_of_image(text[place + 8 : place + 8 + size][start : start + view["byteLength"]])
+            return text[place + 8 : place + 8 + size]
         place += 8 + size
-    return 0
+    return b""
+
+
+def _pixels(content: bytes, view: dict[str, Any]) -> int:
+    """Return the number of pixels of an image."""
+    start = view.get("byteOffset", 0)
+    return pixels_of_image(content[start : start + view["byteLength"]])
 
 
 def _count(value: Any) -> int:
