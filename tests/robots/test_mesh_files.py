@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import io
 import os
@@ -373,6 +374,8 @@ def test_images_are_pictures_of_a_sane_size(tmp_path: Path) -> None:
     image.new("1", (2**13 + 1, 2**13)).save(tmp_path / "a.png")
     assert not pictured()
     image.new("RGB", (8, 8)).save(tmp_path / "a.png", format="EPS")  # Its reader calls Ghostscript.
+    assert not pictured()
+    (tmp_path / "a.png").write_bytes(codecs.BOM_UTF8 + (tmp_path / "a.png").read_bytes())
     assert not pictured()
 
 

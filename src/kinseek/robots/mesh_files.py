@@ -203,12 +203,12 @@ class Beside:
         pixels = pixels_of_image(text)
         self._pixels += pixels
         at_most(self._pixels, MOST_PIXELS, "pixels in its images")
-        if pixels:
-            return text
-        text = utf8(text)
-        self._lines += len(text.splitlines())
-        self._materials += text.lower().count(b"newmtl")
-        self._require_few_materials()
+        if not pixels:
+            lines = utf8(text)
+            self._lines += len(lines.splitlines())
+            self._materials += lines.lower().count(b"newmtl")
+            self._require_few_materials()
+        # As it is: without its byte order mark, the file may be an image whose format is not decoded.
         return text
 
     def _require_few_materials(self) -> None:

@@ -16,7 +16,7 @@ from kinseek.support.forks import importing
 from kinseek.support.interrupts import raise_of_handler
 
 from . import collada_scene, glb, obj, ply, stl
-from .mesh_files import LEAST_BODIES, Beside, Budget, Size, ending
+from .mesh_files import LEAST_BODIES, Beside, Budget, Size, ending, utf8
 from .polygons import Body
 
 CHECKS: Mapping[str, Callable[[bytes], Size]] = {"dae": collada_scene.measured, "glb": glb.measured}
@@ -161,7 +161,7 @@ def _painted(bodies: list[Body], libraries: list[str], beside: Beside) -> list[A
     materials = dict[str, Any]()
     for name in dict.fromkeys(libraries):
         with suppress(InvalidRobot):
-            found = trimesh.exchange.obj.parse_mtl(beside[name], resolver=beside)
+            found = trimesh.exchange.obj.parse_mtl(utf8(beside[name]), resolver=beside)
             materials |= {key: trimesh.visual.material.SimpleMaterial(**look) for key, look in found.items()}
     parts = []
     for body in bodies:
