@@ -276,8 +276,9 @@ def test_materials_come_from_beside_and_from_nowhere_else(tmp_path: Path) -> Non
     (folder / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n" + "#" * MOST)
     assert colour("paint.mtl") is None
     assert colour("paint.mtl", 2 * MOST) == (255, 0, 0)
-    (folder / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n" + "\n" * (MOST // 16))
-    assert colour("paint.mtl") is None
+    for end in ("\n", "\r", "\v", "\x1e", "\x85", "\u2028"):  # Those of `str.splitlines`.
+        (folder / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n" + end * (MOST // 16), newline="")
+        assert colour("paint.mtl", 4 * MOST) is None
 
 
 def test_materials_are_read_once_and_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

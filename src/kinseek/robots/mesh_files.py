@@ -48,6 +48,9 @@ MOST_SHARED = 2**27
 """Most bytes of a GLB file that bodies may share, and most numbers of COLLADA; each body has its own copy in memory, or goes
 through all of them."""
 
+_LINE_ENDS = [each.encode() for each in "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"]
+"""Where trimesh divides a file of materials, by `str.splitlines`."""
+
 _IMAGES_OF = (
     "image",
     "baseColorTexture",
@@ -205,7 +208,7 @@ class Beside:
         at_most(self._pixels, MOST_PIXELS, "pixels in its images")
         if not pixels:
             lines = utf8(text)
-            self._lines += len(lines.splitlines())
+            self._lines += sum(map(lines.count, _LINE_ENDS)) - lines.count(b"\r\n") + 1
             self._materials += lines.lower().count(b"newmtl")
             self._require_few_materials()
         # As it is: without its byte order mark, the file may be an image whose format is not decoded.
