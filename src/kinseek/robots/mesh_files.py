@@ -66,6 +66,12 @@ _SCAN = b"\xff\xda"
 """Beginning of a scan in JPEG; in the numbers of a scan, another byte follows 255."""
 MOST_SCANS = 100
 """Most scans of a JPEG image: each of them goes through all pixels again. Progressive images have about ten."""
+MOST_PARTS = 1_000
+"""Most parts of a JPEG or PNG image beside its pixels, such as metadata: each becomes an object of a hundred bytes."""
+_JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
+"""Beginnings of images."""
+_SEGMENTS = [bytes([0xFF, each]) for each in (*range(0xE0, 0xF0), 0xFE)]
+"""Beginnings of metadata in JPEG: APP0 to APP15, and comments."""
 _TILE_WIDTH = 322
 """Tag of a TIFF image that consists of tiles."""
 
@@ -233,6 +239,7 @@ def pixels_of_image(text: bytes) -> int:
             from PIL import Image, UnidentifiedImageError
     except ImportError:  # Without Pillow, trimesh reads no images.
         return 0
+    at_most(_parts(text), MOST_PARTS, "parts in an image beside its pixels")
     try:
         with Image.open(io.BytesIO(text), formats=_formats_to_try(text)) as image:
             known, count, tags = str(image.format), prod(image.size), getattr(image, "tag_v2", {})
@@ -249,6 +256,17 @@ def pixels_of_image(text: bytes) -> int:
             "an image is a TIFF of tiles, expected strips: a tile may be much larger than its image; write it as PNG"
         )
     at_most(text.count(_SCAN) if known == "JPEG" else 0, MOST_SCANS, "scans in a JPEG image")
+    return count
+
+
+def _parts(text: bytes) -> int:
+    """Return the number of parts of a JPEG or PNG image beside its pixels."""
+    if text.startswith(_JPEG):
+        return sum(map(text.count, _SEGMENTS))
+    count, at = 0, len(_PNG) if text.startswith(_PNG) else len(text)
+    while at < len(text):
+        count += text[at + 4 : at + 8] != b"IDAT"
+        at += 12 + int.from_bytes(text[at : at + 4], "big")
     return count
 
 
