@@ -28,6 +28,7 @@ from kinseek.viewer.options import COUNTS, ViewerOptions, read_selection
 from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameters_of
 from kinseek.viewer.server import Viewer, free_port
 from kinseek.viewer.session import GoalResult, Proof, Session, beginning, call_of, nearest_of, status_of
+from kinseek.viewer.view import View
 from kinseek.viewer.workers import Newest
 from viewer_pages import client, page_of, wait_until
 
@@ -423,6 +424,26 @@ def test_meshes_are_those_of_the_arm_that_was_loaded(tmp_path: Path, trimesh: An
     arm = kinseek.load(URDF.format(mesh="package://parts/arm.stl"), tip="hand")
     assert "'parts'" in meshes_of(arm.axes).missing[0]
     assert len(meshes_of(arm.axes, given).links) == 4
+
+
+def test_a_mesh_with_a_broken_image_is_drawn_without_it(tmp_path: Path, trimesh: Any) -> None:
+    """Images are decoded while a page is laid out, and the error left every page empty."""
+    pytest.importorskip("PIL.Image").effect_noise((64, 64), 50).save(tmp_path / "whole.png")
+    (tmp_path / "a.png").write_bytes((tmp_path / "whole.png").read_bytes()[:999])
+    (tmp_path / "a.mtl").write_text("newmtl a\nmap_Kd a.png\n")
+    faces = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n"
+    (tmp_path / "a.obj").write_text(faces)
+    path = written(tmp_path, "a.obj")
+    path.write_text(path.read_text().replace('<material name="blue"/>', ""))  # It would replace the image.
+    arm = kinseek.load(path, tip="hand")
+    meshes, drawn = meshes_of(arm.chain), client()
+    written_files = list[bytes]()
+    # As viser does.
+    drawn.scene.add_mesh_trimesh.side_effect = lambda name, mesh: written_files.append(
+        mesh.export(file_type="glb")
+    )
+    View(drawn.scene, arm, meshes, lambda name: None)
+    assert len(written_files) == sum(len(link.parts) for link in meshes.links) > 0
 
 
 def test_collada_says_its_unit(tmp_path: Path, trimesh: Any) -> None:

@@ -147,13 +147,26 @@ def _shapes(
     paint = _paint_of(visual.find("material"), paints)
     for part in parts:
         if paint is not None or shape.tag != "mesh" or not part.visual.defined:
-            part.visual = trimesh.visual.TextureVisuals(
-                material=trimesh.visual.material.PBRMaterial(
-                    baseColorFactor=paint or GREY, metallicFactor=0.1, roughnessFactor=0.7
-                )
-            )
+            part.visual = _look(paint or GREY)
         part.apply_transform(origin_of(visual))
         yield part
+
+
+def plain(mesh: Any) -> Any:
+    """Return the shape of a mesh, a `trimesh.Trimesh`, in the default colour."""
+    import trimesh
+
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False, visual=_look(GREY))
+
+
+def _look(colour: tuple[float, ...]) -> Any:
+    import trimesh
+
+    return trimesh.visual.TextureVisuals(
+        material=trimesh.visual.material.PBRMaterial(
+            baseColorFactor=colour, metallicFactor=0.1, roughnessFactor=0.7
+        )
+    )
 
 
 def _paints(robot: Any) -> dict[str, tuple[float, ...]]:

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from kinseek.arm import Arm
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots.meshes import import_trimesh
+from kinseek.support.interrupts import raise_of_handler
 from kinseek.support.transforms import from_quaternion, quaternion, square, transform
 
 from .bodies import HIT, Bodies
 from .clouds import Cloud
 from .drawing import Figure
-from .meshes import Meshes
+from .meshes import Meshes, plain
 from .session import POSTURES, Swept
 
 Array = NDArray[np.float64]
@@ -149,7 +150,7 @@ class View:
         self._frames = [api.add_frame(f"/arm/mesh/{i}", show_axes=False) for i in range(len(meshes.links))]
         for i, link in enumerate(meshes.links):
             for k, mesh in enumerate(link.parts):
-                api.add_mesh_trimesh(f"/arm/mesh/{i}/{k}", mesh)
+                _add_mesh(api, f"/arm/mesh/{i}/{k}", mesh)
         api.add_grid(
             "/ground",
             width=3.0 * self.size,
@@ -281,3 +282,12 @@ def _size(arm: Arm) -> float:
 def _nice(size: float) -> float:
     """Return a power of ten near a size."""
     return float(10.0 ** np.round(np.log10(size)))
+
+
+def _add_mesh(api: Any, name: str, mesh: Any) -> None:
+    """Draw a mesh, without its look if that cannot be written."""
+    try:
+        api.add_mesh_trimesh(name, mesh)
+    except Exception as error:  # An image is cut off, for example: it is decoded now.
+        raise_of_handler(error)
+        api.add_mesh_trimesh(name, plain(mesh))
