@@ -25,6 +25,9 @@ from .files import MOST_BYTES, file_bytes, require_few, require_here
 
 _MOST_STEPS, _MOST_VALUE, MOST_NESTED = 50_000, 2**20, 32
 """Most elements that xacro may expand, longest value, and deepest nesting of includes and of brackets in YAML."""
+_MOST_DEPTH = 256
+"""Most elements around another one, itself included: for each namespace that is declared, some versions of Python go through
+all of them. xacro itself needs three calls for each."""
 _MOST_PARAMETERS = 256
 """Most parameters of one macro: xacro searches for each of them among all."""
 _MOST_WORK = 2**25
@@ -182,10 +185,10 @@ def _count_nodes(text: str, spend: Spend, where: str) -> None:
     """Count the content of an XML tree, with entities expanded, before it is built.
 
     Raises:
-        InvalidRobot: The document type is long: Python's parser crashes on one with many brackets. Or an entity is another
-            file, which Python's parser would leave out.
+        InvalidRobot: Elements are nested too deep. The document type is long: Python's parser crashes on one with many
+            brackets. Or an entity is another file, which Python's parser would leave out.
     """
-    began = 0
+    began = depth = 0
 
     def begin(*parts: Any) -> None:
         nonlocal began
@@ -198,9 +201,16 @@ def _count_nodes(text: str, spend: Spend, where: str) -> None:
         spend(_NODE + sum(map(len, letters)), "elements, attributes and comments")
 
     def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        require_few(depth, "elements within each other", _MOST_DEPTH, where)
         count(name)
         for attribute, value in attributes.items():
             count(attribute, value)
+
+    def leave(name: str) -> None:
+        nonlocal depth
+        depth -= 1
 
     def refuse(*_: Any) -> int:
         raise InvalidRobot(
@@ -211,7 +221,7 @@ def _count_nodes(text: str, spend: Spend, where: str) -> None:
     parser.buffer_text = True
     parser.ExternalEntityRefHandler = refuse
     parser.StartDoctypeDeclHandler, parser.EndDoctypeDeclHandler = begin, end
-    parser.StartElementHandler = start
+    parser.StartElementHandler, parser.EndElementHandler = start, leave
     parser.CommentHandler = parser.CharacterDataHandler = parser.ProcessingInstructionHandler = count
     parser.StartCdataSectionHandler = count
     with contextlib.suppress(expat.ExpatError):  # The code that builds the tree reports it.
