@@ -441,19 +441,6 @@ def test_images_have_few_parts(kind: str, begin: int, part: bytes) -> None:
         pixels_of_image(whole[:begin] + 1000 * part + whole[begin:])
 
 
-def test_images_have_no_tiles() -> None:
-    """A tile of TIFF may be larger than its image, and is decoded as a whole."""
-    image, held = pytest.importorskip("PIL.Image"), io.BytesIO()
-    image.new("L", (16, 16)).save(held, format="TIFF")
-    assert pixels_of_image(held.getvalue()) == 256
-    side = 2**16
-    tags = {256: 16, 257: 16, 258: 8, 259: 1, 262: 1, 277: 1, 322: side, 323: side, 324: 8, 325: 256}
-    rows = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items())
-    tiled = b"II*\0" + struct.pack("<IH", 8, len(tags)) + rows + bytes(4 + 256)
-    with pytest.raises(InvalidRobot, match="an image is a TIFF of tiles"):
-        pixels_of_image(tiled)
-
-
 def test_images_count_for_each_body(tmp_path: Path) -> None:
     data, told = pictured_glb((2**13, 2**13))
     told |= {"nodes": [{"mesh": 0}] * 3, "scenes": [{"nodes": [0, 1, 2]}]}

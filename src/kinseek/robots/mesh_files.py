@@ -60,8 +60,8 @@ _IMAGES_OF = (
     "occlusionTexture",
 )
 """Attributes of a trimesh material that hold images."""
-_IMAGES = ("BMP", "GIF", "JPEG", "PNG", "TIFF", "WEBP")
-"""Image formats that are decoded: other formats start programs, or are not used for textures."""
+_IMAGES = ("BMP", "JPEG", "PNG", "WEBP")
+"""Image formats that are decoded: textures seldom have another one, and the readers of some start programs."""
 _SCAN = b"\xff\xda"
 """Beginning of a scan in JPEG; in the numbers of a scan, another byte follows 255."""
 MOST_SCANS = 100
@@ -72,8 +72,6 @@ _JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
 """Beginnings of images."""
 _SEGMENTS = [bytes([0xFF, each]) for each in (*range(0xE0, 0xF0), 0xFE)]
 """Beginnings of metadata in JPEG: APP0 to APP15, and comments."""
-_TILE_WIDTH = 322
-"""Tag of a TIFF image that consists of tiles."""
 
 
 def utf8(text: bytes) -> bytes:
@@ -242,7 +240,7 @@ def pixels_of_image(text: bytes) -> int:
     at_most(_parts(text), MOST_PARTS, "parts in an image beside its pixels")
     try:
         with Image.open(io.BytesIO(text), formats=_formats_to_try(text)) as image:
-            known, count, tags = str(image.format), prod(image.size), getattr(image, "tag_v2", {})
+            known, count = str(image.format), prod(image.size)
     except UnidentifiedImageError:
         return 0
     except InvalidRobot:
@@ -251,10 +249,6 @@ def pixels_of_image(text: bytes) -> int:
         raise_of_handler(error)
         raise InvalidRobot(f"an image cannot be read: {error}") from None
     _require_image_format(known)
-    if known == "TIFF" and _TILE_WIDTH in tags:
-        raise InvalidRobot(
-            "an image is a TIFF of tiles, expected strips: a tile may be much larger than its image; write it as PNG"
-        )
     at_most(text.count(_SCAN) if known == "JPEG" else 0, MOST_SCANS, "scans in a JPEG image")
     return count
 
