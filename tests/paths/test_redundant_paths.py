@@ -58,6 +58,18 @@ def test_made_paths_past_singularities_are_followed(name: str, seed: int) -> Non
     turned = np.array([kind == "continuous" for kind in arm.chain.kinds])
     assert ((path.q >= arm.lower) & (path.q <= arm.upper) | turned).all()
     assert np.abs(arm.fk(path.q) - T).max() < 2e-6
+
+
+@pytest.mark.slow
+def test_a_dense_path_is_followed_with_small_steps() -> None:
+    """From one pose to the next no joint may move as far as sampled solutions lie apart."""
+    arm = kinseek.load("gen3")
+    q = made(arm, 1, 4000)
+    largest = float(np.abs(np.diff(q, axis=0)).max())
+    assert largest < 0.015
+    path = arm.follow(arm.fk(q), max_step=1.5 * largest)
+    assert not len(path.breaks)
+    assert path.success
     assert np.abs(np.diff(path.q, axis=0)).max() <= 1.5 * largest * (1 + 1e-9)
 
 

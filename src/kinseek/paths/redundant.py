@@ -6,7 +6,8 @@ At each layer further solutions beside them, along the self-motion, keep the set
 added. So the best path through all of them (see `kernels.paths.viterbi`) follows branches, and changes between them sideways
 by small steps. The remaining corners are smoothed, first on the poses of the plan, then on all poses. Where a step is still
 too large or collides, that part of the path is planned again with a finer resolution. If this does not help, the whole path
-is planned again: at last with a layer at every pose, and once more without the places where that plan broke.
+is planned again: at last with a layer at every pose, and once more without the places where that plan broke. Where the
+allowed steps are much smaller than the distance between sampled solutions, only some of the poses are planned on.
 
 In a scene, points of the edges are checked while a plan is made, and the steps of the path that results are proved free. A
 step that is not counts like one that is too large.
@@ -29,7 +30,7 @@ from kinseek.solvers.threads import GoOn, parallel_for
 from kinseek.support.deadline import TimeUp
 
 from .joints import Turning
-from .plan import Effort, ForbiddenEdges, Lessons, Planner, between_rows, path_parameter
+from .plan import Effort, ForbiddenEdges, Lessons, Planner, between_rows, path_parameter, stride_of
 from .request import PathRequest
 from .smooth import Row, Smoother
 from .steps import avoidable, faulty, short_steps
@@ -217,7 +218,12 @@ def _mended(
     def plan(first: int, end: int, go_on: GoOn) -> None:
         for k in range(first, end):
             with suppress(TimeUp):
-                made[k] = _planned(parts[k], effort, 1, silent, lessons.of_part(*windows[k]))
+                told = lessons.of_part(*windows[k])
+                made[k] = new = _planned(parts[k], effort, 1, silent, told)
+                # Poses that were left out may not be interpolated well enough.
+                if new.faulty.any() and stride_of(parts[k], effort) > 1:
+                    other = _planned(parts[k], effort._replace(skips=False), 1, silent, told)
+                    made[k] = min(new, other, key=lambda draft: draft.order)
 
     parallel_for(plan, len(parts), 1, threads, request.deadline)
     for (first, last), part, new in zip(windows, parts, made, strict=True):
