@@ -19,7 +19,7 @@ import pytest
 
 import kinseek
 from kinseek import InvalidRobot
-from kinseek.robots import obj
+from kinseek.robots import collada_scene, obj
 from kinseek.robots.mesh_files import ENDINGS, LEAST_BODIES, MOST_BODIES, Beside, Budget, pixels_of_image
 from kinseek.robots.meshes import CHECKS, MOST_MESH, mesh_parts
 from kinseek.robots.obj import MOST_GROUPS
@@ -218,6 +218,12 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
         "41 inputs of one of its bodies",
     ),
 }
+
+
+def test_a_geometry_in_another_one_does_not_count_with_it() -> None:
+    pytest.importorskip("lxml")
+    inner = f'<extra><geometry id="h"><mesh>{ONE}</mesh></geometry></extra>'
+    assert collada_scene.measured(dae(ONE + inner)).corners == 3
 
 
 LONG = (

@@ -93,7 +93,8 @@ def _unfolded(root: Any) -> Size:
 
     def unfolded(element: Any) -> Size:
         if name_of(element) == "geometry":
-            corners = sum(count_words(each.text) for each in element.iter("{*}p"))
+            # Of its own bodies: a geometry may be in the <extra> of another one, which would count all below it again.
+            corners = sum(count_words(each.text) for each in element.iterfind("{*}mesh/*/{*}p"))
             return Size(len(element.findall("{*}mesh/*")), corners, require_geometry(element))
         require_node(element)
         sizes = [Size(1, 0)]
