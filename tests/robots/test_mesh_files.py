@@ -427,6 +427,13 @@ def test_images_of_other_formats_are_not_opened() -> None:
         pixels_of_image(icon)
 
 
+def test_a_bmp_has_no_runs_of_pixels() -> None:
+    pytest.importorskip("PIL")
+    header = struct.pack("<IHHIIiiHHIIiiII", 0, 0, 0, 1078, 40, 2**26, 1, 1, 8, 1, 6, 0, 0, 256, 0)
+    with pytest.raises(InvalidRobot, match="runs of pixels"):
+        pixels_of_image(b"BM" + header + b"\0" * 1024 + b"\0\2\0\0\xff\xff")
+
+
 def test_images_have_few_scans() -> None:
     """Each scan of a JPEG image goes through all its pixels: 100 bytes take as long as a whole image."""
     image, held = pytest.importorskip("PIL.Image"), io.BytesIO()

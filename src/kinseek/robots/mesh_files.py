@@ -62,6 +62,8 @@ _IMAGES_OF = (
 """Attributes of a trimesh material that hold images."""
 _IMAGES = ("BMP", "JPEG", "PNG", "WEBP")
 """Image formats that are decoded: textures seldom have another one, and the readers of some start programs."""
+_RUNS = (1, 2)
+"""Compressions of BMP that Pillow decodes in Python: older versions make 255 rows of any length from four bytes."""
 _SCAN = b"\xff\xda"
 """Beginning of a scan in JPEG; in the numbers of a scan, another byte follows 255."""
 MOST_SCANS = 100
@@ -240,7 +242,7 @@ def pixels_of_image(text: bytes) -> int:
     at_most(_parts(text), MOST_PARTS, "parts in an image beside its pixels")
     try:
         with Image.open(io.BytesIO(text), formats=_formats_to_try(text)) as image:
-            known, count = str(image.format), prod(image.size)
+            known, count, packed = str(image.format), prod(image.size), image.info.get("compression")
     except UnidentifiedImageError:
         return 0
     except InvalidRobot:
@@ -249,6 +251,8 @@ def pixels_of_image(text: bytes) -> int:
         raise_of_handler(error)
         raise InvalidRobot(f"an image cannot be read: {error}") from None
     _require_image_format(known)
+    if known == "BMP" and packed in _RUNS:
+        raise InvalidRobot("an image is a BMP with runs of pixels (RLE), expected one without compression")
     at_most(text.count(_SCAN) if known == "JPEG" else 0, MOST_SCANS, "scans in a JPEG image")
     return count
 
