@@ -194,6 +194,13 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
         lambda: dae(nodes=chained(40), scene='<node id="n"><instance_node url="#c0"/></node>'),
         "nodes and bodies",
     ),
+    "read_again.dae": (
+        lambda: dae(
+            nodes="".join(f'<node id="c{i}"><instance_node url="#c{i + 1}"/></node>' for i in range(40))
+            + '<node id="c40"/>'
+        ),
+        "tags of nodes",
+    ),
     "itself.dae": (
         lambda: dae(scene='<node id="n"><instance_node url="#n"/><instance_node url="#n"/></node>'),
         "instance of itself",
