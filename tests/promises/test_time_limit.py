@@ -293,16 +293,18 @@ def test_what_the_user_says_of_a_long_path_keeps_the_time(monkeypatch: pytest.Mo
     quick: tuple[dict[str, Any], ...] = ({"cost": lambda q: (q**2).sum(axis=1)}, {"valid": lambda q: True})
     for options in quick:
         arm.follow(T[:40], **options)
-        taken = list[float]()
-        for _ in range(3):  # The least of three: what runs beside it can slow a call down.
+        tries = list[tuple[float, int]]()
+        for _ in range(
+            3
+        ):  # One of three: what runs beside it can slow a call down, and then its search leaves no time.
             began = time.process_time()
             path = arm.follow(T, threads=1, time_limit=limit, **options)
-            taken.append(time.process_time() - began)
+            tries.append((time.process_time() - began, int(path.planned.sum())))
             assert path.out_of_time
-            assert path.planned.sum() > 200
-            if taken[-1] < 1.5 * limit + 0.2:
+            if tries[-1][0] < 1.5 * limit + 0.2 and tries[-1][1] > 200:
                 break
-        assert min(taken) < 1.5 * limit + 0.2
+        else:
+            pytest.fail(f"limit {limit} s; times and planned poses {tries}")
         followed(arm, path)
 
 
