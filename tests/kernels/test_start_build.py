@@ -196,7 +196,7 @@ import emit
 emit.never_run()
 if sys.argv[2] == "shortcuts":
     emit.shortcuts.apply()
-import kinseek.kernels.ranges.steps
+import kinseek.kernels.ranges.search
 from kinseek.kernels.entry import ENTRIES
 from kinseek.kernels.jit import ROUTINES
 
