@@ -33,6 +33,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,7 @@ from kinseek.goal import Goal
 from kinseek.kinds import POSE
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
+from kinseek.support.transforms import square
 
 from .command import at_least_one, command
 from .field.adapters import adapter, path_of
@@ -124,10 +126,8 @@ def eaik(arm: kinseek.Arm) -> Callable[[Array], Array]:
     Raises:
         ImportError: EAIK is not installed.
     """
-    chain, frames = arm.chain, [np.eye(4)]
-    for fixed in chain.fixed:
-        frames.append(frames[-1] @ np.vstack([fixed, [0.0, 0.0, 0.0, 1.0]]))
-    at_zero = np.array(frames[1:])
+    chain = arm.chain
+    at_zero = np.array(list(accumulate(map(square, chain.fixed), np.matmul)))
     axes, points = at_zero[:-1, :3, 2] * chain.multiplier[:, None], at_zero[:-1, :3, 3]
     names = arm.name, "", arm.base, arm.tip, tuple(arm.joint_names), tuple(arm.kinds)
     asked = ArmOfField(*names, arm.lower, arm.upper, axes, points, home=at_zero[-1], follows=False)

@@ -294,9 +294,8 @@ def test_what_the_user_says_of_a_long_path_keeps_the_time(monkeypatch: pytest.Mo
     for options in quick:
         arm.follow(T[:40], **options)
         tries = list[tuple[float, int]]()
-        for _ in range(
-            3
-        ):  # One of three: what runs beside it can slow a call down, and then its search leaves no time.
+        # One of three: what runs beside it can slow a call down, and then its search leaves no time.
+        for _ in range(3):
             began = time.process_time()
             path = arm.follow(T, threads=1, time_limit=limit, **options)
             tries.append((time.process_time() - began, int(path.planned.sum())))
