@@ -7,7 +7,7 @@ import numpy as np
 from kinseek.errors import InvalidExport
 from kinseek.goal import Goal
 from kinseek.kernels import jit  # Not by name: naming its decorators marks a file of kernels.
-from kinseek.kernels.atlas.memory import LAYOUT
+from kinseek.kernels.atlas import lanes_newton, memory
 from kinseek.kernels.atlas.task import ROUTINE, ROUTINES
 from kinseek.kernels.entry import ENTRIES
 from kinseek.kernels.pointers import ROW
@@ -43,9 +43,11 @@ def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
         blob.extend(b"\0" * (-len(blob) % _LINE))
         rows.append((len(blob), *each.shape, *(1,) * (ROW - 1 - each.ndim)))
         blob.extend(each.astype(each.dtype.newbyteorder("<")).tobytes())
-    # Working memory of a call, including that of the fallback, which moves to the nearest pose as in `minimise`.
-    scratch = LAYOUT.count.of(dof=dof, joints=joints)
-    room = room_for(scratch, 12, 6 * joints, 3 * joints, dof, dof, dof, dof * dof, dof * dof, dof, 3 * dof)
+    # Working memory of a call, including that of the nearest pose, one after the other: `minimise_lanes` and `minimise`.
+    scratch = memory.LAYOUT.count.of(dof=dof, joints=joints)
+    model = lanes_newton.LAYOUT.count.of(dof=dof, joints=joints, pairs=dof * (dof + 1) // 2)
+    alone = (12, 6 * joints, 3 * joints, dof, dof, dof, dof * dof, dof * dof, dof, 3 * dof)
+    room = room_for(scratch) + max(room_for(model), room_for(*alone))
     taken = room + 8 * (ROUTINE.size + ROW * len(rows) + 1)
     if ram is not None and taken > ram:
         raise InvalidExport(
