@@ -19,7 +19,7 @@ from benchmarks.page import Page, Row
 from kinseek import maps
 from kinseek.maps import make
 from kinseek.maps.block import Work, compute, do
-from kinseek.maps.processes import MEMORY
+from kinseek.support.workers import MEMORY
 
 from .cells import Index, blocks_of, grid_around, work_of
 

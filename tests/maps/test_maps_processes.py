@@ -20,6 +20,7 @@ import pytest
 import kinseek
 from kinseek import maps
 from kinseek.maps import block, make, processes
+from kinseek.support import workers
 from map_files import ARM, GRID, SMALL
 
 pytest.importorskip("xarray")
@@ -88,19 +89,19 @@ def test_nothing_listens_and_nothing_lies_in_the_shared_temporary_folder(tmp_pat
 
 def test_the_command_line_of_a_process_tells_nothing() -> None:
     """Everybody may read it."""
-    with processes.Worker() as worker:
+    with workers.Worker() as worker:
         started = psutil.Process(worker._process.pid)
         until = time.monotonic() + 10.0
         while not (words := started.cmdline()) and time.monotonic() < until:  # The system still loads it.
             time.sleep(0.01)
-        assert words[1:] == ["-P", "-c", processes.PROGRAM]
+        assert words[1:] == ["-P", "-c", workers.PROGRAM]
 
 
 def blocks_of(count: int) -> list[block.Index]:
     return [(k // 6, k % 6, 0, 0) for k in range(count)]
 
 
-def kill(worker: processes.Worker) -> None:
+def kill(worker: workers.Worker) -> None:
     worker._process.send_signal(signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
     worker._process.wait()
 
@@ -109,14 +110,14 @@ def kill(worker: processes.Worker) -> None:
 def _before_each(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[..., None]], None]:
     """Have something done before a block is computed."""
 
-    def use(action: Callable[[processes.Worker, block.Index], None]) -> None:
-        real = processes.Worker.compute
+    def use(action: Callable[[workers.Worker, block.Index], None]) -> None:
+        real = workers.Worker.compute
 
-        def compute(worker: processes.Worker, index: block.Index) -> Any:
+        def compute(worker: workers.Worker, index: block.Index, when: str) -> Any:
             action(worker, index)
-            return real(worker, index)
+            return real(worker, index, when)
 
-        monkeypatch.setattr(processes.Worker, "compute", compute)
+        monkeypatch.setattr(workers.Worker, "compute", compute)
 
     return use
 
@@ -124,7 +125,7 @@ def _before_each(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[..., Non
 def test_a_block_whose_process_dies_is_computed_by_another(before_each: Callable[..., None]) -> None:
     lock, died, found = threading.Lock(), set[block.Index](), dict[block.Index, Any]()
 
-    def once(worker: processes.Worker, index: block.Index) -> None:
+    def once(worker: workers.Worker, index: block.Index) -> None:
         with lock:
             dies = len(died) < 3 and index not in died
             if dies:
@@ -143,7 +144,7 @@ def test_a_block_whose_process_dies_is_computed_by_another(before_each: Callable
 def test_a_block_that_ends_every_process_interrupts_the_map(
     before_each: Callable[..., None], tmp_path: Path
 ) -> None:
-    def at_one(worker: processes.Worker, index: block.Index) -> None:
+    def at_one(worker: workers.Worker, index: block.Index) -> None:
         if index == (1, 1, 0, 0):
             kill(worker)
 
@@ -158,11 +159,11 @@ def test_a_block_that_ends_every_process_interrupts_the_map(
 
 
 def test_processes_that_do_not_start_interrupt_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "PROGRAM", "raise SystemExit(1)")
+    monkeypatch.setattr(workers, "PROGRAM", "raise SystemExit(1)")
     with pytest.raises(kinseek.MapInterrupted, match="the last while it imported kinseek"):
         maps.reach(ARM, GRID, **SMALL)
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
-    with pytest.raises(kinseek.MapInterrupted, match=r"a process cannot be started: .*/nowhere/python"):
+    with pytest.raises(kinseek.MapInterrupted, match=r"the last before it started: .*/nowhere/python"):
         maps.reach(ARM, GRID, **SMALL)
 
 
@@ -185,7 +186,7 @@ def test_a_block_that_cannot_be_written_interrupts_the_map(
 
 def test_a_process_prints_nothing_if_the_one_that_started_it_has_ended() -> None:
     """It printed a traceback, for nobody read its first line."""
-    command, pipe = [sys.executable, "-P", "-c", processes.PROGRAM], subprocess.PIPE
+    command, pipe = [sys.executable, "-P", "-c", workers.PROGRAM], subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as process:
         assert process.stdin is not None
         assert process.stdout is not None

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from kinseek.arm import Arm
 from kinseek.errors import InvalidMap
 from kinseek.support.validation import as_integer, as_number
+from kinseek.support.workers import Worker
 
 from .block import BlockScratch, answered
 from .cells import SHARES
 from .grid import Grid, Rings
 from .make import options_of, require_extra, work_of
 from .measures import MEASURES, REACHED
-from .processes import Worker
 
 Array = NDArray[np.float64]
 

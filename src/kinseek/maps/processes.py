@@ -1,127 +1,22 @@
-"""Local processes that compute blocks. Each one is connected by two pipes, so no port is opened."""
+"""Blocks of a map, computed by processes of this machine."""
 
 from __future__ import annotations
 
 import os
-import pickle
-import subprocess
-import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from functools import partial
 from queue import SimpleQueue
-from typing import IO, Any, cast
+from typing import Any
 
 from kinseek.support.interrupts import SignalSafeThread, next_item
+from kinseek.support.workers import Worker, WorkerDied
 
 from .block import Index, Work, do
 
-PROGRAM = (
-    "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
-    "from kinseek.maps.processes import serve; serve()"
-)
-"""Program of such a process. It first receives the search path of this process, so it imports the same kinseek. It does not
-import the user's script, which therefore needs no ``if __name__ == "__main__"``.
-"""
-
-MEMORY = {"MALLOC_TRIM_THRESHOLD_": str(64 << 20), "MALLOC_MMAP_THRESHOLD_": str(32 << 20)}
-"""Environment variables of such a process. Without them the C library returns memory after each array, and the system must
-clear it for the next one.
-"""
-
-READY = b"kinseek computes blocks\n"
-"""First output of such a process. Any earlier output may come from the start of Python."""
-
 ATTEMPTS = 3
 """Number of processes that may end in a row before the map is interrupted."""
-
-
-class WorkerDied(Exception):
-    """A process ended before it had computed its block."""
-
-
-class Worker:
-    """A process that computes blocks. It ends when the process that started it does, even by ``kill -9``."""
-
-    def __init__(self) -> None:
-        """Start the process; it imports kinseek meanwhile.
-
-        Raises:
-            WorkerDied: The system starts no more processes.
-        """
-        try:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", PROGRAM],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                env=MEMORY | os.environ,
-                # Ctrl-C in a terminal goes to all processes of its session; this process alone handles it.
-                start_new_session=True,
-                creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
-            )
-        except OSError as error:
-            raise WorkerDied(f"a process cannot be started: {error}") from error
-        self._stdin, self._stdout = (
-            cast("IO[bytes]", self._process.stdin),
-            cast("IO[bytes]", self._process.stdout),
-        )
-
-    def __enter__(self) -> Worker:
-        """End the process at the end of the block."""
-        return self
-
-    def __exit__(self, *raised: object) -> None:
-        """End the process, and wait for its end."""
-        self.kill()
-        self._process.wait()
-        for pipe in (self._stdin, self._stdout):
-            with suppress(OSError):  # A pipe may hold bytes for the process that has ended.
-                pipe.close()
-
-    def kill(self) -> None:
-        """End the process; any thread may call this."""
-        self._process.kill()
-
-    def begin(self, work: Work | None = None) -> None:
-        """Wait until the process has imported kinseek, and send it the work; None measures the start alone.
-
-        Raises:
-            WorkerDied: It ended.
-        """
-        when = "while it imported kinseek, see what it printed"
-        self._send(sys.path, when)
-        # The start of Python may print other lines first, even without a line break before this one.
-        if not any(line.endswith(READY) for line in self._stdout):
-            raise WorkerDied(_ended(when))
-        self._send(work, when)
-
-    def compute(self, index: Index) -> Any:
-        """Compute a block; the result is as that of `do`, and so are the errors.
-
-        Raises:
-            WorkerDied: It ended.
-        """
-        when = f"at block {index}, perhaps because memory ran out"
-        self._send(index, when)
-        try:
-            values, error = pickle.load(self._stdout)
-        except (OSError, EOFError, pickle.UnpicklingError) as error:
-            raise WorkerDied(_ended(when)) from error
-        if error is not None:
-            raise error
-        return values
-
-    def _send(self, value: Any, when: str) -> None:
-        try:
-            pickle.dump(value, self._stdin)
-            self._stdin.flush()
-        except OSError as error:
-            raise WorkerDied(_ended(when)) from error
-
-
-def _ended(when: str) -> str:
-    return f"{ATTEMPTS} processes ended in turn, the last {when}"
 
 
 def compute_all(work: Work, todo: Sequence[Index], done: Callable[[Index, Any], object]) -> None:
@@ -133,7 +28,7 @@ def compute_all(work: Work, todo: Sequence[Index], done: Callable[[Index, Any], 
         done: Called in this thread with the index of each computed block and the result of `do`.
 
     Raises:
-        WorkerDied: Several processes ended in a row.
+        WorkerDied: Several processes ended in a row, or none can be started.
         OSError: A block cannot be written.
         InvalidMap: As `do`.
     """
@@ -153,15 +48,16 @@ def compute_all(work: Work, todo: Sequence[Index], done: Callable[[Index, Any], 
                 try:
                     with Worker() as worker:
                         started.append(worker)
-                        worker.begin(work)
+                        worker.begin(partial(do, work))
                         while index is not None and not stopped.is_set():
-                            results.put((index, worker.compute(index)))
+                            when = f"at block {index}, perhaps because memory ran out"
+                            results.put((index, worker.compute(index, when)))
                             index, deaths = next_block(), 0
                 # The block is computed again by a new process: the old one may have ended for a reason outside of it.
-                except WorkerDied:
+                except WorkerDied as error:
                     deaths += 1
                     if deaths == ATTEMPTS:
-                        raise
+                        raise WorkerDied(f"{ATTEMPTS} processes ended in turn, the last {error}") from error
         except BaseException as error:
             results.put(error)
 
@@ -181,33 +77,3 @@ def compute_all(work: Work, todo: Sequence[Index], done: Callable[[Index, Any], 
             worker.kill()
         for each in crew:
             each.wait()
-
-
-def serve() -> None:
-    """Compute blocks on the requests of `Worker`: the main function of the process."""
-    replies = os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Printed text must not mix with the results.
-
-    blocks = SimpleQueue[Index]()
-
-    def read() -> None:
-        """Read requests until the other process has ended; then this one ends in the middle of its block."""
-        try:
-            while True:
-                blocks.put(pickle.load(sys.stdin.buffer))
-        finally:
-            # sys.exit would end this thread alone.
-            os._exit(1)
-
-    with suppress(EOFError, OSError):  # As in `read`.
-        os.write(replies.fileno(), READY)  # At its end Python would try again to write what a buffer holds.
-        work: Work = pickle.load(sys.stdin.buffer)
-        threading.Thread(target=read, daemon=True).start()
-        while True:
-            index = blocks.get()
-            try:
-                reply: Any = do(work, index), None
-            except Exception as error:
-                reply = None, error
-            pickle.dump(reply, replies)
-            replies.flush()

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from kinseek.errors import InvalidMap, MapInterrupted
 from kinseek.solvers.threads import progress_bar
+from kinseek.support.workers import WorkerDied
 
 from .block import Index, Work, compute, do
-from .processes import WorkerDied, compute_all
+from .processes import compute_all
 
 if TYPE_CHECKING:
     from distributed import Client
