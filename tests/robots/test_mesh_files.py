@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import codecs
 import contextlib
-import io
 import os
+import pickle
 import struct
 import subprocess
 import sys
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ import kinseek
 from kinseek import InvalidRobot
 from kinseek.robots import collada_scene, obj
 from kinseek.robots.mesh_files import ENDINGS, LEAST_BODIES, MOST_BODIES, Beside, Budget, pixels_of_image
+from kinseek.robots.mesh_reader import MeshReader
 from kinseek.robots.meshes import CHECKS, MOST_MESH, mesh_parts
 from kinseek.robots.obj import MOST_GROUPS
 from mesh_builders import (
@@ -29,10 +29,8 @@ from mesh_builders import (
     ONE,
     TRIANGLE,
     archive,
-    changed_glb,
     dae,
     dae_of,
-    noted_glb,
     one_glb,
     pictured_glb,
     ply_header,
@@ -171,10 +169,6 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     ),
     "strip.glb": (lambda: one_glb(count=0, corners=1500, nodes=3, mode=5), "corners of triangles"),
     "many.glb": (lambda: one_glb(nodes=MOST_BODIES + 1), "nodes, bodies and images"),
-    "name.glb": (lambda: noted_glb(parts=500, mesh={"name": "a" * 20_000}), "bytes in the names"),
-    "node_name.glb": (lambda: noted_glb(parts=500, node={"name": "a" * 20_000}), "bytes in the names"),
-    "extras.glb": (lambda: noted_glb(nodes=900, mesh={"extras": {"a": [0] * 4_000}}), "bytes in the names"),
-    "look.glb": (lambda: noted_glb(nodes=900, look={"name": [0] * 4_000}), "bytes in the names"),
     "draco.glb": (lambda: one_glb(extensions={"KHR_draco_mesh_compression": {}}), "Draco"),
     "archive.dae": (archive, "archive"),
     "appended.dae": (lambda: dae() + archive(), "archive"),
@@ -194,13 +188,6 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
         lambda: dae(nodes=chained(40), scene='<node id="n"><instance_node url="#c0"/></node>'),
         "nodes and bodies",
     ),
-    "read_again.dae": (
-        lambda: dae(
-            nodes="".join(f'<node id="c{i}"><instance_node url="#c{i + 1}"/></node>' for i in range(40))
-            + '<node id="c40"/>'
-        ),
-        "tags of nodes",
-    ),
     "itself.dae": (
         lambda: dae(scene='<node id="n"><instance_node url="#n"/><instance_node url="#n"/></node>'),
         "instance of itself",
@@ -210,19 +197,10 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
         "corners of triangles",
     ),
     "deep.dae": (lambda: dae(scene="<node>" * 1900 + "</node>" * 1900), "nested|tags|cannot be read"),
-    "id.dae": (lambda: dae().replace(b'g"', b'%s"' % (b"g" * 1001)), "id of more than 1,000 letters"),
-    "columns.dae": (
-        lambda: dae().replace(b'<param name="X"', b"<param/>" * 2 + b'<param name="X"'),
-        "columns in a source",
-    ),
     "tags.dae": (lambda: dae(scene="<x/>" * 3000), "tags"),
     "shared.dae": (
         lambda: dae_of("0 0 0 1 0 0 0 1 0 " + "0 " * 900, ONE * 150).encode(),
         "numbers that its bodies share",
-    ),
-    "inputs.dae": (
-        lambda: dae(ONE.replace("<p>", '<input semantic="TEXCOORD" source="#s" offset="0"/>' * 40 + "<p>")),
-        "41 inputs of one of its bodies",
     ),
 }
 
@@ -434,39 +412,6 @@ def test_images_of_other_formats_are_not_opened() -> None:
         pixels_of_image(icon)
 
 
-def test_a_bmp_has_no_runs_of_pixels() -> None:
-    pytest.importorskip("PIL")
-    header = struct.pack("<IHHIIiiHHIIiiII", 0, 0, 0, 1078, 40, 2**26, 1, 1, 8, 1, 6, 0, 0, 256, 0)
-    with pytest.raises(InvalidRobot, match="runs of pixels"):
-        pixels_of_image(b"BM" + header + b"\0" * 1024 + b"\0\2\0\0\xff\xff")
-
-
-def test_images_have_few_scans() -> None:
-    """Each scan of a JPEG image goes through all its pixels: 100 bytes take as long as a whole image."""
-    image, held = pytest.importorskip("PIL.Image"), io.BytesIO()
-    image.new("L", (16, 8)).save(held, format="JPEG", progressive=True)
-    assert pixels_of_image(held.getvalue()) == 128
-    head, _, scan = held.getvalue().removesuffix(b"\xff\xd9").rpartition(b"\xff\xda")
-    with pytest.raises(InvalidRobot, match="scans in a JPEG image, expected at most 100"):
-        pixels_of_image(head + 100 * (b"\xff\xda" + scan) + b"\xff\xd9")
-
-
-@pytest.mark.parametrize(
-    ("kind", "begin", "part"),
-    [("JPEG", 2, b"\xff\xe3\0\2"), ("PNG", 33, struct.pack(">I4sI", 0, b"prVt", zlib.crc32(b"prVt")))],
-)
-def test_images_have_few_parts(kind: str, begin: int, part: bytes) -> None:
-    """89 kB that named an image of 16,000 empty parts 998 times took 44 s, and filled 2.2 GiB."""
-    image, held = pytest.importorskip("PIL.Image"), io.BytesIO()
-    image.new("L", (16, 8)).save(held, format=kind)
-    whole = held.getvalue()
-    assert pixels_of_image(whole[:begin] + 900 * part + whole[begin:]) == 128
-    with pytest.raises(
-        InvalidRobot, match=r"1,00\d parts in an image beside its pixels, expected at most 1,000"
-    ):
-        pixels_of_image(whole[:begin] + 1000 * part + whole[begin:])
-
-
 def test_images_count_for_each_body(tmp_path: Path) -> None:
     data, told = pictured_glb((2**13, 2**13))
     told |= {"nodes": [{"mesh": 0}] * 3, "scenes": [{"nodes": [0, 1, 2]}]}
@@ -540,6 +485,10 @@ def test_a_robot_that_names_a_large_mesh_many_times(tmp_path: Path, monkeypatch:
         read.append(1)
         return real(*given)
 
+    def in_this_process(reader: MeshReader, path: Path, most: int) -> Any:
+        return reader.budget, pickle.dumps(mesh_parts(path, most, budget=reader.budget))
+
+    monkeypatch.setattr(MeshReader, "_ask", in_this_process)
     monkeypatch.setattr(trimesh, "load_scene", counted)
     monkeypatch.setattr(obj, "read", counted_too)
     (tmp_path / "large.glb").write_bytes(one_glb(nodes=1000, corners=12))
@@ -613,18 +562,6 @@ def test_scenes_and_the_viewer_refuse_the_same_files(tmp_path: Path) -> None:
         Mesh.read(tmp_path / "a.zip")
     (missing,) = meshes_of(kinseek.load(robot_of(tmp_path, '<mesh filename="a.zip"/>')).chain).missing
     assert "must end in .dae" in missing
-
-
-def test_a_long_chain_of_nodes_is_refused(tmp_path: Path) -> None:
-    """trimesh walks from the root to each node: 2,000 in a row took 24 s."""
-
-    def chain(count: int) -> bytes:
-        nodes = [*({"children": [i + 1], "mesh": 0} for i in range(count)), {"mesh": 0}]
-        return changed_glb("", {"nodes": nodes})
-
-    assert len(read(tmp_path, "glb", chain(20))) == 21
-    with pytest.raises(InvalidRobot, match="steps from its nodes to the root"):
-        read(tmp_path, "glb", chain(2000), 2**20)
 
 
 WITHOUT_MANIFOLD = """

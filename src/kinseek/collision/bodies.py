@@ -18,6 +18,7 @@ from kinseek.robots.chain import Frame, SerialChain
 from kinseek.robots.files import file_bytes
 from kinseek.robots.mechanism import no_axes
 from kinseek.robots.mesh_files import Budget
+from kinseek.robots.mesh_reader import MeshReader
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf_file import numbers_of, origin_of
 from kinseek.robots.xacro import urdf_text
@@ -172,15 +173,16 @@ def read_bodies(
     robot = same_robot(chain, root_element(text, str(path)), path)
     notes: list[str] = []
     frames = link_frames(robot, chain, joints, notes)
-    bodies, meshes, shapes = [], MeshFiles(path, folders), 0
-    for link in robot.links:
-        if link.name not in frames:
-            continue
-        parts = parts_of(link.element, meshes, skip, notes)
-        if parts:
-            bodies.append(Body(link.name, frames[link.name], parts, is_link=True))
-        shapes += len(parts)
-        require_number(shapes)
+    bodies, shapes = [], 0
+    with MeshFiles(path, folders) as meshes:
+        for link in robot.links:
+            if link.name not in frames:
+                continue
+            parts = parts_of(link.element, meshes, skip, notes)
+            if parts:
+                bodies.append(Body(link.name, frames[link.name], parts, is_link=True))
+            shapes += len(parts)
+            require_number(shapes)
     solid = {body.name for body in bodies}
     return ArmBodies(bodies, neighbours_of(robot, solid), notes, frames, robot.name)
 
@@ -199,14 +201,26 @@ def require_number(shapes: int) -> None:
 
 
 class MeshFiles:
-    """The meshes referenced by one file. A repeated reference gives the same object, and all share one budget."""
+    """The meshes referenced by one file. A repeated reference gives the same object, and all share one reader."""
 
     def __init__(self, path: Path, folders: Mapping[str, Path], hull: bool = True) -> None:
         """Read meshes for the file at `path`, with packages by name, and with or without taking their convex hulls."""
         self.path = path
-        self._folders, self._hull, self._budget = folders, hull, Budget(2 * MOST_BYTES)
+        self._folders, self._hull, self._reader = (
+            folders,
+            hull,
+            MeshReader(Budget(2 * MOST_BYTES), looks=False),
+        )
         self._known: dict[tuple[str, tuple[float, ...]], Mesh] = {}
         self._corners = 0
+
+    def __enter__(self) -> MeshFiles:
+        """End the reader at the end of the block."""
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        """End the reader."""
+        self._reader.close()
 
     def read(self, name: str, scale: Array) -> Mesh:
         """Read one mesh, with a factor along each axis, (3,).
@@ -224,7 +238,7 @@ class MeshFiles:
                     "where they are curved"
                 )
             found = mesh_path(name, self.path, self._folders, "meshes=")
-            mesh = Mesh.read(found, scale, self._hull, budget=self._budget)
+            mesh = Mesh.read(found, scale, self._hull, reader=self._reader)
             mesh.geometry()  # Says now that there is no hull.
             self._corners += len(mesh.corners) if self._hull else 0
             self._known[key] = mesh

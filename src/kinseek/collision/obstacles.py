@@ -70,11 +70,11 @@ def obstacles(
 def _urdf(text: bytes, path: Path, folders: Mapping[str, Path], skip: bool) -> tuple[list[Body], list[str]]:
     robot, bodies, notes = read_robot(text, str(path)), list[Body](), list[str]()
     poses = fixed_links(robot)
-    meshes = MeshFiles(path, folders, hull=False)
-    for link in robot.links:
-        parts = parts_of(link.element, meshes, skip, notes)
-        if parts:
-            bodies.append(Body(link.name, Frame(0, poses[link.name]), parts))
+    with MeshFiles(path, folders, hull=False) as meshes:
+        for link in robot.links:
+            parts = parts_of(link.element, meshes, skip, notes)
+            if parts:
+                bodies.append(Body(link.name, Frame(0, poses[link.name]), parts))
     return bodies, notes
 
 

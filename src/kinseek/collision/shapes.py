@@ -27,7 +27,7 @@ from .interior import Interior
 from .simplify import simplified
 
 if TYPE_CHECKING:
-    from kinseek.robots.mesh_files import Budget
+    from kinseek.robots.mesh_reader import MeshReader
 
 
 Array = NDArray[np.float64]
@@ -280,7 +280,7 @@ class Mesh(Shape):
         hull: bool = True,
         simplify: float | None = None,
         *,
-        budget: Budget | None = None,
+        reader: MeshReader | None = None,
     ) -> Mesh:
         """Read an STL, OBJ, PLY, GLB or DAE (COLLADA) file, with all bodies in it merged.
 
@@ -290,21 +290,23 @@ class Mesh(Shape):
             hull: See the field.
             simplify: Merge vertices such that no point moves farther than this [m]. The mesh is then made thicker by the
                 distance that points have moved, so that free of it implies free of the original mesh.
-            budget: Shared limit of all meshes of a file, from which this mesh is deducted.
+            reader: The reader of all meshes of a file, which share its limits.
 
         Raises:
-            InvalidScene: The file is missing, of another kind, cannot be read, would unpack to more than a mesh or the
-                budget allows, or has no triangles; or `simplify` is not a length.
+            InvalidScene: The file is missing, of another kind, cannot be read, would take more memory or time than a mesh or
+                the reader allows, or has no triangles; or `simplify` is not a length.
             MissingExtra: trimesh is not installed.
         """
-        from kinseek.robots.meshes import import_trimesh, mesh_parts
+        from kinseek.robots.mesh_files import Budget
+        from kinseek.robots.mesh_reader import MeshReader
 
+        if reader is None:
+            with MeshReader(Budget(2 * MOST_BYTES), looks=False) as alone:
+                return cls.read(path, scale, hull, simplify, reader=alone)
         try:
-            import_trimesh()
+            parts = reader.read(file_path(path), MOST_BYTES)
         except ImportError:
             raise MissingExtra("A scene with collisions", "collision") from None
-        try:
-            parts = mesh_parts(file_path(path), MOST_BYTES, budget=budget)
         except InvalidRobot as error:
             raise InvalidScene(str(error)) from error
         try:

@@ -17,8 +17,6 @@ from kinseek.support.lazy import Lazy, lazy
 
 from .polygons import triangulated
 
-MOST_LETTERS = 1_000
-"""Most letters of the id of a geometry: each body has a copy."""
 _NUMBERS = {"translate": 3, "rotate": 4, "scale": 3, "matrix": 16}
 """Elements that move a node, and how many numbers each has."""
 _IN_NODES = {
@@ -143,8 +141,6 @@ def require_geometry(geometry: Any) -> int:
         InvalidRobot: It has elements that are not read, or refers to what is not there.
     """
     who = f"the geometry {geometry.get('id')!r:.100}"
-    if len(geometry.get("id", "")) > MOST_LETTERS:
-        raise InvalidRobot(f"{who} has an id of more than {MOST_LETTERS:,} letters")
     mesh = geometry.find("{*}mesh")
     if mesh is None:
         kinds = ", ".join(f"<{name_of(each)}>" for each in geometry) or "nothing"

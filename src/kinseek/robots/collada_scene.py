@@ -31,10 +31,6 @@ from .polygons import at_most
 
 MOST_TAGS = 2**20
 """Most tags of a file."""
-MOST_COLUMNS = 4
-"""Most columns of a source: positions, normals, texture coordinates and colours have no more."""
-MOST_INPUTS = 32
-"""Most inputs of a primitive; for each of them all indices are read."""
 
 
 def measured(text: bytes) -> Size:
@@ -59,17 +55,12 @@ def measured(text: bytes) -> Size:
         if count_words(each.text):
             corners = float(np.fromstring(each.text, sep=" ").sum())
             at_most(int(min(corners, 2.0**62)), MOST_CORNERS, "corners of polygons")
-    columns = max((len(each.findall("{*}param")) for each in root.iter("{*}accessor")), default=0)
-    at_most(columns, MOST_COLUMNS, "columns in a source")
     named = [f"{{*}}{each}" for each in ("node", "geometry", "material", "effect", "image")]
     at_most(sum(1 for _ in root.iter(*named)), MOST_BODIES, "nodes, geometries, materials and images")
     require_units(root)
-    inputs = max((len(each.findall("{*}input")) for each in root.iterfind(".//{*}mesh/*")), default=0)
-    at_most(inputs, MOST_INPUTS, "inputs of one of its bodies")
     at_most(sum(map(shared_numbers, root.iter("{*}mesh"))), MOST_SHARED, "numbers that its bodies share")
     size = _unfolded(root)
     at_most(size.bodies, MOST_BODIES, "nodes and bodies")
-    _require_few_passes(root)
     return size._replace(corners=drawn_corners(size.corners, text))
 
 
@@ -121,38 +112,6 @@ def _unfolded(root: Any) -> Size:
         return held._replace(triangles=seen.triangles)
     except RecursionError:
         raise InvalidRobot("its nodes are nested too deep") from None
-
-
-def _require_few_passes(root: Any) -> None:
-    """Check how often nodes of libraries are read, also those that are not shown.
-
-    The reader reads them in order and leaves out those with instances of nodes that it has not read. It begins again with
-    these as long as there are fewer each time.
-
-    Raises:
-        InvalidRobot: They are read too often.
-    """
-    known, tags = set[str | None](), 0
-    for library in root.iterfind("{*}library_nodes"):
-        left = [
-            (
-                node.get("id"),
-                {each.get("url", "")[1:] for each in node.iter("{*}instance_node")},
-                sum(1 for _ in node.iter()),
-            )
-            for node in library.iterfind("{*}node")
-        ]
-        before = len(left) + 1
-        while len(left) < before:
-            before, later = len(left), []
-            for name, instances, size in left:
-                tags += size
-                if instances <= known:
-                    known.add(name)
-                else:
-                    later.append((name, instances, size))
-            at_most(tags, MOST_TAGS, "tags of nodes, which count again when the nodes are read again,")
-            left = later
 
 
 def _instance_of(element: Any, among: dict[str | None, list[Any]]) -> Any:

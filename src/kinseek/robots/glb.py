@@ -18,11 +18,6 @@ from .polygons import at_most
 
 MOST_JSON = 2**22
 """Most bytes of the description at the beginning of a file."""
-MOST_NOTES = 2**23
-"""Most bytes of names, metadata and materials in JSON, where those of a body count for each of its instances: each of them
-gets a copy, which takes up to thirty times as many bytes in memory."""
-MOST_STEPS = 100_000
-"""Most steps from the nodes of a file to its root, added up."""
 
 _COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of one number of an accessor, by its component type."""
@@ -81,14 +76,11 @@ def measured(text: bytes) -> Size:
     at_most(len(nodes) + held.bodies + len(images), MOST_BODIES, "nodes, bodies and images")
     children = [child for node in nodes for child in node.get("children", [])]
     roots = [root for scene in document.get("scenes", []) for root in scene.get("nodes", [])]
-    at_most(_steps(nodes, roots), MOST_STEPS, "steps from its nodes to the root")
-    bodies = [each for each in [*children, *roots] if "mesh" in nodes[each]]
-    meshes = [nodes[each]["mesh"] for each in bodies]
+    meshes = [nodes[each]["mesh"] for each in [*children, *roots] if "mesh" in nodes[each]]
     shown = Size.of([sizes[mesh] for mesh in meshes])
     at_most(shown.bodies, MOST_BODIES, "bodies")
     shared = max(sum(weights), sum(weights[mesh] for mesh in meshes))
     at_most(shared, max(2 * len(text), MOST_SHARED), "bytes in its bodies")
-    at_most(_notes(document, bodies), MOST_NOTES, "bytes in the names, metadata and materials of its bodies")
     corners = max(held.corners, drawn_corners(shown.corners, text))
     pictures = [views[each["bufferView"]] for each in images]
     at_most(sum(each["byteLength"] for each in pictures), 2 * len(text), "bytes in its images")
@@ -101,28 +93,6 @@ def measured(text: bytes) -> Size:
             sizes[nodes[each]["mesh"]].triangles for each in _shown(document, nodes) if "mesh" in nodes[each]
         ),
     )
-
-
-def _notes(document: dict[str, Any], shown: list[int]) -> int:
-    """Return how many bytes of names, metadata and materials trimesh copies, with a copy for each body.
-
-    Args:
-        document: The description of the file.
-        shown: Nodes with bodies, as often as they are in other nodes or scenes.
-    """
-    meshes, nodes = document.get("meshes", []), document.get("nodes", [])
-    looks = [len(json.dumps(each)) for each in document.get("materials", [])]
-    held: list[int] = [
-        len(mesh["primitives"]) * len(json.dumps({**mesh, "primitives": []}))
-        + sum(looks[part["material"]] for part in mesh["primitives"] if "material" in part)
-        for mesh in meshes
-    ]
-    names: list[int] = [
-        len(meshes[node["mesh"]]["primitives"]) * len(json.dumps(node.get("name"))) if "mesh" in node else 0
-        for node in nodes
-    ]
-    copied: list[int] = [held[nodes[each]["mesh"]] + names[each] for each in shown]
-    return max(sum(held), sum(copied))
 
 
 def _accessors(part: dict[str, Any]) -> list[int]:
@@ -207,17 +177,6 @@ def _require_its_shape(document: dict[str, Any]) -> None:
             )
         if "camera" in node and ("mesh" in node or "children" in node):
             raise InvalidRobot("a node is a camera with bodies or nodes below it; take the camera out")
-
-
-def _steps(nodes: list[Any], roots: list[int]) -> int:
-    """Return the sum of the depths of all nodes: trimesh walks from the root to each of them."""
-    total, depth, level, seen = 0, 0, set(roots), set(roots)
-    while level:
-        total += depth * len(level)
-        depth += 1
-        level = {child for each in level for child in nodes[each].get("children", [])} - seen
-        seen |= level
-    return total
 
 
 def _content(text: bytes, place: int) -> bytes:

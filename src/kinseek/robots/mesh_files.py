@@ -28,6 +28,8 @@ MOST_BODIES = 10_000
 LEAST_BODIES = 4
 """Least number of bodies that a file counts as, in the budget of a robot: reading a file takes as long as some eight
 bodies."""
+MOST_UNPACKED = 2**31
+"""Most bytes of all bodies that another process has read, see `mesh_reader`, with their images."""
 MOST_REPEATED = 2**26
 """Most bytes of files that are read again because a robot refers to them more than once."""
 MOST_NAMES = 1_000
@@ -62,18 +64,6 @@ _IMAGES_OF = (
 """Attributes of a trimesh material that hold images."""
 _IMAGES = ("BMP", "JPEG", "PNG", "WEBP")
 """Image formats that are decoded: textures seldom have another one, and the readers of some start programs."""
-_RUNS = (1, 2)
-"""Compressions of BMP that Pillow decodes in Python: older versions make 255 rows of any length from four bytes."""
-_SCAN = b"\xff\xda"
-"""Beginning of a scan in JPEG; in the numbers of a scan, another byte follows 255."""
-MOST_SCANS = 100
-"""Most scans of a JPEG image: each of them goes through all pixels again. Progressive images have about ten."""
-MOST_PARTS = 1_000
-"""Most parts of a JPEG or PNG image beside its pixels, such as metadata: each becomes an object of a hundred bytes."""
-_JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
-"""Beginnings of images."""
-_SEGMENTS = [bytes([0xFF, each]) for each in (*range(0xE0, 0xF0), 0xFE)]
-"""Beginnings of metadata in JPEG: APP0 to APP15, and comments."""
 
 
 def utf8(text: bytes) -> bytes:
@@ -127,6 +117,8 @@ class Budget:
     bodies_left: int = MOST_BODIES
     """Number of bodies; a file counts as at least `LEAST_BODIES`."""
     corners_left: int = MOST_CORNERS
+    unpacked_left: int = MOST_UNPACKED
+    """Bytes of bodies that another process has read, with their images."""
     repeated_left: int = MOST_REPEATED
     """Bytes of files that were read before."""
     seen: set[Path] = field(default_factory=set)
@@ -162,6 +154,15 @@ class Budget:
         self.corners_left -= size.corners
         if min(self.bodies_left, self.corners_left) < 0:
             raise InvalidRobot("the meshes before it and this one have too many bodies or triangles together")
+
+    def take_unpacked(self, size: int) -> None:
+        """Subtract the bytes of bodies that another process has read.
+
+        Raises:
+            InvalidRobot: The budget is exhausted.
+        """
+        at_most(size, self.unpacked_left, "bytes of bodies with their images and names")
+        self.unpacked_left -= size
 
     def take_images(self, bodies: Iterable[Any]) -> None:
         """Subtract the pixels of the images of bodies; an image counts for each body that has it.
@@ -231,18 +232,16 @@ def pixels_of_image(text: bytes) -> int:
     """Return the number of pixels of an image, without decoding it; 0 for anything else.
 
     Raises:
-        InvalidRobot: The image cannot be read, its format is not supported because its reader does more than decode, or
-            decoding it would take much more than its pixels.
+        InvalidRobot: The image cannot be read, or its format is not supported because its reader does more than decode.
     """
     try:
         with importing:
             from PIL import Image, UnidentifiedImageError
     except ImportError:  # Without Pillow, trimesh reads no images.
         return 0
-    at_most(_parts(text), MOST_PARTS, "parts in an image beside its pixels")
     try:
         with Image.open(io.BytesIO(text), formats=_formats_to_try(text)) as image:
-            known, count, packed = str(image.format), prod(image.size), image.info.get("compression")
+            known, count = str(image.format), prod(image.size)
     except UnidentifiedImageError:
         return 0
     except InvalidRobot:
@@ -251,20 +250,6 @@ def pixels_of_image(text: bytes) -> int:
         raise_of_handler(error)
         raise InvalidRobot(f"an image cannot be read: {error}") from None
     _require_image_format(known)
-    if known == "BMP" and packed in _RUNS:
-        raise InvalidRobot("an image is a BMP with runs of pixels (RLE), expected one without compression")
-    at_most(text.count(_SCAN) if known == "JPEG" else 0, MOST_SCANS, "scans in a JPEG image")
-    return count
-
-
-def _parts(text: bytes) -> int:
-    """Return the number of parts of a JPEG or PNG image beside its pixels."""
-    if text.startswith(_JPEG):
-        return sum(map(text.count, _SEGMENTS))
-    count, at = 0, len(_PNG) if text.startswith(_PNG) else len(text)
-    while at < len(text):
-        count += text[at + 4 : at + 8] != b"IDAT"
-        at += 12 + int.from_bytes(text[at : at + 4], "big")
     return count
 
 

@@ -1,4 +1,4 @@
-"""Read the meshes of a robot's file, for pictures and for collisions; `packages` finds the files."""
+"""Read a mesh of a robot's file, for pictures and for collisions; `packages` finds the file, `mesh_reader` sets limits."""
 
 from __future__ import annotations
 
@@ -25,13 +25,16 @@ MOST_MESH = 64 * 2**20
 """Most bytes of one mesh's file."""
 
 
-def mesh_parts(path: Path, most: int = MOST_MESH, *, budget: Budget | None = None) -> list[Any]:
+def mesh_parts(
+    path: Path, most: int = MOST_MESH, *, budget: Budget | None = None, looks: bool = True
+) -> list[Any]:
     """Read the triangles of a mesh file, one body each, in metres.
 
     Args:
         path: The file.
         most: Largest size of the file in bytes, and of the files of its materials and images together.
         budget: Remaining budget of all meshes of the robot; the size of this one is subtracted.
+        looks: Read the files of materials and images, too?
 
     Raises:
         InvalidRobot: The file cannot be read, its format is not supported, or it would unpack to more than the limits or the
@@ -44,25 +47,25 @@ def mesh_parts(path: Path, most: int = MOST_MESH, *, budget: Budget | None = Non
     if real in budget.refused:
         raise InvalidRobot(budget.refused[real])
     try:
-        return _parts(path, kind, text, most, budget)
+        return _parts(path, kind, text, Beside(path, most, budget), budget, looks)
     except InvalidRobot as error:
         budget.refused[real] = str(error)
         raise
 
 
-def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> list[Any]:
+def _parts(path: Path, kind: str, text: bytes, beside: Beside, budget: Budget, looks: bool) -> list[Any]:
     """Check a mesh and read it, as `mesh_parts` does."""
     import_trimesh()
 
     def take(size: Size) -> None:
         budget.take(size._replace(bodies=max(size.bodies, LEAST_BODIES)))
 
-    beside = Beside(path, most, budget)
     try:
         if kind in CHECKS:
             parts = _of_scene(kind, text, beside, budget, take)
         elif kind == "obj":
-            parts = _painted(*obj.read(text, take), beside)
+            bodies, libraries = obj.read(text, take)
+            parts = _painted(bodies, libraries if looks else [], beside)
             budget.take_images(parts)
         else:
             parts = _painted((ply if kind == "ply" else stl).read(text, take), [], beside)

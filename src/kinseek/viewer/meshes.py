@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,8 @@ from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.robots.chain import Frame, SerialChain
 from kinseek.robots.mesh_files import Budget, Size
-from kinseek.robots.meshes import import_trimesh, mesh_parts
+from kinseek.robots.mesh_reader import MeshReader
+from kinseek.robots.meshes import import_trimesh
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf_file import Robot, numbers_of, origin_of, read_robot
 
@@ -70,7 +71,22 @@ def meshes_of(chain: SerialChain | None, packages: Mapping[str, str | Path] | No
         return found
     path, folders = Path(chain.source), {**chain.packages, **(packages or {})}
     robot = read_robot(chain.urdf, chain.source)
-    paints, faces, budget = _paints(robot.root), 0, Budget(MOST_READ)
+    with MeshReader(Budget(MOST_READ)) as reader:
+        _add_links(found, robot, chain, _Files(path, folders, reader))
+    return found
+
+
+class _Files(NamedTuple):
+    """How the meshes of a file are found and read."""
+
+    path: Path
+    packages: Mapping[str, str | Path]
+    reader: MeshReader
+
+
+def _add_links(found: Meshes, robot: Robot, chain: SerialChain, files: _Files) -> None:
+    """Add the shapes of all links that can be shown."""
+    paints, faces = _paints(robot.root), 0
     for link, frame in _fixed_to(robot, chain):
         mesh = LinkMesh(chain.arrays_to(frame))
         for visual in link.findall("visual"):
@@ -78,7 +94,7 @@ def meshes_of(chain: SerialChain | None, packages: Mapping[str, str | Path] | No
                 found.missing.append(_too_many(link))
                 continue
             try:
-                parts = list(_shapes(visual, path, folders, paints, budget))
+                parts = list(_shapes(visual, files, paints))
             except (KinseekError, ValueError, TypeError, KeyError, OSError) as error:
                 found.missing.append(f"link {link.get('name')!r}: {error}")
                 continue
@@ -89,7 +105,6 @@ def meshes_of(chain: SerialChain | None, packages: Mapping[str, str | Path] | No
             mesh.parts += parts
         if mesh.parts:
             found.links.append(mesh)
-    return found
 
 
 def _too_many(link: Any) -> str:
@@ -114,13 +129,7 @@ def _fixed_to(robot: Robot, chain: SerialChain) -> Iterator[tuple[Any, Frame]]:
                 stack.append((child, Frame(frame.joints, frame.pose @ pose)))
 
 
-def _shapes(
-    visual: Any,
-    path: Path,
-    packages: Mapping[str, str | Path],
-    paints: Mapping[str, tuple[float, ...]],
-    budget: Budget,
-) -> Iterator[Any]:
+def _shapes(visual: Any, files: _Files, paints: Mapping[str, tuple[float, ...]]) -> Iterator[Any]:
     """Yield the triangles of one visual in the frame of its link."""
     trimesh = import_trimesh()
 
@@ -129,9 +138,9 @@ def _shapes(
     if shape is None:
         raise InvalidRobot("a visual without geometry")
     if shape.tag != "mesh":
-        budget.take(Size(bodies=1, corners=0))
+        files.reader.budget.take(Size(bodies=1, corners=0))
     if shape.tag == "mesh":
-        parts = mesh_parts(mesh_path(shape.get("filename") or "", path, packages), budget=budget)
+        parts = files.reader.read(mesh_path(shape.get("filename") or "", files.path, files.packages))
         for part in parts:
             part.merge_vertices()  # They are shaded smoothly.
             part.apply_scale(numbers_of(shape.get("scale"), 3, 1.0))
