@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -281,6 +283,7 @@ def test_a_slow_judgement_and_a_slow_cost_keep_the_time() -> None:
             followed(arm, path)
 
 
+@pytest.mark.usefixtures("no_collections")
 def test_what_the_user_says_of_a_long_path_keeps_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search leaves time for it, and poses that come too late cost nothing."""
     processor_clock(monkeypatch)
@@ -293,18 +296,26 @@ def test_what_the_user_says_of_a_long_path_keeps_the_time(monkeypatch: pytest.Mo
     quick: tuple[dict[str, Any], ...] = ({"cost": lambda q: (q**2).sum(axis=1)}, {"valid": lambda q: True})
     for options in quick:
         arm.follow(T[:40], **options)
-        tries = list[tuple[float, int]]()
-        # One of three: what runs beside it can slow a call down, and then its search leaves no time.
-        for _ in range(3):
+        taken = list[float]()
+        for _ in range(3):  # The least of three: what runs beside it can slow a call down.
             began = time.process_time()
             path = arm.follow(T, threads=1, time_limit=limit, **options)
-            tries.append((time.process_time() - began, int(path.planned.sum())))
+            taken.append(time.process_time() - began)
             assert path.out_of_time
-            if tries[-1][0] < 1.5 * limit + 0.2 and tries[-1][1] > 200:
+            assert path.planned.sum() > 200
+            if taken[-1] < 1.5 * limit + 0.2:
                 break
-        else:
-            pytest.fail(f"limit {limit} s; times and planned poses {tries}")
+        assert min(taken) < 1.5 * limit + 0.2
         followed(arm, path)
+
+
+@pytest.fixture
+def no_collections() -> Iterator[None]:
+    """Collections of garbage take longer than the least time for a check, with the objects that many tests have left."""
+    gc.collect()
+    gc.disable()
+    yield
+    gc.enable()
 
 
 def processor_clock(monkeypatch: pytest.MonkeyPatch) -> None:
