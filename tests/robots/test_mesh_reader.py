@@ -153,6 +153,13 @@ def test_a_robot_with_such_a_mesh_is_shown_without_it(
     assert capfd.readouterr().err == ""
 
 
+def test_a_frozen_program_does_not_start_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "frozen", True, raising=False)
+    (tmp_path / "a.glb").write_bytes(one_glb())
+    with MeshReader(Budget(2**24)) as reader, pytest.raises(InvalidRobot, match="is not a Python"):
+        reader.read(tmp_path / "a.glb")
+
+
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="signals of POSIX")
 def test_what_a_signal_handler_raises_ends_the_process(tmp_path: Path) -> None:
     """A TimeoutError is an OSError, which a pipe raises, too."""

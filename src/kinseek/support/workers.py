@@ -45,6 +45,10 @@ class Worker:
         Raises:
             WorkerDied: The system starts no more processes.
         """
+        if (
+            getattr(sys, "frozen", False) or not sys.executable
+        ):  # It would start the program itself once more.
+            raise WorkerDied(f"before it started: {sys.executable!r} is not a Python")
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", PROGRAM],
