@@ -355,7 +355,7 @@ PANDA = kinseek.load("panda")
         (PANDA, {"goal": Goal.pointing([0.4, 0, 0.4], [0, 0, 1])}, "a pose or position of the tip"),
         (PANDA, {"goal": Goal.pose(np.eye(4), free="x")}, "no free axes"),
         (PANDA, {"search": BruteForce()}, "search must be a DivideAndConquer, an Atlas or a tracker"),
-        (PANDA, {"search": Atlas(), "ram": 4096}, r"needs 2\d,\d\d\d bytes of RAM for the atlas, got 4,096"),
+        (PANDA, {"search": Atlas(), "ram": 4096}, r"needs 3\d,\d\d\d bytes of RAM for the atlas, got 4,096"),
         (
             PANDA,
             {"search": Atlas(), "goal": Goal.position([0.4, 0, 0.4])},
