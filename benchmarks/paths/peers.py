@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 import kinseek
 from benchmarks.page import Page, Row
@@ -32,6 +32,10 @@ FOLLOW = "benchmarks.workers.motion", "follow", SECONDS + 300
 
 GRID = 120
 """Values of the last joint over which all solutions are found."""
+
+FINE, WIDER = 2000, 1.0
+"""Such values for IKLink's demonstration, and what is added to the steps there [rad], for solutions between two values: they
+are nearer to those at the values."""
 
 IKLINK = "https://raw.githubusercontent.com/uwgraphics/IKLink/HEAD/"
 """Wang, Sifferman and Gleicher 2024, *IKLink*, MIT licence; read when this runs, not kept here."""
@@ -190,30 +194,48 @@ def how_far(arm: kinseek.Arm, kind: str, T: Array) -> str:
     """How far any solutions lead along poses, (N, 4, 4), over a grid of the last joint; empty if not looked at."""
     if kind == "raster" or arm.dof != 7:
         return ""
-    joint, lower, upper = arm.joint_names[-1], arm.lower[-1], arm.upper[-1]
-    values = lower + (upper - lower) * (np.arange(GRID) + 0.5) / GRID
-    locked = [(arm.with_locked({joint: float(value)}), float(value)) for value in values]
-    layers = [
-        np.concatenate([np.insert(one.branches(pose).q, 6, value, axis=1) for one, value in locked])
+    layers, joint = solutions_over(arm, T, GRID), arm.joint_names[-1]
+    forward, backward = (fewest_breaks(some, np.full(7, LARGEST)) for some in (layers, layers[::-1]))
+    if not forward:
+        return f" Over {GRID} values of {joint} solutions lead from the first pose to the last."
+    return (
+        f" Over {GRID} values of {joint} no solutions lead from the first pose to pose {forward[0]}, nor from the last back "
+        f"to pose {len(T) - backward[0] - 1}."
+    )
+
+
+def solutions_over(arm: kinseek.Arm, T: Array, count: int) -> list[Array]:
+    """All solutions of poses, (N, 4, 4), of an arm of seven joints at values of the last joint, (k, 7) for each pose."""
+    values = arm.lower[-1] + (arm.upper[-1] - arm.lower[-1]) * (np.arange(count) + 0.5) / count
+    # The last joint moves the tip by the same transform wherever the others are, so one locked arm has all solutions.
+    locked, q = arm.with_locked({arm.joint_names[-1]: 0.0}), np.zeros((count, 7))
+    q[:, -1] = values
+    back = np.linalg.inv(arm.fk(q)) @ arm.fk(np.zeros(7))
+    return [
+        np.concatenate(
+            [
+                np.insert(locked.branches(pose @ one).q, 6, value, axis=1)
+                for one, value in zip(back, values, strict=True)
+            ]
+        )
         for pose in T
     ]
 
-    def reached(layers: list[NDArray[np.float64]]) -> int:
-        alive = layers[0]
-        for k, layer in enumerate(layers[1:], 1):
-            near = (np.abs(layer[:, None] - alive[None]).max(axis=2) < LARGEST).any(axis=1)
-            if not near.any():
-                return k
-            alive = layer[near]
-        return len(layers)
 
-    forward, backward = reached(layers), len(T) - reached(layers[::-1])
-    if forward == len(T):
-        return f" Over {GRID} values of {joint} solutions lead from the first pose to the last."
-    return (
-        f" Over {GRID} values of {joint} no solutions lead from the first pose to pose {forward}, nor from the last back to"
-        f" pose {backward - 1}."
-    )
+def fewest_breaks(layers: list[Array], step: Array) -> list[int]:
+    """Poses at which a motion must begin anew, if it takes solutions of layers, (k, n), by steps up to `step`, (n,).
+
+    No motion has fewer breaks: each part leads as far as any solution of its first pose does.
+    """
+    breaks, alive = list[int](), layers[0]
+    for k, layer in enumerate(layers[1:], 1):
+        distance, _ = cKDTree(alive / step).query(layer / step, p=np.inf, distance_upper_bound=1.0)
+        if np.isfinite(distance).any():
+            alive = layer[np.isfinite(distance)]
+        else:
+            breaks.append(k)
+            alive = layer
+    return breaks
 
 
 def iklink(source: str) -> str:
@@ -237,8 +259,13 @@ def iklink(source: str) -> str:
     speeds = np.array([2.175] * 4 + [2.61] * 3)
     took, path = cpu(lambda: arm.follow(T, times=rows[:, 0], velocity=speeds, threads=1))
     loose = arm.follow(T, max_step=LARGEST, threads=1)
+    layers = solutions_over(arm, T, FINE)
+    breaks = fewest_breaks(layers, speeds * np.diff(rows[:, 0]).max() + WIDER)
     return (
         f"IKLink's demonstration, {len(T)} poses of a Panda at the joint speeds of its file: {len(path.breaks)} "
         f"re-placements, {int(path.reached.sum())} poses reached, {took / len(T) * 1e6:.0f} µs a pose; IKLink reports 2, "
-        f"with poses met to 1 mm and 0.01 rad. With steps up to {LARGEST} rad and no speeds: {len(loose.breaks)}."
+        f"with poses met to 1 mm and 0.01 rad. With steps up to {LARGEST} rad and no speeds: {len(loose.breaks)}. "
+        f"Over {FINE} values of the last joint, no solutions lead from the first pose to the last with fewer than "
+        f"{len(breaks)}: the parts end before pose {' and '.join(map(str, breaks))} at the latest, even if each joint may "
+        f"move {WIDER:g} rad farther in a step than its speed allows."
     )
