@@ -265,6 +265,11 @@ LOST: dict[str, tuple[str, bytes, str]] = {
         one_glb().replace(b'"scenes": [{"nodes": [0]}]', b'"scenes":[{"nodes":[0,0]}]'),
         "expected each once",
     ),
+    "a place that a node of GLB has twice": (
+        "glb",
+        changed_glb("node", {"translation": [0, 0, 0], "translatiom": [9, 0, 0]}).replace(b"tiom", b"tion"),
+        "has a name twice",
+    ),
     **{
         f"a line end for some readers: {end!r}": (
             "obj",

@@ -48,7 +48,7 @@ def measured(text: bytes) -> Size:
     """
     length = struct.unpack_from("<I", text, 12)[0]
     at_most(length, MOST_JSON, "bytes of JSON")
-    document: dict[str, Any] = json.loads(text[20 : 20 + length].decode())
+    document: dict[str, Any] = json.loads(text[20 : 20 + length].decode(), object_pairs_hook=_once)
     views, images = document.get("bufferViews", []), document.get("images", [])
     if any("uri" in each for each in [*document.get("buffers", []), *images]) or any(
         each["buffer"] != 0 for each in views
@@ -93,6 +93,14 @@ def measured(text: bytes) -> Size:
             sizes[nodes[each]["mesh"]].triangles for each in _shown(document, nodes) if "mesh" in nodes[each]
         ),
     )
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object of JSON; readers differ on a name that it has twice: some use the first value, some the last one."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise InvalidRobot("an object of its JSON has a name twice; readers differ on its value")
+    return found
 
 
 def _accessors(part: dict[str, Any]) -> list[int]:
