@@ -78,6 +78,10 @@ SHOWN = dae(
             "<translate>2 0 x<",
             "the node 'm' has a <translate> of '2 0 x', expected 3 finite",
         ),
+        *(
+            ("<translate>2 0 0<", f"<translate>{words}<", "expected 3 finite numbers")
+            for words in ("2_0 0 0", "\u0662 0 0", "2\u00a00\u00a00")
+        ),
         (
             "translate>2 0 0</translate",
             f"matrix>{'1 ' * 16}</matrix",
@@ -101,7 +105,19 @@ SHOWN = dae(
             'offset="0"/><input semantic="NORMAL" source="#gone" offset="0"/><p>',
             "of NORMAL from '#gone'",
         ),
-        ('semantic="VERTEX"', 'semantic="NORMAL"', "without an <input> of VERTEX"),
+        ('semantic="VERTEX"', 'semantic="NORMAL"', "0 <input> of VERTEX, expected one"),
+        (
+            'offset="0"/><p>',
+            'offset="1"/><input semantic="VERTEX" source="#v" offset="0"/><p>',
+            "2 <input> of VERTEX, expected one",
+        ),
+        (
+            "</mesh>",
+            '</mesh><mesh><source id="s"/></mesh>',
+            "has a <mesh> beside its first <mesh>, expected one",
+        ),
+        ("</mesh>", "</mesh><convex_mesh/>", "has a <convex_mesh> beside its first <mesh>"),
+        ("<scene>", '<scene><instance_visual_scene url="#scene"/></scene><scene>', "it shows 2 scenes"),
         (
             '<input semantic="POSITION"',
             '<input semantic="POSITION" source="#s"/><input semantic="POSITION"',
@@ -134,6 +150,11 @@ SHOWN = dae(
             '<geometry id="g">',
             '<geometry id="g"><asset><unit meter="10"/></asset>',
             "a unit of '10' m, expected 1 m",
+        ),
+        (
+            "<up_axis>",
+            '<unit meter="1_0"/><up_axis>',
+            "its unit is '1_0', expected a number of metres above 0",
         ),
         ("<up_axis>", '<unit meter="-1"/><up_axis>', "its unit is '-1', expected a number of metres above 0"),
         (

@@ -16,6 +16,7 @@ from kinseek.errors import InvalidRobot
 from kinseek.support.lazy import Lazy, lazy
 
 from .polygons import triangulated
+from .stl import NUMBER
 
 _NUMBERS = {"translate": 3, "rotate": 4, "scale": 3, "matrix": 16}
 """Elements that move a node, and how many numbers each has."""
@@ -115,7 +116,8 @@ def require_node(node: Any) -> None:
             raise InvalidRobot(f"{who} has a <{name}>, expected only {_listed(_IN_NODES)}")
         if name not in _NUMBERS:
             continue
-        numbers = np.array([_number(word) for word in (each.text or "").split()])
+        # Of bytes: only the blanks of ASCII divide numbers for the reader.
+        numbers = np.array([_number(word.decode()) for word in (each.text or "").encode().split()])
         if len(numbers) != _NUMBERS[name] or not np.isfinite(numbers).all():
             raise InvalidRobot(
                 f"{who} has a <{name}> of {each.text!r:.100}, expected {_NUMBERS[name]} finite numbers"
@@ -145,6 +147,11 @@ def require_geometry(geometry: Any) -> int:
     if mesh is None:
         kinds = ", ".join(f"<{name_of(each)}>" for each in geometry) or "nothing"
         raise InvalidRobot(f"{who} has {kinds}, expected a <mesh>")
+    for each in geometry:
+        if each is not mesh and name_of(each) not in ("asset", "extra"):
+            raise InvalidRobot(
+                f"{who} has a <{name_of(each)}> beside its first <mesh>, expected one <mesh> alone"
+            )
     for each in mesh:
         if name_of(each) not in _IN_MESHES:
             raise InvalidRobot(f"{who} has a <{name_of(each)}>, expected only {_listed(_IN_MESHES)}")
@@ -195,8 +202,8 @@ def _triangles(part: Any, sources: dict[str, _Source], who: str) -> int:
             )
     inputs = part.findall("{*}input")
     found = [(_offset(each, who), _source_of(each, sources, who)) for each in inputs]
-    if not any(each.get("semantic") == "VERTEX" for each in inputs):
-        raise InvalidRobot(f"{who} has a <{name}> without an <input> of VERTEX")
+    if (count := sum(each.get("semantic") == "VERTEX" for each in inputs)) != 1:
+        raise InvalidRobot(f"{who} has a <{name}> with {count} <input> of VERTEX, expected one")
     parts = part.findall("{*}p")
     if not parts and name != "polygons":
         raise InvalidRobot(f"{who} has a <{name}> without <p>")
@@ -312,10 +319,8 @@ def _require_positions(source: _Source, who: str) -> None:
 
 
 def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
+    """Return a number; NaN for what Python alone reads as one, such as ``1_000`` or other digits than those of ASCII."""
+    return float(text) if re.fullmatch(NUMBER, text.strip(" \t\r\n").encode()) else float("nan")
 
 
 def _listed(names: set[str]) -> str:

@@ -98,8 +98,10 @@ def _unfolded(root: Any) -> Size:
                 sizes.append(size(_instance_of(each, among)))
         return Size.of(sizes)
 
-    found = root.find("{*}scene/{*}instance_visual_scene")
-    url = None if found is None else found.get("url")
+    urls = [each.get("url") for each in root.iterfind("{*}scene/{*}instance_visual_scene")]
+    if len(urls) > 1:
+        raise InvalidRobot(f"it shows {len(urls)} scenes, expected one")
+    url = urls[0] if urls else None
     scenes = root.findall(".//{*}visual_scene")
     shown = [scene for scene in scenes if f"#{scene.get('id')}" == url]
     if len(shown) != 1:
