@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -166,6 +167,15 @@ def test_a_frozen_program_does_not_start_itself(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "a.glb").write_bytes(one_glb())
     with MeshReader(Budget(2**24)) as reader, pytest.raises(InvalidRobot, match="is not a Python"):
         reader.read(tmp_path / "a.glb")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="file descriptors of POSIX")
+def test_meshes_are_read_without_standard_error(tmp_path: Path) -> None:
+    """The pipe of the answers took its number in the process, which then silenced them."""
+    (tmp_path / "a.glb").write_bytes(one_glb())
+    program = "import os, sys; os.close(2); from kinseek.collision import Mesh; print(len(Mesh.read('a.glb').faces))"
+    found = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, check=False)
+    assert found.stdout.split() == [b"1"]
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="signals of POSIX")

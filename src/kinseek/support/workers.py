@@ -124,8 +124,10 @@ class Worker:
 
 def serve() -> None:
     """Work on the requests of `Worker`: the main function of the process."""
+    # Opened first: if standard error is closed, this takes its number. Otherwise the results would, and then mix with it.
+    silence = os.open(os.devnull, os.O_WRONLY)
     replies = os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Printed text must not mix with the results.
+    os.dup2(silence, 1)  # Printed text must not mix with the results.
 
     requests = SimpleQueue[Any]()
 
