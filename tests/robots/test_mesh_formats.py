@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+import time
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from kinseek import InvalidRobot
+from kinseek.robots import obj
 from mesh_builders import TRIANGLE, changed_glb, dae, one_glb, ply_header, read, small_limits
 
 trimesh = pytest.importorskip("trimesh")
@@ -69,6 +71,13 @@ def test_faces_of_obj_name_vertices_in_every_way(text: str, tmp_path: Path) -> N
     (part,) = read(tmp_path, "obj", text)
     assert part.area == pytest.approx(6)
     assert np.array_equal(part.bounds, [[0, 0, 0], [1, 1, 1]])
+
+
+def test_lines_that_go_on_take_a_time_that_grows_with_the_file() -> None:
+    """Each blank line that went on was searched with all before it: 13 MB took more than a minute."""
+    began = time.perf_counter()
+    assert list(obj._statements((b" \\\n" * 65_000 + b"\n") * 8 + b"g a")) == [(8 * 65_001 + 1, b"g a")]
+    assert time.perf_counter() - began < 4.0
 
 
 def test_a_comment_of_ply_is_not_its_format(tmp_path: Path) -> None:
