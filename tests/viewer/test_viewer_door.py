@@ -537,6 +537,17 @@ def test_a_fragment_without_bytes_counts_as_a_message_and_is_not_kept(
         assert time.monotonic() - began > 1.3  # Half a second of two is not waited for.
 
 
+def test_a_page_that_sends_pings_without_end_is_closed(shown: viewer.Viewer) -> None:
+    with websocket(shown.port) as flooding, websocket(shown.port) as other:
+        for _ in range(100):
+            other.ping()
+        with contextlib.suppress(OSError):
+            flooding.socket.sendall(b"\x89\x80\0\0\0\0" * 1000)
+        with pytest.raises(ConnectionClosed):
+            list(flooding)
+        assert other.ping().wait(10.0)
+
+
 def test_pages_that_do_not_answer_do_not_delay_the_next(
     shown: viewer.Viewer, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -164,6 +164,7 @@ class Door:
     def _serve(self, handler: Any, *where: Any, **options: Any) -> Any:
         """Replacement of `websockets.asyncio.server.serve`, called by viser in the server's own loop."""
         from websockets.asyncio.server import ServerConnection, serve
+        from websockets.frames import CTRL_OPCODES
 
         self._there = True
         asyncio.get_running_loop().set_exception_handler(_log_exception)
@@ -191,10 +192,22 @@ class Door:
             """A connection that ignores messages that no page sends, and takes no more than a page sends."""
 
             _taken_until = 0.0
+            _controlled_until = 0.0
 
             def connection_made(self, transport: asyncio.BaseTransport) -> None:
                 super().connection_made(transport)
                 if len(self.server.handlers) > MOST_CONNECTIONS:
+                    self.transport.abort()
+
+            def process_event(self, event: Any) -> None:
+                super().process_event(event)
+                if getattr(event, "opcode", None) not in CTRL_OPCODES:
+                    return
+                # Answers to pings are kept until they are read, without a limit, and nothing waits for them. Browsers send
+                # none, and proxies a few a minute.
+                now = asyncio.get_running_loop().time()
+                self._controlled_until = max(self._controlled_until, now) + MESSAGE_TIME
+                if self._controlled_until - now > AHEAD:
                     self.transport.abort()
 
             async def recv(self, *args: Any, **named: Any) -> Any:
