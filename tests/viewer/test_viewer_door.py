@@ -567,6 +567,28 @@ def test_pages_that_do_not_answer_do_not_delay_the_next(
     wait_until(lambda: not shown.pages)
 
 
+def test_nothing_is_laid_out_for_a_page_that_has_left(
+    shown: viewer.Viewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    laid_out, done = list[Any](), threading.Event()
+    fetch = Page._fetch
+
+    def watched(page: Any) -> Any:
+        try:
+            laid_out.append(fetch(page))
+            return laid_out[-1]
+        finally:
+            done.set()
+
+    monkeypatch.setattr(Page, "_fetch", watched)
+    wait_until(lambda: not shown.pages)
+    with websocket(shown.port) as leaving:
+        leaving.send(FRAME)
+        assert leaving.recv(timeout=10)
+    assert done.wait(10.0)
+    assert laid_out == []
+
+
 def test_further_connections_are_closed_until_one_leaves(
     shown: viewer.Viewer, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -607,8 +607,10 @@ class Page:
     def _fetch(self) -> str | None:
         try:
             stored: str | None = self._client.local_storage.get_item(self._key, timeout=3.0)
-        except (RuntimeError, TimeoutError):  # A browser without storage.
-            return None
+        except (RuntimeError, TimeoutError):  # A browser without storage, or one that has left.
+            stored = None
+        if self._client.client_id not in self._client._viser_server.get_clients():
+            raise ConnectionError("the client has left")
         return stored
 
     def _store(self, _: str) -> None:
