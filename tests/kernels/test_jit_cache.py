@@ -141,6 +141,10 @@ def test_where_the_cache_is(
         assert found.parent == home / ".cache" / "kinseek"
         monkeypatch.setenv("NUMBA_CACHE_DIR", str(chosen))
         assert compiler._cache_folder() == chosen / found.name
+        with monkeypatch.context() as prepared:  # A robot may have come with files for this folder.
+            prepared.chdir(tmp_path)
+            prepared.setenv("NUMBA_CACHE_DIR", chosen.name)
+            assert compiler._cache_folder() == found
         if not hasattr(os, "getuid"):
             return
         chosen.chmod(0o770)  # As a team shares it.

@@ -46,10 +46,13 @@ def private_folder(base: Path, *names: str) -> Path:
         Its path without links. If links change later, this path still leads to the same folder.
 
     Raises:
-        NotPrivate: Another user can change it; the message names the folder and the reason.
+        NotPrivate: Another user can change it, or the base is a relative path, into a working folder that may have come from
+            anybody. The message names the folder and the reason.
         OSError: It cannot be made.
     """
-    at = _followed(base.absolute())
+    if not base.is_absolute():
+        raise NotPrivate(f"{base} is in the working folder, expected an absolute path")
+    at = _followed(base)
     for name in names:
         at /= name
         status = _made(at)
