@@ -132,6 +132,22 @@ SHOWN = dae(
             "a <translate> of another namespace than its root",
         ),
         ("<mesh>", '<x:mesh xmlns:x="u"/><mesh>', "a <mesh> of another namespace than its root"),
+        (
+            '<vertices id="v">',
+            '<source id="t"/><vertices id="v"><input semantic="VERTEX" source="#t"/>',
+            "an <input> of VERTEX in <vertices>, expected POSITION",
+        ),
+        (
+            'source="#v" offset="0"/><p>0 1 2</p></triangles>',
+            'source="#v" offset="0"/><input semantic="NORMAL" source="#v" offset="1"/><vcount>3</vcount>'
+            "<p>0 0 1 0 2 0</p></polylist>",
+            "NORMAL from '#v', expected VERTEX, and nothing else, from its <vertices>",
+        ),
+        (
+            'source="#v" offset="0"',
+            'source="#s" offset="0"',
+            "VERTEX from '#s', expected VERTEX, and nothing else, from its <vertices>",
+        ),
         ('offset="0"', 'offset="x"', "the offset 'x', expected a whole number"),
         ('source="#s"', 'source="#t"', "an <input> of POSITION from '#t', which is not in its mesh"),
         ('stride="3"', 'stride="4"', "3 params, stride 4 and offset 0; expected 3, 3 and 0"),

@@ -165,19 +165,22 @@ def require_geometry(geometry: Any) -> int:
     for vertices in mesh.iterfind("{*}vertices"):
         for each in vertices.iterfind("{*}input"):
             source = _source_of(each, sources, who)
+            if each.get("semantic") == "VERTEX":  # The reader takes this for the positions.
+                raise InvalidRobot(f"{who} has an <input> of VERTEX in <vertices>, expected POSITION")
             if each.get("semantic") == "POSITION" and f"#{vertices.get('id')}" in sources:
                 raise InvalidRobot(f"{who} has two <input> of POSITION, expected one")
             if each.get("semantic") == "POSITION":
                 _require_positions(source, who)
-                sources[f"#{vertices.get('id')}"] = source
+                sources[f"#{vertices.get('id')}"] = _Source(source.element, is_of_vertices=True)
     return sum(_triangles(part, sources, who) for part in mesh if name_of(part) in _TRIANGLES)
 
 
 class _Source(Lazy):
     """An array of a mesh. Each of its polygons may refer to it, so what is read of it is read once."""
 
-    def __init__(self, element: Any) -> None:
+    def __init__(self, element: Any, is_of_vertices: bool = False) -> None:
         self.element, self.floats = element, element.find("{*}float_array")
+        self.is_of_vertices = is_of_vertices
 
     @lazy
     def rows(self) -> int | None:
@@ -204,6 +207,13 @@ def _triangles(part: Any, sources: dict[str, _Source], who: str) -> int:
     found = [(_offset(each, who), _source_of(each, sources, who)) for each in inputs]
     if (count := sum(each.get("semantic") == "VERTEX" for each in inputs)) != 1:
         raise InvalidRobot(f"{who} has a <{name}> with {count} <input> of VERTEX, expected one")
+    for each, (_, source) in zip(inputs, found, strict=True):
+        # The reader ignores other inputs from <vertices>, with their offsets, and the stride and offset of other positions.
+        if (each.get("semantic") == "VERTEX") != source.is_of_vertices:
+            raise InvalidRobot(
+                f"{who} has an <input> of {each.get('semantic')} from {each.get('source')!r:.100}, expected VERTEX, and "
+                "nothing else, from its <vertices>"
+            )
     parts = part.findall("{*}p")
     if not parts and name != "polygons":
         raise InvalidRobot(f"{who} has a <{name}> without <p>")
