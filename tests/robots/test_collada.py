@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -248,6 +249,16 @@ def test_the_positions_of_collada_are_read_once_for_all_polygons(
     text = dae_of(positions, ONE.replace("triangles", "polygons").replace("<p>0 1 2</p>", corners))
     assert sum(part.area for part in read(tmp_path, "dae", text)) == pytest.approx(50)
     assert lengths.count(len(positions)) <= 2  # Once by the checks, and perhaps by the reader.
+
+
+def test_an_instance_of_collada_without_a_name_is_refused(tmp_path: Path) -> None:
+    """The reader showed the last geometry that has no id instead."""
+    (geometry,) = re.findall("<geometry.*</geometry>", SHOWN, re.DOTALL)
+    nameless = geometry.replace(' id="g"', "", 1)
+    text = SHOWN.replace('id="g"', 'id=""').replace("#g", "#")
+    text = text.replace("</library_geometries>", f"{nameless}</library_geometries>")
+    with pytest.raises(InvalidRobot, match="<instance_geometry> of '#', of which it has 0"):
+        read(tmp_path, "dae", text)
 
 
 def test_a_body_of_collada_may_have_the_name_of_the_root(tmp_path: Path) -> None:

@@ -119,7 +119,8 @@ def _unfolded(root: Any) -> Size:
 def _instance_of(element: Any, among: dict[str | None, list[Any]]) -> Any:
     """Return what an element of COLLADA is an instance of."""
     url = element.get("url") or ""
-    found = among.get(url[1:], []) if url.startswith("#") else []
+    # An empty one is also what the reader calls all geometries without an id.
+    found = among.get(url[1:], []) if url.startswith("#") and url != "#" else []
     if len(found) != 1:
         raise InvalidRobot(
             f"it has an <{name_of(element)}> of {url!r:.100}, of which it has {len(found)}; expected 1, in the file itself"
