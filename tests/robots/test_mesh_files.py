@@ -159,7 +159,7 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     ),
     "accessor.glb": (lambda: one_glb(count=10**9), "bytes in its accessors"),
     "view.glb": (lambda: one_glb(view=10**9), "bytes in its views"),
-    "negative.glb": (lambda: one_glb(count=-5), "a count is -5"),
+    "negative.glb": (lambda: one_glb(count=-5), "a count or an index is -5"),
     "primitives.glb": (lambda: one_glb(count=0, corners=300, repeat=60), "bytes in its bodies"),
     "instances.glb": (lambda: one_glb(count=0, corners=300, nodes=60), "bytes in its bodies"),
     "corners.glb": (lambda: one_glb(count=0, corners=14100), "corners of triangles"),

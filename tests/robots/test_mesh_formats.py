@@ -279,6 +279,26 @@ LOST: dict[str, tuple[str, bytes, str]] = {
         changed_glb("node", {"translation": [0, 0, 0], "translatiom": [9, 0, 0]}).replace(b"tiom", b"tion"),
         "has a name twice",
     ),
+    "a number of GLB that Python counts from the end": (
+        "glb",
+        changed_glb("", {"scenes": [{"nodes": [0]}, {"nodes": []}], "scene": -2}),
+        "a count or an index is -2, expected a whole number",
+    ),
+    "a place of GLB before the beginning": (
+        "glb",
+        changed_glb("accessor", {"byteOffset": -1}),
+        "a count or an index is -1, expected a whole number",
+    ),
+    "a mesh of GLB that is true": (
+        "glb",
+        changed_glb("node", {"mesh": False}),
+        "a count or an index is False, expected a whole number",
+    ),
+    "a second binary chunk of GLB": (
+        "glb",
+        changed_glb("", {}) + struct.pack("<II", 36, 0x004E4942) + bytes(36),
+        "it has two binary chunks, expected one",
+    ),
     **{
         f"a line end for some readers: {end!r}": (
             "obj",

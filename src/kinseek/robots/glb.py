@@ -49,6 +49,7 @@ def measured(text: bytes) -> Size:
     length = struct.unpack_from("<I", text, 12)[0]
     at_most(length, MOST_JSON, "bytes of JSON")
     document: dict[str, Any] = json.loads(text[20 : 20 + length].decode(), object_pairs_hook=_once)
+    _require_whole(document)
     views, images = document.get("bufferViews", []), document.get("images", [])
     if any("uri" in each for each in [*document.get("buffers", []), *images]) or any(
         each["buffer"] != 0 for each in views
@@ -84,7 +85,7 @@ def measured(text: bytes) -> Size:
     corners = max(held.corners, drawn_corners(shown.corners, text))
     pictures = [views[each["bufferView"]] for each in images]
     at_most(sum(each["byteLength"] for each in pictures), 2 * len(text), "bytes in its images")
-    content = _content(text, 20 + length) if images else b""
+    content = _content(text, 20 + length)
     at_most(sum(_pixels(content, each) for each in pictures), MOST_PIXELS, "pixels in its images")
     return Size(
         max(len(nodes), held.bodies, shown.bodies),
@@ -101,6 +102,30 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(found) < len(pairs):
         raise InvalidRobot("an object of its JSON has a name twice; readers differ on its value")
     return found
+
+
+def _require_whole(document: dict[str, Any]) -> None:
+    """Check the numbers of bodies and their places; Python would count negative ones from the end, and true as 1.
+
+    Raises:
+        InvalidRobot: One of them is not a whole number from 0 on.
+    """
+    primitives = [part for mesh in document.get("meshes", []) for part in mesh["primitives"]]
+    for some, names in (
+        ([document], ("scene",)),
+        (document.get("accessors", []), ("bufferView", "byteOffset", "componentType", "count")),
+        (document.get("bufferViews", []), ("buffer", "byteOffset", "byteLength", "byteStride")),
+        (primitives, ("indices", "mode")),
+        ([part["attributes"] for part in primitives], ("POSITION",)),
+        (document.get("nodes", []), ("mesh",)),
+    ):
+        for each in some:
+            for name in names:
+                if name in each:
+                    _count(each[name])
+    for one in [*document.get("nodes", []), *document.get("scenes", [])]:
+        for index in [*one.get("children", []), *one.get("nodes", [])]:
+            _count(index)
 
 
 def _accessors(part: dict[str, Any]) -> list[int]:
@@ -187,23 +212,28 @@ def _require_its_shape(document: dict[str, Any]) -> None:
             raise InvalidRobot("a node is a camera with bodies or nodes below it; take the camera out")
 
 
-def _content(text: bytes, place: int) -> bytes:
-    """Return the first binary chunk, from the end of the description on."""
+def _content(text: bytes, place: int) -> memoryview:
+    """Return the binary chunk, which is somewhere after the description."""
+    found: memoryview | None = None
     while place + 8 <= len(text):
         size, kind = struct.unpack_from("<II", text, place)
         if kind == _BINARY:
-            return text[place + 8 : place + 8 + size]
+            if found is not None:
+                raise InvalidRobot(
+                    "it has two binary chunks, expected one; readers differ on which one they use"
+                )
+            found = memoryview(text)[place + 8 : place + 8 + size]
         place += 8 + size
-    return b""
+    return memoryview(b"") if found is None else found
 
 
-def _pixels(content: bytes, view: dict[str, Any]) -> int:
+def _pixels(content: memoryview, view: dict[str, Any]) -> int:
     """Return the number of pixels of an image."""
     start = view.get("byteOffset", 0)
-    return pixels_of_image(content[start : start + view["byteLength"]])
+    return pixels_of_image(bytes(content[start : start + view["byteLength"]]))
 
 
 def _count(value: Any) -> int:
-    if not isinstance(value, int) or value < 0:
-        raise InvalidRobot(f"a count is {value!r}, expected a whole number from 0 on")
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise InvalidRobot(f"a count or an index is {value!r:.100}, expected a whole number from 0 on")
     return value
