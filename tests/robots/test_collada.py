@@ -149,6 +149,16 @@ SHOWN = dae(
             'source="#s" offset="0"',
             "VERTEX from '#s', expected VERTEX, and nothing else, from its <vertices>",
         ),
+        (
+            '<visual_scene id="scene">',
+            '<visual_scene id="scene"><translate>9 0 0</translate>',
+            "its scene has <translate>, expected it in a <node>",
+        ),
+        (
+            '<visual_scene id="scene">',
+            '<visual_scene id="scene"><instance_geometry url="#g"/>',
+            "its scene has <instance_geometry>, expected it in a <node>",
+        ),
         ('offset="0"', 'offset="x"', "the offset 'x', expected a whole number"),
         ('source="#s"', 'source="#t"', "an <input> of POSITION from '#t', which is not in its mesh"),
         ('stride="3"', 'stride="4"', "3 params, stride 4 and offset 0; expected 3, 3 and 0"),

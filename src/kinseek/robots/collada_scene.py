@@ -106,6 +106,9 @@ def _unfolded(root: Any) -> Size:
     shown = [scene for scene in scenes if f"#{scene.get('id')}" == url]
     if len(shown) != 1:
         raise InvalidRobot(f"it shows the scene {url!r:.100}, expected one of its own")
+    for each in shown[0]:  # Some readers read a scene as a node, with motions and bodies of its own.
+        if name_of(each) not in ("node", "asset", "evaluate_scene", "extra"):
+            raise InvalidRobot(f"its scene has <{name_of(each)}>, expected it in a <node>")
     try:
         held, seen = (
             Size.of([size(node) for scene in some for node in scene.iterfind("{*}node")])
