@@ -160,6 +160,10 @@ WRONG_PARTS: list[tuple[str, dict[str, Any], str]] = [
     ("part", {"indices": 0}, "its indices are of component type 5126"),
     ("node", {"skin": 0}, "a node has a skin"),
     ("node", {"extensions": {"EXT_mesh_gpu_instancing": {"attributes": {}}}}, "a node has instances"),
+    *(
+        ("node", {"translation": wrong}, "expected 3 finite numbers")
+        for wrong in ([None, 0, 0], ["NaN", 0, 0], [float("nan"), 0, 0], [True, 0, 0], [0, 0])
+    ),
     ("node", {"camera": 0}, "a node is a camera with bodies"),
 ]
 """What trimesh passes over: 1 m became 32,767 m, and a peak of 10 m became 1 m, without a word."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import struct
-from math import hypot
+from math import hypot, isfinite
 from typing import Any
 
 from kinseek.errors import InvalidRobot
@@ -30,8 +30,8 @@ _MODES = {0: "points", 1: "lines", _TRIANGLES: "triangles", _STRIP: "a strip of 
 """Of bodies: trimesh passes over others, and over the place of a node that has no other body."""
 _UNSIGNED = (5121, 5123, 5125)
 """Codes of numbers that may be indices."""
-_MOVES = {"translation", "rotation", "scale"}
-"""What moves a node that has no matrix."""
+_MOVES = {"translation": 3, "rotation": 4, "scale": 3, "matrix": 16}
+"""What moves a node, and how many numbers it has."""
 _UNIT = 1e-3
 """How much the length of a quaternion may differ from 1, for rounding."""
 _BINARY = 0x004E4942
@@ -193,7 +193,11 @@ def _require_its_shape(document: dict[str, Any]) -> None:
                 "its bodies are morphed by weights, expected their final shape; apply the weights"
             )
     for node in document.get("nodes", []):
-        if "matrix" in node and (not _MOVES.isdisjoint(node) or node["matrix"][3::4] != [0, 0, 0, 1]):
+        for name, size in _MOVES.items():
+            numbers = node.get(name, [0] * size)
+            if len(numbers) != size or not all(type(x) in (int, float) and isfinite(x) for x in numbers):
+                raise InvalidRobot(f"a node has the {name} {numbers!r:.100}, expected {size} finite numbers")
+        if "matrix" in node and (len(_MOVES.keys() & node) > 1 or node["matrix"][3::4] != [0, 0, 0, 1]):
             raise InvalidRobot(
                 "a node has a matrix whose last row is not 0, 0, 0, 1, or a matrix and another motion; readers differ on "
                 "both"
