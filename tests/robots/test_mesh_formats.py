@@ -164,6 +164,11 @@ WRONG_PARTS: list[tuple[str, dict[str, Any], str]] = [
         ("node", {"translation": wrong}, "expected 3 finite numbers")
         for wrong in ([None, 0, 0], ["NaN", 0, 0], [float("nan"), 0, 0], [True, 0, 0], [0, 0])
     ),
+    (
+        "",
+        {"nodes": [{"children": [1]}, {"mesh": 0, "translation": [float("nan"), 5, 0]}]},
+        "expected 3 finite numbers",
+    ),
     ("node", {"camera": 0}, "a node is a camera with bodies"),
 ]
 """What trimesh passes over: 1 m became 32,767 m, and a peak of 10 m became 1 m, without a word."""
