@@ -191,11 +191,9 @@ class Door:
         class Connection(ServerConnection):
             """A connection that ignores messages that no page sends, and takes no more than a page sends."""
 
-            _taken_until = 0.0
-            _controlled_until = 0.0
-
             def connection_made(self, transport: asyncio.BaseTransport) -> None:
                 super().connection_made(transport)
+                self._messages, self._controls = _Pace(), _Pace()
                 if len(self.server.handlers) > MOST_CONNECTIONS:
                     self.transport.abort()
 
@@ -205,22 +203,18 @@ class Door:
                     return
                 # Answers to pings are kept until they are read, without a limit, and nothing waits for them. Browsers send
                 # none, and proxies a few a minute.
-                now = asyncio.get_running_loop().time()
-                self._controlled_until = max(self._controlled_until, now) + MESSAGE_TIME
-                if self._controlled_until - now > AHEAD:
+                if self._controls.ahead(MESSAGE_TIME) > AHEAD:
                     self.transport.abort()
 
             async def recv(self, *args: Any, **named: Any) -> Any:
-                now = asyncio.get_running_loop().time
                 while True:
                     # Joined at once: `super().recv` would keep empty fragments without end, about 100 bytes for each.
                     message = bytearray()
                     async for fragment in self.recv_streaming(decode=False):
                         message += fragment
-                        cost = MESSAGE_TIME + BYTE_TIME * len(fragment)
-                        self._taken_until = max(self._taken_until, now()) + cost
+                        ahead = self._messages.ahead(MESSAGE_TIME + BYTE_TIME * len(fragment))
                         # A page that sends without end waits here, so that the others do not wait for it.
-                        if (ahead := self._taken_until - now()) > AHEAD:
+                        if ahead > AHEAD:
                             await asyncio.sleep(ahead - AHEAD)
                     if is_message(whole := bytes(message)):
                         return whole
@@ -242,6 +236,18 @@ class Door:
         options |= {"process_request": checked, "process_response": with_policy}
         options |= {"create_connection": Connection, "logger": _log}
         return serve(handler, *where, **{**options, "max_size": MOST_MESSAGE})
+
+
+class _Pace:
+    """How far a page is ahead of the rate at which it may send."""
+
+    _until = 0.0
+
+    def ahead(self, cost: float) -> float:
+        """Count something that takes a time [s]; return how far the page is ahead now [s]."""
+        now = asyncio.get_running_loop().time()
+        self._until = max(self._until, now) + cost
+        return self._until - now
 
 
 def _unsupported() -> InvalidUse:
