@@ -94,13 +94,12 @@ def one_glb(
     return written_glb(np.resize(np.eye(3, dtype="<f4"), (corners, 3)).tobytes(), **told)
 
 
-def noted_glb(parts: int = 1, nodes: int = 1, **notes: dict[str, Any]) -> bytes:
-    """A file of triangles, with additions to the description of its ``mesh``, of each ``node``, or of their ``look``."""
+def noted_glb(notes: dict[str, Any], parts: int = 1, nodes: int = 1) -> bytes:
+    """A file of triangles, with additions to the description of its mesh."""
     told = glb_parts()
-    part = {"attributes": {"POSITION": 0}, "material": 0}
-    told |= {"meshes": [{"primitives": [part] * parts, **notes.get("mesh", {})}]}
-    told |= {"nodes": [{"mesh": 0, **notes.get("node", {})}] * nodes, "scenes": [{"nodes": [*range(nodes)]}]}
-    return written_glb(np.eye(3, dtype="<f4").tobytes(), **told, materials=[notes.get("look", {})])
+    told["meshes"] = [{"primitives": told["meshes"][0]["primitives"] * parts, **notes}]
+    told |= {"nodes": [{"mesh": 0}] * nodes, "scenes": [{"nodes": [*range(nodes)]}]}
+    return written_glb(np.eye(3, dtype="<f4").tobytes(), **told)
 
 
 def archive() -> bytes:

@@ -18,7 +18,7 @@ import pytest
 
 import kinseek
 from kinseek import InvalidRobot
-from kinseek.robots import collada_scene, obj
+from kinseek.robots import collada_scene, mesh_files, obj
 from kinseek.robots.mesh_files import ENDINGS, LEAST_BODIES, MOST_BODIES, Beside, Budget, pixels_of_image
 from kinseek.robots.mesh_reader import MeshReader
 from kinseek.robots.meshes import CHECKS, MOST_MESH, mesh_parts
@@ -534,7 +534,7 @@ def test_the_meshes_of_a_scene_share_one_budget(tmp_path: Path, monkeypatch: pyt
     ):
         left = {"repeated_left": again * len(box)} | ({} if most else {"bodies_left": 3 * LEAST_BODIES - 1})
         monkeypatch.setattr(
-            bodies, "Budget", lambda _, most=most, left=left: Budget((most or 9) * len(box), **left)
+            mesh_files, "Budget", lambda _, most=most, left=left: Budget((most or 9) * len(box), **left)
         )
         arm = kinseek.load(robot_of(tmp_path, *scaled, tag="collision"))
         if said is None:

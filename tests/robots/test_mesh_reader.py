@@ -57,7 +57,7 @@ def long_chain() -> bytes:
 
 def copied_names() -> bytes:
     """1 MB that becomes 9 GB: trimesh copies the name of a mesh for each of its bodies."""
-    return noted_glb(parts=900, nodes=10, mesh={"name": "a" * 1_000_000})
+    return noted_glb({"name": "a" * 1_000_000}, parts=900, nodes=10)
 
 
 def look_of(part: Any) -> tuple[Any, ...]:
@@ -110,7 +110,7 @@ def test_no_process_starts_for_what_needs_none_and_none_is_left(tmp_path: Path) 
 
 def test_words_of_the_author_stay_in_the_process(tmp_path: Path) -> None:
     """They took forty times as many bytes here as the process had sent and counted: gigabytes for the meshes of a robot."""
-    (tmp_path / "a.glb").write_bytes(noted_glb(nodes=3, mesh={"name": "a", "extras": {"b": [{}] * 1000}}))
+    (tmp_path / "a.glb").write_bytes(noted_glb({"name": "a", "extras": {"b": [{}] * 1000}}, nodes=3))
     with MeshReader(Budget(2**24)) as reader:
         assert [dict(part.metadata) for part in reader.read(tmp_path / "a.glb")] == [{}] * 3
         assert reader.budget.unpacked_left > mesh_files.MOST_UNPACKED - 6000

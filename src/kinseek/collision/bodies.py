@@ -17,8 +17,6 @@ from kinseek.robots.adapters import is_text
 from kinseek.robots.chain import Frame, SerialChain
 from kinseek.robots.files import file_bytes
 from kinseek.robots.mechanism import no_axes
-from kinseek.robots.mesh_files import Budget
-from kinseek.robots.mesh_reader import MeshReader
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf_file import numbers_of, origin_of
 from kinseek.robots.xacro import urdf_text
@@ -26,7 +24,7 @@ from kinseek.robots.xml_files import root_element
 from kinseek.support.transforms import transform
 
 from .links import link_frames, neighbours_of, same_robot
-from .shapes import MOST_BYTES, Box, Capsule, Cylinder, Mesh, Shape, Sphere, length
+from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere, length, reader_of_shapes
 
 Array = NDArray[np.float64]
 
@@ -206,11 +204,7 @@ class MeshFiles:
     def __init__(self, path: Path, folders: Mapping[str, Path], hull: bool = True) -> None:
         """Read meshes for the file at `path`, with packages by name, and with or without taking their convex hulls."""
         self.path = path
-        self._folders, self._hull, self._reader = (
-            folders,
-            hull,
-            MeshReader(Budget(2 * MOST_BYTES), looks=False),
-        )
+        self._folders, self._hull, self._reader = folders, hull, reader_of_shapes()
         self._known: dict[tuple[str, tuple[float, ...]], Mesh] = {}
         self._corners = 0
 

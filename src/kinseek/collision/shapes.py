@@ -297,11 +297,8 @@ class Mesh(Shape):
                 the reader allows, or has no triangles; or `simplify` is not a length.
             MissingExtra: trimesh is not installed.
         """
-        from kinseek.robots.mesh_files import Budget
-        from kinseek.robots.mesh_reader import MeshReader
-
         if reader is None:
-            with MeshReader(Budget(2 * MOST_BYTES), looks=False) as alone:
+            with reader_of_shapes() as alone:
                 return cls.read(path, scale, hull, simplify, reader=alone)
         try:
             parts = reader.read(file_path(path), MOST_BYTES)
@@ -435,6 +432,14 @@ def _merged(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[n
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return vertices[first[order]], rank[same.ravel()][faces]
+
+
+def reader_of_shapes() -> MeshReader:
+    """Return a reader for the meshes of one file, without their colours and images."""
+    from kinseek.robots.mesh_files import Budget
+    from kinseek.robots.mesh_reader import MeshReader
+
+    return MeshReader(Budget(2 * MOST_BYTES), looks=False)
 
 
 def length(name: str, value: Any, least: float = LEAST_LENGTH) -> float:

@@ -65,7 +65,7 @@ class MeshReader:
         """
         kind = ending(path)
         if kind not in CHECKS and not (kind == "obj" and self._looks):
-            return mesh_parts(path, most, budget=self.budget, looks=self._looks)
+            return mesh_parts(path, most, budget=self.budget, looks=False)
         if self._ended:
             raise InvalidRobot(f"{str(path)!r} is not read: {self._ended}")
         if find_spec("trimesh") is None:
@@ -89,7 +89,7 @@ class MeshReader:
             import_trimesh()  # The process imports it at the same time.
             self._worker.begin(partial(answer, MOST_MEMORY, MOST_SECONDS))
         when = f"at {str(path)!r}; all meshes of a robot may take {MOST_SECONDS} s and {MOST_MEMORY:,} bytes of memory"
-        return self._worker.compute((path, most, self.budget, self._looks), when)
+        return self._worker.compute((path, most, self.budget), when)
 
     def _kill(self) -> None:
         """End the process after a signal handler has raised an exception; another thread waits for its answer."""
@@ -98,12 +98,15 @@ class MeshReader:
             self._worker.kill()
 
 
-def answer(memory: int, seconds: int, request: tuple[Path, int, Budget, bool]) -> tuple[Budget, bytes | str]:
+def answer(memory: int, seconds: int, request: tuple[Path, int, Budget]) -> tuple[Budget, bytes | str]:
     """Read a mesh in the process: return what is left of the budget, and the bodies, or why they cannot be read."""
     _limit(memory, seconds)
-    path, most, budget, looks = request
+    path, most, budget = request
     try:
-        reply = pickle.dumps(mesh_parts(path, most, budget=budget, looks=looks))
+        parts = mesh_parts(path, most, budget=budget)
+        for part in parts:  # Two bytes of the reply can be a dictionary there, of which each body has a copy.
+            part.metadata.clear()
+        reply = pickle.dumps(parts)
         budget.take_unpacked(len(reply))
     except InvalidRobot as error:
         return budget, str(error)

@@ -87,9 +87,6 @@ def _parts(path: Path, kind: str, text: bytes, beside: Beside, budget: Budget, l
         word = str(part.metadata.get("units", "")).partition(" * meters")
         if word[1]:
             part.apply_scale(float(word[0]))
-    for part in parts:
-        # Two bytes that the process of `mesh_reader` sends can be a dictionary here, of which each body has a copy.
-        part.metadata.clear()
     return parts
 
 

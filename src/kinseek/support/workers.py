@@ -45,9 +45,8 @@ class Worker:
         Raises:
             WorkerDied: The system starts no more processes.
         """
-        if (
-            getattr(sys, "frozen", False) or not sys.executable
-        ):  # It would start the program itself once more.
+        # A frozen program would start itself once more.
+        if getattr(sys, "frozen", False) or not sys.executable:
             raise WorkerDied(f"before it started: {sys.executable!r} is not a Python")
         try:
             self._process = subprocess.Popen(
