@@ -221,6 +221,19 @@ class Beside:
         # As it is: without its byte order mark, the file may be an image whose format is not decoded.
         return text
 
+    def image(self, source: str | bytes) -> Any:
+        """Open an image, given as its bytes or as the name of its file; its pixels are decoded when they are used.
+
+        Raises:
+            InvalidRobot: As `get`; or it is no image that can be read.
+        """
+        text = self.get(source) if isinstance(source, str) else source
+        if not pixels_of_image(text):
+            raise InvalidRobot("it is not an image that can be read")
+        from PIL import Image
+
+        return Image.open(io.BytesIO(text), formats=_IMAGES)
+
     def _require_few_materials(self) -> None:
         at_most(self._lines, MOST_LINES, "lines of materials")
         at_most(self._materials, MOST_BODIES, "materials")

@@ -17,7 +17,7 @@ from kinseek.support.interrupts import raise_of_handler
 
 from . import collada_scene, glb, obj, ply, stl
 from .mesh_files import LEAST_BODIES, Beside, Budget, Size, ending, utf8
-from .polygons import Body
+from .polygons import Body, Looks
 
 CHECKS: Mapping[str, Callable[[bytes], Size]] = {"dae": collada_scene.measured, "glb": glb.measured}
 """Checks of the formats that other libraries read, by extension."""
@@ -65,10 +65,10 @@ def _parts(path: Path, kind: str, text: bytes, beside: Beside, budget: Budget, l
             parts = _of_scene(kind, text, beside, budget, take)
         elif kind == "obj":
             bodies, libraries = obj.read(text, take)
-            parts = _painted(bodies, libraries if looks else [], beside)
+            parts = _painted(bodies, _materials_of_obj(libraries, beside) if looks else {})
             budget.take_images(parts)
         else:
-            parts = _painted((ply if kind == "ply" else stl).read(text, take), [], beside)
+            parts = _painted((ply if kind == "ply" else stl).read(text, take), {})
     except InvalidRobot as error:
         raise InvalidRobot(f"{str(path)!r}: {error}") from None
     except Exception as error:  # Mesh readers raise whatever their parsers raise.
@@ -157,8 +157,34 @@ def _of_scene(
     return parts
 
 
-def _painted(bodies: list[Body], libraries: list[str], beside: Beside) -> list[Any]:
-    """Give bodies their looks; materials that cannot be read are left out."""
+def _painted(bodies: list[Body], materials: Mapping[str, Any]) -> list[Any]:
+    """Give bodies their looks."""
+    import trimesh
+
+    parts = []
+    for body in bodies:
+        if not len(body.faces):
+            continue
+        vertices, faces = body.vertices, body.faces
+        material, uv, normals, visual = materials.get(body.material), body.uv, body.normals, None
+        uv = None if material is None or uv is None else uv.reshape(-1, 2)
+        if (
+            uv is not None or normals is not None
+        ):  # A vertex may have several places in the image, and several normals.
+            vertices = vertices[faces].reshape(-1, 3)
+            faces = np.arange(len(vertices)).reshape(-1, 3)
+            normals = None if normals is None else normals.reshape(-1, 3)
+        if material is not None:
+            visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+        colours = {} if visual else {"vertex_colors": body.vertex_colours, "face_colors": body.face_colours}
+        parts.append(
+            trimesh.Trimesh(vertices, faces, process=False, visual=visual, vertex_normals=normals, **colours)
+        )
+    return parts
+
+
+def _materials_of_obj(libraries: list[str], beside: Beside) -> dict[str, Any]:
+    """Return the materials of OBJ; those that cannot be read are left out."""
     import trimesh
 
     materials = dict[str, Any]()
@@ -166,17 +192,19 @@ def _painted(bodies: list[Body], libraries: list[str], beside: Beside) -> list[A
         with suppress(InvalidRobot):
             found = trimesh.exchange.obj.parse_mtl(utf8(beside[name]), resolver=beside)
             materials |= {key: trimesh.visual.material.SimpleMaterial(**look) for key, look in found.items()}
-    parts = []
-    for body in bodies:
-        if not len(body.faces):
-            continue
-        vertices, faces, visual = body.vertices, body.faces, None
-        if material := materials.get(body.material):
-            uv = None
-            if body.uv is not None:  # A vertex may have several places in the image.
-                vertices, uv = vertices[faces].reshape(-1, 3), body.uv.reshape(-1, 2)
-                faces = np.arange(len(vertices)).reshape(-1, 3)
-            visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
-        colours = {} if visual else {"vertex_colors": body.vertex_colours, "face_colors": body.face_colours}
-        parts.append(trimesh.Trimesh(vertices, faces, process=False, visual=visual, **colours))
-    return parts
+    return materials
+
+
+def _materials(looks: Looks, beside: Beside) -> dict[str, Any]:
+    """Return the materials of COLLADA or GLB; images that cannot be read are left out."""
+    import trimesh
+
+    materials = dict[str, Any]()
+    for name, look in looks.items():
+        given = dict(look)
+        for key in [key for key in look if key.endswith("Texture")]:
+            del given[key]
+            with suppress(InvalidRobot):
+                given[key] = beside.image(look[key])
+        materials[name] = trimesh.visual.material.PBRMaterial(**given)
+    return materials

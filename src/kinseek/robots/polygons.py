@@ -36,6 +36,37 @@ class Body(NamedTuple):
     """Name of the material in OBJ; empty without one."""
     uv: Array | None = None
     """(m, 3, 2), coordinates of the corners in the image of the material."""
+    normals: Array | None = None
+    """(m, 3, 3), directions of the surface at the corners, for shading."""
+
+
+Looks = dict[str, dict[str, Any]]
+"""Materials of a file by name: arguments of trimesh's `PBRMaterial`. An image is given as its bytes, or as the name of its
+file."""
+
+
+def placed(body: Body, matrix: Array) -> Body:
+    """Return a body moved by a matrix, (4, 4).
+
+    A matrix that mirrors it turns its triangles around, too, so that their outer sides stay outside.
+    """
+    linear = matrix[:3, :3]
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # What is not finite then is rejected by who reads the file.
+        vertices, sign = body.vertices @ linear.T + matrix[:3, 3], np.linalg.det(linear)
+    turn = slice(None, None, -1) if sign < 0 else slice(None)
+    normals, uv = body.normals, body.uv
+    if normals is not None:
+        # The cofactors are the inverse transpose, times the determinant, and exist without an inverse.
+        cofactors = np.stack([np.cross(linear[(i + 1) % 3], linear[(i + 2) % 3]) for i in range(3)])
+        normals = (normals @ cofactors.T * (np.sign(sign) or 1.0))[:, turn]
+    return body._replace(
+        vertices=vertices,
+        faces=body.faces[:, turn],
+        uv=None if uv is None else uv[:, turn],
+        normals=normals,
+    )
 
 
 def at_most(count: int, most: int, noun: str) -> None:
