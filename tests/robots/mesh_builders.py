@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kinseek.robots import collada_scene, glb, mesh_files, obj, ply, stl
+from kinseek.robots import collada, collada_scene, glb, mesh_files, obj, ply, stl
 from kinseek.robots.meshes import mesh_parts
 from robot_files import TURNING, link, robot, write
 
@@ -24,14 +24,12 @@ def small_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Set limits as those of files of `MOST` bytes would be."""
     limits = {"LINES": MOST // 16, "CORNERS": MOST // 5, "TAGS": MOST // 64, "SHARED": 2 * MOST}
     for name, most in limits.items():
-        for module in (mesh_files, collada_scene, glb, obj, ply, stl):
+        for module in (mesh_files, collada, collada_scene, glb, obj, ply, stl):
             monkeypatch.setattr(module, f"MOST_{name}", most, raising=False)
 
 
 def read(folder: Path, kind: str, content: str | bytes, most: int = MOST) -> list[Any]:
     """Bodies of a file with this content."""
-    if kind == "dae":
-        pytest.importorskip("collada")
     return mesh_parts(write(folder, f"a.{kind}", content), most)
 
 

@@ -29,7 +29,6 @@ LIMITED = pytest.mark.skipif(sys.platform != "linux", reason="the limits are tho
 
 def files_in(folder: Path) -> dict[str, Path]:
     """Mesh files of all kinds, by name."""
-    pytest.importorskip("collada")
     pytest.importorskip("PIL.Image").new("RGB", (8, 8), (255, 0, 0)).save(folder / "a.png")
     (folder / "a.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd a.png\n")
     data, told = pictured_glb((64, 64))

@@ -446,26 +446,6 @@ def test_a_mesh_with_a_broken_image_is_drawn_without_it(tmp_path: Path, trimesh:
     assert len(written_files) == sum(len(link.parts) for link in meshes.links) > 0
 
 
-def test_collada_says_its_unit(tmp_path: Path, trimesh: Any) -> None:
-    pytest.importorskip("collada")
-    text = trimesh.exchange.dae.export_collada(trimesh.creation.box((1000.0, 1000.0, 1000.0))).decode()
-    assert "<asset>" in text
-    head, _, rest = text.partition("<asset>")
-    before, _, after = rest.partition("</asset>")
-    before = re.sub(r"<unit[^>]*/>", "", before)
-    after_unit = '<unit name="millimeter" meter="0.001"/>'
-    order = (
-        before.replace("<up_axis>", f"{after_unit}<up_axis>")
-        if "<up_axis>" in before
-        else before + after_unit
-    )
-    (tmp_path / "arm.dae").write_text(f"{head}<asset>{order}</asset>{after}")
-    found = meshes_of(kinseek.load(written(tmp_path, "arm.dae"), tip="hand").chain)
-    assert not found.missing
-    sizes = [part.extents.max() for link in found.links for part in link.parts]
-    assert max(sizes) == pytest.approx(2.0)
-
-
 def test_all_missing_meshes_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("viser")
     text = re.sub(r"<(box|sphere) [^>]*/>", '<mesh filename="no_\\1.stl"/>', URDF.format(mesh="no_arm.stl"))

@@ -1,134 +1,231 @@
-"""The scene of COLLADA files, and how large they are unpacked; trimesh reads them, with pycollada.
+"""COLLADA files: the scene that a file shows; `collada` reads its geometries, and `collada_looks` its materials.
 
-Nodes may have instances of geometries and of other nodes, any number of times. So this module adds up their sizes before
-trimesh reads a file; `collada` says what is read of them.
+Source: Barnes and Levy Finch, *COLLADA – Digital Asset Schema Release 1.4.1*, Khronos Group (2008), chapter 5.
 """
 
 from __future__ import annotations
 
-import io
 import re
-import zipfile
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 from xml.parsers import expat
 
 import numpy as np
 
 from kinseek.errors import InvalidRobot
+from kinseek.support.transforms import rotation
 
-from .collada import (
-    count_words,
-    name_of,
-    require_geometry,
-    require_node,
-    require_numbers_alone,
-    require_one_namespace,
-    require_units,
-    shared_numbers,
-)
-from .mesh_files import MOST_BODIES, MOST_CORNERS, MOST_SHARED, Size, drawn_corners
-from .polygons import at_most
+from .collada import bodies_of, children_of, corners_of, name_of, numbers_of, only
+from .collada_looks import looks_of
+from .mesh_files import MOST_BODIES, Size, drawn_corners
+from .polygons import Array, Body, Looks, at_most, placed
+from .stl import NUMBER
 
 MOST_TAGS = 2**20
 """Most tags of a file."""
+MOST_DEPTH = 100
+"""Most nodes around a node."""
+
+_MOTIONS = {"translate": 3, "rotate": 4, "scale": 3, "matrix": 16}
+"""Elements that move a node, and how many numbers each has."""
+_SHAPES = ("node", "instance_node", "instance_geometry")
+_IN_NODES = (*_MOTIONS, *_SHAPES, "instance_camera", "instance_light", "asset", "extra")
+"""Elements of nodes that are read, or that have no shape."""
+_UNIT = 1e-4
+"""How much the length of an axis may differ from 1, for rounding."""
 
 
-def measured(text: bytes) -> Size:
-    """Return the size of the unpacked content of a file.
+def read(text: bytes, take: Callable[[Size], None], looks: bool) -> tuple[list[Body], Looks]:
+    """Read the bodies of the scene that a file shows, in metres. Its upward axis is ignored, as by RViz and MoveIt.
+
+    Args:
+        text: The file.
+        take: Is told the size of the bodies before they are read.
+        looks: Read their looks, too?
 
     Raises:
-        InvalidRobot: It is too large, or the reader would ignore a part of it.
+        InvalidRobot: A part of the scene cannot be read, readers differ on it, or it is too large.
     """
-    if zipfile.is_zipfile(io.BytesIO(text)):
-        raise InvalidRobot("it is an archive; unpack it")
+    root = _root(text)
+    scene = _Scene(_named(root))
+    scene.add_all(root, np.diag([*[_unit(root)] * 3, 1.0]))
+    at_most(scene.bodies, MOST_BODIES, "nodes and bodies")
+    corners = drawn_corners(sum(corners_of(each.geometry) for each in scene.shown), text)
+    take(Size(scene.bodies, corners))
+    known = {each.geometry: bodies_of(each.geometry, looks) for each in scene.shown}
+    bodies = [
+        placed(body, each.matrix)._replace(material=each.materials.get(body.material, body.material))
+        for each in scene.shown
+        for body in known[each.geometry]
+    ]
+    return bodies, looks_of({body.material for body in bodies}, scene.named) if looks else {}
+
+
+class _Shown(NamedTuple):
+    """An instance of a geometry."""
+
+    geometry: Any
+    matrix: Array
+    """Its place, (4, 4) [m]."""
+    materials: dict[str, str]
+    """Ids of materials, by the symbols that its primitives name."""
+
+
+class _Scene:
+    """The instances of geometries that a file shows."""
+
+    def __init__(self, named: dict[str, list[Any]]) -> None:
+        """Begin with none.
+
+        Args:
+            named: All elements by their ids.
+        """
+        self.named, self.shown = named, list[_Shown]()
+        self.bodies = 0
+        """Number of nodes and of parts of geometries, each counted as often as it is shown."""
+
+    def add_all(self, root: Any, matrix: Array) -> None:
+        """Add what the file shows, moved by a matrix."""
+        who = "its <scene>"
+        kinds = ("instance_visual_scene", "instance_physics_scene", "instance_kinematics_scene", "extra")
+        instance = only(children_of(_only_child(root, "scene"), kinds, who), "instance_visual_scene", who)
+        scene = self._target(instance, "visual_scene")
+        # Some readers read it as a node, with motions and bodies of its own.
+        for node in children_of(scene, ("node", "asset", "evaluate_scene", "extra"), "its <visual_scene>")[
+            "node"
+        ]:
+            self._add(node, matrix, ())
+
+    def _add(self, node: Any, matrix: Array, above: tuple[Any, ...]) -> None:
+        """Add what a node shows, which is in other nodes that have a place together."""
+        if node in above:
+            raise InvalidRobot("a node is an instance of itself")
+        at_most(len(above), MOST_DEPTH, "nodes in each other")
+        self._count(1)
+        who = f"the node {node.get('id') or node.get('name')!r:.100}"
+        children_of(node, _IN_NODES, who)
+        children = [(name_of(each), each) for each in node.iterchildren("*")]
+        has_shape = any(name in _SHAPES for name, _ in children)
+        for name, each in children:
+            if name in _MOTIONS and has_shape:  # Lights and cameras often have odd motions.
+                matrix = matrix @ _motion(name, numbers_of(each, who), who)
+        for name, each in children:
+            if name == "node":
+                self._add(each, matrix, (*above, node))
+            elif name == "instance_node":
+                self._add(self._target(each, "node"), matrix, (*above, node))
+            elif name == "instance_geometry":
+                geometry = self._target(each, "geometry")
+                self._count(len(geometry.findall("{*}mesh/*")))
+                self.shown.append(_Shown(geometry, matrix, _bound(each, who)))
+
+    def _count(self, bodies: int) -> None:
+        self.bodies += bodies
+        at_most(self.bodies, MOST_BODIES, "nodes and bodies")
+
+    def _target(self, element: Any, kind: str) -> Any:
+        """Return what an element is an instance of."""
+        url = element.get("url", "")
+        found = self.named.get(url[1:], []) if url.startswith("#") else []
+        if len(found) != 1 or name_of(found[0]) != kind:
+            got = ", ".join(f"<{name_of(each)}>" for each in found) or "nothing"
+            raise InvalidRobot(
+                f"it has an <{name_of(element)}> of {url!r:.100}, which names {got:.200}; expected one <{kind}> of the file"
+            )
+        return found[0]
+
+
+def _motion(name: str, numbers: Array, who: str) -> Array:
+    """Return the matrix of an element that moves a node, (4, 4)."""
+    if len(numbers) != _MOTIONS[name]:
+        raise InvalidRobot(f"{who} has a <{name}> of {len(numbers)} numbers, expected {_MOTIONS[name]}")
+    matrix = np.eye(4)
+    if name == "matrix":
+        matrix = numbers.reshape(4, 4)
+        if matrix[3].tolist() != [0, 0, 0, 1]:
+            raise InvalidRobot(
+                f"{who} has a <matrix> whose last row is {matrix[3].tolist()}, expected 0, 0, 0, 1"
+            )
+    elif name == "translate":
+        matrix[:3, 3] = numbers
+    elif name == "scale":
+        matrix[:3, :3] = np.diag(numbers)
+    elif numbers[3]:
+        length = np.linalg.norm(numbers[:3])
+        if abs(length - 1) > _UNIT:  # Some readers stretch the body then.
+            raise InvalidRobot(
+                f"{who} has a <rotate> about {numbers[:3].tolist()}, expected an axis of length 1"
+            )
+        matrix[:3, :3] = rotation(numbers[:3] / length, np.radians(numbers[3]))
+    return matrix
+
+
+def _bound(instance: Any, who: str) -> dict[str, str]:
+    """Return the ids of materials that an instance binds to symbols."""
+    children_of(instance, ("bind_material", "extra"), f"{who}, in <instance_geometry>,")
+    found = instance.iterfind("{*}bind_material/{*}technique_common/{*}instance_material")
+    return {each.get("symbol", ""): each.get("target", "").removeprefix("#") for each in found}
+
+
+def _root(text: bytes) -> Any:
+    """Parse the XML."""
     _require_no_doctype(text)
     at_most(text.count(b"<"), MOST_TAGS, "tags")
     from lxml import etree
 
     root = etree.fromstring(text, etree.XMLParser(huge_tree=True, no_network=True))
-    require_one_namespace(root)
-    require_numbers_alone(root)
-    etree.strip_tags(root, etree.Comment, etree.ProcessingInstruction)
-    for each in root.iter("{*}vcount"):
-        if re.fullmatch(r"[0-9 \t\r\n]*", each.text or "") is None:
-            raise InvalidRobot("the numbers of corners of polygons are not whole numbers")
-        if count_words(each.text):
-            corners = float(np.fromstring(each.text, sep=" ").sum())
-            at_most(int(min(corners, 2.0**62)), MOST_CORNERS, "corners of polygons")
-    named = [f"{{*}}{each}" for each in ("node", "geometry", "material", "effect", "image")]
-    at_most(sum(1 for _ in root.iter(*named)), MOST_BODIES, "nodes, geometries, materials and images")
-    require_units(root)
-    at_most(sum(map(shared_numbers, root.iter("{*}mesh"))), MOST_SHARED, "numbers that its bodies share")
-    size = _unfolded(root)
-    at_most(size.bodies, MOST_BODIES, "nodes and bodies")
-    return size._replace(corners=drawn_corners(size.corners, text))
+    if name_of(root) != "COLLADA":
+        raise InvalidRobot(f"it begins with <{name_of(root)}>, expected <COLLADA>")
+    return root
 
 
-def _unfolded(root: Any) -> Size:
-    """Check and count what all scenes show, with every instance counted; triangles are those of the scene that is shown."""
-    geometries: dict[str | None, list[Any]] = {}
-    nodes: dict[str | None, list[Any]] = {}
-    for each in root.iter("{*}geometry"):
-        geometries.setdefault(each.get("id"), []).append(each)
-    for each in root.iter("{*}node"):
-        nodes.setdefault(each.get("id"), []).append(each)
-    known: dict[Any, Size | None] = {}
+def _named(root: Any) -> dict[str, list[Any]]:
+    """Return all elements with ids outside of extensions, by their ids.
 
-    def size(element: Any) -> Size:
-        if element not in known:
-            known[element] = None
-            known[element] = unfolded(element)
-        found = known[element]
-        if found is None:
-            raise InvalidRobot("a node is an instance of itself")
-        return found
-
-    def unfolded(element: Any) -> Size:
-        if name_of(element) == "geometry":
-            # Of its own bodies: a geometry may be in the <extra> of another one, which would count all below it again.
-            corners = sum(count_words(each.text) for each in element.iterfind("{*}mesh/*/{*}p"))
-            return Size(len(element.findall("{*}mesh/*")), corners, require_geometry(element))
-        require_node(element)
-        sizes = [Size(1, 0)]
-        for each in element:
-            if name_of(each) == "node":
-                sizes.append(size(each))
-            elif name_of(each) in ("instance_node", "instance_geometry"):
-                among = nodes if name_of(each) == "instance_node" else geometries
-                sizes.append(size(_instance_of(each, among)))
-        return Size.of(sizes)
-
-    urls = [each.get("url") for each in root.iterfind("{*}scene/{*}instance_visual_scene")]
-    if len(urls) > 1:
-        raise InvalidRobot(f"it shows {len(urls)} scenes, expected one")
-    url = urls[0] if urls else None
-    scenes = root.findall(".//{*}visual_scene")
-    shown = [scene for scene in scenes if f"#{scene.get('id')}" == url]
-    if len(shown) != 1:
-        raise InvalidRobot(f"it shows the scene {url!r:.100}, expected one of its own")
-    for each in shown[0]:  # Some readers read a scene as a node, with motions and bodies of its own.
-        if name_of(each) not in ("node", "asset", "evaluate_scene", "extra"):
-            raise InvalidRobot(f"its scene has <{name_of(each)}>, expected it in a <node>")
-    try:
-        held, seen = (
-            Size.of([size(node) for scene in some for node in scene.iterfind("{*}node")])
-            for some in (scenes, shown)
-        )
-        return held._replace(triangles=seen.triangles)
-    except RecursionError:
-        raise InvalidRobot("its nodes are nested too deep") from None
+    Raises:
+        InvalidRobot: An element is of another namespace than the root: some readers ignore it, others know no namespaces.
+    """
+    own, left = root.tag.rpartition("}")[0], [root]
+    found: dict[str, list[Any]] = {}
+    while left:
+        each = left.pop()
+        if each.tag.rpartition("}")[0] != own:
+            raise InvalidRobot(f"it has a <{name_of(each)}> of another namespace than its root")
+        found.setdefault(each.get("id", ""), []).append(each)
+        if name_of(each) not in ("extra", "technique"):
+            left.extend(each.iterchildren("*"))
+    found.pop("", None)
+    return found
 
 
-def _instance_of(element: Any, among: dict[str | None, list[Any]]) -> Any:
-    """Return what an element of COLLADA is an instance of."""
-    url = element.get("url") or ""
-    # An empty one is also what the reader calls all geometries without an id.
-    found = among.get(url[1:], []) if url.startswith("#") and url != "#" else []
+def _only_child(root: Any, name: str) -> Any:
+    found = root.findall(f"{{*}}{name}")
     if len(found) != 1:
-        raise InvalidRobot(
-            f"it has an <{name_of(element)}> of {url!r:.100}, of which it has {len(found)}; expected 1, in the file itself"
-        )
+        raise InvalidRobot(f"it has {len(found)} <{name}> elements, expected one")
     return found[0]
+
+
+def _unit(root: Any) -> float:
+    """Return the unit of the file [m].
+
+    Raises:
+        InvalidRobot: It is not a number above 0, or a part of the file has another one.
+    """
+    if root.find("{*}asset") is None:
+        return 1.0
+    words = [
+        each.get("meter", "1").strip(" \t\r\n") for each in _only_child(root, "asset").iterfind("{*}unit")
+    ]
+    word = words[0] if words else "1"
+    whole = float(word) if re.fullmatch(NUMBER, word.encode()) else 0.0
+    if not 0 < whole < np.inf:
+        raise InvalidRobot(f"its unit is {word!r:.100}, expected a number of metres above 0")
+    for each in root.iter("{*}unit"):
+        if (other := each.get("meter", "1").strip(" \t\r\n")) != word:
+            raise InvalidRobot(
+                f"a part of it has a unit of {other!r:.100} m, expected {word:.100} m as in the whole file"
+            )
+    return whole
 
 
 class _Begun(Exception):

@@ -222,7 +222,7 @@ class Beside:
         return text
 
     def image(self, source: str | bytes) -> Any:
-        """Open an image, given as its bytes or as the name of its file; its pixels are decoded when they are used.
+        """Decode an image, given as its bytes or as the name of its file.
 
         Raises:
             InvalidRobot: As `get`; or it is no image that can be read.
@@ -232,7 +232,13 @@ class Beside:
             raise InvalidRobot("it is not an image that can be read")
         from PIL import Image
 
-        return Image.open(io.BytesIO(text), formats=_IMAGES)
+        try:
+            image = Image.open(io.BytesIO(text), formats=_IMAGES)
+            image.load()
+        except Exception as error:  # It is broken, in whatever way its format knows.
+            raise_of_handler(error)
+            raise InvalidRobot(f"an image cannot be read: {error}") from None
+        return image
 
     def _require_few_materials(self) -> None:
         at_most(self._lines, MOST_LINES, "lines of materials")

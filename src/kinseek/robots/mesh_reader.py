@@ -18,13 +18,15 @@ from kinseek.support.interrupts import uninterrupted
 from kinseek.support.workers import Worker, WorkerDied
 
 from .mesh_files import Budget, ending
-from .meshes import CHECKS, MOST_MESH, import_trimesh, mesh_parts
+from .meshes import MOST_MESH, import_trimesh, mesh_parts
 
 MOST_MEMORY = 2**32
 """Most bytes of memory of the process."""
 MOST_SECONDS = 120
 """Most processor time of the process, which reads all meshes of a robot [s]."""
 
+_IN_PROCESS = ("dae", "glb")
+"""Formats that the process reads; OBJ, too, if its materials are read."""
 _ONE_THREAD = {f"{each}_NUM_THREADS": "1" for each in ("MKL", "OMP", "OPENBLAS")}
 """Environment of the process: each thread of a numerical library would take a part of its memory."""
 
@@ -64,7 +66,7 @@ class MeshReader:
             ImportError: trimesh is not installed.
         """
         kind = ending(path)
-        if kind not in CHECKS and not (kind == "obj" and self._looks):
+        if kind not in _IN_PROCESS and not (kind == "obj" and self._looks):
             return mesh_parts(path, most, budget=self.budget, looks=False)
         if self._ended:
             raise InvalidRobot(f"{str(path)!r} is not read: {self._ended}")
@@ -89,7 +91,7 @@ class MeshReader:
             import_trimesh()  # The process imports it at the same time.
             self._worker.begin(partial(answer, MOST_MEMORY, MOST_SECONDS))
         when = f"at {str(path)!r}; all meshes of a robot may take {MOST_SECONDS} s and {MOST_MEMORY:,} bytes of memory"
-        return self._worker.compute((path, most, self.budget), when)
+        return self._worker.compute((path, most, self.budget, self._looks), when)
 
     def _kill(self) -> None:
         """End the process after a signal handler has raised an exception; another thread waits for its answer."""
@@ -98,12 +100,12 @@ class MeshReader:
             self._worker.kill()
 
 
-def answer(memory: int, seconds: int, request: tuple[Path, int, Budget]) -> tuple[Budget, bytes | str]:
+def answer(memory: int, seconds: int, request: tuple[Path, int, Budget, bool]) -> tuple[Budget, bytes | str]:
     """Read a mesh in the process: return what is left of the budget, and the bodies, or why they cannot be read."""
     _limit(memory, seconds)
-    path, most, budget = request
+    path, most, budget, looks = request
     try:
-        parts = mesh_parts(path, most, budget=budget)
+        parts = mesh_parts(path, most, budget=budget, looks=looks)
         for part in parts:  # Two bytes of the reply can be a dictionary there, of which each body has a copy.
             part.metadata.clear()
         reply = pickle.dumps(parts)

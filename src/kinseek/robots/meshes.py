@@ -19,7 +19,7 @@ from . import collada_scene, glb, obj, ply, stl
 from .mesh_files import LEAST_BODIES, Beside, Budget, Size, ending, utf8
 from .polygons import Body, Looks
 
-CHECKS: Mapping[str, Callable[[bytes], Size]] = {"dae": collada_scene.measured, "glb": glb.measured}
+CHECKS: Mapping[str, Callable[[bytes], Size]] = {"glb": glb.measured}
 """Checks of the formats that other libraries read, by extension."""
 MOST_MESH = 64 * 2**20
 """Most bytes of one mesh's file."""
@@ -63,6 +63,10 @@ def _parts(path: Path, kind: str, text: bytes, beside: Beside, budget: Budget, l
     try:
         if kind in CHECKS:
             parts = _of_scene(kind, text, beside, budget, take)
+        elif kind == "dae":
+            bodies, found = collada_scene.read(text, take, looks)
+            parts = _painted(bodies, _materials(found, beside))
+            budget.take_images(parts)
         elif kind == "obj":
             bodies, libraries = obj.read(text, take)
             parts = _painted(bodies, _materials_of_obj(libraries, beside) if looks else {})
@@ -82,11 +86,6 @@ def _parts(path: Path, kind: str, text: bytes, beside: Beside, budget: Budget, l
         part.remove_unreferenced_vertices()
         if part.vertices.shape[1] != 3 or not np.isfinite(part.vertices).all():
             raise InvalidRobot(f"{str(path)!r}: a vertex is not of three finite numbers")
-    # COLLADA declares its unit in metres, and the reader does not apply it. In GLB, metadata is free text of the author.
-    for part in parts if kind == "dae" else []:
-        word = str(part.metadata.get("units", "")).partition(" * meters")
-        if word[1]:
-            part.apply_scale(float(word[0]))
     return parts
 
 
@@ -126,7 +125,7 @@ def _without(name: str) -> Iterator[None]:
 def _of_scene(
     kind: str, text: bytes, beside: Beside, budget: Budget, take: Callable[[Size], None]
 ) -> list[Any]:
-    """Read COLLADA or GLB."""
+    """Read GLB."""
     import trimesh
 
     size = CHECKS[kind](text)
@@ -137,22 +136,13 @@ def _of_scene(
     # Otherwise trimesh leaves out triangles with NaN, and makes one of vertices within 1e-8 before they are scaled.
     for each in found["geometry"].values() if "geometry" in found else [found]:
         each["process"] = False
-    # Frames have the names of bodies: one with the name of the root, "world", would lose its place.
-    for number, edge in enumerate(found["graph"] if kind == "dae" else []):
-        edge["frame_to"] = number
     scene = trimesh.load_scene(found)
     scene.graph.repair_rigid = None  # Otherwise scales within 1e-5 of 1 are left out.
     budget.take_images(scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry)
     parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     if (read := sum(len(part.faces) for part in parts)) != size.triangles:
         raise InvalidRobot(
-            f"it has {size.triangles:,} triangles, of which {read:,} can be read. "
-            + (
-                "In COLLADA, look for materials that are missing, sources with another number of columns, and instances of "
-                "nodes in other nodes"
-                if kind == "dae"
-                else "Write it anew"
-            )
+            f"it has {size.triangles:,} triangles, of which {read:,} can be read. Write it anew"
         )
     return parts
 
