@@ -815,6 +815,16 @@ def test_a_pipe_among_the_metadata_is_not_opened(grid: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+def test_files_of_a_store_are_checked_when_zarr_reads_them_without_asyncio(grid: Path) -> None:
+    """Only its other method was checked, and this one waited for a writer of the pipe."""
+    os.mkfifo(grid / "pipe")
+    store = local_files.LocalFiles(grid, read_only=True)
+    with pytest.raises(ValueError, match="'pipe' is not a regular file"):
+        store.get_sync("pipe")
+    assert store.get_sync("zarr.json").to_bytes() == (grid / "zarr.json").read_bytes()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
 @pytest.mark.parametrize("replaced", ["pipe", "link to a device", "huge file"])
 @pytest.mark.parametrize("name", ["cell", "blocks/done"])
 def test_a_block_that_is_no_regular_file_is_not_read(name: str, replaced: str, grid: Path) -> None:

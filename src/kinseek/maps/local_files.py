@@ -79,20 +79,34 @@ class LocalFiles(LocalStore):
         prototype: BufferPrototype | None = None,
         byte_range: ByteRequest | None = None,
     ) -> Buffer | None:
+        """Read a file; None if there is none.
+
+        Raises:
+            ValueError: See `get_sync`.
+        """
+        return await asyncio.to_thread(self.get_sync, key, prototype=prototype, byte_range=byte_range)
+
+    def get_sync(
+        self,
+        key: str,
+        *,
+        prototype: BufferPrototype | None = None,
+        byte_range: ByteRequest | None = None,
+    ) -> Buffer | None:
         """Read a file; None if there is none. It is checked when it is open, whatever its name leads to.
 
         Raises:
             ValueError: It is not a regular file, or too large, or metadata of a type with parameters, or a block that
-                unpacks to more than a block can have.
+                unpacks to more than a block can have; or only a part of it is wanted, as of shards, which no map has.
         """
-        if byte_range is not None:  # Of shards, which no map has.
-            return await super().get(key, prototype, byte_range)
+        if byte_range is not None:
+            raise ValueError(f"a part of {key!r} is asked for, expected the whole file")
         metadata = key.rpartition("/")[2] == METADATA
         known = self.known if metadata and self.known is not None else {}
         if key not in known:
             most = MOST_BYTES if metadata else MOST_BLOCK
             try:
-                content = await asyncio.to_thread(_content, self.root / key, most)
+                content = _content(self.root / key, most)
             except (FileNotFoundError, NotADirectoryError):
                 return None
             if content is None:
