@@ -40,7 +40,7 @@ def read(text: bytes, take: Callable[[Size], None], looks: bool) -> tuple[list[B
 
     Args:
         text: The file.
-        take: Is told the size of the bodies before they are read.
+        take: Takes the size of the bodies before they are read.
         looks: Read their looks, too?
 
     Raises:
@@ -48,7 +48,8 @@ def read(text: bytes, take: Callable[[Size], None], looks: bool) -> tuple[list[B
     """
     root = _root(text)
     scene = _Scene(_named(root))
-    scene.add_all(root, np.diag([*[_unit(root)] * 3, 1.0]))
+    with np.errstate(over="ignore", invalid="ignore"):  # Who reads the file rejects what is not finite then.
+        scene.add_all(root, np.diag([*[_unit(root)] * 3, 1.0]))
     at_most(scene.bodies, MOST_BODIES, "nodes and bodies")
     corners = drawn_corners(sum(corners_of(each.geometry) for each in scene.shown), text)
     take(Size(scene.bodies, corners))
