@@ -50,17 +50,16 @@ def placed(body: Body, matrix: Array) -> Body:
 
     A matrix that mirrors it turns its triangles around, too, so that their outer sides stay outside.
     """
-    linear = matrix[:3, :3]
-    with np.errstate(
-        over="ignore", invalid="ignore"
-    ):  # What is not finite then is rejected by who reads the file.
+    linear, normals, uv = matrix[:3, :3], body.normals, body.uv
+    with np.errstate(over="ignore", invalid="ignore"):  # Who reads the file rejects what is not finite then.
         vertices, sign = body.vertices @ linear.T + matrix[:3, 3], np.linalg.det(linear)
-    turn = slice(None, None, -1) if sign < 0 else slice(None)
-    normals, uv = body.normals, body.uv
-    if normals is not None:
-        # The cofactors are the inverse transpose, times the determinant, and exist without an inverse.
-        cofactors = np.stack([np.cross(linear[(i + 1) % 3], linear[(i + 2) % 3]) for i in range(3)])
-        normals = (normals @ cofactors.T * (np.sign(sign) or 1.0))[:, turn]
+        turn = slice(None, None, -1) if sign < 0 else slice(None)
+        if normals is not None:
+            # The cofactors are the inverse transpose, times the determinant, and exist without an inverse.
+            cofactors = np.stack([np.cross(linear[(i + 1) % 3], linear[(i + 2) % 3]) for i in range(3)])
+            normals = (normals @ cofactors.T * (np.sign(sign) or 1.0))[:, turn]
+            lengths = np.linalg.norm(normals, axis=2, keepdims=True)
+            normals = normals / np.where(lengths > 0, lengths, 1)
     return body._replace(
         vertices=vertices,
         faces=body.faces[:, turn],
