@@ -348,6 +348,16 @@ def test_strips_and_fans_of_collada(
         ('<triangles count="1"', "<triangles", "has a <triangles> with the count ''"),
         ('vertices id="v"', "vertices", "has <vertices> without an id"),
         ('vertices id="v"', 'vertices id="s"', "has two parts with the id 's'"),
+        (
+            'version="1.0"',
+            'version="1.0" encoding="cp437"',
+            "(Unsupported encoding: cp437|the encoding 'cp437' is not read)",
+        ),
+        (
+            "library_geometries>",
+            "library_materials>",
+            "at COLLADA/library_materials/geometry, expected it in its library",
+        ),
         ("COLLADA", "X3D", "begins with <X3D>, expected <COLLADA>"),
         (
             "<library_nodes>",

@@ -20,6 +20,7 @@ from .collada_looks import looks_of
 from .mesh_files import MOST_BODIES, Size, drawn_corners
 from .polygons import Array, Body, Looks, at_most, placed
 from .stl import NUMBER
+from .xml_files import ENCODINGS
 
 MOST_TAGS = 2**20
 """Most tags of a file."""
@@ -31,6 +32,10 @@ _MOTIONS = {"translate": 3, "rotate": 4, "scale": 3, "matrix": 16}
 _SHAPES = ("node", "instance_node", "instance_geometry")
 _IN_NODES = (*_MOTIONS, *_SHAPES, "instance_camera", "instance_light", "asset", "extra")
 """Elements of nodes that are read, or that have no shape."""
+_PATHS = re.compile(
+    "COLLADA/(library_geometries/geometry|library_nodes(/node)+|library_visual_scenes/visual_scene(/node)*)"
+)
+"""Where elements are of which others are instances."""
 _UNIT = 1e-4
 """How much the length of an axis may differ from 1, for rounding."""
 
@@ -133,6 +138,11 @@ class _Scene:
             raise InvalidRobot(
                 f"it has an <{name_of(element)}> of {url!r:.100}, which names {got:.200}; expected one <{kind}> of the file"
             )
+        path = "/".join(map(name_of, [*reversed([*found[0].iterancestors()]), found[0]]))
+        if _PATHS.fullmatch(path) is None:
+            raise InvalidRobot(
+                f"it has an <{name_of(element)}> of what is at {path:.200}, expected it in its library"
+            )
         return found[0]
 
 
@@ -175,6 +185,9 @@ def _root(text: bytes) -> Any:
     from lxml import etree
 
     root = etree.fromstring(text, etree.XMLParser(huge_tree=True, no_network=True))
+    encoding = root.getroottree().docinfo.encoding or "UTF-8"
+    if ENCODINGS.fullmatch(encoding) is None:
+        raise InvalidRobot(f"the encoding {encoding!r:.100} is not read; write the file in UTF-8")
     if name_of(root) != "COLLADA":
         raise InvalidRobot(f"it begins with <{name_of(root)}>, expected <COLLADA>")
     return root

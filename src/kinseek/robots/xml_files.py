@@ -11,7 +11,7 @@ from kinseek.support.forks import importing
 XACRO = "http://www.ros.org/wiki/xacro"
 """Namespace of the commands of xacro."""
 
-_ENCODINGS = re.compile(
+ENCODINGS = re.compile(
     r"utf-?8|utf-?16(le|be)?|(us-)?ascii|iso[-_]?8859-\d+|latin-?\d+|(windows-|cp)125\d|koi8-[ru]|"
     r"gb2312|gbk|gb18030|big5|shift[-_]jis|euc-(jp|kr|tw|cn)",
     re.IGNORECASE,
@@ -48,7 +48,7 @@ def root_element(text: bytes, where: str) -> Any:
             "write what its entities stand for"
         )
     encoding = document.encoding or "UTF-8"
-    if _ENCODINGS.fullmatch(encoding) is None:
+    if ENCODINGS.fullmatch(encoding) is None:
         raise InvalidRobot(f"{where}: the encoding {encoding!r:.100} is not read; write the file in UTF-8")
     own = etree.QName(root).namespace
     for element in root.xpath("descendant-or-self::*[namespace-uri()]"):
