@@ -22,7 +22,7 @@ MOST = 2**16
 
 def small_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Set limits as those of files of `MOST` bytes would be."""
-    limits = {"LINES": MOST // 16, "CORNERS": MOST // 5, "TAGS": MOST // 64, "SHARED": 2 * MOST}
+    limits = {"LINES": MOST // 16, "CORNERS": MOST // 5, "TAGS": MOST // 64}
     for name, most in limits.items():
         for module in (mesh_files, collada, collada_scene, glb, obj, ply, stl):
             monkeypatch.setattr(module, f"MOST_{name}", most, raising=False)
@@ -116,10 +116,10 @@ def changed_glb(where: str, change: dict[str, Any]) -> bytes:
     return written_glb(np.eye(3, dtype="<f4").tobytes(), **told)
 
 
-def pictured_glb(size: tuple[int, int], kind: str = "PNG") -> tuple[bytes, dict[str, Any]]:
+def pictured_glb(size: tuple[int, int], kind: str = "PNG", mode: str = "1") -> tuple[bytes, dict[str, Any]]:
     """Numbers and description of a file with one triangle and one image."""
     held = io.BytesIO()
-    pytest.importorskip("PIL.Image").new("RGB" if kind == "EPS" else "1", size).save(held, format=kind)
+    pytest.importorskip("PIL.Image").new("RGB" if kind == "EPS" else mode, size).save(held, format=kind)
     corners, picture = np.eye(3, dtype="<f4").tobytes(), held.getvalue()
     told = glb_parts()
     told["bufferViews"].append({"buffer": 0, "byteOffset": 36, "byteLength": len(picture)})

@@ -19,7 +19,7 @@ from kinseek.robots.mesh_files import Budget
 from kinseek.robots.mesh_reader import MeshReader
 from kinseek.robots.meshes import mesh_parts
 from kinseek.support import workers
-from mesh_builders import TRIANGLE, changed_glb, dae, noted_glb, one_glb, pictured_glb, robot_of, written_glb
+from mesh_builders import TRIANGLE, dae, noted_glb, one_glb, pictured_glb, robot_of, written_glb
 
 trimesh = pytest.importorskip("trimesh")
 psutil = pytest.importorskip("psutil")
@@ -48,15 +48,15 @@ def files_in(folder: Path) -> dict[str, Path]:
     return {name: folder / name for name in content}
 
 
-def long_chain() -> bytes:
-    """164 kB that take minutes: trimesh walks from the root to each node."""
-    nodes = [*({"children": [i + 1], "mesh": 0} for i in range(5000)), {"mesh": 0}]
-    return changed_glb("", {"nodes": nodes})
+def write_long(path: Path) -> None:
+    """Write 32 MB that take ten seconds and more."""
+    path.write_text(TRIANGLE + "f 1 2 3\n" * 4_000_000)
 
 
-def copied_names() -> bytes:
-    """1 MB that becomes 9 GB: trimesh copies the name of a mesh for each of its bodies."""
-    return noted_glb({"name": "a" * 1_000_000}, parts=900, nodes=10)
+def large_picture() -> bytes:
+    """260 kB that become 256 MiB, and as many again on their way out of the process."""
+    data, told = pictured_glb((2**13, 2**13), mode="RGBA")
+    return written_glb(data, **told)
 
 
 def look_of(part: Any) -> tuple[Any, ...]:
@@ -119,12 +119,12 @@ def test_words_of_the_author_stay_in_the_process(tmp_path: Path) -> None:
 def test_the_process_ends_when_its_time_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_reader, "MOST_SECONDS", 4)
     files = files_in(tmp_path)
-    (tmp_path / "long.glb").write_bytes(long_chain())
-    with MeshReader(Budget(2**24)) as reader:
+    write_long(tmp_path / "long.obj")
+    with MeshReader(Budget(2**26)) as reader:
         assert len(reader.read(files["a.dae"])) == 1
-        with pytest.raises(InvalidRobot, match=r"long\.glb' cannot be read: .* ended at .* may take 4 s and"):
-            reader.read(tmp_path / "long.glb")
-        with pytest.raises(InvalidRobot, match=r"a\.dae' is not read: .* ended at .*long\.glb"):
+        with pytest.raises(InvalidRobot, match=r"long\.obj' cannot be read: .* ended at .* may take 4 s and"):
+            reader.read(tmp_path / "long.obj")
+        with pytest.raises(InvalidRobot, match=r"a\.dae' is not read: .* ended at .*long\.obj"):
             reader.read(files["a.dae"])
         assert len(reader.read(files["a.stl"])) == 1
 
@@ -133,10 +133,10 @@ def test_the_process_ends_when_its_time_is_over(tmp_path: Path, monkeypatch: pyt
 def test_the_process_refuses_what_takes_more_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_reader, "MOST_MEMORY", 2**29)
     files = files_in(tmp_path)
-    (tmp_path / "names.glb").write_bytes(copied_names())
-    with MeshReader(Budget(2**24)) as reader:
-        with pytest.raises(InvalidRobot, match=r"names\.glb' cannot be read"):
-            reader.read(tmp_path / "names.glb")
+    (tmp_path / "large.glb").write_bytes(large_picture())
+    with MeshReader(Budget(2**26)) as reader:
+        with pytest.raises(InvalidRobot, match=r"large\.glb' cannot be read"):
+            reader.read(tmp_path / "large.glb")
         assert len(reader.read(files["a.dae"])) == 1
         # What fits into the process may still be too much for all meshes together.
         reader.budget.unpacked_left = 100
@@ -164,7 +164,7 @@ def test_a_robot_with_such_a_mesh_is_shown_without_it(
 def test_a_frozen_program_does_not_start_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "frozen", True, raising=False)
     (tmp_path / "a.glb").write_bytes(one_glb())
-    with MeshReader(Budget(2**24)) as reader, pytest.raises(InvalidRobot, match="is not a Python"):
+    with MeshReader(Budget(2**26)) as reader, pytest.raises(InvalidRobot, match="is not a Python"):
         reader.read(tmp_path / "a.glb")
 
 
@@ -180,7 +180,7 @@ def test_meshes_are_read_without_standard_error(tmp_path: Path) -> None:
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="signals of POSIX")
 def test_what_a_signal_handler_raises_ends_the_process(tmp_path: Path) -> None:
     """A TimeoutError is an OSError, which a pipe raises, too."""
-    (tmp_path / "long.glb").write_bytes(long_chain())
+    write_long(tmp_path / "long.obj")
 
     def interrupt(*_: Any) -> None:
         raise TimeoutError("the user's own")
@@ -188,14 +188,14 @@ def test_what_a_signal_handler_raises_ends_the_process(tmp_path: Path) -> None:
     before = set(psutil.Process().children())
     old = signal.signal(signal.SIGALRM, interrupt)
     try:
-        with MeshReader(Budget(2**24)) as reader:
+        with MeshReader(Budget(2**26)) as reader:
             signal.setitimer(signal.ITIMER_REAL, 2.0)
             began = time.perf_counter()
             with pytest.raises(TimeoutError, match="the user's own"):
-                reader.read(tmp_path / "long.glb")
+                reader.read(tmp_path / "long.obj")
             assert time.perf_counter() - began < 10.0
             with pytest.raises(InvalidRobot, match="was interrupted"):
-                reader.read(tmp_path / "long.glb")
+                reader.read(tmp_path / "long.obj")
     finally:
         signal.signal(signal.SIGALRM, old)
     assert set(psutil.Process().children()) <= before

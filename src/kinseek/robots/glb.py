@@ -1,243 +1,262 @@
-"""What kinseek reads of GLB files, and how large they are unpacked; trimesh reads them.
+"""GLB files: the bodies of the scene that a file shows; `glb_file` reads numbers, and `glb_looks` materials.
 
-trimesh trusts the sizes that a file declares, and passes over what it does not know. So this module adds up the declared
-sizes of accessors, views, primitives and nodes, each of which may be referred to many times, and rejects what would be lost.
+Whatever the specification says about shapes is done, or refused with an error that names it.
+
+Source: *glTF 2.0 Specification*, Khronos Group (2021), to whose sections the numbers refer.
 """
 
 from __future__ import annotations
 
-import json
-import struct
-from math import hypot, isfinite
-from typing import Any
+import sys
+from collections.abc import Callable
+from math import hypot
+from typing import NamedTuple
+
+import numpy as np
 
 from kinseek.errors import InvalidRobot
+from kinseek.support.transforms import from_quaternion
 
-from .mesh_files import MOST_BODIES, MOST_PIXELS, MOST_SHARED, Size, drawn_corners, pixels_of_image
-from .polygons import at_most
+from .glb_file import GlbFile, Json, Numbers, entry, listed, whole
+from .glb_looks import looks_of, painted
+from .mesh_files import MOST_BODIES, Size, drawn_corners
+from .polygons import Array, Body, Indices, Looks, at_most, placed
 
-MOST_JSON = 2**22
-"""Most bytes of the description at the beginning of a file."""
-
-_COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
-"""Bytes of one number of an accessor, by its component type."""
-_NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-"""Numbers in one item of it, by its name."""
-_FLOAT = 5126
-"""The code of numbers with a point, of which positions are."""
-_TRIANGLES, _STRIP = 4, 5
-_MODES = {0: "points", 1: "lines", _TRIANGLES: "triangles", _STRIP: "a strip of triangles"}
-"""Of bodies: trimesh passes over others, and over the place of a node that has no other body."""
-_UNSIGNED = (5121, 5123, 5125)
-"""Codes of numbers that may be indices."""
+_NO_SURFACE, _TRIANGLES, _STRIP, _FAN = (0, 1, 2, 3), 4, 5, 6
+"""Modes of primitives; the first four are points and lines."""
+_FLOAT, _UNSIGNED = 5126, (5121, 5123, 5125)
+"""Component types of positions, and of indices."""
 _MOVES = {"translation": 3, "rotation": 4, "scale": 3, "matrix": 16}
 """What moves a node, and how many numbers it has."""
 _UNIT = 1e-3
 """How much the length of a quaternion may differ from 1, for rounding."""
-_BINARY = 0x004E4942
-"""The kind of a chunk with numbers and images."""
 _ONLY_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_")
 """How the names of extensions begin that do not change shapes."""
+_OF_SHAPES = {
+    "AGI_articulations": "articulations",
+    "EXT_mesh_gpu_instancing": "instances",
+    "KHR_draco_mesh_compression": "compressed numbers (Draco)",
+    "KHR_node_visibility": "a visibility",
+    "MSFT_lod": "levels of detail",
+}
+"""Extensions of nodes, meshes and primitives, with which readers that know them show another shape than others."""
 
 
-def measured(text: bytes) -> Size:
-    """Return the size of a file unpacked.
+def read(text: bytes, take: Callable[[Size], None], looks: bool) -> tuple[list[Body], Looks]:
+    """Read the bodies of the scene that a file shows, in metres.
 
-    Raises:
-        InvalidRobot: It is too large, or trimesh would pass over a part of it.
-    """
-    length = struct.unpack_from("<I", text, 12)[0]
-    at_most(length, MOST_JSON, "bytes of JSON")
-    document: dict[str, Any] = json.loads(text[20 : 20 + length].decode(), object_pairs_hook=_once)
-    _require_whole(document)
-    views, images = document.get("bufferViews", []), document.get("images", [])
-    if any("uri" in each for each in [*document.get("buffers", []), *images]) or any(
-        each["buffer"] != 0 for each in views
-    ):
-        raise InvalidRobot("parts of it are in other files or buffers; write it as one file with one buffer")
-    accessors = document.get("accessors", [])
-    bytes_of = [
-        _count(each["count"]) * _COMPONENT[each["componentType"]] * _NUMBERS[each["type"]]
-        for each in accessors
-    ]
-    at_most(sum(bytes_of), 2 * len(text), "bytes in its accessors")
-    at_most(sum(_count(each["byteLength"]) for each in views), 2 * len(text), "bytes in its views")
-    parts_of = [mesh["primitives"] for mesh in document.get("meshes", [])]
-    if any("KHR_draco_mesh_compression" in part.get("extensions", {}) for mesh in parts_of for part in mesh):
-        raise InvalidRobot("its meshes are compressed (Draco); write them without compression")
-    weights = [sum(bytes_of[each] for part in parts for each in _accessors(part)) for parts in parts_of]
-    sizes = [Size.of([_size(part, accessors) for part in parts]) for parts in parts_of]
-    _require_its_shape(document)
-    glossy = "KHR_materials_pbrSpecularGlossiness"
-    if images and any(glossy in each.get("extensions", {}) for each in document.get("materials", [])):
-        raise InvalidRobot(
-            "trimesh computes new images for its glossy materials; write them as metallic ones"
-        )
-    nodes, held = document.get("nodes", []), Size.of(sizes)
-    at_most(len(nodes) + held.bodies + len(images), MOST_BODIES, "nodes, bodies and images")
-    children = [child for node in nodes for child in node.get("children", [])]
-    roots = [root for scene in document.get("scenes", []) for root in scene.get("nodes", [])]
-    meshes = [nodes[each]["mesh"] for each in [*children, *roots] if "mesh" in nodes[each]]
-    shown = Size.of([sizes[mesh] for mesh in meshes])
-    at_most(shown.bodies, MOST_BODIES, "bodies")
-    shared = max(sum(weights), sum(weights[mesh] for mesh in meshes))
-    at_most(shared, max(2 * len(text), MOST_SHARED), "bytes in its bodies")
-    corners = max(held.corners, drawn_corners(shown.corners, text))
-    pictures = [views[each["bufferView"]] for each in images]
-    at_most(sum(each["byteLength"] for each in pictures), 2 * len(text), "bytes in its images")
-    content = _content(text, 20 + length)
-    at_most(sum(_pixels(content, each) for each in pictures), MOST_PIXELS, "pixels in its images")
-    return Size(
-        max(len(nodes), held.bodies, shown.bodies),
-        corners,
-        sum(
-            sizes[nodes[each]["mesh"]].triangles for each in _shown(document, nodes) if "mesh" in nodes[each]
-        ),
-    )
+    A file without scenes shows nothing, since it is a library of meshes (3.5.1). Animations are ignored.
 
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return an object of JSON; readers differ on a name that it has twice: some use the first value, some the last one."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        raise InvalidRobot("an object of its JSON has a name twice; readers differ on its value")
-    return found
-
-
-def _require_whole(document: dict[str, Any]) -> None:
-    """Check the numbers of bodies and their places; Python would count negative ones from the end, and true as 1.
+    Args:
+        text: The file.
+        take: Is given the size of the bodies before they are read.
+        looks: Read their looks, too?
 
     Raises:
-        InvalidRobot: One of them is not a whole number from 0 on.
+        InvalidRobot: A part of the scene cannot be read, readers differ on it, or it is too large.
     """
-    primitives = [part for mesh in document.get("meshes", []) for part in mesh["primitives"]]
-    for some, names in (
-        ([document], ("scene",)),
-        (document.get("accessors", []), ("bufferView", "byteOffset", "componentType", "count")),
-        (document.get("bufferViews", []), ("buffer", "byteOffset", "byteLength", "byteStride")),
-        (primitives, ("indices", "mode")),
-        ([part["attributes"] for part in primitives], ("POSITION",)),
-        (document.get("nodes", []), ("mesh",)),
-    ):
-        for each in some:
-            for name in names:
-                if name in each:
-                    _count(each[name])
-    for one in [*document.get("nodes", []), *document.get("scenes", [])]:
-        for index in [*one.get("children", []), *one.get("nodes", [])]:
-            _count(index)
+    file = GlbFile(text)
+    _require_known_extensions(file)
+    nodes = _shown(file)
+    shown = [(whole(node, "mesh"), matrix) for node, matrix in nodes if "mesh" in node]
+    parts = {mesh: _parts(file.element("meshes", mesh), file) for mesh in {mesh for mesh, _ in shown}}
+    sizes = {mesh: Size.of([Size(1, 3 * part.triangles) for part in found]) for mesh, found in parts.items()}
+    size = Size.of([sizes[mesh] for mesh, _ in shown])
+    at_most(size.bodies, MOST_BODIES, "bodies")
+    take(Size(max(len(nodes), size.bodies), drawn_corners(size.corners, text)))
+    bodies = {mesh: [_body(part, file, looks) for part in found] for mesh, found in parts.items()}
+    found = [placed(body, matrix) for mesh, matrix in shown for body in bodies[mesh]]
+    return found, looks_of(file, {body.material for body in found}, len(text)) if looks else {}
 
 
-def _accessors(part: dict[str, Any]) -> list[int]:
-    """Return the accessors of a primitive."""
-    return [*part["attributes"].values(), *([part["indices"]] if "indices" in part else [])]
+class _Part(NamedTuple):
+    """A primitive with triangles."""
+
+    described: Json
+    mode: int
+    positions: Numbers
+    """(n, 3)"""
+    indices: Numbers | None
+    """(m,); without them, each position is a corner."""
+
+    @property
+    def corners(self) -> int:
+        """Number of corners that are named, one after the other."""
+        return len(self.positions if self.indices is None else self.indices)
+
+    @property
+    def triangles(self) -> int:
+        """Number of triangles: every corner of a strip or a fan but two begins one."""
+        return self.corners // 3 if self.mode == _TRIANGLES else self.corners - 2
 
 
-def _size(part: dict[str, Any], accessors: list[Any]) -> Size:
-    """Return the size of a primitive; every corner of a strip but two begins a triangle."""
-    count = accessors[part.get("indices", part["attributes"].get("POSITION"))]["count"]
-    mode = part.get("mode", _TRIANGLES)
-    if mode == _STRIP:
-        return Size(1, 3 * count, max(count - 2, 0))
-    return Size(1, count, count // 3 if mode == _TRIANGLES else 0)
-
-
-def _shown(document: dict[str, Any], nodes: list[Any]) -> list[int]:
-    """Return the nodes of the scene of a GLB file that is shown; a node with two parents is rejected."""
-    scenes = document.get("scenes", [])
-    found = list(scenes[document.get("scene", 0)].get("nodes", [])) if scenes else []
-    for each in found:  # It grows meanwhile.
-        found += nodes[each].get("children", [])
-        if len(found) > len(nodes):
-            break
-    if len(set(found)) < len(found):
-        raise InvalidRobot("a node is in two nodes, or twice in the scene, expected each once; copy the node")
-    return found
-
-
-def _require_its_shape(document: dict[str, Any]) -> None:
-    """Refuse what trimesh passes over without a word though it changes the shape of a GLB file, or the place of a body."""
-    for name in document.get("extensionsRequired", []):
-        if not name.startswith(_ONLY_LOOKS):
+def _require_known_extensions(file: GlbFile) -> None:
+    """Refuse extensions that the file cannot be read without, except those of looks (3.12)."""
+    for name in listed(file.document, "extensionsRequired"):
+        if not isinstance(name, str) or not name.startswith(_ONLY_LOOKS):
             raise InvalidRobot(
                 f"it requires the extension {name!r:.100}, expected none but those of materials, images and lights; "
                 "write it without"
             )
-    accessors = document.get("accessors", [])
-    if any("sparse" in each for each in accessors):
-        raise InvalidRobot("its accessors are sparse, expected all their values; write them as a whole")
-    for mesh in document.get("meshes", []):
-        for part in mesh["primitives"]:
-            mode = part.get("mode", 4)
-            if mode not in _MODES:
-                raise InvalidRobot(
-                    f"it has a body of mode {mode!r:.100}, expected "
-                    + ", ".join(f"{code} ({name})" for code, name in _MODES.items())
-                )
-            if "POSITION" not in part["attributes"]:
-                raise InvalidRobot("a body has no positions")
-            if "indices" in part and (kind := accessors[part["indices"]]["componentType"]) not in _UNSIGNED:
-                raise InvalidRobot(
-                    f"its indices are of component type {kind!r:.100}, expected whole numbers from 0 on"
-                )
-            position = accessors[part["attributes"]["POSITION"]]
-            got = position["type"], position["componentType"], position.get("normalized", False)
-            if got != ("VEC3", _FLOAT, False):
-                raise InvalidRobot(
-                    "its positions are {}, component type {}, normalized {}; expected VEC3 of floats "
-                    "({}), not normalized: write it without quantization".format(*got, _FLOAT)
-                )
-    for each in [*document.get("meshes", []), *document.get("nodes", [])]:
-        if any(each.get("weights", [])):
-            raise InvalidRobot(
-                "its bodies are morphed by weights, expected their final shape; apply the weights"
-            )
-    for node in document.get("nodes", []):
-        for name, size in _MOVES.items():
-            numbers = node.get(name, [0] * size)
-            if len(numbers) != size or not all(type(x) in (int, float) and isfinite(x) for x in numbers):
-                raise InvalidRobot(f"a node has the {name} {numbers!r:.100}, expected {size} finite numbers")
-        if "matrix" in node and (len(_MOVES.keys() & node) > 1 or node["matrix"][3::4] != [0, 0, 0, 1]):
+
+
+def _require_no_extension(element: Json, who: str) -> None:
+    for name in sorted(_OF_SHAPES.keys() & entry(element, "extensions")):
+        raise InvalidRobot(f"{who} has {_OF_SHAPES[name]} ({name}), expected none; write it without")
+
+
+def _require_no_weights(element: Json) -> None:
+    """Refuse morphed bodies: weights of 0 leave them as they are (3.7.2.2)."""
+    if any(isinstance(each, bool) or each != 0 for each in listed(element, "weights")):
+        raise InvalidRobot("its bodies are morphed by weights, expected their final shape; apply the weights")
+
+
+def _shown(file: GlbFile) -> list[tuple[Json, Array]]:
+    """Return the nodes of the scene, with the place of each, (4, 4) (3.5).
+
+    It is scene 0 if the file does not name one. Each node is in one other node at most.
+    """
+    if not listed(file.document, "scenes") and "scene" not in file.document:
+        return []
+    count = len(listed(file.document, "nodes"))
+    roots = _indices(file.element("scenes", whole(file.document, "scene", 0)), "nodes")
+    children = [_indices(file.element("nodes", index), "children") for index in range(count)]
+    named = [*roots, *(child for each in children for child in each)]
+    if len(set(named)) < len(named):
+        raise InvalidRobot(
+            "a node is in two nodes, or in a node and the scene, or twice in one, expected each once; copy the node"
+        )
+    left = [(root, np.eye(4)) for root in reversed(roots)]
+    found = list[tuple[Json, Array]]()
+    with np.errstate(over="ignore", invalid="ignore"):  # Who reads the file rejects what is not finite then.
+        while left:
+            index, above = left.pop()
+            at_most(len(found) + 1, MOST_BODIES, "nodes")
+            node = file.element("nodes", index)
+            matrix = above @ _matrix(node)
+            found.append((node, matrix))
+            left += [(child, matrix) for child in reversed(children[index])]
+    return found
+
+
+def _indices(owner: Json, name: str) -> list[int]:
+    return [whole({name: each}, name) for each in listed(owner, name)]
+
+
+def _matrix(node: Json) -> Array:
+    """Return the matrix that moves a node, (4, 4): its own, or T·R·S (3.5.3).
+
+    Raises:
+        InvalidRobot: It is none; or something else than a matrix changes the shape of the node, too.
+    """
+    _require_no_extension(node, "a node")
+    _require_no_weights(node)
+    if "skin" in node:
+        raise InvalidRobot("a node has a skin, expected a shape without one; apply it, and take it out")
+    moves = {name: _moving(node, name) for name in _MOVES if name in node}
+    matrix = np.eye(4)
+    if "matrix" in moves:
+        matrix = moves["matrix"].reshape(4, 4, order="F")
+        if len(moves) > 1 or matrix[3].tolist() != [0, 0, 0, 1]:
             raise InvalidRobot(
                 "a node has a matrix whose last row is not 0, 0, 0, 1, or a matrix and another motion; readers differ on "
                 "both"
             )
-        if abs(hypot(*node.get("rotation", [1.0])) - 1.0) > _UNIT:
+        return matrix
+    x, y, z, w = moves.get("rotation", matrix[3])
+    if abs(hypot(x, y, z, w) - 1.0) > _UNIT:
+        raise InvalidRobot("a node has a rotation that is not a quaternion of length 1; readers differ on it")
+    matrix[:3, :3] = from_quaternion(np.array([w, x, y, z])) * moves.get("scale", np.ones(3))
+    matrix[:3, 3] = moves.get("translation", np.zeros(3))
+    return matrix
+
+
+def _moving(node: Json, name: str) -> Array:
+    numbers, most = node[name], sys.float_info.max
+    if (
+        not isinstance(numbers, list)
+        or len(numbers) != _MOVES[name]
+        or not all(type(x) in (int, float) and -most <= x <= most for x in numbers)
+    ):
+        raise InvalidRobot(f"a node has the {name} {numbers!r:.100}, expected {_MOVES[name]} finite numbers")
+    return np.array(numbers, np.float64)
+
+
+def _parts(mesh: Json, file: GlbFile) -> list[_Part]:
+    """Return the primitives of a mesh that have triangles."""
+    _require_no_extension(mesh, "a mesh")
+    _require_no_weights(mesh)
+    primitives = [entry({"primitives": each}, "primitives") for each in listed(mesh, "primitives")]
+    at_most(len(primitives), MOST_BODIES, "bodies")
+    return [_part(each, file) for each in primitives if whole(each, "mode", _TRIANGLES) not in _NO_SURFACE]
+
+
+def _part(described: Json, file: GlbFile) -> _Part:
+    """Check a primitive (3.7.2.1)."""
+    mode = whole(described, "mode", _TRIANGLES)
+    if mode not in (_TRIANGLES, _STRIP, _FAN):
+        raise InvalidRobot(
+            f"it has a body of mode {mode}, expected 0 to 3 (points and lines), {_TRIANGLES} (triangles), "
+            f"{_STRIP} (a strip) or {_FAN} (a fan)"
+        )
+    _require_no_extension(described, "a body")
+    attributes = entry(described, "attributes")
+    if "POSITION" not in attributes:
+        raise InvalidRobot("a body has no positions")
+    accessor = file.element("accessors", whole(attributes, "POSITION"))
+    got = accessor.get("type"), accessor.get("componentType"), accessor.get("normalized", False)
+    if got[:2] != ("VEC3", _FLOAT) or got[2] is not False:
+        raise InvalidRobot(
+            "its positions are {!s:.100}, component type {!s:.100}, normalized {!s:.100}; expected VEC3 of floats ({}), not "
+            "normalized: write it without quantization".format(*got, _FLOAT)
+        )
+    part = _Part(described, mode, file.numbers(accessor), _indices_of(described, file))
+    if part.corners < 3 or (mode == _TRIANGLES and part.corners % 3):
+        raise InvalidRobot(
+            f"a body has {part.corners:,} corners, expected at least 3, and 3 for each of its triangles"
+        )
+    return part
+
+
+def _indices_of(described: Json, file: GlbFile) -> Numbers | None:
+    """Return the indices of a primitive, if it has some, (n,)."""
+    if "indices" not in described:
+        return None
+    accessor = file.element("accessors", whole(described, "indices"))
+    got = accessor.get("type"), accessor.get("componentType"), accessor.get("normalized", False)
+    if got[0] != "SCALAR" or got[1] not in _UNSIGNED or got[2] is not False:
+        raise InvalidRobot(
+            "its indices are of component type {1!s:.100}, {0!s:.100}, normalized {2!s:.100}; expected SCALAR of whole "
+            "numbers from 0 on, not normalized".format(*got)
+        )
+    numbers: Numbers = file.numbers(accessor, tight=True)[:, 0]
+    return numbers
+
+
+def _body(part: _Part, file: GlbFile, looks: bool) -> Body:
+    """Return the triangles of a primitive. Corners that no triangle has may have any number."""
+    count = len(part.positions)
+    if part.indices is None:
+        corners = np.arange(count)
+    else:
+        # The largest number of a type begins a new strip in some readers.
+        most = min(count, np.iinfo(part.indices.dtype).max) - 1
+        if (largest := int(part.indices.max())) > most:
             raise InvalidRobot(
-                "a node has a rotation that is not a quaternion of length 1; readers differ on it"
+                f"a body has the index {largest}, expected one from 0 to {most}: a vertex that does not exist"
             )
-        if "skin" in node:
-            raise InvalidRobot("a node has a skin, expected a shape without one; apply it, and take it out")
-        if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
-            raise InvalidRobot(
-                "a node has instances (EXT_mesh_gpu_instancing), expected a node for each; write it without"
-            )
-        if "camera" in node and ("mesh" in node or "children" in node):
-            raise InvalidRobot("a node is a camera with bodies or nodes below it; take the camera out")
+        corners = part.indices.astype(np.int64)
+    faces = corners.reshape(-1, 3) if part.mode == _TRIANGLES else corners[_turns(part)]
+    used, own = np.arange(count), faces
+    if faces.size < count:  # Bodies may share positions: each has those of its own only.
+        used, own = np.unique(faces, return_inverse=True)
+    body = Body(part.positions[used].astype(np.float64), own.reshape(-1, 3))
+    return painted(body, used, faces, part.described, file) if looks else body
 
 
-def _content(text: bytes, place: int) -> memoryview:
-    """Return the binary chunk, which is somewhere after the description."""
-    found: memoryview | None = None
-    while place + 8 <= len(text):
-        size, kind = struct.unpack_from("<II", text, place)
-        if kind == _BINARY:
-            if found is not None:
-                raise InvalidRobot(
-                    "it has two binary chunks, expected one; readers differ on which one they use"
-                )
-            found = memoryview(text)[place + 8 : place + 8 + size]
-        place += 8 + size
-    return memoryview(b"") if found is None else found
-
-
-def _pixels(content: memoryview, view: dict[str, Any]) -> int:
-    """Return the number of pixels of an image."""
-    start = view.get("byteOffset", 0)
-    return pixels_of_image(bytes(content[start : start + view["byteLength"]]))
-
-
-def _count(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise InvalidRobot(f"a count or an index is {value!r:.100}, expected a whole number from 0 on")
-    return value
+def _turns(part: _Part) -> Indices:
+    """Return which corners of a strip or a fan form its triangles, (n, 3) (3.7.2.1)."""
+    i = np.arange(part.triangles)
+    if part.mode == _STRIP:
+        return np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)
+    return np.stack([i + 1, i + 2, 0 * i], axis=1)

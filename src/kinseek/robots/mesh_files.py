@@ -1,7 +1,6 @@
 """Limits that mesh files of all formats share: of the files beside them, and of all meshes of a robot together.
 
-`stl`, `obj` and `ply` read their formats. trimesh reads the others, and trusts the sizes that a file declares. So `glb` and
-`collada_scene` add up the declared sizes first: a few bytes must not become gigabytes.
+Each reader adds up the sizes that a file declares before it reads anything: a few bytes must not become gigabytes.
 """
 
 from __future__ import annotations
@@ -46,9 +45,6 @@ one."""
 MOST_CORNERS = 3 * 2**22
 """Most triangle corners of COLLADA and GLB, with each instance counted, and of all meshes of a robot. Larger meshes can be
 read as binary STL or PLY."""
-MOST_SHARED = 2**27
-"""Most bytes of a GLB file that bodies may share, and most numbers of COLLADA; each body has its own copy in memory, or goes
-through all of them."""
 
 _LINE_ENDS = [each.encode() for each in "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"]
 """Where trimesh divides a file of materials, by `str.splitlines`."""
@@ -97,13 +93,11 @@ class Size(NamedTuple):
     corners: int
     """Corners of triangles; lines and values of text formats count as corners. Zero for binary STL and PLY, whose bytes
     count."""
-    triangles: int = 0
-    """Number of triangles that the reader has to return, each instance counted: those that are shown, polygons divided."""
 
     @classmethod
     def of(cls, sizes: Sequence[Size]) -> Size:
         """Return the sum of sizes."""
-        return cls(*(sum(column) for column in zip((0, 0, 0), *sizes, strict=True)))
+        return cls(*(sum(column) for column in zip((0, 0), *sizes, strict=True)))
 
 
 @dataclass

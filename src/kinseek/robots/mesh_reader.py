@@ -1,6 +1,6 @@
 """Read the meshes of a robot: those that other libraries read, in a process of its own with limits of memory and time.
 
-The readers of COLLADA, GLB, materials and images trust what a file declares. `mesh_files` and its neighbours reject what is
+The libraries that read XML, materials and images trust what a file declares. `mesh_files` and its neighbours reject what is
 known to make them compute for hours or fill the memory. Whatever else does so ends that process, and this one goes on.
 """
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -19,8 +18,6 @@ from . import collada_scene, glb, obj, ply, stl
 from .mesh_files import LEAST_BODIES, Beside, Budget, Size, ending, utf8
 from .polygons import Body, Looks
 
-CHECKS: Mapping[str, Callable[[bytes], Size]] = {"glb": glb.measured}
-"""Checks of the formats that other libraries read, by extension."""
 MOST_MESH = 64 * 2**20
 """Most bytes of one mesh's file."""
 
@@ -61,10 +58,8 @@ def _parts(path: Path, kind: str, text: bytes, beside: Beside, budget: Budget, l
         budget.take(size._replace(bodies=max(size.bodies, LEAST_BODIES)))
 
     try:
-        if kind in CHECKS:
-            parts = _of_scene(kind, text, beside, budget, take)
-        elif kind == "dae":
-            bodies, found = collada_scene.read(text, take, looks)
+        if kind in ("dae", "glb"):
+            bodies, found = (glb if kind == "glb" else collada_scene).read(text, take, looks)
             parts = _painted(bodies, _materials(found, beside))
             budget.take_images(parts)
         elif kind == "obj":
@@ -122,31 +117,6 @@ def _without(name: str) -> Iterator[None]:
             sys.modules.pop(name, None)
 
 
-def _of_scene(
-    kind: str, text: bytes, beside: Beside, budget: Budget, take: Callable[[Size], None]
-) -> list[Any]:
-    """Read GLB."""
-    import trimesh
-
-    size = CHECKS[kind](text)
-    take(size)
-    found = trimesh.exchange.load.mesh_loaders[kind](
-        file_obj=io.BytesIO(text), file_type=kind, resolver=beside
-    )
-    # Otherwise trimesh leaves out triangles with NaN, and makes one of vertices within 1e-8 before they are scaled.
-    for each in found["geometry"].values() if "geometry" in found else [found]:
-        each["process"] = False
-    scene = trimesh.load_scene(found)
-    scene.graph.repair_rigid = None  # Otherwise scales within 1e-5 of 1 are left out.
-    budget.take_images(scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry)
-    parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-    if (read := sum(len(part.faces) for part in parts)) != size.triangles:
-        raise InvalidRobot(
-            f"it has {size.triangles:,} triangles, of which {read:,} can be read. Write it anew"
-        )
-    return parts
-
-
 def _painted(bodies: list[Body], materials: Mapping[str, Any]) -> list[Any]:
     """Give bodies their looks."""
     import trimesh
@@ -155,18 +125,20 @@ def _painted(bodies: list[Body], materials: Mapping[str, Any]) -> list[Any]:
     for body in bodies:
         if not len(body.faces):
             continue
-        vertices, faces = body.vertices, body.faces
+        vertices, faces, vertex_colours = body.vertices, body.faces, body.vertex_colours
         material, uv, normals, visual = materials.get(body.material), body.uv, body.normals, None
         uv = None if material is None or uv is None else uv.reshape(-1, 2)
         if (
             uv is not None or normals is not None
         ):  # A vertex may have several places in the image, and several normals.
+            if vertex_colours is not None:
+                vertex_colours = vertex_colours[faces.ravel()]
             vertices = vertices[faces].reshape(-1, 3)
             faces = np.arange(len(vertices)).reshape(-1, 3)
             normals = None if normals is None else normals.reshape(-1, 3)
         if material is not None:
             visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
-        colours = {} if visual else {"vertex_colors": body.vertex_colours, "face_colors": body.face_colours}
+        colours = {} if visual else {"vertex_colors": vertex_colours, "face_colors": body.face_colours}
         parts.append(
             trimesh.Trimesh(vertices, faces, process=False, visual=visual, vertex_normals=normals, **colours)
         )
@@ -189,12 +161,15 @@ def _materials(looks: Looks, beside: Beside) -> dict[str, Any]:
     """Return the materials of COLLADA or GLB; images that cannot be read are left out."""
     import trimesh
 
-    materials = dict[str, Any]()
+    materials, opened = dict[str, Any](), dict[str | bytes, Any]()
     for name, look in looks.items():
         given = dict(look)
         for key in [key for key in look if key.endswith("Texture")]:
-            del given[key]
-            with suppress(InvalidRobot):
-                given[key] = beside.image(look[key])
+            source = given.pop(key)
+            if source not in opened:
+                opened[source] = None
+                with suppress(InvalidRobot):
+                    opened[source] = beside.image(source)
+            given |= {} if opened[source] is None else {key: opened[source]}
         materials[name] = trimesh.visual.material.PBRMaterial(**given)
     return materials
