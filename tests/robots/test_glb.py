@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import time
 from pathlib import Path
 from typing import Any
 
@@ -170,6 +171,27 @@ def test_bodies_that_share_positions_have_their_own_only() -> None:
     (body,) = read(with_indices([4, 2, 0]))
     assert body.vertices.shape == (3, 3)
     assert np.array_equal(body.vertices[body.faces], CORNERS[[[4, 2, 0]]])
+
+
+def test_bodies_that_share_many_positions_take_a_time_that_does_not_grow_with_them() -> None:
+    """Each of them counted all positions: a file of 60 MB took minutes."""
+    told = glb_parts(5 * 10**6)
+    told["bufferViews"].append({"buffer": 0, "byteOffset": 60 * 10**6, "byteLength": 12})
+    told["accessors"].append({"bufferView": 1, "componentType": 5125, "count": 3, "type": "SCALAR"})
+    told["meshes"][0]["primitives"] = [{"attributes": {"POSITION": 0}, "indices": 1}] * 2000
+    text = written_glb(bytes(60 * 10**6) + np.array([0, 1, 999_999], "<u4").tobytes(), **told)
+    began = time.perf_counter()
+    assert len(read(text)) == 2000
+    assert time.perf_counter() - began < 4.0
+
+
+def test_a_long_chain_of_nodes_is_read() -> None:
+    """trimesh walked from the root to each node: this took minutes."""
+    nodes = [{"mesh": 0, "children": [i + 1], "translation": [1, 0, 0]} for i in range(5000)]
+    found = triangles(with_nodes(*nodes, {"mesh": 0}))
+    assert np.array_equal(found[-1], np.eye(3) + np.array([5000, 0, 0]))
+    with pytest.raises(InvalidRobot, match="10,001 nodes"):
+        read(with_nodes(*[{"children": [i + 1]} for i in range(10_000)], {}))
 
 
 def test_a_camera_hides_nothing() -> None:

@@ -247,9 +247,10 @@ def _body(part: _Part, file: GlbFile, looks: bool) -> Body:
             )
         corners = part.indices.astype(np.int64)
     faces = corners.reshape(-1, 3) if part.mode == _TRIANGLES else corners[_turns(part)]
-    used, own = np.arange(count), faces
     if faces.size < count:  # Bodies may share positions: each has those of its own only.
         used, own = np.unique(faces, return_inverse=True)
+    else:
+        used, own = np.arange(count), faces
     body = Body(part.positions[used].astype(np.float64), own.reshape(-1, 3))
     return painted(body, used, faces, part.described, file) if looks else body
 
