@@ -252,7 +252,7 @@ def _body(part: _Part, file: GlbFile, looks: bool) -> Body:
     else:
         used, own = np.arange(count), faces
     body = Body(part.positions[used].astype(np.float64), own.reshape(-1, 3))
-    return painted(body, used, faces, part.described, file) if looks else body
+    return painted(body, used, part.described, file) if looks else body
 
 
 def _turns(part: _Part) -> Indices:

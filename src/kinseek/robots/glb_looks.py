@@ -35,28 +35,30 @@ _TEXTURES = (
 _ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 
 
-def painted(body: Body, used: Indices, faces: Indices, described: Json, file: GlbFile) -> Body:
+def painted(body: Body, used: Indices, described: Json, file: GlbFile) -> Body:
     """Return a body with its looks (3.7.2.1).
 
     Args:
         body: The body.
         used: Its vertices, as numbers of those of its primitive, (n,).
-        faces: Its triangles, of these numbers, (m, 3).
         described: Its primitive.
         file: The file.
     """
     colours = _attribute("COLOR_0", ("VEC3", "VEC4"), used, described, file)
-    uv = _attribute("TEXCOORD_0", ("VEC2",), faces, described, file)
+    uv = _attribute("TEXCOORD_0", ("VEC2",), used, described, file)
+    if uv is not None:
+        uv = uv * (1, -1) + (
+            0,
+            1,
+        )  # The origin of an image is its upper left corner (3.8.3), to trimesh the lower one.
     material = ""
     with suppress(InvalidRobot):
         material = str(whole(described, "material"))
     return body._replace(
         vertex_colours=None if colours is None else np.rint(255 * np.clip(colours, 0, 1)).astype(np.uint8),
         material=material,
-        uv=None
-        if uv is None
-        else uv * (1, -1) + (0, 1),  # The origin is above (3.8.2), that of trimesh below.
-        normals=_attribute("NORMAL", ("VEC3",), faces, described, file),
+        uv=uv,
+        normals=_attribute("NORMAL", ("VEC3",), used, described, file),
     )
 
 

@@ -127,14 +127,14 @@ def _painted(bodies: list[Body], materials: Mapping[str, Any]) -> list[Any]:
             continue
         vertices, faces, vertex_colours = body.vertices, body.faces, body.vertex_colours
         material, uv, normals, visual = materials.get(body.material), body.uv, body.normals, None
-        uv = None if material is None or uv is None else uv.reshape(-1, 2)
-        if (
-            uv is not None or normals is not None
-        ):  # A vertex may have several places in the image, and several normals.
+        uv = None if material is None else uv
+        # Those of corners: a vertex may have several places in the image, and several normals.
+        if any(each is not None and each.ndim == 3 for each in (uv, normals)):
             if vertex_colours is not None:
                 vertex_colours = vertex_colours[faces.ravel()]
             vertices = vertices[faces].reshape(-1, 3)
             faces = np.arange(len(vertices)).reshape(-1, 3)
+            uv = None if uv is None else uv.reshape(-1, 2)
             normals = None if normals is None else normals.reshape(-1, 3)
         if material is not None:
             visual = trimesh.visual.TextureVisuals(uv=uv, material=material)

@@ -35,9 +35,9 @@ class Body(NamedTuple):
     material: str = ""
     """Name of the material in OBJ; empty without one."""
     uv: Array | None = None
-    """(m, 3, 2), coordinates of the corners in the image of the material."""
+    """Coordinates in the image of the material: (m, 3, 2) of the corners, or (n, 2) of the vertices."""
     normals: Array | None = None
-    """(m, 3, 3), directions of the surface at the corners, for shading."""
+    """Directions of the surface, for shading: (m, 3, 3) at the corners, or (n, 3) at the vertices, as `uv`."""
 
 
 Looks = dict[str, dict[str, Any]]
@@ -57,15 +57,11 @@ def placed(body: Body, matrix: Array) -> Body:
         if normals is not None:
             # The cofactors are the inverse transpose, times the determinant, and exist without an inverse.
             cofactors = np.stack([np.cross(linear[(i + 1) % 3], linear[(i + 2) % 3]) for i in range(3)])
-            normals = (normals @ cofactors.T * (np.sign(sign) or 1.0))[:, turn]
-            lengths = np.linalg.norm(normals, axis=2, keepdims=True)
+            normals = normals @ cofactors.T * (np.sign(sign) or 1.0)
+            lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
             normals = normals / np.where(lengths > 0, lengths, 1)
-    return body._replace(
-        vertices=vertices,
-        faces=body.faces[:, turn],
-        uv=None if uv is None else uv[:, turn],
-        normals=normals,
-    )
+    uv, normals = (each[:, turn] if each is not None and each.ndim == 3 else each for each in (uv, normals))
+    return body._replace(vertices=vertices, faces=body.faces[:, turn], uv=uv, normals=normals)
 
 
 def at_most(count: int, most: int, noun: str) -> None:
