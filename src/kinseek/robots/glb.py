@@ -186,6 +186,8 @@ def _parts(mesh: Json, file: GlbFile) -> list[_Part]:
     """Return the primitives of a mesh that have triangles."""
     _require_no_extension(mesh, "a mesh")
     _require_no_weights(mesh)
+    if "primitives" not in mesh:
+        raise InvalidRobot("a mesh has no primitives")
     primitives = [entry({"primitives": each}, "primitives") for each in listed(mesh, "primitives")]
     at_most(len(primitives), MOST_BODIES, "bodies")
     return [_part(each, file) for each in primitives if whole(each, "mode", _TRIANGLES) not in _NO_SURFACE]
