@@ -154,6 +154,17 @@ def test_mirrored_bodies_keep_their_outer_side_outside() -> None:
     np.testing.assert_allclose(other.normals, one.normals * mirror, atol=1e-12)
 
 
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_mirrored_bodies_of_any_size_keep_their_outer_side_outside(size: float) -> None:
+    """The determinant of their motion lost its sign when it was too small, and normals their direction."""
+    told = glb_parts() | {"nodes": [{"mesh": 0, "scale": [-size, size, size]}]}
+    told["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = 0
+    (body,) = read(written_glb(DATA, **told), looks=True)
+    mirror = np.array([-1.0, 1.0, 1.0])
+    assert np.array_equal(body.vertices[body.faces][0], (size * np.eye(3) * mirror)[::-1])
+    np.testing.assert_allclose(body.normals, np.eye(3) * mirror, atol=1e-12)
+
+
 def test_vertices_that_no_triangle_has_may_be_anything(tmp_path: Path) -> None:
     corners = CORNERS.copy()
     corners[3], corners[1, 0] = np.nan, np.inf

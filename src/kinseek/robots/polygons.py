@@ -52,12 +52,16 @@ def placed(body: Body, matrix: Array) -> Body:
     """
     linear, normals, uv = matrix[:3, :3], body.normals, body.uv
     with np.errstate(over="ignore", invalid="ignore"):  # Who reads the file rejects what is not finite then.
-        vertices, sign = body.vertices @ linear.T + matrix[:3, 3], np.linalg.det(linear)
+        vertices = body.vertices @ linear.T + matrix[:3, 3]
+        sign = np.linalg.slogdet(linear)[0]  # The determinant itself may underflow.
         turn = slice(None, None, -1) if sign < 0 else slice(None)
         if normals is not None:
             # The cofactors are the inverse transpose, times the determinant, and exist without an inverse.
-            cofactors = np.stack([np.cross(linear[(i + 1) % 3], linear[(i + 2) % 3]) for i in range(3)])
-            normals = normals @ cofactors.T * (np.sign(sign) or 1.0)
+            unit = linear / (
+                np.abs(linear).max() or 1.0
+            )  # Products of its numbers neither overflow nor vanish.
+            cofactors = np.stack([np.cross(unit[(i + 1) % 3], unit[(i + 2) % 3]) for i in range(3)])
+            normals = normals @ cofactors.T * (sign or 1.0)
             lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
             normals = normals / np.where(lengths > 0, lengths, 1)
     uv, normals = (each[:, turn] if each is not None and each.ndim == 3 else each for each in (uv, normals))
