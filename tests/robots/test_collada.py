@@ -158,7 +158,7 @@ SHOWN = dae(
             'source="#v" offset="0"/><p>0 1 2</p></triangles>',
             'source="#v" offset="0"/><input semantic="NORMAL" source="#v" offset="1"/><vcount>3</vcount>'
             "<p>0 0 1 0 2 0</p></polylist>",
-            "NORMAL from '#v', expected VERTEX from <vertices>, and others from",
+            "NORMAL from '#v', expected VERTEX from <vertices>, and others",
         ),
         (
             'source="#v" offset="0"',
@@ -357,6 +357,18 @@ def test_strips_and_fans_of_collada(
             "library_geometries>",
             "library_materials>",
             "at COLLADA/library_materials/geometry, expected it in its library",
+        ),
+        (
+            "<library_nodes>",
+            '<node id="k"/><library_nodes>',
+            "it has <node> beside its libraries, expected only",
+        ),
+        ("<library_nodes>", '<library_nodes><node id="s"/>', "refers to '#s', which the file has 2 times"),
+        ("<library_nodes>", '<library_nodes><node id="f"/>', "refers to '#f', which the file has 2 times"),
+        (
+            'offset="0"/><p>',
+            'offset="0"/><input semantic="POSITION" source="#s" offset="0"/><p>',
+            "an <input> of POSITION from '#s', expected VERTEX from <vertices>",
         ),
         ("COLLADA", "X3D", "begins with <X3D>, expected <COLLADA>"),
         (

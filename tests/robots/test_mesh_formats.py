@@ -87,6 +87,18 @@ def test_a_comment_of_ply_is_not_its_format(tmp_path: Path) -> None:
     assert np.array_equal(part.bounds, [[-0.5] * 3, [0.5] * 3])
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_a_line_end_of_some_readers_in_a_line_of_ply_is_refused(encoding: str, tmp_path: Path) -> None:
+    """A property could be hidden in another line."""
+    text = trimesh.creation.box((1, 1, 1)).export(file_type="ply", encoding=encoding)
+    for old, new in ((b"property float x", b"property\rfloat x"), (b"ply\n", b"ply\ncomment a\r b\n")):
+        assert old in text
+        with pytest.raises(InvalidRobot, match=r"the character '\\r', which is a line end to some readers"):
+            read(tmp_path, "ply", text.replace(old, new, 1))
+    (part,) = read(tmp_path, "ply", text.replace(b"ply\n", b"ply\r\n", 1))
+    assert len(part.faces) == 12
+
+
 FACET = "facet normal 0 0 1\nouter loop\nvertex {0} 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
 POINTS = ["element vertex 4", *(f"property float {axis}" for axis in "xyz"), "element face 2"]
 FACES = [*POINTS, "property list uchar int vertex_indices"]

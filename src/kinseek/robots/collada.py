@@ -105,11 +105,12 @@ def corners_of(geometry: Any) -> int:
     )
 
 
-def bodies_of(geometry: Any, looks: bool) -> list[Body]:
+def bodies_of(geometry: Any, named: dict[str, list[Any]], looks: bool) -> list[Body]:
     """Read a geometry; each of its primitives is a body, whose material is a symbol that instances bind.
 
     Args:
         geometry: The element.
+        named: All elements of the file by their ids.
         looks: Read normals, colours and coordinates in images, too? Those that are broken are left out.
 
     Raises:
@@ -127,6 +128,13 @@ def bodies_of(geometry: Any, looks: bool) -> list[Body]:
         mesh.sources[url] = each
     if (url := mesh.at_vertices["POSITION"]) not in mesh.sources:
         raise InvalidRobot(f"{who} has an <input> of POSITION from {url!r:.100}, which is not in its mesh")
+    accessors = mesh.sources[url].iterfind("{*}technique_common/{*}accessor")
+    for each in (url, vertices, *(accessor.get("source", "") for accessor in accessors)):
+        # Some readers look for an id in the file, others in the mesh.
+        if (count := len(named.get(each[1:], []))) > 1:
+            raise InvalidRobot(
+                f"{who} refers to {each!r:.100}, which the file has {count} times, expected once"
+            )
     primitives = [_primitive(each, mesh) for name in _TRIANGLES for each in found[name]]
     return _divided(primitives, _rows(mesh.sources[url], who, ["X", "Y", "Z"]), mesh) if primitives else []
 
@@ -217,12 +225,15 @@ def _primitive(element: Any, mesh: _Mesh) -> _Primitive:
     width = 0
     for each in found["input"]:
         semantic, url, offset = each.get("semantic", ""), each.get("source", ""), _whole(each, "offset", who)
-        if (semantic == "VERTEX") != (url == mesh.vertices) or (
-            semantic != "VERTEX" and url not in mesh.sources
+        is_vertex = semantic == "VERTEX"
+        if (
+            is_vertex != (url == mesh.vertices)
+            or not (is_vertex or url in mesh.sources)
+            or semantic == "POSITION"
         ):
             raise InvalidRobot(
-                f"{who} has an <input> of {semantic} from {url!r:.100}, expected VERTEX from <vertices>, and others from "
-                "sources of its mesh"
+                f"{who} has an <input> of {semantic} from {url!r:.100}, expected VERTEX from <vertices>, and others "
+                "(not POSITION) from sources of its mesh"
             )
         if semantic == "VERTEX" and semantic in inputs:
             raise InvalidRobot(f"{who} has two <input> of VERTEX, expected one")

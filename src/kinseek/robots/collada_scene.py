@@ -58,7 +58,7 @@ def read(text: bytes, take: Callable[[Size], None], looks: bool) -> tuple[list[B
     at_most(scene.bodies, MOST_BODIES, "nodes and bodies")
     corners = drawn_corners(sum(corners_of(each.geometry) for each in scene.shown), text)
     take(Size(scene.bodies, corners))
-    known = {each.geometry: bodies_of(each.geometry, looks) for each in scene.shown}
+    known = {each.geometry: bodies_of(each.geometry, scene.named, looks) for each in scene.shown}
     bodies = [
         placed(body, each.matrix)._replace(material=each.materials.get(body.material, body.material))
         for each in scene.shown
@@ -190,6 +190,11 @@ def _root(text: bytes) -> Any:
         raise InvalidRobot(f"the encoding {encoding!r:.100} is not read; write the file in UTF-8")
     if name_of(root) != "COLLADA":
         raise InvalidRobot(f"it begins with <{name_of(root)}>, expected <COLLADA>")
+    for each in root.iterchildren("*"):
+        if not re.fullmatch("asset|scene|extra|library_.*", name := name_of(each)):
+            raise InvalidRobot(
+                f"it has <{name}> beside its libraries, expected only <asset>, <scene>, <extra> and those"
+            )
     return root
 
 
