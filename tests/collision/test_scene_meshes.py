@@ -21,7 +21,7 @@ from kinseek.collision import Mesh, Points, bodies
 from kinseek.collision.hulls import MOST_CORNERS, corners_of_sides, farthest_beyond, outermost
 from kinseek.collision.interior import Interior
 from kinseek.collision.simplify import simplified
-from kinseek.robots.meshes import mesh_parts
+from kinseek.meshes.parts import mesh_parts
 
 pytest.importorskip("pinocchio")
 trimesh = pytest.importorskip("trimesh")
@@ -306,7 +306,7 @@ def test_too_many_triangles_are_refused_unless_it_is_said_what_to_do(
 def test_a_file_may_hold_more_than_a_page_would_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A scan of many triangles is read to be simplified; what the viewer draws has a lower bound."""
     file = write_stl(tmp_path / "big.stl", *ball(0.15, 2))
-    monkeypatch.setattr("kinseek.robots.meshes.mesh_parts.__defaults__", (1000,))
+    monkeypatch.setattr("kinseek.meshes.parts.mesh_parts.__defaults__", (1000,))
     with pytest.raises(kinseek.InvalidRobot, match="expected at most 1,000"):
         mesh_parts(file)
     assert len(Mesh.read(file).faces) == 320

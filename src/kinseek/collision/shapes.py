@@ -27,7 +27,7 @@ from .interior import Interior
 from .simplify import simplified
 
 if TYPE_CHECKING:
-    from kinseek.robots.mesh_reader import MeshReader
+    from kinseek.meshes.process import MeshReader
 
 
 Array = NDArray[np.float64]
@@ -436,8 +436,8 @@ def _merged(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[n
 
 def reader_of_shapes() -> MeshReader:
     """Return a reader for the meshes of one file, without their colours and images."""
-    from kinseek.robots.mesh_files import Budget
-    from kinseek.robots.mesh_reader import MeshReader
+    from kinseek.meshes.limits import Budget
+    from kinseek.meshes.process import MeshReader
 
     return MeshReader(Budget(2 * MOST_BYTES), looks=False)
 

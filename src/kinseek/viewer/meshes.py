@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.kernels.arrays import ChainArrays
+from kinseek.meshes.limits import Budget, Size
+from kinseek.meshes.parts import import_trimesh
+from kinseek.meshes.process import MeshReader
 from kinseek.robots.chain import Frame, SerialChain
-from kinseek.robots.mesh_files import Budget, Size
-from kinseek.robots.mesh_reader import MeshReader
-from kinseek.robots.meshes import import_trimesh
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf_file import Robot, numbers_of, origin_of, read_robot
 

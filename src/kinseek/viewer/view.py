@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.robots.meshes import import_trimesh
+from kinseek.meshes.parts import import_trimesh
 from kinseek.support.interrupts import raise_of_handler
 from kinseek.support.transforms import from_quaternion, quaternion, square, transform
 

@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from kinseek import InvalidRobot
-from kinseek.robots import obj, ply, stl
-from kinseek.robots.meshes import mesh_parts
-from kinseek.robots.polygons import triangulated
+from kinseek.meshes import obj, ply, stl
+from kinseek.meshes.parts import mesh_parts
+from kinseek.meshes.polygons import triangulated
 from mesh_builders import ply_header
 
 trimesh = pytest.importorskip("trimesh")
@@ -401,7 +401,7 @@ IMPORTING = """
 import logging, sys
 from pathlib import Path
 from kinseek.support.forks import importing
-from kinseek.robots.meshes import mesh_parts
+from kinseek.meshes.parts import mesh_parts
 
 class Seen:
     def find_spec(self, name, path, target=None):

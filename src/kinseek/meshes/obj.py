@@ -10,7 +10,7 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 
-from .mesh_files import MOST_CORNERS, MOST_LINE, MOST_LINES, Size, utf8
+from .limits import MOST_CORNERS, MOST_LINE, MOST_LINES, Size, utf8
 from .polygons import Array, Body, Indices, at_most, triangulated
 from .stl import NUMBER
 

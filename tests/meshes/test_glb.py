@@ -13,9 +13,9 @@ import pytest
 from numpy.typing import NDArray
 
 from kinseek import InvalidRobot
-from kinseek.robots import glb
-from kinseek.robots.mesh_files import Size
-from kinseek.robots.meshes import mesh_parts
+from kinseek.meshes import glb
+from kinseek.meshes.limits import Size
+from kinseek.meshes.parts import mesh_parts
 from kinseek.support.transforms import rotation
 from mesh_builders import changed_glb, glb_parts, one_glb, pictured_glb, written_glb
 

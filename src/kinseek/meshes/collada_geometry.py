@@ -15,7 +15,7 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 
-from .mesh_files import MOST_CORNERS
+from .limits import MOST_CORNERS
 from .polygons import Array, Body, Indices, at_most, triangulated
 from .stl import NUMBER
 

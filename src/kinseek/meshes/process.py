@@ -1,6 +1,6 @@
 """Read the meshes of a robot: those that other libraries read, in a process of its own with limits of memory and time.
 
-The libraries that read XML, materials and images trust what a file declares. `mesh_files` and its neighbours reject what is
+The libraries that read XML, materials and images trust what a file declares. `limits` and the readers reject what is
 known to make them compute for hours or fill the memory. Whatever else does so ends that process, and this one goes on.
 """
 
@@ -17,8 +17,8 @@ from kinseek.errors import InvalidRobot
 from kinseek.support.interrupts import uninterrupted
 from kinseek.support.workers import Worker, WorkerDied
 
-from .mesh_files import Budget, ending
-from .meshes import MOST_MESH, import_trimesh, mesh_parts
+from .limits import Budget, ending
+from .parts import MOST_MESH, import_trimesh, mesh_parts
 
 MOST_MEMORY = 2**32
 """Most bytes of memory of the process."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 
-from .mesh_files import MOST_LINE, MOST_LINES, Size
+from .limits import MOST_LINE, MOST_LINES, Size
 from .polygons import Body, Indices, at_most, triangulated
 
 MOST_HEADER = 1_000

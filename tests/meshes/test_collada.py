@@ -261,7 +261,7 @@ def test_a_source_of_collada_is_read_once_for_all_that_refer_to_it(
         lengths.append(len(text))
         return own(text, *given, **options)
 
-    monkeypatch.setattr("kinseek.robots.collada.np.fromstring", counted)
+    monkeypatch.setattr("kinseek.meshes.collada_geometry.np.fromstring", counted)
     positions = " ".join(f"{i} 0 0 {i} 1 0" for i in range(51))
     corners = (f"{2 * i} {2 * i + 2} {2 * i + 3} {2 * i + 1}" for i in range(50))
     normals = '<input semantic="NORMAL" source="#s" offset="0"/><p>'

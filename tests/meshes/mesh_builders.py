@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kinseek.robots import collada, collada_scene, glb, mesh_files, obj, ply, stl
-from kinseek.robots.meshes import mesh_parts
+from kinseek.meshes import collada, collada_geometry, glb, obj, ply, stl
+from kinseek.meshes.parts import mesh_parts
 from robot_files import TURNING, link, robot, write
 
 MOST = 2**16
@@ -22,9 +22,9 @@ MOST = 2**16
 
 def small_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Set limits as those of files of `MOST` bytes would be."""
-    limits = {"LINES": MOST // 16, "CORNERS": MOST // 5, "TAGS": MOST // 64}
-    for name, most in limits.items():
-        for module in (mesh_files, collada, collada_scene, glb, obj, ply, stl):
+    smaller = {"LINES": MOST // 16, "CORNERS": MOST // 5, "TAGS": MOST // 64}
+    for name, most in smaller.items():
+        for module in (limits, collada, collada_geometry, glb, obj, ply, stl):
             monkeypatch.setattr(module, f"MOST_{name}", most, raising=False)
 
 

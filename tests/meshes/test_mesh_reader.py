@@ -14,10 +14,10 @@ import pytest
 
 import kinseek
 from kinseek import InvalidRobot
-from kinseek.robots import mesh_files, mesh_reader
-from kinseek.robots.mesh_files import Budget
-from kinseek.robots.mesh_reader import MeshReader
-from kinseek.robots.meshes import mesh_parts
+from kinseek.meshes import limits, process
+from kinseek.meshes.limits import Budget
+from kinseek.meshes.parts import mesh_parts
+from kinseek.meshes.process import MeshReader
 from kinseek.support import workers
 from mesh_builders import TRIANGLE, dae, noted_glb, one_glb, pictured_glb, robot_of, written_glb
 
@@ -112,12 +112,12 @@ def test_words_of_the_author_stay_in_the_process(tmp_path: Path) -> None:
     (tmp_path / "a.glb").write_bytes(noted_glb({"name": "a", "extras": {"b": [{}] * 1000}}, nodes=3))
     with MeshReader(Budget(2**24)) as reader:
         assert [dict(part.metadata) for part in reader.read(tmp_path / "a.glb")] == [{}] * 3
-        assert reader.budget.unpacked_left > mesh_files.MOST_UNPACKED - 6000
+        assert reader.budget.unpacked_left > limits.MOST_UNPACKED - 6000
 
 
 @LIMITED
 def test_the_process_ends_when_its_time_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mesh_reader, "MOST_SECONDS", 4)
+    monkeypatch.setattr(process, "MOST_SECONDS", 4)
     files = files_in(tmp_path)
     write_long(tmp_path / "long.obj")
     with MeshReader(Budget(2**26)) as reader:
@@ -131,7 +131,7 @@ def test_the_process_ends_when_its_time_is_over(tmp_path: Path, monkeypatch: pyt
 
 @LIMITED
 def test_the_process_refuses_what_takes_more_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mesh_reader, "MOST_MEMORY", 2**29)
+    monkeypatch.setattr(process, "MOST_MEMORY", 2**29)
     files = files_in(tmp_path)
     (tmp_path / "large.glb").write_bytes(large_picture())
     with MeshReader(Budget(2**26)) as reader:

@@ -14,7 +14,7 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 
-from .collada import name_of, numbers_of
+from .collada_geometry import name_of, numbers_of
 from .polygons import Array, Looks
 
 _SHADERS = ("phong", "lambert", "blinn", "constant")

@@ -10,7 +10,7 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 
-from .mesh_files import MOST_LINES, Size, utf8
+from .limits import MOST_LINES, Size, utf8
 from .polygons import Body, at_most
 
 NUMBER = rb"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"

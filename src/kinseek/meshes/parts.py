@@ -1,4 +1,4 @@
-"""Read a mesh of a robot's file, for pictures and for collisions; `packages` finds the file, `mesh_reader` sets limits."""
+"""Read a mesh of a robot's file, for pictures and for collisions; `process` does it with limits of memory and time."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from kinseek.errors import InvalidRobot, reason
 from kinseek.support.forks import importing
 from kinseek.support.interrupts import raise_of_handler
 
-from . import collada_scene, glb, obj, ply, stl
-from .mesh_files import LEAST_BODIES, Beside, Budget, Size, ending, utf8
+from . import collada, glb, obj, ply, stl
+from .limits import LEAST_BODIES, Beside, Budget, Size, ending, utf8
 from .polygons import Body, Looks
 
 MOST_MESH = 64 * 2**20
@@ -59,7 +59,7 @@ def _parts(path: Path, kind: str, text: bytes, beside: Beside, budget: Budget, l
 
     try:
         if kind in ("dae", "glb"):
-            bodies, found = (glb if kind == "glb" else collada_scene).read(text, take, looks)
+            bodies, found = (glb if kind == "glb" else collada).read(text, take, looks)
             parts = _painted(bodies, _materials(found, beside))
             budget.take_images(parts)
         elif kind == "obj":

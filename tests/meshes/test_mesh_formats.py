@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from kinseek import InvalidRobot
-from kinseek.robots import obj
+from kinseek.meshes import obj
 from mesh_builders import TRIANGLE, changed_glb, dae, one_glb, ply_header, read, small_limits
 
 trimesh = pytest.importorskip("trimesh")

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kinseek.errors import InvalidRobot
+from kinseek.robots.files import file_bytes
 from kinseek.support.forks import importing
 from kinseek.support.interrupts import raise_of_handler
 
-from .files import file_bytes
 from .polygons import at_most
 
 ENDINGS = ("dae", "glb", "obj", "ply", "stl")
@@ -28,7 +28,7 @@ LEAST_BODIES = 4
 """Least number of bodies that a file counts as, in the budget of a robot: reading a file takes as long as some eight
 bodies."""
 MOST_UNPACKED = 2**31
-"""Most bytes of all bodies that another process has read, see `mesh_reader`, with their images."""
+"""Most bytes of all bodies that another process has read, see `process`, with their images."""
 MOST_REPEATED = 2**26
 """Most bytes of files that are read again because a robot refers to them more than once."""
 MOST_NAMES = 1_000

@@ -19,7 +19,7 @@ from kinseek.support.transforms import from_quaternion
 
 from .glb_file import GlbFile, Json, Numbers, entry, listed, whole
 from .glb_looks import looks_of, painted
-from .mesh_files import MOST_BODIES, Size, drawn_corners
+from .limits import MOST_BODIES, Size, drawn_corners
 from .polygons import Array, Body, Indices, Looks, at_most, placed
 
 _NO_SURFACE, _TRIANGLES, _STRIP, _FAN = (0, 1, 2, 3), 4, 5, 6

@@ -14,7 +14,7 @@ import numpy as np
 from kinseek.errors import InvalidRobot
 
 from .glb_file import GlbFile, Json, entry, whole
-from .mesh_files import MOST_BODIES, MOST_PIXELS, pixels_of_image
+from .limits import MOST_BODIES, MOST_PIXELS, pixels_of_image
 from .polygons import Array, Body, Indices, Looks, at_most
 
 _FACTORS = {

@@ -13,14 +13,14 @@ from xml.parsers import expat
 import numpy as np
 
 from kinseek.errors import InvalidRobot
+from kinseek.robots.xml_files import ENCODINGS
 from kinseek.support.transforms import rotation
 
-from .collada import bodies_of, children_of, corners_of, name_of, numbers_of, only
+from .collada_geometry import bodies_of, children_of, corners_of, name_of, numbers_of, only
 from .collada_looks import looks_of
-from .mesh_files import MOST_BODIES, Size, drawn_corners
+from .limits import MOST_BODIES, Size, drawn_corners
 from .polygons import Array, Body, Looks, at_most, placed
 from .stl import NUMBER
-from .xml_files import ENCODINGS
 
 MOST_TAGS = 2**20
 """Most tags of a file."""

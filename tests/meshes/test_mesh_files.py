@@ -19,11 +19,11 @@ import pytest
 
 import kinseek
 from kinseek import InvalidRobot
-from kinseek.robots import glb, mesh_files, obj
-from kinseek.robots.mesh_files import ENDINGS, LEAST_BODIES, MOST_BODIES, Beside, Budget, pixels_of_image
-from kinseek.robots.mesh_reader import MeshReader
-from kinseek.robots.meshes import MOST_MESH, mesh_parts
-from kinseek.robots.obj import MOST_GROUPS
+from kinseek.meshes import glb, limits, obj
+from kinseek.meshes.limits import ENDINGS, LEAST_BODIES, MOST_BODIES, Beside, Budget, pixels_of_image
+from kinseek.meshes.obj import MOST_GROUPS
+from kinseek.meshes.parts import MOST_MESH, mesh_parts
+from kinseek.meshes.process import MeshReader
 from mesh_builders import (
     INSTANCE,
     MOST,
@@ -341,7 +341,7 @@ def test_nothing_is_printed_of_what_is_missing(tmp_path: Path) -> None:
     text = SOUND["a.ply"]().replace(b"comment", b"comment TextureFile \xc2\x9bnone.png\ncomment", 1)
     assert b"TextureFile" in text
     (tmp_path / "a.ply").write_bytes(text)
-    code = "from pathlib import Path\nfrom kinseek.robots.meshes import mesh_parts\nassert mesh_parts(Path('a.ply'))"
+    code = "from pathlib import Path\nfrom kinseek.meshes.parts import mesh_parts\nassert mesh_parts(Path('a.ply'))"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=True
     )
@@ -511,7 +511,7 @@ def test_the_meshes_of_a_scene_share_one_budget(tmp_path: Path, monkeypatch: pyt
     ):
         left = {"repeated_left": again * len(box)} | ({} if most else {"bodies_left": 3 * LEAST_BODIES - 1})
         monkeypatch.setattr(
-            mesh_files, "Budget", lambda _, most=most, left=left: Budget((most or 9) * len(box), **left)
+            limits, "Budget", lambda _, most=most, left=left: Budget((most or 9) * len(box), **left)
         )
         arm = kinseek.load(robot_of(tmp_path, *scaled, tag="collision"))
         if said is None:
