@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kinseek.meshes import collada, collada_geometry, glb, obj, ply, stl
+from kinseek.meshes import collada, collada_geometry, glb, limits, obj, ply, stl
 from kinseek.meshes.parts import mesh_parts
 from robot_files import TURNING, link, robot, write
 

@@ -281,6 +281,7 @@ REFUSED = {
     "a node that is a number": (with_nodes(5), "element 0 of 'nodes' is 5"),  # type: ignore[arg-type]
     "attributes": (changed_glb("part", {"attributes": [0]}), "'attributes' is [0], expected an object"),
     "no primitives": (with_nodes({"mesh": 0}, meshes=[{"primitive": []}]), "a mesh has no primitives"),
+    "empty primitives": (with_nodes({"mesh": 0}, meshes=[{"primitives": []}]), "a mesh has no primitives"),
     "weights": (changed_glb("mesh", {"weights": ["0"]}), "morphed"),
     "extensions": (changed_glb("part", {"extensions": []}), "'extensions' is []"),
     "visibility": (extended("node", "KHR_node_visibility"), "a node has a visibility (KHR_node_visibility)"),

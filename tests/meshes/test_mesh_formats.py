@@ -80,6 +80,15 @@ def test_lines_that_go_on_take_a_time_that_grows_with_the_file() -> None:
     assert time.perf_counter() - began < 4.0
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("line", ["# c \\", "v 9 9 9 # c \\", "v 9 9 \\{} 9 # c \\"])
+def test_a_comment_of_obj_that_goes_on_is_refused(line: str, end: str, tmp_path: Path) -> None:
+    """The backslash may be a part of the comment, or hide the vertex in the next line."""
+    text = TRIANGLE.replace("\n", end) + line.format(end) + f"{end}v 5 5 5{end}f 1 2 3{end}"
+    with pytest.raises(InvalidRobot, match="a comment without a backslash at its end: readers differ"):
+        read(tmp_path, "obj", text)
+
+
 def test_a_comment_of_ply_is_not_its_format(tmp_path: Path) -> None:
     """Numbers were read in the other order of bytes after a comment with the word "big"."""
     text = trimesh.creation.box((1, 1, 1)).export(file_type="ply")

@@ -22,6 +22,11 @@ from .limits import MOST_BODIES, Size, drawn_corners
 from .polygons import Array, Body, Looks, at_most, placed
 from .stl import NUMBER
 
+_NAMESPACES = (
+    "http://www.collada.org/2005/11/COLLADASchema",
+    "http://www.collada.org/2008/03/COLLADASchema",
+)
+"""Of the versions 1.4 and 1.5."""
 MOST_TAGS = 2**20
 """Most tags of a file."""
 MOST_DEPTH = 100
@@ -119,6 +124,7 @@ class _Scene:
             if name == "node":
                 self._add(each, matrix, (*above, node))
             elif name == "instance_node":
+                children_of(each, ("extra",), f"{who}, in <instance_node>,")
                 self._add(self._target(each, "node"), matrix, (*above, node))
             elif name == "instance_geometry":
                 geometry = self._target(each, "geometry")
@@ -188,8 +194,10 @@ def _root(text: bytes) -> Any:
     encoding = root.getroottree().docinfo.encoding or "UTF-8"
     if ENCODINGS.fullmatch(encoding) is None:
         raise InvalidRobot(f"the encoding {encoding!r:.100} is not read; write the file in UTF-8")
-    if name_of(root) != "COLLADA":
-        raise InvalidRobot(f"it begins with <{name_of(root)}>, expected <COLLADA>")
+    if root.tag not in [f"{{{each}}}COLLADA" for each in _NAMESPACES]:
+        raise InvalidRobot(
+            f"it begins with {root.tag!r:.200}, expected <COLLADA> of {_NAMESPACES[0]} (or of version 1.5)"
+        )
     for each in root.iterchildren("*"):
         if not re.fullmatch("asset|scene|extra|library_.*", name := name_of(each)):
             raise InvalidRobot(
@@ -230,8 +238,6 @@ def _unit(root: Any) -> float:
     Raises:
         InvalidRobot: It is not a number above 0, or a part of the file has another one.
     """
-    if root.find("{*}asset") is None:
-        return 1.0
     words = [
         each.get("meter", "1").strip(" \t\r\n") for each in _only_child(root, "asset").iterfind("{*}unit")
     ]

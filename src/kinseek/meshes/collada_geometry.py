@@ -259,6 +259,8 @@ def _primitive(element: Any, mesh: _Mesh) -> _Primitive:
     else:
         if name == "triangles" and len(parts[0]) % 3:
             raise InvalidRobot(f"{who} has {len(parts[0])} corners in <p>, expected three for each triangle")
+        if name in _STRIPS and min(map(len, parts), default=3) < 3:
+            raise InvalidRobot(f"{who} has {min(map(len, parts))} corners in a <p>, expected at least 3")
         parts = [each[_corners_of_triangles(name, len(each))] for each in parts]
         sizes = np.full(sum(map(len, parts)) // 3, 3)
         count = len(sizes) if name == "triangles" else count
@@ -280,7 +282,7 @@ def _corners_of_triangles(name: str, count: int) -> Indices:
     """Return which of `count` corners the triangles of a set, a strip or a fan have, one triangle after the other."""
     if name == "triangles":
         return np.arange(count)
-    i = np.arange(max(count - 2, 0))
+    i = np.arange(count - 2)
     if name == "trifans":
         return np.stack([0 * i, i + 1, i + 2], axis=1).ravel()
     odd = i % 2  # Every other triangle of a strip is turned around.
@@ -292,17 +294,13 @@ def _divided(primitives: list[_Primitive], positions: Array, mesh: _Mesh) -> lis
     sizes = np.concatenate([each.sizes for each in primitives])
     ends = np.cumsum([len(each.sizes) for each in primitives])
     corners = np.concatenate([each.rows[:, each.inputs["VERTEX"][1]] for each in primitives])
-    polygons = np.flatnonzero(sizes >= 3)  # Others have no surface.
-    places = np.flatnonzero(np.repeat(sizes >= 3, sizes))
 
     def place(number: int) -> str:
-        return (
-            f"{mesh.who}, in <{primitives[int(np.searchsorted(ends, polygons[number], side='right'))].name}>"
-        )
+        return f"{mesh.who}, in <{primitives[int(np.searchsorted(ends, number, side='right'))].name}>"
 
-    triangles, owners = triangulated(positions, corners[places], sizes[polygons], place)
+    triangles, owners = triangulated(positions, corners, sizes, place)
     order = np.argsort(owners, kind="stable")
-    triangles, owners = places[triangles[order]], polygons[owners[order]]
+    triangles, owners = triangles[order], owners[order]
     bodies, first = list[Body](), 0
     for each, part in zip(primitives, np.split(triangles, np.searchsorted(owners, ends[:-1])), strict=True):
         kept, faces = np.unique(corners[part], return_inverse=True)

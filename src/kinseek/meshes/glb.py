@@ -186,7 +186,7 @@ def _parts(mesh: Json, file: GlbFile) -> list[_Part]:
     """Return the primitives of a mesh that have triangles."""
     _require_no_extension(mesh, "a mesh")
     _require_no_weights(mesh)
-    if "primitives" not in mesh:
+    if not listed(mesh, "primitives"):
         raise InvalidRobot("a mesh has no primitives")
     primitives = [entry({"primitives": each}, "primitives") for each in listed(mesh, "primitives")]
     at_most(len(primitives), MOST_BODIES, "bodies")

@@ -158,25 +158,25 @@ def _error(number: int, line: bytes, expected: str) -> InvalidRobot:
 def _statements(text: bytes) -> Iterator[tuple[int, bytes]]:
     """Yield the lines that are not blank, with their numbers; a line that ends with a backslash goes on in the next one."""
     # Joined at their end: copying or searching what has begun for each line would take the square of their number.
-    begun, is_blank = bytearray(), True
+    begun, has_comment = bytearray(), False
     for number, each in enumerate(text.split(b"\n"), 1):
         if begun and not (begun[-1:].isspace() or each[:1].isspace()):
             raise _error(number, bytes(begun) + b"\\", "a blank before the backslash or after it")
         begun += each
+        has_comment = has_comment or b"#" in each
         at_most(len(begun), MOST_LINE, "bytes in a line")
         if each.endswith(b"\\"):
-            if is_blank and each.lstrip().startswith(b"#"):
+            if has_comment:
                 raise _error(
                     number,
                     bytes(begun),
                     "a comment without a backslash at its end: readers differ on the next line",
                 )
             del begun[-1]
-            is_blank = is_blank and not each[:-1].strip()
         else:
             line = bytes(begun).strip()
             begun.clear()
-            is_blank = True
+            has_comment = False
             if line:
                 yield number, line
     if begun:
