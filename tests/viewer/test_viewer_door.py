@@ -257,6 +257,20 @@ def test_what_is_no_page_of_this_server_is_refused_and_not_printed(
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize(("where", "protocols"), [("shown", ["viser-v9"]), ("shared", None)])
+def test_a_page_of_another_version_is_closed_and_not_printed(
+    where: str, protocols: list[Any] | None, request: pytest.FixtureRequest, capfd: pytest.CaptureFixture[str]
+) -> None:
+    port = request.getfixturevalue(where).port
+    capfd.readouterr()  # It says where it is.
+    with (
+        websocket(port, subprotocols=protocols) as one,
+        pytest.raises(ConnectionClosed, match=r"1002.*Another version of viser"),
+    ):
+        one.recv(timeout=10)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_a_shared_page_is_reached_by_the_name_of_its_relay(shared: viewer.Viewer) -> None:
     assert shared.public_url == PUBLIC
     with websocket(shared.port, "arm.share.viser.studio", origin=PUBLIC) as one:

@@ -58,7 +58,7 @@ _AUTHORITY = re.compile(r"(\[[0-9a-f:.]+\]|[a-z0-9._-]+)(?::([0-9]{1,5}))?", re.
 _ORIGIN = re.compile(r"(https?)://(.+)", re.IGNORECASE)
 _PORTS = {"http": "80", "https": "443"}
 _PROTOCOL = re.compile(r"viser-v[0-9A-Za-z.+-]{1,32}")
-"""Pattern of the version that a page reports: viser prints another version."""
+"""Pattern of the version that a page reports."""
 
 _log = logging.getLogger("kinseek.viewer.connections")
 _log.addHandler(logging.NullHandler())  # Without a handler Python would print broken requests on stderr.
@@ -163,8 +163,9 @@ class Door:
 
     def _serve(self, handler: Any, *where: Any, **options: Any) -> Any:
         """Replacement of `websockets.asyncio.server.serve`, called by viser in the server's own loop."""
+        from viser import __version__
         from websockets.asyncio.server import ServerConnection, serve
-        from websockets.frames import CTRL_OPCODES
+        from websockets.frames import CTRL_OPCODES, CloseCode
 
         self._there = True
         asyncio.get_running_loop().set_exception_handler(_log_exception)
@@ -233,9 +234,17 @@ class Door:
                     else:
                         self.transport.close()
 
+        async def of_this_version(connection: Any) -> None:
+            # viser would print a line for every other one, and its server would end if nobody reads the output.
+            if connection.subprotocol == f"viser-v{__version__}":
+                await handler(connection)
+            else:
+                await connection.close(CloseCode.PROTOCOL_ERROR, "Another version of viser made this page")
+
         options |= {"process_request": checked, "process_response": with_policy}
         options |= {"create_connection": Connection, "logger": _log}
-        return serve(handler, *where, **{**options, "max_size": MOST_MESSAGE})
+        options |= {"max_size": MOST_MESSAGE}
+        return serve(of_this_version, *where, **options)
 
 
 class _Pace:
