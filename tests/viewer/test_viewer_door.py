@@ -551,6 +551,23 @@ def test_a_fragment_without_bytes_counts_as_a_message_and_is_not_kept(
         assert time.monotonic() - began > 1.3  # Half a second of two is not waited for.
 
 
+def test_messages_that_wait_are_not_kept(shown: viewer.Viewer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(door, "MESSAGE_TIME", 10.0)
+    length, taken = door.MOST_MESSAGE - 16, count()
+    message = b"\x82\xff" + length.to_bytes(8, "big") + bytes(4) + b"\xc1" * length
+    with websocket(shown.port) as flooding:
+        flooding.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 2**16)
+        flooding.socket.settimeout(2.0)
+        with contextlib.suppress(OSError):
+            while next(taken) < 40:
+                flooding.socket.sendall(message)
+        assert (
+            1 < next(taken) < 15
+        )  # The system keeps about 6 MiB, and the server three; without a limit it took 22.
+        with contextlib.suppress(OSError):
+            flooding.socket.shutdown(socket.SHUT_RDWR)
+
+
 def test_a_page_that_sends_pings_without_end_is_closed(shown: viewer.Viewer) -> None:
     with websocket(shown.port) as flooding, websocket(shown.port) as other:
         for _ in range(100):

@@ -39,6 +39,8 @@ MESSAGE_TIME, BYTE_TIME = 1 / 500, 1 / 2**22
 time of those before them. A page sends a hundred short messages a second while a goal is dragged. See `AHEAD`."""
 AHEAD = 0.5
 """Time of messages [s] that are taken without waiting, such as those of a page that has just opened."""
+MOST_WAITING = 1
+"""Number of messages of a page, or fragments of them, that wait to be taken before no more are read."""
 MOST_CONNECTIONS = 100
 """Maximum number of open connections: a page has one, with eight threads and one or two megabytes."""
 MOST_TEXT = 200
@@ -243,7 +245,7 @@ class Door:
 
         options |= {"process_request": checked, "process_response": with_policy}
         options |= {"create_connection": Connection, "logger": _log}
-        options |= {"max_size": MOST_MESSAGE}
+        options |= {"max_size": MOST_MESSAGE, "max_queue": MOST_WAITING}
         return serve(of_this_version, *where, **options)
 
 
