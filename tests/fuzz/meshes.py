@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
-from kinseek.robots.meshes import mesh_parts
+from kinseek.meshes.parts import mesh_parts
 
 from .judges import JUDGES, Polygons, Unknown
 from .mesh_makers import MAKERS

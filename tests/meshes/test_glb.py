@@ -133,7 +133,7 @@ def test_motions_are_applied_exactly() -> None:
 def test_motions_are_scaled_turned_and_moved_in_this_order() -> None:
     half = np.sqrt(0.5)
     inner = {"mesh": 0, "scale": [2, 3, 4], "rotation": [half, 0, 0, half], "translation": [5, 6, 7]}
-    outer = {"children": [1], "rotation": [0, 0, half * 1.0005, half * 1.0005], "translation": [1, 0, 0]}
+    outer = {"children": [1], "rotation": [0, 0, half * 1.00005, half * 1.00005], "translation": [1, 0, 0]}
     (found,) = triangles(with_nodes(outer, inner))
     expected = np.diag([2.0, 3.0, 4.0]) @ rotation(np.array([1.0, 0, 0]), np.pi / 2).T + [5, 6, 7]
     expected = expected @ rotation(np.array([0, 0, 1.0]), np.pi / 2).T + [1, 0, 0]
@@ -280,6 +280,7 @@ REFUSED = {
     "a mesh that is missing": (with_nodes({"mesh": 1}), "element 1 of 'meshes'"),
     "a node that is a number": (with_nodes(5), "element 0 of 'nodes' is 5"),  # type: ignore[arg-type]
     "attributes": (changed_glb("part", {"attributes": [0]}), "'attributes' is [0], expected an object"),
+    "scenes": (with_nodes({"mesh": 0}, scenes=[{"nodes": [0]}] * 2), "2 scenes and names none"),
     "no primitives": (with_nodes({"mesh": 0}, meshes=[{"primitive": []}]), "a mesh has no primitives"),
     "empty primitives": (with_nodes({"mesh": 0}, meshes=[{"primitives": []}]), "a mesh has no primitives"),
     "weights": (changed_glb("mesh", {"weights": ["0"]}), "morphed"),

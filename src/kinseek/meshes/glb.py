@@ -28,7 +28,7 @@ _FLOAT, _UNSIGNED = 5126, (5121, 5123, 5125)
 """Component types of positions, and of indices."""
 _MOVES = {"translation": 3, "rotation": 4, "scale": 3, "matrix": 16}
 """What moves a node, and how many numbers it has."""
-_UNIT = 1e-3
+_UNIT = 1e-4
 """How much the length of a quaternion may differ from 1, for rounding."""
 _ONLY_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_")
 """How the names of extensions begin that do not change shapes."""
@@ -114,9 +114,12 @@ def _require_no_weights(element: Json) -> None:
 def _shown(file: GlbFile) -> list[tuple[Json, Array]]:
     """Return the nodes of the scene, with the place of each, (4, 4) (3.5).
 
-    It is scene 0 if the file does not name one. Each node is in one other node at most.
+    A file with one scene need not name it. Each node is in one other node at most.
     """
-    if not listed(file.document, "scenes") and "scene" not in file.document:
+    scenes = len(listed(file.document, "scenes"))
+    if "scene" not in file.document and scenes > 1:
+        raise InvalidRobot(f"it has {scenes} scenes and names none, expected the number of one in 'scene'")
+    if not scenes and "scene" not in file.document:
         return []
     count = len(listed(file.document, "nodes"))
     roots = _indices(file.element("scenes", whole(file.document, "scene", 0)), "nodes")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from .shapes import NUMBER, WHOLE, Array, Polygons, Unknown, fan, floats, integers, placed, strip
+from .shapes import NUMBER, UNIT, WHOLE, Array, Polygons, Unknown, fan, floats, integers, placed, strip
 
 BLANKS = " \t\r\n"
 SPACES = ("http://www.collada.org/2005/11/COLLADASchema", "http://www.collada.org/2008/03/COLLADASchema")
@@ -272,9 +272,11 @@ def motion(name: str, numbers: Array) -> Array:
     elif name == "scale":
         found[:3, :3] = np.diag(numbers)
     else:
-        (x, y, z), angle = numbers[:3], math.radians(numbers[3])
-        if abs(math.hypot(x, y, z) - 1) > 1e-6:
+        axis, angle = numbers[:3], math.radians(numbers[3])
+        length = math.hypot(*axis)
+        if abs(length - 1) > UNIT:
             raise Unknown("length of an axis")
+        x, y, z = axis / length
         skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         found[:3, :3] = np.eye(3) + math.sin(angle) * skew + (1 - math.cos(angle)) * skew @ skew
     return found

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .shapes import Array, Polygons, Unknown, fan, placed, strip
+from .shapes import UNIT, Array, Polygons, Unknown, fan, placed, strip
 
 FORMS = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 LOOKS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_")
@@ -226,8 +226,10 @@ def motion(node: dict[str, Any]) -> Array:
             raise Unknown("matrix")
         return found
     x, y, z, w = numbers(node.get("rotation", [0, 0, 0, 1]), 4)
-    if abs(math.hypot(x, y, z, w) - 1) > 1e-6:
+    length = math.hypot(x, y, z, w)
+    if abs(length - 1) > UNIT:
         raise Unknown("quaternion")
+    x, y, z, w = (each / length for each in (x, y, z, w))
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     turn = np.eye(3) + 2 * w * skew + 2 * skew @ skew
     found = np.eye(4)

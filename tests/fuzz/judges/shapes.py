@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Polygons = list[Array]
 """The corners of each polygon in turn [m], (corners, 3)."""
+UNIT = 1e-4
+"""How much the length of an axis or of a quaternion may differ from 1; docs/security.md allows as much."""
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 WHOLE = re.compile(r"[+-]?\d+", re.ASCII)
