@@ -733,6 +733,25 @@ def test_a_block_that_cannot_be_decoded_is_said_to_be_so(grid: Path) -> None:
             question(dataset)
 
 
+def test_a_block_with_a_wrong_bit_gives_no_other_numbers(place: Path) -> None:
+    array = store.Store.at(str(place))._array("reached")
+    block = max(
+        (each for each in (place / "reached" / "c").rglob("*") if each.is_file()), key=os.path.getsize
+    )
+    part = tuple(
+        slice(int(i) * n, (int(i) + 1) * n)
+        for i, n in zip(block.relative_to(place / "reached" / "c").parts, array.chunks, strict=True)
+    )
+    content, whole, wrong = block.read_bytes(), array[part], []
+    for bit in range(8 * len(content)):
+        damaged = bytearray(content)
+        damaged[bit // 8] ^= 1 << bit % 8
+        block.write_bytes(damaged)
+        with contextlib.suppress(RuntimeError, ValueError):
+            wrong += [bit] if (array[part] != whole).any() else []
+    assert not wrong
+
+
 def test_a_mark_that_cannot_be_decoded_is_said_to_be_so(grid: Path) -> None:
     first_block(grid, "blocks/done").write_bytes(b"no mark")
     with pytest.raises(

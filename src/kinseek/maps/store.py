@@ -89,10 +89,14 @@ class Store(Lazy):
             InvalidMap: The folder cannot be written.
         """
         import zarr
+        from zarr.codecs import ZstdCodec
         from zarr.storage import MemoryStore
 
         from .local_files import LocalFiles
 
+        checked = ZstdCodec(
+            checksum=True
+        )  # By default a damaged block may unpack to other numbers without an error.
         dims, shape, chunks = description["dims"], tuple(description["shape"]), tuple(description["chunks"])
         making = None if path is None else path.with_name(f".{path.name}.{uuid.uuid4().hex}")
         try:
@@ -110,13 +114,23 @@ class Store(Lazy):
                     chunks=chunks,
                     dtype=dtype,
                     fill_value=fill,
+                    compressors=checked,
                     dimension_names=dims,
                     attributes=report,
                 )
             for name, (along, values, report) in coordinates.items():
-                group.create_array(name, data=values, dimension_names=along, attributes=report)
+                group.create_array(
+                    name, data=values, compressors=checked, dimension_names=along, attributes=report
+                )
             blocks = tuple(-(-n // chunk) for n, chunk in zip(shape, chunks, strict=True))
-            group.create_array(_DONE, shape=blocks, chunks=(1,) * len(blocks), dtype="uint8", fill_value=0)
+            group.create_array(
+                _DONE,
+                shape=blocks,
+                chunks=(1,) * len(blocks),
+                dtype="uint8",
+                fill_value=0,
+                compressors=checked,
+            )
             if making is not None and path is not None:
                 os.rename(making, path)
                 return cls.at(str(path))
