@@ -10,8 +10,11 @@ from pathlib import Path
 
 import pytest
 
+import kinseek
+from kinseek import maps
 from kinseek.support import private
-from kinseek.support.private import NotPrivate, private_folder, read_private, user_cache
+from kinseek.support.private import NotPrivate, private_folder, read_private, resolved, user_cache
+from kinseek.support.whole_file import output_path
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
 
@@ -229,3 +232,34 @@ def test_without_user_ids_only_links_are_refused(tmp_path: Path, monkeypatch: py
     (tmp_path / "link").symlink_to(folder)
     with pytest.raises(NotPrivate, match="is a link"):
         private_folder(tmp_path, "link")
+
+
+def test_links_are_followed_as_python_does(tmp_path: Path) -> None:
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "link").symlink_to("a/b")
+    (tmp_path / "a" / "b" / "up").symlink_to(tmp_path / "a")
+    (tmp_path / "gone").symlink_to("missing/file")
+    for path in ("link/../x", "link/up/b/up/new/y", "gone", "a/b", "missing/../a"):
+        assert resolved(tmp_path / path) == (tmp_path / path).resolve()
+    (tmp_path / "itself").symlink_to("itself")
+    with pytest.raises(OSError, match="more than 40 links"):
+        resolved(tmp_path / "itself")
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives links away")
+@pytest.mark.parametrize("name", ["out.csv", "folder/out.csv"])
+def test_a_link_of_another_user_in_a_folder_of_all_is_not_followed(name: str, tmp_path: Path) -> None:
+    """Linux itself does not follow it (fs.protected_symlinks) when a file is opened, but `Path.resolve` does."""
+    own, shared = tmp_path / "own", tmp_path / "shared"
+    own.mkdir()
+    shared.mkdir()
+    shared.chmod(0o1777)
+    (own / "out.csv").write_text("mine")
+    link = shared / Path(name).parts[0]
+    link.symlink_to(own if link.name == "folder" else own / "out.csv")
+    assert output_path(shared / name, "--out") == own / "out.csv"
+    os.lchown(link, ANOTHER, ANOTHER)
+    with pytest.raises(kinseek.InvalidProblem, match=f"is a link of user {ANOTHER} in a folder of all users"):
+        output_path(shared / name, "--out")
+    with pytest.raises(kinseek.InvalidMap, match=f"is a link of user {ANOTHER} in a folder of all users"):
+        maps.open(shared / name)

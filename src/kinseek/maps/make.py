@@ -17,6 +17,7 @@ from kinseek.collision import Scene
 from kinseek.collision.solutions import judge_of
 from kinseek.errors import InvalidMap, MissingExtra, suggest
 from kinseek.goal import Goal
+from kinseek.support.private import resolved
 from kinseek.support.validation import as_integer
 from kinseek.tolerances import DEFAULT_TOLERANCE, TOLERANCES, check_tolerance
 
@@ -178,10 +179,11 @@ def _place(store: str | Path) -> str:
     """Return the path of a store without links.
 
     Raises:
-        InvalidMap: It is no path, or the home or working folder that it begins with does not exist.
+        InvalidMap: It is no path, the home or working folder that it begins with does not exist, or another user may have
+            put a link there.
     """
     try:
-        return str(Path(store).expanduser().resolve())
+        return str(resolved(Path(store).expanduser()))
     except (OSError, RuntimeError, TypeError, ValueError) as error:
         raise InvalidMap(f"store must be the path of a folder, got {str(store)!r}: {error}") from None
 

@@ -114,6 +114,44 @@ def require_private(path: Path, status: os.stat_result) -> None:
         raise NotPrivate(f"others may write to {path} (mode {stat.S_IMODE(status.st_mode):o})")
 
 
+def resolved(path: Path) -> Path:
+    """Return a path without links, as `Path.resolve` does; what it leads to may be missing.
+
+    Raises:
+        NotPrivate: A link on the way is in a folder such as ``/tmp``, and another user may have put it there. Linux does not
+            follow such links either (``fs.protected_symlinks``), but `Path.resolve` reads them itself.
+        OSError: A link leads to itself, or a folder cannot be searched.
+        ValueError: The path has a null character.
+    """
+    if not hasattr(os, "geteuid"):
+        return path.resolve()
+    path = path.absolute()
+    at, names, links = Path(path.anchor), list(reversed(path.parts[1:])), 0
+    while names:
+        name = names.pop()
+        entry = at.parent if name == ".." else at / name
+        try:
+            status = entry.lstat()
+        except (FileNotFoundError, NotADirectoryError):
+            at = entry
+            continue
+        if not stat.S_ISLNK(status.st_mode):
+            at = entry
+            continue
+        links += 1
+        if links > MOST_LINKS:
+            raise OSError(f"{path} leads through more than {MOST_LINKS} links")
+        around, owner = at.stat(), status.st_uid
+        shared = around.st_mode & stat.S_ISVTX and around.st_mode & OTHERS_WRITE
+        if shared and owner not in (os.geteuid(), around.st_uid):
+            raise NotPrivate(f"{entry} is a link of user {owner} in a folder of all users")
+        target = entry.readlink()
+        if target.is_absolute():
+            at = Path(target.anchor)
+        names.extend(reversed(target.parts[1:] if target.is_absolute() else target.parts))
+    return at
+
+
 def _followed(path: Path) -> Path:
     """Resolve the links of an absolute path step by step, and check each folder on the way."""
     at, names, links = Path(path.anchor), list(reversed(path.parts[1:])), 0

@@ -11,7 +11,7 @@ from typing import BinaryIO
 
 from kinseek.errors import InvalidProblem
 
-from .private import OTHERS_WRITE
+from .private import OTHERS_WRITE, resolved
 
 
 def output_path(path: Path, what: str) -> Path:
@@ -22,9 +22,13 @@ def output_path(path: Path, what: str) -> Path:
         what: The option or argument that names it, for messages.
 
     Raises:
-        InvalidProblem: A missing folder, or a target that is not a regular file.
+        InvalidProblem: A missing folder, a target that is not a regular file, or a link that another user may have put
+            there.
     """
-    place = path.resolve()
+    try:
+        place = resolved(path)
+    except (OSError, ValueError) as error:
+        raise InvalidProblem(f"{what} {str(path)!r}: {error}") from None
     if not place.parent.is_dir():
         raise InvalidProblem(f"{what} {str(path)!r}: folder {str(place.parent)!r} does not exist")
     if place.exists() and not place.is_file():
