@@ -94,9 +94,8 @@ class Store(Lazy):
 
         from .local_files import LocalFiles
 
-        checked = ZstdCodec(
-            checksum=True
-        )  # By default a damaged block may unpack to other numbers without an error.
+        # Without a checksum a damaged block may unpack to other numbers, and no error is raised.
+        checked = ZstdCodec(checksum=True)
         dims, shape, chunks = description["dims"], tuple(description["shape"]), tuple(description["chunks"])
         making = None if path is None else path.with_name(f".{path.name}.{uuid.uuid4().hex}")
         try:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -118,53 +119,60 @@ def resolved(path: Path) -> Path:
     """Return a path without links, as `Path.resolve` does; what it leads to may be missing.
 
     Raises:
-        NotPrivate: A link on the way is in a folder such as ``/tmp``, and another user may have put it there. Linux does not
-            follow such links either (``fs.protected_symlinks``), but `Path.resolve` reads them itself.
-        OSError: A link leads to itself, or a folder cannot be searched.
+        NotPrivate: A link leads to itself, or is in a folder such as ``/tmp`` and another user may have put it there. Linux
+            does not follow such links either (``fs.protected_symlinks``), but `Path.resolve` reads them itself.
+        OSError: A folder cannot be searched.
         ValueError: The path has a null character.
     """
     if not hasattr(os, "geteuid"):
         return path.resolve()
-    path = path.absolute()
-    at, names, links = Path(path.anchor), list(reversed(path.parts[1:])), 0
-    while names:
-        name = names.pop()
-        entry = at.parent if name == ".." else at / name
+
+    def look(entry: Path) -> os.stat_result | None:
         try:
             status = entry.lstat()
         except (FileNotFoundError, NotADirectoryError):
-            at = entry
-            continue
-        if not stat.S_ISLNK(status.st_mode):
-            at = entry
-            continue
-        links += 1
-        if links > MOST_LINKS:
-            raise OSError(f"{path} leads through more than {MOST_LINKS} links")
-        around, owner = at.stat(), status.st_uid
+            return None
+        around = entry.parent.stat()
         shared = around.st_mode & stat.S_ISVTX and around.st_mode & OTHERS_WRITE
-        if shared and owner not in (os.geteuid(), around.st_uid):
-            raise NotPrivate(f"{entry} is a link of user {owner} in a folder of all users")
-        target = entry.readlink()
-        if target.is_absolute():
-            at = Path(target.anchor)
-        names.extend(reversed(target.parts[1:] if target.is_absolute() else target.parts))
-    return at
+        if stat.S_ISLNK(status.st_mode) and shared and status.st_uid not in (os.geteuid(), around.st_uid):
+            raise NotPrivate(f"{entry} is a link of user {status.st_uid} in a folder of all users")
+        return status
+
+    return _walked(path.absolute(), look)
 
 
 def _followed(path: Path) -> Path:
-    """Resolve the links of an absolute path step by step, and check each folder on the way."""
+    """Resolve the links of an absolute path, and check and make each folder on the way."""
+
+    def look(entry: Path) -> os.stat_result:
+        status = _made(entry)
+        _require_safe(entry, status)
+        return status
+
+    anchor = Path(path.anchor)
+    _require_safe(anchor, anchor.lstat())
+    return _walked(path, look)
+
+
+def _walked(path: Path, look: Callable[[Path], os.stat_result | None]) -> Path:
+    """Resolve the links of an absolute path step by step.
+
+    Args:
+        path: The path.
+        look: Returns the status of each file, folder or link on the way; None where nothing is.
+
+    Raises:
+        NotPrivate: There are too many links, such as one that leads to itself; or what `look` raises.
+    """
     at, names, links = Path(path.anchor), list(reversed(path.parts[1:])), 0
-    _require_safe(at, at.lstat())
     while names:
         name = names.pop()
         if name == "..":
             at = at.parent
             continue
         entry = at / name
-        status = _made(entry)
-        _require_safe(entry, status)
-        if not stat.S_ISLNK(status.st_mode):
+        status = look(entry)
+        if status is None or not stat.S_ISLNK(status.st_mode):
             at = entry
             continue
         links += 1
