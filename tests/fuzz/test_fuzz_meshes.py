@@ -20,9 +20,9 @@ FILES = 150
 
 @pytest.mark.parametrize("kind", MAKERS)
 def test_a_mesh_is_refused_or_has_the_shape_of_its_file(kind: str) -> None:
-    found = list(endings(FILES, 7, [kind]))
+    found = list(endings(FILES, 1, [kind]))
     for number, _, ending in found:
-        assert ending in FINE, f"python -m tests.fuzz.meshes --kind {kind} --seed 7 --show {number}: {ending}"
+        assert ending in FINE, f"python -m tests.fuzz.meshes --kind {kind} --seed 1 --show {number}: {ending}"
     counts = Counter(ending for *_, ending in found)
     assert min(counts["equal"], counts["refused"]) > FILES / 10
 
