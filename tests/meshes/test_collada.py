@@ -401,6 +401,14 @@ def test_a_polygon_of_collada_with_fewer_than_3_corners_is_refused(kind: str, tm
         read(tmp_path, "dae", dae(ONE.replace("triangles", kind).replace("0 1 2", "12")))
 
 
+def test_floats_of_collada_without_an_id_are_not_those_that_are_named_none(tmp_path: Path) -> None:
+    """The floats of another mesh with this id are meant, but those of this mesh were read."""
+    text = SHOWN.replace('<float_array id="f"', "<float_array").replace('source="#f"', 'source="#None"')
+    text = text.replace("<library_nodes>", '<library_nodes><node id="None"/>')
+    with pytest.raises(InvalidRobot, match="has <float_array> without an id"):
+        read(tmp_path, "dae", text)
+
+
 def test_looks_of_collada_that_are_broken_are_left_out(tmp_path: Path) -> None:
     """A body whose material was missing was lost."""
     bound = (

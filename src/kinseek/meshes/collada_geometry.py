@@ -201,7 +201,7 @@ def _rows(source: Any, who: str, names: list[str] | None = None) -> Array:
     params = [each.get("name") for each in children_of(accessor, ("param",), who)["param"]]
     if names is not None and params != names:
         raise InvalidRobot(f"{who} has the params {params!r:.100}, expected {', '.join(names)}")
-    if accessor.get("source") != f"#{floats.get('id')}":
+    if accessor.get("source") != _reference_to(floats, who):
         raise InvalidRobot(
             f"{who} has values from {accessor.get('source')!r:.100}, expected its own <float_array>"
         )
