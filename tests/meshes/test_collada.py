@@ -365,6 +365,11 @@ def test_strips_and_fans_of_collada(
         ("<library_nodes>", '<library_nodes><node id="s"/>', "refers to '#s', which the file has 2 times"),
         ("<library_nodes>", '<library_nodes><node id="f"/>', "refers to '#f', which the file has 2 times"),
         (
+            "</source>",
+            '<technique profile="P"><float_array id="f" count="9">0 0 0 9 0 0 0 9 0</float_array></technique></source>',
+            "refers to '#f', which the file has 2 times",
+        ),
+        (
             'offset="0"/><p>',
             'offset="0"/><input semantic="POSITION" source="#s" offset="0"/><p>',
             "an <input> of POSITION from '#s', expected VERTEX from <vertices>",

@@ -207,10 +207,11 @@ def _root(text: bytes) -> Any:
 
 
 def _named(root: Any) -> dict[str, list[Any]]:
-    """Return all elements with ids outside of extensions, by their ids.
+    """Return all elements with ids, by their ids.
 
     Raises:
-        InvalidRobot: An element is of another namespace than the root: some readers ignore it, others know no namespaces.
+        InvalidRobot: An element outside of extensions is of another namespace than the root: some readers ignore it, others
+            know no namespaces.
     """
     own, left = root.tag.rpartition("}")[0], [root]
     found: dict[str, list[Any]] = {}
@@ -218,8 +219,12 @@ def _named(root: Any) -> dict[str, list[Any]]:
         each = left.pop()
         if each.tag.rpartition("}")[0] != own:
             raise InvalidRobot(f"it has a <{name_of(each)}> of another namespace than its root")
-        found.setdefault(each.get("id", ""), []).append(each)
-        if name_of(each) not in ("extra", "technique"):
+        is_extension = name_of(each) in ("extra", "technique")
+        for named in (
+            each.iter("*") if is_extension else (each,)
+        ):  # Some readers find what is in extensions, too.
+            found.setdefault(named.get("id", ""), []).append(named)
+        if not is_extension:
             left.extend(each.iterchildren("*"))
     found.pop("", None)
     return found
