@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,8 @@ PAINTED = """<library_images><image id="i"><init_from>a.png</init_from></image><
 </profile_COMMON></effect></library_effects>
 <library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>"""
 
+
+MATERIALS = [f'<material id="m{i}"><instance_effect url="#e"/></material>' for i in range(200)]
 
 SHOWN = dae(
     scene=INSTANCE + '<node id="m"><translate>2 0 0</translate><instance_geometry url="#g"/></node>'
@@ -270,6 +274,41 @@ def test_a_source_of_collada_is_read_once_for_all_that_refer_to_it(
     parts = read(tmp_path, "dae", text)
     assert sum(part.area for part in parts) == pytest.approx(50)
     assert lengths.count(len(positions)) == 2  # Once as positions, and once as normals.
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('<instance_geometry url="#g"/></node></v', '<instance_node url="#k"/>' * 200 + "</node></v"),
+        ("</mesh>", '<polygons count="20000">' + "<p/>" * 20000 + "</polygons></mesh>"),
+        (
+            "<library_nodes>",
+            f"<library_effects><effect id='e'><profile_COMMON>{'<newparam/>' * 80000}<technique><phong><diffuse>"
+            "<texture texture='x'/></diffuse></phong></technique></profile_COMMON></effect></library_effects>"
+            f"<library_materials>{''.join(MATERIALS)}</library_materials><library_nodes>",
+        ),
+        (
+            "</vertices>",
+            "".join(f'<input semantic="A{i}" source="#s"/>' for i in range(50000)) + "</vertices>",
+        ),
+    ],
+    ids=["nodes", "polygons", "effects", "inputs"],
+)
+def test_what_collada_shows_often_is_read_once(
+    old: str, new: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files of a megabyte took minutes."""
+    monkeypatch.undo()
+    many = "".join(ONE.replace("count", f'material="m{i}" count') for i in range(200))
+    text = SHOWN.replace(ONE, many if "newparam" in new or "A1" in new else ONE)
+    shown = '<instance_geometry url="#g"/>' * (200 if "polygons" in new else 1)
+    text = text.replace('<node id="n"><instance_geometry url="#g"/>', f'<node id="n">{shown}')
+    node = f'<node id="k">{"<translate>0 0 0</translate>" * 5000}<instance_geometry url="#g"/></node>'
+    text = text.replace("<library_nodes>", f"<library_nodes>{node}").replace(old, new)
+    began = time.process_time()
+    with suppress(InvalidRobot):
+        read(tmp_path, "dae", text, 2**24)
+    assert time.process_time() - began < 2.0
 
 
 def test_an_instance_of_collada_without_a_name_is_refused(tmp_path: Path) -> None:

@@ -61,9 +61,12 @@ def read(text: bytes, take: Callable[[Size], None], looks: bool) -> tuple[list[B
     with np.errstate(over="ignore", invalid="ignore"):  # Who reads the file rejects what is not finite then.
         scene.add_all(root, np.diag([*[_unit(root)] * 3, 1.0]))
     at_most(scene.bodies, MOST_BODIES, "nodes and bodies")
-    corners = drawn_corners(sum(corners_of(each.geometry) for each in scene.shown), text)
+    corners_by_geometry = {
+        each: corners_of(each) for each in dict.fromkeys(each.geometry for each in scene.shown)
+    }
+    corners = drawn_corners(sum(corners_by_geometry[each.geometry] for each in scene.shown), text)
     take(Size(scene.bodies, corners))
-    known = {each.geometry: bodies_of(each.geometry, scene.named, looks) for each in scene.shown}
+    known = {each: bodies_of(each, scene.named, looks) for each in corners_by_geometry}
     bodies = [
         placed(body, each.matrix)._replace(material=each.materials.get(body.material, body.material))
         for each in scene.shown
@@ -82,6 +85,15 @@ class _Shown(NamedTuple):
     """Ids of materials, by the symbols that its primitives name."""
 
 
+class _Node(NamedTuple):
+    """What a node of the file says."""
+
+    matrix: Array
+    """Its place in what it is in, (4, 4)."""
+    shapes: list[tuple[Any, dict[str, str]]]
+    """Nodes and geometries in it, and the materials that it binds for a geometry."""
+
+
 class _Scene:
     """The instances of geometries that a file shows."""
 
@@ -94,6 +106,8 @@ class _Scene:
         self.named, self.shown = named, list[_Shown]()
         self.bodies = 0
         """Number of nodes and of parts of geometries, each counted as often as it is shown."""
+        self._nodes = dict[Any, _Node]()
+        self._sizes = dict[Any, int]()
 
     def add_all(self, root: Any, matrix: Array) -> None:
         """Add what the file shows, moved by a matrix."""
@@ -113,23 +127,40 @@ class _Scene:
             raise InvalidRobot("a node is an instance of itself")
         at_most(len(above), MOST_DEPTH, "nodes in each other")
         self._count(1)
+        if node not in self._nodes:  # It is read once, however many instances there are.
+            self._nodes[node] = self._node(node)
+        matrix = matrix @ self._nodes[node].matrix
+        for each, materials in self._nodes[node].shapes:
+            if name_of(each) == "node":
+                self._add(each, matrix, (*above, node))
+            else:
+                self._count(max(1, self._size(each)))
+                self.shown.append(_Shown(each, matrix, materials))
+
+    def _node(self, node: Any) -> _Node:
+        """Read a node, without what is in it."""
         who = f"the node {node.get('id') or node.get('name')!r:.100}"
         children_of(node, _IN_NODES, who)
         children = [(name_of(each), each) for each in node.iterchildren("*")]
         has_shape = any(name in _SHAPES for name, _ in children)
+        matrix, shapes = np.eye(4), list[tuple[Any, dict[str, str]]]()
         for name, each in children:
             if name in _MOTIONS and has_shape:  # Lights and cameras often have odd motions.
                 matrix = matrix @ _motion(name, numbers_of(each, who), who)
-        for name, each in children:
-            if name == "node":
-                self._add(each, matrix, (*above, node))
+            elif name == "node":
+                shapes.append((each, {}))
             elif name == "instance_node":
                 children_of(each, ("extra",), f"{who}, in <instance_node>,")
-                self._add(self._target(each, "node"), matrix, (*above, node))
+                shapes.append((self._target(each, "node"), {}))
             elif name == "instance_geometry":
-                geometry = self._target(each, "geometry")
-                self._count(len(geometry.findall("{*}mesh/*")))
-                self.shown.append(_Shown(geometry, matrix, _bound(each, who)))
+                shapes.append((self._target(each, "geometry"), _bound(each, who)))
+        return _Node(matrix, shapes)
+
+    def _size(self, geometry: Any) -> int:
+        """Return the number of parts of a geometry."""
+        if geometry not in self._sizes:
+            self._sizes[geometry] = len(geometry.findall("{*}mesh/*"))
+        return self._sizes[geometry]
 
     def _count(self, bodies: int) -> None:
         self.bodies += bodies

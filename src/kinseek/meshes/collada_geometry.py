@@ -241,8 +241,6 @@ def _primitive(element: Any, mesh: _Mesh) -> _Primitive:
         width = max(width, offset + 1)
     if "VERTEX" not in inputs:
         raise InvalidRobot(f"{who} has no <input> of VERTEX")
-    for semantic, url in mesh.at_vertices.items():
-        inputs.setdefault(semantic, (url, inputs["VERTEX"][1]))
     parts = [_table(each, width, who) for each in found["p"]]
     count = len(parts)
     if name in ("triangles", "polylist"):
@@ -316,7 +314,8 @@ def _attribute(
     mesh: _Mesh, primitive: _Primitive, triangles: Indices, semantic: str, width: int
 ) -> Array | None:
     """Return what the corners of triangles have of a semantic, (m, 3, columns); None if it is missing or broken."""
-    url, column = primitive.inputs.get(semantic, ("", 0))
+    at_vertex = mesh.at_vertices.get(semantic, ""), primitive.inputs["VERTEX"][1]
+    url, column = primitive.inputs.get(semantic, at_vertex)
     if url not in mesh.known:
         mesh.known[url] = None
         with suppress(InvalidRobot, KeyError):

@@ -27,19 +27,24 @@ def looks_of(names: Iterable[str], named: dict[str, list[Any]]) -> Looks:
         names: Ids of the materials; those that do not exist are left out.
         named: All elements by their ids.
     """
-    looks = Looks()
+    looks, known = Looks(), dict[Any, dict[str, Any]]()
     for name in sorted(names):
         material = _named("material", name, named)
         url = None if material is None else material.find("{*}instance_effect")
         effect = None if url is None else _named("effect", url.get("url", "").removeprefix("#"), named)
-        shader = None if effect is None else _shader(effect)
-        if effect is not None and shader is not None:
-            looks[name] = _look(effect, shader, named)
+        if effect is None:
+            continue
+        if effect not in known:  # It is read once, however many materials refer to it.
+            known[effect] = _look(effect, named)
+        if known[effect]:
+            looks[name] = known[effect]
     return looks
 
 
-def _look(effect: Any, shader: Any, named: dict[str, list[Any]]) -> dict[str, Any]:
-    """Return the arguments of trimesh's material for a shader."""
+def _look(effect: Any, named: dict[str, list[Any]]) -> dict[str, Any]:
+    """Return the arguments of trimesh's material for an effect; none if it has no shader."""
+    if (shader := _shader(effect)) is None:
+        return {}
     colour, emission = _colour(shader, "diffuse"), _colour(shader, "emission")
     transparent, shininess = _colour(shader, "transparent"), shader.find("{*}shininess/{*}float")
     base = np.ones(4) if colour is None else colour
