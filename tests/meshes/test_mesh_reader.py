@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -175,6 +176,27 @@ def test_meshes_are_read_without_standard_error(tmp_path: Path) -> None:
     program = "import os, sys; os.close(2); from kinseek.collision import Mesh; print(len(Mesh.read('a.glb').faces))"
     found = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, check=False)
     assert found.stdout.split() == [b"1"]
+
+
+@pytest.mark.parametrize(("option", "named"), [("-P", ""), ("-I", "robot")], ids=["empty entry", "isolated"])
+def test_the_process_runs_no_code_from_the_folder_of_a_robot(option: str, named: str, tmp_path: Path) -> None:
+    """PYTHONPATH with an empty entry meant the working folder of now to it, not the one in which Python had started."""
+    folder = tmp_path / "robot"
+    folder.mkdir()
+    (folder / "a.glb").write_bytes(one_glb())
+    for name in ("pickle", "sitecustomize"):
+        (folder / f"{name}.py").write_text("open('code_ran', 'w').close()")
+    program = "import os; from kinseek.collision import Mesh; os.chdir('robot'); print(len(Mesh.read('a.glb').faces))"
+    path = str(tmp_path / named) if named else f"{os.pathsep}{tmp_path / 'none'}"
+    found = subprocess.run(
+        [sys.executable, option, "-c", program],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        check=False,
+    )
+    assert found.stdout.split() == [b"1"], found.stderr
+    assert not (folder / "code_ran").exists()
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="signals of POSIX")

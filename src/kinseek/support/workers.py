@@ -25,6 +25,9 @@ MEMORY = {"MALLOC_TRIM_THRESHOLD_": str(64 << 20), "MALLOC_MMAP_THRESHOLD_": str
 clear it for the next one.
 """
 
+_FLAGS = {"isolated": "-I", "ignore_environment": "-E", "no_user_site": "-s", "no_site": "-S"}
+"""Options of Python that limit where it finds code. Such a process has those of this one."""
+
 READY = b"kinseek works\n"
 """First output of such a process. Any earlier output may come from the start of Python."""
 
@@ -48,12 +51,17 @@ class Worker:
         # A frozen program would start itself once more.
         if getattr(sys, "frozen", False) or not sys.executable:
             raise WorkerDied(f"before it started: {sys.executable!r} is not a Python")
+        flags = [option for name, option in _FLAGS.items() if getattr(sys.flags, name)]
+        # It receives the search path. PYTHONPATH may have relative or empty entries: the working folder of now, from which
+        # it would import even what `PROGRAM` names before the path.
+        variables = MEMORY | os.environ | dict(environment or {})
+        variables.pop("PYTHONPATH", None)
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", PROGRAM],
+                [sys.executable, *flags, "-P", "-c", PROGRAM],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                env=MEMORY | os.environ | dict(environment or {}),
+                env=variables,
                 # Ctrl-C in a terminal goes to all processes of its session; this process alone handles it.
                 start_new_session=True,
                 creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
