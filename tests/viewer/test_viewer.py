@@ -402,6 +402,16 @@ def test_meshes_are_read_scaled_turned_and_moved(ending: str, tmp_path: Path, tr
     assert any(abs(height - 0.5) < 1e-6 for height in heights)
 
 
+def test_small_units_of_a_mesh_do_not_change_its_shape(tmp_path: Path, trimesh: Any) -> None:
+    """Vertices nearer than 1e-8 in the unit of the file became one before they were scaled."""
+    trimesh.creation.box((1e-10, 2e-10, 3e-10)).export(tmp_path / "arm.stl")
+    path = written(tmp_path, "arm.stl")
+    path.write_text(path.read_text().replace('scale="2 2 2"', 'scale="1e9 1e9 1e9"'))
+    found = meshes_of(kinseek.load(path, tip="hand").chain)
+    sizes = [part.extents for link in found.links for part in link.parts]
+    assert any(np.allclose(size, [0.2, 0.1, 0.3], atol=1e-6) for size in sizes)
+
+
 def test_meshes_are_those_of_the_arm_that_was_loaded(tmp_path: Path, trimesh: Any) -> None:
     """What a xacro file becomes depends on its arguments; and of text there is no file to read again."""
     package = tmp_path / "away" / "parts"

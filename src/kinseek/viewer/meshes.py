@@ -142,8 +142,8 @@ def _shapes(visual: Any, files: _Files, paints: Mapping[str, tuple[float, ...]])
     if shape.tag == "mesh":
         parts = files.reader.read(mesh_path(shape.get("filename") or "", files.path, files.packages))
         for part in parts:
-            part.merge_vertices()  # They are shaded smoothly.
             part.apply_scale(numbers_of(shape.get("scale"), 3, 1.0))
+            part.merge_vertices()  # They are shaded smoothly. Those nearer than 1e-8 m become one.
     elif shape.tag == "box":
         parts = [trimesh.creation.box(numbers_of(shape.get("size"), 3))]
     elif shape.tag == "cylinder":
