@@ -145,7 +145,11 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
         lambda: b"ply\nformat binary_little_endian 1.0\nelement edge 9\nproperty int vertex1\nend_header\n",
         "it has the elements .'edge'., expected vertex and face",
     ),
-    "corners.stl": (lambda: b"solid a\n" + b"vertex 0 0 0\n" * 4500 + b"endsolid", "vertices and normals"),
+    "corners.stl": (
+        lambda: b"solid a\n" + b"vertex 0 0 0\n" * 4500 + b"endsolid",
+        "vertices, normals and solids",
+    ),
+    "solids.stl": (lambda: b"solid\nendsolid\n" * 2100, "vertices, normals and solids"),
     "materials.obj": (
         lambda: TRIANGLE.encode() + b"".join(b"usemtl %d\n" % i for i in range(MOST_GROUPS + 1)),
         " materials, expected",
@@ -236,6 +240,20 @@ def test_a_file_that_is_cut_anywhere_is_read_or_refused(name: str, tmp_path: Pat
         (tmp_path / name).write_bytes(whole[:end])
         with contextlib.suppress(InvalidRobot):
             mesh_parts(tmp_path / name, MOST)
+
+
+def test_a_polygon_takes_no_gigabytes(tmp_path: Path) -> None:
+    """One of 16 million corners, in a binary PLY file of as many bytes, took 6 GB."""
+    header = ply_header(
+        "element vertex 3",
+        *(f"property char {axis}" for axis in "xyz"),
+        "element face 1",
+        "property list uint uchar vertex_index",
+    )
+    count = 2**20 + 1
+    rows = bytes([0, 0, 0, 1, 0, 0, 0, 1, 0]) + struct.pack("<I", count) + bytes(count - 2) + b"\1\2"
+    with pytest.raises(InvalidRobot, match="1,048,577 corners of one polygon"):
+        read(tmp_path, "ply", header + rows, MOST_MESH)
 
 
 def test_materials_come_from_beside_and_from_nowhere_else(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ _ROUNDING = 1e-4
 _MOST_TURNS = 2**24
 """Most corners, squared for each polygon, of polygons that are not convex: trying their diagonals takes some seconds."""
 _AT_ONCE = 2**20
-"""Corners of polygons that are examined together."""
+"""Corners of polygons that are examined together, and most corners of one polygon: each takes some 400 bytes then."""
 
 
 class Body(NamedTuple):
@@ -112,6 +112,7 @@ def triangulated(
     order = np.argsort(sizes, kind="stable")
     for same in np.split(order, np.flatnonzero(np.diff(sizes[order])) + 1):
         size = int(sizes[same[0]]) if len(same) else 3
+        at_most(size, _AT_ONCE, "corners of one polygon")
         fan = np.stack([np.zeros(size - 2, np.int64), np.arange(1, size - 1), np.arange(2, size)], axis=1)
         for part in np.array_split(same, len(same) * size // _AT_ONCE + 1):
             begin = starts[part][:, None, None]

@@ -58,8 +58,8 @@ def read(text: bytes, take: Callable[[Size], None]) -> list[Body]:
 def _text(text: bytes, take: Callable[[Size], None]) -> array[float]:
     """Return the coordinates of all corners."""
     lower = text.lower()
-    lines = lower.count(b"vertex") + lower.count(b"normal")
-    at_most(lines, MOST_LINES, "vertices and normals")
+    lines = sum(map(lower.count, (b"vertex", b"normal", b"solid")))
+    at_most(lines, MOST_LINES, "vertices, normals and solids")
     take(Size(1, lines))
     corners, at = array("d"), 0
     while at < len(text):
