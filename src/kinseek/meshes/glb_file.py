@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+import reprlib
 import struct
 from typing import Any
 
@@ -92,10 +93,12 @@ class GlbFile:
         _require_no_extension(accessor, "accessors")
         if "sparse" in accessor:
             raise InvalidRobot("its accessors are sparse, expected all their values; write them as a whole")
-        kind, columns = _KINDS.get(whole(accessor, "componentType")), _COLUMNS.get(str(accessor.get("type")))
+        told = accessor.get("type")
+        kind = _KINDS.get(whole(accessor, "componentType"))
+        columns = _COLUMNS.get(told) if isinstance(told, str) else None
         if kind is None or columns is None:
             raise InvalidRobot(
-                f"an accessor has the type {accessor.get('type')!r:.100} of component type {accessor['componentType']}, "
+                f"an accessor has the type {brief(told)} of component type {accessor['componentType']}, "
                 f"expected one of {', '.join(_COLUMNS)} of one of {', '.join(map(str, _KINDS))}"
             )
         view = self.element("bufferViews", whole(accessor, "bufferView"))
@@ -120,11 +123,27 @@ class GlbFile:
         return np.ndarray((count, columns), kind, content, begin, (stride, each))
 
 
+class _Brief(reprlib.Repr):
+    """Writes the beginning of a value only: many parts of a file may name one that fills it."""
+
+    def __init__(self) -> None:
+        """Set how much is written."""
+        super().__init__()
+        self.maxlevel, self.maxlist, self.maxstring = 2, 10, 100
+
+    def repr_dict(self, x: Json, level: int) -> str:
+        """Write an object."""
+        return "{...}" if x else "{}"
+
+
+brief = _Brief().repr
+
+
 def whole(owner: Json, name: str, default: int | None = None) -> int:
     """Return a count or an index; Python would count negative ones from the end, and true as 1."""
     value = owner.get(name, default)
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise InvalidRobot(f"{name!r} is {value!r:.100}, expected a whole number from 0 on")
+        raise InvalidRobot(f"{name!r} is {brief(value)}, expected a whole number from 0 on")
     return value
 
 
@@ -132,7 +151,7 @@ def listed(owner: Json, name: str) -> list[Any]:
     """Return a list of an object; an empty one if it has none."""
     value = owner.get(name, [])
     if not isinstance(value, list):
-        raise InvalidRobot(f"{name!r} is {value!r:.100}, expected a list")
+        raise InvalidRobot(f"{name!r} is {brief(value)}, expected a list")
     return value
 
 
@@ -143,7 +162,7 @@ def entry(owner: Json, name: str) -> Json:
 
 def _object(value: Any, who: str) -> Json:
     if not isinstance(value, dict):
-        raise InvalidRobot(f"{who} is {value!r:.100}, expected an object")
+        raise InvalidRobot(f"{who} is {brief(value)}, expected an object")
     return value
 
 
@@ -151,7 +170,7 @@ def _require_no_extension(element: Json, name: str) -> None:
     """Refuse extensions of numbers: they hold other numbers, such as compressed ones, than those without them."""
     if extensions := entry(element, "extensions"):
         raise InvalidRobot(
-            f"one of its {name!r} has the extension {min(extensions)!r:.100}, expected none; write it without"
+            f"one of its {name!r} has the extension {brief(next(iter(extensions)))}, expected none; write it without"
         )
 
 
