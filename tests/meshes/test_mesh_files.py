@@ -242,6 +242,10 @@ def test_a_file_that_is_cut_anywhere_is_read_or_refused(name: str, tmp_path: Pat
             mesh_parts(tmp_path / name, MOST)
 
 
+def test_a_mesh_is_read_without_materials_of_an_impossible_name(tmp_path: Path) -> None:
+    assert read(tmp_path, "obj", f"mtllib {'x' * 300}.mtl\n{TRIANGLE}f 1 2 3\n")
+
+
 def test_a_polygon_takes_no_gigabytes(tmp_path: Path) -> None:
     """One of 16 million corners, in a binary PLY file of as many bytes, took 6 GB."""
     header = ply_header(

@@ -198,8 +198,13 @@ class Beside:
         last = named.rpartition("/")[2]
         # Windows would connect to another machine for a name such as //server/share/file.
         names = (last,) if named.startswith("//") else (named, last)
-        places = [(self._folder / each).resolve() for each in names]
-        found = next((each for each in places if each.is_relative_to(self._folder) and each.is_file()), None)
+        try:
+            places = [(self._folder / each).resolve() for each in names]
+            found = next(
+                (each for each in places if each.is_relative_to(self._folder) and each.is_file()), None
+            )
+        except (OSError, RuntimeError, ValueError):  # It is too long for a name, or a link leads to itself.
+            found = None
         if found is None:
             raise InvalidRobot(f"{name!r} is neither in {str(self._folder)!r} nor in a folder below")
         text = self._budget.read(found, self._left, self._folder)
