@@ -150,9 +150,9 @@ SHOWN = dae(
         (
             "<translate>",
             '<translate xmlns="u">',
-            "a <translate> of another namespace than its root",
+            "a <translate> of another namespace or prefix than its root",
         ),
-        ("<mesh>", '<x:mesh xmlns:x="u"/><mesh>', "a <mesh> of another namespace than its root"),
+        ("<mesh>", '<x:mesh xmlns:x="u"/><mesh>', "a <mesh> of another namespace or prefix than its root"),
         (
             '<vertices id="v">',
             '<source id="t"/><vertices id="v"><input semantic="VERTEX" source="#t"/>',
@@ -412,6 +412,16 @@ def test_strips_and_fans_of_collada(
             'offset="0"/><p>',
             'offset="0"/><input semantic="POSITION" source="#s" offset="0"/><p>',
             "an <input> of POSITION from '#s', expected VERTEX from <vertices>",
+        ),
+        (
+            '<instance_geometry url="#g"/></node></v',
+            '<c:instance_geometry xmlns:c="http://www.collada.org/2005/11/COLLADASchema" url="#g"/></node></v',
+            "a <instance_geometry> of another namespace or prefix than its root",
+        ),
+        (
+            "</triangles>",
+            f"</triangles><extra><technique>{ONE}</technique></extra>",
+            "a <triangles> in an extension",
         ),
         ("COLLADA", "X3D", "X3D', expected <COLLADA> of http://www.collada.org/2005/11/COLLADASchema"),
         ("2005/11/", "2004/01/", "2004/01/COLLADASchema}COLLADA', expected <COLLADA> of"),

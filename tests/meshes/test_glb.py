@@ -292,6 +292,10 @@ REFUSED = {
     "a mesh that is missing": (with_nodes({"mesh": 1}), "element 1 of 'meshes'"),
     "a node that is a number": (with_nodes(5), "element 0 of 'nodes' is 5"),  # type: ignore[arg-type]
     "attributes": (changed_glb("part", {"attributes": [0]}), "'attributes' is [0], expected an object"),
+    "place": (
+        with_nodes({"mesh": 0}, extensions={"CESIUM_RTC": {"center": [1, 2, 3]}}),
+        "a place of its own",
+    ),
     "scenes": (with_nodes({"mesh": 0}, scenes=[{"nodes": [0]}] * 2), "2 scenes and names none"),
     "no primitives": (with_nodes({"mesh": 0}, meshes=[{"primitive": []}]), "a mesh has no primitives"),
     "empty primitives": (with_nodes({"mesh": 0}, meshes=[{"primitives": []}]), "a mesh has no primitives"),

@@ -202,12 +202,23 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
 }
 
 
-def test_a_geometry_in_another_one_does_not_count_with_it(tmp_path: Path) -> None:
-    inner = f'<extra><geometry id="h"><mesh>{ONE}</mesh></geometry></extra>'
-    found = Budget(MOST)
-    (tmp_path / "a.dae").write_bytes(dae(ONE + inner))
-    mesh_parts(tmp_path / "a.dae", MOST, budget=found)
-    assert found.corners_left == Budget(MOST).corners_left - 3
+@pytest.mark.parametrize(
+    ("faces", "corners", "why"),
+    [(5, 3, ""), (6, 3, "9 rows, expected at most 8"), (2, 9, "18 corners of polygons, expected at most 16")],
+)
+def test_rows_of_ply_are_limited_before_they_take_memory(
+    faces: int, corners: int, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """16 MB of rows of a few bytes took 460 MB."""
+    monkeypatch.setattr("kinseek.meshes.ply.MOST_ROWS", 8)
+    axes = [f"property uchar {axis}" for axis in "xyz"]
+    header = ply_header(
+        "element vertex 3", *axes, f"element face {faces}", "property list uchar uchar vertex_indices"
+    )
+    text = header + bytes([0, 0, 0, 1, 0, 0, 0, 1, 0]) + bytes([corners, 0, 1, *[2] * (corners - 2)]) * faces
+    with pytest.raises(InvalidRobot, match=why) if why else contextlib.nullcontext():
+        (part,) = read(tmp_path, "ply", text)
+        assert len(part.faces) == faces
 
 
 LONG = (

@@ -16,7 +16,7 @@ from kinseek.errors import InvalidRobot
 from kinseek.robots.xml_files import ENCODINGS
 from kinseek.support.transforms import rotation
 
-from .collada_geometry import bodies_of, children_of, corners_of, name_of, numbers_of, only
+from .collada_geometry import TRIANGLES, bodies_of, children_of, corners_of, name_of, numbers_of, only
 from .collada_looks import looks_of
 from .limits import MOST_BODIES, Size, drawn_corners
 from .polygons import Array, Body, Looks, at_most, placed
@@ -241,20 +241,23 @@ def _named(root: Any) -> dict[str, list[Any]]:
     """Return all elements with ids, by their ids.
 
     Raises:
-        InvalidRobot: An element outside of extensions is of another namespace than the root: some readers ignore it, others
-            know no namespaces.
+        InvalidRobot: Readers differ on an element: it is outside of extensions and has another namespace or prefix than the
+            root, or it is a shape in an extension.
     """
     own, left = root.tag.rpartition("}")[0], [root]
+    shapes = {f"{own}}}{name}" for name in (*TRIANGLES, *_SHAPES)}
     found: dict[str, list[Any]] = {}
     while left:
         each = left.pop()
-        if each.tag.rpartition("}")[0] != own:
-            raise InvalidRobot(f"it has a <{name_of(each)}> of another namespace than its root")
+        if each.tag.rpartition("}")[0] != own or each.prefix != root.prefix:
+            raise InvalidRobot(f"it has a <{name_of(each)}> of another namespace or prefix than its root")
         is_extension = name_of(each) in ("extra", "technique")
-        for named in (
+        for inner in (
             each.iter("*") if is_extension else (each,)
         ):  # Some readers find what is in extensions, too.
-            found.setdefault(named.get("id", ""), []).append(named)
+            found.setdefault(inner.get("id", ""), []).append(inner)
+            if is_extension and inner.tag in shapes:
+                raise InvalidRobot(f"it has a <{name_of(inner)}> in an extension, which some readers show")
         if not is_extension:
             left.extend(each.iterchildren("*"))
     found.pop("", None)

@@ -22,10 +22,10 @@ from .stl import NUMBER
 _BLANK = r"[ \t\r\n]"
 _NUMBERS = re.compile(f"{_BLANK}*+(?:{NUMBER.decode()}(?:{_BLANK}++|\\Z))*+")
 _WHOLE_NUMBERS = re.compile(f"(?:[0-9]|{_BLANK})*+")
-_TRIANGLES = ("triangles", "tristrips", "trifans", "polylist", "polygons")
+TRIANGLES = ("triangles", "tristrips", "trifans", "polylist", "polygons")
 """Elements of meshes that have a surface."""
 _STRIPS = ("tristrips", "trifans")
-_IN_MESHES = (*_TRIANGLES, "source", "vertices", "lines", "extra")
+_IN_MESHES = (*TRIANGLES, "source", "vertices", "lines", "extra")
 """Elements of meshes that are read, or that have no surface."""
 
 
@@ -135,7 +135,7 @@ def bodies_of(geometry: Any, named: dict[str, list[Any]], looks: bool) -> list[B
             raise InvalidRobot(
                 f"{who} refers to {each!r:.100}, which the file has {count} times, expected once"
             )
-    primitives = [_primitive(each, mesh) for name in _TRIANGLES for each in found[name]]
+    primitives = [_primitive(each, mesh) for name in TRIANGLES for each in found[name]]
     return _divided(primitives, _rows(mesh.sources[url], who, ["X", "Y", "Z"]), mesh) if primitives else []
 
 

@@ -34,12 +34,13 @@ _ONLY_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_")
 """How the names of extensions begin that do not change shapes."""
 _OF_SHAPES = {
     "AGI_articulations": "articulations",
+    "CESIUM_RTC": "a place of its own",
     "EXT_mesh_gpu_instancing": "instances",
     "KHR_draco_mesh_compression": "compressed numbers (Draco)",
     "KHR_node_visibility": "a visibility",
     "MSFT_lod": "levels of detail",
 }
-"""Extensions of nodes, meshes and primitives, with which readers that know them show another shape than others."""
+"""Extensions of files, nodes, meshes and primitives, with which readers that know them show another shape than others."""
 
 
 def read(text: bytes, take: Callable[[Size], None], looks: bool) -> tuple[list[Body], Looks]:
@@ -92,6 +93,7 @@ class _Part(NamedTuple):
 
 def _require_known_extensions(file: GlbFile) -> None:
     """Refuse extensions that the file cannot be read without, except those of looks (3.12)."""
+    _require_no_extension(file.document, "the file")
     for name in listed(file.document, "extensionsRequired"):
         if not isinstance(name, str) or not name.startswith(_ONLY_LOOKS):
             raise InvalidRobot(

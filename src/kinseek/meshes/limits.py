@@ -40,8 +40,8 @@ MOST_COPIED = 2**27
 MOST_LINE = 2**16
 """Most bytes of a line of OBJ and PLY: no polygon needs more."""
 MOST_LINES = 2**22
-"""Most lines of OBJ and text PLY, and vertices with normals and solids of text STL. An empty line takes as much memory as a full
-one."""
+"""Most lines of OBJ and text PLY, and vertices with normals and solids of text STL. An empty line takes as much memory as a
+full one."""
 MOST_CORNERS = 3 * 2**22
 """Most triangle corners of COLLADA and GLB, with each instance counted, and of all meshes of a robot. Larger meshes can be
 read as binary STL or PLY."""

@@ -25,6 +25,10 @@ MOST_PROPERTIES = 256
 MOST_VALUES = 3 * 2**22
 """Most values of text, rows times properties, and most numbers in its rows."""
 
+MOST_ROWS = 3 * 2**25
+"""Most rows of all elements, and half of the corners of all faces: those of a file of 1 GiB with floats and triangles. A row
+takes as much memory if it is one byte."""
+
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
@@ -71,6 +75,7 @@ def read(text: bytes, take: Callable[[Size], None]) -> list[Body]:
             f"it has the character {end[0].decode()!r}, which is a line end to some readers; end lines with '\\n'"
         )
     corners = _require_polygons(elements)
+    at_most(sum(element.rows for element in elements.values()), MOST_ROWS, "rows")
     rows = _Rows(text, begin, order)
     if order:
         take(Size(1, 0))
@@ -89,6 +94,7 @@ def read(text: bytes, take: Callable[[Size], None]) -> list[Body]:
     whole = {axis: _whole(vertex[axis], kind) for axis, kind in kinds.items() if kind[0] != "f"}
     vertices = np.stack([(vertex | whole)[axis].astype(np.float64) for axis in "xyz"], axis=1)
     kind, length = elements["face"].properties[corners]
+    at_most(len(face[corners]), 2 * MOST_ROWS, "corners of polygons")
     sizes, indices = _whole(face[f"{corners} length"], length), _whole(face[corners], kind)
     triangles, owners = triangulated(vertices, indices, sizes, lambda row: f"face {row + 1:,}")
     colours = _colours(face, elements["face"])
@@ -224,7 +230,8 @@ class _Rows:
         lengths = [table[column] for column, *_ in fields if column.endswith(" length")]
         if whole == element.rows and all((each == each[0]).all() for each in lengths):
             columns = {column: table[column].ravel() for column, *_ in fields}
-            ends = self.begin + row * np.arange(1, element.rows + 1)
+            # Those of bytes need no lines.
+            ends = self.begin + row * np.arange(element.rows if self.order else 1, element.rows + 1)
         elif lengths:
             columns, ends = self._walked(name, element)
         else:
