@@ -42,6 +42,7 @@ MOST_MEMORY = 2**28
 """By which reading one of these small files may raise the largest memory of the process, in bytes."""
 FINE = ("equal", "refused", "harmless")
 HARMLESS = {
+    "overflow": "A coordinate beyond 1e308 m in one order of products may be below it in another; scenes take 1e6 m.",
     "flat motion": "A body that its node makes flat has no inner side, and rounding decides which side is the outer one.",
 }
 """What a judge does not know, though any reading of it is right."""

@@ -287,5 +287,5 @@ def polygons(text: bytes) -> Polygons:
     with np.errstate(all="ignore"):
         found = Reader(text).polygons()
     if not all(np.isfinite(each).all() for each in found):
-        raise Unknown("not finite")
+        raise Unknown("overflow")
     return found
