@@ -254,6 +254,24 @@ def test_a_polygon_of_collada_that_crosses_itself_is_refused(tmp_path: Path) -> 
         read(tmp_path, "dae", text)
 
 
+@pytest.mark.parametrize(
+    ("points", "count"),
+    [
+        # It goes around the first corner one and a quarter times.
+        ("0 0 0 1 0 0 1 1 0 -1 1 0 -1.2 -1.2 0 1.4 -1.4 0 1.6 .1 0 1.5 1.5 0 0 1.8 0", 9),
+        # A long line beside a small part, whose area is small.
+        ("0 0 0 1 0 0 0 0 0 8e-4 4e-4 0 0 4e-4 0 8e-4 0 0", 6),
+    ],
+)
+def test_a_polygon_that_crosses_itself_in_a_way_that_is_hard_to_see_is_refused(
+    points: str, count: int, tmp_path: Path
+) -> None:
+    corners = " ".join(map(str, range(count)))
+    text = dae_of(points, ONE.replace("triangles", "polygons").replace("0 1 2", corners))
+    with pytest.raises(InvalidRobot, match="crosses itself"):
+        read(tmp_path, "dae", text)
+
+
 def test_a_source_of_collada_is_read_once_for_all_that_refer_to_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -145,7 +145,14 @@ def _inside(points: Array) -> NDArray[np.bool_]:
     sides = np.concatenate([edges, edges[:, :, 1:] - edges[:, :, :1]], axis=2)
     bases = np.linalg.norm(sides, axis=3).max(axis=2)
     beyond = (others / np.where(bases > 0, bases, 1)).sum(axis=1)  # Sum of their heights, times `length`.
-    areas = np.linalg.norm(normals, axis=2).sum(axis=1)
-    is_flat = areas <= _FLAT * np.square(edges).sum(axis=3).max(axis=(1, 2), initial=0)
-    found: NDArray[np.bool_] = is_flat | ((beyond <= _ROUNDING * length) & (length > _FLAT * areas))
+    doubled = np.linalg.norm(normals, axis=2)
+    areas = doubled.sum(axis=1)
+    longest = np.square(edges).sum(axis=3).max(axis=(1, 2), initial=0)
+    heights = (doubled / np.where(bases > 0, bases, 1)).sum(axis=1)
+    # A small part beside a long line has a small area, too.
+    is_flat = (areas <= _FLAT * longest) & (heights <= _ROUNDING * np.sqrt(longest))
+    # Triangles that go around their corner more than once cover each other.
+    ahead = np.einsum("kmi,kmi->km", edges[:, :, 0], edges[:, :, 1])
+    around = np.arctan2(doubled, ahead).sum(axis=1) <= 2 * np.pi + _ROUNDING
+    found: NDArray[np.bool_] = is_flat | (around & (beyond <= _ROUNDING * length) & (length > _FLAT * areas))
     return found
