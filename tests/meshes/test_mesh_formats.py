@@ -374,6 +374,15 @@ def test_what_changes_no_shape_is_read(where: str, change: dict[str, Any], tmp_p
     assert sorted(map(tuple, part.vertices.tolist())) == sorted(map(tuple, np.eye(3).tolist()))
 
 
+def test_unsigned_coordinates_of_ply_keep_their_sign(tmp_path: Path) -> None:
+    places = (f"property uint64 {axis}" for axis in "xyz")
+    header = ply_header("element vertex 3", *places, "element face 1", "property list uchar int vertex_index")
+    rows = struct.pack("<9QB3i", 2**63, 0, 0, 1, 0, 0, 0, 1, 0, 3, 0, 1, 2)
+    (part,) = read(tmp_path, "ply", header + rows)
+    assert part.vertices.max() == 2.0**63
+    assert part.vertices.min() == 0.0
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
 @pytest.mark.parametrize("corners", [3, 4])
 def test_faces_of_ply_with_as_many_corners_are_read(corners: int, encoding: str, tmp_path: Path) -> None:

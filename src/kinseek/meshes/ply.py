@@ -95,7 +95,8 @@ def read(text: bytes, take: Callable[[Size], None]) -> list[Body]:
     vertices = np.stack([(vertex | whole)[axis].astype(np.float64) for axis in "xyz"], axis=1)
     kind, length = elements["face"].properties[corners]
     at_most(len(face[corners]), 2 * MOST_ROWS, "corners of polygons")
-    sizes, indices = _whole(face[f"{corners} length"], length), _whole(face[corners], kind)
+    lists = _whole(face[f"{corners} length"], length), _whole(face[corners], kind)
+    sizes, indices = (each.astype(np.int64) for each in lists)
     triangles, owners = triangulated(vertices, indices, sizes, lambda row: f"face {row + 1:,}")
     colours = _colours(face, elements["face"])
     return [
@@ -301,7 +302,7 @@ class _Rows:
         return InvalidRobot(f"it ends in the element {name!r:.100}: rows or numbers are missing")
 
 
-def _whole(values: NDArray[Any], kind: str) -> Indices:
+def _whole(values: NDArray[Any], kind: str) -> NDArray[Any]:
     """Check that numbers, which may be of text, are whole and of the declared type."""
     with np.errstate(invalid="ignore"):
         whole = values.astype(kind)
@@ -309,7 +310,7 @@ def _whole(values: NDArray[Any], kind: str) -> Indices:
         raise InvalidRobot(
             f"a vertex or a list of a face has the number {values[wrong[0]]}, expected a whole one of type {np.dtype(kind)}"
         )
-    return whole.astype(np.int64)
+    return whole
 
 
 def _colours(columns: Mapping[str, NDArray[Any]], element: _Element) -> NDArray[Any] | None:
