@@ -752,6 +752,20 @@ def test_a_block_with_a_wrong_bit_gives_no_other_numbers(place: Path) -> None:
     assert not wrong
 
 
+@pytest.mark.parametrize("name", ["turn_from", "turn_to"])
+def test_a_block_without_its_turns_is_unknown(name: str, rings: Path) -> None:
+    whole = maps.open(rings).load()
+    poses = ARM.fk(np.random.default_rng(0).uniform(-2, 2, (200, ARM.dof)))
+    assert (maps.at(whole, poses)["reached"] == 1).any()
+
+    shutil.rmtree(rings / name / "c")  # As while the block is written, or after a copy of a part.
+    partial_map = maps.open(rings)
+    found = maps.at(partial_map, poses)["reached"]
+    assert np.all(found[maps.at(whole, poses)["reached"] == 1] == -1)
+    reached = (whole["reached"] == 1).any("orientation").values
+    assert np.isnan(maps.capability(partial_map).values[reached]).all()
+
+
 def test_a_mark_that_cannot_be_decoded_is_said_to_be_so(grid: Path) -> None:
     first_block(grid, "blocks/done").write_bytes(b"no mark")
     with pytest.raises(

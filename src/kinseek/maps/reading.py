@@ -165,9 +165,11 @@ def _inside(there: dict[str, Array], inside: NDArray[np.bool_], turns: Array | N
         nothing = -1 if np.issubdtype(each.dtype, np.integer) else np.nan
         values[name] = np.where(inside, each, nothing).astype(each.dtype)
     if turns is not None:
-        turn = np.mod(turns - values["turn_from"], FULL)
-        within = turn <= values["turn_to"] - values["turn_from"]  # False where either is NaN.
-        values[REACHED] = np.where(values[REACHED] == 1, within, values[REACHED]).astype("int8")
+        width = values["turn_to"] - values["turn_from"]
+        within = np.mod(turns - values["turn_from"], FULL) <= width
+        # Of a block that another process is writing, or that was damaged, the turns may be missing.
+        reached = np.where(np.isnan(width), -1, within)
+        values[REACHED] = np.where(values[REACHED] == 1, reached, values[REACHED]).astype("int8")
         for name in (name for name in MEASURES if name in values and name != REACHED):
             nothing = 0 if name == BRANCHES else MEASURES[name].fill
             values[name] = np.where(values[REACHED] == 0, nothing, values[name]).astype(MEASURES[name].dtype)
@@ -253,7 +255,8 @@ def capability(dataset: xarray.Dataset) -> xarray.DataArray:
     grid, known = grid_of_map(dataset), dataset[REACHED]
     share = (known == 1).astype(float)
     if isinstance(grid, Rings):
-        share = share * ((dataset["turn_to"] - dataset["turn_from"]) / FULL).fillna(0.0)
+        width = (dataset["turn_to"] - dataset["turn_from"]) / FULL
+        share = (share * width).where(known == 1, 0.0)  # Unknown if it is reached, but its turns are missing.
     share = share.where(known >= 0).mean("orientation", skipna=False)
     share.attrs = {"long_name": "share of orientations that are reached", "units": "1"}
     share.attrs[DESCRIPTION] = described(dataset)
