@@ -242,6 +242,20 @@ def test_lists_of_ply_have_limits() -> None:
         read("ply", text)
 
 
+def test_the_lists_of_all_elements_of_ply_have_one_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("kinseek.meshes.ply.MOST_LINES", 5)
+    rows = b"\0\1\7\0"
+    head = square_header("binary_little_endian", 1).decode().partition("end_header\n")[0]
+    for names in ("a", "ab"):
+        more = "".join(f"element {name} 3\nproperty list uchar uchar q\n" for name in names)
+        text = f"{head}{more}end_header\n".encode() + SQUARE + b"\3\0\1\2" + len(names) * rows
+        if names == "a":
+            assert len(read("ply", text)) == 1
+        else:
+            with pytest.raises(InvalidRobot, match=r"^6 values and lists in rows of different lengths"):
+                read("ply", text)
+
+
 @pytest.mark.parametrize("number", ["0.5", "128", "-129"])
 def test_coordinates_of_ply_have_the_declared_type(number: str) -> None:
     with pytest.raises(InvalidRobot, match="expected a whole one of type int8"):

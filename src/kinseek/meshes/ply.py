@@ -189,6 +189,8 @@ class _Rows:
     """Order of bytes; empty for text, of which each number takes 8 bytes."""
     lines: list[int] = field(default_factory=list)
     """Where each line of text ends, from the next row on."""
+    walked: int = 0
+    """Values of all elements so far that have lists of different lengths."""
 
     @classmethod
     def of_text(cls, text: bytes, begin: int) -> _Rows:
@@ -253,8 +255,8 @@ class _Rows:
 
     def _walked(self, name: str, element: _Element) -> tuple[dict[str, NDArray[Any]], Indices]:
         """Return the columns of an element with lists of different lengths, and where its rows end."""
-        values = element.rows * len(element.properties)
-        at_most(values, MOST_LINES, "values and lists in rows of different lengths")
+        self.walked += element.rows * len(element.properties)
+        at_most(self.walked, MOST_LINES, "values and lists in rows of different lengths")
         parts = defaultdict[str, list[bytes]](list)
         kinds = {
             column: self._kind(kind)
