@@ -352,6 +352,36 @@ def test_materials_come_from_nowhere_else_even_if_a_link_takes_their_place(
         beside[name]
 
 
+@pytest.mark.parametrize(
+    ("statement", "colour"),
+    [
+        ("Kd 0.4", (102, 102, 102)),
+        ("Kd 1 0", None),
+        ("Kd 1 0 0 0 0", None),
+        ("diffuse 1 0 0", None),
+        ("Ns 1 2", None),
+        ("glossiness 1", None),
+        ("image a.png", None),
+        ("self 1", None),
+    ],
+)
+def test_a_material_of_obj_that_is_broken_changes_no_shape(
+    statement: str, colour: tuple[int, ...] | None, tmp_path: Path
+) -> None:
+    (tmp_path / "a.mtl").write_text(f"newmtl red\n{statement}\n")
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n")
+    (part,) = mesh_parts(tmp_path / "a.obj")
+    assert part.faces.tolist() == [[0, 1, 2]]
+    assert colour is None or tuple(part.visual.material.diffuse[:3]) == colour
+
+
+def test_a_material_of_obj_without_a_name_is_left_out(tmp_path: Path) -> None:
+    (tmp_path / "a.mtl").write_text("newmtl red\nname blue\n")
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n")
+    (part,) = mesh_parts(tmp_path / "a.obj")
+    assert part.visual.kind != "texture"
+
+
 def test_text_that_is_not_utf8_is_latin1(tmp_path: Path) -> None:
     (tmp_path / "a.mtl").write_bytes("newmtl grün\nKd 1 0 0\n".encode("latin-1"))
     (tmp_path / "a.obj").write_bytes(f"mtllib a.mtl\n{TRIANGLE}usemtl grün\nf 1 2 3\n".encode("latin-1"))

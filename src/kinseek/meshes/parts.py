@@ -151,10 +151,31 @@ def _materials_of_obj(libraries: list[str], beside: Beside) -> dict[str, Any]:
 
     materials = dict[str, Any]()
     for name in dict.fromkeys(libraries):
-        with suppress(InvalidRobot):
+        with suppress(InvalidRobot, TypeError):  # A statement ``name`` gives a material no name.
             found = trimesh.exchange.obj.parse_mtl(utf8(beside[name]), resolver=beside)
-            materials |= {key: trimesh.visual.material.SimpleMaterial(**look) for key, look in found.items()}
+            materials |= {
+                key: trimesh.visual.material.SimpleMaterial(**_look_of_obj(look))
+                for key, look in found.items()
+            }
     return materials
+
+
+def _look_of_obj(look: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of trimesh's material that are of their kind.
+
+    A colour may be one number, which is red, green and blue then (Wavefront, "Material Library Files", 1995).
+    """
+    given: dict[str, Any] = {"name": look["name"]}
+    if not isinstance(image := look.get("image"), list):  # A statement ``image`` gives a list of words.
+        given["image"] = image
+    if isinstance(exponent := look.get("glossiness"), float):
+        given["glossiness"] = exponent
+    for key in ("ambient", "diffuse", "specular"):
+        colour = look.get(key)
+        colour = 3 * [colour] if isinstance(colour, float) else colour or []
+        if len(colour) in (3, 4) and all(isinstance(each, float) for each in colour):
+            given[key] = colour
+    return given
 
 
 def _materials(looks: Looks, beside: Beside) -> dict[str, Any]:
