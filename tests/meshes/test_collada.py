@@ -554,6 +554,21 @@ def test_collada_is_read_with_all_that_has_no_shape(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize("kind", ["triangles", "polylist", "polygons", "tristrips"])
+def test_no_polygons_of_collada_need_no_numbers(kind: str, tmp_path: Path) -> None:
+    none = f'<{kind} count="0"><input semantic="VERTEX" source="#v" offset="0"/></{kind}>'
+    shown = read(tmp_path, "dae", SHOWN)
+    parts = read(tmp_path, "dae", SHOWN.replace("</mesh>", f"{none}</mesh>"))
+    assert [part.triangles.tolist() for part in parts] == [part.triangles.tolist() for part in shown]
+
+
+@pytest.mark.parametrize("inside", ["<vcount>3</vcount>", "<p>0 1 2</p>"])
+def test_polygons_of_collada_beside_a_count_of_0_are_refused(inside: str, tmp_path: Path) -> None:
+    wrong = f'<polylist count="0"><input semantic="VERTEX" source="#v" offset="0"/>{inside}</polylist>'
+    with pytest.raises(InvalidRobot, match="in <polylist>,"):
+        read(tmp_path, "dae", SHOWN.replace("</mesh>", f"{wrong}</mesh>"))
+
+
 def test_images_count_for_each_instance_of_collada(tmp_path: Path) -> None:
     pytest.importorskip("PIL.Image").new("1", (2**13, 2**13)).save(tmp_path / "a.png")
     bound = (

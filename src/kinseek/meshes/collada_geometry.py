@@ -243,6 +243,8 @@ def _primitive(element: Any, mesh: _Mesh) -> _Primitive:
         raise InvalidRobot(f"{who} has no <input> of VERTEX")
     parts = [_table(each, width, who) for each in found["p"]]
     count = len(parts)
+    if not (found["p"] or found.get("vcount") or _whole(element, "count", who)):
+        name = "polygons"  # None of them: the lists of their numbers may be left out.
     if name in ("triangles", "polylist"):
         only(found, "p", who)
     if name == "polylist":
