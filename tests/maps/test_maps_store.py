@@ -629,7 +629,7 @@ def test_a_store_that_is_no_path_is_refused(place: Any) -> None:
     ("name", "text"),
     [
         *itertools.product(["radius", "orientation", "rotation"], ["", None]),
-        ("rotation", '{"attributes": {"_FillValue": "x"}}'),
+        ("reached", '{"attributes": {"_FillValue": "x"}}'),
     ],
 )
 def test_a_map_with_damaged_places_is_refused_before_it_is_gone_on_with(
@@ -899,6 +899,12 @@ def test_the_places_of_a_map_are_not_read(
     """xarray read arrays with the names of dimensions, whatever their type and codecs, when a map was opened."""
     change(grid / name)
     assert maps.open(grid).identical(maps.open(written / "grid"))
+
+
+def test_the_rotations_of_a_map_are_those_of_its_grid(grid: Path) -> None:
+    """Without their block all of them were zero."""
+    shutil.rmtree(grid / "rotation" / "c")
+    assert np.array_equal(maps.open(grid)["rotation"].values, TINY.orientations.matrices)
 
 
 @pytest.fixture(name="client", scope="module")

@@ -7,6 +7,7 @@ it to its place.
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import shlex
@@ -231,22 +232,22 @@ class Store(Lazy):
     def dataset(self) -> Any:
         """The map as an ``xarray.Dataset`` that is read lazily.
 
-        The coordinates of its cells are those of its grid. Texts among the attributes have escapes for characters that are
-        not printable.
+        The coordinates and rotations of its cells are those of its grid. Texts among the attributes have escapes for
+        characters that are not printable.
         """
+        import dask.array
         import xarray
 
         grid = grid_of(self.description["grid"])
         places = dict(zip(grid.dims, (*grid.places, np.arange(grid.shape[-1])), strict=True))
         source = self._group.store
         with _quiet():
-            attributes = {name: dict(self._group[name].attrs) for name in places}
+            attributes = {name: dict(self._group[name].attrs) for name in (*places, _ROTATION)}
             # Zarr opens all that it finds at once, and prints each failure; xarray reads arrays named like dimensions.
             if self._folder is not None:
                 from .local_files import LocalFiles
 
-                shown = frozenset({*self._arrays, _ROTATION})
-                source = LocalFiles(self._folder, shown=shown, known=source.known)
+                source = LocalFiles(self._folder, shown=frozenset(self._arrays), known=source.known)
             dataset = xarray.open_zarr(
                 source,
                 zarr_format=3,
@@ -257,7 +258,12 @@ class Store(Lazy):
         dataset = dataset.assign_coords(
             {name: (name, each, attributes[name]) for name, each in places.items()}
         )
-        dataset = dataset.set_coords(_ROTATION)
+        # Not those of the store, which are zero if their block is missing. Made when they are needed: there may be millions.
+        untyped: Any = dask
+        made = untyped.delayed(_rotations, pure=True)(json.dumps(self.description["grid"]))
+        rotations = untyped.array.from_delayed(made, (grid.shape[-1], 3, 3), float)
+        along = ("orientation", "row", "column")
+        dataset = dataset.assign_coords({_ROTATION: (along, rotations, attributes[_ROTATION])})
         with_attributes: list[Any] = [dataset, *dataset.variables.values()]
         for each in with_attributes:  # xarray prints texts as they are.
             each.attrs = {
@@ -357,6 +363,11 @@ def _group_in(files: Any) -> Any:
     if group.metadata.zarr_format != 3:  # Zarr itself believes what zarr.json says of the format.
         raise ValueError("it is of Zarr format 2, which can hold pickles")
     return group
+
+
+def _rotations(grid: str) -> Array:
+    """Return the rotations of a grid that is described as JSON, (k, 3, 3)."""
+    return grid_of(json.loads(grid)).orientations.matrices.copy()  # Those of a grid are kept for others.
 
 
 def _forget_threads() -> None:
