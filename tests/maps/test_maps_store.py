@@ -907,6 +907,24 @@ def test_the_rotations_of_a_map_are_those_of_its_grid(grid: Path) -> None:
     assert np.array_equal(maps.open(grid)["rotation"].values, TINY.orientations.matrices)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda m: m.isel(x=slice(1, None)),
+        lambda m: m.isel(x=0),
+        lambda m: m.sortby("x", ascending=False),
+        lambda m: m.isel(orientation=[0]),
+    ],
+)
+def test_a_part_of_a_map_is_not_taken_for_the_whole(change: Callable[[Any], Any], grid: Path) -> None:
+    """Its cells were counted from its own first one, so the values of other cells were returned."""
+    part = change(maps.open(grid))
+    with pytest.raises(kinseek.InvalidMap, match="the whole map"):
+        maps.at(part, np.eye(4))
+    with pytest.raises(kinseek.InvalidMap, match="the whole map"):
+        maps.volume(part)
+
+
 @pytest.fixture(name="client", scope="module")
 def _client() -> Iterator[Any]:
     with distributed.Client(

@@ -119,6 +119,21 @@ def _require_description(description: Any) -> None:
     as_number("the share of a turn of its first joint", description.get("first_turns"), 0.0, 1.0, InvalidMap)
 
 
+def _require_whole(dataset: xarray.Dataset, grid: Grid | Rings) -> None:
+    """Check that a map has the cells of its grid, in their order: a part of a map keeps the description of the whole.
+
+    Raises:
+        InvalidMap: It has others, or its coordinates are missing.
+    """
+    for name, places in zip(grid.dims, (*grid.places, np.arange(grid.shape[-1])), strict=True):
+        there = dataset.indexes.get(name)
+        if there is None or len(there) != len(places) or not np.all(there.values == places):
+            raise InvalidMap(
+                f"the cells along {name!r} are not those of the map's grid, in order: give the whole map, as maps.open "
+                "returns it"
+            )
+
+
 def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
     """Read a map at any poses: the values of the cells that contain them.
 
@@ -133,11 +148,12 @@ def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
         all others NaN.
 
     Raises:
-        InvalidMap: It is not a map.
+        InvalidMap: It is not a map, or only a part of one.
         InvalidGoal: Wrong shape, NaN, or not a rigid transform, as in `Goal.pose`.
     """
     description, T = described(dataset), as_pose(poses)
     grid = grid_of(description["grid"])
+    _require_whole(dataset, grid)
     first = square(inverse(np.array(description["first_frame"]))) if isinstance(grid, Rings) else None
     flat = T.reshape(-1, 4, 4)
     cells = in_chunks(lambda some: np.stack(grid.cells_of(some if first is None else first @ some), -1), flat)
@@ -283,13 +299,14 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
             orientation, [m³].
 
     Raises:
-        InvalidMap: It is not a map, is not proved, or is not finished.
+        InvalidMap: It is not a whole map, is not proved, or is not finished.
     """
     grid = grid_of_map(dataset)
     if what not in ("poses", "positions"):
         raise InvalidMap(f"what must be 'poses' or 'positions', got {what!r}")
     if "cell" not in dataset:
         raise InvalidMap("bounds of a volume need proofs: make the map with maps.reach(..., prove=True)")
+    _require_whole(dataset, grid)
     with _reading():
         cell = dataset["cell"]
         last = cell.isel(dict.fromkeys(cell.dims, -1))  # For most unfinished maps this is unknown.
