@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import codecs
 import io
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from math import prod
@@ -46,6 +47,7 @@ MOST_CORNERS = 3 * 2**22
 """Most triangle corners of COLLADA and GLB, with each instance counted, and of all meshes of a robot. Larger meshes can be
 read as binary STL or PLY."""
 
+_BREAK = re.compile(rb"\r(?!\n)|[\0\v\f]")
 _LINE_ENDS = [each.encode() for each in "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"]
 """Where trimesh divides a file of materials, by `str.splitlines`."""
 
@@ -69,6 +71,18 @@ def utf8(text: bytes) -> bytes:
     except UnicodeDecodeError:
         return text.decode("latin-1").encode()
     return text.removeprefix(codecs.BOM_UTF8)
+
+
+def require_line_ends(text: bytes) -> None:
+    """Reject what ends a line for some readers alone; lines end with LF or CR LF here.
+
+    Raises:
+        InvalidRobot: The text has such a character.
+    """
+    if found := _BREAK.search(text):
+        raise InvalidRobot(
+            f"it has the character {found[0].decode()!r}, which is a line end to some readers; end lines with '\\n'"
+        )
 
 
 def ending(path: Path) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 
-from .limits import MOST_CORNERS, MOST_LINE, MOST_LINES, Size, utf8
+from .limits import MOST_CORNERS, MOST_LINE, MOST_LINES, Size, require_line_ends, utf8
 from .polygons import Array, Body, Indices, at_most, triangulated
 from .stl import NUMBER
 
@@ -31,7 +31,6 @@ _FACE = re.compile(
 _VERTEX, _TEXTURE = re.compile(_ROW % (b"v", b"3,6")), re.compile(_ROW % (b"vt", b"1,3"))
 _VERTICES = "3 coordinates; and nothing else, a weight of 1 or 3 numbers of a colour"
 _FACES = "at least 3 corners, all of the form v, v/vt, v//vn or v/vt/vn"
-_BREAK = re.compile(rb"[\0\v\f]")
 _NO_SHAPE = (
     b"# vn vp p l g s o usemtl usemap mtllib maplib mg bevel c_interp d_interp lod shadow_obj trace_obj ctech stech"
 ).split()
@@ -49,10 +48,7 @@ def read(text: bytes, take: Callable[[Size], None]) -> tuple[list[Body], list[st
     text = utf8(text).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     lines = text.count(b"\n") + 1
     at_most(lines, MOST_LINES, "lines")
-    if found := _BREAK.search(text):
-        raise InvalidRobot(
-            f"it has the character {found[0].decode()!r}, which is a line end to some readers; end lines with '\\n'"
-        )
+    require_line_ends(text)
     used = len(set(re.findall(rb"^[ \t]*usemtl[^\n]*", text.replace(b"\\\n", b" "), re.MULTILINE)))
     at_most(used, MOST_GROUPS, "materials")
     take(Size(used, lines))

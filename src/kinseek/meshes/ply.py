@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 
-from .limits import MOST_LINE, MOST_LINES, Size
+from .limits import MOST_LINE, MOST_LINES, Size, require_line_ends
 from .polygons import Body, Indices, at_most, triangulated
 
 MOST_HEADER = 1_000
@@ -40,7 +40,6 @@ _TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
     **{"int64": "i8", "uint64": "u8", "float16": "f2"},
 }
-_BREAK = re.compile(rb"\r(?!\n)|[\0\v\f]")
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 """Formats, with the order of their bytes as in NumPy; empty for text."""
 _CORNERS = ("vertex_index", "vertex_indices")
@@ -70,10 +69,7 @@ def read(text: bytes, take: Callable[[Size], None]) -> list[Body]:
     Source: G. Turk, "The PLY Polygon File Format" (1994).
     """
     order, elements, begin = _header(text)
-    if end := _BREAK.search(text, 0, begin if order else len(text)):
-        raise InvalidRobot(
-            f"it has the character {end[0].decode()!r}, which is a line end to some readers; end lines with '\\n'"
-        )
+    require_line_ends(text[:begin] if order else text)
     corners = _require_polygons(elements)
     at_most(sum(element.rows for element in elements.values()), MOST_ROWS, "rows")
     rows = _Rows(text, begin, order)
