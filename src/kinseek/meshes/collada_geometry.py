@@ -305,9 +305,12 @@ def _divided(primitives: list[_Primitive], positions: Array, mesh: _Mesh) -> lis
     for each, part in zip(primitives, np.split(triangles, np.searchsorted(owners, ends[:-1])), strict=True):
         kept, faces = np.unique(corners[part], return_inverse=True)
         body = Body(positions[kept], faces.reshape(-1, 3), material=each.material)
-        bodies.append(
-            _with_looks(body, partial(_attribute, mesh, each, part - first)) if mesh.looks else body
-        )
+        if mesh.looks:
+            look = partial(_attribute, mesh, each, part - first)
+            body = body._replace(
+                normals=look("NORMAL", 3), uv=look("TEXCOORD", 2), vertex_colours=look("COLOR", 3)
+            )
+        bodies.append(body)
         first += len(each.rows)
     return bodies
 
@@ -326,19 +329,6 @@ def _attribute(
     if rows is None or rows.shape[1] < width or places.max(initial=0) >= len(rows):
         return None
     return np.asarray(rows[places][:, :, : 4 if semantic == "COLOR" else width])
-
-
-def _with_looks(body: Body, attribute: partial[Array | None]) -> Body:
-    """Return a body with normals, colours and coordinates in images."""
-    body = body._replace(normals=attribute("NORMAL", 3), uv=attribute("TEXCOORD", 2))
-    if (colours := attribute("COLOR", 3)) is None:
-        return body
-    vertices = body.vertices[body.faces].reshape(-1, 3)  # A vertex may have several colours.
-    return body._replace(
-        vertices=vertices,
-        faces=np.arange(len(vertices)).reshape(-1, 3),
-        vertex_colours=colours.reshape(len(vertices), -1),
-    )
 
 
 def _listed(names: Collection[str]) -> str:

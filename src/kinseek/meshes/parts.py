@@ -125,17 +125,16 @@ def _painted(bodies: list[Body], materials: Mapping[str, Any]) -> list[Any]:
     for body in bodies:
         if not len(body.faces):
             continue
-        vertices, faces, vertex_colours = body.vertices, body.faces, body.vertex_colours
-        material, uv, normals, visual = materials.get(body.material), body.uv, body.normals, None
-        uv = None if material is None else uv
-        # Those of corners: a vertex may have several places in the image, and several normals.
-        if any(each is not None and each.ndim == 3 for each in (uv, normals)):
-            if vertex_colours is not None:
-                vertex_colours = vertex_colours[faces.ravel()]
+        vertices, faces, visual = body.vertices, body.faces, None
+        material = materials.get(body.material)
+        looks = [None if material is None else body.uv, body.normals, body.vertex_colours]
+        # Those of corners: a vertex may have several places in the image, normals and colours.
+        if any(each is not None and each.ndim == 3 for each in looks):
+            at_corners = (each if each is None or each.ndim == 3 else each[faces] for each in looks)
+            looks = [None if each is None else each.reshape(-1, each.shape[-1]) for each in at_corners]
             vertices = vertices[faces].reshape(-1, 3)
             faces = np.arange(len(vertices)).reshape(-1, 3)
-            uv = None if uv is None else uv.reshape(-1, 2)
-            normals = None if normals is None else normals.reshape(-1, 3)
+        uv, normals, vertex_colours = looks
         if material is not None:
             visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
         colours = {} if visual else {"vertex_colors": vertex_colours, "face_colors": body.face_colours}

@@ -31,6 +31,7 @@ class Body(NamedTuple):
     faces: Indices
     """(m, 3), counted from 0."""
     vertex_colours: NDArray[Any] | None = None
+    """Colours of the vertices, (n, 3 or 4), or of the corners, (m, 3, 3 or 4)."""
     face_colours: NDArray[Any] | None = None
     material: str = ""
     """Name of the material in OBJ; empty without one."""
@@ -64,8 +65,13 @@ def placed(body: Body, matrix: Array) -> Body:
             normals = normals @ cofactors.T * (sign or 1.0)
             lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
             normals = normals / np.where(lengths > 0, lengths, 1)
-    uv, normals = (each[:, turn] if each is not None and each.ndim == 3 else each for each in (uv, normals))
-    return body._replace(vertices=vertices, faces=body.faces[:, turn], uv=uv, normals=normals)
+    uv, normals, colours = (
+        each[:, turn] if each is not None and each.ndim == 3 else each
+        for each in (uv, normals, body.vertex_colours)
+    )
+    return body._replace(
+        vertices=vertices, faces=body.faces[:, turn], uv=uv, normals=normals, vertex_colours=colours
+    )
 
 
 def at_most(count: int, most: int, noun: str) -> None:
