@@ -14,7 +14,20 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from .shapes import NUMBER, UNIT, WHOLE, Array, Polygons, Unknown, fan, floats, integers, placed, strip
+from .shapes import (
+    NUMBER,
+    UNIT,
+    WHOLE,
+    Array,
+    Polygons,
+    Unknown,
+    fan,
+    floats,
+    integers,
+    placed,
+    strip,
+    without_overflow,
+)
 
 BLANKS = " \t\r\n"
 SPACES = ("http://www.collada.org/2005/11/COLLADASchema", "http://www.collada.org/2008/03/COLLADASchema")
@@ -284,8 +297,4 @@ def motion(name: str, numbers: Array) -> Array:
 
 def polygons(text: bytes) -> Polygons:
     """The polygons of a file."""
-    with np.errstate(all="ignore"):
-        found = Reader(text).polygons()
-    if not all(np.isfinite(each).all() for each in found):
-        raise Unknown("overflow")
-    return found
+    return without_overflow(lambda: Reader(text).polygons())

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .shapes import UNIT, Array, Polygons, Unknown, fan, placed, strip
+from .shapes import UNIT, Array, Polygons, Unknown, fan, placed, strip, without_overflow
 
 FORMS = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 LOOKS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_")
@@ -240,8 +240,4 @@ def motion(node: dict[str, Any]) -> Array:
 
 def polygons(text: bytes) -> Polygons:
     """The triangles of a file."""
-    with np.errstate(all="ignore"):
-        found = Reader(text).polygons()
-    if not all(np.isfinite(each).all() for each in found):
-        raise Unknown("overflow")
-    return found
+    return without_overflow(lambda: Reader(text).polygons())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,4 +58,13 @@ def placed(points: Array, polygons: Sequence[Sequence[int]]) -> Polygons:
     found = [points[list(polygon)] for polygon in polygons if len(polygon) > 2]
     if not all(np.isfinite(each).all() for each in found):
         raise Unknown("not finite")
+    return found
+
+
+def without_overflow(read: Callable[[], Polygons]) -> Polygons:
+    """What is read, if all its coordinates are finite."""
+    with np.errstate(all="ignore"):
+        found = read()
+    if not all(np.isfinite(each).all() for each in found):
+        raise Unknown("overflow")
     return found
