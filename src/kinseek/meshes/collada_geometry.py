@@ -221,26 +221,7 @@ def _primitive(element: Any, mesh: _Mesh) -> _Primitive:
     name, who = name_of(element), f"{mesh.who}, in <{name_of(element)}>,"
     known = ("input", "p", "extra", *(["vcount"] if name == "polylist" else []))
     found = children_of(element, known, who)  # Not <ph>, a polygon with holes.
-    inputs = dict[str, tuple[str, int]]()
-    width = 0
-    for each in found["input"]:
-        semantic, url, offset = each.get("semantic", ""), each.get("source", ""), _whole(each, "offset", who)
-        is_vertex = semantic == "VERTEX"
-        if (
-            is_vertex != (url == mesh.vertices)
-            or not (is_vertex or url in mesh.sources)
-            or semantic == "POSITION"
-        ):
-            raise InvalidRobot(
-                f"{who} has an <input> of {semantic} from {url!r:.100}, expected VERTEX from <vertices>, and others "
-                "(not POSITION) from sources of its mesh"
-            )
-        if semantic == "VERTEX" and semantic in inputs:
-            raise InvalidRobot(f"{who} has two <input> of VERTEX, expected one")
-        inputs.setdefault(semantic, (url, offset))
-        width = max(width, offset + 1)
-    if "VERTEX" not in inputs:
-        raise InvalidRobot(f"{who} has no <input> of VERTEX")
+    inputs, width = _inputs(found["input"], mesh, who)
     parts = [_table(each, width, who) for each in found["p"]]
     count = len(parts)
     if not (found["p"] or found.get("vcount") or _whole(element, "count", who)):
@@ -268,6 +249,31 @@ def _primitive(element: Any, mesh: _Mesh) -> _Primitive:
         raise InvalidRobot(f"{who} has the count {told}, expected {count}, as many as it holds")
     rows = np.concatenate(parts) if parts else np.zeros((0, width), dtype=np.int64)
     return _Primitive(name, element.get("material", ""), inputs, rows, sizes)
+
+
+def _inputs(elements: list[Any], mesh: _Mesh, who: str) -> tuple[dict[str, tuple[str, int]], int]:
+    """Return the inputs of a primitive by semantic, see `_Primitive`, and how many indices each corner has."""
+    inputs = dict[str, tuple[str, int]]()
+    width = 0
+    for each in elements:
+        semantic, url, offset = each.get("semantic", ""), each.get("source", ""), _whole(each, "offset", who)
+        is_vertex = semantic == "VERTEX"
+        if (
+            is_vertex != (url == mesh.vertices)
+            or not (is_vertex or url in mesh.sources)
+            or semantic == "POSITION"
+        ):
+            raise InvalidRobot(
+                f"{who} has an <input> of {semantic} from {url!r:.100}, expected VERTEX from <vertices>, and others "
+                "(not POSITION) from sources of its mesh"
+            )
+        if semantic == "VERTEX" and semantic in inputs:
+            raise InvalidRobot(f"{who} has two <input> of VERTEX, expected one")
+        inputs.setdefault(semantic, (url, offset))
+        width = max(width, offset + 1)
+    if "VERTEX" not in inputs:
+        raise InvalidRobot(f"{who} has no <input> of VERTEX")
+    return inputs, width
 
 
 def _table(element: Any, width: int, who: str) -> Indices:
