@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import gzip
-import itertools
 import json
 import math
 import os
@@ -29,6 +28,7 @@ import kinseek
 from kinseek import maps
 from kinseek.maps import block, make, run, store
 from kinseek.maps.grid import BLOCK
+from kinseek.maps.measures import MEASURES
 from map_files import ARM, GRID, SMALL, files, marks
 
 pytest.importorskip("xarray")
@@ -158,6 +158,19 @@ def first_block(place: Path, name: str) -> Path:
     return next(path for path in (place / name / "c").rglob("*") if path.is_file())
 
 
+def cells_of(dataset: Any, index: tuple[int, ...]) -> tuple[slice, ...]:
+    """The cells of a block."""
+    chunks = dataset.attrs[store.DESCRIPTION]["chunks"]
+    return tuple(slice(i * n, (i + 1) * n) for i, n in zip(index, chunks, strict=True))
+
+
+def only_unknown(dataset: Any, index: tuple[int, ...]) -> bool:
+    """Is nothing known of one block, and something of each cell of all others?"""
+    expected = np.ones(dataset.reached.shape, bool)
+    expected[cells_of(dataset, index)] = False
+    return bool(((dataset.reached.values >= 0) == expected).all())
+
+
 def test_a_half_written_block_is_made_anew(place: Path) -> None:
     good = files(place)
     chunk = first_block(place, "reached")
@@ -219,7 +232,7 @@ def test_a_store_of_another_user_is_read_and_not_written(
     with pytest.raises(kinseek.InvalidMap, match=f"belongs to user {mine}, and this is user {mine + 1}"):
         reach(place)
     assert files(place) == before
-    assert (maps.open(place).reached.values >= 0).all()
+    assert only_unknown(maps.open(place), (0, 0, 0, 0))
     work = make.work_of(ARM, GRID, ("reached",), store=str(place), **make.options_of(SMALL))
     assert make.store_of(ARM, GRID, work, True).missing() == [(0, 0, 0, 0)]  # On a cluster.
     monkeypatch.undo()
@@ -252,7 +265,7 @@ def test_a_store_that_others_may_write_to_is_read_and_not_written(
     ):
         reach(place)
     assert files(place) == before
-    assert (maps.open(place).reached.values >= 0).all()
+    assert only_unknown(maps.open(place), (0, 0, 0, 0))
     (place / inner).chmod(bits & ~0o1022)
     assert reach(place).attrs == maps.open(place).attrs
 
@@ -498,6 +511,7 @@ BLOSC: dict[str, Any] = {
     "configuration": {"typesize": 1, "cname": "lz4", "clevel": 5, "shuffle": "shuffle", "blocksize": 0},
 }
 """Its decoder ends the process for some damaged blocks."""
+GZIP: dict[str, Any] = {"name": "gzip", "configuration": {"level": 1}}
 
 
 @pytest.mark.parametrize(
@@ -525,11 +539,10 @@ BLOSC: dict[str, Any] = {
         ("reached/zarr.json", ["codecs"], [{"name": "evil"}]),
         ("reached/zarr.json", ["codecs"], [{"name": "numcodecs.pickle", "configuration": {}}]),
         ("reached/zarr.json", ["codecs"], [{"name": "bytes"}, BLOSC]),
-        ("rotation/zarr.json", ["codecs"], [{"name": "bytes"}, BLOSC]),
         ("blocks/done/zarr.json", ["codecs"], [{"name": "bytes"}, BLOSC]),
+        ("reached/zarr.json", ["codecs"], [{"name": "bytes"}, GZIP]),
+        ("reached/zarr.json", ["codecs"], [{"name": "bytes"}, GZIP, {"name": "zstd"}]),
         ("reached/zarr.json", ["fill_value"], 1),
-        ("radius/zarr.json", ["attributes"], "x"),
-        ("rotation/zarr.json", ["shape"], [10**9, 3, 3]),
         ("blocks/done/zarr.json", ["shape"], [10**9, 1, 1]),
     ],
 )
@@ -538,7 +551,7 @@ def test_a_hostile_map_is_refused(name: str, where: list[str], value: Any, writt
         damaged(written, "rings", name, partial(put, where, value))
 
 
-@pytest.mark.parametrize("name", ["reached", "blocks/done", "radius", "rotation"])
+@pytest.mark.parametrize("name", ["reached", "blocks/done"])
 @pytest.mark.parametrize("consolidated", [False, True])
 def test_a_type_of_gigabytes_is_refused_before_a_value_of_it_is_made(
     name: str, consolidated: bool, written: Path
@@ -568,31 +581,20 @@ def _skipped_first(block: bytes) -> bytes:
 
 
 @pytest.mark.parametrize(
-    "pack", [zstd.compress, partial(_twice, zstd.compress), _skipped_first, gzip.compress]
+    "pack", [zstd.compress, partial(_twice, zstd.compress), _skipped_first, gzip.compress, bytes]
 )
 def test_a_block_that_unpacks_to_more_than_a_block_is_refused_unread(
     pack: Callable[[bytes], bytes], rings: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    codec = {"name": "zstd", "configuration": {"level": 1, "checksum": False}}
-    if pack is gzip.compress:
-        codec = {"name": "gzip", "configuration": {"level": 1}}
-    rewrite(rings / "reached" / "zarr.json", partial(put, ["codecs"], [{"name": "bytes"}, codec]))
     monkeypatch.setattr(local_files, "MOST_BLOCK", 2**20)
     for path in (rings / "reached" / "c").rglob("*"):
         if path.is_file():
-            path.write_bytes(pack(bytes(2**20 + 1)))
+            path.write_bytes(pack(bytes(2**20 + 1 if pack is not bytes else 2**10)))
     with pytest.raises(kinseek.InvalidMap, match="does not unpack to at most 1,048,576 bytes"):
         ask(rings)
 
 
-def test_a_map_that_is_compressed_twice_is_refused(written: Path) -> None:
-    packed = {"name": "gzip", "configuration": {"level": 1}}
-    change = partial(put, ["codecs"], [{"name": "bytes"}, packed, packed])
-    with pytest.raises(kinseek.InvalidMap, match="more than once"):
-        damaged(written, "rings", "reached/zarr.json", change)
-
-
-@pytest.mark.parametrize("name", [ROOT, "reached/zarr.json", "rotation/zarr.json"])
+@pytest.mark.parametrize("name", [ROOT, "reached/zarr.json"])
 def test_metadata_that_are_replaced_after_their_check_are_not_used(
     name: str, rings: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -625,36 +627,19 @@ def test_a_store_that_is_no_path_is_refused(place: Any) -> None:
             call(**{"store": place})
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        *itertools.product(["radius", "orientation", "rotation"], ["", None]),
-        ("reached", '{"attributes": {"_FillValue": "x"}}'),
-    ],
-)
-def test_a_map_with_damaged_places_is_refused_before_it_is_gone_on_with(
-    name: str, text: str | None, rings: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("text", ["", None])
+def test_a_map_with_damaged_metadata_is_refused_before_it_is_gone_on_with(
+    text: str | None, rings: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.rmtree(rings / "blocks" / "done" / "c")  # Nothing is done.
-    metadata = rings / name / "zarr.json"
-    if text:
-        rewrite(metadata, lambda told: told.update(json.loads(text)))
-    elif text is None:
+    metadata = rings / "reached" / "zarr.json"
+    if text is None:
         metadata.unlink()
     else:
-        metadata.write_text("")
+        metadata.write_text(text)
     monkeypatch.setattr(make, "run", lambda *work: pytest.fail("blocks are computed"))
     with pytest.raises(kinseek.InvalidMap, match="cannot be read"):
         maps.reach(ARM, RINGS, store=rings)
-
-
-def test_a_map_whose_rotations_are_in_too_many_blocks_is_refused(tmp_path: Path) -> None:
-    grid = maps.Grid((0, 1, 1), (0, 1, 1), (0, 1, 1), maps.orientations(30_000))
-    maps.reach(ARM, grid, store=tmp_path / "map")
-    change = partial(put, ["chunk_grid", "configuration", "chunk_shape"], [1, 1, 1])
-    rewrite(tmp_path / "map" / "rotation" / "zarr.json", change)
-    with pytest.raises(kinseek.InvalidMap, match="rotation"):
-        maps.open(tmp_path / "map")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device"), RuntimeError])
@@ -734,36 +719,129 @@ def test_a_block_that_cannot_be_decoded_is_said_to_be_so(grid: Path) -> None:
 
 
 def test_a_block_with_a_wrong_bit_gives_no_other_numbers(place: Path) -> None:
-    array = store.Store.at(str(place))._array("reached")
+    dataset = maps.open(place)
+    whole = dataset.reached.values
     block = max(
         (each for each in (place / "reached" / "c").rglob("*") if each.is_file()), key=os.path.getsize
     )
-    part = tuple(
-        slice(int(i) * n, (int(i) + 1) * n)
-        for i, n in zip(block.relative_to(place / "reached" / "c").parts, array.chunks, strict=True)
-    )
-    content, whole, wrong = block.read_bytes(), array[part], []
+    index = tuple(map(int, block.relative_to(place / "reached" / "c").parts))
+    content, wrong = block.read_bytes(), []
+    there = whole[cells_of(dataset, index)]
     for bit in range(8 * len(content)):
         damaged = bytearray(content)
         damaged[bit // 8] ^= 1 << bit % 8
         block.write_bytes(damaged)
-        with contextlib.suppress(RuntimeError, ValueError):
-            wrong += [bit] if (array[part] != whole).any() else []
+        with contextlib.suppress(kinseek.InvalidMap):
+            wrong += [bit] if (dataset.reached.data.blocks[index].compute() != there).any() else []
     assert not wrong
 
 
-@pytest.mark.parametrize("name", ["turn_from", "turn_to"])
-def test_a_block_without_its_turns_is_unknown(name: str, rings: Path) -> None:
-    whole = maps.open(rings).load()
-    poses = ARM.fk(np.random.default_rng(0).uniform(-2, 2, (200, ARM.dof)))
-    assert (maps.at(whole, poses)["reached"] == 1).any()
+QUESTIONS: list[Callable[[Any], Any]] = [
+    lambda of: of.load(),
+    lambda of: maps.at(of, maps.Grid.poses(TINY, [slice(None)] * 4)),
+    lambda of: maps.capability(of).values,
+    lambda of: maps.expand(of, TINY),
+]
 
-    shutil.rmtree(rings / name / "c")  # As while the block is written, or after a copy of a part.
-    partial_map = maps.open(rings)
-    found = maps.at(partial_map, poses)["reached"]
-    assert np.all(found[maps.at(whole, poses)["reached"] == 1] == -1)
-    reached = (whole["reached"] == 1).any("orientation").values
-    assert np.isnan(maps.capability(partial_map).values[reached]).all()
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        *(("rings", name) for name in ("reached", "turn_from", "turn_to")),
+        *(("grid", name) for name in ("cell", "empty_share", "whole_share")),
+    ],
+)
+def test_a_finished_block_that_lacks_a_variable_is_not_read(
+    kind: str, name: str, written: Path, tmp_path: Path
+) -> None:
+    """Its cells were not reached, or not known, or their volume was NaN; the block was never computed again."""
+    place = Path(shutil.copytree(written / kind, tmp_path / "map"))
+    shutil.rmtree(place / name / "c")
+    for question in QUESTIONS[:3]:
+        with pytest.raises(kinseek.InvalidMap, match=rf"cannot be read: '.*/{name}/c/0.*Remove the mark"):
+            maps.open(place)[[name]].load() if question is QUESTIONS[2] else question(maps.open(place))
+    shutil.rmtree(place / "blocks" / "done" / "c")
+    again = (
+        maps.reach(ARM, RINGS, store=place)
+        if kind == "rings"
+        else maps.reach(ARM, TINY, store=place, **PROVED)
+    )
+    assert again.identical(maps.open(written / kind))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("reached", value) for value in (-1, 2, 127)),
+        *(("branches", value) for value in (-1, 0)),
+        *(("dexterity", value) for value in (np.nan, -1.0)),
+        *(("limit_distance", value) for value in (np.nan, -0.1, 1.1)),
+        *(("turn_from", value) for value in (np.nan, -3.2, 3.2, np.inf)),
+        *(("turn_to", value) for value in (np.nan, -3.2, 9.5, np.inf)),
+        *(("cell", value) for value in (-1, 0, 2, 3)),
+        *(("empty_share", value) for value in (np.nan, -0.1, 1.1)),
+        *(("whole_share", value) for value in (np.nan, -0.1, 1.1)),
+    ],
+)
+def test_values_that_no_map_has_are_not_read(
+    name: str, value: float, everything: Path, tmp_path: Path
+) -> None:
+    import zarr
+
+    place = shutil.copytree(everything, tmp_path / "map")
+    array = zarr.open_array(place / name, mode="r+")
+    cell = tuple(np.argwhere(maps.open(place).reached.values == 1)[0])
+    array[cell] = value
+    with pytest.raises(
+        kinseek.InvalidMap, match=rf"cannot be read: '.*/{name}/c/.*none that maps.reach computes"
+    ):
+        maps.open(place)[name].load()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("branches", 1), ("dexterity", 1.0), ("turn_to", 0.0), ("whole_share", 0.5)]
+)
+def test_values_of_what_is_not_reached_are_not_read(
+    name: str, value: float, everything: Path, tmp_path: Path
+) -> None:
+    import zarr
+
+    place = shutil.copytree(everything, tmp_path / "map")
+    array = zarr.open_array(place / name, mode="r+")
+    cell = tuple(np.argwhere(maps.open(place).cell.values == 2)[0])
+    array[cell] = value
+    with pytest.raises(kinseek.InvalidMap, match="is none that"):
+        maps.open(place)[name].load()
+
+
+@pytest.fixture(name="everything", scope="module")
+def _everything(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A map of rings with all variables, some cells of which are proved empty."""
+    place = tmp_path_factory.mktemp("everything") / "map"
+    grid = maps.Rings((0, 2.4, 0.8), (0, 1.6, 0.8), maps.orientations(8))
+    maps.reach(kinseek.load("panda"), grid, [*MEASURES], store=place, **PROVED)
+    return place
+
+
+def test_a_block_of_another_map_is_not_taken_for_one_of_this(place: Path, tmp_path: Path) -> None:
+    """As after the files of one map were copied over those of another one of the same grid, arm and options apart."""
+    other = tmp_path / "other.zarr"
+    maps.reach(kinseek.load("ur10e"), GRID, store=other, **SMALL)
+    shutil.rmtree(place / "blocks" / "done" / "c" / "0")
+    shutil.rmtree(place / "reached" / "c" / "0")
+    for name in ("reached", "blocks/done"):
+        shutil.copytree(other / name / "c" / "0", place / name / "c" / "0")
+    with pytest.raises(kinseek.InvalidMap, match="is of a block of another map; remove it"):
+        maps.open(place).load()
+    with pytest.raises(kinseek.InvalidMap, match="is of a block of another map; remove it"):
+        reach(place)
+
+
+def test_a_description_in_which_one_number_is_another_is_refused(grid: Path) -> None:
+    """Its cells were elsewhere."""
+    rewrite(grid / ROOT, partial(put, ["attributes", "kinseek", "grid", "x"], [-0.5, 0.7, 0.6]))
+    with pytest.raises(kinseek.InvalidMap, match="is damaged"):
+        maps.open(grid)
 
 
 def test_a_mark_that_cannot_be_decoded_is_said_to_be_so(grid: Path) -> None:
@@ -880,31 +958,29 @@ def test_a_block_that_is_no_regular_file_is_not_read(name: str, replaced: str, g
 
 
 def as_a_pipe(place: Path) -> None:
-    (place / "c" / "0").unlink()
-    os.mkfifo(place / "c" / "0")
+    shutil.rmtree(place / "c")
+    os.mkfifo(place / "c")
 
 
 def as_texts(place: Path) -> None:
     text = {"data_type": "string", "fill_value": "", "codecs": [{"name": "vlen-utf8"}]}
     rewrite(place / "zarr.json", lambda told: told.update(text))
-    (place / "c" / "0").write_bytes(b"\xff" * 4)
+    next(path for path in (place / "c").rglob("*") if path.is_file()).write_bytes(b"\xff" * 4)
+
+
+def as_nothing(place: Path) -> None:
+    shutil.rmtree(place)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
-@pytest.mark.parametrize("change", [as_a_pipe, as_texts])
-@pytest.mark.parametrize("name", ["x", "orientation"])
+@pytest.mark.parametrize("change", [as_a_pipe, as_texts, as_nothing])
+@pytest.mark.parametrize("name", ["x", "orientation", "rotation"])
 def test_the_places_of_a_map_are_not_read(
     name: str, change: Callable[[Path], None], grid: Path, written: Path
 ) -> None:
     """xarray read arrays with the names of dimensions, whatever their type and codecs, when a map was opened."""
     change(grid / name)
     assert maps.open(grid).identical(maps.open(written / "grid"))
-
-
-def test_the_rotations_of_a_map_are_those_of_its_grid(grid: Path) -> None:
-    """Without their block all of them were zero."""
-    shutil.rmtree(grid / "rotation" / "c")
-    assert np.array_equal(maps.open(grid)["rotation"].values, TINY.orientations.matrices)
 
 
 @pytest.mark.parametrize(

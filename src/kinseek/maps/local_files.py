@@ -6,14 +6,10 @@ It imports Zarr, so other modules import it only where a map is opened.
 from __future__ import annotations
 
 import asyncio
-import gzip
-import io
 import json
 import os
 import stat
 import uuid
-import zlib
-from collections.abc import AsyncIterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,46 +28,14 @@ MOST_BYTES = 2**20
 """Maximum size of a file of metadata [bytes]."""
 MOST_BLOCK = 2**29 + 2**20
 """Maximum size of a file of a block [bytes]: a block of the most cells, of 8 bytes each, and what a codec may add."""
-_ZSTD, _GZIP = b"\x28\xb5\x2f\xfd", b"\x1f\x8b"
-"""First bytes of a compressed block."""
-_ALSO_ZSTD = b"\xb5\x2f\xfd", b"\x2a\x4d\x18"
-"""Second to fourth byte of all that decoders of Zstandard accept: frames, also of old versions, and frames to skip."""
+_ZSTD = b"\x28\xb5\x2f\xfd"
+"""First bytes of a block."""
 _MOST_PARTS = 2**16
 """Maximum number of parts of a frame of Zstandard; usually they have 128 KiB each."""
 
 
 class LocalFiles(LocalStore):
     """As Zarr has them, but nobody else may write to a file from the moment that it exists."""
-
-    def __init__(
-        self,
-        root: Path | str,
-        *,
-        read_only: bool = False,
-        shown: frozenset[str] | None = None,
-        known: dict[str, bytes] | None = None,
-    ) -> None:
-        """Keep files in a folder.
-
-        Args:
-            root: The folder.
-            read_only: Is nothing written?
-            shown: The names in it that are listed; None: all.
-            known: Contents of metadata that were read before, by name. What is read is added and not read again, so that
-                metadata which were checked are those that are used. None: they are read whenever they are needed.
-        """
-        super().__init__(root, read_only=read_only)
-        self.shown, self.known = shown, known
-
-    def with_read_only(self, read_only: bool = False) -> LocalFiles:
-        """Make the same, to read alone or to write, too."""
-        return type(self)(self.root, read_only=read_only, shown=self.shown, known=self.known)
-
-    async def list_dir(self, prefix: str) -> AsyncIterator[str]:
-        """List what lies in a folder."""
-        async for name in super().list_dir(prefix):
-            if self.shown is None or prefix.strip("/") or name in self.shown:
-                yield name
 
     async def get(
         self,
@@ -102,18 +66,15 @@ class LocalFiles(LocalStore):
         if byte_range is not None:
             raise ValueError(f"a part of {key!r} is asked for, expected the whole file")
         metadata = key.rpartition("/")[2] == METADATA
-        known = self.known if metadata and self.known is not None else {}
-        if key not in known:
-            most = MOST_BYTES if metadata else MOST_BLOCK
-            try:
-                content = _content(self.root / key, most)
-            except (FileNotFoundError, NotADirectoryError):
-                return None
-            if content is None:
-                raise ValueError(f"{key!r} is not a regular file of at most {most:,} bytes")
-            (_require_plain if metadata else _require_small)(key, content)
-            known.setdefault(key, content)
-        return (prototype or default_buffer_prototype()).buffer.from_bytes(known[key])
+        most = MOST_BYTES if metadata else MOST_BLOCK
+        try:
+            content = _content(self.root / key, most)
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        if content is None:
+            raise ValueError(f"{key!r} is not a regular file of at most {most:,} bytes")
+        (_require_plain if metadata else _require_small)(key, content)
+        return (prototype or default_buffer_prototype()).buffer.from_bytes(content)
 
     async def set(self, key: str, value: Buffer) -> None:
         """Write a file, as a whole or not at all."""
@@ -156,17 +117,12 @@ def _require_plain(key: str, content: bytes) -> None:
 
 
 def _require_small(key: str, content: bytes) -> None:
-    """Check that a compressed block has at most `MOST_BLOCK` bytes when it is decoded: the decoders have no limit.
+    """Check that a block has at most `MOST_BLOCK` bytes when it is decoded: the decoder has no limit.
 
     Raises:
-        ValueError: It has more, or does not say how many.
+        ValueError: It has more, or is not one frame of Zstandard that says how many.
     """
-    if content[1:4] in _ALSO_ZSTD:
-        size = _stated_size(content)
-    elif content.startswith(_GZIP):
-        size = _counted_size(content)
-    else:
-        return
+    size = _stated_size(content)
     if size is None or size > MOST_BLOCK:
         raise ValueError(f"{key!r} does not unpack to at most {MOST_BLOCK:,} bytes")
 
@@ -175,7 +131,7 @@ def _stated_size(content: bytes) -> int | None:
     """Return the size that a frame of Zstandard states for its content, which decoders do not exceed (RFC 8878, 3.1.1).
 
     Args:
-        content: The frame. A checksum of `crc32c` may follow.
+        content: The frame.
 
     Returns:
         The size; None if it is not stated, or if this is not a single frame.
@@ -192,18 +148,9 @@ def _stated_size(content: bytes) -> int | None:
         if header & 1 or at > len(content):
             break
     end = at + 4 * (flags >> 2 & 1)
-    if not length or not end <= len(content) <= end + 4:
+    if not length or len(content) != end:
         return None
     return size + 256 if length == 2 else size
-
-
-def _counted_size(members: bytes) -> int:
-    """Unpack a gzip file and count its bytes, until they are too many or damaged."""
-    size = 0
-    with suppress(OSError, EOFError, zlib.error), gzip.GzipFile(fileobj=io.BytesIO(members)) as file:
-        while size <= MOST_BLOCK and (part := file.read(2**20)):
-            size += len(part)
-    return size
 
 
 def _open(path: str, flags: int) -> int:

@@ -22,29 +22,19 @@ from kinseek.support.validation import as_integer
 from kinseek.tolerances import DEFAULT_TOLERANCE, TOLERANCES, check_tolerance
 
 from .block import Work, digest, slim, version
-from .cells import ATTRIBUTES, SHARES
+from .cells import SHARES
 from .first_joint import FULL, divided
 from .grid import BLOCK, Grid, Rings
-from .measures import BRANCHES, LIMITS, MEASURES, REACHED, checked
-from .reading import TYPES, opened
+from .measures import REACHED, required
+from .reading import checked
 from .run import run
 from .search import PATIENCE
 from .store import Store, compare, require_own
+from .variables import CELL, TURNS
 
 if TYPE_CHECKING:
     import xarray
     from distributed import Client
-
-TURNS: dict[str, dict[str, Any]] = {
-    "turn_from": {
-        "long_name": "azimuth of the position from which on the pose is reached, about the first axis",
-        "units": "radian",
-    },
-    "turn_to": {
-        "long_name": "azimuth of the position up to which the pose is reached, about the first axis",
-        "units": "radian",
-    },
-}
 
 
 class Options(TypedDict, total=False):
@@ -158,7 +148,8 @@ def reach(
     todo = map_store.missing()
     run(work, todo, math.prod(map_store.blocks), client, progress, map_store.write)
     dataset: xarray.Dataset = map_store.dataset()
-    return dataset if work.store is not None else dataset.load()
+    # On threads: a client of Dask elsewhere in the program would be sent the whole map.
+    return dataset if work.store is not None else dataset.load(scheduler="threads")
 
 
 def open_map(store: str | Path) -> xarray.Dataset:
@@ -172,7 +163,8 @@ def open_map(store: str | Path) -> xarray.Dataset:
         MissingExtra: xarray, Dask or Zarr is not installed.
     """
     require_extra()
-    return opened(Store.at(_place(store)))
+    dataset: xarray.Dataset = checked(Store.at(_place(store))).dataset()
+    return dataset
 
 
 def _place(store: str | Path) -> str:
@@ -233,7 +225,7 @@ def work_of(
         arm=digest(chain),
         grid=grid.description(),
         chunks=grid.chunks(int(block)),
-        what=checked(what),
+        what=required(what),
         position_tolerance=float(options["position_tolerance"]),
         orientation_tolerance=float(options["orientation_tolerance"]),
         patience=None if patience is None else int(patience),
@@ -287,29 +279,13 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
     Raises:
         InvalidMap: The store is of another map, another user can change it, or it cannot be made.
     """
-    variables: dict[str, tuple[str, float, dict[str, Any]]] = {
-        name: (measure.dtype, measure.fill, dict(measure.attributes))
-        for name, measure in MEASURES.items()
-        if name in work.what
-    }
-    if isinstance(grid, Rings):
-        variables |= {name: (*TYPES[name], report) for name, report in TURNS.items()}
-        if BRANCHES in variables:
-            variables[BRANCHES][2]["comment"] = "limits of the first joint left out"
-        if LIMITS in variables:
-            variables[LIMITS][2]["comment"] = "of the joints after the first, each measured in half its range"
-    if work.cell is not None:
-        free = f"of solutions that are free in the scene, bodies {work.clearance:g} m apart"
-        for _, _, report in variables.values():
-            report["comment"] = "; ".join(filter(None, (report.get("comment"), free)))
-    if work.prove:
-        variables |= {name: (*TYPES[name], dict(ATTRIBUTES[name])) for name in ("cell", *SHARES)}
+    turns, proofs = TURNS if isinstance(grid, Rings) else (), (CELL, *SHARES) if work.prove else ()
     description: dict[str, Any] = {
         "arm": work.arm,
         "name": arm.name,
         "version": work.version,
         "grid": work.grid,
-        "variables": list(variables),
+        "variables": [*work.what, *turns, *proofs],
         "position_tolerance": work.position_tolerance,
         "orientation_tolerance": work.orientation_tolerance,
         "patience": work.patience,
@@ -333,50 +309,15 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
     if path is not None and path.exists():
         if not cluster:
             require_own(path)
-        map_store = Store.at(str(path))
-        compare(str(path), map_store.description, description)
-        opened(map_store)  # All that the finished map needs, before anything is computed.
-        return map_store
+        compare(str(path), Store.at(str(path)).description, description)
+        return checked(Store.at(str(path)))  # All that the finished map needs, before anything is computed.
     attributes: dict[str, Any] = {
         "Conventions": "CF-1.11",
         "title": f"What {arm.name} reaches",
         "source": f"kinseek {kinseek.__version__}, maps.reach",
         "references": "see docs/maps.md of kinseek",
     }
-    return Store.create(path, description, variables, _coordinates(grid), attributes)
-
-
-def _coordinates(grid: Grid | Rings) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
-    whose = "arm's base" if isinstance(grid, Grid) else "frame of the first joint"
-    table: dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]] = {
-        name: (
-            (name,),
-            place,
-            {
-                "units": "m",
-                "long_name": f"{name} of the tip in the {whose}, middle of a cell",
-                "width": width,
-            },
-        )
-        for name, place, width in zip(grid.names, grid.places, grid.widths, strict=True)
-    }
-    turns = grid.orientations
-    table["orientation"] = (
-        ("orientation",),
-        np.arange(len(turns)),
-        {"long_name": "number of an orientation"},
-    )
-    table["rotation"] = (
-        ("orientation", "row", "column"),
-        turns.matrices,
-        {
-            "long_name": f"orientation of the tip in the {whose}, as a rotation matrix",
-            "units": "1",
-            "covering_radius": turns.covering_radius,
-            "comment": "covering_radius [rad]: every orientation is at most so far from one of these",
-        },
-    )
-    return table
+    return Store.create(path, description, attributes)
 
 
 def require_extra() -> None:

@@ -77,7 +77,7 @@ STEP = 256
 """Number of poses whose branches are computed at a time. Not examined further."""
 
 
-def checked(what: Sequence[str]) -> tuple[str, ...]:
+def required(what: Sequence[str]) -> tuple[str, ...]:
     """Return the requested measures, each once, in their order, with `REACHED`.
 
     Raises:

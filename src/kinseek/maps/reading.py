@@ -21,24 +21,14 @@ from .cells import REACHED as TOUCHED
 from .first_joint import FULL
 from .grid import Grid, Rings, azimuths, grid_of
 from .measures import BRANCHES, MEASURES, REACHED
-from .store import DESCRIPTION, Store
+from .store import DESCRIPTION, DIGEST, Store, signed
+from .variables import CELL, TURN_FROM, TURN_TO, TURNS, VARIABLES
 
 if TYPE_CHECKING:
     import xarray
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-
-TURNS = ("turn_from", "turn_to")
-
-TYPES: dict[str, tuple[str, float]] = {
-    **{name: (measure.dtype, measure.fill) for name, measure in MEASURES.items()},
-    **dict.fromkeys(TURNS, ("float64", np.nan)),
-    "cell": ("int8", -1),
-    **dict.fromkeys(SHARES, ("float32", np.nan)),
-}
-"""Type of each variable, and its value where nothing is known."""
 
 
 MOST_LOADED = 2**30
@@ -49,8 +39,8 @@ _EXPANDED = 2**17
 """Poses that `expand` makes at a time."""
 
 
-def opened(store: Store) -> xarray.Dataset:
-    """Return the map in a store of unknown origin.
+def checked(store: Store) -> Store:
+    """Return a store of unknown origin with its metadata as they are now, all of them checked.
 
     Raises:
         InvalidMap: It is not as `reach` makes it.
@@ -58,14 +48,13 @@ def opened(store: Store) -> xarray.Dataset:
     try:
         store = store.fixed()
         _require_description(store.description)
-        store.require_sound(TYPES)
-        dataset: xarray.Dataset = store.dataset()
+        store.require_sound()
     except InvalidMap:
         raise
-    except Exception as error:  # Zarr and xarray raise many kinds of errors.
+    except Exception as error:  # Zarr raises many kinds of errors.
         raise_of_handler(error)
         raise InvalidMap(f"the map in {store.place!r} cannot be read: {reason(error)}") from None
-    return dataset
+    return store
 
 
 def grid_of_map(dataset: xarray.Dataset) -> Grid | Rings:
@@ -101,13 +90,17 @@ def _require_description(description: Any) -> None:
     if not isinstance(description, dict) or not isinstance(description.get("grid"), dict):
         raise InvalidMap(f"{what}its attribute {DESCRIPTION!r} does not describe a grid")
     names, rings = description.get("variables"), isinstance(grid_of(description["grid"]), Rings)
-    if not isinstance(names, list) or not all(isinstance(name, str) and name in TYPES for name in names):
-        raise InvalidMap(f"{what}its variables are {names!r:.200}, expected some of {', '.join(TYPES)}")
-    needed = {REACHED, *(TURNS if rings else ()), *(("cell", *SHARES) if "cell" in names else ())}
+    if not isinstance(names, list) or not all(isinstance(name, str) and name in VARIABLES for name in names):
+        raise InvalidMap(f"{what}its variables are {names!r:.200}, expected some of {', '.join(VARIABLES)}")
+    needed = {REACHED, *(TURNS if rings else ()), *((CELL, *SHARES) if CELL in names else ())}
     if len(set(names)) < len(names) or not needed <= set(names):
         raise InvalidMap(f"{what}its variables are {names!r:.200}, expected {', '.join(sorted(needed))} once")
     if not isinstance(description.get("name"), str):
         raise InvalidMap(f"{what}the name of its arm is {description.get('name')!r:.200}")
+    if description.get("scene") is not None:
+        as_number("the clearance in its scene", description.get("clearance"), 0.0, np.inf, InvalidMap)
+    if signed(description)[DIGEST] != description.get(DIGEST):
+        raise InvalidMap(f"{what}its attribute {DESCRIPTION!r} is damaged, or an earlier version wrote it")
     if not rings:
         return
     try:
@@ -181,11 +174,9 @@ def _inside(there: dict[str, Array], inside: NDArray[np.bool_], turns: Array | N
         nothing = -1 if np.issubdtype(each.dtype, np.integer) else np.nan
         values[name] = np.where(inside, each, nothing).astype(each.dtype)
     if turns is not None:
-        width = values["turn_to"] - values["turn_from"]
-        within = np.mod(turns - values["turn_from"], FULL) <= width
-        # Of a block that another process is writing, or that was damaged, the turns may be missing.
-        reached = np.where(np.isnan(width), -1, within)
-        values[REACHED] = np.where(values[REACHED] == 1, reached, values[REACHED]).astype("int8")
+        width = values[TURN_TO] - values[TURN_FROM]
+        within = np.mod(turns - values[TURN_FROM], FULL) <= width
+        values[REACHED] = np.where(values[REACHED] == 1, within, values[REACHED]).astype("int8")
         for name in (name for name in MEASURES if name in values and name != REACHED):
             nothing = 0 if name == BRANCHES else MEASURES[name].fill
             values[name] = np.where(values[REACHED] == 0, nothing, values[name]).astype(MEASURES[name].dtype)
@@ -238,9 +229,7 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
     if dataset.nbytes <= MOST_LOADED:
         with _reading():
             dataset = dataset.load()
-    names = [
-        name for name in description["variables"] if name not in ("turn_from", "turn_to", "cell", *SHARES)
-    ]
+    names = [name for name in description["variables"] if name not in (*TURNS, CELL, *SHARES)]
     made = {name: np.empty(grid.shape, dataset[name].dtype) for name in names}
     planes, rows = grid.shape[0], grid.shape[1]
     some = max(_EXPANDED * rows * planes // grid.size, 1)
@@ -271,8 +260,8 @@ def capability(dataset: xarray.Dataset) -> xarray.DataArray:
     grid, known = grid_of_map(dataset), dataset[REACHED]
     share = (known == 1).astype(float)
     if isinstance(grid, Rings):
-        width = (dataset["turn_to"] - dataset["turn_from"]) / FULL
-        share = (share * width).where(known == 1, 0.0)  # Unknown if it is reached, but its turns are missing.
+        width = (dataset[TURN_TO] - dataset[TURN_FROM]) / FULL
+        share = (share * width).where(known == 1, 0.0)
     share = share.where(known >= 0).mean("orientation", skipna=False)
     share.attrs = {"long_name": "share of orientations that are reached", "units": "1"}
     share.attrs[DESCRIPTION] = described(dataset)
@@ -304,17 +293,17 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
     grid = grid_of_map(dataset)
     if what not in ("poses", "positions"):
         raise InvalidMap(f"what must be 'poses' or 'positions', got {what!r}")
-    if "cell" not in dataset:
+    if CELL not in dataset:
         raise InvalidMap("bounds of a volume need proofs: make the map with maps.reach(..., prove=True)")
     _require_whole(dataset, grid)
     with _reading():
-        cell = dataset["cell"]
+        cell = dataset[CELL]
         last = cell.isel(dict.fromkeys(cell.dims, -1))  # For most unfinished maps this is unknown.
         if bool(last < 0) or bool((cell < 0).any()):  # Block by block, before loading anything as a whole.
             raise InvalidMap(
                 "the map is not finished; repeat the call of maps.reach that began it to continue it"
             )
-        known, empty, whole = (dataset[name].transpose(*grid.dims).values for name in ("cell", *SHARES))
+        known, empty, whole = (dataset[name].transpose(*grid.dims).values for name in (CELL, *SHARES))
     weights = np.full(known.shape[:-1], grid.volume / np.prod(known.shape[:-1]))
     if isinstance(grid, Rings):
         ends = grid.places[0][:, None] + np.array([-0.5, 0.5]) * grid.widths[0]

@@ -7,6 +7,7 @@ it to its place.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -15,7 +16,8 @@ import shutil
 import sys
 import uuid
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -31,6 +33,8 @@ from kinseek.support.lazy import Lazy, lazy
 from kinseek.support.private import OTHERS_WRITE, NotPrivate, make_folders, require_private
 
 from .grid import grid_of
+from .measures import Measure
+from .variables import coordinates_of, possible, variables_of
 
 Array = NDArray[np.float64]
 Index = tuple[int, ...]
@@ -40,8 +44,10 @@ DESCRIPTION = "kinseek"
 
 _DONE = "blocks/done"
 
-_ROTATION = "rotation"
+_MARK = "uint32"
 _METADATA = "zarr.json"
+DIGEST = "digest"
+"""Key of the digest in a description."""
 MOST_PLACES = 2**22
 """Maximum number of cells along one dimension of positions when a map is opened."""
 MOST_BLOCKS = 2**18
@@ -50,10 +56,8 @@ tasks.
 """
 MOST_CHUNK = 2**26
 """Maximum number of cells of a block when a map is opened."""
-CODECS = frozenset({"bytes", "crc32c", "gzip", "zstd"})
-"""Codecs that are read; Zarr writes zstd by itself. Blosc is not among them: some damaged blocks end the process in its
-decoder.
-"""
+CODECS = ["bytes", "zstd"]
+"""Codecs of each array, in order. Some damaged blocks end the process in the decoder of Blosc."""
 
 
 class Store(Lazy):
@@ -69,21 +73,13 @@ class Store(Lazy):
         self._done = group[_DONE]
 
     @classmethod
-    def create(
-        cls,
-        path: Path | None,
-        description: dict[str, Any],
-        variables: Mapping[str, tuple[str, float, dict[str, Any]]],
-        coordinates: Mapping[str, tuple[tuple[str, ...], Array, dict[str, Any]]],
-        attributes: dict[str, Any],
-    ) -> Store:
+    def create(cls, path: Path | None, description: dict[str, Any], attributes: dict[str, Any]) -> Store:
         """Make a store without any block; it appears as a whole or not at all.
 
         Args:
             path: Its folder; None: in memory.
-            description: Description of the map, with ``dims``, ``shape``, ``chunks`` and the names of ``variables``.
-            variables: Type, fill value and attributes of each.
-            coordinates: Dimensions, values and attributes of each.
+            description: Description of the map, with the description of its ``grid``, its ``dims``, ``shape`` and
+                ``chunks``, and the names of its ``variables``.
             attributes: Attributes of the whole store.
 
         Raises:
@@ -97,6 +93,7 @@ class Store(Lazy):
 
         # Without a checksum a damaged block may unpack to other numbers, and no error is raised.
         checked = ZstdCodec(checksum=True)
+        grid = grid_of(description["grid"])
         dims, shape, chunks = description["dims"], tuple(description["shape"]), tuple(description["chunks"])
         making = None if path is None else path.with_name(f".{path.name}.{uuid.uuid4().hex}")
         try:
@@ -105,29 +102,29 @@ class Store(Lazy):
                 making.mkdir(mode=0o777 & ~OTHERS_WRITE)
             memory: Any = MemoryStore() if making is None else LocalFiles(making)
             group = zarr.create_group(
-                memory, zarr_format=3, attributes={**attributes, DESCRIPTION: description}
+                memory, zarr_format=3, attributes={**attributes, DESCRIPTION: signed(description)}
             )
-            for name, (dtype, fill, report) in variables.items():
+            for name, variable in variables_of(description, grid).items():
                 group.create_array(
                     name,
                     shape=shape,
                     chunks=chunks,
-                    dtype=dtype,
-                    fill_value=fill,
+                    dtype=variable.dtype,
+                    fill_value=variable.fill,
                     compressors=checked,
                     dimension_names=dims,
-                    attributes=report,
+                    attributes=variable.attributes,
                 )
-            for name, (along, values, report) in coordinates.items():
+            for name, (along, values, report) in coordinates_of(grid, grid.orientations.matrices).items():
                 group.create_array(
                     name, data=values, compressors=checked, dimension_names=along, attributes=report
                 )
-            blocks = tuple(-(-n // chunk) for n, chunk in zip(shape, chunks, strict=True))
+            blocks = _blocks_of(shape, chunks)
             group.create_array(
                 _DONE,
                 shape=blocks,
                 chunks=(1,) * len(blocks),
-                dtype="uint8",
+                dtype=_MARK,
                 fill_value=0,
                 compressors=checked,
             )
@@ -171,26 +168,25 @@ class Store(Lazy):
         from .local_files import LocalFiles
 
         folder = self._folder
-        return self if folder is None else Store(_group_in(LocalFiles(folder, known={})), self.place)
+        return self if folder is None else Store(_group_in(LocalFiles(folder)), self.place)
 
     @lazy
     def _arrays(self) -> dict[str, Any]:
-        """The variables. They are opened when the description has been checked, which may name anything."""
-        return {name: self._array(name) for name in self.description["variables"]}
-
-    def _array(self, name: str) -> Any:
-        """Open an array.
+        """The variables. They are opened when the description has been checked, which may name anything.
 
         Raises:
-            InvalidMap: It is missing, or its metadata cannot be read.
+            InvalidMap: One is missing, or its metadata cannot be read.
         """
-        try:
-            return self._group[name]
-        except Exception as error:  # Zarr raises many kinds of errors for foreign metadata.
-            raise_of_handler(error)
-            raise InvalidMap(
-                f"no map in {self.place!r}: its array {name!r} cannot be read: {reason(error)}"
-            ) from None
+        arrays = {}
+        for name in self.description["variables"]:
+            try:
+                arrays[name] = self._group[name]
+            except Exception as error:  # Zarr raises many kinds of errors for foreign metadata.
+                raise_of_handler(error)
+                raise InvalidMap(
+                    f"no map in {self.place!r}: its array {name!r} cannot be read: {reason(error)}"
+                ) from None
+        return arrays
 
     @property
     def blocks(self) -> Index:
@@ -201,21 +197,53 @@ class Store(Lazy):
         """Blocks that are not written yet, in order.
 
         Raises:
-            InvalidMap: A mark cannot be read.
+            InvalidMap: A mark cannot be read, or is of another map.
         """
+        marks = self._marks(...)
+        return [index for index in np.ndindex(self.blocks) if not self._agrees(index, int(marks[index]))]
+
+    def is_done(self, index: Index) -> bool:
+        """Return whether a block is written.
+
+        Raises:
+            InvalidMap: See `missing`.
+        """
+        return self._agrees(index, int(self._marks(index)))
+
+    def _marks(self, which: Any) -> NDArray[np.uint32]:
         try:
-            done = np.asarray(self._done[...])
+            return np.asarray(self._done[which])
         except Exception as error:  # Codecs raise many kinds of errors.
             raise_of_handler(error)
             raise InvalidMap(
                 f"the marks of finished blocks in '{self.place}/{_DONE}' cannot be read: {reason(error)}; remove a damaged "
                 "one, and its block is computed again"
             ) from None
-        return [tuple(int(i) for i in index) for index in np.argwhere(done == 0)]
 
-    def is_done(self, index: Index) -> bool:
-        """Is a block written?"""
-        return bool(self._done[index])
+    def _mark(self, index: Index) -> int:
+        """Return the mark of a finished block. It is of this map alone, since files of two maps may be copied together."""
+        return zlib.crc32("/".join((self.description[DIGEST], *map(str, index))).encode()) | 1
+
+    def _agrees(self, index: Index, mark: int) -> bool:
+        """Return whether a mark says that its block is finished; a mark of 0 says that it is not.
+
+        Raises:
+            InvalidMap: It is the mark of another block.
+        """
+        if mark not in (0, self._mark(index)):
+            raise InvalidMap(
+                f"the mark {self._file(_DONE, index)!r} is of a block of another map; remove it, and the block is computed "
+                "again"
+            )
+        return bool(mark)
+
+    def _file(self, name: str, index: Index) -> str:
+        return "/".join((self.place, name, "c", *map(str, index)))
+
+    def _part(self, index: Index) -> tuple[slice, ...]:
+        return tuple(
+            slice(i * n, (i + 1) * n) for i, n in zip(index, self.description["chunks"], strict=True)
+        )
 
     def write(self, index: Index, values: Mapping[str, Array]) -> None:
         """Write a block, and then its mark.
@@ -223,47 +251,75 @@ class Store(Lazy):
         Raises:
             OSError: The disk is full, or cannot be written.
         """
-        chunks = self.description["chunks"]
-        part = tuple(slice(i * n, (i + 1) * n) for i, n in zip(index, chunks, strict=True))
         for name, array in self._arrays.items():
-            array[part] = values[name]
-        self._done[index] = self._done[index] + 1
+            array[self._part(index)] = values[name]
+        self._done[index] = self._mark(index)
+
+    def read(self, name: str, block_id: Index) -> Array:
+        """Return the values of a variable in a block, or its fill value everywhere if the block is not finished.
+
+        Raises:
+            InvalidMap: They cannot be read, or are none that `reach` computes.
+        """
+        if not self.is_done(block_id):
+            array = self._arrays[name]
+            sizes = (some.indices(n) for some, n in zip(self._part(block_id), array.shape, strict=True))
+            return np.full([len(range(*size)) for size in sizes], array.fill_value, array.dtype)
+        known: dict[str, Array] = {}
+
+        def checked(name: str) -> Array:
+            if name not in known:
+                known[name] = self._written(name, block_id)
+                if not possible(name, known[name], checked):
+                    raise self._unreadable(
+                        name, block_id, "a value is missing, or is none that maps.reach computes"
+                    )
+            return known[name]
+
+        return checked(name)
+
+    def _written(self, name: str, index: Index) -> Array:
+        try:
+            return np.asarray(self._arrays[name][self._part(index)])
+        except Exception as error:  # Codecs raise many kinds of errors.
+            raise_of_handler(error)
+            raise self._unreadable(name, index, reason(error)) from None
+
+    def _unreadable(self, name: str, index: Index, why: str) -> InvalidMap:
+        return InvalidMap(
+            f"the values of the map cannot be read: {self._file(name, index)!r}: {why}. Remove the mark "
+            f"{self._file(_DONE, index)!r}, and maps.reach computes the block again"
+        )
 
     def dataset(self) -> Any:
         """The map as an ``xarray.Dataset`` that is read lazily.
 
-        The coordinates and rotations of its cells are those of its grid. Texts among the attributes have escapes for
-        characters that are not printable.
+        The coordinates and rotations of its cells, and all attributes of its variables, follow from its description. Texts
+        among the attributes have escapes for characters that are not printable.
         """
         import dask.array
         import xarray
 
         grid = grid_of(self.description["grid"])
-        places = dict(zip(grid.dims, (*grid.places, np.arange(grid.shape[-1])), strict=True))
-        source = self._group.store
-        with _quiet():
-            attributes = {name: dict(self._group[name].attrs) for name in (*places, _ROTATION)}
-            # Zarr opens all that it finds at once, and prints each failure; xarray reads arrays named like dimensions.
-            if self._folder is not None:
-                from .local_files import LocalFiles
-
-                source = LocalFiles(self._folder, shown=frozenset(self._arrays), known=source.known)
-            dataset = xarray.open_zarr(
-                source,
-                zarr_format=3,
-                consolidated=False,
-                chunks={},
-                decode_cf=False,  # A foreign map may have attributes that xarray computes with.
-            )
-        dataset = dataset.assign_coords(
-            {name: (name, each, attributes[name]) for name, each in places.items()}
+        blocks = tuple(
+            tuple(min(chunk, n - at) for at in range(0, n, chunk))
+            for n, chunk in zip(grid.shape, self.description["chunks"], strict=True)
         )
-        # Not those of the store, which are zero if their block is missing. Made when they are needed: there may be millions.
         untyped: Any = dask
+        variables = {}
+        for name, variable in variables_of(self.description, grid).items():
+            values = untyped.array.map_blocks(
+                self.read,
+                name,
+                name=f"{name}-{uuid.uuid4().hex}",
+                chunks=blocks,
+                meta=np.empty((0,) * len(blocks), variable.dtype),
+            )
+            variables[name] = grid.dims, values, variable.attributes
+        # Made when they are needed: there may be millions.
         made = untyped.delayed(_rotations, pure=True)(json.dumps(self.description["grid"]))
         rotations = untyped.array.from_delayed(made, (grid.shape[-1], 3, 3), float)
-        along = ("orientation", "row", "column")
-        dataset = dataset.assign_coords({_ROTATION: (along, rotations, attributes[_ROTATION])})
+        dataset = xarray.Dataset(variables, coordinates_of(grid, rotations), dict(self._group.attrs))
         with_attributes: list[Any] = [dataset, *dataset.variables.values()]
         for each in with_attributes:  # xarray prints texts as they are.
             each.attrs = {
@@ -272,11 +328,8 @@ class Store(Lazy):
             }
         return dataset
 
-    def require_sound(self, types: Mapping[str, tuple[str, float]]) -> None:
+    def require_sound(self) -> None:
         """Check that the store matches its description, so that reading it takes no more than its grid requires.
-
-        Args:
-            types: Type of each variable, and its fill value.
 
         Raises:
             InvalidMap: Something is different.
@@ -298,48 +351,45 @@ class Store(Lazy):
             or math.prod(chunks) > MOST_CHUNK
         ):
             raise self._unsound(f"its blocks are of {chunks!r:.200} cells, at most {MOST_CHUNK:,} are read")
-        blocks = tuple(-(-n // chunk) for n, chunk in zip(grid.shape, chunks, strict=True))
+        blocks = _blocks_of(grid.shape, chunks)
         if math.prod(blocks) > MOST_BLOCKS:
             raise self._unsound(f"it has {math.prod(blocks):,} blocks, at most {MOST_BLOCKS:,} are read")
-        turns = (grid.shape[-1], 3, 3)
-        self._require_array(_DONE, blocks, (1,) * len(blocks), "uint8", 0)
-        self._require_array(_ROTATION, turns, None, "float64", 0.0, ("orientation", "row", "column"))
-        for name in self._arrays:
-            self._require_array(name, grid.shape, tuple(chunks), *types[name], grid.dims)
+        self._require_array(self._done, blocks, (1,) * len(blocks), Measure(_MARK, 0, {}), None)
+        for name, variable in variables_of(description, grid).items():
+            self._require_array(self._arrays[name], grid.shape, tuple(chunks), variable, grid.dims)
 
     def _require_array(
-        self,
-        name: str,
-        shape: Index,
-        chunks: Index | None,
-        dtype: str,
-        fill: float,
-        dims: tuple[str, ...] | None = None,
+        self, array: Any, shape: Index, chunks: Index, variable: Measure, dims: tuple[str, ...] | None
     ) -> None:
-        """Check that an array is as `create` makes it.
-
-        With `chunks` None, any chunks no larger than the array are valid, at most `MOST_BLOCKS` of them.
-        """
-        array = self._array(name)
-        codecs = [codec.to_dict()["name"] for codec in array.metadata.codecs]
+        """Check that an array is as `create` makes it."""
         there = array.shape, array.dtype, array.metadata.dimension_names
-        as_made = there == (shape, np.dtype(dtype), dims)
-        if not as_made or repr(float(array.fill_value)) != repr(float(fill)):  # NaN equals nothing.
-            raise self._unsound(f"its array {name!r} is not of the shape and type that maps.reach gives it")
-        fits = all(n <= most for n, most in zip(array.chunks, shape, strict=True))
-        fits = fits and math.prod(array.cdata_shape) <= MOST_BLOCKS  # Dask has an entry for each.
-        if array.chunks != chunks and (chunks is not None or not fits):
-            raise self._unsound(f"the chunks of its array {name!r} are not its blocks")
-        if not CODECS.issuperset(codecs) or array.shards is not None:
+        as_made = there == (shape, np.dtype(variable.dtype), dims)
+        if not as_made or repr(float(array.fill_value)) != repr(float(variable.fill)):  # NaN equals nothing.
             raise self._unsound(
-                f"its array {name!r} is encoded by other codecs than {', '.join(sorted(CODECS))}"
+                f"its array {array.path!r} is not of the shape and type that maps.reach gives it"
             )
-        # When a block is read, what it unpacks to is checked for one compression.
-        if len(codecs) > len(set(codecs)) or {"gzip", "zstd"} <= set(codecs):
-            raise self._unsound(f"its array {name!r} is compressed more than once")
+        if array.chunks != chunks:
+            raise self._unsound(f"the chunks of its array {array.path!r} are not its blocks")
+        codecs = [codec.to_dict()["name"] for codec in array.metadata.codecs]
+        if codecs != CODECS:
+            raise self._unsound(
+                f"its array {array.path!r} is encoded by other codecs than {', '.join(CODECS)}"
+            )
 
     def _unsound(self, why: str) -> InvalidMap:
         return InvalidMap(f"no map in {self.place!r} that maps.reach made: {why}")
+
+
+def signed(description: dict[str, Any]) -> dict[str, Any]:
+    """Return a description of a map with a digest of all of it, by which damage is noticed."""
+    rest = {key: value for key, value in description.items() if key != DIGEST}
+    text = json.dumps(rest, sort_keys=True)
+    return {**rest, DIGEST: hashlib.sha256(text.encode()).hexdigest()[:16]}
+
+
+def _blocks_of(shape: Sequence[int], chunks: Sequence[int]) -> Index:
+    """Return the number of blocks along each dimension."""
+    return tuple(-(-n // chunk) for n, chunk in zip(shape, chunks, strict=True))
 
 
 @lru_cache(maxsize=4)
