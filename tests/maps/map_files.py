@@ -21,5 +21,5 @@ def marks(folder: Path) -> dict[Path, tuple[int, int]]:
     """Of the blocks that are done, when and as which file their marks and values were written."""
     done = (folder / "blocks" / "done" / "c").rglob("*")
     blocks = [path for path in done if path.is_file() and not path.name.endswith(".partial")]
-    values = [folder / "reached" / path.relative_to(folder / "blocks" / "done") for path in blocks]
+    values = [folder / "reached" / path.parent.relative_to(folder / "blocks" / "done") for path in blocks]
     return {path: (path.stat().st_mtime_ns, path.stat().st_ino) for path in [*blocks, *values]}

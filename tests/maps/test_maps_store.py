@@ -9,11 +9,9 @@ import json
 import math
 import os
 import pickle
-import random
 import shutil
 import subprocess
 import sys
-import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
@@ -175,7 +173,7 @@ def test_a_half_written_block_is_made_anew(place: Path) -> None:
     good = files(place)
     chunk = first_block(place, "reached")
     chunk.write_bytes(chunk.read_bytes()[:7])
-    (place / "blocks" / "done" / chunk.relative_to(place / "reached")).unlink()
+    (place / "blocks/done" / chunk.relative_to(place / "reached") / "0").unlink()
     reach(place)
     assert files(place) == good
 
@@ -226,7 +224,7 @@ def test_a_store_of_another_user_is_read_and_not_written(
     place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mine = os.geteuid()
-    (place / "blocks" / "done" / "c" / "0" / "0" / "0" / "0").unlink()
+    (place / "blocks/done/c/0/0/0/0/0").unlink()
     before = files(place)
     monkeypatch.setattr(os, "geteuid", lambda: mine + 1)
     with pytest.raises(kinseek.InvalidMap, match=f"belongs to user {mine}, and this is user {mine + 1}"):
@@ -257,7 +255,7 @@ def test_a_store_that_others_may_write_to_is_read_and_not_written(
 ) -> None:
     """Another user could replace a folder in it by a link to a folder elsewhere, while blocks are written."""
     place = place.rename(tmp_path / "a map.zarr")
-    (place / "blocks" / "done" / "c" / "0" / "0" / "0" / "0").unlink()
+    (place / "blocks/done/c/0/0/0/0/0").unlink()
     before = files(place)
     (place / inner).chmod(bits)
     with pytest.raises(
@@ -387,41 +385,11 @@ def test_a_map_from_elsewhere_is_not_unpickled(
     assert sprung.exists()
 
 
-def changes(node: Any, *way: Any) -> Iterator[Callable[[Any], None]]:
-    """Each gives one value of some JSON, or an entry less; `VALUES` has what is put in place."""
-    for key in list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ():
-        yield from (partial(put, [*way, key], value) for value in [*VALUES, MISSING])
-        yield from changes(node[key], *way, key)
-
-
 def put(way: list[Any], value: Any, told: Any) -> None:
     """Change one value of some JSON."""
     for key in way[:-1]:
         told = told[key]
-    if value is MISSING:
-        del told[way[-1]]
-    else:
-        told[way[-1]] = value
-
-
-MISSING = object()
-
-
-VALUES: list[Any] = [
-    *(None, True, -1, 0, 0.5, 2**31, 2**63, 10**30, 1e308, math.nan, math.inf, [10**9] * 4, [None], ["x"]),
-    *(
-        "",
-        "x",
-        "../..",
-        "\x1b]0;title\x07",
-        "pickle",
-        "datetime64[ns]",
-        "days since 2000-01-01",
-        [],
-        {},
-        {"a": 1},
-    ),
-]
+    told[way[-1]] = value
 
 
 def ask(place: Path) -> None:
@@ -480,30 +448,6 @@ def damaged(written: Path, kind: str, name: str, change: Callable[[Any], None]) 
     rewrite(place / name, change)
     ask(place)
 
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["grid", "rings"])
-def test_damaged_metadata_is_read_or_refused(kind: str, written: Path) -> None:
-    """Any other error fails this test, as does a warning."""
-    cases = [
-        (str(path.relative_to(written / kind)), change)
-        for path in sorted((written / kind).rglob("zarr.json"))
-        for change in changes(json.loads(path.read_text()))
-    ]
-    refused = list[str]()
-    began = time.process_time()
-    for name, change in random.Random(0).sample(cases, SOME):
-        try:
-            damaged(written, kind, name, change)
-        except kinseek.KinseekError as error:
-            refused.append(str(error))
-    assert 0 < len(refused) < SOME
-    assert all(each.isprintable() for each in refused)
-    assert time.process_time() - began < SOME * 3.0
-
-
-SOME = 40
-"""Changes that are tried of each map; there are some thousand."""
 
 ROOT = "zarr.json"
 BLOSC: dict[str, Any] = {
@@ -714,7 +658,7 @@ def test_a_block_that_cannot_be_decoded_is_said_to_be_so(grid: Path) -> None:
     first_block(grid, "cell").write_bytes(b"no block")
     dataset = maps.open(grid)
     for question in (maps.volume, lambda of: maps.at(of, np.eye(4)), lambda of: maps.expand(of, TINY)):
-        with pytest.raises(kinseek.InvalidMap, match="values of the map cannot be read"):
+        with pytest.raises(kinseek.InvalidMap, match="cannot be read"):
             question(dataset)
 
 
@@ -758,7 +702,7 @@ def test_a_finished_block_that_lacks_a_variable_is_not_read(
     place = Path(shutil.copytree(written / kind, tmp_path / "map"))
     shutil.rmtree(place / name / "c")
     for question in QUESTIONS[:3]:
-        with pytest.raises(kinseek.InvalidMap, match=rf"cannot be read: '.*/{name}/c/0.*Remove the mark"):
+        with pytest.raises(kinseek.InvalidMap, match=rf"/{name}/c/0.*' cannot be read.*Remove .*blocks/done"):
             maps.open(place)[[name]].load() if question is QUESTIONS[2] else question(maps.open(place))
     shutil.rmtree(place / "blocks" / "done" / "c")
     again = (
@@ -769,16 +713,38 @@ def test_a_finished_block_that_lacks_a_variable_is_not_read(
     assert again.identical(maps.open(written / kind))
 
 
+@pytest.mark.parametrize("name", ["reached", "branches", "dexterity", "turn_to", "cell", "whole_share"])
+def test_a_value_that_was_changed_is_not_read(name: str, everything: Path, tmp_path: Path) -> None:
+    import zarr
+
+    place = shutil.copytree(everything, tmp_path / "map")
+    array = zarr.open_array(place / name, mode="r+")
+    array[0, 0, 0] = 1 if array[0, 0, 0] != 1 else 0  # Both are values of any variable.
+    with pytest.raises(
+        kinseek.InvalidMap, match=rf"{name}/c/0/0/0' cannot be read.*that were written.*Remove"
+    ):
+        maps.open(place)[name].load()
+
+
+def test_blocks_that_are_exchanged_are_not_read(place: Path) -> None:
+    one, two = (place / "reached" / "c" / index for index in ("0/0/0/0", "1/0/0/0"))
+    block = one.read_bytes()
+    one.write_bytes(two.read_bytes())
+    two.write_bytes(block)
+    with pytest.raises(kinseek.InvalidMap, match="not the values that were written"):
+        maps.open(place).load()
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
         *(("reached", value) for value in (-1, 2, 127)),
-        *(("branches", value) for value in (-1, 0)),
-        *(("dexterity", value) for value in (np.nan, -1.0)),
-        *(("limit_distance", value) for value in (np.nan, -0.1, 1.1)),
-        *(("turn_from", value) for value in (np.nan, -3.2, 3.2, np.inf)),
-        *(("turn_to", value) for value in (np.nan, -3.2, 9.5, np.inf)),
-        *(("cell", value) for value in (-1, 0, 2, 3)),
+        ("branches", -1),
+        ("dexterity", -1.0),
+        *(("limit_distance", value) for value in (-0.1, 1.1)),
+        *(("turn_from", value) for value in (-3.2, 3.2, np.inf)),
+        *(("turn_to", value) for value in (-3.2, 9.5, np.inf)),
+        *(("cell", value) for value in (-1, 3)),
         *(("empty_share", value) for value in (np.nan, -0.1, 1.1)),
         *(("whole_share", value) for value in (np.nan, -0.1, 1.1)),
     ],
@@ -786,55 +752,36 @@ def test_a_finished_block_that_lacks_a_variable_is_not_read(
 def test_values_that_no_map_has_are_not_read(
     name: str, value: float, everything: Path, tmp_path: Path
 ) -> None:
-    import zarr
-
-    place = shutil.copytree(everything, tmp_path / "map")
-    array = zarr.open_array(place / name, mode="r+")
-    cell = tuple(np.argwhere(maps.open(place).reached.values == 1)[0])
-    array[cell] = value
-    with pytest.raises(
-        kinseek.InvalidMap, match=rf"cannot be read: '.*/{name}/c/.*none that maps.reach computes"
-    ):
-        maps.open(place)[name].load()
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("branches", 1), ("dexterity", 1.0), ("turn_to", 0.0), ("whole_share", 0.5)]
-)
-def test_values_of_what_is_not_reached_are_not_read(
-    name: str, value: float, everything: Path, tmp_path: Path
-) -> None:
-    import zarr
-
-    place = shutil.copytree(everything, tmp_path / "map")
-    array = zarr.open_array(place / name, mode="r+")
-    cell = tuple(np.argwhere(maps.open(place).cell.values == 2)[0])
-    array[cell] = value
-    with pytest.raises(kinseek.InvalidMap, match="is none that"):
+    """Whoever makes a map may write anything to it, with its checksums."""
+    place, index = shutil.copytree(everything, tmp_path / "map"), (0, 0, 0)
+    good = maps.open(place).load()
+    values = {str(each): good[each].values[cells_of(good, index)] for each in good.data_vars}
+    values[name] = np.where(
+        np.arange(values[name].size).reshape(values[name].shape) == 3, value, values[name]
+    )
+    store.Store.at(str(place)).write(index, values)
+    with pytest.raises(kinseek.InvalidMap, match=r"computes no such values"):
         maps.open(place)[name].load()
 
 
 @pytest.fixture(name="everything", scope="module")
 def _everything(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A map of rings with all variables, some cells of which are proved empty."""
+    """A map of rings with all variables."""
     place = tmp_path_factory.mktemp("everything") / "map"
-    grid = maps.Rings((0, 2.4, 0.8), (0, 1.6, 0.8), maps.orientations(8))
-    maps.reach(kinseek.load("panda"), grid, [*MEASURES], store=place, **PROVED)
+    maps.reach(kinseek.load("panda"), RINGS, [*MEASURES], store=place, **PROVED)
     return place
 
 
 def test_a_block_of_another_map_is_not_taken_for_one_of_this(place: Path, tmp_path: Path) -> None:
-    """As after the files of one map were copied over those of another one of the same grid, arm and options apart."""
+    """As when the files of one map were copied over those of another one of the same grid."""
     other = tmp_path / "other.zarr"
     maps.reach(kinseek.load("ur10e"), GRID, store=other, **SMALL)
     shutil.rmtree(place / "blocks" / "done" / "c" / "0")
     shutil.rmtree(place / "reached" / "c" / "0")
     for name in ("reached", "blocks/done"):
         shutil.copytree(other / name / "c" / "0", place / name / "c" / "0")
-    with pytest.raises(kinseek.InvalidMap, match="is of a block of another map; remove it"):
+    with pytest.raises(kinseek.InvalidMap, match="not the values that were written"):
         maps.open(place).load()
-    with pytest.raises(kinseek.InvalidMap, match="is of a block of another map; remove it"):
-        reach(place)
 
 
 def test_a_description_in_which_one_number_is_another_is_refused(grid: Path) -> None:

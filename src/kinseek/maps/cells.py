@@ -52,7 +52,7 @@ ATTRIBUTES: dict[str, dict[str, Any]] = {
     },
 }
 
-SHARES = EMPTY_SHARE, WHOLE_SHARE = "empty_share", "whole_share"
+SHARES = ("empty_share", "whole_share")
 
 FIRST = 1000
 """Maximum number of boxes of a first proof, enough for most empty cells. If it does not end, a solution is searched. Not

@@ -27,6 +27,9 @@ class Measure(NamedTuple):
     dtype: str
     fill: float
     """Value where no pose is reached, or the block is not done yet."""
+    least: float
+    most: float
+    """Range of its other values."""
     attributes: dict[str, Any]
 
 
@@ -36,6 +39,8 @@ MEASURES = {
     REACHED: Measure(
         "int8",
         -1,
+        0,
+        1,
         {
             "long_name": "whether an answer is found within the tolerances",
             "flag_values": [0, 1],
@@ -46,11 +51,15 @@ MEASURES = {
     BRANCHES: Measure(
         "int16",
         -1,
+        0,
+        np.inf,
         {"long_name": "number of distinct solutions found, modulo whole turns", "units": "1"},
     ),
     DEXTERITY: Measure(
         "float32",
         np.nan,
+        0.0,
+        np.inf,
         {
             "long_name": "manipulability of the answer that has most: product of the singular values of its Jacobian",
             "references": "Yoshikawa 1985, eq. 4",
@@ -61,6 +70,8 @@ MEASURES = {
     LIMITS: Measure(
         "float32",
         np.nan,
+        0.0,
+        1.0,
         {
             "long_name": "distance from the nearest joint limit, of the answer that is farthest from its own",
             "comment": "each joint measured in half its range: 0 at a limit, 1 where all are in the middle",

@@ -33,8 +33,7 @@ from kinseek.support.lazy import Lazy, lazy
 from kinseek.support.private import OTHERS_WRITE, NotPrivate, make_folders, require_private
 
 from .grid import grid_of
-from .measures import Measure
-from .variables import coordinates_of, possible, variables_of
+from .variables import coordinates_of, is_possible, variables_of
 
 Array = NDArray[np.float64]
 Index = tuple[int, ...]
@@ -119,11 +118,11 @@ class Store(Lazy):
                 group.create_array(
                     name, data=values, compressors=checked, dimension_names=along, attributes=report
                 )
-            blocks = _blocks_of(shape, chunks)
+            variables = len(description["variables"])
             group.create_array(
                 _DONE,
-                shape=blocks,
-                chunks=(1,) * len(blocks),
+                shape=(*_blocks_of(shape, chunks), variables),
+                chunks=(*(1 for _ in shape), variables),
                 dtype=_MARK,
                 fill_value=0,
                 compressors=checked,
@@ -191,26 +190,26 @@ class Store(Lazy):
     @property
     def blocks(self) -> Index:
         """Number of blocks along each dimension."""
-        return tuple(self._done.shape)
+        return tuple(self._done.shape[:-1])
 
     def missing(self) -> list[Index]:
         """Blocks that are not written yet, in order.
 
         Raises:
-            InvalidMap: A mark cannot be read, or is of another map.
+            InvalidMap: A mark cannot be read.
         """
-        marks = self._marks(...)
-        return [index for index in np.ndindex(self.blocks) if not self._agrees(index, int(marks[index]))]
+        return [tuple(map(int, index)) for index in np.argwhere(~self._marks(...).any(axis=-1))]
 
     def is_done(self, index: Index) -> bool:
         """Return whether a block is written.
 
         Raises:
-            InvalidMap: See `missing`.
+            InvalidMap: Its mark cannot be read.
         """
-        return self._agrees(index, int(self._marks(index)))
+        return bool(self._marks(index).any())
 
     def _marks(self, which: Any) -> NDArray[np.uint32]:
+        """Return the marks of blocks: for each variable the checksum of its values, zeros if a block is not written."""
         try:
             return np.asarray(self._done[which])
         except Exception as error:  # Codecs raise many kinds of errors.
@@ -220,30 +219,17 @@ class Store(Lazy):
                 "one, and its block is computed again"
             ) from None
 
-    def _mark(self, index: Index) -> int:
-        """Return the mark of a finished block. It is of this map alone, since files of two maps may be copied together."""
-        return zlib.crc32("/".join((self.description[DIGEST], *map(str, index))).encode()) | 1
-
-    def _agrees(self, index: Index, mark: int) -> bool:
-        """Return whether a mark says that its block is finished; a mark of 0 says that it is not.
-
-        Raises:
-            InvalidMap: It is the mark of another block.
-        """
-        if mark not in (0, self._mark(index)):
-            raise InvalidMap(
-                f"the mark {self._file(_DONE, index)!r} is of a block of another map; remove it, and the block is computed "
-                "again"
-            )
-        return bool(mark)
-
-    def _file(self, name: str, index: Index) -> str:
-        return "/".join((self.place, name, "c", *map(str, index)))
+    def _checksum(self, name: str, index: Index, values: Array) -> int:
+        """Return the checksum of a variable in a block. It is another one in another block or map."""
+        whose = "/".join((self.description[DIGEST], name, *map(str, index)))
+        alike = np.where(
+            np.isnan(values), self._arrays[name].fill_value, values
+        )  # There are many bits for NaN.
+        return zlib.crc32(np.ascontiguousarray(alike).data, zlib.crc32(whose.encode()))
 
     def _part(self, index: Index) -> tuple[slice, ...]:
-        return tuple(
-            slice(i * n, (i + 1) * n) for i, n in zip(index, self.description["chunks"], strict=True)
-        )
+        sizes = zip(index, self.description["chunks"], self.description["shape"], strict=True)
+        return tuple(slice(i * chunk, min((i + 1) * chunk, n)) for i, chunk, n in sizes)
 
     def write(self, index: Index, values: Mapping[str, Array]) -> None:
         """Write a block, and then its mark.
@@ -251,45 +237,39 @@ class Store(Lazy):
         Raises:
             OSError: The disk is full, or cannot be written.
         """
+        mark = []
         for name, array in self._arrays.items():
-            array[self._part(index)] = values[name]
-        self._done[index] = self._mark(index)
+            block = np.asarray(values[name], array.dtype)
+            array[self._part(index)] = block
+            mark.append(self._checksum(name, index, block))
+        self._done[index] = np.array(mark, _MARK)
 
     def read(self, name: str, block_id: Index) -> Array:
         """Return the values of a variable in a block, or its fill value everywhere if the block is not finished.
 
         Raises:
-            InvalidMap: They cannot be read, or are none that `reach` computes.
+            InvalidMap: They cannot be read, or are not those that were written.
         """
-        if not self.is_done(block_id):
-            array = self._arrays[name]
-            sizes = (some.indices(n) for some, n in zip(self._part(block_id), array.shape, strict=True))
-            return np.full([len(range(*size)) for size in sizes], array.fill_value, array.dtype)
-        known: dict[str, Array] = {}
-
-        def checked(name: str) -> Array:
-            if name not in known:
-                known[name] = self._written(name, block_id)
-                if not possible(name, known[name], checked):
-                    raise self._unreadable(
-                        name, block_id, "a value is missing, or is none that maps.reach computes"
-                    )
-            return known[name]
-
-        return checked(name)
-
-    def _written(self, name: str, index: Index) -> Array:
+        array, part, mark = self._arrays[name], self._part(block_id), self._marks(block_id)
+        if not mark.any():
+            return np.full([some.stop - some.start for some in part], array.fill_value, array.dtype)
         try:
-            return np.asarray(self._arrays[name][self._part(index)])
+            values = np.asarray(array[part])
+            if self._checksum(name, block_id, values) != mark[[*self._arrays].index(name)]:
+                raise ValueError("they are not the values that were written")
+            if not is_possible(name, values):
+                raise ValueError("maps.reach computes no such values")
         except Exception as error:  # Codecs raise many kinds of errors.
             raise_of_handler(error)
-            raise self._unreadable(name, index, reason(error)) from None
-
-    def _unreadable(self, name: str, index: Index, why: str) -> InvalidMap:
-        return InvalidMap(
-            f"the values of the map cannot be read: {self._file(name, index)!r}: {why}. Remove the mark "
-            f"{self._file(_DONE, index)!r}, and maps.reach computes the block again"
-        )
+            file, mark_file = (
+                "/".join((self.place, at, "c", *map(str, block_id))) + end
+                for at, end in ((name, ""), (_DONE, "/0"))
+            )
+            raise InvalidMap(
+                f"the values of the map in {file!r} cannot be read: {reason(error)}. Remove its mark, {mark_file!r}, and "
+                "maps.reach computes the block again"
+            ) from None
+        return values
 
     def dataset(self) -> Any:
         """The map as an ``xarray.Dataset`` that is read lazily.
@@ -354,17 +334,19 @@ class Store(Lazy):
         blocks = _blocks_of(grid.shape, chunks)
         if math.prod(blocks) > MOST_BLOCKS:
             raise self._unsound(f"it has {math.prod(blocks):,} blocks, at most {MOST_BLOCKS:,} are read")
-        self._require_array(self._done, blocks, (1,) * len(blocks), Measure(_MARK, 0, {}), None)
-        for name, variable in variables_of(description, grid).items():
-            self._require_array(self._arrays[name], grid.shape, tuple(chunks), variable, grid.dims)
+        variables = variables_of(description, grid)
+        marks, mark = (*blocks, len(variables)), (*(1 for _ in blocks), len(variables))
+        self._require_array(self._done, marks, mark, _MARK, 0)
+        for name, each in variables.items():
+            array = self._arrays[name]
+            self._require_array(array, grid.shape, tuple(chunks), each.dtype, each.fill)
+            if array.metadata.dimension_names != grid.dims:
+                raise self._unsound(f"the dimensions of its array {name!r} are not those of its grid")
 
-    def _require_array(
-        self, array: Any, shape: Index, chunks: Index, variable: Measure, dims: tuple[str, ...] | None
-    ) -> None:
+    def _require_array(self, array: Any, shape: Index, chunks: Index, dtype: str, fill: float) -> None:
         """Check that an array is as `create` makes it."""
-        there = array.shape, array.dtype, array.metadata.dimension_names
-        as_made = there == (shape, np.dtype(variable.dtype), dims)
-        if not as_made or repr(float(array.fill_value)) != repr(float(variable.fill)):  # NaN equals nothing.
+        as_made = (array.shape, array.dtype) == (shape, np.dtype(dtype))
+        if not as_made or repr(float(array.fill_value)) != repr(float(fill)):  # NaN equals nothing.
             raise self._unsound(
                 f"its array {array.path!r} is not of the shape and type that maps.reach gives it"
             )

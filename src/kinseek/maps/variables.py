@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .cells import ATTRIBUTES, EMPTY, EMPTY_SHARE, SHARES, UNDECIDED, WHOLE_SHARE
-from .cells import REACHED as TOUCHED
+from .cells import ATTRIBUTES, EMPTY, SHARES, UNDECIDED
 from .first_joint import FULL
 from .grid import Grid, Rings
-from .measures import BRANCHES, DEXTERITY, LIMITS, MEASURES, REACHED, Measure
+from .measures import BRANCHES, LIMITS, MEASURES, Measure
 
 Array = NDArray[np.float64]
 
@@ -25,6 +24,8 @@ VARIABLES: dict[str, Measure] = {
     TURN_FROM: Measure(
         "float64",
         np.nan,
+        -np.pi,
+        np.pi,
         {
             "long_name": "azimuth of the position from which on the pose is reached, about the first axis",
             "units": "radian",
@@ -33,27 +34,20 @@ VARIABLES: dict[str, Measure] = {
     TURN_TO: Measure(
         "float64",
         np.nan,
+        -np.pi,
+        np.pi + FULL,
         {
             "long_name": "azimuth of the position up to which the pose is reached, about the first axis",
             "units": "radian",
         },
     ),
-    CELL: Measure("int8", -1, ATTRIBUTES[CELL]),
-    **{name: Measure("float32", np.nan, ATTRIBUTES[name]) for name in SHARES},
+    CELL: Measure("int8", -1, UNDECIDED, EMPTY, ATTRIBUTES[CELL]),
+    **{name: Measure("float32", np.nan, 0.0, 1.0, ATTRIBUTES[name]) for name in SHARES},
 }
 """All variables that a map can have."""
 
 ROUNDING = 1e-6
 """Distance outside the range of a variable that can be due to rounding."""
-
-
-RANGES = {
-    DEXTERITY: (0.0, np.inf),
-    LIMITS: (0.0, 1.0),
-    TURN_FROM: (-np.pi, np.pi),
-    TURN_TO: (0.0, FULL),
-}
-"""Least and greatest value of each variable that is NaN where nothing is reached; for `TURN_TO`, less `TURN_FROM`."""
 
 
 def variables_of(description: Mapping[str, Any], grid: Grid | Rings) -> dict[str, Measure]:
@@ -114,31 +108,10 @@ def coordinates_of(
     return table
 
 
-def possible(name: str, values: Array, block: Callable[[str], Array]) -> bool:
-    """Return whether `reach` can have computed these values of a variable in a finished block.
-
-    Args:
-        name: The variable.
-        values: Its values.
-        block: Returns the values of another variable in the same block.
-    """
-    if name == REACHED:
-        return bool(np.isin(values, (0, 1)).all())
-    found = block(REACHED) == 1
-    if name == BRANCHES:
-        good = np.where(found, values >= 1, values == 0)
-    elif name == CELL:
-        good = np.where(found, values == TOUCHED, np.isin(values, (UNDECIDED, TOUCHED, EMPTY)))
-    elif name == EMPTY_SHARE:
-        good = _within(values, 0.0, 1.0) & ((block(CELL) != EMPTY) | (values == 1.0))
-    elif name == WHOLE_SHARE:
-        good = _within(values, 0.0, 1.0) & ((block(CELL) == TOUCHED) | (values == 0.0))
-    else:
-        low, high = RANGES[name]
-        from_low = values - block(TURN_FROM) if name == TURN_TO else values
-        good = np.where(found, _within(from_low, low, high), np.isnan(values))
+def is_possible(name: str, values: Array) -> bool:
+    """Return whether all values of a variable in a finished block are in its range, or mean that nothing is reached."""
+    variable = VARIABLES[name]
+    good = (values >= variable.least - ROUNDING) & (values <= variable.most + ROUNDING)
+    if name in (*MEASURES, *TURNS) and np.isnan(variable.fill):
+        good |= np.isnan(values)
     return bool(good.all())
-
-
-def _within(values: Array, low: float, high: float) -> NDArray[np.bool_]:
-    return (values >= low - ROUNDING) & (values <= high + ROUNDING)
