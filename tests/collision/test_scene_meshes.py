@@ -432,6 +432,31 @@ def test_sides_that_are_flat_but_for_rounding_do_not_end_the_process() -> None:
     assert all(any(words in line for words in refused) for line in done.stdout.splitlines())
 
 
+THIN = """
+import numpy as np
+from kinseek.collision import Mesh
+from kinseek.errors import InvalidScene
+
+def read(far):
+    angles = np.arange(80) * np.pi / 40
+    ring = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    points = 1e-7 * np.concatenate([ring, ring + [0, 0, 1e-3]]) + far
+    try:
+        Mesh(points, [[0, 1, 2]]).geometry()
+    except InvalidScene as error:
+        print(error)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("far", [[1000.0, 0.0, 0.0], [646.0, -1595.0, -702.0]])
+def test_a_mesh_too_thin_for_its_distance_does_not_end_the_process(far: list[float]) -> None:
+    program = f"{THIN}\nread({far})"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "too thin for its distance from its origin" in done.stdout
+
+
 def circles(corners: int) -> np.ndarray:
     """Two circles of so many corners each, rotated."""
     angles = np.linspace(0.0, 2.0 * np.pi, corners, endpoint=False)

@@ -43,6 +43,10 @@ MOST_LENGTH, LEAST_LENGTH = 1e6, 1e-9
 """Largest coordinate and size of a shape, and its least size [m]. Distances from boxes, hulls and triangles of the largest
 size are right to 1e-9 m, and at ten times that size some are 0 for bodies that are metres apart."""
 
+_LEAST_THICKNESS = 1e-12
+"""Least thickness of a mesh that has a hull, relative to its largest coordinate: 5,000 times the rounding of that. coal
+loses corners of some hulls thinner than 3e-14, and ends the process for some thinner than 6e-14."""
+
 _SIDES = 16
 """Number of sides of the prism around a cylinder."""
 
@@ -386,12 +390,16 @@ class Mesh(Shape):
         """Do the vertices span all three directions, so that they have a hull?"""
         off = self.vertices - self.vertices.mean(axis=0)
         spread = np.linalg.svd(off.T @ off, compute_uv=False)
-        return bool(spread[2] > 1e-12 * max(spread[0], 1e-30))
+        rounding = len(off) * (_LEAST_THICKNESS * np.abs(self.vertices).max()) ** 2
+        return bool(spread[2] > max(1e-12 * max(spread[0], 1e-30), rounding))
 
     @lazy
     def _hull(self) -> Any:
         if not self._is_solid:
-            raise InvalidScene(f"{self.name} is flat: it has no convex hull; use its triangles, hull=False")
+            raise InvalidScene(
+                f"{self.name} is flat, or too thin for its distance from its origin: it has no convex hull; use its "
+                "triangles, hull=False"
+            )
         return convex_hull(self.vertices, self.name)
 
 
