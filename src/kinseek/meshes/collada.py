@@ -66,7 +66,10 @@ def read(text: bytes, take: Callable[[Size], None], looks: bool) -> tuple[list[B
     }
     corners = drawn_corners(sum(corners_by_geometry[each.geometry] for each in scene.shown), text)
     take(Size(scene.bodies, corners))
-    known = {each: bodies_of(each, scene.named, looks) for each in corners_by_geometry}
+    known = {
+        each: bodies_of(each, scene.named, looks, lambda tried: take(Size(0, 0, tried)))
+        for each in corners_by_geometry
+    }
     bodies = [
         placed(body, each.matrix)._replace(material=each.materials.get(body.material, body.material))
         for each in scene.shown

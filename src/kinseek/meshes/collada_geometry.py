@@ -6,7 +6,7 @@ Source: Barnes and Levy Finch, *COLLADA – Digital Asset Schema Release 1.4.1*,
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
@@ -105,13 +105,16 @@ def corners_of(geometry: Any) -> int:
     )
 
 
-def bodies_of(geometry: Any, named: dict[str, list[Any]], looks: bool) -> list[Body]:
+def bodies_of(
+    geometry: Any, named: dict[str, list[Any]], looks: bool, tried: Callable[[int], object]
+) -> list[Body]:
     """Read a geometry; each of its primitives is a body, whose material is a symbol that instances bind.
 
     Args:
         geometry: The element.
         named: All elements of the file by their ids.
         looks: Read normals, colours and coordinates in images, too? Those that are broken are left out.
+        tried: See `triangulated`.
 
     Raises:
         InvalidRobot: It is no mesh, or not all of its triangles can be read.
@@ -136,7 +139,9 @@ def bodies_of(geometry: Any, named: dict[str, list[Any]], looks: bool) -> list[B
                 f"{who} refers to {each!r:.100}, which the file has {count} times, expected once"
             )
     primitives = [_primitive(each, mesh) for name in TRIANGLES for each in found[name]]
-    return _divided(primitives, _rows(mesh.sources[url], who, ["X", "Y", "Z"]), mesh) if primitives else []
+    if not primitives:
+        return []
+    return _divided(primitives, _rows(mesh.sources[url], who, ["X", "Y", "Z"]), mesh, tried)
 
 
 class _Mesh(NamedTuple):
@@ -295,7 +300,9 @@ def _corners_of_triangles(name: str, count: int) -> Indices:
     return np.stack([i + odd, i + 1 - odd, i + 2], axis=1).ravel()
 
 
-def _divided(primitives: list[_Primitive], positions: Array, mesh: _Mesh) -> list[Body]:
+def _divided(
+    primitives: list[_Primitive], positions: Array, mesh: _Mesh, tried: Callable[[int], object]
+) -> list[Body]:
     """Divide the polygons of all primitives into triangles, and return a body for each primitive."""
     sizes = np.concatenate([each.sizes for each in primitives])
     ends = np.cumsum([len(each.sizes) for each in primitives])
@@ -304,7 +311,7 @@ def _divided(primitives: list[_Primitive], positions: Array, mesh: _Mesh) -> lis
     def place(number: int) -> str:
         return f"{mesh.who}, in <{primitives[int(np.searchsorted(ends, number, side='right'))].name}>"
 
-    triangles, owners = triangulated(positions, corners, sizes, place)
+    triangles, owners = triangulated(positions, corners, sizes, place, tried)
     order = np.argsort(owners, kind="stable")
     triangles, owners = triangles[order], owners[order]
     bodies, first = list[Body](), 0

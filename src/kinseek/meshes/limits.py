@@ -46,6 +46,9 @@ full one."""
 MOST_CORNERS = 3 * 2**22
 """Most triangle corners of COLLADA and GLB, with each instance counted, and of all meshes of a robot. Larger meshes can be
 read as binary STL or PLY."""
+MOST_TRIED = 2**26
+"""Most corners of polygons that are not convex, of all meshes of a robot, added up each time that another of their corners
+is tried: 2²⁶ take half a minute."""
 
 _BREAK = re.compile(rb"\r(?!\n)|[\0\v\f]")
 _LINE_ENDS = [each.encode() for each in "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"]
@@ -107,11 +110,13 @@ class Size(NamedTuple):
     corners: int
     """Corners of triangles; lines and values of text formats count as corners. Zero for binary STL and PLY, whose bytes
     count."""
+    tried: int = 0
+    """Corners of polygons that are not convex, each time that another of their corners is tried."""
 
     @classmethod
     def of(cls, sizes: Sequence[Size]) -> Size:
         """Return the sum of sizes."""
-        return cls(*(sum(column) for column in zip((0, 0), *sizes, strict=True)))
+        return cls(*(sum(column) for column in zip((0, 0, 0), *sizes, strict=True)))
 
 
 @dataclass
@@ -125,6 +130,7 @@ class Budget:
     bodies_left: int = MOST_BODIES
     """Number of bodies; a file counts as at least `LEAST_BODIES`."""
     corners_left: int = MOST_CORNERS
+    tried_left: int = MOST_TRIED
     unpacked_left: int = MOST_UNPACKED
     """Bytes of bodies that another process has read, with their images."""
     repeated_left: int = MOST_REPEATED
@@ -153,15 +159,21 @@ class Budget:
         return text
 
     def take(self, size: Size) -> None:
-        """Subtract the unpacked size of a file, before it is unpacked.
+        """Subtract the unpacked size of a file, before it is unpacked; or work on it, before it is done.
 
         Raises:
             InvalidRobot: The budget is exhausted.
         """
         self.bodies_left -= size.bodies
         self.corners_left -= size.corners
+        self.tried_left -= size.tried
         if min(self.bodies_left, self.corners_left) < 0:
             raise InvalidRobot("the meshes before it and this one have too many bodies or triangles together")
+        if self.tried_left < 0:
+            raise InvalidRobot(
+                "the meshes before it and this one have too many corners in polygons that are not convex; write them as "
+                "triangles"
+            )
 
     def take_unpacked(self, size: int) -> None:
         """Subtract the bytes of bodies that another process has read.

@@ -97,7 +97,14 @@ def read(text: bytes, take: Callable[[Size], None]) -> tuple[list[Body], list[st
     rows, colours = _rows(np.frombuffer(vertices), np.frombuffer(widths, np.int8).astype(np.int64))
     vertex, texture = (np.frombuffer(each, np.int64) - 1 for each in (corners, corner_textures))
     counts, uv = np.frombuffer(sizes, np.int64), np.frombuffer(textures).reshape(-1, 2)
-    triangles, owners = triangulated(rows, vertex, counts, lambda face: f"line {places[face]}", first=1)
+    triangles, owners = triangulated(
+        rows,
+        vertex,
+        counts,
+        lambda face: f"line {places[face]}",
+        lambda tried: take(Size(0, 0, tried)),
+        first=1,
+    )
     if len(wrong := np.flatnonzero(texture >= len(uv))):
         which = int(np.searchsorted(np.cumsum(counts), wrong[0], side="right"))
         raise InvalidRobot(

@@ -55,7 +55,8 @@ def _parts(path: Path, kind: str, text: bytes, beside: Beside, budget: Budget, l
     import_trimesh()
 
     def take(size: Size) -> None:
-        budget.take(size._replace(bodies=max(size.bodies, LEAST_BODIES)))
+        least = 0 if size.tried else LEAST_BODIES
+        budget.take(size._replace(bodies=max(size.bodies, least)))
 
     try:
         if kind in ("dae", "glb"):

@@ -93,7 +93,13 @@ def read(text: bytes, take: Callable[[Size], None]) -> list[Body]:
     at_most(len(face[corners]), 2 * MOST_ROWS, "corners of polygons")
     lists = _whole(face[f"{corners} length"], length), _whole(face[corners], kind)
     sizes, indices = (each.astype(np.int64) for each in lists)
-    triangles, owners = triangulated(vertices, indices, sizes, lambda row: f"face {row + 1:,}")
+    triangles, owners = triangulated(
+        vertices,
+        indices,
+        sizes,
+        lambda row: f"face {row + 1:,}",
+        lambda tried: take(Size(0, 0, tried)),
+    )
     colours = _colours(face, elements["face"])
     return [
         Body(

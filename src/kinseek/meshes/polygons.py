@@ -81,7 +81,12 @@ def at_most(count: int, most: int, noun: str) -> None:
 
 
 def triangulated(
-    vertices: Array, corners: Indices, sizes: Indices, place: Callable[[int], str], first: int = 0
+    vertices: Array,
+    corners: Indices,
+    sizes: Indices,
+    place: Callable[[int], str],
+    tried: Callable[[int], object],
+    first: int = 0,
 ) -> tuple[Indices, Indices]:
     """Divide polygons into triangles, by the diagonals from one of their corners.
 
@@ -92,6 +97,7 @@ def triangulated(
         corners: Vertices of all polygons, one after the other.
         sizes: Number of corners of each polygon.
         place: Returns where the polygon is in the file, for errors.
+        tried: Is given the number of corners of all polygons of which another corner is tried, before it is tried.
         first: Number of the first vertex in the file.
 
     Returns:
@@ -127,6 +133,7 @@ def triangulated(
             turns += len(left) * size**2
             at_most(turns, _MOST_TURNS, "corners of polygons that are not convex, squared for each,")
             for turn in range(1, size) if len(left) else ():
+                tried(len(left) * size)
                 places[left] = begin[left] + (fan + turn) % size
                 left = left[~_inside(vertices[corners[places[left]]])]
             if len(left):
