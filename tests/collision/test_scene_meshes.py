@@ -17,7 +17,7 @@ import pytest
 import kinseek
 from cells import write_arm, write_stl
 from kinseek import InvalidScene, Scene
-from kinseek.collision import Mesh, Points, bodies
+from kinseek.collision import Mesh, Points, bodies, obstacles
 from kinseek.collision.hulls import MOST_CORNERS, corners_of_sides, farthest_beyond, outermost
 from kinseek.collision.interior import Interior
 from kinseek.collision.simplify import simplified
@@ -204,6 +204,30 @@ def test_without_cavities_where_too_much_had_to_be_compared() -> None:
     mesh = Mesh(*nested(3000), False)
     assert mesh.holds(np.array([1499.25, 0.01, 0.02]))
     assert time.process_time() - began < 20
+
+
+def test_surfaces_of_the_meshes_of_a_file_are_compared_for_seconds_at_most(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mesh of 72 kB took 3.5 s, and a file of obstacles may name it with 900 factors of scale."""
+    write_stl(tmp_path / "a.stl", *nested(40))
+    one = Mesh(*nested(40), False).interior.compared
+    assert one > 500 * 40 * 39 / 2
+    scene = Scene.of(kinseek.load("planar2"), capsules=0.05)
+
+    def add(name: str, *scales: int) -> None:
+        shapes = "".join(
+            f'<collision><geometry><mesh filename="a.stl" scale="1 1 {scale}"/></geometry></collision>'
+            for scale in scales
+        )
+        (tmp_path / "cell.urdf").write_text(f'<robot name="r"><link name="{name}">{shapes}</link></robot>')
+        scene.add_file(tmp_path / "cell.urdf")
+
+    monkeypatch.setattr(obstacles, "MOST_COMPARED", one)
+    add("often", 1, 2, 1, 2)
+    with pytest.raises(InvalidScene, match="up to 'more' have too many surfaces"):
+        add("more", 1, 2, 3)
+    assert scene.bodies[-1] == "often"
 
 
 def test_surfaces_with_an_inside_are_told_from_open_ones(tmp_path: Path) -> None:

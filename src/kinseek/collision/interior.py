@@ -28,7 +28,7 @@ rounding."""
 _MOST_SURFACES = 10_000
 """In a mesh with more closed surfaces none is a cavity: the bounds of each are compared with those of all others."""
 
-_MOST_COMPARED = 2**25
+MOST_COMPARED = 2**25
 """Largest number of triangles that surfaces are compared with, added up, to find what surrounds each: some seconds. If a
 mesh needs more, none is a cavity."""
 _COMPARISON = 500
@@ -73,6 +73,8 @@ class Interior:
         """Is every surface closed, and does it enclose something?"""
         self._solid = encloses
         self._cavities: dict[int, list[int]] = {}
+        self.compared = 0
+        """Triangles that surfaces were compared with to find cavities, added up; see `MOST_COMPARED`."""
         self._find_cavities()
         self._turn_outward()
 
@@ -128,8 +130,9 @@ class Interior:
             around = np.flatnonzero(outer)
             larger[surface] = around[np.argsort(volumes[around], kind="stable")]
             compared += int((sizes[around] + _COMPARISON).sum())
-            if compared > _MOST_COMPARED:
+            if compared > MOST_COMPARED:
                 return
+        self.compared = compared
         models = dict[int, Any]()
         for surface, around in larger.items():
             # The smallest first: what surrounds it, too, does not matter then.

@@ -18,6 +18,7 @@ from kinseek.robots.urdf_file import read_robot
 from kinseek.robots.xacro import urdf_text
 
 from .bodies import Body, MeshFiles, Part, parts_of, require_number
+from .interior import MOST_COMPARED
 from .shapes import Box, Cylinder, Mesh, Shape, Sphere
 
 Array = NDArray[np.float64]
@@ -64,7 +65,26 @@ def obstacles(
     if not found:
         what = "no objects" if path.suffix.lower() == MOVEIT else "no collision elements"
         raise InvalidScene(f"{path}: no obstacles: {'; '.join(notes) or f'it has {what}'}")
+    _require_few_surfaces(found, path)
     return found, notes
+
+
+def _require_few_surfaces(bodies: list[Body], path: Path) -> None:
+    """Make sure that finding the cavities of all meshes together takes little longer than that of one mesh may.
+
+    Raises:
+        InvalidScene: It takes longer.
+    """
+    meshes, compared = set[Mesh](), 0
+    for body in bodies:
+        for shape in [part.shape for part in body.parts if isinstance(part.shape, Mesh)]:
+            compared += 0 if shape in meshes else shape.interior.compared
+            meshes.add(shape)
+            if compared > 2 * MOST_COMPARED:
+                raise InvalidScene(
+                    f"{path}: the meshes up to {body.name!r} have too many surfaces that may lie in each other; simplify "
+                    "the meshes, or use their convex hulls"
+                )
 
 
 def _urdf(text: bytes, path: Path, folders: Mapping[str, Path], skip: bool) -> tuple[list[Body], list[str]]:
