@@ -6,6 +6,7 @@ On this machine as plain C; on a Cortex-M7 and on a 64-bit ARM where a compiler 
 from __future__ import annotations
 
 import html
+import os
 import platform
 import re
 import shutil
@@ -447,6 +448,28 @@ def test_without_numba_it_says_what_to_install(tmp_path: Path, monkeypatch: pyte
     with pytest.raises(MissingExtra, match=r"pip install 'kinseek\[jit\]'"):
         to_c(PANDA, tmp_path / "c")
     assert not (tmp_path / "c").exists()
+
+
+def test_the_compiler_runs_no_code_of_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("sitecustomize", "json", "numba"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(
+        "PYTHONPATH", os.pathsep + "folder"
+    )  # Of `PYTHONPATH=$PYTHONPATH:folder`, if it is not set.
+    begun, real = list[list[str]](), subprocess.run
+
+    def imports_only(command: list[str], **options: Any) -> Any:
+        begun.append(command)
+        return real([*command[:-2], "-c", "import json, numba, kinseek.export; exit(7)"], **options)
+
+    monkeypatch.setattr(subprocess, "run", imports_only)
+    with pytest.raises(InvalidExport, match="could not be compiled"):
+        to_c(PANDA, tmp_path / "c")
+    assert len(begun) == 1
+    assert not (tmp_path / "ran").exists()
 
 
 @pytest.mark.parametrize(

@@ -78,7 +78,9 @@ def compiled(
             "NUMBA_CPU_NAME": cpu.name if optimised else "generic",
             "NUMBA_CPU_FEATURES": "",
             "NUMBA_CACHE_DIR": str(work),
-            "PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")])),
+            # It searches for code where the program does, but not in the working folder of now, which relative or empty
+            # entries would mean.
+            "PYTHONPATH": os.pathsep.join([*filter(os.path.isabs, sys.path), package]),
         }
         if not optimised:
             environment["NUMBA_OPT"] = "0"
