@@ -74,6 +74,29 @@ def test_a_file_that_is_replaced_keeps_its_permissions(tmp_path: Path, mode: int
     assert path.stat().st_mode & 0o777 == mode
 
 
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives files away")
+@pytest.mark.parametrize(("mode", "elsewhere"), [(0o640, 0o600), (0o660, 0o600), (0o644, 0o644)])
+def test_a_file_that_is_replaced_keeps_its_group(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int, elsewhere: int
+) -> None:
+    """The members of this user's group need not be those who may read it."""
+    path = tmp_path / "q.csv"
+    path.touch()
+    path.chmod(mode)
+    os.chown(path, -1, 65534)
+    with whole_file(path) as file:
+        file.write(b"q")
+    assert (path.stat().st_gid, path.stat().st_mode & 0o777) == (65534, mode)
+
+    def refused(*_: int) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "fchown", refused)
+    with whole_file(path) as file:
+        file.write(b"q")
+    assert (path.stat().st_gid, path.stat().st_mode & 0o777) == (os.getegid(), elsewhere)
+
+
 @pytest.mark.skipif(os.name == "nt", reason="needs POSIX permissions")
 def test_a_file_that_is_replaced_runs_as_nobody(tmp_path: Path) -> None:
     path = tmp_path / "q.csv"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import stat
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -40,9 +41,9 @@ def output_path(path: Path, what: str) -> Path:
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file that replaces `path` when it is complete; until then, and after a failure, nothing is changed.
 
-    An existing file keeps its permissions: who may not read it may not read what replaces it either. It does not keep
-    set-user-ID and set-group-ID bits, because another user may have made it. If another user has made it, only this user may
-    write to the new one.
+    An existing file keeps its permissions and its group: who may not read it may not read what replaces it either. If this
+    user is not in that group, the new group may do what others may. The file does not keep set-user-ID and set-group-ID
+    bits, because another user may have made it. If another user has made it, only this user may write to the new one.
 
     Args:
         path: A path from `output_path`.
@@ -54,14 +55,16 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     # Process ids repeat in containers, and a process that was killed leaves its file.
     part = path.with_name(f".{uuid.uuid4().hex}.part")
     try:
-        mode = _kept_mode(path.stat()) if path.exists() else None
-        first = 0o666 if mode is None else mode  # Nobody opens it in between who may not read it later.
+        old = path.stat() if path.exists() else None
+        # Nobody opens it in between who may not read it later.
+        first = 0o666 if old is None else _kept_mode(old) & ~stat.S_IRWXG
         file = open(part, "xb", opener=lambda name, flags: os.open(name, flags, first))  # noqa: SIM115  # Closed below.
         try:
             with file:
-                if mode is not None:
+                if old is not None:
                     # Of the open file, because another user may have put a link in its place.
-                    os.chmod(file.fileno() if os.chmod in os.supports_fd else part, mode)
+                    opened = file.fileno() if os.chmod in os.supports_fd else part
+                    os.chmod(opened, _mode_in_group(file.fileno(), old))
                 yield file
             part.replace(path)
         except BaseException:  # Includes Ctrl-C.
@@ -70,6 +73,19 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     except OSError as error:
         reason = error.strerror or error
         raise InvalidProblem(f"cannot write {str(path)!r}: {reason}; nothing was written") from None
+
+
+def _mode_in_group(file: int, old: os.stat_result) -> int:
+    """Give an open file the group of the one that it replaces, and return its permissions."""
+    mode = _kept_mode(old)
+    if os.fstat(file).st_gid != old.st_gid:
+        try:
+            os.fchown(file, -1, old.st_gid)
+        except (
+            OSError
+        ):  # This user is not in that group. For the old file, members of the new group were others.
+            mode = mode & ~stat.S_IRWXG | (mode & stat.S_IRWXO) << 3
+    return mode
 
 
 def _kept_mode(status: os.stat_result) -> int:
