@@ -81,9 +81,8 @@ def _mode_in_group(file: int, old: os.stat_result) -> int:
     if os.fstat(file).st_gid != old.st_gid:
         try:
             os.fchown(file, -1, old.st_gid)
-        except (
-            OSError
-        ):  # This user is not in that group. For the old file, members of the new group were others.
+        except OSError:
+            # This user is not in that group. For the old file, members of the new group were others.
             mode = mode & ~stat.S_IRWXG | (mode & stat.S_IRWXO) << 3
     return mode
 
