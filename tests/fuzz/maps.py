@@ -30,7 +30,7 @@ import numpy as np
 
 import kinseek
 from kinseek import maps
-from kinseek.errors import InvalidMap
+from kinseek.errors import InvalidMap, KinseekError
 from kinseek.maps import run
 from kinseek.maps.measures import MEASURES
 from kinseek.maps.store import DESCRIPTION
@@ -281,7 +281,7 @@ def continuing(kind: str, place: Path, whole: Any) -> str:
     """How continuing a damaged map ends."""
     try:
         again = compared(KINDS[kind].made(place).load(), whole)
-    except InvalidMap:
+    except KinseekError:
         return "refused"
     return again if again == "equal" else f"DIFFERENT {again} after it was continued"
 

@@ -189,7 +189,7 @@ def test_parameters_are_read_from_text() -> None:
 
 @pytest.mark.parametrize("search", ["DivideAndConquer", "BruteForce"])
 def test_a_page_cannot_ask_for_gigabytes_of_nodes(search: str) -> None:
-    with pytest.raises(InvalidSolver, match="the page takes at most 1,000,000, got 20,000,000"):
+    with pytest.raises(InvalidSolver, match="the page takes at most 100,000, got 20,000,000"):
         make_search(search, {"branching_factor": "20000000"})
 
 

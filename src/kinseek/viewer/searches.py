@@ -52,7 +52,7 @@ def needs_start(search: str) -> bool:
     return SEARCHES[search].traits.near is Near.START
 
 
-MOST_FACTOR = 1_000_000
+MOST_FACTOR = 100_000
 """Maximum number of nodes per joint: a static tree needs some hundred bytes for each, and any page can request one."""
 
 
