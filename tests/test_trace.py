@@ -366,6 +366,8 @@ def test_a_trace_can_be_exported(tmp_path: Path) -> None:
     trace = arm.ik(arm.fk([2.0, 1.1]), solver=kinseek.DivideAndConquer(breadth=2), trace=True).trace
     read = json.loads(trace.save(tmp_path / "trace.json").read_text())
     assert read == trace.to_dict()
+    with pytest.raises(kinseek.InvalidProblem, match=r"folder .* does not exist"):
+        trace.save(tmp_path / "nowhere" / "trace.json")
     assert read["passes"][1]["q"] == trace[1].q.tolist()
     assert read["passes"][1]["start_error"] is None
     rows = trace.rows()

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from .errors import InvalidUse
 from .printable import printable
+from .support.whole_file import output_path, whole_file
 
 Array = NDArray[np.float64]
 
@@ -190,8 +191,13 @@ class Trace:
         }
 
     def save(self, path: str | Path) -> Path:
-        """Write `to_dict` as a JSON file."""
-        Path(path).write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        """Write `to_dict` as a JSON file.
+
+        Raises:
+            InvalidProblem: The file cannot be written.
+        """
+        with whole_file(output_path(Path(path), "the file of the trace")) as file:
+            file.write(f"{json.dumps(self.to_dict(), indent=1, allow_nan=False)}\n".encode())
         return Path(path)
 
     def __len__(self) -> int:

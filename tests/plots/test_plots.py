@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,6 +40,22 @@ def test_a_picture_is_written(tmp_path: Path) -> None:
     plots.same_scale(axes)
     path = plots.save(figure, tmp_path / "arm.png")
     assert path.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_picture_that_cannot_be_drawn_leaves_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from matplotlib.figure import Figure
+
+    def fail(figure: Any, file: Any, **options: Any) -> None:
+        file.write(b"a part")
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "arm.png").write_bytes(b"before")
+    monkeypatch.setattr(Figure, "savefig", fail)
+    with pytest.raises(kinseek.InvalidProblem, match="No space left on device; nothing was written"):
+        plots.save(Figure(), tmp_path / "arm.png")
+    assert (tmp_path / "arm.png").read_bytes() == b"before"
 
 
 def test_a_function_has_no_links_to_draw() -> None:

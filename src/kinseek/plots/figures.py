@@ -13,6 +13,7 @@ import numpy as np
 
 from kinseek.errors import InvalidUse, MissingExtra
 from kinseek.printable import printable
+from kinseek.support.whole_file import output_path, whole_file
 
 P = ParamSpec("P")
 
@@ -244,9 +245,11 @@ def save(figure: Any, path: str | Path, dpi: int = 110) -> Path:
 
     Raises:
         InvalidUse: The path has the extension of another format.
+        InvalidProblem: The file cannot be written.
     """
     if Path(path).suffix.lower() != ".png":
         raise InvalidUse(f"pictures are PNG files: the path must end in .png, got {str(path)!r}")
-    figure.savefig(path, dpi=dpi, metadata={"Software": None})
+    with whole_file(output_path(Path(path), "the picture")) as file:
+        figure.savefig(file, format="png", dpi=dpi, metadata={"Software": None})
     pyplot().close(figure)
     return Path(path)
