@@ -227,6 +227,12 @@ def test_json_says_what_is_free(
     assert goal["cone"] == pytest.approx(math.radians(cone))
 
 
+@pytest.mark.parametrize("goal", ["--rpy 3 0 0", "--position-only"])
+def test_an_unknown_frame_is_refused(goal: str, cli: CommandLine) -> None:
+    told = cli.refused("solve ur5e --at 0.4 0.2 0.3", f"{goal} --frame tip")
+    assert told == "kinseek: --frame must be tool or base, got 'tip'\n"
+
+
 def test_json_says_ranges() -> None:
     from kinseek.cli.report import solution_facts
 

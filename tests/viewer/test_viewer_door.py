@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Iterator
 from functools import partial
 from itertools import count
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -507,6 +508,13 @@ def test_what_a_browser_kept_prints_nothing(
             wait_until(lambda: mine.idle)
             assert mine.result.reached
     assert (warned, capfd.readouterr()) == ([], ("", ""))
+
+
+def test_options_are_kept_for_an_arm_whose_file_has_a_name_that_is_no_text() -> None:
+    """The name went to the browser as it is, could not be encoded, and closed the page."""
+    named = SimpleNamespace(name="\udcff.urdf", dof=6, base="base", tip="tip")
+    key = Page._key.fget(SimpleNamespace(arm=named))  # type: ignore[attr-defined]
+    assert key.encode()
 
 
 def test_a_page_that_leaves_is_drawn_on_without_a_warning(shown: viewer.Viewer) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidProblem
+from kinseek.printable import printable
 from kinseek.robots.mechanism import RATES, Mechanism
 from kinseek.support.validation import as_number
 
@@ -72,10 +73,11 @@ def _known(arm: Mechanism, name: str, value: ArrayLike | None, example: float) -
     own: Array = getattr(arm, name)
     unknown = np.flatnonzero(np.isnan(own))
     if len(unknown):
+        joints = ", ".join(printable(arm.joint_names[i]) for i in unknown)
         raise InvalidProblem(
-            f"{arm.name!r} has no {name} limit for {', '.join(arm.joint_names[i] for i in unknown)}: give {name}= "
-            f"[{RATES[name]}], for example {name}={example:g} for every joint, or {arm.dof} numbers; or give the arm limits "
-            f"by with_limits({name}=...) or load(..., limits='joint_limits.yaml')"
+            f"{arm.name!r} has no {name} limit for {joints}: give {name}= [{RATES[name]}], for example {name}={example:g} "
+            f"for every joint, or {arm.dof} numbers; or give the arm limits by with_limits({name}=...) or load(..., "
+            "limits='joint_limits.yaml')"
         )
     return own
 

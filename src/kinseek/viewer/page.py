@@ -18,6 +18,7 @@ from kinseek.collision.pairs import Contact
 from kinseek.collision.surfaces import drawn_bodies
 from kinseek.errors import InvalidScene, KinseekError
 from kinseek.paths.tracker import Step, TrackStatus
+from kinseek.printable import printable
 from kinseek.support.transforms import transform
 from kinseek.timing.trajectory import Trajectory
 from kinseek.trace import Trace
@@ -602,7 +603,7 @@ class Page:
 
     @property
     def _key(self) -> str:
-        return f"kinseek {self.arm.name} {self.arm.dof} {self.arm.base} {self.arm.tip}"
+        return printable(f"kinseek {self.arm.name} {self.arm.dof} {self.arm.base} {self.arm.tip}")
 
     def _fetch(self) -> str | None:
         try:
