@@ -112,8 +112,11 @@ def test_a_goal_in_other_units_is_said(sessions: dict[str, Session]) -> None:
     begin = sessions["ur5e"].begin
     target = begin.target.copy()
     target[:3, 3] *= 1000.0
-    result = sessions["ur5e"].solve(begin.but(target=target))
+    options = begin.but(target=target)
+    result = sessions["ur5e"].solve(options)
     assert "lengths are in metres" in result.refused
+    assert "lengths are in metres" in str(sessions["ur5e"].branches(options))
+    assert sessions["ur5e"].traced(options) is None
     assert np.array_equal(result.q, begin.q)
 
 

@@ -268,6 +268,8 @@ class Session:
 
     def traced(self, options: ViewerOptions) -> Trace | None:
         """Return the trace of the default search for a goal; other searches return their trace with the solution."""
+        if self._far(options):
+            return None
         try:
             near = options.q if options.follow else None
             trace = self.arm.ik(self._goal(options), near=near, trace=True).trace
@@ -277,6 +279,8 @@ class Session:
 
     def branches(self, options: ViewerOptions) -> Branches | str:
         """Return every solution, or the reason why there are none to show."""
+        if far := self._far(options):
+            return far
         try:
             found = self.arm.branches(self._goal(options), time_limit=PATIENCE)
         except KinseekError as error:
