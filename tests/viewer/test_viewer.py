@@ -487,6 +487,25 @@ def test_a_missing_mesh_is_named_and_the_rest_is_shown(tmp_path: Path) -> None:
     assert "broken.stl" in found.missing[0]
 
 
+@pytest.mark.parametrize(
+    "shape",
+    [
+        '<box size="1 1e308 1"/>',
+        '<cylinder radius="1e308" length="1"/>',
+        '<sphere radius="1e308"/>',
+        '<mesh filename="arm.stl" scale="1e308 1 1"/>',
+    ],
+)
+def test_a_shape_too_large_to_compute_with_is_left_out(shape: str, tmp_path: Path, trimesh: Any) -> None:
+    """NumPy warned of overflow in the terminal."""
+    trimesh.creation.box((10, 10, 10)).export(tmp_path / "arm.stl")
+    path = written(tmp_path, "arm.stl")
+    path.write_text(re.sub(r"<mesh [^>]*/>", shape, path.read_text()))
+    found = meshes_of(kinseek.load(path, tip="hand").chain)
+    assert len(found.links) == 3
+    assert "cannot be shown, at most 1e+06 m" in found.missing[0]
+
+
 def test_packages_are_found_as_ros_finds_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for folder in ("given/meshes", "ros/two_description/meshes", "ament/share/third/meshes"):
         (tmp_path / folder).mkdir(parents=True)

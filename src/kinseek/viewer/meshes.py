@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.collision.shapes import MOST_LENGTH
 from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.meshes.limits import Budget, Size
@@ -141,16 +142,23 @@ def _shapes(visual: Any, files: _Files, paints: Mapping[str, tuple[float, ...]])
         files.reader.budget.take(Size(bodies=1, corners=0))
     if shape.tag == "mesh":
         parts = files.reader.read(mesh_path(shape.get("filename") or "", files.path, files.packages))
+        scale = numbers_of(shape.get("scale"), 3, 1.0)
         for part in parts:
-            part.apply_scale(numbers_of(shape.get("scale"), 3, 1.0))
+            _require_size(float(np.abs(part.vertices).max(initial=0.0)) * float(np.abs(scale).max()))
+            part.apply_scale(scale)
             part.merge_vertices()  # They are shaded smoothly. Those nearer than 1e-8 m become one.
     elif shape.tag == "box":
-        parts = [trimesh.creation.box(numbers_of(shape.get("size"), 3))]
+        size = numbers_of(shape.get("size"), 3)
+        _require_size(*size)
+        parts = [trimesh.creation.box(size)]
     elif shape.tag == "cylinder":
         radius, length = (float(numbers_of(shape.get(name), 1)[0]) for name in ("radius", "length"))
+        _require_size(radius, length)
         parts = [trimesh.creation.cylinder(radius, length, sections=32)]
     elif shape.tag == "sphere":
-        parts = [trimesh.creation.icosphere(3, float(numbers_of(shape.get("radius"), 1)[0]))]
+        radius = float(numbers_of(shape.get("radius"), 1)[0])
+        _require_size(radius)
+        parts = [trimesh.creation.icosphere(3, radius)]
     else:
         raise InvalidRobot(f"geometry {shape.tag!r} cannot be shown")
     paint = _paint_of(visual.find("material"), paints)
@@ -159,6 +167,16 @@ def _shapes(visual: Any, files: _Files, paints: Mapping[str, tuple[float, ...]])
             part.visual = _look(paint or GREY)
         part.apply_transform(origin_of(visual))
         yield part
+
+
+def _require_size(*lengths: float) -> None:
+    """Make sure that a shape is not so large that computing with it overflows.
+
+    Raises:
+        InvalidRobot: It is larger than a shape of a scene may be.
+    """
+    if not all(length <= MOST_LENGTH for length in lengths):
+        raise InvalidRobot(f"a shape of {max(lengths):.3g} m cannot be shown, at most {MOST_LENGTH:g} m")
 
 
 def plain(mesh: Any) -> Any:
