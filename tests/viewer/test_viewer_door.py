@@ -416,6 +416,28 @@ def test_angles_beyond_a_turn_turn_the_goal_without_a_warning(
     assert capfd.readouterr() == ("", "")
 
 
+def test_a_goal_far_away_is_searched_without_a_warning(shown: viewer.Viewer) -> None:
+    with warnings.catch_warnings(record=True) as warned, visit(shown) as (one, mine):
+        warnings.simplefilter("always")
+        wait_until(lambda: mine.idle)
+        q = mine.result.q
+        passes, place = (each._impl.uuid for each in (mine.panel.passes, mine.panel.place))
+        one.send(encode({"type": "GuiUpdateMessage", "uuid": passes, "updates": {"value": True}}))
+        wait_until(lambda: mine.panel.passes.value and mine.idle)
+        for x in (1e5, 2e5):
+            one.send(encode({"type": "GuiUpdateMessage", "uuid": place, "updates": {"value": [x, 0.0, 0.0]}}))
+            wait_until(partial(placed_at, mine, x))
+            wait_until(lambda: mine.idle)
+        mine._solver.give(q)  # A branch of an earlier goal.
+        wait_until(lambda: mine.idle)
+    assert warned == []
+    assert mine.result.refused
+
+
+def placed_at(page: Any, x: float) -> bool:
+    return bool(page.options.target[0, 3] == x)
+
+
 def turned_to(page: Any, rotation: Any) -> bool:
     return np.allclose(page.options.target[:3, :3], rotation)
 

@@ -289,7 +289,9 @@ class Session:
         return found
 
     def picked(self, options: ViewerOptions, q: Array) -> GoalResult:
-        """Show one of the known solutions, (n,)."""
+        """Show one of the known solutions, (n,). If the goal has changed since, the result says so."""
+        if far := self._far(options):
+            return GoalResult(options, options.q, refused=far)
         try:
             solution = self.arm.ik(self._goal(options), near=q)
         except KinseekError as error:  # The goal has changed since.
