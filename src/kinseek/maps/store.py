@@ -19,16 +19,16 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidMap, reason
 from kinseek.printable import printable
-from kinseek.support.interrupts import raise_of_handler
+from kinseek.support.interrupts import raise_of_handler, uninterrupted
 from kinseek.support.lazy import Lazy, lazy
 from kinseek.support.private import OTHERS_WRITE, NotPrivate, make_folders, require_private
 
@@ -37,6 +37,7 @@ from .variables import coordinates_of, is_possible, variables_of
 
 Array = NDArray[np.float64]
 Index = tuple[int, ...]
+R = TypeVar("R")
 
 DESCRIPTION = "kinseek"
 """Attribute with the description of the map; kinseek did not make a store without it."""
@@ -100,32 +101,31 @@ class Store(Lazy):
                 make_folders(Path(making.anchor), making.parent.relative_to(making.anchor))
                 making.mkdir(mode=0o777 & ~OTHERS_WRITE)
             memory: Any = MemoryStore() if making is None else LocalFiles(making)
-            group = zarr.create_group(
-                memory, zarr_format=3, attributes={**attributes, DESCRIPTION: signed(description)}
-            )
+            about = {**attributes, DESCRIPTION: signed(description)}
+            group = _to_end(lambda: zarr.create_group(memory, zarr_format=3, attributes=about))
+
+            def make(name: str, **what: Any) -> None:
+                _to_end(lambda: group.create_array(name, compressors=checked, **what))
+
             for name, variable in variables_of(description, grid).items():
-                group.create_array(
+                make(
                     name,
                     shape=shape,
                     chunks=chunks,
                     dtype=variable.dtype,
                     fill_value=variable.fill,
-                    compressors=checked,
                     dimension_names=dims,
                     attributes=variable.attributes,
                 )
             for name, (along, values, report) in coordinates_of(grid, grid.orientations.matrices).items():
-                group.create_array(
-                    name, data=values, compressors=checked, dimension_names=along, attributes=report
-                )
+                make(name, data=values, dimension_names=along, attributes=report)
             variables = len(description["variables"])
-            group.create_array(
+            make(
                 _DONE,
                 shape=(*_blocks_of(shape, chunks), variables),
                 chunks=(*(1 for _ in shape), variables),
                 dtype=_MARK,
                 fill_value=0,
-                compressors=checked,
             )
             if making is not None and path is not None:
                 os.rename(making, path)
@@ -179,7 +179,7 @@ class Store(Lazy):
         arrays = {}
         for name in self.description["variables"]:
             try:
-                arrays[name] = self._group[name]
+                arrays[name] = _to_end(partial(self._group.__getitem__, name))
             except Exception as error:  # Zarr raises many kinds of errors for foreign metadata.
                 raise_of_handler(error)
                 raise InvalidMap(
@@ -198,7 +198,7 @@ class Store(Lazy):
         Raises:
             InvalidMap: A mark cannot be read.
         """
-        return [tuple(map(int, index)) for index in np.argwhere(~self._marks(...).any(axis=-1))]
+        return [index for index in np.ndindex(self.blocks) if not self.is_done(index)]
 
     def is_done(self, index: Index) -> bool:
         """Return whether a block is written.
@@ -208,16 +208,23 @@ class Store(Lazy):
         """
         return bool(self._marks(index).any())
 
-    def _marks(self, which: Any) -> NDArray[np.uint32]:
-        """Return the marks of blocks: for each variable the checksum of its values, zeros if a block is not written."""
+    def _marks(self, index: Index) -> NDArray[np.uint32]:
+        """Return the mark of a block: for each variable the checksum of its values, or zeros if it is not written."""
+        # Most blocks of a new map have no mark, and Zarr takes half a millisecond to find that out.
+        if self._folder is not None and not os.path.lexists(self._file(_DONE, index)):
+            return np.zeros(self._done.shape[-1], _MARK)
         try:
-            return np.asarray(self._done[which])
+            return np.asarray(_to_end(lambda: self._done[index]))
         except Exception as error:  # Codecs raise many kinds of errors.
             raise_of_handler(error)
             raise InvalidMap(
-                f"the marks of finished blocks in '{self.place}/{_DONE}' cannot be read: {reason(error)}; remove a damaged "
-                "one, and its block is computed again"
+                f"the mark {self._file(_DONE, index)!r} of a finished block cannot be read: {reason(error)}. Remove it, and "
+                "maps.reach computes the block again"
             ) from None
+
+    def _file(self, name: str, index: Index) -> str:
+        """Return the file of a block, or of its mark."""
+        return "/".join((self.place, name, "c", *map(str, index), *("0" if name == _DONE else "")))
 
     def _checksum(self, name: str, index: Index, values: Array) -> int:
         """Return the checksum of a variable in a block. It is another one in another block or map."""
@@ -240,9 +247,9 @@ class Store(Lazy):
         mark = []
         for name, array in self._arrays.items():
             block = np.asarray(values[name], array.dtype)
-            array[self._part(index)] = block
+            _to_end(partial(array.__setitem__, self._part(index), block))
             mark.append(self._checksum(name, index, block))
-        self._done[index] = np.array(mark, _MARK)
+        _to_end(partial(self._done.__setitem__, index, np.array(mark, _MARK)))
 
     def read(self, name: str, block_id: Index) -> Array:
         """Return the values of a variable in a block, or its fill value everywhere if the block is not finished.
@@ -254,20 +261,16 @@ class Store(Lazy):
         if not mark.any():
             return np.full([some.stop - some.start for some in part], array.fill_value, array.dtype)
         try:
-            values = np.asarray(array[part])
+            values = np.asarray(_to_end(lambda: array[part]))
             if self._checksum(name, block_id, values) != mark[[*self._arrays].index(name)]:
                 raise ValueError("they are not the values that were written")
             if not is_possible(name, values):
                 raise ValueError("maps.reach computes no such values")
         except Exception as error:  # Codecs raise many kinds of errors.
             raise_of_handler(error)
-            file, mark_file = (
-                "/".join((self.place, at, "c", *map(str, block_id))) + end
-                for at, end in ((name, ""), (_DONE, "/0"))
-            )
             raise InvalidMap(
-                f"the values of the map in {file!r} cannot be read: {reason(error)}. Remove its mark, {mark_file!r}, and "
-                "maps.reach computes the block again"
+                f"the values of the map in {self._file(name, block_id)!r} cannot be read: {reason(error)}. Remove its mark, "
+                f"{self._file(_DONE, block_id)!r}, and maps.reach computes the block again"
             ) from None
         return values
 
@@ -391,10 +394,16 @@ def _group_in(files: Any) -> Any:
 
     with _quiet():
         # Not consolidated: such metadata may describe arrays of the other format.
-        group = zarr.open_group(files, mode="r+", zarr_format=3, use_consolidated=False)
+        group = _to_end(lambda: zarr.open_group(files, mode="r+", zarr_format=3, use_consolidated=False))
     if group.metadata.zarr_format != 3:  # Zarr itself believes what zarr.json says of the format.
         raise ValueError("it is of Zarr format 2, which can hold pickles")
     return group
+
+
+def _to_end(call: Callable[[], R]) -> R:
+    """Call Zarr, and wait for the end of the call if a signal handler raises."""
+    # Otherwise Zarr's own thread goes on with it, and prints errors when Python ends.
+    return uninterrupted(call, stop=lambda: None)
 
 
 def _rotations(grid: str) -> Array:
