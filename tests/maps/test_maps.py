@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -459,3 +461,27 @@ def test_rings_need_a_first_joint_that_turns() -> None:
         maps.reach(slide, rings)
     with pytest.raises(kinseek.InvalidMap, match="has black-box kinematics"):
         maps.reach(kinseek.Arm.from_fk(lambda q: np.eye(4), [0.0], [1.0], vectorized=False), rings)
+
+
+@pytest.mark.parametrize("edited", ["reached", "branches", "more dimensions", "text", "renamed"])
+def test_an_edited_map_is_rejected(edited: str) -> None:
+    even = maps.orientations(12)
+    grid = maps.Grid((0.2, 0.6, 0.2), (0.0, 0.2, 0.2), (0.0, 0.2, 0.2), even)
+    m = maps.reach(kinseek.load("ur5e"), grid, what=("reached", "branches"))
+    reads: list[Callable[[Any], object]] = [
+        lambda d: maps.at(d, np.eye(4)),
+        lambda d: maps.expand(d, grid),
+    ]
+    if edited == "more dimensions":
+        m = m.expand_dims(time=2)
+    elif edited == "text":
+        m = m.assign(reached=m.reached.astype(str))
+        reads.append(maps.capability)
+    elif edited == "renamed":
+        m, reads = m.rename(orientation="turn"), [maps.capability]
+    else:
+        m = m.drop_vars(edited)
+        reads += [maps.capability] if edited == "reached" else []
+    for read in reads:
+        with pytest.raises(kinseek.InvalidMap, match=r"as maps\.open returns it"):
+            read(m)

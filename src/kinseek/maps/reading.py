@@ -127,6 +127,23 @@ def _require_whole(dataset: xarray.Dataset, grid: Grid | Rings) -> None:
             )
 
 
+def _variable(dataset: xarray.Dataset, name: str, dims: tuple[str, ...]) -> xarray.DataArray:
+    """Return a variable of a map, which may have been edited.
+
+    Raises:
+        InvalidMap: It is missing, is not along `dims`, or does not have the numbers of a map.
+    """
+    there = dataset.get(name)
+    if there is None:
+        raise InvalidMap(f"the map has no variable {name!r}: give the whole map, as maps.open returns it")
+    if set(there.dims) != set(dims) or there.dtype.kind not in "if":
+        raise InvalidMap(
+            f"the variable {name!r} is of type {there.dtype} along {there.dims}, expected numbers along {dims}: give the "
+            "map as maps.open returns it"
+        )
+    return there.transpose(*dims)
+
+
 def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
     """Read a map at any poses: the values of the cells that contain them.
 
@@ -150,7 +167,7 @@ def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
     first = square(inverse(np.array(description["first_frame"]))) if isinstance(grid, Rings) else None
     flat = T.reshape(-1, 4, 4)
     cells = in_chunks(lambda some: np.stack(grid.cells_of(some if first is None else first @ some), -1), flat)
-    there = {name: _values(dataset[name].transpose(*grid.dims), cells) for name in description["variables"]}
+    there = {name: _values(_variable(dataset, name, grid.dims), cells) for name in description["variables"]}
     parts: list[dict[str, NDArray[Any]]] = []
     for some in chunks(len(flat)):
         turns = None if first is None else azimuths(first @ flat[some])
@@ -230,7 +247,8 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
         with _reading():
             dataset = dataset.load()
     names = [name for name in description["variables"] if name not in (*TURNS, CELL, *SHARES)]
-    made = {name: np.empty(grid.shape, dataset[name].dtype) for name in names}
+    dims = grid_of(description["grid"]).dims
+    made = {name: np.empty(grid.shape, _variable(dataset, name, dims).dtype) for name in names}
     planes, rows = grid.shape[0], grid.shape[1]
     some = max(_EXPANDED * rows * planes // grid.size, 1)
     for i, columns in itertools.product(range(planes), chunks(rows, some)):
@@ -245,6 +263,16 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
     return xarray.Dataset(variables, coordinates, attributes)
 
 
+def _along_orientations(dataset: xarray.Dataset, name: str) -> xarray.DataArray:
+    """Return a variable of a part of a map that has its orientations.
+
+    Raises:
+        InvalidMap: As for `_variable`.
+    """
+    dims = tuple(map(str, dataset[name].dims)) if name in dataset else ()
+    return _variable(dataset, name, dims if "orientation" in dims else (*dims, "orientation"))
+
+
 def capability(dataset: xarray.Dataset) -> xarray.DataArray:
     """Return the fraction of orientations reached at each position (Zacharias, Borst and Hirzinger 2007).
 
@@ -257,10 +285,11 @@ def capability(dataset: xarray.Dataset) -> xarray.DataArray:
     Raises:
         InvalidMap: It is not a map.
     """
-    grid, known = grid_of_map(dataset), dataset[REACHED]
+    grid, known = grid_of_map(dataset), _along_orientations(dataset, REACHED)
     share = (known == 1).astype(float)
     if isinstance(grid, Rings):
-        width = (dataset[TURN_TO] - dataset[TURN_FROM]) / FULL
+        first, last = (_along_orientations(dataset, name) for name in TURNS)
+        width = (last - first) / FULL
         share = (share * width).where(known == 1, 0.0)
     share = share.where(known >= 0).mean("orientation", skipna=False)
     share.attrs = {"long_name": "share of orientations that are reached", "units": "1"}
@@ -297,13 +326,13 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
         raise InvalidMap("bounds of a volume need proofs: make the map with maps.reach(..., prove=True)")
     _require_whole(dataset, grid)
     with _reading():
-        cell = dataset[CELL]
+        cell = _variable(dataset, CELL, grid.dims)
         last = cell.isel(dict.fromkeys(cell.dims, -1))  # For most unfinished maps this is unknown.
         if bool(last < 0) or bool((cell < 0).any()):  # Block by block, before loading anything as a whole.
             raise InvalidMap(
                 "the map is not finished; repeat the call of maps.reach that began it to continue it"
             )
-        known, empty, whole = (dataset[name].transpose(*grid.dims).values for name in (CELL, *SHARES))
+        known, empty, whole = (_variable(dataset, name, grid.dims).values for name in (CELL, *SHARES))
     weights = np.full(known.shape[:-1], grid.volume / np.prod(known.shape[:-1]))
     if isinstance(grid, Rings):
         ends = grid.places[0][:, None] + np.array([-0.5, 0.5]) * grid.widths[0]
