@@ -9,6 +9,7 @@ import sys
 import time
 import uuid
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -106,3 +107,28 @@ def test_a_terminal_that_stops_an_estimate_shows_no_traceback() -> None:
     _, said = program.communicate(timeout=60)
     assert program.returncode == 130
     assert "Traceback" not in said
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize("delay", [0.0, 0.05, 0.2])
+def test_a_terminal_that_stops_a_map_shows_no_traceback(delay: float, tmp_path: Path) -> None:
+    """Zarr's thread went on with a call, and printed its errors when Python ended."""
+    words = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from kinseek.cli import main; main()"
+    program = subprocess.Popen(
+        [sys.executable, "-c", words, "map", "ur5e", "--step", "0.1", "--prove", "--store", tmp_path / "map"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    until = time.monotonic() + 100
+    while not list(tmp_path.iterdir()):  # The store is being made.
+        assert time.monotonic() < until
+        time.sleep(0.001)
+    time.sleep(delay)
+    os.killpg(program.pid, signal.SIGINT)
+    _, said = program.communicate(timeout=60)
+    assert program.returncode == 130
+    assert "Traceback" not in said
+    assert "Task was destroyed" not in said

@@ -794,7 +794,7 @@ def test_a_description_in_which_one_number_is_another_is_refused(grid: Path) -> 
 def test_a_mark_that_cannot_be_decoded_is_said_to_be_so(grid: Path) -> None:
     first_block(grid, "blocks/done").write_bytes(b"no mark")
     with pytest.raises(
-        kinseek.InvalidMap, match=r"marks of finished blocks in .*blocks/done' cannot be read"
+        kinseek.InvalidMap, match=r"the mark '.*blocks/done/c/.*' of a finished block cannot be read"
     ):
         maps.reach(ARM, TINY, store=grid, **PROVED)
 

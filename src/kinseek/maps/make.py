@@ -131,12 +131,17 @@ def reach(
 
     Raises:
         InvalidMap: An arm with black-box kinematics, a goal with a base, unknown measures, a store of another map or that
-            another user can change, workers with another version, or rings in a scene.
+            another user can change, no client, workers with another version, or rings in a scene.
         InvalidScene: The scene belongs to another arm, or the clearance is not a length.
         MapInterrupted: Scheduler gone, disk full, or a block that kills its workers; the same call resumes.
         MissingExtra: xarray, Dask or Zarr is not installed.
     """
     require_extra()
+    if client is not None:
+        from distributed import Client
+
+        if not isinstance(client, Client):
+            raise InvalidMap(f"client must be a distributed.Client, got {type(client).__name__}")
     work = work_of(
         arm,
         grid,

@@ -328,7 +328,9 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
     with _reading():
         cell = _variable(dataset, CELL, grid.dims)
         last = cell.isel(dict.fromkeys(cell.dims, -1))  # For most unfinished maps this is unknown.
-        if bool(last < 0) or bool((cell < 0).any()):  # Block by block, before loading anything as a whole.
+        if not (
+            bool(last >= 0) and bool((cell >= 0).all())
+        ):  # Block by block, before loading anything as a whole.
             raise InvalidMap(
                 "the map is not finished; repeat the call of maps.reach that began it to continue it"
             )
