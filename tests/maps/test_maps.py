@@ -432,6 +432,10 @@ def test_the_best_base_reaches_most() -> None:
         (lambda: maps.Grid((0, 1e7, 1e-3), (0, 1e7, 1e-3), (0, 1, 1), maps.orientations(72)), "too large"),
         (lambda: maps.Grid((-1, 1, 0.3), (-1, 1, 0.1), (-1, 1, 0.1), maps.orientations(72)), "must divide"),
         (lambda: maps.Grid((1, -1, 0.1), (-1, 1, 0.1), (-1, 1, 0.1), maps.orientations(72)), "from < to"),
+        (
+            lambda: maps.Grid((1e17, 1e17 + 100, 1), (-1, 1, 0.1), (-1, 1, 0.1), maps.orientations(72)),
+            "x must lie within 1e",
+        ),
         (lambda: maps.Grid("abc", (-1, 1, 0.1), (-1, 1, 0.1), maps.orientations(72)), "from, to, step"),  # type: ignore[arg-type]
         (lambda: maps.Rings((-1, 1, 0.5), (-1, 1, 0.5), maps.orientations(72)), "radius begins"),
         (lambda: maps.reach(UR5E, WIDE, ("reach",)), "unknown measure 'reach'"),

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidMap
+from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.support.lazy import Lazy, lazy
 
 from .orientations import Orientations, about_z, orientations_of
@@ -281,6 +282,10 @@ def _range(name: str, given: Any) -> Range:
         raise InvalidMap(f"{name} must be (from, to, step) [m], got {given!r}") from None
     if not np.isfinite([low, high, step]).all() or step <= 0.0 or high <= low:
         raise InvalidMap(f"{name} must have from < to and a positive step, got ({low:g}, {high:g}, {step:g})")
+    if max(abs(low), abs(high)) > LARGEST:
+        raise InvalidMap(
+            f"{name} must lie within {LARGEST:g} m of the origin, got ({low:g}, {high:g}, {step:g})"
+        )
     cells = (high - low) / step
     if cells > MOST:
         raise InvalidMap(f"{name} has {cells:.3g} cells, expected at most {MOST:,} in all; increase the step")
