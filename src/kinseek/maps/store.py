@@ -206,9 +206,9 @@ class Store(Lazy):
         Raises:
             InvalidMap: Its mark cannot be read.
         """
-        return bool(self._marks(index).any())
+        return bool(self._mark(index).any())
 
-    def _marks(self, index: Index) -> NDArray[np.uint32]:
+    def _mark(self, index: Index) -> NDArray[np.uint32]:
         """Return the mark of a block: for each variable the checksum of its values, or zeros if it is not written."""
         # Most blocks of a new map have no mark, and Zarr takes half a millisecond to find that out.
         if self._folder is not None and not os.path.lexists(self._file(_DONE, index)):
@@ -229,9 +229,8 @@ class Store(Lazy):
     def _checksum(self, name: str, index: Index, values: Array) -> int:
         """Return the checksum of a variable in a block. It is another one in another block or map."""
         whose = "/".join((self.description[DIGEST], name, *map(str, index)))
-        alike = np.where(
-            np.isnan(values), self._arrays[name].fill_value, values
-        )  # There are many bits for NaN.
+        # Many patterns of bits are NaN, and a block that has nothing else is not written.
+        alike = np.where(np.isnan(values), self._arrays[name].fill_value, values)
         return zlib.crc32(np.ascontiguousarray(alike).data, zlib.crc32(whose.encode()))
 
     def _part(self, index: Index) -> tuple[slice, ...]:
@@ -257,7 +256,7 @@ class Store(Lazy):
         Raises:
             InvalidMap: They cannot be read, or are not those that were written.
         """
-        array, part, mark = self._arrays[name], self._part(block_id), self._marks(block_id)
+        array, part, mark = self._arrays[name], self._part(block_id), self._mark(block_id)
         if not mark.any():
             return np.full([some.stop - some.start for some in part], array.fill_value, array.dtype)
         try:
@@ -338,8 +337,8 @@ class Store(Lazy):
         if math.prod(blocks) > MOST_BLOCKS:
             raise self._unsound(f"it has {math.prod(blocks):,} blocks, at most {MOST_BLOCKS:,} are read")
         variables = variables_of(description, grid)
-        marks, mark = (*blocks, len(variables)), (*(1 for _ in blocks), len(variables))
-        self._require_array(self._done, marks, mark, _MARK, 0)
+        one = (*(1 for _ in blocks), len(variables))
+        self._require_array(self._done, (*blocks, len(variables)), one, _MARK, 0)
         for name, each in variables.items():
             array = self._arrays[name]
             self._require_array(array, grid.shape, tuple(chunks), each.dtype, each.fill)
