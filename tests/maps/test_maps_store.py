@@ -194,6 +194,41 @@ def test_a_store_of_another_map_is_refused(place: Path) -> None:
     assert files(place) == before
 
 
+def test_a_store_of_a_goal_is_not_one_of_whole_poses(tmp_path: Path) -> None:
+    """What the store had and the request had not was not compared, and more cells were reached."""
+    maps.reach(ARM, TINY, store=tmp_path / "map", goal=kinseek.Goal.position([0, 0, 0]))
+    with pytest.raises(kinseek.InvalidMap, match=r"another map: goal is .*, requested None"):
+        maps.reach(ARM, TINY, store=tmp_path / "map")
+
+
+def test_a_run_does_not_write_into_a_map_that_has_replaced_its_own(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its values had the checksums of the other map."""
+    shutil.rmtree(place / "blocks" / "done" / "c")
+    begun = run.run
+
+    def replaced(*given: Any) -> None:
+        place.rename(place.with_name("moved"))
+        monkeypatch.setattr(make, "run", begun)
+        monkeypatch.setattr(run, "_in_processes", lambda *work: None)
+        maps.reach(kinseek.load("ur10e"), GRID, store=place, **SMALL)
+        monkeypatch.setattr(run, "_in_processes", one_by_one)
+        begun(*given)
+
+    monkeypatch.setattr(make, "run", replaced)
+    with pytest.raises(kinseek.InvalidMap, match="another map has replaced the one in"):
+        reach(place)
+    assert not (place / "blocks" / "done" / "c").exists()
+
+
+def test_a_map_that_is_removed_while_it_is_open_is_gone(place: Path) -> None:
+    dataset = maps.open(place)
+    shutil.rmtree(place)
+    with pytest.raises(kinseek.InvalidMap, match="is gone"):
+        dataset.load()
+
+
 def test_a_store_of_another_version_is_refused(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("kinseek.maps.make.version", lambda: "9.9.9+feed")
     with pytest.raises(kinseek.InvalidMap, match=r"version is '.*', requested '9\.9\.9\+feed'"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
 
@@ -29,7 +29,7 @@ from .measures import REACHED, required
 from .reading import checked
 from .run import run
 from .search import PATIENCE
-from .store import Store, compare, require_own
+from .store import DIGEST, Store, compare, require_own
 from .variables import CELL, TURNS
 
 if TYPE_CHECKING:
@@ -150,7 +150,7 @@ def reach(
         store=None if store is None else _place(store),
     )
     map_store = store_of(arm, grid, work, client is not None)
-    todo = map_store.missing()
+    todo, work = map_store.missing(), replace(work, map=map_store.description[DIGEST])
     run(work, todo, math.prod(map_store.blocks), client, progress, map_store.write)
     dataset: xarray.Dataset = map_store.dataset()
     # On threads: a client of Dask elsewhere in the program would be sent the whole map.

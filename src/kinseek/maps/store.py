@@ -212,6 +212,8 @@ class Store(Lazy):
         """Return the mark of a block: for each variable the checksum of its values, or zeros if it is not written."""
         # Most blocks of a new map have no mark, and Zarr takes half a millisecond to find that out.
         if self._folder is not None and not os.path.lexists(self._file(_DONE, index)):
+            if not os.path.lexists(self._folder / _METADATA):
+                raise InvalidMap(f"the map in {self.place!r} is gone")
             return np.zeros(self._done.shape[-1], _MARK)
         try:
             return np.asarray(_to_end(lambda: self._done[index]))
@@ -436,9 +438,12 @@ def compare(place: str, there: dict[str, Any], requested: dict[str, Any]) -> Non
     Raises:
         InvalidMap: They differ; the message says in what.
     """
-    other = [key for key in requested if there.get(key) != requested[key]]
+    keys = [*requested, *(key for key in there if key not in requested and key != DIGEST)]
+    other = [key for key in keys if there.get(key) != requested.get(key)]
     if other:
-        differences = "; ".join(f"{key} is {there.get(key)!r}, requested {requested[key]!r}" for key in other)
+        differences = "; ".join(
+            f"{key} is {there.get(key)!r}, requested {requested.get(key)!r}" for key in other
+        )
         raise InvalidMap(
             f"the store {place!r} has another map: {differences}. Request the same map to continue it, or use another "
             "store"
