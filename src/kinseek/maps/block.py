@@ -80,8 +80,8 @@ class Work:
     """Digest of the scene."""
     goal: Goal | None = None
     """What counts of each pose; None: all of it, within the tolerances."""
-    map: str = ""
-    """Digest of the description in the store: another map may have replaced it."""
+    map: str | None = None
+    """Digest of the description in the store, which another map may replace; None is not compared."""
 
     def part(self, index: Index) -> tuple[slice, ...]:
         """Return the cells of a block."""
@@ -173,7 +173,7 @@ def do(work: Work, index: Index) -> dict[str, Array] | None:
     from .store import DIGEST, Store
 
     store = Store.at(work.store, _this_worker)
-    if store.description.get(DIGEST) != work.map:
+    if work.map is not None and store.description.get(DIGEST) != work.map:
         raise InvalidMap(f"another map has replaced the one in {work.store!r} while it was computed")
     if not store.is_done(index):
         store.write(index, compute(work, index))
