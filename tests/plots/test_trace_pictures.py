@@ -44,7 +44,7 @@ def test_pictures_of_the_example_can_be_read(
     assert found == []
 
 
-def test_other_searches_can_be_read(found: list[str]) -> None:
+def test_other_searches_can_be_read(found: list[str], tmp_path: Path) -> None:
     target = CYLINDRICAL.fk((CYLINDRICAL.lower + CYLINDRICAL.upper) / 2 + 0.1)
     wide = CYLINDRICAL.ik(target, solver=kinseek.DivideAndConquer(breadth=2), trace=True)
     for figure in (
@@ -54,7 +54,7 @@ def test_other_searches_can_be_read(found: list[str]) -> None:
         plots.windows(planar(divisions=8)),
         plots.progress([wide, wide, planar()], error="position"),
     ):
-        plots.save(figure, "nowhere.png")
+        plots.save(figure, tmp_path / "picture.png")
     assert found == []
 
 
