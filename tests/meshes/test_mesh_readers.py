@@ -301,9 +301,9 @@ def test_no_triangle_reaches_out_of_its_polygon(shape: list[tuple[float, float]]
                 with pytest.raises(
                     InvalidRobot, match=r"face 0: a polygon of \d corners crosses itself, or no corner"
                 ):
-                    triangulated(vertices, corners, given_sizes, "face {}".format, int)
+                    triangulated(vertices, corners, given_sizes, "face {}".format, len)
                 continue
-            triangles, owners = triangulated(vertices, corners, given_sizes, "face {}".format, int)
+            triangles, owners = triangulated(vertices, corners, given_sizes, "face {}".format, len)
             u, v = (vertices[corners[triangles]][:, k] - vertices[corners[triangles]][:, 0] for k in (1, 2))
             assert np.linalg.norm(np.cross(u, v), axis=1)[owners == 1].sum() / 2 == pytest.approx(area)
 
@@ -313,7 +313,7 @@ def test_many_small_dents_are_one_large_dent() -> None:
     way = np.linspace(0, 1, 1500)
     edge = np.stack([1 + way, -0.2 * way, 0 * way], axis=1)
     points = np.concatenate([[(0, 0, 0)], edge, [(2, 3, 0), (0, 3, 0)]])
-    triangles, _ = triangulated(points, np.arange(len(points)), np.array([len(points)]), str, int)
+    triangles, _ = triangulated(points, np.arange(len(points)), np.array([len(points)]), str, len)
     u, v = (points[triangles][:, k] - points[triangles][:, 0] for k in (1, 2))
     assert np.linalg.norm(np.cross(u, v), axis=1).sum() / 2 == pytest.approx(6.1, rel=1e-3)
 
@@ -325,7 +325,7 @@ def test_rounded_points_of_straight_edges_are_no_dents() -> None:
     square = np.concatenate([a + (b - a) * part for a, b in itertools.pairwise(ends)])
     for _ in range(20):
         points = np.round(square @ np.linalg.qr(rng.normal(size=(3, 3)))[0], 6)
-        triangles, _ = triangulated(points, np.arange(80), np.array([80]), str, int)
+        triangles, _ = triangulated(points, np.arange(80), np.array([80]), str, len)
         u, v = (points[triangles][:, k] - points[triangles][:, 0] for k in (1, 2))
         assert np.linalg.norm(np.cross(u, v), axis=1).sum() / 2 == pytest.approx(0.01, rel=1e-3)
 
@@ -334,14 +334,14 @@ def test_rounded_points_of_straight_edges_are_no_dents() -> None:
 def test_size_does_not_change_the_triangles_of_a_polygon(scale: float) -> None:
     points = np.array([(x, y, 0.0) for x, y in DART])
     corners, sizes = np.arange(4), np.array([4])
-    expected = triangulated(points, corners, sizes, str, int)[0]
-    assert np.array_equal(triangulated(points * scale, corners, sizes, str, int)[0], expected)
+    expected = triangulated(points, corners, sizes, str, len)[0]
+    assert np.array_equal(triangulated(points * scale, corners, sizes, str, len)[0], expected)
 
 
 def test_polygons_that_are_not_convex_take_seconds_at_most() -> None:
     comb = np.array([(i, 2.0 if i % 4 in (0, 1) else 0.5 + i % 3, 0) for i in range(5000)])
     with pytest.raises(InvalidRobot, match="corners of polygons that are not convex"):
-        triangulated(comb, np.arange(5000), np.array([5000]), str, int)
+        triangulated(comb, np.arange(5000), np.array([5000]), str, len)
 
 
 def test_looks_stay_with_their_triangles(tmp_path: Path) -> None:

@@ -18,8 +18,8 @@ from kinseek.support.transforms import rotation
 
 from .collada_geometry import TRIANGLES, bodies_of, children_of, corners_of, name_of, numbers_of, only
 from .collada_looks import looks_of
-from .limits import MOST_BODIES, Size, drawn_corners
-from .polygons import Array, Body, Looks, at_most, placed
+from .limits import MOST_BODIES, Size, at_most, drawn_corners
+from .polygons import Array, Body, Looks, placed
 from .stl import NUMBER
 
 _NAMESPACES = (
@@ -66,10 +66,7 @@ def read(text: bytes, take: Callable[[Size], None], looks: bool) -> tuple[list[B
     }
     corners = drawn_corners(sum(corners_by_geometry[each.geometry] for each in scene.shown), text)
     take(Size(scene.bodies, corners))
-    known = {
-        each: bodies_of(each, scene.named, looks, lambda tried: take(Size(0, 0, tried)))
-        for each in corners_by_geometry
-    }
+    known = {each: bodies_of(each, scene.named, looks, take) for each in corners_by_geometry}
     bodies = [
         placed(body, each.matrix)._replace(material=each.materials.get(body.material, body.material))
         for each in scene.shown

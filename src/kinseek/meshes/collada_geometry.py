@@ -15,8 +15,8 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 
-from .limits import MOST_CORNERS
-from .polygons import Array, Body, Indices, at_most, triangulated
+from .limits import MOST_CORNERS, Size, at_most
+from .polygons import Array, Body, Indices, triangulated
 from .stl import NUMBER
 
 _BLANK = r"[ \t\r\n]"
@@ -106,7 +106,7 @@ def corners_of(geometry: Any) -> int:
 
 
 def bodies_of(
-    geometry: Any, named: dict[str, list[Any]], looks: bool, tried: Callable[[int], object]
+    geometry: Any, named: dict[str, list[Any]], looks: bool, take: Callable[[Size], object]
 ) -> list[Body]:
     """Read a geometry; each of its primitives is a body, whose material is a symbol that instances bind.
 
@@ -114,7 +114,7 @@ def bodies_of(
         geometry: The element.
         named: All elements of the file by their ids.
         looks: Read normals, colours and coordinates in images, too? Those that are broken are left out.
-        tried: See `triangulated`.
+        take: See `triangulated`.
 
     Raises:
         InvalidRobot: It is no mesh, or not all of its triangles can be read.
@@ -141,7 +141,7 @@ def bodies_of(
     primitives = [_primitive(each, mesh) for name in TRIANGLES for each in found[name]]
     if not primitives:
         return []
-    return _divided(primitives, _rows(mesh.sources[url], who, ["X", "Y", "Z"]), mesh, tried)
+    return _divided(primitives, _rows(mesh.sources[url], who, ["X", "Y", "Z"]), mesh, take)
 
 
 class _Mesh(NamedTuple):
@@ -301,7 +301,7 @@ def _corners_of_triangles(name: str, count: int) -> Indices:
 
 
 def _divided(
-    primitives: list[_Primitive], positions: Array, mesh: _Mesh, tried: Callable[[int], object]
+    primitives: list[_Primitive], positions: Array, mesh: _Mesh, take: Callable[[Size], object]
 ) -> list[Body]:
     """Divide the polygons of all primitives into triangles, and return a body for each primitive."""
     sizes = np.concatenate([each.sizes for each in primitives])
@@ -311,7 +311,7 @@ def _divided(
     def place(number: int) -> str:
         return f"{mesh.who}, in <{primitives[int(np.searchsorted(ends, number, side='right'))].name}>"
 
-    triangles, owners = triangulated(positions, corners, sizes, place, tried)
+    triangles, owners = triangulated(positions, corners, sizes, place, take)
     order = np.argsort(owners, kind="stable")
     triangles, owners = triangles[order], owners[order]
     bodies, first = list[Body](), 0

@@ -19,8 +19,8 @@ from kinseek.support.transforms import from_quaternion
 
 from .glb_file import GlbFile, Json, Numbers, entry, listed, whole
 from .glb_looks import looks_of, painted
-from .limits import MOST_BODIES, Size, drawn_corners
-from .polygons import Array, Body, Indices, Looks, at_most, placed
+from .limits import MOST_BODIES, Size, at_most, drawn_corners
+from .polygons import Array, Body, Indices, Looks, placed
 
 _NO_SURFACE, _TRIANGLES, _STRIP, _FAN = (0, 1, 2, 3), 4, 5, 6
 """Modes of primitives; the first four are points and lines."""

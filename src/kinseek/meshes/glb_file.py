@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 
-from .polygons import at_most
+from .limits import at_most
 
 Json = dict[str, Any]
 Numbers = NDArray[Any]

@@ -14,8 +14,8 @@ import numpy as np
 from kinseek.errors import InvalidRobot
 
 from .glb_file import GlbFile, Json, entry, whole
-from .limits import MOST_BODIES, MOST_PIXELS, pixels_of_image
-from .polygons import Array, Body, Indices, Looks, at_most
+from .limits import MOST_BODIES, MOST_PIXELS, at_most, pixels_of_image
+from .polygons import Array, Body, Indices, Looks
 
 _FACTORS = {
     "baseColorFactor": 4,

@@ -19,8 +19,6 @@ from kinseek.robots.files import file_bytes
 from kinseek.support.forks import importing
 from kinseek.support.interrupts import raise_of_handler
 
-from .polygons import at_most
-
 ENDINGS = ("dae", "glb", "obj", "ply", "stl")
 """Extensions of the formats that are read, without the dot."""
 MOST_BODIES = 10_000
@@ -101,6 +99,12 @@ def ending(path: Path) -> str:
             f"{str(path)!r} is not read as a mesh: the name must end in {', '.join(first)} or {last}"
         )
     return found
+
+
+def at_most(count: int, most: int, noun: str) -> None:
+    """Reject more of something than a mesh may have."""
+    if count > most:
+        raise InvalidRobot(f"{count:,} {noun}, expected at most {most:,}: a mesh of an arm is smaller")
 
 
 class Size(NamedTuple):

@@ -10,8 +10,8 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 
-from .limits import MOST_CORNERS, MOST_LINE, MOST_LINES, Size, require_line_ends, utf8
-from .polygons import Array, Body, Indices, at_most, triangulated
+from .limits import MOST_CORNERS, MOST_LINE, MOST_LINES, Size, at_most, require_line_ends, utf8
+from .polygons import Array, Body, Indices, triangulated
 from .stl import NUMBER
 
 MOST_GROUPS = 1_000
@@ -102,7 +102,7 @@ def read(text: bytes, take: Callable[[Size], None]) -> tuple[list[Body], list[st
         vertex,
         counts,
         lambda face: f"line {places[face]}",
-        lambda tried: take(Size(0, 0, tried)),
+        take,
         first=1,
     )
     if len(wrong := np.flatnonzero(texture >= len(uv))):

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 
-from .limits import MOST_LINE, MOST_LINES, Size, require_line_ends
-from .polygons import Body, Indices, at_most, triangulated
+from .limits import MOST_LINE, MOST_LINES, Size, at_most, require_line_ends
+from .polygons import Body, Indices, triangulated
 
 MOST_HEADER = 1_000
 """Most lines in the header."""
@@ -93,13 +93,7 @@ def read(text: bytes, take: Callable[[Size], None]) -> list[Body]:
     at_most(len(face[corners]), 2 * MOST_ROWS, "corners of polygons")
     lists = _whole(face[f"{corners} length"], length), _whole(face[corners], kind)
     sizes, indices = (each.astype(np.int64) for each in lists)
-    triangles, owners = triangulated(
-        vertices,
-        indices,
-        sizes,
-        lambda row: f"face {row + 1:,}",
-        lambda tried: take(Size(0, 0, tried)),
-    )
+    triangles, owners = triangulated(vertices, indices, sizes, lambda row: f"face {row + 1:,}", take)
     colours = _colours(face, elements["face"])
     return [
         Body(

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 
+from .limits import Size, at_most
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -74,18 +76,12 @@ def placed(body: Body, matrix: Array) -> Body:
     )
 
 
-def at_most(count: int, most: int, noun: str) -> None:
-    """Reject more of something than a mesh may have."""
-    if count > most:
-        raise InvalidRobot(f"{count:,} {noun}, expected at most {most:,}: a mesh of an arm is smaller")
-
-
 def triangulated(
     vertices: Array,
     corners: Indices,
     sizes: Indices,
     place: Callable[[int], str],
-    tried: Callable[[int], object],
+    take: Callable[[Size], object],
     first: int = 0,
 ) -> tuple[Indices, Indices]:
     """Divide polygons into triangles, by the diagonals from one of their corners.
@@ -97,7 +93,7 @@ def triangulated(
         corners: Vertices of all polygons, one after the other.
         sizes: Number of corners of each polygon.
         place: Returns where the polygon is in the file, for errors.
-        tried: Is given the number of corners of all polygons of which another corner is tried, before it is tried.
+        take: Is given the corners of polygons of which another corner is tried, before it is tried.
         first: Number of the first vertex in the file.
 
     Returns:
@@ -133,7 +129,7 @@ def triangulated(
             turns += len(left) * size**2
             at_most(turns, _MOST_TURNS, "corners of polygons that are not convex, squared for each,")
             for turn in range(1, size) if len(left) else ():
-                tried(len(left) * size)
+                take(Size(0, 0, len(left) * size))
                 places[left] = begin[left] + (fan + turn) % size
                 left = left[~_inside(vertices[corners[places[left]]])]
             if len(left):

@@ -10,8 +10,8 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 
-from .limits import MOST_LINES, Size, utf8
-from .polygons import Body, at_most
+from .limits import MOST_LINES, Size, at_most, utf8
+from .polygons import Body
 
 NUMBER = rb"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
 """A finite number in text. Digits are matched once (``++``): dividing n of them again and again takes n² steps."""
