@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from typing import Any, NamedTuple, cast, get_args
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidGoal, InvalidProblem, UnitWarning
 from kinseek.goal import Frame, Goal
 from kinseek.pose_arguments import pose
-from kinseek.ranges import check_cone
+from kinseek.ranges import FRAMES, check_cone
 from kinseek.support.units import warn_of_angles
 from kinseek.tolerances import TOLERANCES, WEIGHTS
 
@@ -47,8 +47,8 @@ class GoalSpec(NamedTuple):
         options: Any = {name: getattr(self, name) for name in (*TOLERANCES, *WEIGHTS)}
         options |= {"free": split(self.free or ""), "box": self._ranges(deg), "tool": self._tool(deg)}
         cone = check_cone(np.deg2rad(self.cone) if deg else self.cone, not self.position_only)
-        if self.frame not in get_args(Frame):
-            raise InvalidGoal(f"--frame must be {' or '.join(get_args(Frame))}, got {self.frame!r}")
+        if self.frame not in FRAMES:
+            raise InvalidGoal(f"--frame must be {' or '.join(FRAMES)}, got {self.frame!r}")
         if self.position_only:
             return Goal.position(targets[..., :3, 3], **options)
         return Goal.pose(targets, frame=cast("Frame", self.frame), cone=cone, **options)

@@ -314,8 +314,9 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
     if path is not None and path.exists():
         if not cluster:
             require_own(path)
-        compare(str(path), Store.at(str(path)).description, description)
-        return checked(Store.at(str(path)))  # All that the finished map needs, before anything is computed.
+        there = Store.at(str(path))
+        compare(str(path), there.description, description)
+        return checked(there)  # All that the finished map needs, before anything is computed.
     attributes: dict[str, Any] = {
         "Conventions": "CF-1.11",
         "title": f"What {arm.name} reaches",

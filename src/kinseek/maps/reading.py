@@ -328,9 +328,8 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
     with _reading():
         cell = _variable(dataset, CELL, grid.dims)
         last = cell.isel(dict.fromkeys(cell.dims, -1))  # For most unfinished maps this is unknown.
-        if not (
-            bool(last >= 0) and bool((cell >= 0).all())
-        ):  # Block by block, before loading anything as a whole.
+        # Block by block, before loading anything as a whole; NaN is not known either.
+        if not (bool(last >= 0) and bool((cell >= 0).all())):
             raise InvalidMap(
                 "the map is not finished; repeat the call of maps.reach that began it to continue it"
             )

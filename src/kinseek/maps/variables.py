@@ -112,6 +112,6 @@ def is_possible(name: str, values: Array) -> bool:
     """Return whether all values of a variable in a finished block are in its range, or mean that nothing is reached."""
     variable = VARIABLES[name]
     good = (values >= variable.least - ROUNDING) & (values <= variable.most + ROUNDING)
-    if name in (*MEASURES, *TURNS) and np.isnan(variable.fill):
+    if name not in SHARES:  # They are known of every cell.
         good |= np.isnan(values)
     return bool(good.all())
