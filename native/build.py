@@ -46,6 +46,7 @@ TARGETS: dict[str, Any] = MACHINES["TARGETS"]
 LEVELS: dict[str, dict[int, str]] = MACHINES["LEVELS"]
 COMPILING: dict[str, str] = MACHINES["COMPILING"]
 OUTSIDE: dict[str, Any] = runpy.run_path(str(HERE / "outside.py"))
+KEPT: dict[str, Any] = runpy.run_path(str(HERE / "kept.py"))
 SOURCES: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "kernels" / "sources.py"))
 ALL: str = SOURCES["ALL"]
 PRIVATE: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "support" / "private.py"))
@@ -216,7 +217,7 @@ def _objects(keep: str | Path | None, place: str) -> Path:
         return Path(place)
     versions = [importlib.metadata.version(each) for each in ("numba", "llvmlite")]
     # Object files depend neither on this file nor on door.c.
-    name = "-".join([_digest_of("emit.py", "shortcuts.py", "targets.py"), *versions])
+    name = "-".join([_digest_of("emit.py", "kept.py", "shortcuts.py", "targets.py"), *versions])
     try:
         work: Path = PRIVATE["private_folder"](Path(keep), name)
         for path in work.rglob("*"):
@@ -275,7 +276,7 @@ def build(folder: Path, levels: list[int] | None = None, rooms: Iterable[str] = 
         _emit_all(work, wanted, known, some)
         _forget(work)
         table = _table(work, wanted, some, Path(place))
-        objects = [str(path) for level in wanted for path in _wanted(work, level, some)]
+        objects = _unpacked([path for level in wanted for path in _wanted(work, level, some)], Path(place))
         hidden = ["-fvisibility=hidden", f"-I{sysconfig.get_path('include')}", f"-I{HERE}"]
         new = Path(place) / library.name
         sources = [str(HERE / "door.c"), str(HERE / "runtime.c"), str(table)]
@@ -285,7 +286,7 @@ def build(folder: Path, levels: list[int] | None = None, rooms: Iterable[str] = 
         options = ["-O2", "-shared", "-fPIC", *bound, *hidden]
         if platform.libc_ver()[0] == "glibc" and machine() in LEVELS:
             options += ["-DWRAP_POW", "-Wl,--wrap=pow"]  # See runtime.c.
-        _run([compiler, *options, *sources, *objects, "-lm", "-o", str(new)])
+        _run([compiler, *options, *sources, *map(str, objects), "-lm", "-o", str(new)])
         _put(new, library)
     return library
 
@@ -307,7 +308,8 @@ def build_for(folder: Path, targets: list[str], keep: Path | None = None) -> lis
             at.mkdir(parents=True, exist_ok=True)
             (into := Path(place) / "tables" / name).mkdir(parents=True)
             table = _table(work / name, list(target.levels), [], into)
-            objects = [path for level in target.levels for path in _wanted(work / name, level, [])]
+            wanted = [path for level in target.levels for path in _wanted(work / name, level, [])]
+            objects = _unpacked(wanted, into)
             if target.linker:
                 made.append(
                     _link_foreign(at / f"_prebuilt{target.suffix}", target, table, objects, Path(place))
@@ -363,13 +365,37 @@ def _emit_foreign(work: Path, targets: list[str]) -> None:
 def _wanted(place: Path, level: int, rooms: list[str]) -> list[Path]:
     """Return the paths of the object files of some folders for a level, none before their names are known."""
     names = place / f"{source_digest()}.{level}.names"
-    known = [line.split() for line in names.read_text().splitlines()] if names.exists() else []
+    known = [line.split() for line in (KEPT["kept"](names) or b"").decode().splitlines()]
     return [place / f"{stem}.{level}.o" for room, stem in known if not rooms or room in rooms]
 
 
+def _unpacked(objects: list[Path], into: Path) -> list[Path]:
+    """Copy object files that are kept into a folder, ready to be linked; return the paths of the copies.
+
+    Raises:
+        BuildError: One is damaged; the next build compiles it anew.
+    """
+    copies = []
+    for path in objects:
+        data = KEPT["kept"](path)
+        if data is None:
+            raise BuildError(f"{PRINTABLE['printable'](str(path))} is damaged: build again")
+        copies.append(into / path.name)
+        copies[-1].write_bytes(data)
+    return copies
+
+
 def _take_up(places: list[tuple[Path, int]], rooms: list[str]) -> bool:
-    """Unmark kernels that an earlier run took and did not finish; return whether any kernel is left to compile."""
+    """Remove damaged files, and unmark kernels that an earlier run took and did not finish.
+
+    Returns:
+        Whether any kernel is left to compile.
+    """
     first, level = places[0]
+    for place, each in places:
+        for path in [*place.glob(f"*.{each}.names"), *place.glob(f"*.{each}.o")]:
+            if KEPT["kept"](path) is None:
+                path.unlink()
     for mark in first.glob(f"*.{level}.taken"):
         if not all((place / f"{mark.name.split('.')[0]}.{each}.o").exists() for place, each in places):
             mark.unlink()

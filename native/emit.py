@@ -23,6 +23,7 @@ import kinseek.kernels.away  # Before Numba, which would read a file of settings
 
 import llvmlite.binding as llvm
 import shortcuts
+from kept import keep
 from targets import TARGETS, Target
 
 from kinseek.kernels import entry, jit
@@ -63,7 +64,7 @@ def main() -> None:
         places = [(folder / name, level, one) for name, one in targets.items() for level in one.levels]
     for place, level, _ in places:
         place.mkdir(exist_ok=True)
-        _put(place / f"{source_digest()}.{level}.names", stems)
+        keep(place / f"{source_digest()}.{level}.names", stems)
     parent = os.getppid()
     for stem, job in reversed(jobs.items()) if backwards else jobs.items():
         if os.getppid() != parent:
@@ -71,20 +72,13 @@ def main() -> None:
         if _taken(places[0][0] / f"{stem}.{places[0][1]}.taken"):
             whole = module_of({job.name: job})
             for place, level, target in places:
-                _put(place / f"{stem}.{level}.o", _object_of(whole, job.name, target, level))
+                keep(place / f"{stem}.{level}.o", _object_of(whole, job.name, target, level))
 
 
 def _digest(job: Any) -> str:
     """Return the digest of the sources of an object file."""
     kernel, wrapper = module_digest(job.function.__module__), module_digest(module_of.__module__)
     return hashlib.sha256(f"{kernel} {wrapper}".encode()).hexdigest()[:16]
-
-
-def _put(path: Path, data: bytes) -> None:
-    """Write a file atomically."""
-    new = path.with_name(f"{path.name}.{os.getpid()}.new")
-    new.write_bytes(data)
-    new.rename(path)
 
 
 def _taken(path: Path) -> bool:

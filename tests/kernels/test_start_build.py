@@ -19,34 +19,65 @@ from places import ROOT
 if not (ROOT / "native").exists():
     pytest.skip("only the wheel is here", allow_module_level=True)
 BUILD = runpy.run_path(str(ROOT / "native" / "build.py"))
-take_up, objects = BUILD["_take_up"], BUILD["_objects"]
+take_up, objects, keep = BUILD["_take_up"], BUILD["_objects"], BUILD["KEPT"]["keep"]
 
 
 def name(folder: Path, level: int, *stems: str, room: str = "paths") -> None:
     """Write down what the library is made of for a level, as native/emit.py does."""
-    (folder / f"{BUILD['source_digest']()}.{level}.names").write_text(
-        "\n".join(f"{room} {stem}" for stem in stems)
-    )
+    names = "\n".join(f"{room} {stem}" for stem in stems)
+    keep(folder / f"{BUILD['source_digest']()}.{level}.names", names.encode())
+
+
+def emitted(path: Path) -> None:
+    """Write an object file and the mark of the process that has taken it, as native/emit.py does."""
+    path.with_suffix(".taken").touch()
+    keep(path, b"machine code")
 
 
 def test_what_an_earlier_run_did_not_finish_is_taken_again(tmp_path: Path) -> None:
     assert take_up([(tmp_path, 3)], [])
-    for each in ("ks_a-1.3.taken", "ks_b-2.3.taken", "ks_a-1.3.o"):
-        (tmp_path / each).touch()
+    emitted(tmp_path / "ks_a-1.3.o")
+    (tmp_path / "ks_b-2.3.taken").touch()
     name(tmp_path, 3, "ks_a-1", "ks_b-2")
     assert take_up([(tmp_path, 3)], [])
     assert (tmp_path / "ks_a-1.3.taken").exists()
     assert not (tmp_path / "ks_b-2.3.taken").exists()
     assert take_up([(tmp_path, 2)], [])
-    for each in ("ks_b-2.3.taken", "ks_b-2.3.o"):
-        (tmp_path / each).touch()
+    emitted(tmp_path / "ks_b-2.3.o")
     assert not take_up([(tmp_path, 3)], [])
+
+
+@pytest.mark.parametrize("damage", ["empty", "cut", "zeros", "bit"])
+@pytest.mark.parametrize("damaged", ["ks_a-1.3.o", "names"])
+def test_what_a_crash_has_damaged_is_compiled_anew(damage: str, damaged: str, tmp_path: Path) -> None:
+    name(tmp_path, 3, "ks_a-1", "ks_b-2")
+    for each in ("ks_a-1.3.o", "ks_b-2.3.o"):
+        emitted(tmp_path / each)
+    assert not take_up([(tmp_path, 3)], [])
+    path = next(tmp_path.glob("*.names")) if damaged == "names" else tmp_path / damaged
+    content = path.read_bytes()
+    last = content[:-1] + bytes([content[-1] ^ 1])
+    path.write_bytes({"empty": b"", "cut": content[:-1], "zeros": bytes(len(content)), "bit": last}[damage])
+    assert take_up([(tmp_path, 3)], [])
+    assert not path.exists()
+    assert (tmp_path / "ks_a-1.3.taken").exists() == (damaged == "names")
+    assert (tmp_path / "ks_b-2.3.taken").exists()
+
+
+def test_objects_are_linked_as_they_were_compiled_or_not_at_all(tmp_path: Path) -> None:
+    keep(tmp_path / "ks_a-1.3.o", b"machine code")
+    (into := tmp_path / "into").mkdir()
+    (copy,) = BUILD["_unpacked"]([tmp_path / "ks_a-1.3.o"], into)
+    assert copy.read_bytes() == b"machine code"
+    (tmp_path / "ks_a-1.3.o").write_bytes(b"machine code")
+    with pytest.raises(BUILD["BuildError"], match=r"ks_a-1\.3\.o is damaged: build again"):
+        BUILD["_unpacked"]([tmp_path / "ks_a-1.3.o"], into)
 
 
 def test_objects_of_other_sources_are_not_those_of_these(tmp_path: Path) -> None:
     name(tmp_path, 3, "ks_a-1", "ks_b-2")
     for each in ("ks_a-1.3.o", "ks_b-old.3.o", "ks_b-2.2.o"):
-        (tmp_path / each).touch()
+        emitted(tmp_path / each)
     assert take_up([(tmp_path, 3)], [])
     assert BUILD["_wanted"](tmp_path, 3, []) == [tmp_path / "ks_a-1.3.o", tmp_path / "ks_b-2.3.o"]
 
@@ -68,7 +99,7 @@ def test_the_library_is_built_for_this_processor_alone_unless_levels_are_named(
 
 def test_only_the_rooms_that_are_asked_for_are_waited_for(tmp_path: Path) -> None:
     name(tmp_path, 3, "ks_a-1")
-    (tmp_path / "ks_a-1.3.o").touch()
+    emitted(tmp_path / "ks_a-1.3.o")
     assert not take_up([(tmp_path, 3)], ["paths"])
     assert BUILD["_wanted"](tmp_path, 3, ["proof"]) == []
     assert BUILD["has_rooms"]({"paths", "proof"}, ["paths"])
@@ -86,8 +117,7 @@ def test_what_is_made_for_two_machines_is_finished_for_both(tmp_path: Path) -> N
     for folder in (one, two):
         folder.mkdir()
         name(folder, 1, "ks_a-1")
-    (one / "ks_a-1.1.taken").touch()
-    (one / "ks_a-1.1.o").touch()
+    emitted(one / "ks_a-1.1.o")
     assert take_up([(one, 1), (two, 1)], [])
     assert not (one / "ks_a-1.1.taken").exists()
 
@@ -238,7 +268,7 @@ def test_objects_are_kept_apart_for_each_compiler(tmp_path: Path) -> None:
     assert objects("", str(tmp_path)) == tmp_path
     kept = objects(str(tmp_path), "elsewhere")
     assert kept.is_dir()
-    assert BUILD["_digest_of"]("emit.py", "shortcuts.py", "targets.py") in kept.name
+    assert BUILD["_digest_of"]("emit.py", "kept.py", "shortcuts.py", "targets.py") in kept.name
     assert objects(tmp_path, "elsewhere") == kept
 
 
