@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,7 +36,8 @@ MOST_SHAPES = 2_000
 in which pinocchio takes shapes grows with the cube of their number."""
 
 MOST_HULL_CORNERS = 50_000
-"""Of the meshes of one file together, without the last one."""
+"""Of the meshes of one file together, without the last one. For these the first check of a scene takes some seconds. Further
+meshes are refused if they are used as hulls, and boxed if not."""
 
 
 class Part(NamedTuple):
@@ -225,7 +226,8 @@ class MeshFiles:
         """
         key = name, tuple(scale.tolist())
         if key not in self._known:
-            if self._corners > MOST_HULL_CORNERS:
+            spent = self._corners > MOST_HULL_CORNERS
+            if spent and self._hull:
                 raise InvalidScene(
                     f"{name!r}: the convex hulls of the meshes before it have {self._corners:,} corners together, expected "
                     f"at most {MOST_HULL_CORNERS:,} in one file: simplify the meshes, so that they have fewer vertices "
@@ -233,8 +235,11 @@ class MeshFiles:
                 )
             found = mesh_path(name, self.path, self._folders, "meshes=")
             mesh = Mesh.read(found, scale, self._hull, reader=self._reader)
-            mesh.geometry()  # Says now that there is no hull.
-            self._corners += len(mesh.corners) if self._hull else 0
+            if self._hull:
+                mesh.geometry()  # Says now that there is no hull.
+            else:
+                mesh = replace(mesh, boxed=spent)
+            self._corners += len(mesh.corners)
             self._known[key] = mesh
         return self._known[key]
 

@@ -15,12 +15,15 @@ from .geometry import library
 Array = NDArray[np.float64]
 
 MOST_CORNERS = 18_000
-"""Maximum number of candidate corners of one hull: on a sphere coal takes about 0.3 s for them, during which nothing
+"""Maximum number of candidate corners of one hull: on a sphere Qhull takes about 0.3 s for them, during which nothing
 interrupts it."""
 
 MOST_ON_SIDE = 1_500
 """Maximum number of corners of one flat side of a hull. The time grows with the square of their number: for two circles of
-1,000 coal takes 0.1 s, of 2,000 0.6 s, and of 4,000 2 s."""
+1,000 Qhull takes 0.2 s, of 2,000 0.9 s, of 4,000 4 s, and of 8,900 18 s."""
+
+_FAN = 32
+"""A flat side with more triangles is divided into a strip."""
 
 _PRODUCTS = 2**24
 """Maximum number of point-plane products computed at once."""
@@ -42,33 +45,71 @@ def convex_hull(vertices: Array, name: str) -> Any:
     Raises:
         InvalidScene: It has too many corners, or cannot be made; the error names the shape.
     """
-    coal = library("coal")
     outer = outermost(np.unique(vertices, axis=0))
     if len(outer) > MOST_CORNERS:
         raise InvalidScene(
             f"{name}: {len(outer):,} of its points may be corners of its convex hull, expected at most "
             f"{MOST_CORNERS:,}: simplify the mesh, so that it has fewer vertices where it is curved"
         )
+    if (most := _most_on_side(outer)) > MOST_ON_SIDE:
+        raise InvalidScene(
+            f"{name}: a flat side of its convex hull has {most:,} corners, expected at most {MOST_ON_SIDE:,}: "
+            f"simplify the mesh, so that it has fewer vertices where it is round"
+        )
     spatial = library("scipy.spatial")
-    try:  # Where Qhull fails, coal, which uses it too, may end the process. And coal is not interrupted.
+    try:
         hull = uninterrupted(lambda: spatial.ConvexHull(outer))
     except spatial.QhullError as error:
         raise InvalidScene(
             f"{name}: Qhull cannot make its convex hull: {str(error).strip().partition(chr(10))[0]}"
         ) from None
-    if (most := corners_of_sides(hull.equations)) > MOST_ON_SIDE:
-        raise InvalidScene(
-            f"{name}: a flat side of its convex hull has {most:,} corners, expected at most {MOST_ON_SIDE:,}: "
-            f"simplify the mesh, so that it has fewer vertices where it is round"
-        )
-    points = coal.StdVec_Vec3s()
-    for vertex in outer:
-        points.append(vertex)
-    try:  # Flat sides stay whole: if cut into triangles, a corner may have more neighbours than coal accepts.
-        return coal.ConvexBase.convexHull(points, False, "")
+    # Not by coal: where its Qhull warns of rounding, the process ends.
+    coal = library("coal")
+    points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    points.extend(list(outer[hull.vertices]))
+    for corners in np.searchsorted(hull.vertices, _few_neighbours(hull)).tolist():
+        triangles.append(coal.Triangle(*corners))
+    try:
+        return coal.Convex(points, triangles)
     except RuntimeError as error:
         why = str(error).rpartition("message:")[2].strip()
-        raise InvalidScene(f"{name}: coal cannot make its convex hull: {why}") from error
+        raise InvalidScene(f"{name}: coal cannot use its convex hull: {why}") from error
+
+
+def _few_neighbours(hull: Any) -> NDArray[np.int64]:
+    """Return the triangles of a hull of SciPy, (f, 3), with few edges inside of flat sides at each corner.
+
+    Qhull divides a side into a fan, and coal accepts at most 254 neighbours of a corner. Here a side with many corners is
+    divided into a strip.
+    """
+    triangles = np.asarray(hull.simplices, dtype=np.int64)
+    order, begins = _sides(hull.equations)
+    whole = np.flatnonzero(np.diff(begins) > _FAN)
+    strips = [_strip(triangles[order[begins[side] : begins[side + 1]]]) for side in whole.tolist()]
+    for side, strip in zip(whole.tolist(), strips, strict=True):
+        triangles[order[begins[side] : begins[side + 1]]] = strip
+    return triangles
+
+
+def _strip(fan: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Divide a polygon that is divided into triangles, (f, 3), into as many triangles of a strip."""
+    edges = np.sort(fan[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges, count = np.unique(edges, axis=0, return_counts=True)
+    beside: dict[int, list[int]] = {}
+    for one, other in edges[count == 1].tolist():
+        beside.setdefault(one, []).append(other)
+        beside.setdefault(other, []).append(one)
+    if any(len(two) != 2 for two in beside.values()):
+        return fan  # Not a polygon, because of rounding.
+    around = [next(iter(beside))]
+    while len(around) < len(fan) + 2:
+        before, after = beside[around[-1]]
+        around.append(after if len(around) > 1 and before == around[-2] else before)
+    if len(set(around)) < len(around):
+        return fan
+    zigzag = np.empty(len(around), dtype=np.int64)
+    zigzag[0::2], zigzag[1::2] = around[: (len(around) + 1) // 2], around[::-1][: len(around) // 2]
+    return np.stack([zigzag[:-2], zigzag[1:-1], zigzag[2:]], axis=1)
 
 
 def sides_of_hull(corners: Array) -> NDArray[np.int64]:
@@ -81,15 +122,15 @@ def sides_of_hull(corners: Array) -> NDArray[np.int64]:
     return np.asarray(np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices), dtype=np.int64)
 
 
-def corners_of_sides(planes: Array) -> int:
-    """Return the largest number of corners of a flat side of a hull.
+def _sides(planes: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the order of triangles by the sides of a hull that they lie in, (f,), and where each side begins, (s + 1,).
 
     Args:
-        planes: Planes of the triangles of all sides, (f, 4), as Qhull returns them: those of one side are equal.
+        planes: Planes of the triangles, (f, 4), as Qhull returns them: those of one side are equal.
     """
     order = np.lexsort(planes.T)
-    begins = np.flatnonzero(np.r_[True, (planes[order][1:] != planes[order][:-1]).any(axis=1), True])
-    return int(np.diff(begins).max()) + 2
+    changes = (planes[order][1:] != planes[order][:-1]).any(axis=1)
+    return order, np.flatnonzero(np.r_[True, changes, True])
 
 
 def farthest_beyond(points: Array, planes: Array) -> Array:
@@ -121,15 +162,34 @@ def outermost(points: Array, most: int = MOST_CORNERS) -> Array:
 
 def _inside_farthest(points: Array, count: int) -> NDArray[np.bool_]:
     """Return which points lie inside the hull of the farthest points in `count` directions."""
+    scaled, planes = _planes_of_farthest(points, count)
+    if not planes.size:
+        return np.zeros(len(points), dtype=np.bool_)
+    return farthest_beyond(scaled, planes) < -_DEEP
+
+
+def _planes_of_farthest(points: Array, count: int) -> tuple[Array, Array]:
+    """Return points scaled to a cube of size 1, and the planes (4, f) of the hull of the farthest in `count` directions.
+
+    There are no planes if there are too few points, or all lie in one.
+    """
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     scaled = (points - low) / np.where(size > 0, size, 1.0)
     farthest = np.unique([np.argmax(scaled @ way) for way in directions(count)])
     spatial = library("scipy.spatial")
     try:
         hull = spatial.ConvexHull(scaled[farthest])
-    except spatial.QhullError:  # Too few points, or all in a plane.
-        return np.zeros(len(points), dtype=np.bool_)
-    return farthest_beyond(scaled, np.ascontiguousarray(hull.equations.T)) < -_DEEP
+    except spatial.QhullError:
+        return scaled, np.zeros((4, 0))
+    return scaled, np.ascontiguousarray(hull.equations.T)
+
+
+def _most_on_side(points: Array) -> int:
+    """Return how many points lie on the largest flat side of their hull that the farthest points show."""
+    if len(points) <= MOST_ON_SIDE:
+        return 0
+    scaled, planes = _planes_of_farthest(points, _DIRECTIONS[1])
+    return max((int((np.abs(scaled @ n[:3] + n[3]) < _DEEP).sum()) for n in planes.T), default=0)
 
 
 def directions(count: int) -> Array:

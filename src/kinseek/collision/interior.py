@@ -2,8 +2,9 @@
 
 Triangles are joined across edges that belong to exactly two of them, and oriented alike. A surface is closed if each of its
 edges is then passed as often in one direction as in the other. Every closed surface is solid by itself, whichever way it is
-oriented. So surfaces that overlap do not cancel each other, even if one is inside out. The only exception is a cavity: a
-surface wholly inside a solid one, where the file orients both without contradiction and one opposite to the other.
+oriented. So surfaces that overlap do not cancel each other, even if one is inside out. If they share edges or triangles, the
+order in the file separates them: the triangles of each follow each other. The only exception is a cavity: a surface wholly
+inside a solid one, where the file orients both without contradiction and one opposite to the other.
 """
 
 from __future__ import annotations
@@ -48,9 +49,13 @@ class Interior:
         _, places = np.unique(vertices.round(_SAME), axis=0, return_inverse=True)
         corners = places.ravel()[faces]
         extended = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
-        left, both_sides = _without_opposites(corners[extended])
+        corners = corners[extended]
+        left, both_sides = _without_opposites(corners)
+        if not both_sides and _shares_edges(corners):
+            corners = _apart(corners, _parts(corners))
+            left, _ = _without_opposites(corners)
         used = extended[left]
-        flipped, surface, closed, self._trusted = _surfaces(corners[used])
+        flipped, surface, closed, self._trusted = _surfaces(corners[left])
         self.faces = faces.copy()
         """Triangles as indices of vertices, (f, 3); those of closed surfaces have their inside behind them."""
         self.faces[used[flipped]] = self.faces[used[flipped], ::-1]
@@ -168,6 +173,46 @@ class Interior:
         wrong[cavities] = self._volumes[cavities] > 0
         turned = self._used[np.repeat(wrong, self._ends - self._starts)]
         self.faces[turned] = self.faces[turned, ::-1]
+
+
+def _shares_edges(corners: Indices) -> bool:
+    """Return whether one edge belongs to more than two triangles."""
+    ends = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges = np.sort(ends[:, 0] * (corners.max(initial=0) + 1) + ends[:, 1])
+    return bool((edges[2:] == edges[:-2]).any())
+
+
+def _parts(corners: Indices) -> Indices:
+    """Divide connected triangles into parts, in the order of the file: a part ends as soon as it is closed.
+
+    Args:
+        corners: Triangles with three different corners, (f, 3).
+
+    Returns:
+        The number of the part of each, (f,). What is not closed at the end is a part, too.
+    """
+    edges, _ = _edges(corners)
+    order = np.argsort(edges, kind="stable")
+    starts = np.cumsum(np.bincount(edges)) - np.bincount(edges)
+    earlier = np.empty(len(edges), dtype=np.int64)  # Triangles before this one that pass the edge.
+    earlier[order] = np.arange(len(edges)) - starts[edges[order]]
+    opened = np.where(earlier % 2 == 0, 1, -1).reshape(-1, 3).sum(axis=1)
+
+    component = _components(len(corners), *_chained(edges))
+    order = np.argsort(component, kind="stable")
+    first = np.diff(component[order], prepend=-1) > 0
+    still_open = np.cumsum(opened[order])
+    still_open -= (still_open - opened[order])[first][component[order]]
+    begins = first | np.append(True, still_open[:-1] == 0)
+    part = np.empty(len(corners), dtype=np.int64)
+    part[order] = np.cumsum(begins) - 1
+    return part
+
+
+def _apart(corners: Indices, part: Indices) -> Indices:
+    """Return triangles, (f, 3), with other corners in each part, so that parts have none in common."""
+    _, renamed = np.unique(part[:, None] * (corners.max() + 1) + corners, return_inverse=True)
+    return renamed.reshape(-1, 3)
 
 
 def _without_opposites(corners: Indices) -> tuple[Indices, bool]:
