@@ -429,6 +429,82 @@ def test_a_link_that_leads_nowhere_is_not_written_through(tmp_path: Path) -> Non
     assert not (tmp_path / "missing").exists()
 
 
+@pytest.mark.parametrize("before", [False, True], ids=["first", "again"])
+def test_an_export_that_was_interrupted_can_be_repeated(
+    before: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next one said that kinseek had not written what the first one had."""
+    if before:
+        PARTS.write(tmp_path)
+    written, replace = list[str](), os.replace
+
+    def full(part: str, name: str, **folders: int) -> None:
+        if written:
+            raise OSError(28, "No space left on device")
+        replace(part, name, **folders)
+        written.append(name)
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(InvalidExport, match="No space left on device"):
+        PARTS.write(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["kinseek.h"]
+    monkeypatch.undo()
+    PARTS.write(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["kinseek.h", "main.c"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows opens no folders")
+def test_a_folder_that_is_exchanged_while_it_is_written_leads_nowhere_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another user who owns the folder around could put a link in its place, and files of the first were replaced."""
+    (victim := tmp_path / "victim").mkdir()
+    (victim / "main.c").write_text("mine")
+    (place := tmp_path / "c").mkdir()
+    remove = os.unlink
+
+    def exchange(name: str, **folder: int) -> None:
+        if place.is_dir() and not place.is_symlink():
+            place.rename(tmp_path / "away")
+            place.symlink_to(victim)
+        remove(name, **folder)
+
+    monkeypatch.setattr(os, "unlink", exchange)
+    PARTS.write(place)
+    assert place.is_symlink()
+    assert [path.read_text() for path in victim.iterdir()] == ["mine"]
+    assert sorted(path.name for path in (tmp_path / "away").iterdir()) == ["kinseek.h", "main.c"]
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives folders away")
+def test_a_folder_of_another_user_has_to_be_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other user could exchange the program before it was compiled and run."""
+    monkeypatch.setattr("kinseek.cli.commands.export.prepare", lambda *given, **named: PARTS)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scara4_c").mkdir()
+    os.chown(tmp_path / "scara4_c", 65534, 65534)
+    assert run(["export", "scara4", "--to", "c"]) == 2
+    assert "'scara4_c' belongs to another user; name a folder with --folder" in capsys.readouterr().err
+    assert run(["export", "scara4", "--to", "c", "--folder", "scara4_c"]) == 0
+
+
+def test_a_link_that_is_put_there_while_kernels_are_compiled_is_not_followed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def prepare(*given: Any, **named: Any) -> Parts:
+        (tmp_path / "scara4_c").symlink_to("elsewhere")
+        return PARTS
+
+    monkeypatch.setattr("kinseek.cli.commands.export.prepare", prepare)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    assert run(["export", "scara4", "--to", "c"]) == 2
+    assert "'scara4_c' is a link; name the folder with --folder" in capsys.readouterr().err
+    assert not any((tmp_path / "elsewhere").iterdir())
+
+
 def test_a_folder_that_is_a_link_has_to_be_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -259,7 +259,9 @@ def test_a_link_of_another_user_in_a_folder_of_all_is_not_followed(name: str, tm
     link.symlink_to(own if link.name == "folder" else own / "out.csv")
     assert output_path(shared / name, "--out") == own / "out.csv"
     os.lchown(link, ANOTHER, ANOTHER)
-    with pytest.raises(kinseek.InvalidProblem, match=f"is a link of user {ANOTHER} in a folder of all users"):
+    with pytest.raises(
+        kinseek.InvalidProblem, match=f"is a link of user {ANOTHER} in a folder of several users"
+    ):
         output_path(shared / name, "--out")
-    with pytest.raises(kinseek.InvalidMap, match=f"is a link of user {ANOTHER} in a folder of all users"):
+    with pytest.raises(kinseek.InvalidMap, match=f"is a link of user {ANOTHER} in a folder of several users"):
         maps.open(shared / name)

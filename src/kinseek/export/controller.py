@@ -25,7 +25,7 @@ from .c_calls import c_declarations, c_definitions
 from .c_text import array, defined, guarded, number, string
 from .compiling import compiled
 from .design import C, Design, chain_constants
-from .folder import own_folder, write_files
+from .folder import Owned, own_folder, write_files
 from .grid import grid_design
 from .targets import Cpu, Target, target_of
 from .tracker import tracker_design, tracker_goal, tracking
@@ -48,7 +48,6 @@ _CODE = (
 )
 _FK = ENTRIES["ks_write_poses"]
 _GENERATED = ("arm.h", "constants.h", "goal.h", "calls.h", "calls.c", "plan.h", "rows.h", "atlas.bin")
-_SOURCES = ("search.c", "track.c")
 
 
 @dataclass(frozen=True)
@@ -116,14 +115,8 @@ class Parts:
         Raises:
             InvalidExport: The folder cannot be made or written, or it has files of these names that are not kinseek's.
         """
-        place = checked_folder(folder)
-        stale = (
-            *FORMS.values(),
-            *_GENERATED,
-            *_SOURCES,
-        )  # Files that an earlier export wrote and this one may not.
-        write_files(place, self.files, stale)
-        return place
+        write_files(folder, _owned(), self.files)
+        return Path(folder)
 
 
 def checked_folder(folder: str | Path) -> Path:
@@ -132,8 +125,14 @@ def checked_folder(folder: str | Path) -> Path:
     Raises:
         InvalidExport: As `Parts.write`.
     """
-    names = {*FORMS.values(), *_GENERATED, *(each.name for each in C.rglob("*.[ch]"))}
-    return own_folder(folder, names, "kinseek.h", _MARK)
+    own_folder(folder, _owned())
+    return Path(folder)
+
+
+def _owned() -> Owned:
+    """Return which files of a folder are those of an export."""
+    sources = (each.name for each in C.rglob("*.[ch]"))
+    return Owned(frozenset((*FORMS.values(), *_GENERATED, *sources)), "kinseek.h", _MARK)
 
 
 def to_c(

@@ -2,34 +2,52 @@
 
 from __future__ import annotations
 
+import errno
 import os
-from collections.abc import Collection, Mapping
+import stat
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from kinseek.errors import InvalidExport
+from kinseek.support.private import resolved
 
 
-def own_folder(folder: str | Path, names: Collection[str], marked: str, mark: str) -> Path:
+class Owned(NamedTuple):
+    """The files of one kind of export."""
+
+    names: frozenset[str]
+    """Names of all files that such an export writes, or an earlier one may have written."""
+    marked: str
+    """The file whose beginning shows that the others are kinseek's."""
+    mark: str
+    """The beginning of that file."""
+
+
+def own_folder(folder: str | Path, owned: Owned) -> Path:
     """Check that an export may be written into a folder.
 
     Args:
         folder: It may be missing; the folder around it must exist. It may be a link, because its name is the user's.
-        names: Files that an export writes or removes.
-        marked: The file whose beginning shows that the others are kinseek's.
-        mark: The beginning of that file.
+        owned: The files of the export.
+
+    Returns:
+        Its path without links.
 
     Raises:
-        InvalidExport: The folder is not a path, cannot be made, or has files of these names that are not kinseek's.
+        InvalidExport: The folder is not a path, cannot be made, or has files of these names that are not kinseek's; or its
+            path has a link that another user may have put there.
     """
     if not isinstance(folder, str | Path) or not str(folder):
         raise InvalidExport(f"folder must be a path, got {folder!r}")
-    place = Path(folder)
-    head = place / marked
     try:
+        place = resolved(Path(folder))
         exists, fits, around = place.exists(), place.is_dir(), place.parent.is_dir()
-        ours = head.is_file() and _beginning(head, len(mark)) == mark
-        # A link that leads nowhere counts as a file.
-        foreign = [] if ours else [name for name in names if os.path.lexists(place / name)]
+        if fits:
+            with _opened(place) as opened:
+                opened.require_ours(owned)
     except (OSError, ValueError) as error:
         raise InvalidExport(f"cannot look into {str(folder)!r}: {error}") from error
     if exists and not fits:
@@ -38,41 +56,94 @@ def own_folder(folder: str | Path, names: Collection[str], marked: str, mark: st
         raise InvalidExport(
             f"folder {str(place.parent)!r}, in which {place.name!r} would be created, does not exist"
         )
-    if foreign:
-        raise InvalidExport(
-            f"{str(folder)!r} holds {', '.join(sorted(foreign))}, which kinseek did not write; choose another folder"
-        )
     return place
 
 
-def write_files(place: Path, files: Mapping[str, bytes], stale: Collection[str] = ()) -> None:
-    """Write files into a folder that `own_folder` has checked; make the folder if it is missing.
+def write_files(folder: str | Path, owned: Owned, files: Mapping[str, bytes]) -> None:
+    """Write the files of an export in place of those of an earlier one; make the folder if it is missing.
 
     Args:
-        place: The folder.
+        folder: As in `own_folder`.
+        owned: The files of the export.
         files: The content of each file, by its name.
-        stale: Files of an earlier export, which are removed first.
 
     Raises:
-        InvalidExport: The folder cannot be written.
+        InvalidExport: As in `own_folder`, or a file cannot be written.
     """
+    place = own_folder(folder, owned)
     try:
         place.mkdir(exist_ok=True)
-        for name in stale:
-            (place / name).unlink(missing_ok=True)
-        for name, content in files.items():
-            _write_anew(place / name, content)
+        with _opened(place) as opened:
+            opened.require_ours(owned)
+            # Whenever this ends, the marked file is there, so that the next export replaces what was written, and no program
+            # can be compiled of files of two exports.
+            for name in owned.names - {owned.marked}:
+                opened.remove(name)
+            for name in sorted(files, key=lambda name: name != owned.marked):
+                opened.put(name, files[name])
     except OSError as error:
         raise InvalidExport(f"cannot write into {str(place)!r}: {error.strerror or error}") from error
 
 
-def _beginning(path: Path, letters: int) -> str:
-    with path.open(encoding="utf-8", errors="replace") as file:
-        return file.read(letters)
+@contextmanager
+def _opened(place: Path) -> Iterator[_Folder]:
+    """Open a folder, so that another user who may rename it cannot put another one in its place meanwhile."""
+    if os.open not in os.supports_dir_fd:  # Windows.
+        yield _Folder(place, None)
+        return
+    descriptor = os.open(place, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        yield _Folder(place, descriptor)
+    finally:
+        os.close(descriptor)
 
 
-def _write_anew(path: Path, content: bytes) -> None:
-    """Replace a file or link; the target of a link stays unchanged."""
-    path.unlink(missing_ok=True)
-    with path.open("xb") as file:  # O_EXCL fails if a link appears meanwhile.
-        file.write(content)
+class _Folder(NamedTuple):
+    """A folder, with its descriptor where the system has one."""
+
+    place: Path
+    descriptor: int | None
+
+    def require_ours(self, owned: Owned) -> None:
+        """Check that files of an export are missing, or are kinseek's.
+
+        Raises:
+            InvalidExport: They are of somebody else. A link counts as a file, wherever it leads.
+        """
+        there = owned.names & set(os.listdir(self.place if self.descriptor is None else self.descriptor))
+        if there and self._beginning(owned.marked, len(owned.mark)) != owned.mark.encode():
+            raise InvalidExport(
+                f"{str(self.place)!r} holds {', '.join(sorted(there))}, which kinseek did not write; choose another folder"
+            )
+
+    def put(self, name: str, content: bytes) -> None:
+        """Write a whole file in place of a file or link of this name."""
+        part = f".{uuid.uuid4().hex}.part"
+        new = os.open(self._at(part), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666, dir_fd=self.descriptor)
+        try:
+            with open(new, "wb") as file:
+                file.write(content)
+            os.replace(self._at(part), self._at(name), src_dir_fd=self.descriptor, dst_dir_fd=self.descriptor)
+        except BaseException:  # Includes Ctrl-C.
+            self.remove(part)
+            raise
+
+    def remove(self, name: str) -> None:
+        """Remove a file or link if it is there."""
+        with suppress(FileNotFoundError):
+            os.unlink(self._at(name), dir_fd=self.descriptor)
+
+    def _beginning(self, name: str, count: int) -> bytes:
+        """Return the first bytes of a regular file, none of anything else."""
+        flags = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
+        try:
+            with open(os.open(self._at(name), os.O_RDONLY | flags, dir_fd=self.descriptor), "rb") as file:
+                return file.read(count) if stat.S_ISREG(os.fstat(file.fileno()).st_mode) else b""
+        except OSError as error:
+            if error.errno in (errno.ENOENT, errno.ELOOP):  # Not there, or a link.
+                return b""
+            raise
+
+    def _at(self, name: str) -> str:
+        """Return what the functions of `os` take: a name in the open folder, or a path."""
+        return name if self.descriptor is not None else str(self.place / name)

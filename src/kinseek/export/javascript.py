@@ -37,7 +37,7 @@ from kinseek.robots.sampling import low_discrepancy_steps
 from kinseek.support.transforms import inverse, square
 from kinseek.support.turns import one_turn
 
-from .folder import own_folder, write_files
+from .folder import Owned, own_folder, write_files
 from .wasm import CALLED, PLACES, wasm_module
 
 SCRIPT = Path(__file__).parent / "js" / "kinseek.js"
@@ -45,6 +45,8 @@ SCRIPT = Path(__file__).parent / "js" / "kinseek.js"
 
 _MARK = "// SPDX-License-Identifier: Apache-2.0\n// Inverse kinematics"
 """The beginning of `SCRIPT`, including earlier versions."""
+
+_OWNED = Owned(frozenset({"kinseek.js", "arms.json", "kinseek.wasm"}), "kinseek.js", _MARK)
 
 _MADE = (
     "atlas.tree.points",
@@ -75,11 +77,11 @@ def to_wasm(arms: Sequence[Arm], folder: str | Path, module: bytes | None = None
         MissingExtra: Numba or ziglang is not installed.
     """
     arms_json = json.dumps(arms_as_data(arms), allow_nan=False).encode()
-    place = own_folder(folder, ("kinseek.js", "arms.json", "kinseek.wasm"), "kinseek.js", _MARK)
+    own_folder(folder, _OWNED)
     kernels = wasm_module() if module is None else module
     files = {"kinseek.js": SCRIPT.read_bytes(), "arms.json": arms_json, "kinseek.wasm": kernels}
-    write_files(place, files)
-    return place
+    write_files(folder, _OWNED, files)
+    return Path(folder)
 
 
 def arms_as_data(arms: Sequence[Arm]) -> dict[str, Any]:

@@ -119,8 +119,9 @@ def resolved(path: Path) -> Path:
     """Return a path without links, as `Path.resolve` does; what it leads to may be missing.
 
     Raises:
-        NotPrivate: A link leads to itself, or is in a folder such as ``/tmp`` and another user may have put it there. Linux
-            does not follow such links either (``fs.protected_symlinks``), but `Path.resolve` reads them itself.
+        NotPrivate: A link leads to itself, or is in a folder that several users may write to, such as ``/tmp``, and another
+            user has put it there. In ``/tmp`` Linux does not follow such links either (``fs.protected_symlinks``), but
+            `Path.resolve` reads them itself.
         OSError: A folder cannot be searched.
         ValueError: The path has a null character.
     """
@@ -133,9 +134,9 @@ def resolved(path: Path) -> Path:
         except (FileNotFoundError, NotADirectoryError):
             return None
         around = entry.parent.stat()
-        shared = around.st_mode & stat.S_ISVTX and around.st_mode & OTHERS_WRITE
-        if stat.S_ISLNK(status.st_mode) and shared and status.st_uid not in (os.geteuid(), around.st_uid):
-            raise NotPrivate(f"{entry} is a link of user {status.st_uid} in a folder of all users")
+        shared = around.st_mode & OTHERS_WRITE
+        if stat.S_ISLNK(status.st_mode) and shared and status.st_uid not in (0, os.geteuid(), around.st_uid):
+            raise NotPrivate(f"{entry} is a link of user {status.st_uid} in a folder of several users")
         return status
 
     return _walked(path.absolute(), look)

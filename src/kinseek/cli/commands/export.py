@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -156,7 +157,7 @@ def command(
         pose = words.target(position_only, deg)
         goal = Goal.position(pose[:3, 3]) if position_only else Goal.pose(pose)
     search = _search(solver, loaded, tracking, more)
-    place = checked_folder(folder if folder is not None else _folder_of(loaded.name))
+    place = checked_folder(folder or _folder_of(loaded.name))
     parts = prepare(
         loaded,
         target,
@@ -169,7 +170,7 @@ def command(
         notice=complain,
     )
     complain(str(parts))  # Before anything is written, and what goes to stdout waits for the end.
-    parts.write(place)
+    parts.write(folder or _folder_of(loaded.name))
     report.print_parts(place, parts)
     return 0
 
@@ -201,9 +202,11 @@ def _folder_of(name: str) -> Path:
     """The folder in the working folder that is named after an arm.
 
     Raises:
-        InvalidExport: It is a link: the user named neither the link nor the folder that it leads to.
+        InvalidExport: It is a link, or belongs to another user: this user has named neither of them.
     """
     place = Path(re.sub(r"[^\w.-]", "_", name) + "_c")
     if place.is_symlink():
         raise InvalidExport(f"{str(place)!r} is a link; name the folder with --folder")
+    if hasattr(os, "geteuid") and place.exists() and place.stat().st_uid != os.geteuid():
+        raise InvalidExport(f"{str(place)!r} belongs to another user; name a folder with --folder")
     return place
