@@ -409,6 +409,22 @@ def test_proved_rings_hold_no_pose() -> None:
     assert maps.volume(m).most < rings.volume
 
 
+def test_loose_tolerances_find_what_the_arm_finds() -> None:
+    """Of 600 poses the map had 341 and `Arm.ik` 365, and bases were ranked by the smaller numbers."""
+    arm = kinseek.load("iiwa14")
+    T = arm.fk(arm.sample(300))
+    T[:, :3, 3] *= 1.1
+    goal = kinseek.Goal.pose(T, position_tolerance=0.01, orientation_tolerance=0.2)
+    found = arm.ik(goal).success
+    assert found.sum() - reached(arm, goal).sum() > 10
+    ranked = maps.best_base(arm, goal, np.eye(4)[None])
+    assert int(ranked.reached[0]) == found.sum()
+    assert maps.make.options_of({"position_tolerance": 0.01})["patience"] is None
+    assert maps.make.options_of({"goal": goal.at(np.eye(4))})["patience"] is None
+    assert maps.make.options_of({"position_tolerance": 0.01, "patience": 7})["patience"] == 7
+    assert maps.make.options_of({})["patience"] == 1000
+
+
 def test_the_best_base_reaches_most() -> None:
     poses = UR5E.fk(np.array([[0.0, -1.2, 1.4, -1.8, -1.5, 0.0], [0.5, -1.0, 1.2, -1.8, -1.5, 0.0]]))
     candidates = [
@@ -424,12 +440,24 @@ def test_the_best_base_reaches_most() -> None:
     assert not UR5E.ik(np.linalg.inv(ranked.base.values[-1]) @ poses[last]).success
 
 
+FINE = ((-1, 1, 1 / 33),) * 3
+
+
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
         (lambda: maps.orientations(0), "whole number from 1"),
         (lambda: maps.Grid((-1, 1, 1e-4), (-1, 1, 1e-4), (-1, 1, 1e-4), maps.orientations(72)), "too large"),
-        (lambda: maps.Grid((0, 1e7, 1e-3), (0, 1e7, 1e-3), (0, 1, 1), maps.orientations(72)), "too large"),
+        (lambda: maps.Grid((0, 1e7, 1e-3), (0, 1, 1), (0, 1, 1), maps.orientations(72)), "along one axis"),
+        (lambda: maps.reach(UR5E, WIDE, block=2**27), "block must be a whole number from 1 to 67,108,864"),
+        (
+            lambda: maps.reach(UR5E, maps.Grid(*FINE, maps.orientations(12)), block=12),
+            "has 287,496 blocks, expected at most 262,144: give a larger block=",
+        ),
+        (lambda: maps.reach(UR5E, WIDE, prove="no"), "prove must be True or False, got 'no'"),  # type: ignore[arg-type]
+        (lambda: maps.reach(UR5E, WIDE, 5), "what must be some of reached, "),  # type: ignore[arg-type]
+        (lambda: maps.reach(UR5E, WIDE, [["reached"]]), "unknown measure"),  # type: ignore[list-item]
+        (lambda: maps.best_base(UR5E, np.eye(4), np.eye(4), by=["both"]), "by must be"),  # type: ignore[arg-type]
         (lambda: maps.Grid((-1, 1, 0.3), (-1, 1, 0.1), (-1, 1, 0.1), maps.orientations(72)), "must divide"),
         (lambda: maps.Grid((1, -1, 0.1), (-1, 1, 0.1), (-1, 1, 0.1), maps.orientations(72)), "from < to"),
         (

@@ -89,7 +89,7 @@ def test_nothing_is_proved_to_be_reached_wholly_in_a_scene(scene: Scene) -> None
     part = tuple(slice(i, i + 1) for i in (19, 1, 17, 362_185))
     told = []
     for options in ({}, {"scene": scene}, {"scene": scene, "clearance": 0.01}):
-        asked = maps.make.options_of({"prove": True, "depth": 4, **options})
+        asked = maps.make.options_of({"prove": True, "depth": 4, "block": 2**20, **options})
         work = maps.make.work_of(ARM, fine, ("reached",), store=None, **asked)
         told.append(block.answered(work, block.scratch_of(work), fine.poses(part), part))
     assert [float(values["whole_share"].item()) for values in told] == [1.0, 0.0, 0.0]

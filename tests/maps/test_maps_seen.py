@@ -139,7 +139,7 @@ def test_places_that_differ_in_yaw_alone_are_seen_apart() -> None:
 
 @pytest.mark.slow
 def test_misuse_of_pictures_is_told(drawn: dict[str, Any]) -> None:
-    with pytest.raises(kinseek.InvalidUse, match="expand"):
+    with pytest.raises(kinseek.InvalidUse, match="map_slice"):
         plots.cloud(drawn["rings"])
     with pytest.raises(kinseek.InvalidUse, match="already"):
         plots.map_slice(drawn["rings"], y=0.1)
@@ -151,8 +151,30 @@ def test_misuse_of_pictures_is_told(drawn: dict[str, Any]) -> None:
         plots.map_slice(drawn["grid"]["reached"])
     with pytest.raises(kinseek.InvalidUse, match="no separate orientations: give the map itself"):
         plots.map_slice(maps.capability(drawn["grid"]), orientation=1)
+    for where, words in (
+        ({"z": np.nan}, "z must be a finite"),
+        ({"z": "a"}, "z must"),
+        ({"z": None}, "z must"),
+    ):
+        with pytest.raises(kinseek.InvalidUse, match=words):
+            plots.map_slice(drawn["grid"], **where)
+    for orientation in (1.5, "0", True):
+        with pytest.raises(kinseek.InvalidUse, match="orientation must be a whole number"):
+            plots.map_slice(drawn["grid"], orientation=orientation)  # type: ignore[arg-type]
+    with pytest.raises(kinseek.InvalidUse, match=r"ranked must be a result of maps\.best_base, got Dataset"):
+        plots.bases(drawn["grid"])
     with pytest.raises(kinseek.InvalidUse, match="at least one map"):
         plots.volumes([])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", [{"x": slice(None, None, 2)}, {"orientation": slice(4, None)}, {"z": 0}])
+def test_a_part_of_a_map_is_not_drawn_as_the_whole(drawn: dict[str, Any], part: dict[str, Any]) -> None:
+    """Its cells were stretched over the whole, and orientations had the numbers of others."""
+    some = drawn["grid"].isel(part)
+    for draw in (plots.map_slice, plots.cloud):
+        with pytest.raises(kinseek.InvalidMap, match=r"are not those of the map's grid"):
+            draw(some)
 
 
 def test_the_estimate_has_the_start_of_processes_in_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -57,7 +57,7 @@ def _place(tmp_path: Path, finished: Path) -> Path:
     return Path(shutil.copytree(finished, tmp_path / "map.zarr"))
 
 
-def reach(place: Path, **options: Any) -> Any:
+def reach(place: Path | None, **options: Any) -> Any:
     """Make the small map, or go on with it."""
     return maps.reach(ARM, GRID, store=place, **SMALL | options)
 
@@ -325,8 +325,32 @@ def test_metadata_that_others_may_write_to_is_read_and_not_believed(
 def test_a_folder_of_another_user_in_a_store_is_refused(place: Path) -> None:
     os.chown(place / "reached" / "c", 65534, -1)
     (place / "reached" / "c").chmod(0)
-    with pytest.raises(kinseek.InvalidMap, match="reached/c belongs to user 65534, and this is user 0"):
+    with pytest.raises(
+        kinseek.InvalidMap, match=r"reached/c belongs to user 65534, and this is user 0.* a copy"
+    ):
         reach(place)
+
+
+def test_what_is_no_store_is_not_to_be_made_private() -> None:
+    """The error advised to change the owner of the device."""
+    with pytest.raises(kinseek.InvalidMap, match="no map in '/dev/null'"):
+        reach(Path("/dev/null"))
+
+
+def test_a_run_joins_another_that_makes_the_same_store_at_the_same_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ended with: cannot be made, directory not empty."""
+    rename = os.rename
+
+    def late(making: Path, path: Path) -> None:
+        monkeypatch.setattr(os, "rename", rename)
+        reach(tmp_path / "m.zarr")
+        rename(making, path)
+
+    monkeypatch.setattr(os, "rename", late)
+    assert reach(tmp_path / "m.zarr").identical(reach(None))
+    assert [path.name for path in tmp_path.iterdir()] == ["m.zarr"]
 
 
 @pytest.mark.slow

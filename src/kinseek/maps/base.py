@@ -26,7 +26,7 @@ from kinseek.unknown_arguments import unknown_argument
 
 from .free import reached_freely
 from .measures import DEXTERITY, LIMITS, all_solutions, limit_distance
-from .search import reached
+from .search import patience_of, reached
 
 if TYPE_CHECKING:
     import xarray
@@ -104,8 +104,8 @@ def best_base(
         raise unknown_argument(best_base, unknown)
     goal = poses if isinstance(poses, Goal) else Goal.pose(as_pose(poses))
     goal, places = goal.at(goal.target.reshape(-1, 4, 4)), as_pose(candidates).reshape(-1, 4, 4)
-    if by not in QUALITIES:
-        raise InvalidMap(f"by must be one of {', '.join(QUALITIES)}, got {by!r}")
+    if not isinstance(by, str) or by not in QUALITIES:
+        raise InvalidMap(f"by must be one of {', '.join(QUALITIES)}, got {by!r:.200}")
     if arm.axes is None:
         raise InvalidMap(
             f"the ranking of bases needs the axes and links of an arm, but {arm.name!r} has black-box "
@@ -193,10 +193,11 @@ class _Judge(NamedTuple):
             found = np.asarray(solution.success)
             quality[found] = QUALITIES[self.by](self.arm, solution.q[found])
             return found, quality
+        patience = patience_of(goal.position_tolerance, goal.orientation_tolerance)
         found = (
-            reached(self.arm, goal)
+            reached(self.arm, goal, patience)
             if scene is None
-            else reached_freely(self.arm, goal, scene, self.clearance)
+            else reached_freely(self.arm, goal, scene, self.clearance, patience)
         )
         if found.any():
             q, firsts, _ = all_solutions(self.arm, goal.at(goal.target[found]), scene, self.clearance)

@@ -26,6 +26,9 @@ Range = tuple[float, float, float]
 MOST = 10**11
 """Maximum number of cells of a grid."""
 
+MOST_PLACES = 2**22
+"""Maximum number of cells along one dimension of positions, whose centres are kept."""
+
 BLOCK = 524_288
 """Approximate number of poses of a block: a tenth of a second to some seconds of one core."""
 
@@ -287,8 +290,10 @@ def _range(name: str, given: Any) -> Range:
             f"{name} must lie within {LARGEST:g} m of the origin, got ({low:g}, {high:g}, {step:g})"
         )
     cells = (high - low) / step
-    if cells > MOST:
-        raise InvalidMap(f"{name} has {cells:.3g} cells, expected at most {MOST:,} in all; increase the step")
+    if cells > MOST_PLACES:
+        raise InvalidMap(
+            f"{name} has {cells:,.0f} cells, expected at most {MOST_PLACES:,} along one axis; increase the step"
+        )
     if abs(cells - max(1, round(cells))) > _FITS * max(1.0, cells):
         raise InvalidMap(
             f"the step of {name} must divide its range: {high:g} - {low:g} is {cells:.6g} steps of {step:g}; "

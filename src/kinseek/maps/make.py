@@ -18,7 +18,7 @@ from kinseek.collision.solutions import judge_of
 from kinseek.errors import InvalidMap, MissingExtra, suggest
 from kinseek.goal import Goal
 from kinseek.support.private import resolved
-from kinseek.support.validation import as_integer
+from kinseek.support.validation import NO_BOUND, as_flag, as_integer
 from kinseek.tolerances import DEFAULT_TOLERANCE, TOLERANCES, check_tolerance
 
 from .block import Work, digest, slim, version
@@ -28,8 +28,8 @@ from .grid import BLOCK, Grid, Rings
 from .measures import REACHED, required
 from .reading import checked
 from .run import run
-from .search import PATIENCE
-from .store import DIGEST, Store, compare, require_own
+from .search import PATIENCE, patience_of
+from .store import DIGEST, MOST_BLOCKS, MOST_CHUNK, Store, blocks_of, compare, require_own
 from .variables import CELL, TURNS
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class Options(TypedDict, total=False):
     """Maximum number of boxes of joint values per proof; default 10,000."""
     patience: int | None
     """Maximum number of FK evaluations for a pose not solved from its first samples, or for which the closed form is not
-    certain; default 1,000. None uses as many as `Arm.ik`, and finds hardly more.
+    certain; None uses as many as `Arm.ik`. Default 1,000, which finds hardly fewer poses; None if a tolerance is above 1e-3.
     """
     block: int | None
     """Approximate number of poses per block; a block is lost if a worker dies. None means 524,288, with ``prove`` 8,192."""
@@ -90,12 +90,22 @@ def options_of(given: Mapping[str, Any]) -> Options:
     """Return all options, with defaults for those not given.
 
     Raises:
+        InvalidGoal: A tolerance is not valid.
         InvalidMap: An unknown option.
     """
     for name in given:
         if name not in DEFAULTS:
             raise InvalidMap(suggest(name, DEFAULTS, "option of a map"))
-    return cast(Options, {**DEFAULTS, **given})
+    options = cast(Options, {**DEFAULTS, **given})
+    for name in TOLERANCES:
+        check_tolerance(name, options[name])  # type: ignore[literal-required]
+    if "patience" not in given:
+        goal = options["goal"]
+        if isinstance(goal, Goal):
+            options["patience"] = patience_of(goal.position_tolerance, goal.orientation_tolerance)
+        else:
+            options["patience"] = patience_of(options["position_tolerance"], options["orientation_tolerance"])
+    return options
 
 
 def reach(
@@ -204,9 +214,7 @@ def work_of(
         value = given[name]
         if name in ("patience", "block") and value is None:
             continue
-        as_integer(name, value, least, error=InvalidMap)
-    for name in TOLERANCES:
-        check_tolerance(name, given[name])
+        as_integer(name, value, least, MOST_CHUNK if name == "block" else NO_BOUND, InvalidMap)
     # Raises if the first joint cannot be divided out.
     if isinstance(grid, Rings):
         divided(arm.axes)
@@ -223,13 +231,19 @@ def work_of(
     goal = given["goal"]
     if goal is not None:
         _check_goal(goal, grid, given)
-    chain, prove, patience = slim(arm.axes), bool(options["prove"]), options["patience"]
-    block = options["block"] or (PROVED if prove else BLOCK)
+    prove = as_flag("prove", options["prove"], InvalidMap)
+    chain, patience = slim(arm.axes), options["patience"]
+    chunks = grid.chunks(int(options["block"] or (PROVED if prove else BLOCK)))
+    if (blocks := math.prod(blocks_of(grid.shape, chunks))) > MOST_BLOCKS:
+        raise InvalidMap(
+            f"a map of {grid.size:,} cells in blocks of {math.prod(chunks):,} has {blocks:,} blocks, expected at most "
+            f"{MOST_BLOCKS:,}: give a larger block="
+        )
     return Work(
         chain=chain,
         arm=digest(chain),
         grid=grid.description(),
-        chunks=grid.chunks(int(block)),
+        chunks=chunks,
         what=required(what),
         position_tolerance=float(options["position_tolerance"]),
         orientation_tolerance=float(options["orientation_tolerance"]),
@@ -312,18 +326,32 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
     description = json.loads(json.dumps(description))  # In the form in which a store returns it.
     path = None if work.store is None else Path(work.store)
     if path is not None and path.exists():
-        if not cluster:
-            require_own(path)
-        there = Store.at(str(path))
-        compare(str(path), there.description, description)
-        return checked(there)  # All that the finished map needs, before anything is computed.
+        return _there(path, description, cluster)
     attributes: dict[str, Any] = {
         "Conventions": "CF-1.11",
         "title": f"What {arm.name} reaches",
         "source": f"kinseek {kinseek.__version__}, maps.reach",
         "references": "see docs/maps.md of kinseek",
     }
-    return Store.create(path, description, attributes)
+    try:
+        return Store.create(path, description, attributes)
+    except InvalidMap:
+        if path is None or not path.exists():
+            raise
+        return _there(path, description, cluster)  # Another run of this map was faster.
+
+
+def _there(path: Path, description: dict[str, Any], cluster: bool) -> Store:
+    """Return an existing store.
+
+    Raises:
+        InvalidMap: It is of another map, another user can change it, or it is damaged.
+    """
+    there = Store.at(str(path))
+    compare(str(path), there.description, description)
+    if not cluster:
+        require_own(path)
+    return checked(there)  # All that the finished map needs, before anything is computed.
 
 
 def require_extra() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -94,8 +94,11 @@ def required(what: Sequence[str]) -> tuple[str, ...]:
     Raises:
         InvalidMap: One of them is unknown.
     """
-    for name in [what] if isinstance(what, str) else what:
-        if name not in MEASURES:
+    if not isinstance(what, Iterable):
+        raise InvalidMap(f"what must be some of {', '.join(MEASURES)}, got {what!r:.200}")
+    what = [what] if isinstance(what, str) else list(what)
+    for name in what:
+        if not isinstance(name, str) or name not in MEASURES:
             raise InvalidMap(suggest(str(name), MEASURES, "measure"))
     return tuple(name for name in MEASURES if name == REACHED or name in what)
 

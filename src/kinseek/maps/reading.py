@@ -112,13 +112,18 @@ def _require_description(description: Any) -> None:
     as_number("the share of a turn of its first joint", description.get("first_turns"), 0.0, 1.0, InvalidMap)
 
 
-def _require_whole(dataset: xarray.Dataset, grid: Grid | Rings) -> None:
+def require_whole(dataset: xarray.Dataset | xarray.DataArray, grid: Grid | Rings) -> None:
     """Check that a map has the cells of its grid, in their order: a part of a map keeps the description of the whole.
+
+    Args:
+        dataset: The map, or its capability, which has no orientations.
+        grid: Its grid.
 
     Raises:
         InvalidMap: It has others, or its coordinates are missing.
     """
-    for name, places in zip(grid.dims, (*grid.places, np.arange(grid.shape[-1])), strict=True):
+    dims = grid.dims if hasattr(dataset, "data_vars") else grid.names
+    for name, places in zip(dims, (*grid.places, np.arange(grid.shape[-1])), strict=False):
         there = dataset.indexes.get(name)
         if there is None or len(there) != len(places) or not np.all(there.values == places):
             raise InvalidMap(
@@ -163,7 +168,7 @@ def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
     """
     description, T = described(dataset), as_pose(poses)
     grid = grid_of(description["grid"])
-    _require_whole(dataset, grid)
+    require_whole(dataset, grid)
     first = square(inverse(np.array(description["first_frame"]))) if isinstance(grid, Rings) else None
     flat = T.reshape(-1, 4, 4)
     cells = in_chunks(lambda some: np.stack(grid.cells_of(some if first is None else first @ some), -1), flat)
@@ -324,7 +329,7 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
         raise InvalidMap(f"what must be 'poses' or 'positions', got {what!r}")
     if CELL not in dataset:
         raise InvalidMap("bounds of a volume need proofs: make the map with maps.reach(..., prove=True)")
-    _require_whole(dataset, grid)
+    require_whole(dataset, grid)
     with _reading():
         cell = _variable(dataset, CELL, grid.dims)
         last = cell.isel(dict.fromkeys(cell.dims, -1))  # For most unfinished maps this is unknown.

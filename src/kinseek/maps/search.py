@@ -36,10 +36,19 @@ Flags = NDArray[np.bool_]
 PATIENCE = 1000
 """Maximum number of FK evaluations for a pose that is not solved from its first samples. Not examined further."""
 
+LOOSE = 1e-3
+"""Tolerance, [m] or [rad], above which there is no such maximum. Of 600 poses of the Panda, the UR5e and the iiwa14, some of
+them beyond reach, it loses up to 24 with 0.01 m and 0.2 rad, and none with 1e-3 m and 1e-3 rad."""
+
 ROUNDED = 1e-12
 """Reduction of tolerances, [m] and [rad], if one pose represents others that are rotated about the tip's z axis: the
 rounding error of the tip's pose after that rotation of the last joint.
 """
+
+
+def patience_of(position_tolerance: float, orientation_tolerance: float) -> int | None:
+    """Return the maximum number of FK evaluations for a pose, None for as many as `Arm.ik` uses."""
+    return PATIENCE if max(position_tolerance, orientation_tolerance) <= LOOSE else None
 
 
 def reached(arm: Arm, goal: Goal, patience: int | None = PATIENCE) -> Flags:

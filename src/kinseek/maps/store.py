@@ -48,14 +48,10 @@ _MARK = "uint32"
 _METADATA = "zarr.json"
 DIGEST = "digest"
 """Key of the digest in a description."""
-MOST_PLACES = 2**22
-"""Maximum number of cells along one dimension of positions when a map is opened."""
 MOST_BLOCKS = 2**18
-"""Maximum number of blocks when a map is opened: 10¹¹ cells in blocks of the usual size. Each has an entry in a table of
-tasks.
-"""
+"""Maximum number of blocks: 10¹¹ cells in blocks of the usual size. Each has an entry in a table of tasks."""
 MOST_CHUNK = 2**26
-"""Maximum number of cells of a block when a map is opened."""
+"""Maximum number of cells of a block."""
 CODECS = ["bytes", "zstd"]
 """Codecs of each array, in order. Some damaged blocks end the process in the decoder of Blosc."""
 
@@ -122,7 +118,7 @@ class Store(Lazy):
             variables = len(description["variables"])
             make(
                 _DONE,
-                shape=(*_blocks_of(shape, chunks), variables),
+                shape=(*blocks_of(shape, chunks), variables),
                 chunks=(*(1 for _ in shape), variables),
                 dtype=_MARK,
                 fill_value=0,
@@ -322,10 +318,6 @@ class Store(Lazy):
         chunks = description.get("chunks")
         if description.get("dims") != list(grid.dims) or description.get("shape") != list(grid.shape):
             raise self._unsound("its dimensions and shape are not those of its grid")
-        if max(grid.shape[:-1]) > MOST_PLACES:
-            raise self._unsound(
-                f"it has {max(grid.shape[:-1]):,} cells in a row, at most {MOST_PLACES:,} are read"
-            )
         if (
             not isinstance(chunks, list)
             or len(chunks) != len(grid.shape)
@@ -335,7 +327,7 @@ class Store(Lazy):
             or math.prod(chunks) > MOST_CHUNK
         ):
             raise self._unsound(f"its blocks are of {chunks!r:.200} cells, at most {MOST_CHUNK:,} are read")
-        blocks = _blocks_of(grid.shape, chunks)
+        blocks = blocks_of(grid.shape, chunks)
         if math.prod(blocks) > MOST_BLOCKS:
             raise self._unsound(f"it has {math.prod(blocks):,} blocks, at most {MOST_BLOCKS:,} are read")
         variables = variables_of(description, grid)
@@ -373,7 +365,7 @@ def signed(description: dict[str, Any]) -> dict[str, Any]:
     return {**rest, DIGEST: hashlib.sha256(text.encode()).hexdigest()[:16]}
 
 
-def _blocks_of(shape: Sequence[int], chunks: Sequence[int]) -> Index:
+def blocks_of(shape: Sequence[int], chunks: Sequence[int]) -> Index:
     """Return the number of blocks along each dimension."""
     return tuple(-(-n // chunk) for n, chunk in zip(shape, chunks, strict=True))
 
@@ -471,11 +463,14 @@ def _require_own(store: Path, folder: Path) -> None:
             f"the store {str(store)!r} holds a link, {str(folder.relative_to(store))!r}: blocks are only written to "
             "folders in the store. Use another store, or replace the link by its target"
         )
+    status = folder.lstat()
     try:
-        require_private(folder, folder.lstat())
+        require_private(folder, status)
     except NotPrivate as error:
-        at = shlex.quote(str(store))
+        cure = f"make this one private: chmod -R go-w {shlex.quote(str(store))}"
+        if status.st_uid != os.geteuid():
+            cure = "if you trust this one, a copy of it that belongs to you"
         raise InvalidMap(
             f"{error}, and this is user {os.geteuid()}: blocks are only written where no other user can change them. "
-            f"Use another store, or make this one private: chown -R {os.geteuid()} {at}; chmod -R go-w {at}"
+            f"Use another store, or {cure}"
         ) from None

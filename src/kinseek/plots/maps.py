@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidUse
 from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED
 from kinseek.maps.grid import Rings
-from kinseek.maps.reading import capability, grid_of_map, volume
+from kinseek.maps.reading import capability, grid_of_map, require_whole, volume
+from kinseek.support.validation import as_integer, is_finite_number
 
 from .figures import COLOURS, drawn, given_or_new, given_or_new_space, same_scale, text_of
 
@@ -54,11 +55,12 @@ def map_slice(
         The Matplotlib figure.
 
     Raises:
-        InvalidMap: It is not a map.
-        InvalidUse: No such dimension or orientation, or other axes.
+        InvalidMap: It is not a map, or only a part of one.
+        InvalidUse: No such dimension, place or orientation, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
     grid = grid_of_map(dataset)
+    require_whole(dataset, grid)
     if isinstance(grid, Rings):
         if where:
             raise InvalidUse(f"rings are a plane already, got {', '.join(where)}")
@@ -70,8 +72,11 @@ def map_slice(
         )
     if orientation is not None and _is_capability(dataset):
         raise InvalidUse("a capability has no separate orientations: give the map itself")
-    if orientation is not None and not 0 <= orientation < grid.shape[-1]:
-        raise InvalidUse(f"orientation must be from 0 to {grid.shape[-1] - 1}, got {orientation}")
+    if orientation is not None:
+        orientation = as_integer("orientation", orientation, 0, grid.shape[-1] - 1, InvalidUse)
+    for name, at in where.items():
+        if not is_finite_number(at):
+            raise InvalidUse(f"{name} must be a finite number [m], got {at!r:.200}")
     plane = dataset.sel(where, method="nearest") if where else dataset
     across, up = (name for name in grid.names if name not in where)
     extent = [
@@ -146,14 +151,15 @@ def cloud(
         The Matplotlib figure.
 
     Raises:
-        InvalidMap: It is not a map.
+        InvalidMap: It is not a map, or only a part of one.
         InvalidUse: A map of `Rings`, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
     grid = grid_of_map(dataset)
+    require_whole(dataset, grid)
     if isinstance(grid, Rings):
         raise InvalidUse(
-            "a cloud needs a map of a Grid; convert one of Rings with maps.expand, or draw it with map_slice"
+            "a cloud needs a map of a Grid; draw one of Rings, which are a plane, with map_slice"
         )
     share = _share(dataset).transpose(*grid.names).values
     x, y, z = np.meshgrid(*grid.places, indexing="ij")
@@ -239,9 +245,11 @@ def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] | None = Non
         The Matplotlib figure.
 
     Raises:
-        InvalidUse: Other axes.
+        InvalidUse: Not such a result, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
+    if not {"base", "reached", "examined"} <= set(getattr(ranked, "data_vars", ())):
+        raise InvalidUse(f"ranked must be a result of maps.best_base, got {type(ranked).__name__}")
     places, most = ranked["base"].values[:, :2, 3], ranked.attrs["poses"]
     reached = ranked["reached"].values * (most / ranked["examined"].values)
     (left, low), (right, high) = places.min(axis=0), places.max(axis=0)
