@@ -117,6 +117,12 @@ def test_fk_in_degrees_leaves_metres_alone(cli: CommandLine) -> None:
     assert np.allclose(cli("fk scara4 90 -90 0.1 45 --deg --json").facts["matrix"], expected, atol=1e-12)
 
 
+def test_where_no_solution_is_found_there_are_not_infinitely_many(cli: CommandLine) -> None:
+    said = cli("solve ur5e --at 9 0.2 0.3 --position-only --all", code=1).out
+    assert "no solution found; not proved that there is none" in said
+    assert "infinitely" not in said
+
+
 def test_json_holds_everything(cli: CommandLine) -> None:
     tolerances = "--orientation-tolerance 0.01 --position-tolerance 0.001"
     facts = cli("solve gen3 --at 0.4 0.1 0.5 --rpy 3.14 0 0", tolerances, "--json").facts
@@ -319,6 +325,10 @@ MISUSE = {
     "two rotations": (f"{PLANAR} --rpy 0 0 0", "--rpy and"),
     "two numbers": ("solve planar2 --at 0.3 0.4 --position-only", "needs 3 numbers, got 2"),
     "four numbers": (f"solve planar2 {REACHABLE} 7 --position-only", "needs 3 numbers, got 4"),
+    "digits of another script": (
+        "solve planar2 --at \u0660.\u0664 0.2 0 --position-only",
+        "'\u0660.\u0664' is not a number",
+    ),
     "a word": ("solve planar2 --at 0.3 up 0 --position-only", "'up' is not a number"),
     "NaN": ("solve planar2 --at nan 0 0 --position-only", "NaN"),
     "zero quaternion": (f"solve planar2 {REACHABLE} --quat-wxyz 0 0 0 0", "zero quaternion"),

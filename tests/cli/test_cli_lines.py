@@ -107,6 +107,12 @@ BAD = {
         '{"position": [0.4, 0.2, 0.3], "rpy": [0, 0, 0], "id": 1e999}',
         "must be finite, got 1e999",
     ),
+    "flags": ({**GOOD, "position": [True, False, 0.3]}, "position must be numbers, got [true, false, 0.3]"),
+    "flag near": ({**GOOD, "near": [0, 0, 0, 0, 0, True]}, "near must be a list of numbers"),
+    "a key twice": (
+        '{"position": [0.9, 0.2, 0.3], "position": [0.4, 0.2, 0.3], "rpy": [0, 0, 0]}',
+        "the key 'position' is there twice",
+    ),
     "words": ({**GOOD, "position": ["a", "b", "c"]}, "must be numbers"),
     "long number": ({**GOOD, "rpy": [0, 0, 10**400]}, "too large"),
     "no turn": ({"position": [0, 0, 0], "quat_wxyz": [0, 0, 0, 0]}, "zero quaternion"),

@@ -62,7 +62,9 @@ def _lines() -> Iterator[tuple[int, bytes]]:
 
 def _read(line: bytes | str) -> dict[str, Any]:
     try:
-        fields = json.loads(line, parse_float=_finite, parse_constant=_finite)
+        fields = json.loads(
+            line, parse_float=_finite, parse_constant=_finite, object_pairs_hook=_with_distinct_keys
+        )
     except json.JSONDecodeError as error:
         raise InvalidGoal(f"not JSON: {error.msg} at letter {error.pos + 1}") from None
     except InvalidGoal:
@@ -71,10 +73,28 @@ def _read(line: bytes | str) -> dict[str, Any]:
         raise InvalidGoal(f"not JSON: {error}") from None
     if not isinstance(fields, dict):
         raise InvalidGoal(f"a line must be an object with {', '.join(_KEYS)}; got {type(fields).__name__}")
-    for key in fields:
+    for key, value in fields.items():
         if key not in _KEYS:
             raise InvalidGoal(suggest(key, _KEYS, "key"))
+        # NumPy takes them for 0 and 1 if numbers are beside them.
+        if key not in ("id", "near") and any(isinstance(each, bool) for each in _flat(value)):
+            raise InvalidGoal(f"{key} must be numbers, got {json.dumps(value)[:200]}")
     return fields
+
+
+def _with_distinct_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Make an object; Python keeps the last of several values of a key."""
+    fields = dict(pairs)
+    if len(fields) < len(pairs):
+        names = [key for key, _ in pairs]
+        raise InvalidGoal(f"the key {next(key for key in names if names.count(key) > 1)!r} is there twice")
+    return fields
+
+
+def _flat(value: Any) -> list[Any]:
+    """Return what is in the rows of a list, one after the other."""
+    rows = value if isinstance(value, list) else [value]
+    return [each for row in rows for each in (row if isinstance(row, list) else [row])]
 
 
 def _finite(text: str) -> float:
@@ -127,7 +147,8 @@ def _has_rows(value: Any) -> bool:
 def _are_numbers(value: Any) -> bool:
     """Return whether a value is a list of numbers that floats can represent; integers in JSON have any length."""
     return isinstance(value, list) and all(
-        isinstance(each, int | float) and abs(each) <= sys.float_info.max for each in value
+        isinstance(each, int | float) and not isinstance(each, bool) and abs(each) <= sys.float_info.max
+        for each in value
     )
 
 

@@ -411,6 +411,8 @@ def _trajectory_facts(trajectory: Trajectory, file: FilePath) -> dict[str, Any]:
 
 def _how_many(found: Branches) -> str:
     count = _count(len(found), "solution")
+    if found.sampled and not len(found):
+        return "no solution found; not proved that there is none"
     if found.sampled:
         return f"{count}, a well-spread sample of infinitely many"
     if found.complete:

@@ -57,7 +57,11 @@ def join_lists(words: Sequence[str]) -> list[str]:
 def is_number(word: str) -> bool:
     """Return whether every part of the word between commas and blanks is a number, including NaN and infinity."""
     try:
-        return "_" not in word and bool([float(part) for some in word.split() for part in some.split(",")])
+        return (
+            word.isascii()
+            and "_" not in word
+            and bool([float(part) for some in word.split() for part in some.split(",")])
+        )
     except ValueError:
         return False
 
