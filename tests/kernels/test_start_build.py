@@ -10,6 +10,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -72,6 +73,35 @@ def test_objects_are_linked_as_they_were_compiled_or_not_at_all(tmp_path: Path) 
     (tmp_path / "ks_a-1.3.o").write_bytes(b"machine code")
     with pytest.raises(BUILD["BuildError"], match=r"ks_a-1\.3\.o is damaged: build again"):
         BUILD["_unpacked"]([tmp_path / "ks_a-1.3.o"], into)
+
+
+def test_objects_for_other_machines_are_linked_as_they_were_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build_for, linked = BUILD["build_for"], list[bytes]()
+
+    def emit(work: Path, targets: list[str]) -> None:
+        for target in targets:
+            (work / target).mkdir()
+            for level in BUILD["TARGETS"][target].levels:
+                name(work / target, level, "ks_a-1")
+                keep(work / target / f"ks_a-1.{level}.o", f"{target} {level}".encode())
+
+    def link(library: Path, target: Any, table: Path, objects: list[Path], work: Path) -> Path:
+        linked.extend(path.read_bytes() for path in objects)
+        return library
+
+    monkeypatch.setitem(build_for.__globals__, "_emit_foreign", emit)
+    monkeypatch.setitem(build_for.__globals__, "_link_foreign", link)
+    both = ["aarch64-linux-gnu", "x86_64-pc-windows-msvc"]
+    assert build_for(tmp_path / "out", both) == [tmp_path / "out" / both[0] / "_prebuilt.abi3.so"]
+    levels = [BUILD["TARGETS"][target].levels for target in both]
+    assert linked == [f"{both[0]} {level}".encode() for level in levels[0]]
+    # Nobody links for Windows here.
+    given = sorted(path.name for path in (tmp_path / "out" / both[1]).iterdir())
+    assert given == sorted(["table.c", *(f"ks_a-1.{level}.o" for level in levels[1])])
+    for level in levels[1]:
+        assert (tmp_path / "out" / both[1] / f"ks_a-1.{level}.o").read_bytes() == f"{both[1]} {level}".encode()
 
 
 def test_objects_of_other_sources_are_not_those_of_these(tmp_path: Path) -> None:
