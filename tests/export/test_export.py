@@ -24,7 +24,7 @@ import kinseek
 from kinseek import Atlas, BruteForce, DivideAndConquer, Goal
 from kinseek.cli.program import run
 from kinseek.errors import InvalidExport, InvalidSolver, MissingExtra
-from kinseek.export import TARGETS, Parts, compiling, controller, prepare, to_c
+from kinseek.export import TARGETS, Parts, compiling, controller, folder, prepare, to_c
 from kinseek.export.c_calls import c_declarations, c_definitions
 from kinseek.export.c_text import string
 from kinseek.kernels.entry import ENTRIES
@@ -501,8 +501,40 @@ def test_a_link_that_is_put_there_while_kernels_are_compiled_is_not_followed(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "elsewhere").mkdir()
     assert run(["export", "scara4", "--to", "c"]) == 2
-    assert "'scara4_c' is a link; name the folder with --folder" in capsys.readouterr().err
+    assert "cannot look into 'scara4_c'" in capsys.readouterr().err
     assert not any((tmp_path / "elsewhere").iterdir())
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives folders away")
+def test_a_folder_of_another_user_that_appears_at_the_last_moment_is_not_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mkdir = Path.mkdir
+
+    def other(folder: Path, *given: Any, **named: Any) -> None:
+        mkdir(folder, *given, **named)
+        os.chown(folder, 65534, 65534)
+
+    monkeypatch.setattr(Path, "mkdir", other)
+    with pytest.raises(InvalidExport, match="'arm_c' belongs to another user"):
+        PARTS.write(tmp_path / "arm_c", named=False)
+    assert not any((tmp_path / "arm_c").iterdir())
+    assert PARTS.write(tmp_path / "arm_c") == tmp_path / "arm_c"
+
+
+def test_one_of_two_exports_into_a_folder_waits_for_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both ended well, and the folder had files of each."""
+    fcntl = pytest.importorskip("fcntl")
+    monkeypatch.setattr(folder, "_PATIENCE", 0.1)
+    descriptor = os.open(tmp_path, os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    with pytest.raises(InvalidExport, match="another process is writing into"):
+        PARTS.write(tmp_path)
+    assert not any(tmp_path.iterdir())
+    os.close(descriptor)
+    PARTS.write(tmp_path)
 
 
 def test_a_folder_that_is_a_link_has_to_be_named(

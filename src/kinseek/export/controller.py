@@ -109,13 +109,17 @@ class Parts:
             )
         return " ".join(said)
 
-    def write(self, folder: str | Path) -> Path:
+    def write(self, folder: str | Path, named: bool = True) -> Path:
         """Write all files into a folder, and make the folder if it does not exist.
+
+        Args:
+            folder: The folder.
+            named: Has the user named it? Otherwise it must not be a link, and must belong to this user.
 
         Raises:
             InvalidExport: The folder cannot be made or written, or it has files of these names that are not kinseek's.
         """
-        write_files(folder, _owned(), self.files)
+        write_files(folder, _owned(), self.files, named)
         return Path(folder)
 
 

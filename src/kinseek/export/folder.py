@@ -5,14 +5,23 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import time
 import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
+try:
+    import fcntl
+except ImportError:  # Windows.
+    fcntl = None  # type: ignore[assignment]
+
 from kinseek.errors import InvalidExport
 from kinseek.support.private import resolved
+
+_PATIENCE = 10.0
+"""How long another export into the same folder is waited for [s]."""
 
 
 class Owned(NamedTuple):
@@ -26,12 +35,13 @@ class Owned(NamedTuple):
     """The beginning of that file."""
 
 
-def own_folder(folder: str | Path, owned: Owned) -> Path:
+def own_folder(folder: str | Path, owned: Owned, named: bool = True) -> Path:
     """Check that an export may be written into a folder.
 
     Args:
-        folder: It may be missing; the folder around it must exist. It may be a link, because its name is the user's.
+        folder: It may be missing; the folder around it must exist.
         owned: The files of the export.
+        named: Has the user named the folder? Then it may be a link, or belong to another user.
 
     Returns:
         Its path without links.
@@ -43,10 +53,10 @@ def own_folder(folder: str | Path, owned: Owned) -> Path:
     if not isinstance(folder, str | Path) or not str(folder):
         raise InvalidExport(f"folder must be a path, got {folder!r}")
     try:
-        place = resolved(Path(folder))
+        place = resolved(Path(folder)) if named else Path(folder).absolute()
         exists, fits, around = place.exists(), place.is_dir(), place.parent.is_dir()
         if fits:
-            with _opened(place) as opened:
+            with _opened(place, named) as opened:
                 opened.require_ours(owned)
     except (OSError, ValueError) as error:
         raise InvalidExport(f"cannot look into {str(folder)!r}: {error}") from error
@@ -59,21 +69,23 @@ def own_folder(folder: str | Path, owned: Owned) -> Path:
     return place
 
 
-def write_files(folder: str | Path, owned: Owned, files: Mapping[str, bytes]) -> None:
+def write_files(folder: str | Path, owned: Owned, files: Mapping[str, bytes], named: bool = True) -> None:
     """Write the files of an export in place of those of an earlier one; make the folder if it is missing.
 
     Args:
         folder: As in `own_folder`.
         owned: The files of the export.
         files: The content of each file, by its name.
+        named: As in `own_folder`.
 
     Raises:
         InvalidExport: As in `own_folder`, or a file cannot be written.
     """
-    place = own_folder(folder, owned)
+    place = own_folder(folder, owned, named)
     try:
-        place.mkdir(exist_ok=True)
-        with _opened(place) as opened:
+        with suppress(FileExistsError):
+            place.mkdir()
+        with _opened(place, named) as opened, _alone(opened):
             opened.require_ours(owned)
             # Whenever this ends, the marked file is there, so that the next export replaces what was written, and no program
             # can be compiled of files of two exports.
@@ -86,16 +98,47 @@ def write_files(folder: str | Path, owned: Owned, files: Mapping[str, bytes]) ->
 
 
 @contextmanager
-def _opened(place: Path) -> Iterator[_Folder]:
-    """Open a folder, so that another user who may rename it cannot put another one in its place meanwhile."""
+def _opened(place: Path, named: bool) -> Iterator[_Folder]:
+    """Open a folder, so that another user who may rename it cannot put another one in its place meanwhile.
+
+    Raises:
+        InvalidExport: It belongs to another user, and this one has not named it.
+        OSError: It is not a folder, or cannot be opened.
+    """
     if os.open not in os.supports_dir_fd:  # Windows.
         yield _Folder(place, None)
         return
     descriptor = os.open(place, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
+        if not named and os.fstat(descriptor).st_uid != os.geteuid():
+            raise InvalidExport(f"{place.name!r} belongs to another user; name a folder")
         yield _Folder(place, descriptor)
     finally:
         os.close(descriptor)
+
+
+@contextmanager
+def _alone(opened: _Folder) -> Iterator[None]:
+    """Let another export into the same folder end first, so that the files are those of one.
+
+    Raises:
+        InvalidExport: It does not end. Another user who may read the folder can cause that.
+    """
+    if fcntl is None or opened.descriptor is None:
+        yield
+        return
+    end = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            fcntl.flock(opened.descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
+        except BlockingIOError:
+            if time.monotonic() > end:
+                raise InvalidExport(f"another process is writing into {str(opened.place)!r}") from None
+            time.sleep(0.01)
+        except OSError:  # NFS locks no folder.
+            break
+    yield
 
 
 class _Folder(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -170,7 +171,7 @@ def command(
         notice=complain,
     )
     complain(str(parts))  # Before anything is written, and what goes to stdout waits for the end.
-    parts.write(folder or _folder_of(loaded.name))
+    parts.write(place, named=folder is not None)
     report.print_parts(place, parts)
     return 0
 
@@ -205,8 +206,12 @@ def _folder_of(name: str) -> Path:
         InvalidExport: It is a link, or belongs to another user: this user has named neither of them.
     """
     place = Path(re.sub(r"[^\w.-]", "_", name) + "_c")
-    if place.is_symlink():
+    try:
+        status = place.lstat()
+    except OSError:  # Nothing is there, or what writes it reports the error.
+        return place
+    if stat.S_ISLNK(status.st_mode):
         raise InvalidExport(f"{str(place)!r} is a link; name the folder with --folder")
-    if hasattr(os, "geteuid") and place.exists() and place.stat().st_uid != os.geteuid():
+    if hasattr(os, "geteuid") and status.st_uid != os.geteuid():
         raise InvalidExport(f"{str(place)!r} belongs to another user; name a folder with --folder")
     return place
