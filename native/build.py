@@ -373,13 +373,13 @@ def _unpacked(objects: list[Path], into: Path) -> list[Path]:
     """Copy object files that are kept into a folder, ready to be linked; return the paths of the copies.
 
     Raises:
-        BuildError: One is damaged; the next build compiles it anew.
+        BuildError: One is missing or damaged; the next build compiles it anew.
     """
     copies = []
     for path in objects:
         data = KEPT["kept"](path)
         if data is None:
-            raise BuildError(f"{PRINTABLE['printable'](str(path))} is damaged: build again")
+            raise BuildError(f"{PRINTABLE['printable'](str(path))} is missing or damaged: build again")
         copies.append(into / path.name)
         copies[-1].write_bytes(data)
     return copies

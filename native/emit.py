@@ -8,10 +8,13 @@
 
 from __future__ import annotations
 
+import os
+
+_PARENT = os.getppid()  # Before the imports, which take seconds: it may end meanwhile.
+
 import gc
 import hashlib
 import importlib
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -65,9 +68,8 @@ def main() -> None:
     for place, level, _ in places:
         place.mkdir(exist_ok=True)
         keep(place / f"{source_digest()}.{level}.names", stems)
-    parent = os.getppid()
     for stem, job in reversed(jobs.items()) if backwards else jobs.items():
-        if os.getppid() != parent:
+        if os.getppid() != _PARENT:
             sys.exit("native/emit.py: the build that asked for kernels has ended")
         if _taken(places[0][0] / f"{stem}.{places[0][1]}.taken"):
             whole = module_of({job.name: job})

@@ -1,4 +1,4 @@
-"""Files that a build keeps for the next one: each begins with a digest of the rest, because a crash may damage them."""
+"""Files that a build keeps for the next one: each begins with a digest of its name and the rest, because a crash may damage them."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import hashlib
 import os
 from pathlib import Path
 
-_DIGEST = hashlib.sha256().digest_size
+_SIZE = hashlib.sha256().digest_size
 
 
 def keep(path: Path, data: bytes) -> None:
     """Write a file atomically, with its digest."""
     new = path.with_name(f"{path.name}.{os.getpid()}.new")
-    new.write_bytes(hashlib.sha256(data).digest() + data)
+    new.write_bytes(_digest(path, data) + data)
     new.rename(path)
 
 
@@ -22,5 +22,10 @@ def kept(path: Path) -> bytes | None:
         content = path.read_bytes()
     except FileNotFoundError:
         return None
-    digest, data = content[:_DIGEST], content[_DIGEST:]
-    return data if hashlib.sha256(data).digest() == digest else None
+    digest, data = content[:_SIZE], content[_SIZE:]
+    return data if digest == _digest(path, data) else None
+
+
+def _digest(path: Path, data: bytes) -> bytes:
+    """Return a digest of a file's name and its content: a crash may exchange files, too."""
+    return hashlib.sha256(path.name.encode() + b"\n" + data).digest()

@@ -508,6 +508,12 @@ WRONG = {
         "x;y;z;qw;qx;qy;qz\n1;2;3;1;0;0;0\n1;2,5;3;1;0;0;0\n",
         "row 2: y is '2,5', which is not a number; numbers have a point",
     ),
+    "blanks for commas": (
+        "x y z\n0.4 0.2 0.3\n",
+        "row 1: x y z is '0.4 0.2 0.3', which is not a number; columns are separated by commas, not by blanks",
+    ),
+    "a blank in a number": ("x,y,z\n1,2,3\n1,2 000,3\n", "row 2: y is '2 000', which is not a number"),
+    "digits of another script": ("x,y,z\n1,\u0662,3\n", "row 1: y is '\u0662', which is not a number"),
     "a number of Python": ("x,y,z\n1,2,3\n1,2_0,3\n", "row 2: y is '2_0', which is not a number"),
     "nothing": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,,3,1,0,0,0\n", "row 2: y is '', which is not a number"),
     "short row": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,2,3\n", "row 2: 3 values, expected 7"),

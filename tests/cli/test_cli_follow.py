@@ -203,6 +203,15 @@ def test_a_trajectory_is_written(line: Any, tmp_path: Path, cli: CommandLine) ->
     assert Path("q.csv").exists()
 
 
+@pytest.mark.usefixtures("line")
+def test_if_no_trajectory_can_be_written_no_path_is(cli: CommandLine) -> None:
+    for name in ("q.csv", "t.csv"):
+        Path(name).write_text("old")
+    heard = cli.refused("follow ur5e line.npy q.csv --out t.csv --acceleration 5 --period 1e-9")
+    assert "period must be a number from" in heard
+    assert [Path(name).read_text() for name in ("q.csv", "t.csv")] == ["old", "old"]
+
+
 def test_the_fastest_motion_is_chosen(cli: CommandLine) -> None:
     arm = kinseek.load("panda")
     t = np.linspace(0.0, 2.0 * np.pi, 60)

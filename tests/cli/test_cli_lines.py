@@ -108,6 +108,8 @@ BAD = {
         "must be finite, got 1e999",
     ),
     "flags": ({**GOOD, "position": [True, False, 0.3]}, "position must be numbers, got [true, false, 0.3]"),
+    "null": ({"position": [0.4, 0.2, 0.3], "rpy": None}, "rpy must be numbers, got null"),
+    "null axis": ({"position": [0, 0, 0], "z_axis": None, "x_axis": [1, 0, 0]}, "z_axis must be numbers"),
     "flag near": ({**GOOD, "near": [0, 0, 0, 0, 0, True]}, "near must be a list of numbers"),
     "a key twice": (
         '{"position": [0.9, 0.2, 0.3], "position": [0.4, 0.2, 0.3], "rpy": [0, 0, 0]}',

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
@@ -17,6 +18,7 @@ import pytest
 import kinseek
 from command_line import CommandLine
 from kinseek.cli import main
+from kinseek.cli.program import run
 from kinseek.cli.layout import sentence, table
 from kinseek.robots import catalog_names
 from robot_files import TURNING, robot, write
@@ -206,6 +208,15 @@ def test_a_sentence_is_broken_at_blanks() -> None:
 # What --json says of goals and proofs
 
 SOLVE = "solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --json"
+
+
+def test_a_reader_that_is_slow_does_not_keep_control_c(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Slow(io.StringIO):
+        def flush(self) -> None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "stdout", Slow())
+    assert run(["--version"]) == 130
 
 
 @pytest.mark.parametrize(

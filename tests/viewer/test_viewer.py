@@ -90,6 +90,19 @@ def test_out_of_reach_says_what_is_proved(name: str, sessions: dict[str, Session
     assert f"{proof.certificate.lower_bound:.4g}" in " ".join(proof.sentences())
 
 
+@pytest.mark.parametrize("free", [("x",), ("z", "rz"), ("rx", "ry"), ("x", "y", "rz"), ("x", "rx", "ry", "rz")])
+def test_a_missed_goal_with_free_axes_is_proved_in_words(free: tuple[str, ...]) -> None:
+    """Each rest of the goal printed a traceback, and the page waited for a proof for ever."""
+    session = Session(kinseek.load("ur5e"))
+    options = session.begin.but(target=kinseek.pose([4.0, 4.0, 5.0], rpy=[0.1, 0.2, 0.3]), free=free)
+    assert not session.solve(options).reached
+    began = time.monotonic()
+    for proof in session.proofs(options, lambda: time.monotonic() > began + 1.0):
+        said = " ".join(proof.sentences())
+        assert "Proved: every pose has a weighted error of at least" in said
+        assert {"x", "y", "z"}.isdisjoint(free) or "whatever its orientation" not in said
+
+
 def test_a_proof_ends_when_it_is_no_longer_wanted(sessions: dict[str, Session]) -> None:
     session = sessions["atlas_torso_arm"]
     began = time.monotonic()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 import kinseek
 from kinseek import Scene, Status, viewer
+from kinseek.collision.surfaces import drawn_bodies
 from kinseek.viewer import words
 from kinseek.viewer.session import Session, call_of, status_of
 from viewer_pages import CAMERA, client, page_of, wait_until
@@ -58,6 +60,8 @@ def test_answers_in_a_scene_are_free_and_the_call_says_so(session: Session) -> N
         assert result.reached == bool(UR5E.ik(target, scene=scene).success)
         assert bool(session.contacts(result.q)) == (not result.reached) == (not scene.free(result.q))
     assert call_of(session.begin, True) == "arm.ik(T, near=q, scene=scene)"
+    wary = Session(UR5E, scene, clearance=0.15)
+    assert wary.call(wary.begin) == "arm.ik(T, near=q, scene=scene, clearance=0.15)"
 
 
 def test_a_goal_that_is_blocked_is_told_and_proved(session: Session) -> None:
@@ -174,6 +178,37 @@ def boxes(page: Any) -> dict[str, np.ndarray[Any, Any]]:
     return {
         name: body.parts[0].shape.size for name, body in page._bodies.items() if body.is_box and body.alone
     }
+
+
+def test_a_body_is_dragged_quickly_among_many(session: Session) -> None:
+    """Each message took time for every body, in the loop that serves all pages."""
+    scene = Scene.of(UR5E, capsules=0.05)
+    for i in range(300):
+        scene.add_box(f"{i}", (0.02, 0.02, 0.02), kinseek.pose([2.0 + i / 10, 0.0, 0.5]))
+    with page_of(Session(UR5E, scene)) as page:
+        page.select_body("7")
+        before = dict(page._bodies)
+        made = page.view.bodies._made
+        page._mover.give((np.array([1.0, 0.0, 0.0, 0.0]), np.array([1.0, 2.0, 0.5])))
+        wait_until(lambda: page.idle)
+        np.testing.assert_array_equal(page._bodies["7"].frame.pose[:3, 3], [1.0, 2.0, 0.5])
+        assert [name for name, body in page._bodies.items() if body is not before[name]] == ["7"]
+        assert page.view.bodies._made == made
+        page._mover.give((np.array([np.nan, 0.0, 0.0, 0.0]), np.array([1.0, 2.0, 0.5])))
+        wait_until(lambda: page.idle)
+        np.testing.assert_array_equal(page._bodies["7"].frame.pose[:3, 3], [1.0, 2.0, 0.5])
+
+
+def test_the_call_for_a_body_of_several_shapes_keeps_them(tmp_path: Path) -> None:
+    """The line replaced a table with legs by its top."""
+    parts = '<collision><geometry><box size="1 1 0.05"/></geometry></collision>' * 2
+    (tmp_path / "table.urdf").write_text(f'<robot name="r"><link name="table">{parts}</link></robot>')
+    scene = Scene.of(UR5E, capsules=0.05)
+    scene.add_file(tmp_path / "table.urdf")
+    before = drawn_bodies(scene)
+    scene._place("table", kinseek.pose([2.0, 0.0, 0.0]))
+    (line,) = words.changes_of(before, drawn_bodies(scene))
+    assert line.startswith("# 'table' is moved to kinseek.pose([2.0, 0.0, 0.0]")
 
 
 def test_a_visitor_edits_a_scene_of_their_own(page: Any, session: Session) -> None:

@@ -152,12 +152,18 @@ def _row(words: list[str], names: list[str]) -> list[float]:
     if len(words) != len(names):
         raise ValueError(f"{len(words)} values, expected {len(names)}, one per column")
     with contextlib.suppress(ValueError):
-        if "_" not in "".join(words):  # Which float() takes inside a number.
+        if "_" not in (line := "".join(words)) and line.isascii():  # Which float() takes inside a number.
             return list(map(float, words))
-    wrong = (each for each in zip(names, words, strict=True) if "," in each[1] or not is_number(each[1]))
-    name, word = next(wrong)
-    hint = "; numbers have a point, not a comma" if is_number(word) else ""
+    name, word = next(each for each in zip(names, words, strict=True) if not _is_one_number(each[1]))
+    hint = ""
+    if is_number(word):  # Several, with commas or blanks between them.
+        point, blanks = "numbers have a point, not a comma", "columns are separated by commas, not by blanks"
+        hint = f"; {point if ',' in word else blanks}"
     raise ValueError(f"{name} is {word!r}, which is not a number{hint}")
+
+
+def _is_one_number(word: str) -> bool:
+    return is_number(word) and "," not in word and len(word.split()) == 1
 
 
 def _refuse_twice(names: list[str], where: str) -> None:

@@ -76,8 +76,8 @@ def _read(line: bytes | str) -> dict[str, Any]:
     for key, value in fields.items():
         if key not in _KEYS:
             raise InvalidGoal(suggest(key, _KEYS, "key"))
-        # NumPy takes them for 0 and 1 if numbers are beside them.
-        if key not in ("id", "near") and any(isinstance(each, bool) for each in _flat(value)):
+        # NumPy takes flags for 0 and 1 if numbers are beside them, and a rotation that is null is none.
+        if key not in ("id", "near") and any(each is None or isinstance(each, bool) for each in _flat(value)):
             raise InvalidGoal(f"{key} must be numbers, got {json.dumps(value)[:200]}")
     return fields
 

@@ -84,7 +84,7 @@ def write_out(text: str, code: int) -> int:
 
 def _not_written(stream: Any, error: OSError) -> int:
     """Report that a stream accepts no output; return the exit code."""
-    _forget(stream)
+    forget(stream)
     if isinstance(error, BrokenPipeError):
         return BROKEN_PIPE
     complain(f"cannot write the output: {error.strerror or error}")
@@ -119,7 +119,7 @@ def warnings_in_one_line() -> Iterator[None]:
         yield
 
 
-def _forget(stream: Any) -> None:
+def forget(stream: Any) -> None:
     """Redirect a broken stream to the null device; otherwise Python would try to write to it again at exit."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, cast
@@ -13,7 +14,7 @@ import kinseek
 from kinseek.errors import KinseekError, suggest
 
 from .help import Option, definitions, paragraph
-from .output import buffered_output, complain, warnings_in_one_line, write_out
+from .output import buffered_output, complain, forget, warnings_in_one_line, write_out
 from .words import join_lists
 
 COMMANDS = (
@@ -107,7 +108,11 @@ def run(arguments: Sequence[str]) -> int:
         PROGRAM.main([], prog_name="kinseek", complete_var=COMPLETE)
     with buffered_output() as buffer, warnings_in_one_line():
         code = _run(arguments)
-    return write_out(buffer.getvalue(), code)
+    try:
+        return write_out(buffer.getvalue(), code)
+    except KeyboardInterrupt:  # While a pipe waits for its reader.
+        forget(sys.stdout)
+        return 130
 
 
 def _run(arguments: Sequence[str]) -> int:

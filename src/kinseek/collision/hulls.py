@@ -14,6 +14,10 @@ from .geometry import library
 
 Array = NDArray[np.float64]
 
+LEAST_APART = 1e-11
+"""Distance of corners, relative to their largest coordinate, up to which one of them is left out. Hulls of corners 1e-15 to 1e-13
+apart are folded by rounding, and coal, which walks along the edges of a hull, does not find the farthest corner."""
+
 MOST_CORNERS = 18_000
 """Maximum number of candidate corners of one hull: on a sphere Qhull takes about 0.3 s for them, during which nothing
 interrupts it."""
@@ -45,7 +49,7 @@ def convex_hull(vertices: Array, name: str) -> Any:
     Raises:
         InvalidScene: It has too many corners, or cannot be made; the error names the shape.
     """
-    outer = outermost(np.unique(vertices, axis=0))
+    outer = _apart(outermost(np.unique(vertices, axis=0)))
     if len(outer) > MOST_CORNERS:
         raise InvalidScene(
             f"{name}: {len(outer):,} of its points may be corners of its convex hull, expected at most "
@@ -74,6 +78,18 @@ def convex_hull(vertices: Array, name: str) -> Any:
     except RuntimeError as error:
         why = str(error).rpartition("message:")[2].strip()
         raise InvalidScene(f"{name}: coal cannot use its convex hull: {why}") from error
+
+
+def _apart(points: Array) -> Array:
+    """Leave out points that are nearer than `LEAST_APART` to one that stays, (k, 3) -> (l, 3)."""
+    least = LEAST_APART * float(np.abs(points).max())
+    _, first = np.unique(np.round(points / least), axis=0, return_index=True)
+    points = points[np.sort(first)]  # At most one in each cell, so that pairs are few.
+    pairs = library("scipy.spatial").cKDTree(points).query_pairs(least, output_type="ndarray")
+    stays = np.ones(len(points), dtype=np.bool_)
+    for one, other in pairs[np.lexsort(pairs.T[::-1])].tolist():
+        stays[other] &= not stays[one]
+    return points[stays]
 
 
 def _few_neighbours(hull: Any) -> NDArray[np.int64]:
@@ -162,34 +178,30 @@ def outermost(points: Array, most: int = MOST_CORNERS) -> Array:
 
 def _inside_farthest(points: Array, count: int) -> NDArray[np.bool_]:
     """Return which points lie inside the hull of the farthest points in `count` directions."""
-    scaled, planes = _planes_of_farthest(points, count)
-    if not planes.size:
-        return np.zeros(len(points), dtype=np.bool_)
-    return farthest_beyond(scaled, planes) < -_DEEP
-
-
-def _planes_of_farthest(points: Array, count: int) -> tuple[Array, Array]:
-    """Return points scaled to a cube of size 1, and the planes (4, f) of the hull of the farthest in `count` directions.
-
-    There are no planes if there are too few points, or all lie in one.
-    """
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     scaled = (points - low) / np.where(size > 0, size, 1.0)
     farthest = np.unique([np.argmax(scaled @ way) for way in directions(count)])
     spatial = library("scipy.spatial")
     try:
         hull = spatial.ConvexHull(scaled[farthest])
-    except spatial.QhullError:
-        return scaled, np.zeros((4, 0))
-    return scaled, np.ascontiguousarray(hull.equations.T)
+    except spatial.QhullError:  # Too few points, or all in a plane.
+        return np.zeros(len(points), dtype=np.bool_)
+    return farthest_beyond(scaled, np.ascontiguousarray(hull.equations.T)) < -_DEEP
 
 
 def _most_on_side(points: Array) -> int:
-    """Return how many points lie on the largest flat side of their hull that the farthest points show."""
+    """Return how many points lie on the flat side of their hull with the most corners, found in the hull of some of them."""
     if len(points) <= MOST_ON_SIDE:
         return 0
-    scaled, planes = _planes_of_farthest(points, _DIRECTIONS[1])
-    return max((int((np.abs(scaled @ n[:3] + n[3]) < _DEEP).sum()) for n in planes.T), default=0)
+    some = points[np.random.default_rng(0).permutation(len(points))[:MOST_ON_SIDE]]
+    spatial = library("scipy.spatial")
+    try:
+        planes = uninterrupted(lambda: spatial.ConvexHull(some)).equations
+    except spatial.QhullError:
+        return 0
+    order, begins = _sides(planes)
+    plane = planes[order[begins[np.argmax(np.diff(begins))]]]
+    return int((np.abs(points @ plane[:3] + plane[3]) < _DEEP * float(np.ptp(points, axis=0).max())).sum())
 
 
 def directions(count: int) -> Array:

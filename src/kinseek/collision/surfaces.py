@@ -5,7 +5,7 @@ Padding, the thickness of a simplified mesh and the clearance are not part of a 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots.chain import Frame, SerialChain
 from kinseek.support.transforms import square
 
-from .bodies import Part
+from .bodies import Body, Part
 from .clouds import Cloud, Points
 from .contents import Contents
 from .hulls import sides_of_hull
@@ -51,6 +51,8 @@ class DrawnBody(NamedTuple):
     is_link: bool
     alone: bool
     """Does it stand by itself, so that it can be moved and removed? Links, attached objects and other arms do not."""
+    body: Body
+    """The body of the scene."""
 
     @property
     def is_box(self) -> bool:
@@ -90,17 +92,26 @@ class Surface(NamedTuple):
     """False if a mesh with too many triangles is replaced by the box around it."""
 
 
-def drawn_bodies(scene: Contents) -> list[DrawnBody]:
-    """Return all bodies of a scene, in its order."""
+def drawn_bodies(scene: Contents, before: Mapping[str, DrawnBody] | None = None) -> list[DrawnBody]:
+    """Return all bodies of a scene, in its order.
+
+    Args:
+        scene: The scene.
+        before: What was returned for it before, by name: bodies that have not changed are returned again.
+    """
     of_arms = {name for other in scene._others.values() for name in other.names}
-    found = []
+    found, known = [], before or {}
     for body in scene._bodies.values():
+        same = known.get(body.name)
+        if same is not None and same.body is body:
+            found.append(same)
+            continue
         first = body.parts[0].pose
         back = np.linalg.inv(first)
         parts = [Part(body.parts[0].shape, np.eye(4)), *(Part(s, back @ T) for s, T in body.parts[1:])]
         frame = Frame(body.frame.joints, body.frame.pose @ first)
         alone = not (body.is_link or frame.joints or body.name in of_arms)
-        found.append(DrawnBody(body.name, frame, tuple(parts), body.is_link, alone))
+        found.append(DrawnBody(body.name, frame, tuple(parts), body.is_link, alone, body))
     return found
 
 

@@ -292,7 +292,7 @@ def _range(name: str, given: Any) -> Range:
     cells = (high - low) / step
     if cells > MOST_PLACES:
         raise InvalidMap(
-            f"{name} has {cells:,.0f} cells, expected at most {MOST_PLACES:,} along one axis; increase the step"
+            f"{name} has {cells:.10g} cells, expected at most {MOST_PLACES:,} along one axis; increase the step"
         )
     if abs(cells - max(1, round(cells))) > _FITS * max(1.0, cells):
         raise InvalidMap(

@@ -93,6 +93,9 @@ def _reached(arm: Arm, goal: Goal, patience: int | None) -> Flags:
     # Closed forms decide most poses of arms that have one; only the rest is searched.
     open_ = open_[report == LEFT]
     open_ = open_[~beyond(arm, targets[open_], goal)]
+    if patience is None:
+        found[open_] = arm.ik(goal.at(goal.target[open_]), threads=1).success
+        return found
     some, left = np.ascontiguousarray(targets[open_]), np.empty(len(open_), dtype=np.int64)
     results = np.full((len(open_), arm.dof + 4), np.inf)
     # First with little work for each pose, then patiently for those that are left.

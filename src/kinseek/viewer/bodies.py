@@ -34,6 +34,8 @@ class _Drawn:
     """None without points."""
     triangles: int
     whole: bool
+    shown: DrawnBody | None = None
+    """The body whose place is shown."""
 
     def paint(self, hit: bool) -> None:
         """Colour it; the shapes of links are visible only while they hit something."""
@@ -77,8 +79,10 @@ class Bodies:
     def show(self, chain: SerialChain, q: Array, hit: Collection[str]) -> None:
         """Put the bodies where they are at joint values q, (n,), and colour those that the arm hits or that hit it."""
         for name, one in self._drawn.items():
-            pose = one.body.at(chain, q)
-            one.frame.position, one.frame.wxyz = pose[:3, 3], quaternion(pose[:3, :3])
+            if one.body.frame.joints or one.shown is not one.body:
+                pose = one.body.at(chain, q)
+                one.frame.position, one.frame.wxyz = pose[:3, 3], quaternion(pose[:3, :3])
+                one.shown = one.body
             if (name in hit) != (name in self._hit):
                 one.paint(name in hit)
         self._hit = hit
@@ -123,7 +127,7 @@ class Bodies:
 
 
 def _same_shapes(one: DrawnBody, other: DrawnBody) -> bool:
-    return (
+    return one is other or (
         one.alone == other.alone
         and len(one.parts) == len(other.parts)
         and all(

@@ -28,7 +28,7 @@ from .meshes import Meshes
 from .options import ViewerOptions, read_selection
 from .panel import Panel
 from .searches import DEFAULT
-from .session import GoalResult, Planned, Proof, Session, call_of, nearest_of
+from .session import GoalResult, Planned, Proof, Session, nearest_of
 from .view import CLOUD, MOST_GHOSTS, REACHED, SEARCH, View, is_at, matrix_of
 from .workers import Newest
 
@@ -78,6 +78,8 @@ class Page:
         self.trace: Trace | None = None
         self._reached: clouds.Reached | None = None
         self._reached_for = self.options
+        self._chosen_time = 0.0
+        """The time of the motion that was chosen last [s]."""
         self._servoing = False
         """Does a tracker move the arm? Then goals are not solved."""
         self._new_goals = np.random.default_rng(client.client_id)
@@ -96,7 +98,9 @@ class Page:
         self._planner = Newest(self._plan, f"{name}: plans", QUIET)
         self._player = Newest(self._play, f"{name}: motions")
         self._storer = Newest(self._store, f"{name}: options", QUIET)
-        self._workers = (self._solver, self._prover, self._clouder, self._planner, self._player, self._storer)
+        self._mover = Newest(self._move_body, f"{name}: bodies")
+        workers = self._solver, self._prover, self._clouder, self._planner, self._player, self._storer
+        self._workers = (*workers, self._mover)
         try:
             self._begin()
         except BaseException:  # The client left at once: nothing else would close the threads.
@@ -126,8 +130,7 @@ class Page:
             self._storer.give("keep")
 
         async def dragged_body(event: Any) -> None:
-            with contextlib.suppress(KinseekError):
-                self.place_body(matrix_of(event.target.wxyz, event.target.position))
+            self._mover.give((event.target.wxyz, event.target.position))
 
         self.view.goal.on_update(dragged)
         self.view.body.on_update(dragged_body)
@@ -225,8 +228,8 @@ class Page:
 
     def choose_time(self, t: float) -> None:
         """Stop, and show a motion at a time [s]."""
-        self._player.give("stop")
-        self.show_time(t)
+        self._chosen_time = t
+        self._player.give("time")
 
     def servo(self, on: bool) -> None:
         """Let the goal drive a tracker from now on, or solve it again."""
@@ -284,6 +287,11 @@ class Page:
             if name := self._selected:
                 self._edit(name, lambda scene: scene._place(name, pose))
 
+    def _move_body(self, dragged: tuple[Any, Any]) -> None:
+        """Move the body that is edited to where it was dragged; poses that come faster than this are skipped."""
+        with contextlib.suppress(KinseekError):  # Not a pose that a page sends.
+            self.place_body(matrix_of(*dragged))
+
     def resize_box(self, size: Sequence[float]) -> None:
         """Give the box that is edited other edge lengths, (3,) [m].
 
@@ -300,7 +308,7 @@ class Page:
         """Change the scene, and solve the goal in it; after an error everything is as it was."""
         self._session.edit(change)
         assert self._session.scene is not None
-        bodies = drawn_bodies(self._session.scene)
+        bodies = drawn_bodies(self._session.scene, self._bodies)
         self._bodies, self._selected = {body.name: body for body in bodies}, selected
         with self._client.atomic():
             self.view.bodies.take(bodies)
@@ -374,7 +382,7 @@ class Page:
         if picked is None or self.branches is None:
             self.branches = self._session.branches(options)
         self._show_branches()
-        self.panel.call.content = words.code_html(call_of(result.options, self.scene is not None))
+        self.panel.call.content = words.code_html(self._session.call(result.options))
         for worker in (self._prover, self._clouder, *([self._planner] if self.planning else [])):
             worker.give("again")
 
@@ -535,6 +543,9 @@ class Page:
             self.panel.shares.content = ""
         if what == "motion":
             self._play_motion()
+        elif what == "time":
+            self.show_time(self._chosen_time)
+            self._client.flush()
         elif what == "play":
             self._play_passes()
         elif what == "servo":

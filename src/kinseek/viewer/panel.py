@@ -206,13 +206,12 @@ class Panel:
         """Offer these bodies to be edited, and show the measures of the one that is."""
         if self._do.scene is None:
             return
-        self._labels = {}
-        for name in names:
-            label = printable(name)[:MOST_LABEL]
-            self._labels[
-                label if label not in (NOTHING, *self._labels) else f"{label} ({len(self._labels)})"
-            ] = name
-        if self.body.options != (NOTHING, *self._labels):
+        if list(names) != list(self._labels.values()):
+            self._labels = {}
+            for name in names:
+                label = printable(name)[:MOST_LABEL]
+                there = label == NOTHING or label in self._labels
+                self._labels[f"{label} ({len(self._labels)})" if there else label] = name
             self.body.options = (NOTHING, *self._labels)
         chosen = "" if selected is None else selected.name
         self.body.value = next((label for label, name in self._labels.items() if name == chosen), NOTHING)

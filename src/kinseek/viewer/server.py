@@ -218,6 +218,8 @@ def _address(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
     Raises:
         InvalidUse: It has none.
     """
+    if not isinstance(host, str):
+        raise InvalidUse(f"host must be a name or an address such as '127.0.0.1', got {host!r:.200}")
     try:
         family, *_, address = socket.getaddrinfo(
             host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE

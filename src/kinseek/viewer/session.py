@@ -130,7 +130,7 @@ class Proof:
         if found.verdict is Verdict.UNDECIDED:  # The status reports unreachable goals.
             said.append(str(found.verdict))
         goal = found.problem.goal
-        if goal.columns == 0:
+        if goal.form.columns == 0:
             lower, upper = lower / goal.position_weight, upper / goal.position_weight
             said.append(
                 f"Proved: the tip stays at least {lower:.4g} m away. The nearest pose found is {upper:.4g} m away."
@@ -244,6 +244,10 @@ class Session:
             return GoalResult(options, options.q, refused=str(error))
         return GoalResult(options.but(q=solution.q), solution.q, solution, seconds)
 
+    def call(self, options: ViewerOptions) -> str:
+        """Return the Python call with the same goal and options."""
+        return call_of(options, self.scene is not None, self.clearance)
+
     def _around(self) -> dict[str, Any]:
         """Return the arguments of `Arm.ik` for a scene: a redundant arm may take long to find a free solution."""
         if self.scene is None:
@@ -320,7 +324,7 @@ class Session:
             yield Proof(best)
             if best.verdict is Verdict.REACHABLE or until.passed:
                 return
-            if problem.goal.form.columns:
+            if problem.goal.form.columns and not {"x", "y", "z"} & set(options.free):
                 spot = Problem(self.arm.mechanism, Goal.position(options.target[:3, 3]))
                 place = prove(spot, gap=GAPS[-1], budget=FIRST_BOXES, threads=threads, deadline=until)
             for gap in GAPS:
@@ -449,12 +453,13 @@ def status_of(result: GoalResult, proof: Proof | None) -> tuple[str, str]:
     return result.status, "open"
 
 
-def call_of(options: ViewerOptions, scene: bool = False) -> str:
+def call_of(options: ViewerOptions, scene: bool = False, clearance: float = 0.0) -> str:
     """Return the Python call with the same goal and options, in a scene or without one."""
     goal = f"kinseek.Goal.pose(T, free={list(options.free)})" if options.free else "T"
     near = ", near=q" if options.follow or needs_start(options.search) else ""
     if options.search == DEFAULT:
-        return f"arm.ik({goal}{near}{', scene=scene' if scene else ''})"
+        around = f", scene=scene{f', clearance={clearance!r}' if clearance else ''}" if scene else ""
+        return f"arm.ik({goal}{near}{around})"
     try:
         solver: object = make_search(options.search, options.parameters)
     except KinseekError:

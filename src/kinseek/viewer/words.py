@@ -234,12 +234,14 @@ def changes_of(before: Iterable[DrawnBody], after: Iterable[DrawnBody]) -> list[
     lines = [f"scene.remove({name!r})" for name, body in known.items() if body.alone and name not in now]
     for name, body in now.items():
         old = known.get(name)
+        if old is body:
+            continue
         same = old is not None and old.parts[0].shape == body.parts[0].shape
         if same and old is not None and (old.frame.pose == body.frame.pose).all():
             continue
         T, shape = body.frame.pose, body.parts[0].shape
         place = f"kinseek.pose({_rounded(T[:3, 3])}, rpy={_rounded(rpy_of(T[:3, :3]))})"
-        if isinstance(shape, Box):
+        if body.is_box and isinstance(shape, Box):
             size = _rounded(shape.size)
             lines.append(
                 f"scene.add_box({name!r}, {size}, {place})"

@@ -294,11 +294,13 @@ def command(
     table = path_table(path)
     if times is not None:
         table = replace(table, columns={TIME: times, **table.columns})
-    if place is not None:
-        write_table(place, table)
     trajectory = path.timed(**fastest) if trajectory_file is not None and path.reached.all() else None
     if trajectory_file is not None and trajectory is not None:
-        save(trajectory, trajectory_file, period)
+        save(
+            trajectory, trajectory_file, period
+        )  # First, since it may be impossible with these limits and this period.
+    if place is not None:
+        write_table(place, table)
     files = report.PathFiles(out, trajectory_file)
     report.print_path(loaded, path, trajectory, files, seconds, as_json)
     return 0 if path.success else 1
