@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 
 _PARENT = os.getppid()  # Before the imports, which take seconds: it may end meanwhile.
+# ruff: noqa: E402
 
 import gc
 import hashlib

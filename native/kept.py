@@ -1,4 +1,4 @@
-"""Files that a build keeps for the next one: each begins with a digest of its name and the rest, because a crash may damage them."""
+"""Files that a build keeps for the next one, each behind a digest of its name and content: a crash may damage them."""
 
 from __future__ import annotations
 

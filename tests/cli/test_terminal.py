@@ -18,8 +18,8 @@ import pytest
 import kinseek
 from command_line import CommandLine
 from kinseek.cli import main
-from kinseek.cli.program import run
 from kinseek.cli.layout import sentence, table
+from kinseek.cli.program import run
 from kinseek.robots import catalog_names
 from robot_files import TURNING, robot, write
 

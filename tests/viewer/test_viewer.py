@@ -90,7 +90,9 @@ def test_out_of_reach_says_what_is_proved(name: str, sessions: dict[str, Session
     assert f"{proof.certificate.lower_bound:.4g}" in " ".join(proof.sentences())
 
 
-@pytest.mark.parametrize("free", [("x",), ("z", "rz"), ("rx", "ry"), ("x", "y", "rz"), ("x", "rx", "ry", "rz")])
+@pytest.mark.parametrize(
+    "free", [("x",), ("z", "rz"), ("rx", "ry"), ("x", "y", "rz"), ("x", "rx", "ry", "rz")]
+)
 def test_a_missed_goal_with_free_axes_is_proved_in_words(free: tuple[str, ...]) -> None:
     """Each rest of the goal printed a traceback, and the page waited for a proof for ever."""
     session = Session(kinseek.load("ur5e"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -226,8 +226,7 @@ class MeshFiles:
         """
         key = name, tuple(scale.tolist())
         if key not in self._known:
-            spent = self._corners > MOST_HULL_CORNERS
-            if spent and self._hull:
+            if self._corners > MOST_HULL_CORNERS:
                 raise InvalidScene(
                     f"{name!r}: the convex hulls of the meshes before it have {self._corners:,} corners together, expected "
                     f"at most {MOST_HULL_CORNERS:,} in one file: simplify the meshes, so that they have fewer vertices "
@@ -235,11 +234,8 @@ class MeshFiles:
                 )
             found = mesh_path(name, self.path, self._folders, "meshes=")
             mesh = Mesh.read(found, scale, self._hull, reader=self._reader)
-            if self._hull:
-                mesh.geometry()  # Says now that there is no hull.
-            else:
-                mesh = replace(mesh, boxed=spent)
-            self._corners += len(mesh.corners)
+            mesh.geometry()  # Says now that there is no hull.
+            self._corners += mesh.cost if self._hull else 0
             self._known[key] = mesh
         return self._known[key]
 

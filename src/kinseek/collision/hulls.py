@@ -15,8 +15,8 @@ from .geometry import library
 Array = NDArray[np.float64]
 
 LEAST_APART = 1e-11
-"""Distance of corners, relative to their largest coordinate, up to which one of them is left out. Hulls of corners 1e-15 to 1e-13
-apart are folded by rounding, and coal, which walks along the edges of a hull, does not find the farthest corner."""
+"""Distance of corners, relative to their largest coordinate, up to which one of them is left out. Hulls of corners 1e-15 to
+1e-13 apart are folded by rounding, and coal, which walks along the edges of a hull, does not find the farthest corner."""
 
 MOST_CORNERS = 18_000
 """Maximum number of candidate corners of one hull: on a sphere Qhull takes about 0.3 s for them, during which nothing

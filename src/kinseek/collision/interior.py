@@ -36,6 +36,10 @@ _COMPARISON = 500
 """Triangles that a comparison with a surface counts in addition to its own, for the calls of NumPy."""
 
 
+_BOUNDS = 4
+"""Surfaces whose bounds are compared in the time of a comparison with one triangle."""
+
+
 class Interior:
     """The closed surfaces of a mesh."""
 
@@ -92,21 +96,26 @@ class Interior:
         """Return whether a point (3,) lies in a solid surface and in no cavity of it."""
         # A surface that encloses nothing winds around no point, unless the volumes of parts that touch each other cancel.
         near = ~self._is_cavity() & (point >= self._least).all(axis=1) & (point <= self._most).all(axis=1)
-        return any(
-            self._is_around(solid, point)
-            and not any(self._is_around(cavity, point) for cavity in self._cavities.get(solid, ()))
-            for solid in np.flatnonzero(near).tolist()
+        around = np.flatnonzero(near)[self._are_around(np.flatnonzero(near), point)]
+        return not all(
+            self._are_around(np.array(self._cavities.get(solid, ()), dtype=np.int64), point).any()
+            for solid in around.tolist()
         )
 
-    def _is_around(self, surface: int, point: Array) -> bool:
-        """Return whether a surface winds around a point (3,), after Van Oosterom and Strackee (1983)."""
-        corners = self._corners[self._starts[surface] : self._ends[surface]] - point
+    def _are_around(self, surfaces: Indices, point: Array) -> Bools:
+        """Return which surfaces, (k,), wind around a point (3,), (k,); after Van Oosterom and Strackee (1983)."""
+        if not len(surfaces):
+            return np.zeros(0, dtype=np.bool_)
+        sizes = self._ends[surfaces] - self._starts[surfaces]
+        begins = np.cumsum(sizes) - sizes
+        rows = np.arange(sizes.sum()) + np.repeat(self._starts[surfaces] - begins, sizes)
+        corners = self._corners[rows] - point
         a, b, c = (corners[:, i] for i in range(3))
         la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
         top = np.einsum("ij,ij->i", a, np.cross(b, c))
         dot = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
         bottom = la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb
-        return bool(abs(np.arctan2(top, bottom).sum()) > np.pi)
+        return np.asarray(np.abs(np.add.reduceat(np.arctan2(top, bottom), begins)) > np.pi)
 
     def _signed_volumes(self) -> tuple[Array, Array]:
         """Volume of each closed surface, (s,) [m³], negative if it is inside out; and the sum of its parts without signs."""
@@ -128,6 +137,7 @@ class Interior:
         for surface in np.argsort(-volumes, kind="stable").tolist():
             if not trusted[surface]:
                 continue
+            compared += len(trusted) // _BOUNDS
             outer = (self._least < self._least[surface]).all(axis=1)
             outer &= (self._most > self._most[surface]).all(axis=1)
             if not (outer & trusted & (inward != inward[surface])).any():
@@ -136,7 +146,8 @@ class Interior:
             larger[surface] = around[np.argsort(volumes[around], kind="stable")]
             compared += int((sizes[around] + _COMPARISON).sum())
             if compared > MOST_COMPARED:
-                return
+                larger.clear()
+                break
         self.compared = compared
         models = dict[int, Any]()
         for surface, around in larger.items():
@@ -156,7 +167,7 @@ class Interior:
 
     def _encloses(self, outer: int, inner: int, models: dict[int, Any]) -> bool:
         """Return whether a surface lies wholly inside another, without contact; `models` keeps what coal needs of each."""
-        if not self._is_around(outer, self._corners[self._starts[inner], 0]):
+        if not self._are_around(np.array([outer]), self._corners[self._starts[inner], 0])[0]:
             return False
         coal = library("coal")
         for each in (outer, inner):

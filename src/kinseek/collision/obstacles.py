@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from kinseek.robots.urdf import fixed_links
 from kinseek.robots.urdf_file import read_robot
 from kinseek.robots.xacro import urdf_text
 
-from .bodies import Body, MeshFiles, Part, parts_of, require_number
+from .bodies import MOST_HULL_CORNERS, Body, MeshFiles, Part, parts_of, require_number
 from .interior import MOST_COMPARED
 from .shapes import Box, Cylinder, Mesh, Shape, Sphere
 
@@ -65,8 +66,22 @@ def obstacles(
     if not found:
         what = "no objects" if path.suffix.lower() == MOVEIT else "no collision elements"
         raise InvalidScene(f"{path}: no obstacles: {'; '.join(notes) or f'it has {what}'}")
+    _box_most(found)
     _require_few_surfaces(found, path)
     return found, notes
+
+
+def _box_most(bodies: list[Body]) -> None:
+    """Box the meshes whose hulls would take long: those after the first with `MOST_HULL_CORNERS` corners together."""
+    known, spent = dict[Mesh, Mesh](), 0
+    for body in bodies:
+        for number, (shape, place) in enumerate(body.parts):
+            if not isinstance(shape, Mesh):
+                continue
+            if shape not in known:
+                known[shape] = replace(shape, boxed=True) if spent > MOST_HULL_CORNERS else shape
+                spent += known[shape].cost
+            body.parts[number] = Part(known[shape], place)
 
 
 def _require_few_surfaces(bodies: list[Body], path: Path) -> None:

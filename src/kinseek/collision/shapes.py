@@ -347,19 +347,30 @@ class Mesh(Shape):
         """Is its hull used?"""
         return self.hull
 
-    @lazy
+    @property
     def corners(self) -> Array:
-        """The corners of its hull; or of its bounding box if it is `boxed`, or if it is no hull and coal cannot make one."""
+        """The corners of its hull; or of its bounding box if it is `boxed`, or if it is no hull and none can be made."""
+        return self._corners[0]
+
+    @property
+    def cost(self) -> int:
+        """Number of corners of the hull that was made for it, or of points from which none could be made."""
+        return self._corners[1]
+
+    @lazy
+    def _corners(self) -> tuple[Array, int]:
+        """The corners and the cost."""
         if not self._is_solid:
-            return self.vertices
+            return self.vertices, len(self.vertices)
         if self.boxed:
-            return box_corners(self.vertices)
+            return box_corners(self.vertices), 0
         try:
-            return np.array(self._hull.points())
+            points = np.array(self._hull.points())
         except InvalidScene:
             if self.hull:
                 raise
-            return box_corners(self.vertices)
+            return box_corners(self.vertices), len(self.vertices)
+        return points, len(points)
 
     @property
     def closed(self) -> bool:

@@ -27,10 +27,13 @@ from .measures import MEASURES, REACHED
 Array = NDArray[np.float64]
 
 _ROW = 64
-"""Number of cells computed at a time with proofs: neighbours, as in a block."""
+"""Number of cells computed at a time with proofs: neighbours, as in a block. Without proofs the least number, at random."""
 
 _MANY = 4096
-"""Number of cells computed at a time without proofs, at random; so many that the overhead of a call is small."""
+"""Maximum number of cells computed at a time without proofs; so many that the overhead of a call is small."""
+
+_PIECES = 8
+"""Least number of times."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,7 @@ def estimate(
     seconds = as_number("seconds", seconds, 0.0, 1e9, InvalidMap)
     work = work_of(arm, grid, what, **options_of(options), store=None)
     scratch, rng, cost = BlockScratch(work), np.random.default_rng(0), list[float]()
-    number = min(_ROW, grid.shape[-1]) if work.prove else _MANY
+    number = min(_ROW, grid.shape[-1]) if work.prove else _ROW
 
     def some() -> tuple[Array, tuple[slice, ...]]:
         if not work.prove:  # Their positions do not matter then.
@@ -118,7 +121,12 @@ def estimate(
     if cores is None and math.prod(-(-n // m) for n, m in zip(grid.shape, work.chunks, strict=True)) > 1:
         start += _processes()
     until = time.perf_counter() + seconds
-    while len(cost) < 8 or time.perf_counter() < until:
+    if not work.prove:
+        began = time.perf_counter()
+        answered(work, scratch, *some())
+        each_cell = (time.perf_counter() - began) / number
+        number = int(np.clip(seconds / _PIECES / each_cell, _ROW, _MANY))
+    while len(cost) < _PIECES or time.perf_counter() < until:
         poses, part = some()
         began = time.perf_counter()
         answered(work, scratch, poses, part)

@@ -77,15 +77,18 @@ class Cells(Lazy):
         return float(np.linalg.norm(self.widths)) / 2
 
     def chunks(self, poses: int = BLOCK) -> tuple[int, ...]:
-        """Return the shape of blocks of about `poses` poses: a cube of positions with as many orientations as fit."""
+        """Return the shape of blocks of about `poses` poses: a cube of positions with as many orientations as fit.
+
+        If a grid is thinner than that cube, its blocks are longer along the other dimensions.
+        """
         if self.size <= poses:
             return self.shape
         turns = min(self.shape[-1], poses)
-        sides, left = [], poses // turns
-        for k, n in enumerate(self.shape[:-1]):
-            side = max(1, min(n, round(left ** (1.0 / (len(self.names) - k)))))
-            sides.append(side)
-            left //= side
+        positions = self.shape[:-1]
+        sides, left = [1] * len(positions), poses // turns
+        for done, k in enumerate(sorted(range(len(positions)), key=positions.__getitem__)):
+            sides[k] = max(1, min(positions[k], round(left ** (1.0 / (len(positions) - done)))))
+            left //= sides[k]
         return (*sides, turns)
 
     def middles(self, cells: Indices) -> Array:
