@@ -508,6 +508,10 @@ WRONG = {
         "x;y;z;qw;qx;qy;qz\n1;2;3;1;0;0;0\n1;2,5;3;1;0;0;0\n",
         "row 2: y is '2,5', which is not a number; numbers have a point",
     ),
+    "far away": (
+        "x,y,z,roll,pitch,yaw\n1,2,3,0,0,0\n2e7,2,3,0,0,0\n",
+        "in.csv: row 2: a position must lie within 1e+07 m",
+    ),
     "blanks for commas": (
         "x y z\n0.4 0.2 0.3\n",
         "row 1: x y z is '0.4 0.2 0.3', which is not a number; columns are separated by commas, not by blanks",

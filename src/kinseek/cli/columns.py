@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidGoal, suggest
+from kinseek.goal import Goal
 from kinseek.poses import as_pose
 
 from .goals import silent_pose, suspect_degrees
@@ -119,19 +120,25 @@ def _columns_of(turn: str) -> tuple[str, ...]:
 
 def _row_by_row(make: Callable[[Array], Array], rows: Array, where: str) -> Array:
     """Make poses of all rows at once; if that fails, find the first row that causes it by bisection."""
+
+    def checked(some: Array) -> Array:
+        poses = make(some)
+        Goal.position(poses[..., :3, 3])  # Which must not be too far away.
+        return poses
+
     try:
-        return make(rows)
+        return checked(rows)
     except InvalidGoal:
         low, high = 0, len(rows)
         while high - low > 1:
             middle = (low + high) // 2
             try:
-                make(rows[low:middle])
+                checked(rows[low:middle])
                 low = middle
             except InvalidGoal:
                 high = middle
         try:
-            make(rows[low])  # Not as a batch, whose indices the message would name, too.
+            checked(rows[low])  # Not as a batch, whose indices the message would name, too.
         except InvalidGoal as error:
             raise InvalidGoal(f"{where}: row {low + 1:,}: {error}") from None
         raise
