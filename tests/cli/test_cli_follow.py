@@ -212,6 +212,14 @@ def test_if_no_trajectory_can_be_written_no_path_is(cli: CommandLine) -> None:
     assert [Path(name).read_text() for name in ("q.csv", "t.csv")] == ["old", "old"]
 
 
+@pytest.mark.usefixtures("line")
+def test_a_period_longer_than_the_motion_is_reported(cli: CommandLine) -> None:
+    """8 for 8 ms: the program had two points, and the path between them was another."""
+    words = "follow ur5e line.npy --acceleration 5 --out seam.script --period"
+    assert "only the two ends of it are written" in cli(words, "800").err
+    assert cli(words, "0.008").err == ""
+
+
 def test_the_fastest_motion_is_chosen(cli: CommandLine) -> None:
     arm = kinseek.load("panda")
     t = np.linspace(0.0, 2.0 * np.pi, 60)

@@ -153,3 +153,15 @@ def test_the_arm_alone(cli: CommandLine) -> None:
 )
 def test_mistakes_are_one_line(words: str, told: str, cli: CommandLine) -> None:
     assert told in cli.refused(ABOVE, words)
+
+
+def test_a_scene_that_checks_nothing_is_reported(cli: CommandLine) -> None:
+    """With capsules of 50 m all links always touch: every pose was solved, free and without a word."""
+    goal = "solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --scene self --capsules"
+    assert "no two bodies are checked, and so everything is free" in cli(goal, "50").err
+    assert cli(goal, "0.05").err == ""
+    scene = kinseek.Scene.of(kinseek.load("ur5e"), capsules=50.0)
+    assert not scene.checks
+    assert "no two bodies are checked" in scene.notes[-1]
+    scene.add_box("box", (0.1, 0.1, 0.1), kinseek.pose([3.0, 0.0, 0.0]))
+    assert scene.checks

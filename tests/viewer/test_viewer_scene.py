@@ -180,6 +180,13 @@ def boxes(page: Any) -> dict[str, np.ndarray[Any, Any]]:
     }
 
 
+def test_a_new_box_does_not_take_the_name_of_one_that_was_removed(page: Any) -> None:
+    """What that one may touch would count for the new one in the program that the page shows."""
+    page._given = [page._bodies[EVIL]._replace(name="box 1")]
+    page.add_box()
+    assert page._selected == "box 2"
+
+
 def test_a_body_is_dragged_quickly_among_many(session: Session) -> None:
     """Each message took time for every body, in the loop that serves all pages."""
     scene = Scene.of(UR5E, capsules=0.05)

@@ -8,10 +8,12 @@ import click
 
 from kinseek.arm import Arm
 from kinseek.collision import Scene
+from kinseek.collision.pairs import NOTHING_CHECKED
 from kinseek.errors import InvalidProblem, InvalidScene
 
 from .help import bundle, option
 from .options import Robot
+from .output import complain
 
 SELF, SKIP = "self", "skip"
 """Words in place of a file: the arm alone; and in place of a folder: leave out meshes that are not found."""
@@ -64,6 +66,8 @@ class Cell(NamedTuple):
             if not said:
                 raise
             raise InvalidScene(f"{error}; on a command line {', '.join(said)}") from error
+        if not scene.checks:
+            complain(f"warning: {NOTHING_CHECKED}")
         return scene
 
 

@@ -24,7 +24,7 @@ from .clouds import Cloud, Points, Voxels
 from .margins import Margins
 from .obstacles import obstacles
 from .others import OtherArm
-from .pairs import ALWAYS, ATTACHED, MAY_TOUCH, Pair, key, pairs_of
+from .pairs import ALWAYS, ATTACHED, MAY_TOUCH, NOTHING_CHECKED, Pair, key, pairs_of
 from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere, file_path, length_or_zero
 
 Array = NDArray[np.float64]
@@ -390,7 +390,12 @@ class Contents:
     @property
     def notes(self) -> tuple[str, ...]:
         """One sentence each on what was left out, what was replaced, and the values of joints that are not the arm's."""
-        return tuple(self._notes)
+        return (*self._notes, *([] if self.checks else [NOTHING_CHECKED]))
+
+    @property
+    def checks(self) -> bool:
+        """Is at least one pair of bodies checked? Otherwise everything is free."""
+        return any(pair.counts for pair in pairs_of(self._bodies.values(), self._never))
 
     @property
     def _made(self) -> Assembly:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,8 @@ NEIGHBOURS = "neighbours: a joint connects them"
 ATTACHED = "attached: it is carried by this link"
 MAY_TOUCH = "allowed: it may touch this"
 ALWAYS = "always: they touch at all of "
+NOTHING_CHECKED = "no two bodies are checked, and so everything is free; Scene.pairs has the reasons"
+"""A note on a scene of which no pair counts: the capsules of its links may be too thick."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +61,9 @@ def key(a: str, b: str) -> tuple[str, str]:
     return (a, b) if a <= b else (b, a)
 
 
-def pairs_of(bodies: Iterable[Body], never: dict[tuple[str, str], str]) -> list[Pair]:
-    """Return all pairs of bodies, in order; `never` gives the reasons of pairs that are not checked."""
+def pairs_of(bodies: Iterable[Body], never: dict[tuple[str, str], str]) -> Iterator[Pair]:
+    """Yield all pairs of bodies, in order; `never` gives the reasons of pairs that are not checked."""
     bodies = list(bodies)
-    pairs = []
     for i, a in enumerate(bodies):
         where = f"joint {a.frame.joints}" if a.frame.joints else "the base"
         together = f"neither moves against the other: {where} carries both"
@@ -70,8 +71,7 @@ def pairs_of(bodies: Iterable[Body], never: dict[tuple[str, str], str]) -> list[
             reason = never.get(key(a.name, b.name), "")
             if a.frame.joints == b.frame.joints:
                 reason = together
-            pairs.append(Pair(a.name, b.name, reason))
-    return pairs
+            yield Pair(a.name, b.name, reason)
 
 
 def disabled_by(

@@ -266,7 +266,9 @@ class Page:
                 raise InvalidScene(
                     f"a page adds at most {MOST_ADDED} boxes; remove one, or make them in Python"
                 )
-            name = next(name for i in count(1) if (name := f"box {i}") not in self._bodies)
+            # Not that of a body that was removed: what it may touch would count for this one in the program that is shown.
+            names = {*self._bodies, *(body.name for body in self._given)}
+            name = next(name for i in count(1) if (name := f"box {i}") not in names)
             size = float(f"{BOX * self.view.size:.1g}")
             place = self.options.target[:3, 3] + [0.0, 0.0, -2.0 * size]
             self._edit(name, lambda scene: scene.add_box(name, [size] * 3, transform(np.eye(3), place)))

@@ -25,7 +25,7 @@ from kinseek.cli.options import (
     json_option,
     robot_options,
 )
-from kinseek.cli.output import on_terminal
+from kinseek.cli.output import complain, on_terminal
 from kinseek.cli.scenes import Cell, scene_options
 from kinseek.cli.words import joint_values, limits
 from kinseek.errors import InvalidProblem
@@ -296,9 +296,13 @@ def command(
         table = replace(table, columns={TIME: times, **table.columns})
     trajectory = path.timed(**fastest) if trajectory_file is not None and path.reached.all() else None
     if trajectory_file is not None and trajectory is not None:
-        save(
-            trajectory, trajectory_file, period
-        )  # First, since it may be impossible with these limits and this period.
+        if period is not None and period > trajectory.duration:
+            complain(
+                f"warning: the period of {period:g} s is longer than the motion of {trajectory.duration:.3g} s: only the two "
+                "ends of it are written"
+            )
+        # First, since it may be impossible with these limits and this period.
+        save(trajectory, trajectory_file, period)
     if place is not None:
         write_table(place, table)
     files = report.PathFiles(out, trajectory_file)
