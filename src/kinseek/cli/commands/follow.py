@@ -298,8 +298,8 @@ def command(
     if trajectory_file is not None and trajectory is not None:
         if period is not None and period > trajectory.duration:
             complain(
-                f"warning: the period of {period:g} s is longer than the motion of {trajectory.duration:.3g} s: only the two "
-                "ends of it are written"
+                f"warning: the period of {period:g} s is longer than the motion of {trajectory.duration:.3g} s: only the "
+                "two ends of it are written"
             )
         # First, since it may be impossible with these limits and this period.
         save(trajectory, trajectory_file, period)
