@@ -323,6 +323,9 @@ def test_what_is_reachable_grows_can_be_stopped_and_goes_on(sessions: dict[str, 
     assert again.tried == second.tried
     assert np.array_equal(again.points, second.points)
     assert not list(clouds.reachable(session.arm, session.begin, lambda: True))
+    # With a free position axis the tip may be elsewhere, but the cloud is of places of the tip.
+    freed = next(clouds.reachable(session.arm, session.begin.but(free=("x", "y")), lambda: False))
+    np.testing.assert_array_equal(freed.points, first.points)
     assert 0 < len(second.points) < second.tried
     for point in second.points[:20]:
         target = session.begin.target.copy()

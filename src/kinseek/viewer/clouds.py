@@ -137,13 +137,15 @@ def reachable(
 
     Args:
         arm: The arm.
-        options: Options with the orientation and free axes.
+        options: Options with the orientation; free axes of the position do not count.
         stopped: Returns whether the result is no longer needed.
         known: Result to continue from.
     """
     low, high = surroundings(arm)
     places = low + np.random.default_rng(0).random((PLACES, 3)) * (high - low)
-    found, goal = np.zeros((0, 3)) if known is None else known.points, options.goal
+    found = np.zeros((0, 3)) if known is None else known.points
+    # With a free position axis a solution may be elsewhere.
+    goal = options.but(free=tuple(axis for axis in options.free if axis not in ("x", "y", "z"))).goal
     for begin in range(0 if known is None else known.tried, len(places), PIECE):
         if stopped():
             return
