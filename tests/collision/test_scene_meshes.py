@@ -254,6 +254,9 @@ def test_surfaces_with_an_inside_are_told_from_open_ones(tmp_path: Path) -> None
     arm = kinseek.load("planar2")
     q = [0.0, 0.1]
     scene = Scene.of(arm, capsules=0.02)
+    scene.add_box(
+        "far", (0.1, 0.1, 0.1), kinseek.pose([9.0, 0.0, 0.0])
+    )  # The links alone are neighbours, as a note says.
     for name, words, free in (
         ("4 turned over", None, False),
         ("room", None, True),
@@ -448,7 +451,8 @@ def test_hulls_of_too_many_corners_together_are_refused(
             Scene.of(kinseek.load(urdf))
     else:
         notes = Scene.of(kinseek.load(urdf), missing=missing).notes
-        assert [note.partition("element ")[2][:2] for note in notes] == ["4:", "5:", "9:", "10"]
+        assert [note.partition("element ")[2][:2] for note in notes] == ["4:", "5:", "9:", "10", ""]
+        assert "no two bodies are checked" in notes[-1]  # The arm has one link with shapes.
 
 
 def test_obstacles_whose_hulls_have_many_corners_together_are_boxed(
