@@ -476,15 +476,19 @@ def test_a_folder_that_is_exchanged_while_it_is_written_leads_nowhere_else(
     assert sorted(path.name for path in (tmp_path / "away").iterdir()) == ["kinseek.h", "main.c"]
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives folders away")
-def test_a_folder_of_another_user_has_to_be_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The other user could exchange the program before it was compiled and run."""
+@pytest.fixture(name="here")
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder of a command that exports `PARTS` at once."""
     monkeypatch.setattr("kinseek.cli.commands.export.prepare", lambda *given, **named: PARTS)
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "scara4_c").mkdir()
-    os.chown(tmp_path / "scara4_c", 65534, 65534)
+    return tmp_path
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives folders away")
+def test_a_folder_of_another_user_has_to_be_named(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The other user could exchange the program before it was compiled and run."""
+    (here / "scara4_c").mkdir()
+    os.chown(here / "scara4_c", 65534, 65534)
     assert run(["export", "scara4", "--to", "c"]) == 2
     assert "'scara4_c' belongs to another user; name a folder with --folder" in capsys.readouterr().err
     assert run(["export", "scara4", "--to", "c", "--folder", "scara4_c"]) == 0
@@ -537,18 +541,14 @@ def test_one_of_two_exports_into_a_folder_waits_for_the_other(
     PARTS.write(tmp_path)
 
 
-def test_a_folder_that_is_a_link_has_to_be_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("kinseek.cli.commands.export.prepare", lambda *given, **named: PARTS)
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "scara4_c").symlink_to("elsewhere")
+def test_a_folder_that_is_a_link_has_to_be_named(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "elsewhere").mkdir()
+    (here / "scara4_c").symlink_to("elsewhere")
     assert run(["export", "scara4", "--to", "c"]) == 2
     assert "'scara4_c' is a link; name the folder with --folder" in capsys.readouterr().err
-    assert not any((tmp_path / "elsewhere").iterdir())
+    assert not any((here / "elsewhere").iterdir())
     assert run(["export", "scara4", "--to", "c", "--folder", "scara4_c"]) == 0
-    assert (tmp_path / "elsewhere" / "main.c").is_file()
+    assert (here / "elsewhere" / "main.c").is_file()
 
 
 def test_without_numba_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from typing import Any, cast
 from kinseek.branches.result import Branches
 from kinseek.errors import InvalidGoal, InvalidProblem, KinseekError, suggest
 from kinseek.poses import one_pose
+from kinseek.support.validation import is_finite_number
 
 from .goals import DIRECTIONS, TURNS, silent_pose, suspect_degrees
 from .output import direct_output, write_out
@@ -146,10 +147,7 @@ def _has_rows(value: Any) -> bool:
 
 def _are_numbers(value: Any) -> bool:
     """Return whether a value is a list of numbers that floats can represent; integers in JSON have any length."""
-    return isinstance(value, list) and all(
-        isinstance(each, int | float) and not isinstance(each, bool) and abs(each) <= sys.float_info.max
-        for each in value
-    )
+    return isinstance(value, list) and all(map(is_finite_number, value))
 
 
 def _nearer(request: SolveRequest, fields: dict[str, Any]) -> SolveRequest:

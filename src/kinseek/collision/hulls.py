@@ -98,12 +98,11 @@ def _few_neighbours(hull: Any) -> NDArray[np.int64]:
     Qhull divides a side into a fan, and coal accepts at most 254 neighbours of a corner. Here a side with many corners is
     divided into a strip.
     """
-    triangles = np.asarray(hull.simplices, dtype=np.int64)
+    triangles = np.array(hull.simplices, dtype=np.int64)
     order, begins = _sides(hull.equations)
-    whole = np.flatnonzero(np.diff(begins) > _FAN)
-    strips = [_strip(triangles[order[begins[side] : begins[side + 1]]]) for side in whole.tolist()]
-    for side, strip in zip(whole.tolist(), strips, strict=True):
-        triangles[order[begins[side] : begins[side + 1]]] = strip
+    for side in np.flatnonzero(np.diff(begins) > _FAN).tolist():
+        fan = order[begins[side] : begins[side + 1]]
+        triangles[fan] = _strip(triangles[fan])
     return triangles
 
 

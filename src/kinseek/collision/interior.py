@@ -95,11 +95,11 @@ class Interior:
     def holds(self, point: Array) -> bool:
         """Return whether a point (3,) lies in a solid surface and in no cavity of it."""
         # A surface that encloses nothing winds around no point, unless the volumes of parts that touch each other cancel.
-        near = ~self._is_cavity() & (point >= self._least).all(axis=1) & (point <= self._most).all(axis=1)
-        around = np.flatnonzero(near)[self._are_around(np.flatnonzero(near), point)]
+        in_bounds = (point >= self._least).all(axis=1) & (point <= self._most).all(axis=1)
+        near = np.flatnonzero(in_bounds & ~self._is_cavity())
         return not all(
             self._are_around(np.array(self._cavities.get(solid, ()), dtype=np.int64), point).any()
-            for solid in around.tolist()
+            for solid in near[self._are_around(near, point)].tolist()
         )
 
     def _are_around(self, surfaces: Indices, point: Array) -> Bools:
@@ -204,7 +204,8 @@ def _parts(corners: Indices) -> Indices:
     """
     edges, _ = _edges(corners)
     order = np.argsort(edges, kind="stable")
-    starts = np.cumsum(np.bincount(edges)) - np.bincount(edges)
+    counts = np.bincount(edges)
+    starts = np.cumsum(counts) - counts
     earlier = np.empty(len(edges), dtype=np.int64)  # Triangles before this one that pass the edge.
     earlier[order] = np.arange(len(edges)) - starts[edges[order]]
     opened = np.where(earlier % 2 == 0, 1, -1).reshape(-1, 3).sum(axis=1)

@@ -18,7 +18,7 @@ except ImportError:  # Windows.
     fcntl = None  # type: ignore[assignment]
 
 from kinseek.errors import InvalidExport
-from kinseek.support.private import resolved
+from kinseek.support.private import READ_NO_LINK, resolved
 
 _PATIENCE = 10.0
 """How long another export into the same folder is waited for [s]."""
@@ -178,9 +178,8 @@ class _Folder(NamedTuple):
 
     def _beginning(self, name: str, count: int) -> bytes:
         """Return the first bytes of a regular file, none of anything else."""
-        flags = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
         try:
-            with open(os.open(self._at(name), os.O_RDONLY | flags, dir_fd=self.descriptor), "rb") as file:
+            with open(os.open(self._at(name), READ_NO_LINK, dir_fd=self.descriptor), "rb") as file:
                 return file.read(count) if stat.S_ISREG(os.fstat(file.fileno()).st_mode) else b""
         except OSError as error:
             if error.errno in (errno.ENOENT, errno.ELOOP):  # Not there, or a link.

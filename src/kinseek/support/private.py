@@ -20,6 +20,12 @@ OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 """Permissions of a folder or file that others may change."""
 
 
+READ_NO_LINK = os.O_RDONLY | sum(
+    getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY")
+)
+"""Flags that open a file to read it, but no link, and that do not wait for a pipe."""
+
+
 class NotPrivate(OSError):
     """Another user may have made, or may change, a folder or file."""
 
@@ -70,9 +76,8 @@ def read_private(path: Path) -> bytes:
         NotPrivate: It is a link, belongs to another user, or others may write to it.
         OSError: It cannot be read, or is not a regular file.
     """
-    flags = [getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY")]
     try:
-        descriptor = os.open(path, os.O_RDONLY | sum(flags))
+        descriptor = os.open(path, READ_NO_LINK)
     except OSError:
         if path.is_symlink():
             raise NotPrivate(f"{path} is a link") from None

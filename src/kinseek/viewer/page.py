@@ -99,8 +99,15 @@ class Page:
         self._player = Newest(self._play, f"{name}: motions")
         self._storer = Newest(self._store, f"{name}: options", QUIET)
         self._mover = Newest(self._move_body, f"{name}: bodies")
-        workers = self._solver, self._prover, self._clouder, self._planner, self._player, self._storer
-        self._workers = (*workers, self._mover)
+        self._workers = (
+            self._solver,
+            self._prover,
+            self._clouder,
+            self._planner,
+            self._player,
+            self._storer,
+            self._mover,
+        )
         try:
             self._begin()
         except BaseException:  # The client left at once: nothing else would close the threads.
