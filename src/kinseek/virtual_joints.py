@@ -219,10 +219,7 @@ def extended(problem: Problem, inside: bool = False) -> Extended:
     elif not at_tip:
         used = [np.eye(3)[i] for i in slides]
         along = _constant(targets[:, :, :3], used, "along axes of the tool", "in the base", "base")
-    # Limits of free slides are rounded up, so that targets at similar distances share an arm and its atlas.
-    reach = chain.reach + (0.0 if goal.tool is None else float(np.linalg.norm(goal.tool[:3, 3])))
-    far = 2.0 * reach + float(np.linalg.norm(targets[:, :, 3], axis=1).max(initial=0.0))
-    far = 2.0 ** math.ceil(math.log2(max(far, 1e-300)))
+    far = float(slide_limits(problem).max(initial=0.0))
     tool = None if goal.tool is None else goal.tool.tobytes()
     key = (rotations_of, goal.ranges[:3], goal.frame, inside, tool, far, own.tobytes(), along.tobytes())
 
@@ -257,6 +254,20 @@ def extended(problem: Problem, inside: bool = False) -> Extended:
 
 
 _chains: WeakCache[SerialChain, object, SerialChain] = WeakCache(_MOST)
+
+
+def slide_limits(problem: Problem) -> Array:
+    """Return for each target how far the virtual slides need to go to either side, (k,), [m].
+
+    That of a free axis is rounded up to a power of 2, the same for all targets within the arm's reach, so that they share an
+    extended arm and its atlas, and one target alone has the same as in a batch.
+    """
+    goal = problem.goal
+    longest = np.abs((goal.ranges or (PINNED,))[:3]).max()
+    reach = problem.chain.reach + (0.0 if goal.tool is None else float(np.linalg.norm(goal.tool[:3, 3])))
+    distances = np.maximum(np.linalg.norm(goal.targets[:, :, 3], axis=1), reach)
+    powers = np.ceil(np.log2(np.maximum(2.0 * reach + distances, 1e-300)))
+    return np.asarray(np.minimum(longest, np.exp2(powers)))
 
 
 @lru_cache(maxsize=64)

@@ -387,6 +387,21 @@ def test_the_same_bits_alone_and_in_a_batch_at_every_thread_count() -> None:
         assert "150" in repr(batch)
 
 
+@pytest.mark.parametrize("free", ["x", "z"])
+def test_free_positions_alone_and_in_a_batch(free: str) -> None:
+    tool = kinseek.pose([0.1, -0.1, 0.15], rpy=[0.5, -1.0, 1.0])
+    arm = kinseek.load("ur5e").with_tool(tool)
+    end = kinseek.pose([-0.1, 0.05, 0.1], rpy=[-1.0, 0.4, 2.0])
+    targets = arm.fk(arm.sample(30, seed=3)) @ end
+    # The last ones are far beyond the arm, along an axis that the goal leaves free.
+    targets[-5:, :3, 3] += 3.0 * targets[-5:, :3, "xyz".index(free)]
+    batch = some(arm.branches(Goal.pose(targets, free=free, tool=end)))
+    alone = [one(arm.branches(Goal.pose(target, free=free, tool=end))) for target in targets]
+    assert min(map(len, alone)) > 0
+    for target, several in zip(alone, batch, strict=True):
+        np.testing.assert_array_equal(target.q, several.q)
+
+
 def test_an_empty_batch() -> None:
     arm = kinseek.load("ur5e")
     found = some(arm.branches(np.zeros((0, 4, 4))))

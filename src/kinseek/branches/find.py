@@ -23,7 +23,7 @@ from kinseek.solvers.threads import GoOn, parallel_for
 from kinseek.support.deadline import Deadline
 from kinseek.support.turns import TURN, shortest
 from kinseek.support.validation import as_integer
-from kinseek.virtual_joints import extended
+from kinseek.virtual_joints import Extended, extended, slide_limits
 
 from .index import SAMPLE_SIZE, BranchIndex, index_of
 from .order import DEFAULT, ORDERS, Cost, Selection, scores, which_valid
@@ -113,15 +113,12 @@ def _ranged(
 ) -> Branches | BranchesBatch:
     """Find solutions of goals with ranges, by the arm that has virtual joints for them."""
     goal, dof = problem.goal, problem.chain.dof
-    try:
-        more = extended(problem, inside=True) if len(goal.targets) else None
-    except InvalidProblem:  # The axes of the ranges change from target to target.
-        if not goal.shape:
-            raise
+    if not len(goal.targets):
+        return BranchesBatch((), goal.shape)
+    more = _extended_for_all(problem)
+    if more is None:
         each = (branches_of(one, selection, threads, deadline) for one in problem.each())
         return BranchesBatch(tuple(cast(Iterator[Branches], each)), goal.shape)
-    if more is None:
-        return BranchesBatch((), goal.shape)
     nears = None
     if problem.near is not None:
         rows = np.broadcast_to(problem.near, (*goal.shape, dof)).reshape(-1, dof)
@@ -162,6 +159,22 @@ def _ranged(
         )
         answers.append(_chosen(of_one, selection, sort=True))
     return BranchesBatch(tuple(answers), goal.shape) if goal.shape else answers[0]
+
+
+def _extended_for_all(problem: Problem) -> Extended | None:
+    """Return the arm with virtual joints that all targets share; None if the targets of a batch need different ones.
+
+    Raises:
+        InvalidProblem: One goal alone, with ranges that no virtual joints have.
+    """
+    if np.ptp(slide_limits(problem)):
+        return None
+    try:
+        return extended(problem, inside=True)
+    except InvalidProblem:  # The axes of the ranges change from target to target.
+        if not problem.goal.shape:
+            raise
+        return None
 
 
 def _distinct(q: Array, chain: SerialChain) -> Array:
