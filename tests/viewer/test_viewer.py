@@ -787,9 +787,37 @@ def test_passes_of_a_search_are_shown(sessions: dict[str, Session]) -> None:
             page.show_passes(True)
             rest(page)
             for number, one in enumerate(page.trace):
-                page.show_pass(number)
+                page.choose_pass(number)
+                rest(page)
                 assert one.name in page.panel.pass_text.content
                 assert page.panel.number.value == number + 1 or len(page.trace) == 1
+
+
+def test_a_pass_of_a_slow_arm_is_shown_outside_the_loop() -> None:
+    pytest.importorskip("trimesh")
+    threads = set[str]()
+
+    def fk(q: Any) -> Any:
+        threads.add(threading.current_thread().name)
+        return arm.fk(q)
+
+    arm = kinseek.load("ur5e")
+    slow = Arm.from_fk(fk, arm.lower, arm.upper, vectorized=False)
+    with page_of(Session(slow)) as page:
+        page.panel.passes.value = True
+        page.change(search="DivideAndConquer")
+        page.show_passes(True)
+        rest(page)
+        threads.clear()
+        page.choose_pass(0)
+        assert page.panel.number.value == 1
+        page.choose_pass(1)
+        assert page.panel.number.value == 2
+        rest(page)
+        assert page.panel.number.value == 2
+        assert page.trace[1].name in page.panel.pass_text.content
+    assert threads
+    assert all(name.endswith("motions") for name in threads)
 
 
 @pytest.fixture

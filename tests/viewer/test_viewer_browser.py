@@ -360,7 +360,7 @@ def test_a_search_is_switched_and_shown_pass_by_pass(visit: Visit) -> None:
     visit.until(lambda: visit.tab.locator("[data-pass]").count() > 0)
     last = len(visit.page.trace) - 1
     visit.until(lambda: visit.tab.locator("[data-pass]").first.get_attribute("data-pass") == str(last))
-    visit.page.show_pass(1)
+    visit.page.choose_pass(1)
     visit.until(lambda: visit.tab.locator("[data-pass]").first.get_attribute("data-pass") == "1")
     visit.look("pass")
     visit.tab.get_by_role("button", name="step").click()

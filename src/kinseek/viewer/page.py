@@ -78,7 +78,7 @@ class Page:
         self.trace: Trace | None = None
         self._reached: clouds.Reached | None = None
         self._reached_for = self.options
-        self._chosen_time = 0.0
+        self._chosen_time, self._chosen_pass = 0.0, 0
         """The time of the motion that was chosen last [s]."""
         self._servoing = False
         """Does a tracker move the arm? Then goals are not solved."""
@@ -190,15 +190,26 @@ class Page:
             self._solver.give(known.q[number])
 
     def show_pass(self, number: int) -> None:
-        """Show one pass of the search, by its index from 0; an index out of range changes nothing."""
+        """Show one pass of the search, by its index from 0; an index out of range changes nothing.
+
+        This takes up to 2,000 evaluations of FK, so it is never done in the server's loop.
+        """
         trace = self.trace
         if trace is None or not self.panel.passes.value or not 0 <= number < len(trace):
             return
         one = trace[number]
         self.view.show_pass(one.q, clouds.visited(self.arm, one))
-        self.panel.show_number(number, len(trace))
         self.panel.pass_text.content = words.pass_html(trace, number)
         self.panel.joints.content = words.joints_html(self.arm, self.result.q, one)
+
+    def choose_pass(self, number: int) -> None:
+        """Stop, and show one pass of the search, by its index from 0; an index out of range changes nothing."""
+        trace = self.trace
+        if trace is None or not 0 <= number < len(trace):
+            return
+        self._chosen_pass = number
+        self.panel.show_number(number, len(trace))
+        self._player.give("pass")
 
     def show_time(self, t: float) -> None:
         """Show the trajectory at a time [s]; the next goal is solved near the joint values shown then."""
@@ -491,7 +502,9 @@ class Page:
         if self.trace is None and self.panel.passes.value:
             self._find_trace(options, result)
         self.panel.pass_text.content = words.pass_html(self.trace, 0) if self.panel.passes.value else ""
-        self.show_pass(len(self.trace) - 1 if self.trace else 0)
+        last = len(self.trace) - 1 if self.trace else 0
+        self.panel.show_number(last, last + 1)
+        self.show_pass(last)
         view.show_cloud(
             "samples", clouds.samples_around(self.arm, options) if options.samples else None, CLOUD
         )
@@ -555,6 +568,8 @@ class Page:
         elif what == "time":
             self.show_time(self._chosen_time)
             self._client.flush()
+        elif what == "pass":
+            self.show_pass(self._chosen_pass)
         elif what == "play":
             self._play_passes()
         elif what == "servo":
@@ -616,6 +631,7 @@ class Page:
         for number in range(len(trace or ())):
             if trace is not self.trace or self._player.stale():
                 return
+            self.panel.show_number(number, len(trace or ()))
             self.show_pass(number)
             self._player.wait(min(PASS, SHOW / len(trace or ())))
 

@@ -142,7 +142,7 @@ class Panel:
         )
         self._on(self.passes, do.show_passes)
         self.number = gui.add_slider("Pass", 1, 2, 1, 1, visible=False)
-        self._on(self.number, lambda value: do.show_pass(int(value) - 1))
+        self._on(self.number, lambda value: do.choose_pass(int(value) - 1))
         self.stepping = gui.add_button_group("Passes", ("back", "step", "play"), visible=False)
         self._on(self.stepping, self._stepped, click=True)
         self.pass_text = gui.add_html("")
@@ -151,7 +151,7 @@ class Panel:
         if value == "play":
             self._do.play_passes()
             return
-        self._do.show_pass(int(self.number.value) - 1 + (1 if value == "step" else -1))
+        self._do.choose_pass(int(self.number.value) - 1 + (1 if value == "step" else -1))
 
     def _parameters(self) -> dict[str, str]:
         return {name: str(each.value) for name, each in self.parameters.items() if each.visible}
