@@ -160,7 +160,8 @@ def test_a_scene_that_checks_nothing_is_reported(cli: CommandLine) -> None:
     goal = "solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --scene self --capsules"
     assert "no two bodies are checked, and so everything is free" in cli(goal, "50").err
     assert cli(goal, "0.05").err == ""
-    scene = kinseek.Scene.of(kinseek.load("ur5e"), capsules=50.0)
+    with pytest.warns(kinseek.UnitWarning, match="'upper_arm_link' extends 50.425 m"):
+        scene = kinseek.Scene.of(kinseek.load("ur5e"), capsules=50.0)
     assert not scene.checks
     assert "no two bodies are checked" in scene.notes[-1]
     scene.add_box("box", (0.1, 0.1, 0.1), kinseek.pose([3.0, 0.0, 0.0]))

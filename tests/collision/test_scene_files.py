@@ -410,6 +410,7 @@ MANY: dict[str, Callable[[int], str]] = {
 }
 
 
+@pytest.mark.filterwarnings("ignore::kinseek.UnitWarning")  # Some stand kilometres away.
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MANY)
 def test_too_many_shapes_are_refused_in_one_body_or_many(name: str, tmp_path: Path, scene: Scene) -> None:

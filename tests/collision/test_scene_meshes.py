@@ -254,9 +254,8 @@ def test_surfaces_with_an_inside_are_told_from_open_ones(tmp_path: Path) -> None
     arm = kinseek.load("planar2")
     q = [0.0, 0.1]
     scene = Scene.of(arm, capsules=0.02)
-    scene.add_box(
-        "far", (0.1, 0.1, 0.1), kinseek.pose([9.0, 0.0, 0.0])
-    )  # The links alone are neighbours, as a note says.
+    # The links alone are neighbours, as a note says.
+    scene.add_box("far", (0.1, 0.1, 0.1), kinseek.pose([7.0, 0.0, 0.0]))
     for name, words, free in (
         ("4 turned over", None, False),
         ("room", None, True),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,9 @@ import numpy as np
 import pytest
 
 import kinseek
-from kinseek import UnitWarning
+from kinseek import Scene, UnitWarning
 from kinseek.cli import main
+from kinseek.collision import Box
 from kinseek.robots import catalog_names
 from places import SHARED
 
@@ -20,6 +22,11 @@ ROBOT = (
     '<robot name="r"><link name="a"/><link name="b"/><joint name="elbow" type="{}"><parent link="a"/><child link="b"/>'
     '<origin xyz="0 0 0.5"/><limit lower="{}" upper="{}"/></joint></robot>'
 )
+CELL = (
+    '<robot name="c"><link name="table"><collision><origin xyz="550 0 -60"/><geometry><box size="1000 1600 40"/></geometry>'
+    "</collision></link></robot>"
+)
+"""A table in millimetres."""
 
 
 @pytest.mark.parametrize("name", ["rpy", "rotvec"])
@@ -53,6 +60,50 @@ def test_a_quaternion_has_no_degrees() -> None:
         kinseek.InvalidGoal, match="degrees=True is for rpy and rotvec: quat_wxyz has no unit"
     ):
         kinseek.pose([0, 0, 0], quat_wxyz=[1, 0, 0, 0], degrees=True)
+
+
+def test_bodies_in_millimetres_are_asked_about(tmp_path: Path) -> None:
+    pytest.importorskip("pinocchio")
+    pytest.importorskip("coal")
+    cell = tmp_path / "cell.urdf"
+    cell.write_text(CELL)
+    arm = kinseek.load("ur5e")
+    scene = Scene.of(arm, capsules=0.05)
+    table, place = Box([1000, 1600, 40]), kinseek.pose([550, 0, -60])
+    calls: dict[str, Callable[[], object]] = {
+        "'a' is 64.0312 m from the base": lambda: scene.add_box("a", table.size, place),
+        "'b' is 64.0312 m from the base": lambda: scene.add("b", table, place),
+        "'c' is 519.605 m from the base": lambda: scene.add_points("c", [[300, 300, 300]], 0.01),
+        "'d' extends 943.61 m from the joint that carries it": lambda: scene.attach("d", table, "tool0"),
+        "table' is 64.0312 m from the base": lambda: scene.add_file(cell, prefix="e "),
+        "'upper_arm_link' extends 50.425 m from": lambda: Scene.of(arm, capsules=50),
+    }
+    for told, call in calls.items():
+        with pytest.warns(
+            UnitWarning, match=f"{told}.*arm reaches 1.2 m .*millimetres, divide by 1000$"
+        ) as caught:
+            call()
+        assert [each.filename for each in caught] == [__file__]
+    # Nothing is said of bodies within reach, of large ones, and of those that are replaced time and again.
+    scene.add_box("hall", [100, 100, 0.1], kinseek.pose([0, 0, -0.06]))
+    scene.add_box("door", [1, 0.1, 2], kinseek.pose([9, 0, 0]))
+    scene.add("a", table, kinseek.pose([560, 0, -60]), replace=True)
+
+
+def test_the_terminal_asks_about_bodies_in_millimetres(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("pinocchio")
+    pytest.importorskip("coal")
+    cell = tmp_path / "cell.urdf"
+    cell.write_text(CELL)
+    goal = ["--at", "0.4", "0.2", "0.3", "--position-only"]
+    with pytest.raises(SystemExit) as ended:
+        main(["solve", "ur5e", *goal, "--capsules", "0.05", "--scene", str(cell)])
+    assert ended.value.code == 0
+    told = capsys.readouterr().err
+    assert "'table' is 64.0312 m from the base" in told
+    assert told.count("\n") == 1
 
 
 def test_goals_in_millimetres_are_asked_about() -> None:

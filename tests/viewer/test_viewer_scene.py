@@ -191,7 +191,7 @@ def test_a_body_is_dragged_quickly_among_many(session: Session) -> None:
     """Each message took time for every body, in the loop that serves all pages."""
     scene = Scene.of(UR5E, capsules=0.05)
     for i in range(300):
-        scene.add_box(f"{i}", (0.02, 0.02, 0.02), kinseek.pose([2.0 + i / 10, 0.0, 0.5]))
+        scene.add_box(f"{i}", (0.02, 0.02, 0.02), kinseek.pose([2.0 + i / 40, 0.0, 0.5]))
     with page_of(Session(UR5E, scene)) as page:
         page.select_body("7")
         before = dict(page._bodies)

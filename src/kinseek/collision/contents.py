@@ -17,6 +17,7 @@ from kinseek.poses import one_pose
 from kinseek.printable import printable
 from kinseek.problem import as_joints
 from kinseek.robots.chain import Frame, SerialChain
+from kinseek.support.units import warn_of_distance
 
 from .assembly import Assembly, assemble, sampled
 from .bodies import ArmBodies, Body, Part, package_folders, require_number
@@ -61,19 +62,19 @@ class Contents:
             InvalidScene: The name is taken, or the size is invalid.
             InvalidGoal: `pose` is invalid.
         """
-        self.add(name, Box(size), pose)
+        self._add(name, Box(size), pose)
 
     def add_sphere(self, name: str, radius: float, pose: Any = None) -> None:
         """Add a sphere with a radius [m]; see `add_box`."""
-        self.add(name, Sphere(radius), pose)
+        self._add(name, Sphere(radius), pose)
 
     def add_cylinder(self, name: str, radius: float, length: float, pose: Any = None) -> None:
         """Add a cylinder about the z axis of its pose, lengths in [m]; see `add_box`."""
-        self.add(name, Cylinder(radius, length), pose)
+        self._add(name, Cylinder(radius, length), pose)
 
     def add_capsule(self, name: str, radius: float, length: float, pose: Any = None) -> None:
         """Add a cylinder with round ends about the z axis of its pose; `length` [m] excludes the ends; see `add_box`."""
-        self.add(name, Capsule(radius, length), pose)
+        self._add(name, Capsule(radius, length), pose)
 
     def add_mesh(
         self,
@@ -106,7 +107,7 @@ class Contents:
                 triangles without `hull` or `simplify`.
         """
         mesh = Mesh.read(path, scale, hull, simplify)
-        self.add(name, mesh, pose)
+        self._add(name, mesh, pose)
         if simplify is not None:
             self._notes.append(
                 f"{name!r} is simplified to {len(mesh.faces):,} triangles, and is treated as {mesh.thicker:.2g} m "
@@ -142,10 +143,10 @@ class Contents:
                 number of points; or an invalid length.
         """
         if simplify is None:
-            self.add(name, Points(cloud, radius), pose, replace=replace)
+            self._add(name, Points(cloud, radius), pose, replace)
             return
         points = Points.merged(cloud, radius, simplify)
-        self.add(name, points, pose, replace=replace)
+        self._add(name, points, pose, replace)
         self._notes.append(
             f"{name!r} is simplified to {len(points.places):,} points, and is treated as {points.radius - radius:.2g} m "
             "thicker"
@@ -168,7 +169,7 @@ class Contents:
             InvalidScene: As `add`; not Boolean values in three dimensions, no occupied cell or more than a million; or
                 an invalid size.
         """
-        self.add(name, Voxels(occupied, size), pose, replace=replace)
+        self._add(name, Voxels(occupied, size), pose, replace)
 
     def add(self, name: str, shape: Shape, pose: Any = None, *, replace: bool = False) -> None:
         """Add a shape of `kinseek.collision`.
@@ -183,9 +184,11 @@ class Contents:
         Raises:
             InvalidScene: The name is taken, or `shape` is not a shape.
             InvalidGoal: `pose` is invalid.
+
+        Warns:
+            UnitWarning: It is a new body, more than ten times as far from the base as the arm reaches.
         """
-        part = _part(shape, pose)
-        self._enter(Body(self._new(name, replace), Frame(0, np.eye(4)), [part]))
+        self._add(name, shape, pose, replace)
 
     def add_file(
         self,
@@ -218,6 +221,9 @@ class Contents:
                 missing, empty or broken; or a name is taken.
             InvalidGoal: `pose` is invalid.
             MissingExtra: trimesh is not installed.
+
+        Warns:
+            UnitWarning: A body of the file is more than ten times as far from the base as the arm reaches.
         """
         meshes, skip = read_missing(meshes, missing)
         folders = {name: Path(folder) for name, folder in self._chain.packages.items()}
@@ -232,9 +238,14 @@ class Contents:
             raise InvalidScene(
                 f'{path}: {error}; prefix= adds a prefix to the names of a file: prefix="left "'
             ) from None
-        for name, body in zip(names, found, strict=True):
-            self._enter(replace(body, name=name, frame=Frame(0, base @ body.frame.pose)))
+        placed = [
+            replace(body, name=name, frame=Frame(0, base @ body.frame.pose))
+            for name, body in zip(names, found, strict=True)
+        ]
+        for body in placed:
+            self._enter(body)
         self._notes.extend(notes)
+        self._warn_if_far(placed, f"{path}: ")
         return names
 
     def attach(
@@ -264,6 +275,9 @@ class Contents:
         Raises:
             InvalidScene: The name is taken, the link or a body is unknown, or the shape cannot be attached.
             InvalidGoal: `pose` is invalid.
+
+        Warns:
+            UnitWarning: It is a new body, and extends farther than ten times the arm's reach.
         """
         self._require(to, self._links, "link")
         if isinstance(shape, Cloud) or (isinstance(shape, Mesh) and not shape.hull):
@@ -276,15 +290,11 @@ class Contents:
         for other in touches:
             self._require(other, self._bodies)
         part = _part(shape, pose)
-        frame = self._links[to]
-        self._enter(
-            Body(
-                self._new(name, replace),
-                frame,
-                [part],
-                padding=length_or_zero("padding", padding),
-            )
-        )
+        frame, is_new = self._links[to], name not in self._bodies
+        body = Body(self._new(name, replace), frame, [part], padding=length_or_zero("padding", padding))
+        self._enter(body)
+        if is_new:
+            self._warn_if_far([body])
         for other in {to, *touches} & self._bodies.keys():
             self._never[key(name, other)] = ATTACHED if other == to else MAY_TOUCH
         self._sample(self._samples, False, name)
@@ -440,6 +450,29 @@ class Contents:
     def _one(self, q: Any) -> Array:
         return one_q(self._chain, q)
 
+    def _add(self, name: str, shape: Shape, pose: Any, replace: bool = False) -> None:
+        """Add a shape; see `add`. The caller is a method that the user calls: a warning blames the line that calls it."""
+        part, is_new = _part(shape, pose), name not in self._bodies
+        body = Body(self._new(name, replace), Frame(0, np.eye(4)), [part])
+        self._enter(body)
+        if is_new:  # A program that replaces a body many times is told once.
+            self._warn_if_far([body], level=4)
+
+    def _warn_if_far(self, bodies: Sequence[Body], where: str = "", level: int = 3) -> None:
+        """Warn of the farthest of new bodies, if it is far beyond the arm's reach: its lengths may be in millimetres.
+
+        What the arm carries may not even extend that far.
+        """
+        found = []
+        for body in bodies:
+            is_carried = body.is_link or body.frame.joints > 0
+            nearest, farthest = _distances(body)
+            found.append((farthest if is_carried else nearest, is_carried, body))
+        distance, is_carried, body = max(found, key=lambda one: one[0])
+        what = f"{where}{body.name!r} {'extends' if is_carried else 'is'}"
+        origin = "the joint that carries it" if is_carried else "the base"
+        warn_of_distance(distance, self._chain.reach, level, what, origin)
+
     def _new(self, name: str, replace: bool = False) -> str:
         if not isinstance(name, str) or not name:
             raise InvalidScene(f"a body needs a name, got {name!r}")
@@ -552,6 +585,18 @@ def _require_near(bodies: Iterable[Body]) -> None:
                     f"{body.name!r}: a shape must stand within {LARGEST:g} m of the origin along each axis, got "
                     f"{farthest:g} m"
                 )
+
+
+def _distances(body: Body) -> tuple[float, float]:
+    """Bound the distances of a body's nearest and farthest point from its joint, or from the base [m]."""
+    nearest, farthest = np.inf, 0.0
+    for part in body.parts:
+        place, thick = body.frame.pose @ part.pose, part.shape.thickness + body.padding
+        corners = part.shape.corners @ place[:3, :3].T + place[:3, 3]
+        beyond = np.maximum(np.maximum(corners.min(axis=0), -corners.max(axis=0)), 0.0)
+        nearest = min(nearest, float(np.linalg.norm(beyond)) - thick)
+        farthest = max(farthest, float(np.linalg.norm(corners, axis=1).max()) + thick)
+    return nearest, farthest
 
 
 def _part(shape: Shape, pose: Any) -> Part:

@@ -103,6 +103,9 @@ class Scene(Contents):
                 that do not fit; an arm with more than 150 moving joints.
             InvalidProblem: The arm has black-box kinematics.
             MissingExtra: pinocchio or trimesh is not installed.
+
+        Warns:
+            UnitWarning: A link extends farther than ten times the arm's reach.
         """
         library("pinocchio")
         chain = chain_of(arm, trusted)
@@ -123,6 +126,8 @@ class Scene(Contents):
             left_out, found.notes = disabled | left_out, [*found.notes, *notes]
         scene = cls(chain, found, left_out, samples)
         scene._sample(samples, never == "skip")
+        if found.bodies:
+            scene._warn_if_far(found.bodies)
         return scene
 
     def free(self, q: Any, clearance: float = 0.0, threads: int | None = None) -> Any:

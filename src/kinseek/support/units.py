@@ -25,7 +25,7 @@ FAST = {"velocity": 50.0, "acceleration": 500.0}
 """Limits beyond these cause a warning [rad/s], [rad/s²]: 50 rad/s are 8 turns a second. Not examined further. Limits of jerk
 are not judged: common ones, 500 to 10,000 rad/s³, could be either unit."""
 FAR = 10.0
-"""A goal farther away than this multiple of the reach causes a warning."""
+"""A goal or a body farther away than this multiple of the reach causes a warning."""
 SLOW = 1.0
 """A period of control longer than this causes a warning [s]: robots are servoed at 10 to 1,000 Hz."""
 
@@ -118,18 +118,22 @@ def warn_of_period(period: float, level: int) -> None:
         )
 
 
-def warn_of_distance(far: float, reach: float, level: int) -> None:
-    """Warn of a goal whose distance is many times the arm's reach.
+def warn_of_distance(
+    far: float, reach: float, level: int, what: str = "the goal is", origin: str = "the base"
+) -> None:
+    """Warn of a goal or a body whose distance is many times the arm's reach.
 
     Args:
-        far: Distance of the goal from the base [m].
+        far: The distance [m].
         reach: Upper bound on the distance of the tip from the base [m].
         level: Number of calls between here and the line to blame.
+        what: What is that far away, with its verb.
+        origin: Of what.
     """
     if 0.0 < FAR * reach < far:
         unit = "millimetres" if far <= 1000 * reach else "other units"
         warnings.warn(
-            f"the goal is {far:g} m from the base, and the arm reaches {reach:.3g} m at most: lengths are in metres; "
+            f"{what} {far:g} m from {origin}, and the arm reaches {reach:.3g} m at most: lengths are in metres; "
             f"if these are {unit}, divide by {'1000' if unit == 'millimetres' else 'what makes them metres'}",
             UnitWarning,
             stacklevel=level + 1,
