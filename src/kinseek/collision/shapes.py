@@ -390,7 +390,12 @@ class Mesh(Shape):
 
     def geometry(self) -> Any:
         """Return the geometry for coal."""
-        return self._hull if self.hull else triangles(self.vertices, self.faces)
+        return self._hull if self.hull else self._triangles
+
+    @lazy
+    def _triangles(self) -> Any:
+        """The tree of triangles for coal, shared by all bodies that have this mesh."""
+        return triangles(self.vertices, self.faces)
 
     @lazy
     def _least(self) -> Array:
