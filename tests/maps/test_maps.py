@@ -470,6 +470,9 @@ FINE = ((-1, 1, 1 / 33),) * 3
         (lambda: maps.reach(UR5E, WIDE, depth=-1), "depth must be"),
         (lambda: maps.reach(UR5E, WIDE, position_tolerance=-1.0), "position_tolerance"),
         (lambda: maps.reach(UR5E, (0, 1)), "must be a maps.Grid"),  # type: ignore[arg-type]
+        (lambda: maps.reach("ur5e", WIDE), "a map needs an Arm, as kinseek.load gives it, got str"),  # type: ignore[arg-type]
+        (lambda: maps.estimate("ur5e", WIDE), "needs an Arm"),  # type: ignore[arg-type]
+        (lambda: maps.best_base("ur5e", np.eye(4), np.eye(4)), "of bases needs an Arm"),  # type: ignore[arg-type]
         (lambda: maps.reach(kinseek.load("cylindrical3").with_locked({}), WIDE, "branch"), "unknown measure"),
         (lambda: maps.best_base(UR5E, np.eye(4), np.eye(4), by="speed"), "by must be"),
         (lambda: maps.volume(maps.reach(UR5E, WIDE)), "prove=True"),

@@ -26,7 +26,7 @@ from kinseek.unknown_arguments import unknown_argument
 
 from .free import reached_freely
 from .measures import DEXTERITY, LIMITS, all_solutions, limit_distance
-from .search import patience_of, reached
+from .search import axes_of, patience_of, reached
 
 if TYPE_CHECKING:
     import xarray
@@ -106,11 +106,7 @@ def best_base(
     goal, places = goal.at(goal.target.reshape(-1, 4, 4)), as_pose(candidates).reshape(-1, 4, 4)
     if not isinstance(by, str) or by not in QUALITIES:
         raise InvalidMap(f"by must be one of {', '.join(QUALITIES)}, got {by!r:.200}")
-    if arm.axes is None:
-        raise InvalidMap(
-            f"the ranking of bases needs the axes and links of an arm, but {arm.name!r} has black-box "
-            "kinematics"
-        )
+    axes_of(arm, "the ranking of bases")
     n = len(goal.target)
     if not n or not len(places):
         raise InvalidMap(f"at least one pose and one candidate are needed, got {n} and {len(places)}")

@@ -28,7 +28,7 @@ from .grid import BLOCK, Grid, Rings
 from .measures import REACHED, required
 from .reading import checked
 from .run import run
-from .search import PATIENCE, patience_of
+from .search import PATIENCE, axes_of, patience_of
 from .store import DIGEST, MOST_BLOCKS, MOST_CHUNK, Store, blocks_of, compare, require_own
 from .variables import CELL, TURNS
 
@@ -203,10 +203,7 @@ def work_of(
     Raises:
         InvalidMap: An argument is not valid, or the arguments do not fit together.
     """
-    if arm.axes is None:
-        raise InvalidMap(
-            f"a map needs the axes and links of an arm, but {arm.name!r} has black-box kinematics"
-        )
+    axes = axes_of(arm, "a map")
     if not isinstance(grid, Grid | Rings):
         raise InvalidMap(f"grid must be a maps.Grid or maps.Rings, got {type(grid).__name__}")
     given: Mapping[str, Any] = options
@@ -217,7 +214,7 @@ def work_of(
         as_integer(name, value, least, MOST_CHUNK if name == "block" else NO_BOUND, InvalidMap)
     # Raises if the first joint cannot be divided out.
     if isinstance(grid, Rings):
-        divided(arm.axes)
+        divided(axes)
     scene, clearance = given["scene"], given["clearance"]
     if scene is None and clearance != 0.0:
         raise InvalidMap(f"clearance= needs a scene: give scene=, got clearance={clearance!r}")
@@ -232,7 +229,7 @@ def work_of(
     if goal is not None:
         _check_goal(goal, grid, given)
     prove = as_flag("prove", options["prove"], InvalidMap)
-    chain, patience = slim(arm.axes), options["patience"]
+    chain, patience = slim(axes), options["patience"]
     chunks = grid.chunks(int(options["block"] or (PROVED if prove else BLOCK)))
     if (blocks := math.prod(blocks_of(grid.shape, chunks))) > MOST_BLOCKS:
         raise InvalidMap(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
+from kinseek.errors import InvalidMap
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.atlas.batch import solve_many, solve_some
@@ -23,6 +24,7 @@ from kinseek.kernels.maps.many_gates import many_gates
 from kinseek.kinds import POSE
 from kinseek.problem import Problem
 from kinseek.proof.reduce import LARGEST, question
+from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import divide
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
 from kinseek.support.transforms import inverse, square
@@ -49,6 +51,25 @@ rounding error of the tip's pose after that rotation of the last joint.
 def patience_of(position_tolerance: float, orientation_tolerance: float) -> int | None:
     """Return the maximum number of FK evaluations for a pose, None for as many as `Arm.ik` uses."""
     return PATIENCE if max(position_tolerance, orientation_tolerance) <= LOOSE else None
+
+
+def axes_of(arm: object, what: str) -> SerialChain:
+    """Return the axes of an arm.
+
+    Args:
+        arm: The arm.
+        what: What needs them, for the message.
+
+    Raises:
+        InvalidMap: It is no arm, or has none.
+    """
+    if not isinstance(arm, Arm):
+        raise InvalidMap(f"{what} needs an Arm, as kinseek.load gives it, got {type(arm).__name__}")
+    if arm.axes is None:
+        raise InvalidMap(
+            f"{what} needs the axes and links of an arm, but {arm.name!r} has black-box kinematics"
+        )
+    return arm.axes
 
 
 def reached(arm: Arm, goal: Goal, patience: int | None = PATIENCE) -> Flags:
