@@ -17,7 +17,9 @@ import pytest
 import kinseek
 from cells import FACES, TETRAHEDRON, box_mesh, write_arm, write_obj, write_stl
 from kinseek import InvalidScene, Scene
-from kinseek.collision import Box, Capsule, Cylinder, Mesh, Points, Sphere
+from kinseek.collision import Box, Capsule, Cylinder, Mesh, Points, Sphere, contents
+from kinseek.collision.assembly import assemble
+from kinseek.collision.engine import Engine
 from kinseek.collision.shapes import LEAST_LENGTH, MOST_LENGTH, Shape
 
 pin = pytest.importorskip("pinocchio")
@@ -616,3 +618,55 @@ def test_what_can_be_attached_to_are_links_and_no_joints(arm: kinseek.Arm, links
     for joint in arm.joint_names:
         with pytest.raises(InvalidScene, match=f"unknown link '{joint}'"):
             scene.attach("load", Box((1, 1, 1)), to=joint)
+
+
+def test_a_change_by_another_thread_during_a_question(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, arm: kinseek.Arm
+) -> None:
+    """Of 3,564 rounds with a camera's thread beside them two motions that hit something were free."""
+    q = arm.sample(1, seed=1)[0]
+    for i in range(3):
+        scene.add_box(f"box {i}", (0.1, 0.1, 0.1), kinseek.pose([2.0, 0.0, i]))
+    scene.add_sphere("ball", 1.0, arm.fk(q))
+    nearest, hits, motion = scene.nearest(q), scene.hits(q), scene.free_motion(q, q + 0.01)
+    between = scene.hits_between(q, q + 0.01)
+    assert hits
+    assert not motion
+
+    def changed(question: Callable[..., Any]) -> Callable[..., Any]:
+        def asked(*args: Any) -> Any:
+            monkeypatch.undo()
+            scene.remove("box 0")
+            scene.remove("ball")
+            return question(*args)
+
+        return asked
+
+    questions: tuple[tuple[Any, str, Callable[[], Any], Any], ...] = (
+        (Engine, "nearest", lambda: scene.nearest(q)[:3], nearest[:3]),
+        (Engine, "touching", lambda: scene.hits(q), hits),
+        (Engine, "__enter__", lambda: scene.free_motion(q, q + 0.01), motion),
+        (Engine, "__enter__", lambda: scene.hits_between(q, q + 0.01), between),
+    )
+    for place, name, ask, told in questions:
+        monkeypatch.setattr(place, name, changed(getattr(place, name)))
+        assert ask() == told, name
+        scene.add_box("box 0", (0.1, 0.1, 0.1), kinseek.pose([2.0, 0.0, 0.0]))
+        scene.add_sphere("ball", 1.0, arm.fk(q))
+        assert not scene.free(q)
+
+
+def test_a_body_that_is_added_while_another_thread_prepares_the_scene_is_checked(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, arm: kinseek.Arm
+) -> None:
+    q = arm.sample(1, seed=1)[0]
+
+    def interrupted(*args: Any) -> Any:
+        made = assemble(*args)
+        monkeypatch.undo()
+        scene.add_sphere("ball", 1.0, arm.fk(q))
+        return made
+
+    monkeypatch.setattr(contents, "assemble", interrupted)
+    assert scene.nearest(q).b != "ball"
+    assert "ball" in {contact.b for contact in scene.hits(q)}

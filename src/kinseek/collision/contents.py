@@ -46,7 +46,10 @@ class Contents:
         self._never = never
         self._notes = list(arm.notes)
         self._others: dict[str, OtherArm] = {}
-        self._assembly: Assembly | None = None
+        self._state = object()
+        """Another object after every change of the contents."""
+        self._assembled: tuple[object, Assembly] | None = None
+        """The state that was assembled last, and its engine."""
         self._margins: Margins | None = None
 
     def add_box(self, name: str, size: ArrayLike, pose: Any = None) -> None:
@@ -322,7 +325,7 @@ class Contents:
                 f"expected the kinseek.Scene of the other arm, got {type(other).__name__}; make one: Scene.of(other_arm)"
             )
         base = np.eye(4) if pose is None else one_pose(pose, "pose")
-        own = [body for body in other._bodies.values() if body.is_link or body.frame.joints]
+        own = [body for body in other._all() if body.is_link or body.frame.joints]
         arm = OtherArm(self._new(name), other._chain, base, own)
         added = arm.at(other._one(q))
         # Everything is checked before anything is added, so an error leaves the scene as it was.
@@ -330,7 +333,8 @@ class Contents:
         for body in added:
             self._new(body.name)
         self._bodies |= {body.name: body for body in added}
-        self._others[name], self._assembly = arm, None
+        self._others[name] = arm
+        self._changed()
 
     def move(self, name: str, q: Any) -> None:
         """Move another arm of the scene to other joint values, without rebuilding the engine.
@@ -356,7 +360,7 @@ class Contents:
         self._require(a, self._bodies)
         self._require(b, self._bodies)
         self._never[key(a, b)] = str(reason) or "allowed: they may touch"
-        self._assembly = None
+        self._changed()
 
     def remove(self, name: str) -> None:
         """Remove a body that was added or attached, or another arm.
@@ -380,7 +384,7 @@ class Contents:
         del self._bodies[name]
         self._never = {pair: why for pair, why in self._never.items() if name not in pair}
         self._forget_notes(name)
-        self._assembly = None
+        self._changed()
 
     @property
     def arm(self) -> str:
@@ -395,7 +399,7 @@ class Contents:
     @property
     def pairs(self) -> tuple[Pair, ...]:
         """All pairs of bodies: those that are checked, and the others with the reason; each prints as a line."""
-        return tuple(pairs_of(self._bodies.values(), self._never))
+        return tuple(pairs_of(self._all(), self._never))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -405,35 +409,49 @@ class Contents:
     @property
     def checks(self) -> bool:
         """Is at least one pair of bodies checked? Otherwise everything is free."""
-        return any(pair.counts for pair in pairs_of(self._bodies.values(), self._never))
+        return any(pair.counts for pair in pairs_of(self._all(), self._never))
 
     @property
     def _made(self) -> Assembly:
         """The engine of the current contents, and the body of each part."""
-        if self._assembly is None:
-            self._assembly = assemble(self._chain, self._bodies.values(), self.pairs)
-        return self._assembly
+        state, assembled = self._state, self._assembled
+        if assembled is None or assembled[0] is not state:
+            # If another thread changes the contents meanwhile, the next call assembles them again.
+            self._assembled = assembled = state, assemble(self._chain, self._all(), self.pairs)
+        return assembled[1]
+
+    def _changed(self) -> None:
+        """Have the contents assembled again at the next call; follows every change of them."""
+        self._state = object()
+
+    def _all(self) -> list[Body]:
+        """Return the bodies of this moment, which another thread may change."""
+        return list(self._bodies.values())
 
     def _sample(self, samples: int, skip_never: bool, name: str | None = None) -> None:
         """Find the pairs carried by the arm that touch at all samples, or at none; if `name` is given, only its pairs."""
-        carried = {body.name for body in self._bodies.values() if body.is_link or body.frame.joints}
+        carried = {body.name for body in self._all() if body.is_link or body.frame.joints}
         open_pairs = [pair for pair in self.pairs if pair.counts and {pair.a, pair.b} <= carried]
         open_pairs = [pair for pair in open_pairs if name in (None, pair.a, pair.b)]
-        self._never |= sampled(self._chain, self._bodies.values(), open_pairs, samples, skip_never)
-        self._assembly = None
+        self._never |= sampled(self._chain, self._all(), open_pairs, samples, skip_never)
+        self._changed()
 
     @property
     def _standing(self) -> list[Body]:
         """The bodies that no joint of the arm moves, other than its links."""
-        return [body for body in self._bodies.values() if not (body.is_link or body.frame.joints)]
+        return [body for body in self._all() if not (body.is_link or body.frame.joints)]
 
     def _stand(self, moved: Sequence[Body]) -> None:
         """Replace bodies that no joint moves by the same ones at other places."""
         _require_near(moved)
+        before, assembled = self._state, self._assembled
         self._bodies |= {body.name: body for body in moved}
+        self._changed()
         # The shapes stay the same, so only their places change in an engine that exists already.
-        if self._assembly is not None:
-            self._assembly.stand(moved)
+        if assembled is not None and assembled[0] is before:
+            after = self._state
+            assembled[1].stand(moved)
+            self._assembled = after, assembled[1]
 
     def _of(self, chain: SerialChain) -> Self:
         """Return a copy for the same arm with other limits and another tool."""
@@ -506,7 +524,7 @@ class Contents:
         }
         self._forget_notes(body.name)
         self._bodies[body.name] = body
-        self._assembly = None
+        self._changed()
         shapes = [part.shape for part in body.parts]
         opened = [
             shape for shape in shapes if isinstance(shape, Mesh) and not shape.hull and not shape.closed
@@ -526,7 +544,7 @@ class Contents:
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle and copy the contents; the engine and the bounds of distances are rebuilt."""
-        state = {**self.__dict__, "_assembly": None, "_margins": None}
+        state = {**self.__dict__, "_assembled": None, "_margins": None}
         return state | {
             "_bodies": dict(self._bodies),
             "_others": dict(self._others),
@@ -536,7 +554,7 @@ class Contents:
 
     def __repr__(self) -> str:
         """The arm, bodies, pairs, and notes."""
-        links = sum(body.is_link for body in self._bodies.values())
+        links = sum(body.is_link for body in self._all())
         pairs = self.pairs
         counted = sum(pair.counts for pair in pairs)
         notes = "".join(f"\n  {printable(note)}" for note in self._notes)

@@ -19,7 +19,7 @@ from kinseek.support.validation import arrays_equal, as_flag, as_float_array, as
 from kinseek.timing.trajectory import Trajectory
 from kinseek.unknown_arguments import unknown_argument
 
-from .assembly import digest
+from .assembly import Assembly, digest
 from .bodies import arm_bodies, chain_of, package_folders
 from .contents import Contents, read_missing
 from .engine import TOUCH, Engine, Near
@@ -58,7 +58,8 @@ class Scene(Contents):
 
     Bodies have names: those of the arm are the names of its links, the others are given when they are added. Poses are in
     the base of the arm. A scene belongs to one arm, with the joints locked that were locked when it was made; its limits and
-    tool may differ. Threads may share it, but use it one at a time; a copy, `copy.copy(scene)`, is independent.
+    tool may differ. Threads may share it while one of them changes it: each call takes the bodies as they are when it begins.
+    Calls of coal wait for each other; a copy, `copy.copy(scene)`, is independent.
     """
 
     @classmethod
@@ -183,13 +184,10 @@ class Scene(Contents):
             InvalidProblem: `q` does not fit the arm.
             InvalidScene: No pair is checked.
         """
-        joints = self._one(q)
-        with self._engine as engine:
-            near = engine.nearest(joints)
+        near = _nearest(self._made, self._one(q))
         if near is None:
             raise InvalidScene("no pair of bodies is checked, so there is no nearest pair")
-        (a, b), (point_a, point_b) = self._made.owners[near.pair], near.points
-        return Nearest(a, b, near.distance, point_a, point_b)
+        return near
 
     def hits(self, q: Any, clearance: float = 0.0) -> tuple[Contact, ...]:
         """Return the pairs that touch at one q, (n,), or are closer than a clearance [m], the deepest first.
@@ -198,15 +196,7 @@ class Scene(Contents):
             InvalidProblem: `q` does not fit the arm.
             InvalidScene: `clearance` is not a length.
         """
-        joints, least = self._one(q), length_or_zero("clearance", clearance)
-        found: dict[tuple[str, str], Near] = {}
-        with self._engine as engine:
-            for near in engine.touching(joints, least):
-                names = self._made.owners[near.pair]
-                if names not in found or near.distance < found[names].distance:
-                    found[names] = near
-        contacts = [Contact(a, b, -near.distance) for (a, b), near in found.items()]
-        return tuple(sorted(contacts, key=lambda contact: -contact.depth))
+        return _hits(self._made, self._one(q), length_or_zero("clearance", clearance))
 
     def free_motion(
         self, q0: Any, q1: Any, clearance: float = 0.0, around: Any = None, thorough: bool = True
@@ -234,9 +224,9 @@ class Scene(Contents):
         """
         starts, way, shape = self._ways(q0, q1)
         deviation = None if around is None else self._around(around, len(starts))
-        least = length_or_zero("clearance", clearance)
-        with self._engine:
-            free = are_free(self._made.speeds, starts, starts + way, least, deviation, thorough)
+        least, made = length_or_zero("clearance", clearance), self._made
+        with made.engine:
+            free = are_free(made.speeds, starts, starts + way, least, deviation, thorough)
         return free.reshape(shape) if shape else bool(free[0])
 
     def free_samples(self, q0: Any, q1: Any, counts: Any, clearance: float = 0.0) -> Any:
@@ -276,18 +266,18 @@ class Scene(Contents):
             InvalidScene: `clearance` is not a length.
         """
         starts, way, _ = self._ways(self._one(q0), self._one(q1))
-        least = length_or_zero("clearance", clearance)
-        with self._engine:
-            if are_free(self._made.speeds, starts, starts + way, least)[0]:
+        least, made = length_or_zero("clearance", clearance), self._made
+        with made.engine:
+            if are_free(made.speeds, starts, starts + way, least)[0]:
                 return ()
-            (stop,) = stops(self._made.speeds, starts, starts + way, least)
+            (stop,) = stops(made.speeds, starts, starts + way, least)
         if np.isnan(stop):
             return ()
         q = starts[0] + stop * way[0]
-        if found := self.hits(q, clearance + FINEST + TOUCH):
+        if found := _hits(made, q, least + FINEST + TOUCH):
             return found
-        near = self.nearest(q)  # Too near for too long to be separable.
-        return (Contact(near.a, near.b, -near.distance),)
+        near = _nearest(made, q)  # Too near for too long to be separable.
+        return () if near is None else (Contact(near.a, near.b, -near.distance),)
 
     def _ways(self, q0: Any, q1: Any) -> tuple[Array, Array, tuple[int, ...]]:
         """Return the starts of motions, (k, n), the motion of each joint, (k, n), and the shape of the batch."""
@@ -408,7 +398,7 @@ class Scene(Contents):
             arm = self._others[name]
             other = Timed(_trajectory_of(arm.chain, f"others[{name!r}]", motion), 0.0)
             if name not in made.both:
-                links = [body for body in self._bodies.values() if body.is_link or body.frame.joints]
+                links = [body for body in self._all() if body.is_link or body.frame.joints]
                 made.both[name] = speeds_of_both(self._chain, links, arm, self._never)
             found = min(found, free_until(made.both[name], one, other, least))
         return found
@@ -433,16 +423,18 @@ class Scene(Contents):
             around = np.broadcast_to(as_float_array(reach), joints.shape)
         except (TypeError, ValueError, OverflowError) as error:
             raise InvalidProblem(f"reach must be {len(joints)} numbers, got {reach!r:.80}: {error}") from None
-        with self._engine:
-            return surely_hits(self._made.speeds, joints, around, least)
+        made = self._made
+        with made.engine:
+            return surely_hits(made.speeds, joints, around, least)
 
     @property
     def margins(self) -> Margins:
         """Bounds of distances for the current contents; another object after every change of them."""
-        broad = self._engine.broad
-        if self._margins is None or self._margins.broad is not broad:
-            self._margins = Margins(self._made, broad)
-        return self._margins
+        made, known = self._made, self._margins
+        broad = made.engine.broad
+        if known is None or known.broad is not broad:
+            self._margins = known = Margins(made, broad)
+        return known
 
     def fits(self, mechanism: Mechanism) -> bool:
         """Return whether this is the scene of an arm. The arm's limits and tool may differ."""
@@ -451,7 +443,7 @@ class Scene(Contents):
     @property
     def digest(self) -> str:
         """Digest of everything besides the arm that results depend on: shapes, poses, padding, and checked pairs."""
-        return digest(self._bodies.values(), self.pairs)
+        return digest(self._all(), self.pairs)
 
     def _repr_html_(self) -> str:
         """The bodies and a picture, for notebooks."""
@@ -466,6 +458,25 @@ class Scene(Contents):
     def _engine(self) -> Engine:
         """The engine of the current scene."""
         return self._made.engine
+
+
+def _nearest(made: Assembly, q: Array) -> Nearest | None:
+    """Return the two bodies that are nearest to each other at q, (n,); None without pairs."""
+    with made.engine as engine:
+        near = engine.nearest(q)
+    return None if near is None else Nearest(*made.owners[near.pair], near.distance, *near.points)
+
+
+def _hits(made: Assembly, q: Array, clearance: float) -> tuple[Contact, ...]:
+    """Return the pairs of bodies that touch at q, (n,), or are closer than a clearance, the deepest first."""
+    found: dict[tuple[str, str], Near] = {}
+    with made.engine as engine:
+        for near in engine.touching(q, clearance):
+            names = made.owners[near.pair]
+            if names not in found or near.distance < found[names].distance:
+                found[names] = near
+    contacts = [Contact(a, b, -near.distance) for (a, b), near in found.items()]
+    return tuple(sorted(contacts, key=lambda contact: -contact.depth))
 
 
 def _same_arm(chain: SerialChain | None, own: SerialChain) -> bool:

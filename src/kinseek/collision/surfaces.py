@@ -101,7 +101,7 @@ def drawn_bodies(scene: Contents, before: Mapping[str, DrawnBody] | None = None)
     """
     of_arms = {name for other in scene._others.values() for name in other.names}
     found, known = [], before or {}
-    for body in scene._bodies.values():
+    for body in scene._all():
         same = known.get(body.name)
         if same is not None and same.body is body:
             found.append(same)
