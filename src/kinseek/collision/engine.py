@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
@@ -117,11 +116,12 @@ class Engine:
         for i, j in pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(i, j))
         self._placed = pin.GeometryData(self._geometry)
-        # Every pair starts from a fresh guess; otherwise a result would depend on previous checks.
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)
-            for request in (*self._placed.collisionRequests, *self._placed.distanceRequests):
-                request.enable_cached_gjk_guess = False
+        # Every pair starts from a fresh guess, which pinocchio's requests do not: results would depend on previous checks.
+        coal = library("coal")
+        fresh, distance = coal.CollisionRequest(), coal.DistanceRequest()
+        fresh.enable_contact = False
+        for n in range(len(pairs)):
+            self._placed.collisionRequests[n], self._placed.distanceRequests[n] = fresh, distance
         self._larger = np.array(
             [sum(solids[i].padding + solids[i].shape.excess for i in pair) for pair in pairs]
         ).reshape(-1)

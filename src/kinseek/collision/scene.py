@@ -58,8 +58,8 @@ class Scene(Contents):
 
     Bodies have names: those of the arm are the names of its links, the others are given when they are added. Poses are in
     the base of the arm. A scene belongs to one arm, with the joints locked that were locked when it was made; its limits and
-    tool may differ. Threads may share it while one of them changes it: each call takes the bodies as they are when it begins.
-    Calls of coal wait for each other; a copy, `copy.copy(scene)`, is independent.
+    tool may differ. Threads may share it while one of them changes it: each call takes the bodies as they are when it
+    begins. Calls of coal wait for each other; a copy, `copy.copy(scene)`, is independent.
     """
 
     @classmethod
