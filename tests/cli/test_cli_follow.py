@@ -203,6 +203,12 @@ def test_a_trajectory_is_written(line: Any, tmp_path: Path, cli: CommandLine) ->
     assert Path("q.csv").exists()
 
 
+def test_the_trajectory_of_a_closed_path(line: Any, cli: CommandLine) -> None:
+    np.save("there_and_back.npy", np.concatenate([line, line[-2:0:-1]]))
+    told = cli("follow ur5e there_and_back.npy --closed --acceleration 5 --out t.csv").words
+    assert "from the straight line, which is proved" in " ".join(told.split())
+
+
 @pytest.mark.usefixtures("line")
 def test_if_no_trajectory_can_be_written_no_path_is(cli: CommandLine) -> None:
     for name in ("q.csv", "t.csv"):

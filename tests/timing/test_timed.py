@@ -183,6 +183,13 @@ def test_a_closed_path_returns() -> None:
     assert len(trajectory.pose_times) == 100
     assert trajectory.duration > trajectory.pose_times[-1]
     np.testing.assert_allclose(trajectory.q(trajectory.duration), path.q[0], atol=1e-12)
+    t = np.linspace(0.0, trajectory.duration, 10_000)
+    ends = T[[*range(100), 0], :3, 3]
+    points = trajectory.tip(t)[:, None, :3, 3] - ends[:-1]
+    along = np.diff(ends, axis=0)
+    share = np.clip((points * along).sum(axis=2) / (along**2).sum(axis=1), 0.0, 1.0)
+    true = np.linalg.norm(points - share[..., None] * along, axis=2).min(axis=1).max()
+    assert true <= trajectory.deviation <= 2.0 * true + 1e-12
 
 
 def test_free_axes_and_tools() -> None:

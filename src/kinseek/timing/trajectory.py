@@ -326,12 +326,14 @@ class Trajectory(Lazy):
     def deviation(self) -> float:
         """Proved upper bound of the distance of the tip from the straight lines between the poses [m].
 
-        At most twice the true distance.
+        A closed path returns to its first pose on a line as well. At most twice the true distance.
 
         Raises:
             InvalidProblem: The arm has no axes.
         """
-        places = np.unique(self._places)
+        places = np.union1d(
+            self._places, self._curve.knots[-1]
+        )  # The end of a closed path is no pose of its own.
         if len(places) < 2:
             return 0.0
         curve = self._curve.cut(places)
