@@ -80,19 +80,20 @@ class Table:
         return pd.DataFrame(self.by_name(), index=rows)
 
 
-def write_table(path: Path, table: Table) -> None:
+def write_table(path: Path, table: Table, ending: str | None = None) -> None:
     """Write a table completely, or not at all; a .npy file has the joint values in one field ``q``, (k, n).
 
     Args:
-        path: A path from `output_path`, with one of the `TABLE_ENDINGS`.
+        path: A path from `output_path`.
         table: The table.
+        ending: One of the `TABLE_ENDINGS`, by default that of the path; a link to it may have another one.
 
     Raises:
         InvalidProblem: It cannot be written.
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
     with whole_file(path) as file:
-        match path.suffix.lower():
+        match (ending or path.suffix).lower():
             case ".npy":
                 np.save(file, _records({"q": table.q, **table.columns}))
             case ".parquet":

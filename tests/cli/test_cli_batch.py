@@ -543,6 +543,51 @@ def test_wrong_tables(case: str, tmp_path: Path, cli: CommandLine) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["in.csv"]
 
 
+@pytest.mark.parametrize(("header", "row"), [("a," * 500_000, "1"), ("x,y,z", "1,2," + "a" * 100_000)])
+def test_what_is_wrong_is_said_in_few_words(header: str, row: str, cli: CommandLine) -> None:
+    Path("in.csv").write_text(f"{header}\n{row}\n", encoding="utf-8")
+    assert len(cli.refused("solve ur5e --position-only --batch in.csv --out out.csv")) < 2_000
+
+
+def test_the_place_of_a_byte_that_is_no_text(cli: CommandLine) -> None:
+    rows = b"x,y,z\n" + 10_000 * b"1,2,3\n"
+    Path("in.csv").write_bytes(rows + b"\xe4,1,2\n")
+    assert f"at byte {len(rows):,}" in cli.refused("solve ur5e --position-only --batch in.csv --out out.csv")
+
+
+@pytest.mark.skipif(not hasattr(os, "symlink"), reason="links")
+@pytest.mark.parametrize(
+    ("name", "target"), [("o.npy", "blob"), ("o.csv", "o.npy"), ("o.parquet", "blob.csv")]
+)
+def test_the_name_that_was_given_decides_the_format(
+    name: str, target: str, poses: Any, cli: CommandLine
+) -> None:
+    if name.endswith("parquet"):
+        pytest.importorskip("pyarrow")
+    np.save("in.npy", poses)
+    Path(name).symlink_to(target)
+    cli("solve ur5e --batch in.npy --out", name)
+    start = {"o.npy": b"\x93NUMPY", "o.csv": b"shoulder", "o.parquet": b"PAR1"}[name]
+    assert Path(target).read_bytes().startswith(start)
+
+
+def test_a_write_protected_file_stays(poses: Any, cli: CommandLine) -> None:
+    np.save("in.npy", poses)
+    Path("out.csv").write_text("kept", encoding="utf-8")
+    Path("out.csv").chmod(0o444)
+    assert "'out.csv' is write-protected" in cli.refused("solve ur5e --batch in.npy --out out.csv")
+    assert Path("out.csv").read_text(encoding="utf-8") == "kept"
+
+
+def test_a_damaged_name_of_a_parquet_column(arrow: Arrow, cli: CommandLine) -> None:
+    pa, parquet = arrow
+    parquet.write_table(pa.table({name: [1.0] for name in "xyz"}), IN)
+    IN.write_bytes(IN.read_bytes().replace(b"\x01x", b"\x01\xcb"))
+    assert "cannot be read as a Parquet file" in cli.refused(
+        "solve ur5e --position-only --batch in.parquet --out out.csv"
+    )
+
+
 @pytest.mark.slow
 def test_the_row_of_a_large_table(cli: CommandLine) -> None:
     rows = np.tile([0.4, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0], (50_000, 1))
@@ -579,6 +624,7 @@ MISUSE = {
     "at": ("--batch in.npy --out out.csv --at 1 2 3", "it cannot be combined with --at"),
     "rpy": ("--batch in.npy --out out.csv --rpy 1 2 3", "it cannot be combined with --rpy"),
     "lines": ("--batch in.npy --out out.csv --jsonl", "cannot be combined"),
+    "lines out": ("--out out.csv --jsonl", "--out names the output file of --batch, and --jsonl prints"),
     "pickle": ("--batch pickle.npy --out out.csv", "cannot be read as a .npy file"),
     "shape": ("--batch shape.npy --out out.csv", "expected numbers of shape (N, 4, 4)"),
     "letters": ("--batch latin.csv --out out.csv", "is not UTF-8 text"),

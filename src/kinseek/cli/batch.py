@@ -47,6 +47,6 @@ def solve_file(request: SolveRequest, source: Path, out: Path, as_json: bool) ->
         solution = request.solve(goal, progress=on_terminal())
         reached, table = np.asarray(solution.success), solution_table(solution, request.scene is not None)
     seconds = time.perf_counter() - clock
-    write_table(place, table)
+    write_table(place, table, out.suffix)
     report.print_batch(request.arm, reached, str(out), seconds, as_json)
     return 0 if reached.all() else 1

@@ -126,7 +126,9 @@ def _csv(path: Path) -> dict[str, Array]:
             names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
             if not all(names) or all(map(is_number, names)):
                 got = ", ".join(names) or "nothing"
-                raise InvalidGoal(f"{path}: the first row must name the columns, got {got}. Valid: {VALID}")
+                raise InvalidGoal(
+                    f"{path}: the first row must name the columns, got {got:.200}. Valid: {VALID}"
+                )
             _refuse_twice(names, str(path))
             numbers = array("d")
             for number, row in enumerate(filter(None, csv.reader(file, delimiter=delimiter)), 1):
@@ -136,7 +138,7 @@ def _csv(path: Path) -> dict[str, Array]:
                     raise InvalidGoal(f"{path}: row {number:,}: {error}") from None
     except UnicodeDecodeError as error:
         raise InvalidGoal(
-            f"{str(path)!r} is not UTF-8 text: {error.reason} at byte {error.start:,}"
+            f"{str(path)!r} is not UTF-8 text: {error.reason} at byte {_where(error, path):,}"
         ) from None
     except csv.Error as error:
         raise InvalidGoal(f"{str(path)!r} cannot be read as a table: {error}") from None
@@ -159,7 +161,16 @@ def _row(words: list[str], names: list[str]) -> list[float]:
     if is_number(word):  # Several, with commas or blanks between them.
         point, blanks = "numbers have a point, not a comma", "columns are separated by commas, not by blanks"
         hint = f"; {point if ',' in word else blanks}"
-    raise ValueError(f"{name} is {word!r}, which is not a number{hint}")
+    raise ValueError(f"{name:.200} is {word!r:.200}, which is not a number{hint}")
+
+
+def _where(error: UnicodeDecodeError, path: Path) -> int:
+    """Return the place in a file of the first byte that is no text; the error has that in the part that was read last."""
+    try:
+        path.read_bytes().decode("utf-8")
+    except UnicodeDecodeError as whole:
+        return whole.start
+    return error.start  # The file has changed.
 
 
 def _is_one_number(word: str) -> bool:
@@ -168,7 +179,7 @@ def _is_one_number(word: str) -> bool:
 
 def _refuse_twice(names: list[str], where: str) -> None:
     if twice := [name for name, count in Counter(names).items() if count > 1]:
-        raise InvalidGoal(f"{where}: two columns are called {twice[0]!r}")
+        raise InvalidGoal(f"{where}: two columns are called {twice[0]!r:.200}")
 
 
 def _npy(path: Path) -> Array:
@@ -209,7 +220,7 @@ def _parquet(path: Path, position_only: bool, extra: Collection[str]) -> dict[st
             kind_of_rotation(names, str(path), position_only)
             table = file.read()
         columns = {name: table.column(name).to_numpy() for name in table.column_names}
-    except pyarrow.ArrowException as error:
+    except (pyarrow.ArrowException, UnicodeDecodeError) as error:  # The latter in names of columns.
         raise InvalidGoal(f"{str(path)!r} cannot be read as a Parquet file: {error}") from None
     for name, values in columns.items():
         if values.dtype.kind not in "fiu":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, cast
@@ -87,8 +88,8 @@ def _with_distinct_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Make an object; Python keeps the last of several values of a key."""
     fields = dict(pairs)
     if len(fields) < len(pairs):
-        names = [key for key, _ in pairs]
-        raise InvalidGoal(f"the key {next(key for key in names if names.count(key) > 1)!r} is there twice")
+        counts = Counter(key for key, _ in pairs)
+        raise InvalidGoal(f"the key {next(key for key in counts if counts[key] > 1)!r:.200} is there twice")
     return fields
 
 

@@ -14,6 +14,8 @@ from kinseek.errors import InvalidProblem
 
 from .private import OTHERS_WRITE, resolved
 
+_MAY_WRITE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
+
 
 def output_path(path: Path, what: str) -> Path:
     """Return the path of an output file, with links resolved.
@@ -23,8 +25,8 @@ def output_path(path: Path, what: str) -> Path:
         what: The option or argument that names it, for messages.
 
     Raises:
-        InvalidProblem: A missing folder, a target that is not a regular file, or a link that another user may have put
-            there.
+        InvalidProblem: A missing folder, a target that is not a regular file or that nobody may write to, or a link that
+            another user may have put there.
     """
     try:
         place = resolved(path)
@@ -34,6 +36,8 @@ def output_path(path: Path, what: str) -> Path:
         raise InvalidProblem(f"{what} {str(path)!r}: folder {str(place.parent)!r} does not exist")
     if place.exists() and not place.is_file():
         raise InvalidProblem(f"{what} {str(path)!r} is not a regular file")
+    if place.exists() and not place.stat().st_mode & _MAY_WRITE:
+        raise InvalidProblem(f"{what} {str(path)!r} is write-protected")
     return place
 
 

@@ -53,7 +53,7 @@ def save(
     """Write a trajectory to a file, see `Trajectory.save`."""
     form = output_form(trajectory.mechanism, file, period, language, name, axes)
     if form.language is None:
-        write_table(form.place, table(trajectory, period))
+        write_table(form.place, table(trajectory, period), Path(file).suffix)
         return
     points = _samples(trajectory, period)
     if period is not None:

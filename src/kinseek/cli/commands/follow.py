@@ -303,8 +303,8 @@ def command(
             )
         # First, since it may be impossible with these limits and this period.
         save(trajectory, trajectory_file, period)
-    if place is not None:
-        write_table(place, table)
+    if place is not None and out is not None:
+        write_table(place, table, out.suffix)
     files = report.PathFiles(out, trajectory_file)
     report.print_path(loaded, path, trajectory, files, seconds, as_json)
     return 0 if path.success else 1

@@ -182,9 +182,10 @@ def command(
         )
     if count is not None and not every:
         raise InvalidProblem("--count limits the number of solutions of --all; add --all")
+    if batch is None and out is not None:
+        where = ", and --jsonl prints its solutions" if jsonl else "; add --batch FILE"
+        raise InvalidProblem(f"--out names the output file of --batch{where}")
     if batch is None and not jsonl:
-        if out is not None:
-            raise InvalidProblem("--out names the output file of --batch; add --batch FILE")
         return _one(request, goal_spec.goal(words.target(goal_spec.position_only, deg), deg), as_json)
     single = [*map(option_of, words.given), *(["--trace"] if trace else [])]
     if single:
