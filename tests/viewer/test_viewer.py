@@ -27,7 +27,7 @@ from kinseek.viewer.meshes import Meshes, meshes_of
 from kinseek.viewer.options import COUNTS, ViewerOptions, read_selection
 from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameters_of
 from kinseek.viewer.server import Viewer, free_port
-from kinseek.viewer.session import GoalResult, Proof, Session, beginning, call_of, nearest_of, status_of
+from kinseek.viewer.session import GoalResult, Proof, Session, beginning, nearest_of, status_of
 from kinseek.viewer.view import View
 from kinseek.viewer.workers import Newest
 from viewer_pages import client, page_of, wait_until
@@ -131,7 +131,7 @@ def test_a_goal_in_other_units_is_said(sessions: dict[str, Session]) -> None:
     result = sessions["ur5e"].solve(options)
     assert "lengths are in metres" in result.refused
     assert "lengths are in metres" in str(sessions["ur5e"].branches(options))
-    assert sessions["ur5e"].traced(options) is None
+    assert sessions["ur5e"].traced(result) is None
     assert np.array_equal(result.q, begin.q)
 
 
@@ -153,6 +153,8 @@ def test_picking_a_branch_shows_it_and_the_next_answer_stays_near(sessions: dict
     for number, q in enumerate(branches):
         picked = session.picked(session.begin, q)
         assert nearest_of(branches, picked.q) == number
+        assert picked.call == "arm.ik(T, near=q)"
+        np.testing.assert_array_equal(picked.near, q)
         moved = picked.options.target.copy()
         moved[0, 3] += 1e-3
         again = session.solve(picked.options.but(target=moved))
@@ -175,14 +177,14 @@ def test_every_search_answers_or_says_why_not(search: str, sessions: dict[str, S
     result = session.solve(options)
     assert result.solution is not None
     assert result.solution.position_error < 0.2
-    trace = result.trace or session.traced(options)
+    trace = result.trace or session.traced(result)
     assert trace is not None
     assert len(trace)
     for number, one in enumerate(trace):
         assert clouds.visited(session.arm, one).shape[1] == 3
         assert one.name in words.pass_html(trace, number)
-    code = call_of(options)
-    told = eval(code, {"arm": session.arm, "kinseek": kinseek, "T": options.target, "q": options.q})
+    assert trace.evaluations[-1] == result.solution.evaluations
+    told = eval(result.call, {"arm": session.arm, "kinseek": kinseek, "T": options.target, "q": result.near})
     assert np.array_equal(told.q, result.q)
 
 
@@ -687,14 +689,14 @@ def test_a_trace_of_a_goal_that_is_gone_is_not_kept() -> None:
     page: Any = Page.__new__(Page)
     page._lock, page.result, page.trace = threading.RLock(), old, None
 
-    def traced(options: ViewerOptions) -> Any:
+    def traced(result: GoalResult) -> Any:
         page.result = new  # It comes while this is being found out.
-        return session.traced(options)
+        return session.traced(result)
 
     page._session = SimpleNamespace(traced=traced)
-    page._find_trace(session.begin, old)
+    page._find_trace(old)
     assert page.trace is None
-    page._find_trace(session.begin, new)
+    page._find_trace(new)
     assert page.trace is not None
 
 

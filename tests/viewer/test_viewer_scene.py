@@ -14,7 +14,7 @@ import kinseek
 from kinseek import Scene, Status, viewer
 from kinseek.collision.surfaces import drawn_bodies
 from kinseek.viewer import words
-from kinseek.viewer.session import Session, call_of, status_of
+from kinseek.viewer.session import Session, status_of
 from viewer_pages import CAMERA, client, page_of, wait_until
 
 pytest.importorskip("coal")
@@ -59,9 +59,12 @@ def test_answers_in_a_scene_are_free_and_the_call_says_so(session: Session) -> N
         result = session.solve(session.begin.but(target=target))
         assert result.reached == bool(UR5E.ik(target, scene=scene).success)
         assert bool(session.contacts(result.q)) == (not result.reached) == (not scene.free(result.q))
-    assert call_of(session.begin, True) == "arm.ik(T, near=q, scene=scene)"
+        names = {"arm": UR5E, "T": target, "q": result.near, "scene": scene}
+        np.testing.assert_array_equal(eval(result.call, names).q, result.q)
+    assert result.call == "arm.ik(T, near=q, scene=scene, time_limit=2)"
     wary = Session(UR5E, scene, clearance=0.15)
-    assert wary.call(wary.begin) == "arm.ik(T, near=q, scene=scene, clearance=0.15)"
+    call = wary.solve(wary.begin).call
+    assert call == "arm.ik(T, near=q, scene=scene, clearance=0.15, time_limit=2)"
 
 
 def test_a_goal_that_is_blocked_is_told_and_proved(session: Session) -> None:

@@ -402,7 +402,7 @@ class Page:
         if picked is None or self.branches is None:
             self.branches = self._session.branches(options)
         self._show_branches()
-        self.panel.call.content = words.code_html(self._session.call(result.options))
+        self.panel.call.content = words.code_html(result.call)
         for worker in (self._prover, self._clouder, *([self._planner] if self.planning else [])):
             worker.give("again")
 
@@ -477,6 +477,7 @@ class Page:
             self.options, self.result = self.options.but(q=after.q), after
             self._show_posture(after.q, after.options.target, after.reached, contacts)
             self.panel.result.content = words.result_html(after, None, False)
+            self.panel.call.content = words.code_html(after.call)
 
     def _report_once(self, result: GoalResult, proof: Proof | None, looking: bool) -> bool:
         """Report what is proved about a solution; return False, and report nothing, if it is no longer the one shown."""
@@ -500,7 +501,7 @@ class Page:
         options, result, view = self.options, self.result, self.view
         self.panel.show_target(options)
         if self.trace is None and self.panel.passes.value:
-            self._find_trace(options, result)
+            self._find_trace(result)
         self.panel.pass_text.content = words.pass_html(self.trace, 0) if self.panel.passes.value else ""
         last = len(self.trace) - 1 if self.trace else 0
         self.panel.show_number(last, last + 1)
@@ -517,9 +518,9 @@ class Page:
         self.panel.seen.content = words.note_html(*said)
         self._reach(options)
 
-    def _find_trace(self, options: ViewerOptions, result: GoalResult) -> None:
+    def _find_trace(self, result: GoalResult) -> None:
         """Compute the trace of a search; if a newer solution has arrived, it has its own trace."""
-        trace = self._session.traced(options)
+        trace = self._session.traced(result)
         with self._lock:
             if self.result is result:
                 self.trace = trace

@@ -80,6 +80,10 @@ class GoalResult:
     """Wall-clock time of the search [s]."""
     refused: str = ""
     """Why the goal was rejected."""
+    near: Array | None = None
+    """What the search was to stay near to, or where it began, (n,)."""
+    call: str = ""
+    """The same call in Python, with this array as q."""
 
     @property
     def reached(self) -> bool:
@@ -229,8 +233,9 @@ class Session:
 
     def solve(self, options: ViewerOptions) -> GoalResult:
         """Solve a goal by the chosen search. If the goal is rejected, the result says why, and the arm does not move."""
+        call = call_of(options, self.scene is not None, self.clearance)
         if far := self._far(options):
-            return GoalResult(options, options.q, refused=far)
+            return GoalResult(options, options.q, refused=far, call=call)
         try:
             goal, search = self._goal(options), make_search(options.search, options.parameters)
             near = options.q if options.follow or needs_start(options.search) else None
@@ -241,12 +246,8 @@ class Session:
             solution = self.arm.ik(goal, near=near, **extra)
             seconds = time.perf_counter() - began
         except KinseekError as error:
-            return GoalResult(options, options.q, refused=str(error))
-        return GoalResult(options.but(q=solution.q), solution.q, solution, seconds)
-
-    def call(self, options: ViewerOptions) -> str:
-        """Return the Python call with the same goal and options."""
-        return call_of(options, self.scene is not None, self.clearance)
+            return GoalResult(options, options.q, refused=str(error), call=call)
+        return GoalResult(options.but(q=solution.q), solution.q, solution, seconds, near=near, call=call)
 
     def _around(self) -> dict[str, Any]:
         """Return the arguments of `Arm.ik` for a scene: a redundant arm may take long to find a free solution."""
@@ -258,7 +259,9 @@ class Session:
         """Try to prove that every solution of a blocked goal hits something."""
         near = result.options.q if result.options.follow else None
         solution = self.arm.ik(self._goal(result.options), near=near, prove=True, **self._around())
-        return replace(result, options=result.options.but(q=solution.q), q=solution.q, solution=solution)
+        call = call_of(result.options, scene=True, clearance=self.clearance, prove=True)
+        options = result.options.but(q=solution.q)
+        return replace(result, options=options, q=solution.q, solution=solution, near=near, call=call)
 
     def _far(self, options: ViewerOptions) -> str:
         """Return a message for a goal so far away that its units may be wrong: `Arm.ik` would warn."""
@@ -270,13 +273,15 @@ class Session:
             "are in metres."
         )
 
-    def traced(self, options: ViewerOptions) -> Trace | None:
-        """Return the trace of the default search for a goal; other searches return their trace with the solution."""
-        if self._far(options):
+    def traced(self, result: GoalResult) -> Trace | None:
+        """Return the trace of the default search for a goal; other searches return their trace with the solution.
+
+        In a scene all branches are solved, which records no passes.
+        """
+        if self._far(result.options) or self.scene is not None:
             return None
         try:
-            near = options.q if options.follow else None
-            trace = self.arm.ik(self._goal(options), near=near, trace=True).trace
+            trace = self.arm.ik(self._goal(result.options), near=result.near, trace=True).trace
         except KinseekError:
             return None
         return trace if isinstance(trace, Trace) else None
@@ -300,7 +305,8 @@ class Session:
             solution = self.arm.ik(self._goal(options), near=q)
         except KinseekError as error:  # The goal has changed since.
             return GoalResult(options, options.q, refused=str(error))
-        return GoalResult(options.but(q=solution.q), solution.q, solution)
+        call = f"arm.ik({_goal_in_python(options)}, near=q)"
+        return GoalResult(options.but(q=solution.q), solution.q, solution, near=q, call=call)
 
     def proofs(
         self, options: ViewerOptions, stopped: Callable[[], bool], threads: int | None = 1
@@ -453,17 +459,22 @@ def status_of(result: GoalResult, proof: Proof | None) -> tuple[str, str]:
     return result.status, "open"
 
 
-def call_of(options: ViewerOptions, scene: bool = False, clearance: float = 0.0) -> str:
+def call_of(options: ViewerOptions, scene: bool = False, clearance: float = 0.0, prove: bool = False) -> str:
     """Return the Python call with the same goal and options, in a scene or without one."""
-    goal = f"kinseek.Goal.pose(T, free={list(options.free)})" if options.free else "T"
+    goal = _goal_in_python(options)
     near = ", near=q" if options.follow or needs_start(options.search) else ""
+    limit = f", time_limit={PATIENCE:g}"
     if options.search == DEFAULT:
-        around = f", scene=scene{f', clearance={clearance!r}' if clearance else ''}" if scene else ""
-        return f"arm.ik({goal}{near}{around})"
+        around = f", scene=scene{f', clearance={clearance!r}' if clearance else ''}{limit}" if scene else ""
+        return f"arm.ik({goal}{near}{around}{', prove=True' if prove else ''})"
     try:
         solver: object = make_search(options.search, options.parameters)
     except KinseekError:
         return ""
     given = {name: getattr(solver, name) for name in options.parameters}
     words = ", ".join(f"{name}={value!r}" for name, value in given.items())
-    return f"arm.ik({goal}{near}, solver=kinseek.{options.search}({words}))"
+    return f"arm.ik({goal}{near}, solver=kinseek.{options.search}({words}){limit})"
+
+
+def _goal_in_python(options: ViewerOptions) -> str:
+    return f"kinseek.Goal.pose(T, free={list(options.free)})" if options.free else "T"
