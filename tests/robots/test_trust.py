@@ -260,3 +260,19 @@ def test_lists_within_lists_are_counted() -> None:
     assert len(nested(10)) == 2
     with pytest.raises(Refused, match="more than 100,000 entries"):
         nested(40)  # Without a limit it has 2^41 entries.
+
+
+@pytest.mark.parametrize("trusted", ["no", "False", 0, None])
+def test_trust_is_true_or_false(trusted: Any, tmp_path: Path) -> None:
+    """A word that means no was taken for trust."""
+    (tmp_path / "arm.xacro").write_text("<robot/>")
+    with pytest.raises(kinseek.InvalidRobot, match="trusted must be True or False, got"):
+        kinseek.load(tmp_path / "arm.xacro", trusted=trusted)
+    pytest.importorskip("coal")
+    pytest.importorskip("pinocchio")
+    arm = kinseek.load("planar2")
+    with pytest.raises(kinseek.InvalidScene, match="trusted must be True or False, got"):
+        kinseek.Scene.of(arm, capsules=0.02, trusted=trusted)
+    scene = kinseek.Scene.of(arm, capsules=0.02)
+    with pytest.raises(kinseek.InvalidScene, match="trusted must be True or False, got"):
+        scene.add_file(tmp_path / "arm.xacro", trusted=trusted)

@@ -18,6 +18,7 @@ from kinseek.printable import printable
 from kinseek.problem import as_joints
 from kinseek.robots.chain import Frame, SerialChain
 from kinseek.support.units import warn_of_distance
+from kinseek.support.validation import as_flag
 
 from .assembly import Assembly, assemble, sampled
 from .bodies import ArmBodies, Body, Part, package_folders, require_number
@@ -228,6 +229,7 @@ class Contents:
         Warns:
             UnitWarning: A body of the file is more than ten times as far from the base as the arm reaches.
         """
+        trusted = as_flag("trusted", trusted, InvalidScene)
         meshes, skip = read_missing(meshes, missing)
         folders = {name: Path(folder) for name, folder in self._chain.packages.items()}
         folders |= package_folders(meshes)

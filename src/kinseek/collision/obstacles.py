@@ -161,7 +161,8 @@ class _Words:
         for _ in range(count):
             word = self.take(what)
             try:
-                found.append(float(word.text.replace("_", "x")))  # Python takes 1_0 for 10, and MoveIt for 1.
+                # Python takes 1_0 for 10, and MoveIt for 1; Python also reads digits of other scripts.
+                found.append(float(word.text.replace("_", "x") if word.text.isascii() else "x"))
             except ValueError:
                 raise self.wrong(word, f"a number of {what}") from None
             if not np.isfinite(found[-1]):

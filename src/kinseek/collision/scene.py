@@ -109,6 +109,7 @@ class Scene(Contents):
             UnitWarning: A link extends farther than ten times the arm's reach.
         """
         library("pinocchio")
+        trusted = as_flag("trusted", trusted, InvalidScene)
         chain = chain_of(arm, trusted)
         meshes, skip = read_missing(meshes, missing)
         if never not in ("check", "skip"):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from kinseek.errors import InvalidRobot, suggest
 from kinseek.support.lazy_imports import lazy_names
+from kinseek.support.validation import as_flag
 
 from .adapters import (
     described,
@@ -89,6 +90,7 @@ def read(
     """
     _require_names(base, tip)
     _require_mappings(args, packages)
+    trusted = as_flag("trusted", trusted, InvalidRobot)
     _require_group(srdf, group)
     limits_file, ranges = _limits(limits)
     of_urdf = {"calibration": calibration, "srdf": srdf, "limits": limits_file}
