@@ -350,6 +350,7 @@ PANDA = kinseek.load("panda")
             r"'panda' with 7 joints needs 2,\d\d\d bytes of RAM at least for this search, got 2,048",
         ),
         (FUNCTION, {}, "an arm with black-box kinematics cannot be exported"),
+        ("ur5e", {}, "an export needs an Arm, as kinseek.load gives it, got str"),
         (PANDA, {"search": DivideAndConquer(tree="static")}, "tree must be 'dynamic'"),
         (PANDA, {"search": DivideAndConquer(ties="first")}, "ties must be 'rounding'"),
         (PANDA, {"goal": Goal.pose(np.stack([np.eye(4)] * 2))}, r"one goal, got a batch of shape \(2,\)"),

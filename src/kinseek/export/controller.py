@@ -15,7 +15,6 @@ from kinseek.goal import Goal
 from kinseek.kernels.entry import ENTRIES
 from kinseek.paths.tracker import Tracker
 from kinseek.problem import Problem
-from kinseek.robots.mechanism import no_axes
 from kinseek.solvers.atlas.solver import Atlas
 from kinseek.solvers.divide_and_conquer import DivideAndConquer
 from kinseek.support.validation import as_integer
@@ -24,7 +23,7 @@ from .atlas import atlas_design
 from .c_calls import c_declarations, c_definitions
 from .c_text import array, defined, guarded, number, string
 from .compiling import compiled
-from .design import C, Design, chain_constants
+from .design import C, Design, chain_constants, exported_axes
 from .folder import Owned, own_folder, write_files
 from .grid import grid_design
 from .targets import Cpu, Target, target_of
@@ -220,11 +219,7 @@ def prepare(
     for name, limit in (("ram", ram), ("flash", flash)):
         if limit is not None:
             as_integer(f"{name} [bytes]", limit, 1, error=InvalidExport)
-    if arm.axes is None:
-        why = "a controller is given the axes and links of an arm"
-        raise InvalidExport(
-            f"an arm with black-box kinematics cannot be exported: {no_axes(arm.mechanism, why)}"
-        )
+    exported_axes(arm, "a controller")
     search = DivideAndConquer() if search is None else search
     if isinstance(search, Tracker) and goal is not None:
         raise InvalidExport("the goal of a tracker is that of Arm.track, got another one with goal=")

@@ -8,8 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.arm import Arm
+from kinseek.errors import InvalidExport
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.kernels.entry import Entry
+from kinseek.robots.chain import SerialChain
+from kinseek.robots.mechanism import no_axes
 
 from .c_text import array, guarded, structure
 
@@ -56,6 +60,22 @@ class Design:
 def room_for(*numbers: int) -> int:
     """Return the bytes of working memory for simultaneous arrays of these lengths."""
     return sum(_HEAD + _ALIGNMENT + 8 * each for each in numbers)
+
+
+def exported_axes(arm: object, where: str) -> SerialChain:
+    """Return the axes and links of an arm that is exported to something.
+
+    Raises:
+        InvalidExport: It is no arm, or has none.
+    """
+    if not isinstance(arm, Arm):
+        raise InvalidExport(f"an export needs an Arm, as kinseek.load gives it, got {type(arm).__name__}")
+    if arm.axes is None:
+        why = f"{where} is given the axes and links of an arm"
+        raise InvalidExport(
+            f"an arm with black-box kinematics cannot be exported: {no_axes(arm.mechanism, why)}"
+        )
+    return arm.axes
 
 
 def chain_constants(chain: ChainArrays, axis_weights: NDArray[np.float64]) -> tuple[str, int]:

@@ -32,11 +32,11 @@ from kinseek.kernels.proof.progress import COUNT, ENDED, FOUND, FULL, SEEN, STUC
 from kinseek.problem import Problem
 from kinseek.proof.boxes import Run, tuning_of
 from kinseek.proof.reduce import question, start_boxes
-from kinseek.robots.mechanism import no_axes
 from kinseek.robots.sampling import low_discrepancy_steps
 from kinseek.support.transforms import inverse, square
 from kinseek.support.turns import one_turn
 
+from .design import exported_axes
 from .folder import Owned, own_folder, write_files
 from .wasm import CALLED, PLACES, wasm_module
 
@@ -130,13 +130,9 @@ def _row_names(rows: Any, before: str) -> Iterator[str]:
 
 
 def _arm_as_data(arm: Arm) -> dict[str, Any]:
-    if arm.axes is None:
-        why = "WebAssembly is given the axes and links of an arm"
-        raise InvalidExport(
-            f"an arm with black-box kinematics cannot be exported: {no_axes(arm.mechanism, why)}"
-        )
+    chain = exported_axes(arm, "WebAssembly")
     problem = Problem(arm.mechanism, Goal.pose(np.eye(4)))
-    index, chain = index_of(problem), arm.axes
+    index = index_of(problem)
     task = dict(zip(_row_names(ROWS, ""), index.fine._arrays, strict=True))
     division = index.fine.division
     arrays = {name: each for name, each in task.items() if name not in (*_MADE, "routines")}
