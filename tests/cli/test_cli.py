@@ -308,6 +308,8 @@ def test_every_search_runs_from_the_command_line(cli: CommandLine, search: str) 
 
 
 MISUSE = {
+    "an option twice": (f"{DOWN} --at 0.4 0.2 0.4", "--at is given twice, expected once"),
+    "words twice": (f"{DOWN} --free rz --free x", "--free is given twice"),
     "no such command": ("frob", "frob"),
     "misspelt command": ("slove ur5e", "did you mean 'solve'"),
     "no arm": ("solve", "ARM"),

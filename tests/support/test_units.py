@@ -178,6 +178,10 @@ COMMANDS = {
         ("solve", "planar2", "--at", "0.3", "0.2", "0", "--position-only", "--near", "90", "0"),
         "--near has an angle of 90 rad",
     ),
+    "arm angle": (
+        ("solve", "panda", "--at", "0.4", "0.2", "0.3", "--rpy", "0", "0", "0", "--prefer", "arm_angle=90"),
+        "--prefer arm_angle has an angle of 90 rad",
+    ),
     "fk": (("fk", "planar2", "90", "0"), "fk has an angle of 90 rad"),
     "millimetres": (
         ("solve", "planar2", "--at", "300", "200", "0", "--position-only"),

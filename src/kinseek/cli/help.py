@@ -55,12 +55,27 @@ class Argument(click.Argument):
 
 
 class Command(click.Command):
-    """A command whose help has examples."""
+    """A command whose help has examples, and whose options are given once, unless they are made to be repeated."""
 
     def __init__(self, *args: Any, examples: Sequence[str], more: Sequence[str] = (), **rest: Any) -> None:
         """Store examples, and further paragraphs for the help."""
         super().__init__(*args, **rest)
         self.examples, self._more = tuple(examples), tuple(more)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the words after the command.
+
+        Raises:
+            click.UsageError: An option is given twice, of which click would take the last value.
+        """
+        if not ctx.resilient_parsing:  # Not for what is being typed.
+            *_, order = self.make_parser(ctx).parse_args(args=list(args))
+            options = [
+                each for each in order if isinstance(each, Option) and not (each.multiple or each.is_flag)
+            ]
+            if twice := next((each for each in options if options.count(each) > 1), None):
+                raise click.UsageError(f"{twice.opts[-1]} is given twice, expected once", ctx)
+        return super().parse_args(ctx, args)
 
     def get_help(self, ctx: click.Context) -> str:
         """Format the help for the width of the terminal."""

@@ -267,7 +267,7 @@ goal_options = bundle(
         "--orientation-tolerance",
         "RAD",
         DEFAULT_TOLERANCE,
-        "Largest orientation error that counts as reached, rad.",
+        "Largest orientation error that counts as reached, rad, also with --deg.",
     ),
     _number("--position-weight", "X", DEFAULT_WEIGHT, "K_P of the weighted error, per m."),
     _number("--orientation-weight", "X", DEFAULT_WEIGHT, "K_A of the weighted error."),

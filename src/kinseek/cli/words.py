@@ -141,6 +141,8 @@ def preference(text: str, option: str, degrees: bool) -> str | dict[str, str | f
         if name in posture:
             raise InvalidProblem(f"{option} names {name!r} twice")
         angle = float(value) if is_number(value) and "," not in value else None
+        if angle is not None and not degrees:
+            warn_of_angles([angle], f"{option} {name}", "add --deg", 1)
         posture[name] = value if angle is None else float(np.deg2rad(angle)) if degrees else angle
     return posture
 
