@@ -304,3 +304,21 @@ def test_a_picture_without_a_folder_is_refused_before_the_map_is_made(
     tmp_path: Path, cli: CommandLine
 ) -> None:
     assert "does not exist" in cli.refused("map panda --picture", tmp_path / "none" / "map.png")
+    (tmp_path / "map.png").mkdir()
+    assert "is not a regular file" in cli.refused("map panda --picture", tmp_path / "map.png")
+
+
+def test_a_map_is_reported_if_its_picture_cannot_be_written(
+    tmp_path: Path, cli: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("zarr")
+    from kinseek import plots
+
+    def full(*_: object) -> None:
+        raise kinseek.InvalidProblem("cannot write the picture: no space left")
+
+    monkeypatch.setattr(plots, "save", full)
+    heard = cli("map ur5e --step 0.6 --orientations 12 --picture", tmp_path / "map.png", code=2)
+    assert "no space left" in heard.err
+    assert "\nreached: " in heard.out

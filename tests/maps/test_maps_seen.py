@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -188,6 +189,23 @@ def test_the_estimate_has_the_start_of_processes_in_it(monkeypatch: pytest.Monke
     assert max(one.start, cluster.start) < 500.0 < 1000.0 <= many.start
     assert many.duration >= many.start > 0.0
     assert "16.7 min" in str(many)
+
+
+def test_an_estimate_with_proofs_takes_few_cells_if_they_take_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It computed nine rows of 64 cells, 94 s with a depth of 14."""
+    from kinseek.maps import cost
+
+    def slow(work: Any, scratch: Any, poses: Any, part: Any) -> None:
+        computed.append(len(poses.reshape(-1, 16)))
+        time.sleep(0.01 * computed[-1])
+
+    computed = list[int]()
+    monkeypatch.setattr(cost, "answered", slow)
+    grid = maps.Grid((-1.0, 1.0, 0.5), (-1.0, 1.0, 0.5), (-0.5, 1.0, 0.5), maps.orientations(72))
+    found = maps.estimate(kinseek.load("ur5e"), grid, seconds=0.1, prove=True, block=grid.size)
+    assert max(computed) == 1
+    assert found.tried == len(computed) - 2
+    assert found.seconds == pytest.approx(0.01, rel=0.5)
 
 
 def test_an_estimate_of_processes_asks_for_what_they_need(

@@ -101,8 +101,8 @@ def size(text: str | None, option: str) -> int | None:
         return None
     times = {"k": 1024, "m": 1024**2}.get(text[-1:].lower(), 1)
     digits = text if times == 1 else text[:-1]
-    if not (digits.isascii() and digits.isdigit()):
-        raise InvalidProblem(f"{option}: {text!r} is not a number of bytes; valid: 65536, 64k or 4M")
+    if not (digits.isascii() and digits.isdigit() and len(digits) <= 15):
+        raise InvalidProblem(f"{option}: {text!r:.80} is not a number of bytes; valid: 65536, 64k or 4M")
     return int(digits) * times
 
 

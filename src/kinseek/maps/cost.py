@@ -27,7 +27,8 @@ from .measures import MEASURES, REACHED
 Array = NDArray[np.float64]
 
 _ROW = 64
-"""Number of cells computed at a time with proofs: neighbours, as in a block. Without proofs the least number, at random."""
+"""Maximum number of cells computed at a time with proofs: neighbours, as in a block. Without proofs the least number, at
+random."""
 
 _MANY = 4096
 """Maximum number of cells computed at a time without proofs; so many that the overhead of a call is small."""
@@ -105,7 +106,7 @@ def estimate(
     seconds = as_number("seconds", seconds, 0.0, 1e9, InvalidMap)
     work = work_of(arm, grid, what, **options_of(options), store=None)
     scratch, rng, cost = BlockScratch(work), np.random.default_rng(0), list[float]()
-    number = min(_ROW, grid.shape[-1]) if work.prove else _ROW
+    number = 1 if work.prove else _ROW
 
     def some() -> tuple[Array, tuple[slice, ...]]:
         if not work.prove:  # Their positions do not matter then.
@@ -121,11 +122,11 @@ def estimate(
     if cores is None and math.prod(-(-n // m) for n, m in zip(grid.shape, work.chunks, strict=True)) > 1:
         start += _processes()
     until = time.perf_counter() + seconds
-    if not work.prove:
-        began = time.perf_counter()
-        answered(work, scratch, *some())
-        each_cell = (time.perf_counter() - began) / number
-        number = int(np.clip(seconds / _PIECES / each_cell, _ROW, _MANY))
+    began = time.perf_counter()
+    answered(work, scratch, *some())
+    each_cell = (time.perf_counter() - began) / number
+    least, most = (1, min(_ROW, grid.shape[-1])) if work.prove else (_ROW, _MANY)
+    number = int(np.clip(seconds / _PIECES / each_cell, least, most))
     while len(cost) < _PIECES or time.perf_counter() < until:
         poses, part = some()
         began = time.perf_counter()

@@ -20,6 +20,7 @@ from kinseek.cli.words import numbers, split
 from kinseek.errors import InvalidMap
 from kinseek.maps import Grid, Rings, capability, estimate, orientations, reach, volume
 from kinseek.support.interrupts import raise_of_handler
+from kinseek.support.whole_file import output_path
 
 _GRID, _WORK = "The grid", "The computation"
 
@@ -140,8 +141,8 @@ def command(
         raise InvalidMap(f"{str(store)!r} already exists; add --resume to continue the map in it")
     if picture is not None and picture.suffix.lower() != ".png":
         raise InvalidMap(f"--picture must end in .png, got {str(picture)!r}")
-    if picture is not None and not picture.parent.is_dir():
-        raise InvalidMap(f"--picture {str(picture)!r}: folder {str(picture.parent)!r} does not exist")
+    if picture is not None:
+        output_path(picture, "--picture")
     if picture is not None and not only:
         _load_matplotlib()
     words = tuple(split(what))
@@ -163,14 +164,14 @@ def command(
                 "undecided": float((dataset.cell == 0).mean()),
             }
             facts |= {f"volume_{name}": each for name, each in volume(dataset)._asdict().items()}
-        if picture is not None:
-            from kinseek import plots
-
-            plots.save(plots.map_slice(dataset), picture)
     if as_json:
         print_json(facts)
     else:
         print("\n".join(f"{name}: {value:.6g}" for name, value in facts.items()))
+    if picture is not None and not only:  # Last, since it may be impossible to write it.
+        from kinseek import plots
+
+        plots.save(plots.map_slice(dataset), picture)
     return 0
 
 
