@@ -593,6 +593,7 @@ class Page:
             return
         self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
         self.panel.branches.content, self.panel.servo.value = "", True
+        self.panel.call.content = ""  # That of the last solution.
         limits, before = np.array([tracker.velocity, tracker.acceleration]), time.monotonic()
         while not self._player.stale():
             target, shares = self.options.target, np.zeros((2, self.arm.dof))

@@ -254,7 +254,7 @@ def changes_of(before: Iterable[DrawnBody], after: Iterable[DrawnBody]) -> list[
 
 
 def _rounded(numbers: ArrayLike) -> list[float]:
-    return [round(float(each), 6) + 0.0 for each in np.asarray(numbers)]
+    return [round(float(each), 9) + 0.0 for each in np.asarray(numbers)]
 
 
 def plan_html(planned: Planned) -> str:
