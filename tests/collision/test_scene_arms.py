@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pytest
 import kinseek
 from kinseek import InvalidProblem, InvalidScene, Scene
 from kinseek.collision import Box
+from kinseek.collision.broad import Broad
 
 pytest.importorskip("pinocchio")
 
@@ -126,3 +128,34 @@ def test_what_does_not_fit_is_told(arms: tuple[kinseek.Arm, kinseek.Arm]) -> Non
         scene.move("lift", np.zeros(7))
     with pytest.raises(InvalidProblem):
         scene.move("left", np.zeros(3))
+
+
+SLIDING = """<robot name="two"><link name="base"/><link name="a">
+<collision><origin xyz="0 0 0" rpy="0 0 0.2"/><geometry><cylinder radius="0.3" length="0.6"/></geometry></collision>
+<collision><origin xyz="0 1.5 0" rpy="0 0 0.2"/><geometry><cylinder radius="0.3" length="0.6"/></geometry></collision></link>
+<joint name="s" type="prismatic"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" velocity="1" effort="1"/></joint></robot>"""
+TURNING = """<robot name="one"><link name="base"/><link name="l">
+<collision><origin xyz="0.5 0 0"/><geometry><box size="0.9 0.1 0.1"/></geometry></collision></link>
+<joint name="j" type="revolute"><parent link="base"/><child link="l"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" velocity="1" effort="1"/></joint></robot>"""
+
+
+def test_an_arm_that_moves_during_a_question_is_here_or_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One link touched before the move and another one after it, and the question found neither."""
+    arm = kinseek.load(TURNING)
+    scene = Scene.of(arm)
+    scene.add_arm("o", Scene.of(kinseek.load(SLIDING)), [0.0], pose=kinseek.pose([1.2500005, 0.0, 0.0]))
+    whole, moved = Broad.sort_out, list[float]()
+
+    def interrupted(*args: Any) -> Any:
+        found = whole(*args)
+        if not moved:
+            moved.append(-1.5)
+            scene.move("o", moved)
+        return found
+
+    monkeypatch.setattr(Broad, "sort_out", interrupted)
+    assert not scene.free(np.zeros(1))
+    assert moved
+    assert not scene.free(np.zeros(1))

@@ -196,15 +196,20 @@ class Engine:
     def _free(self, q: Array, clearance: float) -> Flags:
         broad = self.broad
         verdicts, in_doubt = broad.verdicts(q, clearance, TOUCH)
-        free = np.asarray(verdicts == FREE)
-        if in_doubt:
-            rows = np.flatnonzero(verdicts == DOUBT)
-            _, doubts = broad.sort_out(q[rows], clearance, TOUCH)
-            with self:
-                self.set_clearance(clearance)
-                for k, pairs in zip(rows, doubts, strict=True):
-                    self.place(q[k])
-                    free[k] = not any(self.touch(n) for n in np.flatnonzero(pairs).tolist())
+        if not in_doubt:
+            return np.asarray(verdicts == FREE)
+        rows = np.flatnonzero(verdicts == DOUBT)
+        _, doubts = broad.sort_out(q[rows], clearance, TOUCH)
+        with self:
+            if (
+                self._fitted is not broad
+            ):  # Bodies have moved meanwhile; while this holds the engine, they do not.
+                return self._free(q, clearance)
+            free = np.asarray(verdicts == FREE)
+            self.set_clearance(clearance)
+            for k, pairs in zip(rows, doubts, strict=True):
+                self.place(q[k])
+                free[k] = not any(self.touch(n) for n in np.flatnonzero(pairs).tolist())
         return free
 
     def free_samples(
