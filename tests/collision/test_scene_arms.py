@@ -159,3 +159,12 @@ def test_an_arm_that_moves_during_a_question_is_here_or_there(monkeypatch: pytes
     assert not scene.free(np.zeros(1))
     assert moved
     assert not scene.free(np.zeros(1))
+
+
+def test_a_scene_is_not_that_of_an_arm_that_slides_where_its_arm_turns() -> None:
+    turning = kinseek.load(TURNING)
+    sliding = kinseek.load(TURNING.replace("revolute", "prismatic"))
+    scene = Scene.of(turning)
+    assert scene.fits(turning.mechanism)
+    with pytest.raises(InvalidScene, match="this scene is of 'one'"):
+        sliding.ik(sliding.fk([1.0]), scene=scene)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
@@ -121,7 +122,7 @@ def _limits(
     context: click.Context, param: click.Parameter, given: tuple[str, ...]
 ) -> dict[str, tuple[float, float]] | str:
     """Read NAME=LOWER,UPPER, each name once; or the path of one file."""
-    if len(given) == 1 and "=" not in given[0]:
+    if len(given) == 1 and ("=" not in given[0] or Path(given[0]).is_file()):
         return given[0]
     ranges: dict[str, tuple[float, float]] = {}
     for name, value in _pairs(context, param, given).items():

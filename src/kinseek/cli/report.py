@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shlex
 from collections import Counter
 from collections.abc import Sequence
@@ -81,6 +82,7 @@ def print_arm(arm: Arm, limits: str = "") -> None:
     if limits:
         _print(f"limits: {limits}")
     least, most = reach(arm)
+    least, most = math.floor(least * 1e3) / 1e3, math.ceil(most * 1e3) / 1e3
     _print(f"reach: at least {least:.3f} m from base to tip (the farthest of {_POSTURES:,} random postures)")
     _print(f"reach: at most {most:.3f} m from base to tip (the sum of all links and slides)")
 

@@ -487,7 +487,7 @@ def _same_arm(chain: SerialChain | None, own: SerialChain) -> bool:
         and chain.joint_names == own.joint_names
         and chain.fixed.shape == own.fixed.shape
         and arrays_equal(chain.fixed[:-1], own.fixed[:-1])
-        and arrays_equal(chain.leader, own.leader)
+        and arrays_equal([chain.leader, chain.prismatic], [own.leader, own.prismatic])
         and arrays_equal([chain.multiplier, chain.offset], [own.multiplier, own.offset])
     )
 
