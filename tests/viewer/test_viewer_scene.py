@@ -199,12 +199,12 @@ def test_a_body_is_dragged_quickly_among_many(session: Session) -> None:
         page.select_body("7")
         before = dict(page._bodies)
         made = page.view.bodies._made
-        page._mover.give((np.array([1.0, 0.0, 0.0, 0.0]), np.array([1.0, 2.0, 0.5])))
+        page.edit(lambda: page.place_body(kinseek.pose([1.0, 2.0, 0.5])), "drag")
         wait_until(lambda: page.idle)
         np.testing.assert_array_equal(page._bodies["7"].frame.pose[:3, 3], [1.0, 2.0, 0.5])
         assert [name for name, body in page._bodies.items() if body is not before[name]] == ["7"]
         assert page.view.bodies._made == made
-        page._mover.give((np.array([np.nan, 0.0, 0.0, 0.0]), np.array([1.0, 2.0, 0.5])))
+        page.edit(lambda: page.place_body(np.full((4, 4), np.nan)), "drag")
         wait_until(lambda: page.idle)
         np.testing.assert_array_equal(page._bodies["7"].frame.pose[:3, 3], [1.0, 2.0, 0.5])
 
@@ -271,7 +271,7 @@ def test_bodies_of_files_move_as_a_whole_and_only_boxes_are_resized(page: Any, t
     file.write_text(
         f"two\n* pair\n0 0 1\n0 0 0 1\n2\n{one.format(0.5)}{one.format(0.9)}0\n.\n", encoding="utf-8"
     )
-    page._session.edit(lambda scene: scene.add_file(file))
+    page._session.scene = page._session.edited(lambda scene: scene.add_file(file))
     page._edit("pair", lambda scene: None)
     page.place_body(kinseek.pose([3.0, 0.0, 1.0], rpy=[0.0, 0.0, np.pi / 2]))
     page.resize_box((0.1, 0.1, 0.1))

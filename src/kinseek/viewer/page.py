@@ -6,6 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -30,7 +31,7 @@ from .panel import Panel
 from .searches import DEFAULT
 from .session import GoalResult, Planned, Proof, Session, nearest_of
 from .view import CLOUD, MOST_GHOSTS, REACHED, SEARCH, View, is_at, matrix_of
-from .workers import Newest
+from .workers import Newest, Queue
 
 Array = NDArray[np.float64]
 
@@ -83,7 +84,9 @@ class Page:
         self._servoing = False
         """Does a tracker move the arm? Then goals are not solved."""
         self._new_goals = np.random.default_rng(client.client_id)
-        self.view = View(client.scene, self.arm, meshes, self.select_body)
+        self.view = View(
+            client.scene, self.arm, meshes, lambda name: self.edit(partial(self.select_body, name))
+        )
         self._given = [] if session.scene is None else drawn_bodies(session.scene)
         """The bodies before this visitor changed them."""
         self._bodies = {body.name: body for body in self._given}
@@ -98,7 +101,7 @@ class Page:
         self._planner = Newest(self._plan, f"{name}: plans", QUIET)
         self._player = Newest(self._play, f"{name}: motions")
         self._storer = Newest(self._store, f"{name}: options", QUIET)
-        self._mover = Newest(self._move_body, f"{name}: bodies")
+        self._editor = Queue[Callable[[], object]](self._do_edit, f"{name}: bodies")
         self._workers = (
             self._solver,
             self._prover,
@@ -106,7 +109,7 @@ class Page:
             self._planner,
             self._player,
             self._storer,
-            self._mover,
+            self._editor,
         )
         try:
             self._begin()
@@ -137,7 +140,9 @@ class Page:
             self._storer.give("keep")
 
         async def dragged_body(event: Any) -> None:
-            self._mover.give((event.target.wxyz, event.target.position))
+            with contextlib.suppress(KinseekError):  # Not a pose that a page sends.
+                pose = matrix_of(event.target.wxyz, event.target.position)
+                self.edit(partial(self.place_body, pose), "drag")
 
         self.view.goal.on_update(dragged)
         self.view.body.on_update(dragged_body)
@@ -266,6 +271,20 @@ class Page:
         """The scene as this visitor has it."""
         return self._session.scene
 
+    def edit(self, change: Callable[[], object], name: str = "") -> None:
+        """Call one of the following methods in the thread for changes of the scene.
+
+        Where it takes longer than the next change of the same name comes, it is skipped. The server's loop never waits for
+        it: with many bodies a change takes some hundredths of a second.
+        """
+        self._editor.give((name, change))
+
+    def _do_edit(self, named: tuple[str, Callable[[], object]]) -> None:
+        try:
+            named[1]()
+        except KinseekError as error:
+            self.panel.result.content = words.refused_html(str(error))
+
     def select_body(self, name: str) -> None:
         """Edit the body of this name, if it stands by itself; otherwise none."""
         with self._lock:
@@ -279,23 +298,19 @@ class Page:
         Raises:
             InvalidScene: There are enough.
         """
-        with self._lock:
-            if len(self._bodies) >= len(self._given) + MOST_ADDED:
-                raise InvalidScene(
-                    f"a page adds at most {MOST_ADDED} boxes; remove one, or make them in Python"
-                )
-            # Not that of a body that was removed: what it may touch would count for this one in the program that is shown.
-            names = {*self._bodies, *(body.name for body in self._given)}
-            name = next(name for i in count(1) if (name := f"box {i}") not in names)
-            size = float(f"{BOX * self.view.size:.1g}")
-            place = self.options.target[:3, 3] + [0.0, 0.0, -2.0 * size]
-            self._edit(name, lambda scene: scene.add_box(name, [size] * 3, transform(np.eye(3), place)))
+        if len(self._bodies) >= len(self._given) + MOST_ADDED:
+            raise InvalidScene(f"a page adds at most {MOST_ADDED} boxes; remove one, or make them in Python")
+        # Not that of a body that was removed: what it may touch would count for this one in the program that is shown.
+        names = {*self._bodies, *(body.name for body in self._given)}
+        name = next(name for i in count(1) if (name := f"box {i}") not in names)
+        size = float(f"{BOX * self.view.size:.1g}")
+        place = self.options.target[:3, 3] + [0.0, 0.0, -2.0 * size]
+        self._edit(name, lambda scene: scene.add_box(name, [size] * 3, transform(np.eye(3), place)))
 
     def remove_body(self) -> None:
         """Remove the body that is edited."""
-        with self._lock:
-            if name := self._selected:
-                self._edit("", lambda scene: scene.remove(name))
+        if name := self._selected:
+            self._edit("", lambda scene: scene.remove(name))
 
     def place_body(self, pose: Array) -> None:
         """Move the body that is edited to a pose, (4, 4).
@@ -303,14 +318,8 @@ class Page:
         Raises:
             KinseekError: It is no pose, or too far away.
         """
-        with self._lock:
-            if name := self._selected:
-                self._edit(name, lambda scene: scene._place(name, pose))
-
-    def _move_body(self, dragged: tuple[Any, Any]) -> None:
-        """Move the body that is edited to where it was dragged; poses that come faster than this are skipped."""
-        with contextlib.suppress(KinseekError):  # Not a pose that a page sends.
-            self.place_body(matrix_of(*dragged))
+        if name := self._selected:
+            self._edit(name, lambda scene: scene._place(name, pose))
 
     def resize_box(self, size: Sequence[float]) -> None:
         """Give the box that is edited other edge lengths, (3,) [m].
@@ -318,22 +327,22 @@ class Page:
         Raises:
             InvalidScene: They are invalid.
         """
-        with self._lock:
-            body = self._bodies.get(self._selected)
-            if body is not None and body.is_box:
-                box, pose = Box(size), body.frame.pose
-                self._edit(body.name, lambda scene: scene.add(body.name, box, pose, replace=True))
+        body = self._bodies.get(self._selected)
+        if body is not None and body.is_box:
+            box, pose = Box(size), body.frame.pose
+            self._edit(body.name, lambda scene: scene.add(body.name, box, pose, replace=True))
 
     def _edit(self, selected: str, change: Callable[[Scene], object]) -> None:
         """Change the scene, and solve the goal in it; after an error everything is as it was."""
-        self._session.edit(change)
-        assert self._session.scene is not None
-        bodies = drawn_bodies(self._session.scene, self._bodies)
-        self._bodies, self._selected = {body.name: body for body in bodies}, selected
-        with self._client.atomic():
+        scene = self._session.edited(change)
+        bodies = drawn_bodies(scene, self._bodies)
+        changes = words.code_html(*words.changes_of(self._given, bodies))
+        with self._lock, self._client.atomic():
+            self._session.scene = scene
+            self._bodies, self._selected = {body.name: body for body in bodies}, selected
             self.view.bodies.take(bodies)
             self._show_bodies()
-            self.panel.changes.content = words.code_html(*words.changes_of(self._given, bodies))
+            self.panel.changes.content = changes
         self._again()
         if self.trajectory is not None:  # It may hit something now.
             self._planner.give("again")

@@ -184,15 +184,16 @@ class Panel:
         )
         self._labels: dict[str, str] = {}
         """Names of bodies by their labels."""
-        self._on(self.body, lambda label: page.select_body(self._labels.get(label, "")))
+        self._on(self.body, lambda label: page.edit(partial(page.select_body, self._labels.get(label, ""))))
         edit = gui.add_button_group("Edit", ("add a box", "remove"))
-        self._on(edit, lambda value: page.remove_body() if value == "remove" else page.add_box(), click=True)
+        edits = {"add a box": page.add_box, "remove": page.remove_body}
+        self._on(edit, lambda value: page.edit(edits[value]), click=True)
         self.box_size = gui.add_vector3("Size [m]", (1.0, 1.0, 1.0), step=0.01, visible=False)
         self.body_place = gui.add_vector3("Position [m]", (0.0, 0.0, 0.0), step=0.01, visible=False)
         self.body_turn = gui.add_vector3("Roll, pitch, yaw [°]", (0.0, 0.0, 0.0), step=0.1, visible=False)
-        self._on(self.box_size, page.resize_box)
+        self._on(self.box_size, lambda size: page.edit(partial(page.resize_box, size), "size"))
         for each in (self.body_place, self.body_turn):
-            self._on(each, lambda _: page.place_body(_typed(self.body_place, self.body_turn)))
+            self._on(each, lambda _: self._place_body())
         self.changes = gui.add_html("")
         plan = gui.add_checkbox(
             "Plan a motion",
@@ -201,6 +202,10 @@ class Panel:
         )
         self._on(plan, lambda on: page.plan(bool(on)))
         self._on(gui.add_button("Start where the arm is"), lambda _: page.start_here(), click=True)
+
+    def _place_body(self) -> None:
+        pose = _typed(self.body_place, self.body_turn)
+        self._do.edit(partial(self._do.place_body, pose), "place")
 
     def show_bodies(self, names: Sequence[str], selected: DrawnBody | None) -> None:
         """Offer these bodies to be edited, and show the measures of the one that is."""

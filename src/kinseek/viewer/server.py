@@ -66,8 +66,9 @@ class Viewer:
                 super().__setattr__(name, value)
 
         free = free_port(host, port)
-        self.alone = is_loopback(_address(host, free)[1][0])
-        """Can only this machine reach the page? A loopback address has other spellings and names, such as 127.1."""
+        self.alone = all(is_loopback(address[0]) for _, address in _addresses(host, free))
+        """Can only this machine reach the page? A loopback address has other spellings and names, such as 127.1; and a name
+        may also have an address of the network, at which viser listens too."""
         door = Door(self.alone, host, share)
         self.arm = arm
         self.meshes = meshes_of(arm.axes, packages)
@@ -185,35 +186,45 @@ def free_port(host: str, port: int) -> int:
         InvalidUse: Not a port, not an address of this machine, or none is free.
     """
     port = as_integer("port, of which 0 is any free one,", port, 0, 65535, InvalidUse)
-    family, address = _address(host, port)
+    addresses = _addresses(host, port)
     for number in range(port, min(port + PORTS, 65536)):
-        with socket.socket(family, socket.SOCK_STREAM) as trial:
-            # As asyncio's servers do: the port of a server that has just ended is free again. On Windows the option
-            # would share a port that is in use.
-            if os.name == "posix":
-                trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            # They accept no IPv4 addresses in the form of IPv6, and viser waits forever for a server that cannot start.
-            if family == socket.AF_INET6:
-                trial.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-            try:
-                trial.bind((address[0], number, *address[2:]))
-                trial.listen(1)
-            except OSError as error:
-                if error.errno == errno.EADDRINUSE:
-                    continue
-                if error.errno in (errno.EACCES, errno.EPERM):
-                    raise InvalidUse(
-                        f"port {number} is not available to this user; choose one from 1024 on"
-                    ) from None
+        try:
+            for family, address in addresses:
+                _try_port(family, address, number)
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                continue
+            if error.errno in (errno.EACCES, errno.EPERM):
                 raise InvalidUse(
-                    f"host must be an address of this machine such as 127.0.0.1, got {host!r}: {error.strerror}"
+                    f"port {number} is not available to this user; choose one from 1024 on"
                 ) from None
-            return number
+            raise InvalidUse(
+                f"host must be an address of this machine such as 127.0.0.1, got {host!r}: {error.strerror}"
+            ) from None
+        return number
     raise InvalidUse(f"no port from {port} to {min(port + PORTS, 65536) - 1} is free; choose another")
 
 
-def _address(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
-    """Return the family and the address of a host.
+def _try_port(family: socket.AddressFamily, address: Any, port: int) -> None:
+    """Listen at a port for a moment, as viser will; it waits forever for a server that cannot start.
+
+    Raises:
+        OSError: The port is in use, or not for this user.
+    """
+    with socket.socket(family, socket.SOCK_STREAM) as trial:
+        # As asyncio's servers do: the port of a server that has just ended is free again. On Windows the option would
+        # share a port that is in use.
+        if os.name == "posix":
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        # They accept no IPv4 addresses in the form of IPv6.
+        if family == socket.AF_INET6:
+            trial.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        trial.bind((address[0], port, *address[2:]))
+        trial.listen(1)
+
+
+def _addresses(host: str, port: int) -> list[tuple[socket.AddressFamily, Any]]:
+    """Return the family and the address of each address of a host.
 
     Raises:
         InvalidUse: It has none.
@@ -221,14 +232,12 @@ def _address(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
     if not isinstance(host, str):
         raise InvalidUse(f"host must be a name or an address such as '127.0.0.1', got {host!r:.200}")
     try:
-        family, *_, address = socket.getaddrinfo(
-            host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )[0]
+        found = socket.getaddrinfo(host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except (OSError, UnicodeError) as error:
         raise InvalidUse(
             f"host must be an address of this machine such as 127.0.0.1, got {host!r}: {error}"
         ) from None
-    return family, address
+    return [(family, address) for family, *_, address in found]
 
 
 def browser_here() -> bool:

@@ -214,16 +214,16 @@ class Session:
         """Return the session of one person, whose changes of the scene are their own."""
         return copy.copy(self)
 
-    def edit(self, change: Callable[[Scene], object]) -> None:
-        """Replace the scene by a changed copy.
+    def edited(self, change: Callable[[Scene], object]) -> Scene:
+        """Return a changed copy of the scene.
 
         Raises:
-            KinseekError: As `change`; the scene then stays as it was.
+            KinseekError: As `change`.
         """
         assert self.scene is not None
         scene = copy.copy(self.scene)
         change(scene)
-        self.scene = scene
+        return scene
 
     def contacts(self, q: Array) -> tuple[Contact, ...]:
         """Return what touches, or comes too near, at joint values, (n,)."""

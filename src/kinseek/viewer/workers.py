@@ -1,4 +1,4 @@
-"""Background work of a page: one thread that always processes the newest request, so that outdated ones are skipped."""
+"""Background work of a page: threads that process the newest request, so that outdated ones are skipped, or all in order."""
 
 from __future__ import annotations
 
@@ -63,11 +63,14 @@ class Newest(Generic[Item]):
 
     def _run(self) -> None:
         while taken := self._next():
-            try:
-                self._work(taken[0])
-            except Exception:  # After an error in a page, it must continue with the next goal.
-                if not self._closed:
-                    _log.exception("a page could not show its options")
+            for item in taken:
+                if self._closed:
+                    return
+                try:
+                    self._work(item)
+                except Exception:  # After an error in a page, it must continue with the next goal.
+                    if not self._closed:
+                        _log.exception("a page could not show its options")
 
     def _next(self) -> list[Item]:
         """Return a list with the next item; empty at the end."""
@@ -85,3 +88,20 @@ class Newest(Generic[Item]):
             self._busy, taken = True, self._waiting
             self._waiting = []
             return taken
+
+
+MOST_WAITING = 20
+"""Number of requests that may wait in a `Queue`; a person is not that fast."""
+
+
+class Queue(Newest[tuple[str, Item]]):
+    """A thread that processes named items in order; the newest replaces the last that waits if it has the same name."""
+
+    def give(self, item: tuple[str, Item]) -> None:
+        """Process this item after those that wait; if too many do, it is dropped."""
+        with self._changed:
+            if self._waiting and self._waiting[-1][0] == item[0] != "":
+                self._waiting = [*self._waiting[:-1], item]
+            elif len(self._waiting) < MOST_WAITING:
+                self._waiting = [*self._waiting, item]
+            self._changed.notify_all()
