@@ -10,6 +10,7 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -101,6 +102,16 @@ def write_table(path: Path, table: Table, ending: str | None = None) -> None:
                 parquet.write_table(pyarrow.table(table.by_name()), file)
             case _:
                 _write_csv(file, table.by_name())
+
+
+def require_pyarrow() -> None:
+    """Make sure that pyarrow is installed, without importing it.
+
+    Raises:
+        MissingExtra: It is not.
+    """
+    if find_spec("pyarrow") is None:
+        raise MissingExtra("A .parquet file", "parquet")
 
 
 def import_pyarrow() -> tuple[Any, Any]:

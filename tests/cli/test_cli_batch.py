@@ -588,6 +588,21 @@ def test_a_damaged_name_of_a_parquet_column(arrow: Arrow, cli: CommandLine) -> N
     )
 
 
+@pytest.mark.parametrize("end", ["os.abort()", "sys.exit(3)", "[0] * 10**12"])
+def test_a_file_that_ends_the_process_which_reads_it(end: str, arrow: Arrow, cli: CommandLine) -> None:
+    """pyarrow checks sizes in a footer by ending the process."""
+    arrow.write({name: np.ones(2) for name in XYZ})
+    Path("pyarrow.py").write_text(f"import os, sys\n{end}\n", encoding="utf-8")
+    program = "import sys; sys.path.insert(0, ''); from kinseek.cli import main; main(sys.argv[1:])"
+    words = [*["solve", "ur5e", "--position-only", "--batch", "in.parquet", "--out"], "out.csv"]
+    done = subprocess.run(
+        [sys.executable, "-c", program, *words], capture_output=True, text=True, check=False, timeout=100
+    )
+    assert done.returncode == 2
+    assert "'in.parquet' cannot be read as a Parquet file: the process that reads it ended" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
 @pytest.mark.slow
 def test_the_row_of_a_large_table(cli: CommandLine) -> None:
     rows = np.tile([0.4, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0], (50_000, 1))

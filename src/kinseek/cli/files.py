@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidGoal, InvalidProblem, reason
 from kinseek.robots.files import instead_of_a_file
 from kinseek.support.whole_file import output_path
-from kinseek.tables import TABLE_ENDINGS, import_pyarrow
+from kinseek.support.workers import Worker, WorkerDied, limit_process
+from kinseek.tables import TABLE_ENDINGS, import_pyarrow, require_pyarrow
 
 from .columns import TIME, VALID, kind_of_rotation, poses_of, rigid
 from .parquet_pages import MOST_FOOTER, require_small_footer, unpacked_bytes
@@ -35,6 +36,9 @@ _PIPES = ("-", "/dev/stdin", "/dev/stdout")
 """What other programs take for standard input and output."""
 BYTES_OF_A_VALUE = 16
 """Maximum size of all unpacked pages, per allowed value: 8 in a page of numbers, and as many in a dictionary."""
+
+MOST_MEMORY, MOST_SECONDS = 2**33, 600
+"""Most memory [bytes] and processor time [s] of the process that reads a Parquet file."""
 
 
 def read_poses(path: Path, position_only: bool, deg: bool, option: str = "--batch") -> Array:
@@ -205,6 +209,27 @@ def _npy(path: Path) -> Array:
 
 
 def _parquet(path: Path, position_only: bool, extra: Collection[str]) -> dict[str, Array]:
+    """Read a Parquet file in a process of its own, since pyarrow ends the process for some damaged files."""
+    require_pyarrow()
+    try:
+        with Worker() as worker:
+            worker.begin(_columns)
+            columns: dict[str, Array] = worker.compute(
+                (path, position_only, frozenset(extra), MOST_VALUES),
+                "when pyarrow read it: it is damaged, or too large",
+            )
+    except (WorkerDied, MemoryError) as error:
+        when = error if isinstance(error, WorkerDied) else f"at {MOST_MEMORY:,} bytes of memory"
+        raise InvalidGoal(
+            f"{str(path)!r} cannot be read as a Parquet file: the process that reads it ended {when}"
+        ) from None
+    return columns
+
+
+def _columns(request: tuple[Path, bool, Collection[str], int]) -> dict[str, Array]:
+    """Read the columns of a Parquet file in the process; see `_read`."""
+    path, position_only, extra, most = request
+    limit_process(MOST_MEMORY, MOST_SECONDS)
     pyarrow, parquet = import_pyarrow()
     try:
         with path.open("rb") as raw:
@@ -214,7 +239,7 @@ def _parquet(path: Path, position_only: bool, extra: Collection[str]) -> dict[st
     limits = {"thrift_string_size_limit": MOST_FOOTER, "thrift_container_size_limit": MOST_FOOTER}
     try:
         with parquet.ParquetFile(path, **limits) as file:
-            _require_numbers(file, path)
+            _require_numbers(file, path, most)
             # Not only when all is read.
             names = [name for name in file.schema_arrow.names if name not in extra]
             kind_of_rotation(names, str(path), position_only)
@@ -228,7 +253,7 @@ def _parquet(path: Path, position_only: bool, extra: Collection[str]) -> dict[st
     return {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
 
 
-def _require_numbers(file: Any, path: Path) -> None:
+def _require_numbers(file: Any, path: Path, most_values: int) -> None:
     """Before unpacking, reject a Parquet file with other columns, or with many more values than bytes.
 
     Raises:
@@ -250,7 +275,7 @@ def _require_numbers(file: Any, path: Path) -> None:
     parts = [group.column(j) for group in groups for j in range(group.num_columns)]
     count_values = sum(abs(part.num_values) for part in parts)  # May be negative in a damaged file.
     count = max(count_values, metadata.num_rows * len(schema.names))
-    if count > (most := max(MOST_VALUES, VALUES_OF_A_BYTE * path.stat().st_size)):
+    if count > (most := max(most_values, VALUES_OF_A_BYTE * path.stat().st_size)):
         raise InvalidGoal(
             f"{path}: {count:,} numbers, expected at most {most:,} in a file of this size, {VALUES_OF_A_BYTE} per byte"
         )

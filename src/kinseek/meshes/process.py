@@ -6,16 +6,15 @@ known to make them compute for hours or fill the memory. Whatever else does so e
 
 from __future__ import annotations
 
-import os
 import pickle
-from functools import cache, partial
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from kinseek.errors import InvalidRobot
 from kinseek.support.interrupts import uninterrupted
-from kinseek.support.workers import Worker, WorkerDied
+from kinseek.support.workers import Worker, WorkerDied, limit_process
 
 from .limits import Budget, ending
 from .parts import MOST_MESH, import_trimesh, mesh_parts
@@ -102,7 +101,7 @@ class MeshReader:
 
 def answer(memory: int, seconds: int, request: tuple[Path, int, Budget, bool]) -> tuple[Budget, bytes | str]:
     """Read a mesh in the process: return what is left of the budget, and the bodies, or why they cannot be read."""
-    _limit(memory, seconds)
+    limit_process(memory, seconds)
     path, most, budget, looks = request
     try:
         parts = mesh_parts(path, most, budget=budget, looks=looks)
@@ -115,18 +114,3 @@ def answer(memory: int, seconds: int, request: tuple[Path, int, Budget, bool]) -
     except MemoryError:
         return budget, f"{str(path)!r} cannot be read: it takes more than {memory:,} bytes of memory"
     return budget, reply
-
-
-@cache
-def _limit(memory: int, seconds: int) -> None:
-    """Let the system end this process at its limits, in silence; Windows has no such limits."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-    try:
-        import resource
-    except ImportError:
-        return
-    limits = {resource.RLIMIT_DATA: memory, resource.RLIMIT_CPU: seconds, resource.RLIMIT_CORE: 0}
-    for kind, most in limits.items():
-        _, hard = resource.getrlimit(kind)
-        least = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(kind, (least, least))

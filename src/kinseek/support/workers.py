@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import cache
 from queue import SimpleQueue
 from typing import IO, Any, cast
 
@@ -159,3 +160,23 @@ def serve() -> None:
                 reply = None, error
             pickle.dump(reply, replies)
             replies.flush()
+
+
+@cache
+def limit_process(memory: int, seconds: int) -> None:
+    """Let the system end this process at its limits, in silence; Windows has no such limits.
+
+    Args:
+        memory: Most memory [bytes].
+        seconds: Most processor time [s].
+    """
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    try:
+        import resource
+    except ImportError:
+        return
+    limits = {resource.RLIMIT_DATA: memory, resource.RLIMIT_CPU: seconds, resource.RLIMIT_CORE: 0}
+    for kind, most in limits.items():
+        _, hard = resource.getrlimit(kind)
+        least = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(kind, (least, least))
