@@ -206,3 +206,13 @@ def test_free_axes_and_a_scene(ur5e: kinseek.Arm, table: Scene) -> None:
 
     ur5e.follow(goal, valid=valid)
     assert seen == {(6,)}
+
+
+def test_a_scene_without_a_pair_to_check_is_tracked_and_followed() -> None:
+    arm = kinseek.load("planar2")
+    scene = Scene.of(arm, capsules=0.01)
+    assert not scene.checks
+    q = arm.sample(1, seed=1)[0]
+    tracker = arm.track(q, 0.002, 1.0, acceleration=10.0, scene=scene)
+    assert tracker.step(arm.fk(q)).status is kinseek.TrackStatus.TRACKING
+    assert arm.follow(arm.fk(np.linspace(q, q + 0.1, 10)), scene=scene, start=q).success

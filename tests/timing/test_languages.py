@@ -149,6 +149,12 @@ def test_a_program_has_a_name_that_is_an_identifier(name: str, tmp_path: Path) -
     assert "DEF welding()" in written(tmp_path, "2-seams.src", smooth(), name="welding")
 
 
+@pytest.mark.parametrize("name", ["while.script", "True.script", "LOOP.src", "if.src", "var.mod", "IF.mod"])
+def test_words_of_a_language_are_no_names_of_programs(name: str, tmp_path: Path) -> None:
+    with pytest.raises(kinseek.InvalidProblem, match="which is a word of its language"):
+        save(smooth(), tmp_path / name, 0.5)
+
+
 @pytest.mark.parametrize(
     ("arm", "file", "said"),
     [

@@ -29,7 +29,7 @@ from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameter
 from kinseek.viewer.server import Viewer, free_port
 from kinseek.viewer.session import GoalResult, Proof, Session, beginning, nearest_of, status_of
 from kinseek.viewer.view import View
-from kinseek.viewer.workers import Newest
+from kinseek.viewer.workers import MOST_WAITING, Newest, Queue
 from viewer_pages import client, page_of, wait_until
 
 Kinds = ("planar2", "cylindrical3", "scara4", "so101", "ur5e", "panda", "ur10e_rail", "atlas_torso_arm")
@@ -553,6 +553,27 @@ def test_bundled_arms_have_no_meshes_and_nothing_is_said() -> None:
         assert not found.missing
 
 
+def test_a_queue_works_in_order_and_drops_what_nobody_can_have_clicked() -> None:
+    done, go = list[Any](), threading.Event()
+
+    def work(item: tuple[str, int]) -> None:
+        go.wait(10.0)
+        done.append(item)
+
+    worker = Queue[int](work, "test")
+    worker.give(("", -1))
+    wait_until(lambda: not worker._waiting)
+    for item in (("", 0), ("drag", 1), ("drag", 2), ("", 3), ("", 4), ("drag", 5)):
+        worker.give(item)
+    for number in range(100):
+        worker.give(("", 100 + number))
+    go.set()
+    wait_until(lambda: worker.idle)
+    worker.close()
+    assert done[:6] == [("", -1), ("", 0), ("drag", 2), ("", 3), ("", 4), ("drag", 5)]
+    assert len(done) == 1 + MOST_WAITING
+
+
 # Where it listens, and how it works beside the page.
 
 
@@ -570,7 +591,7 @@ def test_a_port_is_a_whole_number(port: Any) -> None:
         free_port("127.0.0.1", port)
 
 
-@pytest.mark.parametrize("host", ["203.0.113.7", "no such host.invalid", "\0", "::ffff:127.0.0.1"])
+@pytest.mark.parametrize("host", ["203.0.113.7", "no such host.invalid", "\0", "::ffff:127.0.0.1", ""])
 def test_a_host_is_an_address_of_this_machine(host: str) -> None:
     with pytest.raises(InvalidUse, match="host must be"):
         free_port(host, 8080)

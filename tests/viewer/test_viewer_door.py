@@ -22,7 +22,7 @@ import pytest
 
 import kinseek
 from kinseek import InvalidUse, viewer
-from kinseek.viewer import door
+from kinseek.viewer import door, server
 from kinseek.viewer.door import MESSAGES, POLICY, is_message, refusal
 from kinseek.viewer.page import Page
 from viewer_pages import CAMERA, wait_until
@@ -145,6 +145,21 @@ def test_another_name_of_loopback_is_for_this_machine_alone(monkeypatch: pytest.
             assert page(made.port, {"Host": f"evil.test:{made.port}"})[0] == 403, host
             for name in (host.lower(), "127.0.0.1"):
                 assert page(made.port, {"Host": f"{name}:{made.port}"})[0] == 200, host
+
+
+def test_a_name_with_an_address_of_the_network_is_not_for_this_machine_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """viser listens at all addresses of a name, and only the first one was looked at."""
+    family, kind = socket.AF_INET, socket.SOCK_STREAM
+    found = [(family, kind, 6, "", (host, 0)) for host in ("127.0.0.1", "0.0.0.0")]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **options: found)
+    assert [each[1][0] for each in server._addresses("box", 0)] == ["127.0.0.1", "0.0.0.0"]
+    monkeypatch.undo()
+    monkeypatch.setattr(server, "_addresses", lambda *_: [(family, each[4]) for each in found])
+    made = viewer.show(kinseek.load("planar2"), host="localhost", port=0, open_browser=False, block=False)
+    with made:
+        assert not made.alone
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST", "[::1]", "127.0.0.2"])

@@ -67,6 +67,23 @@ def test_answers_in_a_scene_are_free_and_the_call_says_so(session: Session) -> N
     assert call == "arm.ik(T, near=q, scene=scene, clearance=0.15, time_limit=2)"
 
 
+def test_a_chosen_branch_that_collides_is_not_called_solved(session: Session) -> None:
+    scene = session.scene
+    assert scene is not None
+    colliding = 0
+    for target in UR5E.fk(UR5E.sample(10, seed=3)):
+        options = session.begin.but(target=target)
+        branches = session.branches(options)
+        for q in branches.q if not isinstance(branches, str) else ():
+            sentence, kind = status_of(session.picked(options, q), None)
+            assert kind == ("good" if scene.free(q) else "bad")
+            assert sentence.startswith(
+                "Solved" if scene.free(q) else "This solution reaches the goal, but coll"
+            )
+            colliding += not scene.free(q)
+    assert colliding > 3
+
+
 def test_a_goal_that_is_blocked_is_told_and_proved(session: Session) -> None:
     result = session.solve(session.begin.but(target=INSIDE))
     assert result.blocked
@@ -218,7 +235,9 @@ def test_the_call_for_a_body_of_several_shapes_keeps_them(tmp_path: Path) -> Non
     before = drawn_bodies(scene)
     scene._place("table", kinseek.pose([2.0, 0.0, 0.0]))
     (line,) = words.changes_of(before, drawn_bodies(scene))
-    assert line.startswith("# 'table' is moved to kinseek.pose([2.0, 0.0, 0.0]")
+    assert line.startswith("scene.add('table', ..., kinseek.pose([2.0, 0.0, 0.0]")
+    with pytest.raises(kinseek.InvalidScene, match=r"expected a Box, .* got ellipsis"):
+        exec(line, {"scene": scene, "kinseek": kinseek})
 
 
 def test_a_visitor_edits_a_scene_of_their_own(page: Any, session: Session) -> None:
@@ -279,7 +298,7 @@ def test_bodies_of_files_move_as_a_whole_and_only_boxes_are_resized(page: Any, t
     body = page.scene._bodies["pair"]
     places = [(body.frame.pose @ part.pose)[:3, 3] for part in body.parts]
     np.testing.assert_allclose(places, [[3.0, 0.0, 1.0], [3.0, 0.4, 1.0]], atol=1e-12)
-    assert "# &#x27;pair&#x27; is moved to kinseek.pose([3.0, 0.0, 1.0]" in page.panel.changes.content
+    assert "scene.add(&#x27;pair&#x27;, ..., kinseek.pose([3.0, 0.0, 1.0]" in page.panel.changes.content
 
 
 def test_what_cannot_be_edited_says_so_and_changes_nothing(page: Any) -> None:
@@ -436,6 +455,7 @@ def test_the_page_plans_to_every_goal_and_plays_the_motion(page: Any) -> None:
     wait_until(lambda: page.idle)
     np.testing.assert_array_equal(page.options.q, motion.q(0.5 * motion.duration))
     assert page.panel.hits.content == ""
+    assert "on its motion" in page.panel.result.content
     # A box across the way: the motion leads around it, or is no longer offered.
     page.add_box()
     page.place_body(UR5E.fk(motion.q(0.5 * motion.duration)))
@@ -450,6 +470,17 @@ def test_the_page_plans_to_every_goal_and_plays_the_motion(page: Any) -> None:
     page.plan(False)
     wait_until(lambda: page.idle)
     assert page.panel.plan.content == ""
+
+
+def test_a_planned_motion_keeps_the_limits_of_now(page: Any) -> None:
+    goal(page, FREE)
+    page.plan(True)
+    wait_until(lambda: page.idle)
+    goal(page, BEHIND)
+    quick = page.trajectory.duration
+    page.panel._choose_limit("acceleration", 1.0)
+    wait_until(lambda: page.idle)
+    assert page.trajectory.duration > 2.0 * quick
 
 
 def test_a_newer_goal_ends_a_plan(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,6 +22,7 @@ LENGTHS = {
     "--x-axis": 3,
     "--y-axis": 3,
     "--tool": 6,
+    "--range": 6,
     "--near": None,
     "--start": None,
     "--end": None,

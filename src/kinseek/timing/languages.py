@@ -72,6 +72,8 @@ class Language:
     """Text for an external axis without a joint; "" leaves it out."""
     comment: str
     """Beginning of a comment, which ends with the line."""
+    reserved: str = ""
+    """Words of the language besides those of the texts, which no program can be called."""
     newline: str = "\n"
     """End of a line."""
     degrees: bool = False
@@ -87,6 +89,23 @@ class Language:
 
 
 _UR = ("J1", "J2", "J3", "J4", "J5", "J6")
+_UR_WORDS = (
+    "and break continue def elif else end enter_critical exit_critical false global halt if join kill local not or return "
+    "run sec sync thread true while xor"
+)
+_KRL_WORDS = (
+    "and anin anout axis b_and b_exor b_not b_or bool brake case cast_from cast_to char circ circ_rel confirm const "
+    "continue decl def defdat deffct delay digin distance do e6axis e6pos else end enddat endfct endfor endif endloop "
+    "endswitch endwhile enum exit ext extfct false for frame global goto halt if import int interrupt is lin lin_rel loop "
+    "maximum minimum not off on or pos prio ptp ptp_rel public pulse real repeat resume return sec signal struc switch "
+    "then to trigger true until wait when while"
+)
+_RAPID_WORDS = (
+    "alias and backward case connect const default div do else elseif endfor endfunc endif endmodule endproc endrecord "
+    "endtest endtrap endwhile error exit false for from func goto if inout local mod module nostepin not noview or pers "
+    "proc raise readonly record retry return step sysmodule task test then to trap true trynext undo var viewonly while "
+    "with xor"
+)
 _UR_HEADER = "def {name}():\n{comments}\n  movej([{axes}], a=0.5, v=0.25)\n"
 
 SERVOJ = Language(
@@ -97,6 +116,7 @@ SERVOJ = Language(
     # The arm follows with a delay, so the last point is held before the arm stops.
     footer="  servoj([{axes}], 0, 0, 0.5, 0.1, 300)\n  stopj(2)\nend\n",
     comment="  #",
+    reserved=_UR_WORDS,
     needs_period=True,
 )
 """URScript: a stream of `servoj`, one for each period. `lookahead_time` and `gain` are the defaults, 0.1 s and 300."""
@@ -108,6 +128,7 @@ MOVEJ = Language(
     line="  movej([{axes}], a={acceleration:.6f}, v={velocity:.6f}, r={blend:.6f})\n",
     footer="end\n",
     comment="  #",
+    reserved=_UR_WORDS,
 )
 """URScript: straight motions of the joints with blends. The controller plans the time."""
 
@@ -137,6 +158,7 @@ PTP_SPLINE
     axis="{name} {value}",
     unused_axis="",
     comment=";",
+    reserved=_KRL_WORDS,
     newline="\r\n",
     degrees=True,
     millimetres=True,
@@ -159,6 +181,7 @@ MODULE {name}
     unused_axis="0",
     unused_external="9E9",
     comment="  !",
+    reserved=_RAPID_WORDS,
     newline="\r\n",
     degrees=True,
     millimetres=True,
@@ -255,7 +278,7 @@ def require_name(name: str, language: Language) -> None:
             f"{language.longest_name} in all. The name is that of the file, or give name="
         )
     template = re.sub("{[^{}]*}", " ", language.header + language.line + language.last + language.footer)
-    if name.lower() in re.findall("[a-z][a-z0-9_]+", template.lower()):
+    if name.lower() in re.findall("[a-z][a-z0-9_]+", f"{template} {language.reserved}".lower()):
         raise InvalidProblem(
             f"a program cannot be called {name!r}, which is a word of its language; name the file otherwise, or give name="
         )

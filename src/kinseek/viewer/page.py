@@ -130,8 +130,10 @@ class Page:
             client.camera.look_at = at - [0.0, 0.0, 0.22 * float(np.linalg.norm(away))]
 
         async def dragged(event: Any) -> None:
-            with contextlib.suppress(KinseekError):  # Not a pose that a page sends.
+            try:
                 self.change(target=matrix_of(event.target.wxyz, event.target.position))
+            except KinseekError as error:  # Too far away, or not a pose that a page sends.
+                self.panel.result.content = words.refused_html(str(error))
 
         async def looked(camera: Any) -> None:
             with self._lock:
@@ -229,6 +231,7 @@ class Page:
             self._show_posture(q, self.options.target, True, contacts)
             self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
             self.panel.motion.content = words.motion_html(trajectory, t)
+            self.panel.result.content = words.note_html("The arm is shown on its motion.")
             self.panel.time.value = t
 
     def _show_posture(self, q: Array, target: Array, reached: bool, contacts: Sequence[Contact]) -> None:
@@ -258,6 +261,13 @@ class Page:
         """Let the goal drive a tracker from now on, or solve it again."""
         self._servoing = self._servoing or on
         self._player.give("servo" if on else "solve")
+
+    def change_limits(self) -> None:
+        """Track, and plan motions, within other limits from now on."""
+        if self._servoing:
+            self._player.give("servo")
+        if self.planning:
+            self._planner.give("again")
 
     def close(self) -> None:
         """End the threads after the page was closed."""

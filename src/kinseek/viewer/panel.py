@@ -174,8 +174,7 @@ class Panel:
 
     def _choose_limit(self, name: str, value: float) -> None:
         self.limits[name] = float(value)
-        if self.servo.value:
-            self._do.servo(True)
+        self._do.change_limits()
 
     def _scene(self) -> None:
         gui, page = self._gui, self._do

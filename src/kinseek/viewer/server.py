@@ -141,7 +141,7 @@ class Viewer:
     @property
     def url(self) -> str:
         """Address of the page, for a browser on this machine."""
-        anywhere = {"": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
+        anywhere = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
         return f"http://{f'[{anywhere}]' if ':' in anywhere else anywhere}:{self.port}"
 
     def stop(self) -> None:
@@ -229,10 +229,12 @@ def _addresses(host: str, port: int) -> list[tuple[socket.AddressFamily, Any]]:
     Raises:
         InvalidUse: It has none.
     """
-    if not isinstance(host, str):
+    if (
+        not isinstance(host, str) or not host
+    ):  # An empty one, of a variable that is not set, would be all addresses.
         raise InvalidUse(f"host must be a name or an address such as '127.0.0.1', got {host!r:.200}")
     try:
-        found = socket.getaddrinfo(host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except (OSError, UnicodeError) as error:
         raise InvalidUse(
             f"host must be an address of this machine such as 127.0.0.1, got {host!r}: {error}"

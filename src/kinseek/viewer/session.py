@@ -84,6 +84,8 @@ class GoalResult:
     """What the search was to stay near to, or where it began, (n,)."""
     call: str = ""
     """The same call in Python, with this array as q."""
+    collides: bool = False
+    """Was a solution chosen that collides?"""
 
     @property
     def reached(self) -> bool:
@@ -306,7 +308,8 @@ class Session:
         except KinseekError as error:  # The goal has changed since.
             return GoalResult(options, options.q, refused=str(error))
         call = f"arm.ik({_goal_in_python(options)}, near=q)"
-        return GoalResult(options.but(q=solution.q), solution.q, solution, near=q, call=call)
+        hits = len(self.contacts(solution.q)) > 0
+        return GoalResult(options.but(q=solution.q), solution.q, solution, near=q, call=call, collides=hits)
 
     def proofs(
         self, options: ViewerOptions, stopped: Callable[[], bool], threads: int | None = 1
@@ -450,6 +453,8 @@ def status_of(result: GoalResult, proof: Proof | None) -> tuple[str, str]:
     """Return the sentence to show and its kind: ``"good"``, ``"bad"``, ``"open"`` or ``"refused"``."""
     if result.refused:
         return result.refused, "refused"
+    if result.collides:
+        return "This solution reaches the goal, but collides.", "bad"
     if result.reached:
         return result.status, "good"
     if result.solution is not None and result.solution.status is Status.PROVED_BLOCKED:

@@ -241,15 +241,14 @@ def changes_of(before: Iterable[DrawnBody], after: Iterable[DrawnBody]) -> list[
             continue
         T, shape = body.frame.pose, body.parts[0].shape
         place = f"kinseek.pose({_rounded(T[:3, 3])}, rpy={_rounded(rpy_of(T[:3, :3]))})"
+        if body.is_box and isinstance(shape, Box) and old is None:
+            lines.append(f"scene.add_box({name!r}, {_rounded(shape.size)}, {place})")
+            continue
         if body.is_box and isinstance(shape, Box):
-            size = _rounded(shape.size)
-            lines.append(
-                f"scene.add_box({name!r}, {size}, {place})"
-                if old is None
-                else f"scene.add({name!r}, Box({size}), {place}, replace=True)"
-            )
-        else:
-            lines.append(f"# {name!r} is moved to {place}")
+            given, why = f"kinseek.collision.Box({_rounded(shape.size)})", ""
+        else:  # Not runnable as it is, since the program would have the body at its old place.
+            given, why = "...", "  # in place of ..., its own shape"
+        lines.append(f"scene.add({name!r}, {given}, {place}, replace=True){why}")
     return lines
 
 
