@@ -177,7 +177,9 @@ def suggest(got: str, valid: Iterable[str], noun: str, listed: str = "") -> str:
 def unknown(got: str, valid: Iterable[str], noun: str) -> str:
     """Return ``unknown <noun> 'got'`` and the similar names, without the valid choices."""
     near = near_names(got, valid)
-    return f"unknown {noun} {got!r}" + (f"; did you mean {' or '.join(map(repr, near))}?" if near else "")
+    return f"unknown {noun} {got!r:.200}" + (
+        f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
+    )
 
 
 def near_names(got: str, valid: Iterable[str]) -> list[str]:

@@ -157,6 +157,6 @@ def _nearer(request: SolveRequest, fields: dict[str, Any]) -> SolveRequest:
     near = fields["near"]
     if not _are_numbers(list(near.values()) if isinstance(near, dict) else near):
         raise InvalidProblem(
-            f"near must be a list of numbers, or joint names with values, got {json.dumps(near)}"
+            f"near must be a list of numbers, or joint names with values, got {json.dumps(near):.200}"
         )
     return replace(request, near=joints_in_order(request.arm, near, "near", request.deg))

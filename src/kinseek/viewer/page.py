@@ -269,8 +269,14 @@ class Page:
         if self.planning:
             self._planner.give("again")
 
+    def end(self) -> None:
+        """Let all threads end after what they do now."""
+        for worker in self._workers:
+            worker.end()
+
     def close(self) -> None:
         """End the threads after the page was closed."""
+        self.end()  # All at once.
         for worker in self._workers:
             worker.close()
 

@@ -156,6 +156,8 @@ class Viewer:
         with self._lock:
             pages, self.pages = list(self.pages.values()), {}
         for page in pages:
+            page.end()
+        for page in pages:
             page.close()
 
     def wait(self) -> None:

@@ -121,7 +121,9 @@ def _sentence(words: str, news: str) -> str:
 def _time(seconds: float) -> str:
     if not seconds:
         return ""
-    return f", {seconds * 1e6:.0f} µs" if seconds < 1e-3 else f", {seconds * 1e3:.3g} ms"
+    if seconds < 1e-3:
+        return f", {seconds * 1e6:.0f} µs"
+    return f", {seconds * 1e3:.3g} ms" if seconds < 0.9995 else f", {seconds:.3g} s"
 
 
 def branches_html(branches: Branches | str | None, shown: int, drawn: int, free: int | None = None) -> str:

@@ -53,11 +53,15 @@ class Newest(Generic[Item]):
         with self._changed:
             return not (self._busy or self._waiting)
 
-    def close(self) -> None:
-        """End after the current item, which can check `stale`; called from the thread itself, it does not wait."""
+    def end(self) -> None:
+        """End after the current item, which can check `stale`."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+
+    def close(self) -> None:
+        """End, and wait for it; called from the thread itself, it does not wait."""
+        self.end()
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout=5.0)
 

@@ -18,6 +18,7 @@ from kinseek.robots import catalog_entry, catalog_names
 @robot_options
 def command(robot: Robot) -> int:
     """Show the joints, limits, speeds and reach of an arm."""
-    limits = catalog_entry(robot.arm).limits if robot.arm in catalog_names() else ""
+    known = robot.arm in catalog_names() and not robot.limits
+    limits = catalog_entry(robot.arm).limits if known else ""
     report.print_arm(robot.load(), limits)
     return 0
