@@ -19,6 +19,7 @@ from cells import FACES, TETRAHEDRON, box_mesh, write_arm, write_obj, write_stl
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Box, Capsule, Cylinder, Mesh, Points, Sphere, contents
 from kinseek.collision.assembly import assemble
+from kinseek.collision.contents import Contents
 from kinseek.collision.engine import Engine
 from kinseek.collision.shapes import LEAST_LENGTH, MOST_LENGTH, Shape
 
@@ -670,3 +671,24 @@ def test_a_body_that_is_added_while_another_thread_prepares_the_scene_is_checked
     monkeypatch.setattr(contents, "assemble", interrupted)
     assert scene.nearest(q).b != "ball"
     assert "ball" in {contact.b for contact in scene.hits(q)}
+
+
+def test_no_other_thread_sees_half_of_a_change(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, arm: kinseek.Arm, tmp_path: Path
+) -> None:
+    """A tool that was being attached hit the link that carries it."""
+    q = next(q for q in arm.sample(100, seed=1) if scene.free(q))
+    seen, enter = list[bool](), Contents._enter
+
+    def watched(self: Any, body: Any) -> None:
+        enter(self, body)
+        seen.append(scene.free(q))
+
+    monkeypatch.setattr(Contents, "_enter", watched)
+    scene.attach("tool", Box((0.05, 0.05, 0.05)), "wrist")
+    link = '<link name="l{0}"><collision><origin xyz="0 0 {0}"/><geometry><box size="9 9 9"/></geometry></collision></link>'
+    joint = '<joint name="j" type="fixed"><parent link="l1"/><child link="l2"/></joint>'
+    (tmp_path / "cell.urdf").write_text(f'<robot name="c">{link.format(1)}{link.format(2)}{joint}</robot>')
+    scene.add_file(tmp_path / "cell.urdf")
+    assert seen == [True] * 3
+    assert not scene.free(q)

@@ -247,9 +247,11 @@ class Contents:
             replace(body, name=name, frame=Frame(0, base @ body.frame.pose))
             for name, body in zip(names, found, strict=True)
         ]
+        draft = copy(self)
         for body in placed:
-            self._enter(body)
-        self._notes.extend(notes)
+            draft._enter(body)
+        draft._notes.extend(notes)
+        self._become(draft)
         self._warn_if_far(placed, f"{path}: ")
         return names
 
@@ -297,12 +299,14 @@ class Contents:
         part = _part(shape, pose)
         frame, is_new = self._links[to], name not in self._bodies
         body = Body(self._new(name, replace), frame, [part], padding=length_or_zero("padding", padding))
-        self._enter(body)
+        draft = copy(self)
+        draft._enter(body)
+        for other in {to, *touches} & self._bodies.keys():
+            draft._never[key(name, other)] = ATTACHED if other == to else MAY_TOUCH
+        draft._sample(self._samples, False, name)
+        self._become(draft)
         if is_new:
             self._warn_if_far([body])
-        for other in {to, *touches} & self._bodies.keys():
-            self._never[key(name, other)] = ATTACHED if other == to else MAY_TOUCH
-        self._sample(self._samples, False, name)
 
     def add_arm(self, name: str, other: Contents, q: Any, pose: Any = None) -> None:
         """Add another arm as an obstacle at fixed joint values; `move` changes them.
@@ -419,12 +423,20 @@ class Contents:
         state, assembled = self._state, self._assembled
         if assembled is None or assembled[0] is not state:
             # If another thread changes the contents meanwhile, the next call assembles them again.
-            self._assembled = assembled = state, assemble(self._chain, self._all(), self.pairs)
+            bodies = self._all()
+            self._assembled = assembled = state, assemble(self._chain, bodies, pairs_of(bodies, self._never))
         return assembled[1]
 
     def _changed(self) -> None:
         """Have the contents assembled again at the next call; follows every change of them."""
         self._state = object()
+
+    def _become(self, draft: Contents) -> None:
+        """Take over the contents of a changed copy, so that no other thread sees half of the changes."""
+        # A pair of a body that is not there yet does no harm.
+        self._never, self._notes = draft._never, draft._notes
+        self._bodies = draft._bodies
+        self._changed()
 
     def _all(self) -> list[Body]:
         """Return the bodies of this moment, which another thread may change."""

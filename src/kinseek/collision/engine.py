@@ -201,9 +201,8 @@ class Engine:
         rows = np.flatnonzero(verdicts == DOUBT)
         _, doubts = broad.sort_out(q[rows], clearance, TOUCH)
         with self:
-            if (
-                self._fitted is not broad
-            ):  # Bodies have moved meanwhile; while this holds the engine, they do not.
+            if self._fitted is not broad:
+                # Bodies have moved meanwhile; while this holds the engine, they do not.
                 return self._free(q, clearance)
             free = np.asarray(verdicts == FREE)
             self.set_clearance(clearance)

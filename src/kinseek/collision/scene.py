@@ -272,12 +272,12 @@ class Scene(Contents):
             if are_free(made.speeds, starts, starts + way, least)[0]:
                 return ()
             (stop,) = stops(made.speeds, starts, starts + way, least)
-        if np.isnan(stop):
-            return ()
-        q = starts[0] + stop * way[0]
-        if found := _hits(made, q, least + FINEST + TOUCH):
-            return found
-        near = _nearest(made, q)  # Too near for too long to be separable.
+            if np.isnan(stop):
+                return ()
+            q = starts[0] + stop * way[0]
+            if found := _hits(made, q, least + FINEST + TOUCH):
+                return found
+            near = _nearest(made, q)  # Too near for too long to be separable.
         return () if near is None else (Contact(near.a, near.b, -near.distance),)
 
     def _ways(self, q0: Any, q1: Any) -> tuple[Array, Array, tuple[int, ...]]:
