@@ -203,6 +203,23 @@ def test_a_trajectory_is_written(line: Any, tmp_path: Path, cli: CommandLine) ->
     assert Path("q.csv").exists()
 
 
+@pytest.mark.usefixtures("line")
+def test_a_period_that_would_fill_the_memory_is_refused(cli: CommandLine) -> None:
+    heard = cli.refused("follow ur5e line.npy --acceleration 5 --out t.npy --period 1e-7")
+    assert "period must be a number from" in heard
+    assert not Path("t.npy").exists()
+
+
+def test_what_does_not_fit_into_the_memory_is_one_line(
+    line: Any, monkeypatch: pytest.MonkeyPatch, cli: CommandLine
+) -> None:
+    def full(*_: object, **options: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(kinseek.Arm, "follow", full)
+    assert cli.refused("follow ur5e line.npy q.csv") == "kinseek: not enough memory\n"
+
+
 def test_the_trajectory_of_a_closed_path(line: Any, cli: CommandLine) -> None:
     np.save("there_and_back.npy", np.concatenate([line, line[-2:0:-1]]))
     told = cli("follow ur5e there_and_back.npy --closed --acceleration 5 --out t.csv").words

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -12,9 +13,9 @@ import numpy as np
 import pytest
 
 import kinseek
-from cells import TETRAHEDRON, box_mesh, write_obj
+from cells import TETRAHEDRON, box_mesh, write_obj, write_stl
 from kinseek import InvalidScene, Scene
-from kinseek.collision import Box
+from kinseek.collision import Box, bodies
 from kinseek.collision.assembly import MOST_PAIRS
 from kinseek.collision.bodies import MOST_SHAPES
 from kinseek.collision.engine import MOST_JOINTS
@@ -553,3 +554,44 @@ def test_an_arm_of_many_joints_is_sampled_in_time(tmp_path: Path) -> None:
     begin = time.process_time()
     assert len(Scene.of(path, samples=20).bodies) == 91
     assert time.process_time() - begin < 5
+
+
+def test_the_triangles_of_all_scales_have_one_limit(
+    tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """33 kB of triangles at 1,980 scales took 9 GB."""
+    write_stl(tmp_path / "part.stl", *box_mesh((1.0, 1.0, 1.0)))
+    shape = '<collision><geometry><mesh filename="part.stl" scale="1 1 {}"/></geometry></collision>'
+    shapes = "".join(shape.format(1 + i % 5) for i in range(50))
+    (tmp_path / "cell.urdf").write_text(f'<robot name="c"><link name="part">{shapes}</link></robot>')
+    monkeypatch.setattr(bodies, "MOST_TRIANGLES", 60)
+    scene.add_file(tmp_path / "cell.urdf", prefix="a ")
+    monkeypatch.setattr(bodies, "MOST_TRIANGLES", 59)
+    with pytest.raises(
+        InvalidScene, match="have 60 triangles together, each scale counted, expected at most 59"
+    ):
+        scene.add_file(tmp_path / "cell.urdf", prefix="b ")
+
+
+def test_a_warning_that_is_made_an_error_leaves_the_scene_as_it_was(scene: Scene, tmp_path: Path) -> None:
+    before, far = scene.bodies, kinseek.pose([1000.0, 0.0, 0.0])
+    (tmp_path / "cell.urdf").write_text(
+        '<robot name="c"><link name="t"><collision><origin xyz="900 0 0"/><geometry><box size="1 1 1"/></geometry>'
+        "</collision></link></robot>"
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for add in (
+            lambda: scene.add_box("t", (1, 1, 1), far),
+            lambda: scene.attach("t", Box((1000, 1, 1)), "tool0"),
+            lambda: scene.add_file(tmp_path / "cell.urdf"),
+        ):
+            with pytest.raises(kinseek.UnitWarning):
+                add()
+    assert scene.bodies == before
+
+
+def test_deviations_are_at_least_zero(scene: Scene) -> None:
+    for reach in (-1.0, np.nan, [0.1, 0.1, 0.1, 0.1, 0.1, -1e-3]):
+        with pytest.raises(kinseek.InvalidProblem, match="reach must be at least 0"):
+            scene.hits_around(np.zeros(6), reach)

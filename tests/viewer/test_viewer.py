@@ -816,6 +816,32 @@ def test_passes_of_a_search_are_shown(sessions: dict[str, Session]) -> None:
                 assert page.panel.number.value == number + 1 or len(page.trace) == 1
 
 
+def test_goals_of_a_slow_arm_are_chosen_outside_the_loop() -> None:
+    pytest.importorskip("trimesh")
+    threads, arm = set[str](), function_arm()
+
+    def fk(q: Any) -> Any:
+        threads.add(threading.current_thread().name)
+        return arm.fk(q)
+
+    with page_of(Session(Arm.from_fk(fk, arm.lower, arm.upper))) as page:
+        rest(page)
+        threads.clear()
+        page.edit(page.another_goal, "goal")
+        page.edit(page.goal_to_arm, "goal")
+        rest(page)
+    assert any(name.endswith("bodies") for name in threads)
+    assert all(name.startswith("kinseek page") for name in threads)
+
+
+def test_a_motion_of_an_arm_of_other_lengths_is_refused() -> None:
+    pytest.importorskip("viser")
+    arm, other = kinseek.load("ur5e"), kinseek.load("ur10e")
+    motion = other.move([0, -1, 1, 0, 1, 0], [1, -1, 1, 0, 1, 0], 2.0, 5.0)
+    with pytest.raises(InvalidUse, match="one of 'ur10e' with other lengths, or another tool"):
+        kinseek.viewer.show(arm, trajectory=motion, open_browser=False, block=False)
+
+
 def test_a_pass_of_a_slow_arm_is_shown_outside_the_loop() -> None:
     pytest.importorskip("trimesh")
     threads = set[str]()

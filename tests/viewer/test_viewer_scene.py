@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -483,6 +484,37 @@ def test_a_planned_motion_keeps_the_limits_of_now(page: Any) -> None:
     assert page.trajectory.duration > 2.0 * quick
 
 
+def test_a_proof_does_not_move_the_arm_away_from_its_motion(page: Any) -> None:
+    goal(page, FREE)
+    page.plan(True)
+    wait_until(lambda: page.idle)
+    goal(page, BEHIND)
+    motion = page.trajectory
+    result = page.result
+    page.choose_time(0.5 * motion.duration)
+    wait_until(lambda: page._player.idle)
+    assert not page._report_once(result, None, looking=False)
+    page._nearer(result, np.zeros(6))
+    np.testing.assert_array_equal(page.options.q, motion.q(0.5 * motion.duration))
+    assert "on its motion" in page.panel.result.content
+
+
+def test_a_thin_body_on_a_long_motion_is_hit() -> None:
+    """It was checked at 400 moments, and a pole of 4 mm was between two of them."""
+    scene = Scene.of(UR5E, capsules=0.03)
+    scene.add_box("pole", (0.004, 0.004, 2.0), kinseek.pose([0.78, 0.0, 0.0]))
+    first = np.array([-3.0, -0.3, 0.3, 0.0, 0.0, 0.0])
+    pans = [*[-3.0, -0.5] * 7, -3.0, 3.0]
+    rows = np.concatenate([np.linspace(a, b, 60)[:-1] for a, b in itertools.pairwise(pans)])
+    q = np.column_stack([rows, np.tile(first[1:], (len(rows), 1))])
+    motion = UR5E.follow(UR5E.fk(q), start=first).timed(2.0, 5.0)
+    swept = Session(UR5E, scene).swept(motion)
+    hits = ~scene.free(motion.q(np.linspace(0.0, motion.duration, 100_000)))
+    assert 0 < hits.mean() < 0.01
+    assert "pole" in swept.hit
+    assert 0 < (~swept.free).sum() < 10
+
+
 def test_a_newer_goal_ends_a_plan(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     goal(page, FREE)
     seen: list[bool] = []
@@ -517,5 +549,6 @@ def test_a_motion_that_hits_something_is_red_there_and_says_so(session: Session)
         red = (colours[:, 0] == [214, 40, 40]).all(axis=1)
         assert page.scene is not None
         free = page.scene.free(through.q(np.linspace(0.0, through.duration, len(points) + 1)))
-        np.testing.assert_array_equal(red, ~(free[1:] & free[:-1]))
+        assert red[~(free[1:] & free[:-1])].all()
+        assert red.sum() <= (~(free[1:] & free[:-1])).sum() + 2  # A way may touch between two places.
         assert 0 < red.sum() < len(red)

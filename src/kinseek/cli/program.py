@@ -128,4 +128,6 @@ def _run(arguments: Sequence[str]) -> int:
     except OSError as error:  # The working folder is gone, for example.
         where = "" if error.filename is None else f"{os.fsdecode(error.filename)!r}: "
         complain(f"{where}{error.strerror or error}")
+    except MemoryError as error:
+        complain(f"not enough memory: {error}" if str(error) else "not enough memory")
     return 2

@@ -35,6 +35,9 @@ MOST_SHAPES = 2_000
 """Of all bodies of a scene together. Every two bodies are a pair, also two that never move against each other, and the time
 in which pinocchio takes shapes grows with the cube of their number."""
 
+MOST_TRIANGLES = 2**21
+"""Of the meshes of one file of obstacles together: coal's tree takes some 600 bytes and 8 µs for each."""
+
 MOST_HULL_CORNERS = 50_000
 """Of the meshes of one file together, without the last one. For these the first check of a scene takes some seconds. Further
 meshes are refused if they are used as hulls, and boxed if not."""
@@ -207,7 +210,7 @@ class MeshFiles:
         self.path = path
         self._folders, self._hull, self._reader = folders, hull, reader_of_shapes()
         self._known: dict[tuple[str, tuple[float, ...]], Mesh] = {}
-        self._corners = 0
+        self._corners = self._triangles = 0
 
     def __enter__(self) -> MeshFiles:
         """End the reader at the end of the block."""
@@ -234,6 +237,12 @@ class MeshFiles:
                 )
             found = mesh_path(name, self.path, self._folders, "meshes=")
             mesh = Mesh.read(found, scale, self._hull, reader=self._reader)
+            self._triangles += 0 if self._hull else len(mesh.faces)
+            if self._triangles > MOST_TRIANGLES:
+                raise InvalidScene(
+                    f"{name!r}: the meshes up to this one have {self._triangles:,} triangles together, each scale counted, "
+                    f"expected at most {MOST_TRIANGLES:,} in one file: simplify the meshes"
+                )
             mesh.geometry()  # Says now that there is no hull.
             self._corners += mesh.cost if self._hull else 0
             self._known[key] = mesh

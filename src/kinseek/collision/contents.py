@@ -251,8 +251,8 @@ class Contents:
         for body in placed:
             draft._enter(body)
         draft._notes.extend(notes)
+        self._warn_if_far(placed, f"{path}: ")  # It may be made an error.
         self._become(draft)
-        self._warn_if_far(placed, f"{path}: ")
         return names
 
     def attach(
@@ -304,9 +304,9 @@ class Contents:
         for other in {to, *touches} & self._bodies.keys():
             draft._never[key(name, other)] = ATTACHED if other == to else MAY_TOUCH
         draft._sample(self._samples, False, name)
-        self._become(draft)
         if is_new:
             self._warn_if_far([body])
+        self._become(draft)
 
     def add_arm(self, name: str, other: Contents, q: Any, pose: Any = None) -> None:
         """Add another arm as an obstacle at fixed joint values; `move` changes them.
@@ -486,9 +486,9 @@ class Contents:
         """Add a shape; see `add`. The caller is a method that the user calls: a warning blames the line that calls it."""
         part, is_new = _part(shape, pose), name not in self._bodies
         body = Body(self._new(name, replace), Frame(0, np.eye(4)), [part])
-        self._enter(body)
         if is_new:  # A program that replaces a body many times is told once.
             self._warn_if_far([body], level=4)
+        self._enter(body)
 
     def _warn_if_far(self, bodies: Sequence[Body], where: str = "", level: int = 3) -> None:
         """Warn of the farthest of new bodies, if it is far beyond the arm's reach: its lengths may be in millimetres.

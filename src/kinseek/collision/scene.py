@@ -38,7 +38,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 MOST_SAMPLES = 1_000_000
-"""Maximum number of samples of one motion: a kernel that nothing interrupts checks some millions in a second."""
+"""Maximum number of samples of one motion, or of random joint values: a kernel that nothing interrupts checks some millions
+in a second."""
 
 
 class Nearest(NamedTuple):
@@ -114,7 +115,7 @@ class Scene(Contents):
         meshes, skip = read_missing(meshes, missing)
         if never not in ("check", "skip"):
             raise InvalidScene(suggest(str(never), ("check", "skip"), "value of never"))
-        samples = as_integer("samples", samples, 1, error=InvalidScene)
+        samples = as_integer("samples", samples, 1, MOST_SAMPLES, InvalidScene)
         padding = length_or_zero("padding", padding)
         if not isinstance(joints, Mapping | None):
             raise InvalidScene(f"joints must be a mapping from names to values, got {joints!r:.80}")
@@ -424,6 +425,8 @@ class Scene(Contents):
             around = np.broadcast_to(as_float_array(reach), joints.shape)
         except (TypeError, ValueError, OverflowError) as error:
             raise InvalidProblem(f"reach must be {len(joints)} numbers, got {reach!r:.80}: {error}") from None
+        if not (around >= 0.0).all():  # Also of NaN.
+            raise InvalidProblem(f"reach must be at least 0, got {reach!r:.80}")
         made = self._made
         with made.engine:
             return surely_hits(made.speeds, joints, around, least)

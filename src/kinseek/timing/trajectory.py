@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-MOST_SAMPLES = 50_000_000
-"""Largest number of samples of a trajectory."""
+MOST_SAMPLES = 5_000_000
+"""Largest number of samples of a trajectory, such as 2.8 hours at 500 Hz: each takes some 400 bytes when it is written."""
 
 TINY = 1e-300
 """Prevents division by zero."""

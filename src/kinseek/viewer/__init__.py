@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from kinseek.arm import Arm
 from kinseek.collision import Scene
 from kinseek.errors import InvalidUse
@@ -97,6 +99,12 @@ def _require_motion(trajectory: Trajectory, arm: Arm) -> None:
         raise InvalidUse(
             f"the trajectory must be one of {arm.name!r} with joints {', '.join(arm.joint_names)}, got one of "
             f"{trajectory.mechanism.name!r} with joints {', '.join(trajectory.mechanism.joint_names)}"
+        )
+    q = trajectory.q(0.5 * trajectory.duration)
+    if not np.allclose(trajectory.mechanism.forward(q[None])[0], arm.fk(q), rtol=0.0, atol=1e-9):
+        raise InvalidUse(
+            f"the trajectory is one of {trajectory.mechanism.name!r} with other lengths, or another tool, than those of "
+            f"{arm.name!r}"
         )
     if trajectory.duration == 0.0:
         raise InvalidUse("the trajectory takes no time, so there is nothing to play")

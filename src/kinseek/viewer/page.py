@@ -228,10 +228,15 @@ class Page:
         contacts = self._session.contacts(q)
         with self._lock, self._client.atomic():
             self.options = self.options.but(q=q)
+            # No proof about the goal changes what is shown.
+            self.result, self.proof = (
+                GoalResult(self.options, q, refused="The arm is shown on its motion."),
+                None,
+            )
             self._show_posture(q, self.options.target, True, contacts)
             self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
             self.panel.motion.content = words.motion_html(trajectory, t)
-            self.panel.result.content = words.note_html("The arm is shown on its motion.")
+            self.panel.result.content = words.note_html(self.result.refused)
             self.panel.time.value = t
 
     def _show_posture(self, q: Array, target: Array, reached: bool, contacts: Sequence[Contact]) -> None:
@@ -288,7 +293,7 @@ class Page:
         return self._session.scene
 
     def edit(self, change: Callable[[], object], name: str = "") -> None:
-        """Call one of the following methods in the thread for changes of the scene.
+        """Call one of this page's methods in the thread for changes of the scene, and of the goal by a button.
 
         Where it takes longer than the next change of the same name comes, it is skipped. The server's loop never waits for
         it: with many bodies a change takes some hundredths of a second.
@@ -395,7 +400,9 @@ class Page:
 
     def _show_motion(self, motion: Trajectory | None, start: Array | None) -> None:
         """Draw what a motion passes, and offer to play it."""
-        swept = None if motion is None else self._session.swept(motion)
+        swept = (
+            None if motion is None else self._session.swept(motion, proved=motion is not self._given_motion)
+        )
         with self._lock, self._client.atomic():
             self.trajectory = motion
             self.view.show_motion(swept, start)
@@ -453,13 +460,13 @@ class Page:
             self.pick((nearest_of(known, self.result.q) + step) % len(known))
 
     def goal_to_arm(self) -> None:
-        """Move the goal to the tip of the arm."""
+        """Move the goal to the tip of the arm; not in the server's loop, because the FK of an arm may take long."""
         target = self.arm.fk(self.options.q)
         if np.isfinite(target).all():
             self.change(target=target)
 
     def another_goal(self) -> None:
-        """Choose another goal that the arm reaches."""
+        """Choose another goal that the arm reaches; not in the server's loop, as `goal_to_arm`."""
         target = self.arm.fk(self.arm.sample(1, int(self._new_goals.integers(2**31)))[0])
         if np.isfinite(target).all():
             self.change(target=target)

@@ -117,8 +117,13 @@ class Panel:
             "Stay near the arm", options.follow, hint="near=q: a drag stays on its branch where it can."
         )
         self._on(self.follow, lambda value: change(follow=value))
-        self._on(gui.add_button("Goal to the tip of the arm"), lambda _: self._do.goal_to_arm(), click=True)
-        self._on(gui.add_button("Another reachable goal"), lambda _: self._do.another_goal(), click=True)
+        page = self._do
+        to_arm, another = (
+            gui.add_button("Goal to the tip of the arm"),
+            gui.add_button("Another reachable goal"),
+        )
+        self._on(to_arm, lambda _: page.edit(page.goal_to_arm, "goal"), click=True)
+        self._on(another, lambda _: page.edit(page.another_goal, "goal"), click=True)
         self.call = gui.add_html("")
 
     def _search(self, options: ViewerOptions) -> None:

@@ -220,7 +220,7 @@ class View:
         if swept is None:
             return
         points = np.stack([swept.places[:-1], swept.places[1:]], axis=1).astype(np.float32)
-        free = (swept.free[:-1] & swept.free[1:])[:, None, None]
+        free = swept.free[:, None, None]
         colours = np.broadcast_to(np.where(free, CURVE, HIT).astype(np.uint8), points.shape)
         self._curve = self._api.add_line_segments(
             "/motion", points, colours, thickness=2.5, thickness_units="screen"
