@@ -12,7 +12,7 @@ import pytest
 
 import kinseek
 from kinseek import InvalidProblem, InvalidScene, Scene
-from kinseek.collision import Box
+from kinseek.collision import Box, assembly
 from kinseek.collision.broad import Broad
 
 pytest.importorskip("pinocchio")
@@ -168,3 +168,47 @@ def test_a_scene_is_not_that_of_an_arm_that_slides_where_its_arm_turns() -> None
     assert scene.fits(turning.mechanism)
     with pytest.raises(InvalidScene, match="this scene is of 'one'"):
         sliding.ik(sliding.fk([1.0]), scene=scene)
+
+
+def test_what_is_attached_to_the_base_of_another_arm_comes_with_it() -> None:
+    """Only what a joint moves came with it, so a box at the base was free."""
+    arm, other = kinseek.load(TURNING), kinseek.load(TURNING)
+    theirs = Scene.of(other)
+    theirs.attach("pole", Box((0.1, 0.1, 1.0)), "base")
+    theirs.add_box("table", (0.1, 0.1, 0.1), kinseek.pose([5.0, 0.0, 0.0]))
+    scene = Scene.of(arm)
+    scene.add_arm(
+        "o",
+        theirs,
+        [0.0],
+        pose=kinseek.pose([0.5, 0.0, 0.0], rpy=[0.0, 0.0, np.pi]) @ kinseek.pose([0, 0, 0.3]),
+    )
+    assert scene.bodies == ("l", "o/l", "o/pole")
+    assert ("l", "o/pole") in {(contact.a, contact.b) for contact in scene.hits([0.0])}
+    still = arm.move([0.0], [0.001], 1.0, 1.0)
+    assert scene.free_until(still, {"o": other.move([0.0], [0.001], 1.0, 1.0)}) == 0.0
+    other_way = Scene.of(other)
+    other_way.attach("pole", Box((0.1, 0.1, 1.0)), "base")
+    other_way.add_arm("o", Scene.of(arm), [0.0], pose=kinseek.pose([0.5, 0.0, 0.3], rpy=[0.0, 0.0, np.pi]))
+    assert (
+        other_way.free_until(other.move([2.0], [2.001], 1.0, 1.0), {"o": arm.move([0.0], [0.001], 1.0, 1.0)})
+        == 0.0
+    )
+
+
+def test_links_that_all_touch_each_other_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """150 links with spheres of 100 m took 324 s."""
+    sphere = '<collision><geometry><sphere radius="100"/></geometry></collision>'
+    links = "".join(f'<link name="l{i}">{sphere}</link>' for i in range(6))
+    joints = "".join(
+        f'<joint name="j{i}" type="continuous"><parent link="l{i}"/><child link="l{i + 1}"/><origin xyz="0 0 0.1"/></joint>'
+        for i in range(5)
+    )
+    arm = kinseek.load(f'<robot name="r">{links}{joints}</robot>')
+    with pytest.warns(kinseek.UnitWarning):
+        Scene.of(arm, samples=100)
+    monkeypatch.setattr(assembly, "MOST_TOUCHES", 500)
+    with pytest.raises(
+        InvalidScene, match="more than 5 pairs of links touch at all of 100 random joint values"
+    ):
+        Scene.of(arm, samples=100)

@@ -53,7 +53,7 @@ def test_a_picture_that_cannot_be_drawn_leaves_the_one_before(
 
     (tmp_path / "arm.png").write_bytes(b"before")
     monkeypatch.setattr(Figure, "savefig", fail)
-    with pytest.raises(kinseek.InvalidProblem, match="No space left on device; nothing was written"):
+    with pytest.raises(kinseek.InvalidProblem, match="No space left on device; it was not written"):
         plots.save(Figure(), tmp_path / "arm.png")
     assert (tmp_path / "arm.png").read_bytes() == b"before"
 

@@ -22,6 +22,9 @@ from .shapes import measures_of
 MOST_PAIRS = 200_000
 """Maximum number of checked pairs of shapes: each takes some 6 kB."""
 
+MOST_TOUCHES = 1_000_000
+"""Maximum number of random joint values, for each pair, at which pairs of links touch: each takes some 30 µs."""
+
 
 @dataclass(frozen=True)
 class Assembly(Lazy):
@@ -101,10 +104,14 @@ def digest(bodies: Iterable[Body], pairs: Iterable[Pair]) -> str:
 def sampled(
     chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair], samples: int, skip_never: bool
 ) -> dict[tuple[str, str], str]:
-    """Return the pairs that touch at all random joint values, or with `skip_never` at none of them, with the reason."""
+    """Return the pairs that touch at all random joint values, or with `skip_never` at none of them, with the reason.
+
+    Raises:
+        InvalidScene: So many pairs touch at all of them that finding this takes long.
+    """
     bodies, found = list(bodies), dict[tuple[str, str], str]()
     q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (samples, chain.dof))
-    joints = joints_of(chain)
+    joints, touched = joints_of(chain), 0
     for pair in pairs:
         engine = assemble(chain, bodies, [pair], joints).engine
         if skip_never:
@@ -112,6 +119,11 @@ def sampled(
         else:  # The first sample without contact ends it.
             count = next((i for i in range(samples) if engine.exactly_free(q[i : i + 1], 0.0)[0]), samples)
             count = samples if count == samples else 1
+            if (touched := touched + count) > MOST_TOUCHES:
+                raise InvalidScene(
+                    f"more than {MOST_TOUCHES // samples:,} pairs of links touch at all of {samples:,} random joint values: "
+                    "are the shapes of the links too large, or in other units than metres?"
+                )
         if count == samples:
             found[key(pair.a, pair.b)] = f"{ALWAYS}{samples:,} random joint values"
         elif count == 0:

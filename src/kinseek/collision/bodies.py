@@ -60,8 +60,15 @@ class Body:
     """Joint of the arm that carries it, and its pose in that joint's frame. Without a joint it is fixed in the base."""
     parts: list[Part] = field(default_factory=list)
     is_link: bool = False
+    is_attached: bool = False
+    """Is it attached to a link, which need not be one that a joint moves?"""
     padding: float = 0.0
     """Added to it on every side [m]."""
+
+    @property
+    def of_arm(self) -> bool:
+        """Is it a link, or attached to one?"""
+        return self.is_link or self.is_attached
 
 
 @dataclass

@@ -298,7 +298,8 @@ class Contents:
             self._require(other, self._bodies)
         part = _part(shape, pose)
         frame, is_new = self._links[to], name not in self._bodies
-        body = Body(self._new(name, replace), frame, [part], padding=length_or_zero("padding", padding))
+        thicker = length_or_zero("padding", padding)
+        body = Body(self._new(name, replace), frame, [part], is_attached=True, padding=thicker)
         draft = copy(self)
         draft._enter(body)
         for other in {to, *touches} & self._bodies.keys():
@@ -312,7 +313,9 @@ class Contents:
         """Add another arm as an obstacle at fixed joint values; `move` changes them.
 
         Its links and the objects attached to them are taken from its own scene in their current state, with their padding;
-        the obstacles around it are not. Their names here are ``name/link``. Self-collision of the other arm is not checked.
+        the obstacles around it are not. Their names here are ``name/link``. Self-collision of the other arm is not checked,
+        nor whether it hits what no joint of this arm moves, such as this arm's base link and its obstacles: ask the scene of
+        the other arm, with this arm in it.
 
         Args:
             name: Name of the other arm in this scene.
@@ -331,7 +334,7 @@ class Contents:
                 f"expected the kinseek.Scene of the other arm, got {type(other).__name__}; make one: Scene.of(other_arm)"
             )
         base = np.eye(4) if pose is None else one_pose(pose, "pose")
-        own = [body for body in other._all() if body.is_link or body.frame.joints]
+        own = [body for body in other._all() if body.of_arm]
         arm = OtherArm(self._new(name), other._chain, base, own)
         added = arm.at(other._one(q))
         # Everything is checked before anything is added, so an error leaves the scene as it was.
@@ -444,7 +447,7 @@ class Contents:
 
     def _sample(self, samples: int, skip_never: bool, name: str | None = None) -> None:
         """Find the pairs carried by the arm that touch at all samples, or at none; if `name` is given, only its pairs."""
-        carried = {body.name for body in self._all() if body.is_link or body.frame.joints}
+        carried = {body.name for body in self._all() if body.of_arm}
         open_pairs = [pair for pair in self.pairs if pair.counts and {pair.a, pair.b} <= carried]
         open_pairs = [pair for pair in open_pairs if name in (None, pair.a, pair.b)]
         self._never |= sampled(self._chain, self._all(), open_pairs, samples, skip_never)
@@ -453,7 +456,7 @@ class Contents:
     @property
     def _standing(self) -> list[Body]:
         """The bodies that no joint of the arm moves, other than its links."""
-        return [body for body in self._all() if not (body.is_link or body.frame.joints)]
+        return [body for body in self._all() if not body.of_arm]
 
     def _stand(self, moved: Sequence[Body]) -> None:
         """Replace bodies that no joint moves by the same ones at other places."""
@@ -497,12 +500,11 @@ class Contents:
         """
         found = []
         for body in bodies:
-            is_carried = body.is_link or body.frame.joints > 0
             nearest, farthest = _distances(body)
-            found.append((farthest if is_carried else nearest, is_carried, body))
-        distance, is_carried, body = max(found, key=lambda one: one[0])
-        what = f"{where}{body.name!r} {'extends' if is_carried else 'is'}"
-        origin = "the joint that carries it" if is_carried else "the base"
+            found.append((farthest if body.of_arm else nearest, body))
+        distance, body = max(found, key=lambda one: one[0])
+        what = f"{where}{body.name!r} {'extends' if body.of_arm else 'is'}"
+        origin = "the joint that carries it" if body.frame.joints else "the base"
         warn_of_distance(distance, self._chain.reach, level, what, origin)
 
     def _new(self, name: str, replace: bool = False) -> str:

@@ -40,7 +40,11 @@ class OtherArm:
         }
         return [
             replace(
-                body, name=name, frame=Frame(0, poses[body.frame.joints] @ body.frame.pose), is_link=False
+                body,
+                name=name,
+                frame=Frame(0, poses[body.frame.joints] @ body.frame.pose),
+                is_link=False,
+                is_attached=False,
             )
             for name, body in zip(self.names, self.bodies, strict=True)
         ]

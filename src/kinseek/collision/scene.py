@@ -400,7 +400,7 @@ class Scene(Contents):
             arm = self._others[name]
             other = Timed(_trajectory_of(arm.chain, f"others[{name!r}]", motion), 0.0)
             if name not in made.both:
-                links = [body for body in self._all() if body.is_link or body.frame.joints]
+                links = [body for body in self._all() if body.of_arm]
                 made.both[name] = speeds_of_both(self._chain, links, arm, self._never)
             found = min(found, free_until(made.both[name], one, other, least))
         return found

@@ -110,7 +110,7 @@ def drawn_bodies(scene: Contents, before: Mapping[str, DrawnBody] | None = None)
         back = np.linalg.inv(first)
         parts = [Part(body.parts[0].shape, np.eye(4)), *(Part(s, back @ T) for s, T in body.parts[1:])]
         frame = Frame(body.frame.joints, body.frame.pose @ first)
-        alone = not (body.is_link or frame.joints or body.name in of_arms)
+        alone = not (body.of_arm or body.name in of_arms)
         found.append(DrawnBody(body.name, frame, tuple(parts), body.is_link, alone, body))
     return found
 
@@ -121,7 +121,7 @@ def outlines(scene: Contents, q: Array) -> list[Outlined]:
     for body in drawn_bodies(scene):
         kinds = {type(part.shape).__name__.lower() for part in body.parts}
         shapes = kinds.pop() if len(body.parts) == 1 else f"{len(body.parts):,} shapes"
-        carried = "carried" if body.frame.joints else "obstacle" if body.alone else "other arm"
+        carried = "carried" if body.body.is_attached else "obstacle" if body.alone else "other arm"
         pose = body.at(scene._chain, q)
         surfaces = [surface_of([part], MOST_POINTS) for part in body.parts]
         corners = [moved(np.concatenate([each.vertices, each.points]), pose) for each in surfaces]

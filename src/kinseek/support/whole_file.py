@@ -76,7 +76,7 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
             raise
     except OSError as error:
         reason = error.strerror or error
-        raise InvalidProblem(f"cannot write {str(path)!r}: {reason}; nothing was written") from None
+        raise InvalidProblem(f"cannot write {str(path)!r}: {reason}; it was not written") from None
 
 
 def _mode_in_group(file: int, old: os.stat_result) -> int:
