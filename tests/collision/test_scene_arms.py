@@ -207,6 +207,10 @@ def test_links_that_all_touch_each_other_are_refused(monkeypatch: pytest.MonkeyP
     arm = kinseek.load(f'<robot name="r">{links}{joints}</robot>')
     with pytest.warns(kinseek.UnitWarning):
         Scene.of(arm, samples=100)
+    monkeypatch.setattr(assembly, "MOST_PAIRS", 9)
+    with pytest.raises(InvalidScene, match="10 pairs of shapes have to be checked, expected at most 9"):
+        Scene.of(arm, samples=100)
+    monkeypatch.undo()
     monkeypatch.setattr(assembly, "MOST_TOUCHES", 500)
     with pytest.raises(
         InvalidScene, match="more than 5 pairs of links touch at all of 100 random joint values"

@@ -74,16 +74,21 @@ def assemble(
             Solid(body.frame.joints, part.shape, body.frame.pose @ part.pose, body.padding)
             for part in body.parts
         ]
-    if (total := sum(len(numbers[pair.a]) * len(numbers[pair.b]) for pair in counting)) > MOST_PAIRS:
-        raise InvalidScene(
-            f"{total:,} pairs of shapes have to be checked, expected at most {MOST_PAIRS:,}: give bodies fewer "
-            "shapes, e.g. one mesh instead of several, or exclude pairs with allow()"
-        )
+    _require_few_pairs(sum(len(numbers[pair.a]) * len(numbers[pair.b]) for pair in counting))
     counted = [
         ((i, j), (pair.a, pair.b)) for pair in counting for i in numbers[pair.a] for j in numbers[pair.b]
     ]
     engine = Engine(chain, solids, [pair for pair, _ in counted], joints)
     return Assembly(chain, engine, [names for _, names in counted], numbers)
+
+
+def _require_few_pairs(total: int) -> None:
+    """Raise an error for too many pairs of shapes."""
+    if total > MOST_PAIRS:
+        raise InvalidScene(
+            f"{total:,} pairs of shapes have to be checked, expected at most {MOST_PAIRS:,}: give bodies fewer "
+            "shapes, e.g. one mesh instead of several, or exclude pairs with allow()"
+        )
 
 
 def digest(bodies: Iterable[Body], pairs: Iterable[Pair]) -> str:
@@ -107,9 +112,10 @@ def sampled(
     """Return the pairs that touch at all random joint values, or with `skip_never` at none of them, with the reason.
 
     Raises:
-        InvalidScene: So many pairs touch at all of them that finding this takes long.
+        InvalidScene: Too many pairs, or so many touch at all of them that finding this takes long.
     """
-    bodies, found = list(bodies), dict[tuple[str, str], str]()
+    bodies, pairs, found = list(bodies), list(pairs), dict[tuple[str, str], str]()
+    _require_few_pairs(len(pairs))  # Each body has a shape at least.
     q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (samples, chain.dof))
     joints, touched = joints_of(chain), 0
     for pair in pairs:
@@ -119,7 +125,8 @@ def sampled(
         else:  # The first sample without contact ends it.
             count = next((i for i in range(samples) if engine.exactly_free(q[i : i + 1], 0.0)[0]), samples)
             count = samples if count == samples else 1
-            if (touched := touched + count) > MOST_TOUCHES:
+            touched += count if count == samples else 0
+            if touched > MOST_TOUCHES:
                 raise InvalidScene(
                     f"more than {MOST_TOUCHES // samples:,} pairs of links touch at all of {samples:,} random joint values: "
                     "are the shapes of the links too large, or in other units than metres?"
