@@ -441,12 +441,17 @@ def test_a_plan_ends_when_its_time_is_up_or_nobody_wants_it(monkeypatch: pytest.
         assert planned.said.startswith("No way was found within the time limit, which does not prove")
 
 
-def test_the_page_plans_to_every_goal_and_plays_the_motion(page: Any) -> None:
+def planned_motion(page: Any) -> Any:
+    """Return the motion that the page plans from one goal to another."""
     goal(page, FREE)
     page.plan(True)
     wait_until(lambda: page.idle)
     goal(page, BEHIND)
-    motion = page.trajectory
+    return page.trajectory
+
+
+def test_the_page_plans_to_every_goal_and_plays_the_motion(page: Any) -> None:
+    motion = planned_motion(page)
     assert motion is not None
     assert page.panel.time.visible
     assert page.panel.time.max >= motion.duration
@@ -474,22 +479,14 @@ def test_the_page_plans_to_every_goal_and_plays_the_motion(page: Any) -> None:
 
 
 def test_a_planned_motion_keeps_the_limits_of_now(page: Any) -> None:
-    goal(page, FREE)
-    page.plan(True)
-    wait_until(lambda: page.idle)
-    goal(page, BEHIND)
-    quick = page.trajectory.duration
+    quick = planned_motion(page).duration
     page.panel._choose_limit("acceleration", 1.0)
     wait_until(lambda: page.idle)
     assert page.trajectory.duration > 2.0 * quick
 
 
 def test_a_proof_does_not_move_the_arm_away_from_its_motion(page: Any) -> None:
-    goal(page, FREE)
-    page.plan(True)
-    wait_until(lambda: page.idle)
-    goal(page, BEHIND)
-    motion = page.trajectory
+    motion = planned_motion(page)
     result = page.result
     page.choose_time(0.5 * motion.duration)
     wait_until(lambda: page._player.idle)

@@ -129,9 +129,7 @@ def make_collision_model(
         corner_at=corner_at,
         corners=corners,
         ball=balls,
-        pair=np.array([_distal_first(parts, *pair) for pair in pairs.tolist()], dtype=np.int64).reshape(
-            -1, 3
-        ),
+        pair=np.reshape([_distal_first(parts, *pair) for pair in pairs.tolist()], (-1, 3)).astype(np.int64),
         pad=pads,
         group=np.array(used, dtype=np.int64),
         meeting=np.array(spans, dtype=np.int64).reshape(-1, 4),
