@@ -692,3 +692,52 @@ def test_no_other_thread_sees_half_of_a_change(
     scene.add_file(tmp_path / "cell.urdf")
     assert seen == [True] * 3
     assert not scene.free(q)
+
+
+@pytest.mark.parametrize("code", [Contents._become.__code__, Contents._now.__code__], ids=["written", "read"])
+def test_a_body_never_has_the_exceptions_of_the_one_that_replaces_it(
+    scene: Scene, arm: kinseek.Arm, code: Any
+) -> None:
+    """Before, the tool hits one box; after, it hits the other, and is where it may touch the first."""
+    q = next(q for q in arm.sample(100, seed=1) if scene.free(q))
+    places = [kinseek.pose([0.0, 0.0, z]) for z in (2.0, 4.0)]
+    for name, place in zip("ab", places, strict=True):
+        scene.add_box(name, (0.1, 0.1, 0.1), arm.fk(q) @ place)
+    assert scene.free(q)
+    tool = Box((0.05, 0.05, 0.05))
+    changes = [("tool", tool, "tip", *rest) for rest in zip(places, "ba", strict=True)]
+    seen, steps = set[bool](), 0
+
+    def between(frame: Any, event: str, _: Any) -> Any:
+        """Let what another thread can do between any two instructions happen there."""
+        nonlocal steps
+        if frame.f_code is not code or event == "return":
+            return between
+        frame.f_trace_opcodes = True
+        if event == "opcode":
+            steps += 1
+            sys.settrace(None)
+            if code is Contents._become.__code__:
+                seen.add(copy.copy(scene).free(q))
+            elif steps == at:
+                scene.attach(*changes[1], replace=True)
+            sys.settrace(between)
+        return between
+
+    traced, at = sys.gettrace(), 0
+    scene.attach(*changes[0])
+    try:
+        if code is Contents._become.__code__:
+            sys.settrace(between)
+            scene.attach(*changes[1], replace=True)
+        else:
+            while steps >= at:
+                scene.attach(*changes[0], replace=True)
+                steps, at = 0, at + 1
+                sys.settrace(between)
+                seen.add(scene.free(q))
+                sys.settrace(None)
+    finally:
+        sys.settrace(traced)
+    assert seen == {False}
+    assert max(steps, at) > 5

@@ -408,7 +408,7 @@ class Contents:
     @property
     def pairs(self) -> tuple[Pair, ...]:
         """All pairs of bodies: those that are checked, and the others with the reason; each prints as a line."""
-        return tuple(pairs_of(self._all(), self._never))
+        return tuple(pairs_of(*self._now()))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -418,7 +418,7 @@ class Contents:
     @property
     def checks(self) -> bool:
         """Is at least one pair of bodies checked? Otherwise everything is free."""
-        return any(pair.counts for pair in pairs_of(self._all(), self._never))
+        return any(pair.counts for pair in pairs_of(*self._now()))
 
     @property
     def _made(self) -> Assembly:
@@ -426,8 +426,8 @@ class Contents:
         state, assembled = self._state, self._assembled
         if assembled is None or assembled[0] is not state:
             # If another thread changes the contents meanwhile, the next call assembles them again.
-            bodies = self._all()
-            self._assembled = assembled = state, assemble(self._chain, bodies, pairs_of(bodies, self._never))
+            bodies, never = self._now()
+            self._assembled = assembled = state, assemble(self._chain, bodies, pairs_of(bodies, never))
         return assembled[1]
 
     def _changed(self) -> None:
@@ -436,10 +436,18 @@ class Contents:
 
     def _become(self, draft: Contents) -> None:
         """Take over the contents of a changed copy, so that no other thread sees half of the changes."""
-        # A pair of a body that is not there yet does no harm.
-        self._never, self._notes = draft._never, draft._notes
-        self._bodies = draft._bodies
+        vars(self).update(
+            _bodies=draft._bodies, _never=draft._never, _notes=draft._notes
+        )  # In one step, as `_now` reads.
         self._changed()
+
+    def _now(self) -> tuple[list[Body], dict[tuple[str, str], str]]:
+        """Return the bodies and the pairs that are never checked, both of this moment: another thread may change them.
+
+        A body with the pairs of the one that replaces it could touch another body unnoticed.
+        """
+        now = dict(vars(self))
+        return list(now["_bodies"].values()), now["_never"]
 
     def _all(self) -> list[Body]:
         """Return the bodies of this moment, which another thread may change."""

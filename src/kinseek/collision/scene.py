@@ -400,8 +400,9 @@ class Scene(Contents):
             arm = self._others[name]
             other = Timed(_trajectory_of(arm.chain, f"others[{name!r}]", motion), 0.0)
             if name not in made.both:
-                links = [body for body in self._all() if body.of_arm]
-                made.both[name] = speeds_of_both(self._chain, links, arm, self._never)
+                bodies, never = self._now()
+                links = [body for body in bodies if body.of_arm]
+                made.both[name] = speeds_of_both(self._chain, links, arm, never)
             found = min(found, free_until(made.both[name], one, other, least))
         return found
 
