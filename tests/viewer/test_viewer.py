@@ -816,22 +816,38 @@ def test_passes_of_a_search_are_shown(sessions: dict[str, Session]) -> None:
                 assert page.panel.number.value == number + 1 or len(page.trace) == 1
 
 
-def test_goals_of_a_slow_arm_are_chosen_outside_the_loop() -> None:
+def test_the_loop_never_waits_for_a_slow_arm() -> None:
+    """It calls no FK, and needs the lock of the page, which must not be held during FK."""
     pytest.importorskip("trimesh")
-    threads, arm = set[str](), function_arm()
+    threads, held, arm = set[str](), list[bool](), function_arm()
+    pages = list[Any]()
 
     def fk(q: Any) -> Any:
         threads.add(threading.current_thread().name)
+        held.extend(page._lock._is_owned() for page in pages)
         return arm.fk(q)
 
     with page_of(Session(Arm.from_fk(fk, arm.lower, arm.upper))) as page:
         rest(page)
         threads.clear()
+        pages.append(page)
         page.edit(page.another_goal, "goal")
         page.edit(page.goal_to_arm, "goal")
         rest(page)
+        target = page.options.target.copy()
+        target[0, 3] += 100.0  # Out of reach: a proof shows the nearest pose.
+        page.change(target=target)
+        page.panel.passes.value = True
+        page.show_passes(True)
+        rest(page)
+        page.servo(True)
+        wait_until(lambda: not page.panel.servo.value or "data-shares" in str(page.panel.shares.content))
+        page.servo(False)
+        rest(page)
     assert any(name.endswith("bodies") for name in threads)
     assert all(name.startswith("kinseek page") for name in threads)
+    assert held
+    assert not any(held)
 
 
 def test_a_motion_of_an_arm_of_other_lengths_is_refused() -> None:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from kinseek.branches.result import Branches
 from kinseek.collision import Box, Scene
-from kinseek.collision.pairs import Contact
 from kinseek.collision.surfaces import drawn_bodies
 from kinseek.errors import InvalidScene, KinseekError
 from kinseek.paths.tracker import Step, TrackStatus
@@ -29,7 +28,7 @@ from .meshes import Meshes
 from .options import ViewerOptions, read_selection
 from .panel import Panel
 from .searches import DEFAULT
-from .session import GoalResult, Planned, Proof, Session, nearest_of
+from .session import GoalResult, Planned, Posture, Proof, Session, nearest_of
 from .view import CLOUD, MOST_GHOSTS, REACHED, SEARCH, View, is_at, matrix_of
 from .workers import Newest, Queue
 
@@ -225,7 +224,7 @@ class Page:
             return
         t = min(t, trajectory.duration)
         q = trajectory.q(t)
-        contacts = self._session.contacts(q)
+        posture = self._session.posture(q)
         with self._lock, self._client.atomic():
             self.options = self.options.but(q=q)
             # No proof about the goal changes what is shown.
@@ -233,21 +232,21 @@ class Page:
                 GoalResult(self.options, q, refused="The arm is shown on its motion."),
                 None,
             )
-            self._show_posture(q, self.options.target, True, contacts)
+            self._show_posture(posture, self.options.target, True)
             self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
             self.panel.motion.content = words.motion_html(trajectory, t)
             self.panel.result.content = words.note_html(self.result.refused)
             self.panel.time.value = t
 
-    def _show_posture(self, q: Array, target: Array, reached: bool, contacts: Sequence[Contact]) -> None:
-        """Show the arm at joint values q, (n,), with what touches there.
+    def _show_posture(self, posture: Posture, target: Array, reached: bool) -> None:
+        """Show the arm, with what touches.
 
-        The caller has found the contacts before it took the lock: the first check after a change of the scene may take long,
-        and the server's loop waits for the lock.
+        The caller has computed the posture before it took the lock: that may take long, and the server's loop waits for the
+        lock.
         """
-        self.view.show_arm(q, target, reached, {name for one in contacts for name in (one.a, one.b)})
-        self.panel.hits.content = words.contacts_html(contacts)
-        self.panel.joints.content = words.joints_html(self.arm, q)
+        self.view.show_arm(posture, target, reached)
+        self.panel.hits.content = words.contacts_html(posture.contacts)
+        self.panel.joints.content = words.joints_html(self.arm, posture.q)
 
     def play_passes(self) -> None:
         """Show one pass after another."""
@@ -418,7 +417,7 @@ class Page:
     def _solve(self, picked: Array | None) -> None:
         options = self.options
         result = self._session.solve(options) if picked is None else self._session.picked(options, picked)
-        contacts = self._session.contacts(result.q)
+        posture = self._session.posture(result.q)
         with self._lock:
             if self._servoing:
                 return
@@ -426,7 +425,7 @@ class Page:
             self.result, self.proof, self.trace = result, None, result.trace
         missed = not (result.reached or result.refused)
         with self._lock, self._client.atomic():
-            self._show_posture(result.q, options.target, result.reached, contacts)
+            self._show_posture(posture, options.target, result.reached)
             self.panel.result.content = words.result_html(result, None, missed and options.search == DEFAULT)
         self._client.flush()
         if self._solver.stale():
@@ -502,12 +501,12 @@ class Page:
     def _prove_blocked(self, result: GoalResult) -> None:
         """Report whether it is proved that every solution hits something; another one may be free after all."""
         after = self._session.blocked(result)
-        contacts = self._session.contacts(after.q)
+        posture = self._session.posture(after.q)
         with self._lock:
             if self.result is not result:
                 return
             self.options, self.result = self.options.but(q=after.q), after
-            self._show_posture(after.q, after.options.target, after.reached, contacts)
+            self._show_posture(posture, after.options.target, after.reached)
             self.panel.result.content = words.result_html(after, None, False)
             self.panel.call.content = words.code_html(after.call)
 
@@ -522,12 +521,12 @@ class Page:
 
     def _nearer(self, result: GoalResult, q: Array) -> None:
         """Show the pose that a proof found, if it is nearer than that of the search."""
-        contacts = self._session.contacts(q)
+        posture = self._session.posture(q)
         with self._lock:
             if self.result is not result:
                 return
             self.options = self.options.but(q=q)
-            self._show_posture(q, result.options.target, False, contacts)
+            self._show_posture(posture, result.options.target, False)
 
     def _cloud(self, _: str) -> None:
         options, result, view = self.options, self.result, self.view
@@ -638,10 +637,10 @@ class Page:
             self._player.wait(FRAME)
 
     def _show_step(self, step: Step, shares: Array, target: Array) -> None:
-        contacts = self._session.contacts(step.q)
+        posture = self._session.posture(step.q)
         with self._lock, self._client.atomic():
             self.options = self.options.but(q=step.q)
-            self._show_posture(step.q, target, step.status is TrackStatus.TRACKING, contacts)
+            self._show_posture(posture, target, step.status is TrackStatus.TRACKING)
             self.panel.result.content = words.servo_html(step)
             self.panel.shares.content = words.shares_html(self.arm, shares)
         self._client.flush()

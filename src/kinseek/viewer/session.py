@@ -113,6 +113,17 @@ class GoalResult:
         return trace if isinstance(trace, Trace) else None
 
 
+class Posture(NamedTuple):
+    """The arm at joint values, as it is drawn."""
+
+    q: Array
+    """Joint values, (n,)."""
+    tip: Array
+    """Pose of the tip, (4, 4)."""
+    contacts: tuple[Contact, ...]
+    """What touches, or comes too near."""
+
+
 @dataclass(frozen=True)
 class Proof:
     """What is proved about a missed goal."""
@@ -230,6 +241,13 @@ class Session:
         scene = copy.copy(self.scene)
         change(scene)
         return scene
+
+    def posture(self, q: Array) -> Posture:
+        """Return what is to be drawn at joint values, (n,).
+
+        FK, or the first check after a change of the scene, may take long.
+        """
+        return Posture(q, self.arm.fk(q), self.contacts(q))
 
     def contacts(self, q: Array) -> tuple[Contact, ...]:
         """Return what touches, or comes too near, at joint values, (n,)."""

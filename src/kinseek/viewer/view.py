@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from .bodies import HIT, Bodies
 from .clouds import Cloud
 from .drawing import Figure
 from .meshes import Meshes, plain
-from .session import POSTURES, Swept
+from .session import POSTURES, Posture, Swept
 
 Array = NDArray[np.float64]
 
@@ -175,11 +175,11 @@ class View:
 
         ghosts.node.on_click(clicked)
 
-    def show_arm(self, q: Array, target: Array, reached: bool, hit: Collection[str] = ()) -> None:
-        """Move the arm to joint values q, (n,), and show by a line how far its tip is from the goal; `hit` are bodies."""
-        T = self._arm.fk(q)
+    def show_arm(self, posture: Posture, target: Array, reached: bool) -> None:
+        """Move the arm, and show by a line how far its tip is from the goal."""
+        q, T = posture.q, posture.tip
         if self._arm.axes is not None:
-            self.bodies.show(self._arm.axes, q, hit)
+            self.bodies.show(self._arm.axes, q, {name for one in posture.contacts for name in (one.a, one.b)})
         if self._arm_drawn is not None:
             self._arm_drawn.show(q[None])
         if np.isfinite(T).all():
