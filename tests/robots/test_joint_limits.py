@@ -257,6 +257,8 @@ def test_other_content_is_refused(tmp_path: Path) -> None:
             "one: {joint_limits: {a: {}}}\ntwo: {joint_limits: {a: {}}}",
             "expected one entry 'joint_limits'.*got 2",
         ),
+        ("joint_limits:\n  a: {max_velocity: 1}\n  a: {}", "lines 2 and 3 both give the key 'a'"),
+        ("joint_limits: {a: {max_velocity: 1, max_velocity: 2}}", "both give the key 'max_velocity'"),
         ("joint_limits: [", "broken YAML"),
         ("joint_limits: {a: {max_velocity: !degrees fast}}", "broken YAML"),
         ("joint_limits: {a: !!python/object:os.system {}}", "broken YAML"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +23,12 @@ def read_yaml(path: Path, most: int, tags: Mapping[str, Callable[..., Any]] | No
         tags: Constructors of further tags, as in `yaml_content`.
 
     Raises:
-        InvalidRobot: The file cannot be read, is not YAML, or is too large, as it is or with its aliases expanded.
+        InvalidRobot: The file cannot be read, is not YAML, has a key twice, or is too large, as it is or with its aliases
+            expanded.
     """
     text = file_bytes(path, most)
     try:
-        return yaml_content(text, str(path), tags)
+        return yaml_content(text, str(path), tags, unique=True)
     except InvalidRobot:
         raise
     except RecursionError:
@@ -38,17 +39,20 @@ def read_yaml(path: Path, most: int, tags: Mapping[str, Callable[..., Any]] | No
         raise InvalidRobot(f"{path}: broken YAML: {error}") from None
 
 
-def yaml_content(text: bytes, where: str, tags: Mapping[str, Callable[..., Any]] | None = None) -> Any:
+def yaml_content(
+    text: bytes, where: str, tags: Mapping[str, Callable[..., Any]] | None = None, *, unique: bool = False
+) -> Any:
     """Read YAML, unless it is large with its aliases and merges expanded.
 
     Args:
         text: The file.
         where: The file, for messages.
         tags: Constructors of further tags, such as those of xacro for units, ``!degrees``.
+        unique: Refuse a key that one mapping has twice, which YAML forbids and PyYAML accepts: the last value counts.
 
     Raises:
         InvalidRobot: The file has a number with too many digits, too many entries when expanded, or too many brackets
-            around one value.
+            around one value; or, if `unique`, a key twice.
         yaml.YAMLError: The text is not YAML.
     """
     import yaml  # type: ignore[import-untyped]
@@ -75,6 +79,8 @@ def yaml_content(text: bytes, where: str, tags: Mapping[str, Callable[..., Any]]
                     require_few(len(node.value), "digits of one number", MOST_DIGITS, where)
                 sizes[node] = 1 + len(node.value) // 64
             else:
+                if unique and isinstance(node, yaml.MappingNode):
+                    _require_unique([key for key, _ in node.value], where)
                 inner = (
                     one for entry in node.value for one in (entry if isinstance(entry, tuple) else (entry,))
                 )
@@ -90,3 +96,17 @@ def yaml_content(text: bytes, where: str, tags: Mapping[str, Callable[..., Any]]
         return loader.construct_document(node)
     finally:
         loader.dispose()
+
+
+def _require_unique(keys: Sequence[Any], where: str) -> None:
+    """Refuse a mapping, given the nodes of its keys, in which a word is a key twice."""
+    lines: dict[str, int] = {}
+    for key in keys:
+        if not isinstance(key.value, str):  # A list or a mapping.
+            continue
+        line = key.start_mark.line + 1
+        if key.value in lines:
+            raise InvalidRobot(
+                f"{where}: lines {lines[key.value]} and {line} both give the key {key.value!r}"
+            )
+        lines[key.value] = line
