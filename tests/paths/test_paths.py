@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import pickle
 import tracemalloc
@@ -313,6 +314,22 @@ def test_start_and_end_are_kept() -> None:
         arm.follow(T, start=arm.ik(T[30]).q)
     with pytest.raises(InvalidProblem, match="start lies outside the limits"):
         arm.follow(T, start=np.full(arm.dof, 3.5))
+
+
+@pytest.mark.parametrize("end", ["start", "end"])
+def test_an_end_that_the_search_misses_by_rounding_is_reached(end: str) -> None:
+    """The search missed its pose, so the path asked the user's `valid` for the reason; there was none."""
+    arm, judged = kinseek.load("ur5e"), 0
+    for seed in range(40):
+        a, b = arm.sample(2, seed=seed)
+        q = np.linspace(a, b, 200)[:5]
+        goal = kinseek.Goal.pose(arm.fk(q), orientation_tolerance=1e-17)
+        with contextlib.suppress(InvalidProblem):  # Its own FK misses by rounding, too.
+            path = arm.follow(goal, **{end: q[-1] if end == "end" else q[0]})
+            assert path.reached[-1 if end == "end" else 0]
+            assert not any("valid" in reason for reason in path.why)
+            judged += not arm.ik(goal).success[-1 if end == "end" else 0]
+    assert judged
 
 
 def test_a_start_at_the_ends_of_a_range_of_whole_turns() -> None:

@@ -26,6 +26,7 @@ from .request import PathRequest
 from .runs import follow_runs
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Advance = Callable[[int], object]
 
 FIRST_PART = 0.35
@@ -95,9 +96,22 @@ def _isolated(request: PathRequest, threads: int | None, advance: Advance) -> Pl
         return Plan(np.zeros((0, problem.chain.dof)), np.zeros(0, dtype=np.int64), missed, wide)
     request = request.part(0, len(layers))
     layers, ends = with_ends(request, layers)
+    missed = missed & ~_reached_by_ends(request)
     graph = LayerGraph(request, layers, missed)
     q, breaks = best_allowed(graph, ends)
-    return Plan(bridged(request.part(0, len(q)), q, missed[: len(q)]), breaks, graph.unreachable, wide)
+    # Without rules the errors alone decide: the way over missed poses may reach one of them, by rounding.
+    refused = graph.unreachable if request.valid is not None else np.zeros(len(q), dtype=np.bool_)
+    return Plan(bridged(request.part(0, len(q)), q, missed[: len(q)]), breaks, refused, wide)
+
+
+def _reached_by_ends(request: PathRequest) -> Flags:
+    """Return flags of the poses that the given start or end reaches, (N,); the search may miss these, by rounding."""
+    reached, goal = np.zeros(len(request), dtype=np.bool_), request.problem.goal
+    for fixed_q, i in ((request.start, 0), (request.end, -1)):
+        if fixed_q is not None:
+            one = goal.at(goal.target[[i]])
+            reached[i] |= one.met(one.measure(request.problem.arrays, fixed_q[None]))[0]
+    return reached
 
 
 def _with_ends(request: PathRequest, q: Array) -> Array:
