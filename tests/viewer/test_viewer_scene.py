@@ -208,6 +208,14 @@ def test_a_new_box_does_not_take_the_name_of_one_that_was_removed(page: Any) -> 
     assert page._selected == "box 2"
 
 
+def test_a_box_beside_a_goal_far_away_prints_nothing_on_the_server(page: Any) -> None:
+    target = page.options.target.copy()
+    target[0, 3] = 1e6
+    page.change(target=target)
+    page.add_box()  # A UnitWarning is an error here.
+    assert page._bodies["box 1"].frame.pose[0, 3] == 1e6
+
+
 def test_a_body_is_dragged_quickly_among_many(session: Session) -> None:
     """Each message took time for every body, in the loop that serves all pages."""
     scene = Scene.of(UR5E, capsules=0.05)

@@ -325,7 +325,14 @@ class Page:
         name = next(name for i in count(1) if (name := f"box {i}") not in names)
         size = float(f"{BOX * self.view.size:.1g}")
         place = self.options.target[:3, 3] + [0.0, 0.0, -2.0 * size]
-        self._edit(name, lambda scene: scene.add_box(name, [size] * 3, transform(np.eye(3), place)))
+
+        def add(scene: Scene) -> None:
+            scene.add_box(name, [size] * 3)
+            scene._place(
+                name, transform(np.eye(3), place)
+            )  # Without a `UnitWarning`, which the server would print.
+
+        self._edit(name, add)
 
     def remove_body(self) -> None:
         """Remove the body that is edited."""
