@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import kinseek
-from cells import write_arm, write_stl
+from cells import write_arm, write_obj, write_stl
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Mesh, Points, bodies, obstacles, shapes
 from kinseek.collision.geometry import triangles
@@ -185,6 +185,24 @@ def test_a_box_in_a_corner_of_another_takes_nothing_away_from_it(
         assert each.holds(np.full(3, -1.9))
         assert each.holds(np.full(3, 1.9))
         assert not each.holds(SIDE)
+
+
+def test_materials_of_an_obj_do_not_change_the_order_of_its_triangles(tmp_path: Path) -> None:
+    """The tops of both boxes came last, and nothing told any longer that the one inside out is solid, too."""
+    low, inner = cube(4), cube(2, inverted=True)
+    vertices, faces = together(low, (inner[0] + [1, 0, 1], inner[1]))
+    plain = write_obj(tmp_path / "plain.obj", vertices, faces)
+    rows, surfaces = (
+        [row for row in plain.read_text().splitlines() if row.startswith(kind)] for kind in "vf"
+    )
+    top = (np.ptp(vertices[faces][:, :, 2], axis=1) == 0) & (vertices[faces][:, 0, 2] > 0)
+    painted = tmp_path / "painted.obj"
+    looks = [f"usemtl {'top' if each else 'side'}" for each in top]
+    painted.write_text("\n".join(rows + [row for pair in zip(looks, surfaces, strict=True) for row in pair]))
+    meshes = [Mesh.read(path, hull=False) for path in (plain, painted)]
+    np.testing.assert_array_equal(meshes[0].vertices[meshes[0].faces], meshes[1].vertices[meshes[1].faces])
+    assert all(mesh.holds(np.array([1.5, 0.1, 1.5])) for mesh in meshes)
+    assert top.any()
 
 
 def test_a_thin_surface_has_an_inside() -> None:

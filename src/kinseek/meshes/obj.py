@@ -37,8 +37,10 @@ _NO_SHAPE = (
 """Statements without triangles; `vp` are parameters of curves and surfaces, which are rejected themselves."""
 
 
-def read(text: bytes, take: Callable[[Size], None]) -> tuple[list[Body], list[str]]:
+def read(text: bytes, take: Callable[[Size], None], looks: bool = True) -> tuple[list[Body], list[str]]:
     """Read the polygons, one body for each material, and the names of the files of materials.
+
+    Without looks there is one body, in the order of the file, which separates surfaces that touch each other.
 
     Raises:
         InvalidRobot: A statement is not known, has another form, or is ambiguous; or the file is too large.
@@ -110,7 +112,7 @@ def read(text: bytes, take: Callable[[Size], None]) -> tuple[list[Body], list[st
         raise InvalidRobot(
             f"line {places[which]}: a face has the texture {texture[wrong[0]] + 1}, expected one up to {len(uv)}"
         )
-    paint_of, known, bodies = np.frombuffer(paints, np.int64)[owners], [*names], list[Body]()
+    paint_of, known, bodies = np.frombuffer(paints, np.int64)[owners] * looks, [*names], list[Body]()
     order = np.argsort(paint_of, kind="stable")
     for same in np.split(order, np.flatnonzero(np.diff(paint_of[order])) + 1) if len(order) else []:
         part = triangles[same]

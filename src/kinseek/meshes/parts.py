@@ -64,7 +64,7 @@ def _parts(path: Path, kind: str, text: bytes, beside: Beside, budget: Budget, l
             parts = _painted(bodies, _materials(found, beside))
             budget.take_images(parts)
         elif kind == "obj":
-            bodies, libraries = obj.read(text, take)
+            bodies, libraries = obj.read(text, take, looks)
             parts = _painted(bodies, _materials_of_obj(libraries, beside) if looks else {})
             budget.take_images(parts)
         else:
