@@ -308,6 +308,7 @@ def test_every_search_runs_from_the_command_line(cli: CommandLine, search: str) 
 
 
 MISUSE = {
+    "empty limits": (f"{DOWN} --limits ''", "--limits is empty, expected NAME=LOWER,UPPER|FILE"),
     "an option twice": (f"{DOWN} --at 0.4 0.2 0.4", "--at is given twice, expected once"),
     "a long name": (f"solve {'a' * 10_000} {REACHABLE}", "unknown"),
     "a size of many digits": (f"export ur5e --to c --ram {'1' * 5000}k", "--ram: '1111"),

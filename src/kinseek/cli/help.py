@@ -66,15 +66,22 @@ class Command(click.Command):
         """Read the words after the command.
 
         Raises:
-            click.UsageError: An option is given twice, of which click would take the last value.
+            click.UsageError: An option is given twice, of which click would take the last value, or has an empty value, as
+                of a variable of the shell that is not set.
         """
         if not ctx.resilient_parsing:  # Not for what is being typed.
-            *_, order = self.make_parser(ctx).parse_args(args=list(args))
+            values, _, order = self.make_parser(ctx).parse_args(args=list(args))
             options = [
                 each for each in order if isinstance(each, Option) and not (each.multiple or each.is_flag)
             ]
             if twice := next((each for each in options if options.count(each) > 1), None):
                 raise click.UsageError(f"{twice.opts[-1]} is given twice, expected once", ctx)
+            for each in order:
+                value = values.get(each.name)
+                if isinstance(each, Option) and (value == "" or (isinstance(value, list) and "" in value)):
+                    raise click.UsageError(
+                        f"{each.opts[-1]} is empty, expected {each.metavar or 'a value'}", ctx
+                    )
         return super().parse_args(ctx, args)
 
     def get_help(self, ctx: click.Context) -> str:

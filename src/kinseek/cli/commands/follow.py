@@ -326,7 +326,10 @@ def _require_output(
         return
     place = output_form(arm.mechanism, trajectory, period).place
     for name, other in ((_POSES, poses), (_OUT, out)):
-        if other is not None and place == other.resolve():
+        # The same file may have two names, by links or by letter case.
+        if other is not None and (
+            place == other.resolve() or (place.exists() and other.exists() and place.samefile(other))
+        ):
             raise InvalidProblem(f"{_TRAJECTORY} {str(trajectory)!r} is the file of {name} too")
 
 
