@@ -78,7 +78,8 @@ class Interior:
             self._least = self._most = np.zeros((0, 3))
         self._volumes, sums = self._signed_volumes()
         encloses = np.abs(self._volumes) > _FLAT * sums
-        self.closed = bool(closed.all() and encloses.all() and not both_sides)
+        # Nothing is left of a mesh of which each triangle is there in both orientations.
+        self.closed = bool(len(left) and closed.all() and encloses.all() and not both_sides)
         """Is every surface closed, and does it enclose something?"""
         self._solid = encloses
         self._cavities: dict[int, list[int]] = {}
