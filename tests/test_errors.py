@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import pickle
 from typing import Any
 
 import pytest
 
-from kinseek.errors import near_names, reason, suggest, unknown
+from kinseek.errors import MissingExtra, near_names, reason, suggest, unknown
 
 
 def test_similar_names_are_suggested() -> None:
@@ -39,6 +40,13 @@ def test_long_names_and_many_names_are_not_compared(monkeypatch: pytest.MonkeyPa
     near_names("l" * 100, names)
     assert 0 < len(compared) <= 2 * 201
     assert max(map(len, compared)) <= 100
+
+
+def test_errors_can_be_pickled() -> None:
+    """One that a process for reading files raised ended in a TypeError in the other process."""
+    one = MissingExtra("this", "that")
+    again = pickle.loads(pickle.dumps(one))
+    assert (type(again), str(again), again.extra) == (MissingExtra, str(one), "that")
 
 
 def test_an_error_without_a_message_is_called_by_its_type() -> None:

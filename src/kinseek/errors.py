@@ -100,7 +100,11 @@ class MissingExtra(KinseekError, ImportError):
     def __init__(self, feature: str, extra: str) -> None:
         """Name the feature and the extra that provides it."""
         super().__init__(f"{feature} needs an optional dependency: pip install 'kinseek[{extra}]'")
-        self.extra = extra
+        self.feature, self.extra = feature, extra
+
+    def __reduce__(self) -> tuple[type[MissingExtra], tuple[str, str]]:
+        """Pickle with the feature and the extra."""
+        return type(self), (self.feature, self.extra)
 
 
 class PathInterrupted(KinseekError, RuntimeError):
