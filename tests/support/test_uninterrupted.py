@@ -150,7 +150,7 @@ def raise_late(number: int, frame: Any) -> None:
     raise Late
 
 
-def interrupt(*given: Any) -> Any:
+def interrupt(*given: Any, **_: Any) -> Any:
     """Let the signal come right here."""
     signal.raise_signal(signal.SIGALRM)
 
