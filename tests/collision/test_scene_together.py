@@ -68,7 +68,8 @@ def test_joined_arms_stand_where_each_stands_alone(names: tuple[str, str]) -> No
     ]
     for one, row, distances in zip(q, theirs, joined, strict=True):
         scene.move("other", row)
-        with scene._engine as engine:
+        engine = scene._engine
+        with engine.lock:
             alone = np.array([near.distance for near in engine.near(one)])[pairs]
         assert all(np.abs(distances - distance).min() < 1e-9 for distance in alone)
         bounds = speeds.engine.bounds(np.r_[one, row][None])[0]

@@ -46,14 +46,19 @@ class Assembly(Lazy):
 
     def stand(self, bodies: Iterable[Body]) -> None:
         """Update the poses of bodies fixed in the base, without rebuilding the engine."""
-        with self.engine as engine:
-            engine.stand(
-                {
-                    number: body.frame.pose @ part.pose
-                    for body in bodies
-                    for number, part in zip(self.numbers.get(body.name, ()), body.parts, strict=False)
-                }
-            )
+        poses = {
+            number: body.frame.pose @ part.pose
+            for body in bodies
+            for number, part in zip(self.numbers.get(body.name, ()), body.parts, strict=False)
+        }
+        with self.engine.lock:
+            try:
+                self.engine.stand(poses)
+            except (
+                BaseException
+            ):  # Ctrl-C came between two bodies. Questions of other threads may use this engine.
+                self.engine.stand(poses)
+                raise
 
 
 def assemble(

@@ -111,12 +111,11 @@ class Contents:
                 triangles without `hull` or `simplify`.
         """
         mesh = Mesh.read(path, scale, hull, simplify)
-        self._add(name, mesh, pose)
-        if simplify is not None:
-            self._notes.append(
-                f"{name!r} is simplified to {len(mesh.faces):,} triangles, and is treated as {mesh.thicker:.2g} m "
-                "thicker"
-            )
+        count, thicker = len(mesh.faces), mesh.thicker
+        simplified = (
+            f"{name!r} is simplified to {count:,} triangles, and is treated as {thicker:.2g} m thicker"
+        )
+        self._add(name, mesh, pose, notes=[] if simplify is None else [simplified])
 
     def add_points(
         self,
@@ -150,11 +149,9 @@ class Contents:
             self._add(name, Points(cloud, radius), pose, replace)
             return
         points = Points.merged(cloud, radius, simplify)
-        self._add(name, points, pose, replace)
-        self._notes.append(
-            f"{name!r} is simplified to {len(points.places):,} points, and is treated as {points.radius - radius:.2g} m "
-            "thicker"
-        )
+        count, thicker = len(points.places), points.radius - radius
+        simplified = f"{name!r} is simplified to {count:,} points, and is treated as {thicker:.2g} m thicker"
+        self._add(name, points, pose, replace, [simplified])
 
     def add_voxels(
         self, name: str, occupied: ArrayLike, size: float, pose: Any = None, *, replace: bool = False
@@ -341,9 +338,9 @@ class Contents:
         self._require_room(added)
         for body in added:
             self._new(body.name)
-        self._bodies |= {body.name: body for body in added}
-        self._others[name] = arm
-        self._changed()
+        self._publish(
+            _bodies=self._bodies | {body.name: body for body in added}, _others=self._others | {name: arm}
+        )
 
     def move(self, name: str, q: Any) -> None:
         """Move another arm of the scene to other joint values, without rebuilding the engine.
@@ -368,8 +365,7 @@ class Contents:
         """
         self._require(a, self._bodies)
         self._require(b, self._bodies)
-        self._never[key(a, b)] = str(reason) or "allowed: they may touch"
-        self._changed()
+        self._publish(_never=self._never | {key(a, b): str(reason) or "allowed: they may touch"})
 
     def remove(self, name: str) -> None:
         """Remove a body that was added or attached, or another arm.
@@ -377,11 +373,10 @@ class Contents:
         Raises:
             InvalidScene: It does not exist, or it is a link of an arm.
         """
-        if isinstance(name, str) and (other := self._others.pop(name, None)) is not None:
-            for body in other.names:
-                self.remove(body)
+        self._require(name, {**self._bodies, **self._others})
+        if name in self._others:
+            self._publish(**self._without(self._others[name].names), _others=_left(self._others, {name}))
             return
-        self._require(name, self._bodies)
         if owner := next((arm.name for arm in self._others.values() if name in arm.names), None):
             raise InvalidScene(
                 f"{name!r} belongs to the arm {owner!r}; remove({owner!r}) removes the whole arm"
@@ -390,10 +385,7 @@ class Contents:
             raise InvalidScene(
                 f"{name!r} is a link of the arm; allow({name!r}, other) lets it touch another body"
             )
-        del self._bodies[name]
-        self._never = {pair: why for pair, why in self._never.items() if name not in pair}
-        self._forget_notes(name)
-        self._changed()
+        self._publish(**self._without([name]))
 
     @property
     def arm(self) -> str:
@@ -430,16 +422,34 @@ class Contents:
             self._assembled = assembled = state, assemble(self._chain, bodies, pairs_of(bodies, never))
         return assembled[1]
 
-    def _changed(self) -> None:
-        """Have the contents assembled again at the next call; follows every change of them."""
-        self._state = object()
+    def _publish(self, **contents: Any) -> None:
+        """Take over changed contents, attributes of this object.
+
+        This is one step: no other thread sees half of the changes, and Ctrl-C leaves none. What was published is never
+        changed in place.
+        """
+        vars(self).update(contents, _state=object())
 
     def _become(self, draft: Contents) -> None:
-        """Take over the contents of a changed copy, so that no other thread sees half of the changes."""
-        vars(self).update(
-            _bodies=draft._bodies, _never=draft._never, _notes=draft._notes
-        )  # In one step, as `_now` reads.
-        self._changed()
+        """Take over the contents of a changed copy.
+
+        Raises:
+            InvalidScene: Another thread has changed the contents since they were copied.
+        """
+        if draft._state is not self._state:
+            raise InvalidScene(
+                "another thread changed the scene at the same time; let only one thread change it"
+            )
+        self._publish(_bodies=draft._bodies, _never=draft._never, _notes=draft._notes)
+
+    def _without(self, names: Sequence[str]) -> dict[str, Any]:
+        """Return the contents without some bodies, as `_publish` takes them."""
+        gone = set(names)
+        return {
+            "_bodies": _left(self._bodies, gone),
+            "_never": {pair: why for pair, why in self._never.items() if gone.isdisjoint(pair)},
+            "_notes": _forgotten(self._notes, names),
+        }
 
     def _now(self) -> tuple[list[Body], dict[tuple[str, str], str]]:
         """Return the bodies and the pairs that are never checked, both of this moment: another thread may change them.
@@ -459,7 +469,6 @@ class Contents:
         open_pairs = [pair for pair in self.pairs if pair.counts and {pair.a, pair.b} <= carried]
         open_pairs = [pair for pair in open_pairs if name in (None, pair.a, pair.b)]
         self._never |= sampled(self._chain, self._all(), open_pairs, samples, skip_never)
-        self._changed()
 
     @property
     def _standing(self) -> list[Body]:
@@ -470,8 +479,7 @@ class Contents:
         """Replace bodies that no joint moves by the same ones at other places."""
         _require_near(moved)
         before, assembled = self._state, self._assembled
-        self._bodies |= {body.name: body for body in moved}
-        self._changed()
+        self._publish(_bodies=self._bodies | {body.name: body for body in moved})
         # The shapes stay the same, so only their places change in an engine that exists already.
         if assembled is not None and assembled[0] is before:
             after = self._state
@@ -493,13 +501,18 @@ class Contents:
     def _one(self, q: Any) -> Array:
         return one_q(self._chain, q)
 
-    def _add(self, name: str, shape: Shape, pose: Any, replace: bool = False) -> None:
+    def _add(
+        self, name: str, shape: Shape, pose: Any, replace: bool = False, notes: Sequence[str] = ()
+    ) -> None:
         """Add a shape; see `add`. The caller is a method that the user calls: a warning blames the line that calls it."""
-        part, is_new = _part(shape, pose), name not in self._bodies
-        body = Body(self._new(name, replace), Frame(0, np.eye(4)), [part])
+        part, draft = _part(shape, pose), copy(self)
+        is_new = name not in draft._bodies
+        body = Body(draft._new(name, replace), Frame(0, np.eye(4)), [part])
         if is_new:  # A program that replaces a body many times is told once.
             self._warn_if_far([body], level=4)
-        self._enter(body)
+        draft._enter(body)
+        draft._notes.extend(notes)
+        self._become(draft)
 
     def _warn_if_far(self, bodies: Sequence[Body], where: str = "", level: int = 3) -> None:
         """Warn of the farthest of new bodies, if it is far beyond the arm's reach: its lengths may be in millimetres.
@@ -540,15 +553,15 @@ class Contents:
             raise InvalidScene(suggest(str(name), among, noun))
 
     def _enter(self, body: Body) -> None:
+        """Add a body to this draft."""
         self._require_room([body])
         # What follows from a replaced body's being attached does not hold for the new one.
         mine = (ATTACHED, MAY_TOUCH, ALWAYS)
         self._never = {
             pair: why for pair, why in self._never.items() if not (body.name in pair and why.startswith(mine))
         }
-        self._forget_notes(body.name)
+        self._notes = _forgotten(self._notes, [body.name])
         self._bodies[body.name] = body
-        self._changed()
         shapes = [part.shape for part in body.parts]
         opened = [
             shape for shape in shapes if isinstance(shape, Mesh) and not shape.hull and not shape.closed
@@ -562,19 +575,12 @@ class Contents:
                 f"{body.name!r} is an open mesh, a surface: what lies wholly behind it does not touch it"
             )
 
-    def _forget_notes(self, name: str) -> None:
-        """Remove the notes about a body, which begin with its quoted name."""
-        self._notes = [note for note in self._notes if not note.startswith(f"{name!r} ")]
-
     def __getstate__(self) -> dict[str, Any]:
         """Pickle and copy the contents; the engine and the bounds of distances are rebuilt."""
-        state = {**self.__dict__, "_assembled": None, "_margins": None}
-        return state | {
-            "_bodies": dict(self._bodies),
-            "_others": dict(self._others),
-            "_never": dict(self._never),
-            "_notes": list(self._notes),
-        }
+        # In one step, as `_now`; the copy may be changed in place.
+        state = dict(vars(self))
+        own = {name: copy(state[name]) for name in ("_bodies", "_others", "_never", "_notes")}
+        return state | own | {"_assembled": None, "_margins": None}
 
     def __repr__(self) -> str:
         """The arm, bodies, pairs, and notes."""
@@ -650,3 +656,13 @@ def _part(shape: Shape, pose: Any) -> Part:
     if isinstance(shape, Mesh) and shape.hull:
         shape.geometry()  # Raises an error now if there is none.
     return Part(shape, np.eye(4) if pose is None else one_pose(pose, "pose"))
+
+
+def _left(known: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """Return the items of other names."""
+    return {name: each for name, each in known.items() if name not in names}
+
+
+def _forgotten(notes: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Return the notes without those about some bodies, which begin with the quoted name."""
+    return [note for note in notes if not note.startswith(tuple(f"{name!r} " for name in names))]

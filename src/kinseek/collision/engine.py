@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +87,7 @@ def joints_of(chain: SerialChain) -> tuple[Any, Any]:
 
 
 class Engine:
-    """Collision checks of the checked pairs of a scene, used by one thread at a time, ``with engine:``.
+    """Collision checks of the checked pairs of a scene, used by one thread at a time, ``with engine.lock:``.
 
     Args:
         chain: The arm.
@@ -126,19 +126,25 @@ class Engine:
             [sum(solids[i].padding + solids[i].shape.excess for i in pair) for pair in pairs]
         ).reshape(-1)
         self._padded = np.array([sum(solids[i].padding for i in pair) for pair in pairs]).reshape(-1)
-        self._clearance, self._lock, self._taken = np.nan, Lock(), list[Any]()
+        self._clearance, self._lock = np.nan, Lock()
         self._fitted: Broad | None = None
-        self._moving: Mapping[int, Array] = {}
-        """Poses that `stand` is setting."""
         # coal knows only the surface of such a mesh: a part wholly inside it does not touch, and is tested separately.
         self._shells = [n for n, pair in enumerate(pairs) if any(_is_shell(solids[i]) for i in pair)]
+
+    @property
+    def lock(self) -> Any:
+        """The lock of the engine, a reentrant one of Python: it keeps placements between calls.
+
+        Ctrl-C may come between any two instructions of a context manager in Python, and would leave the engine locked.
+        """
+        return self._lock.now
 
     @property
     def broad(self) -> Broad:
         """The broad phase, fitted by one thread at its first use, which may take seconds."""
         fitted = self._fitted
         if fitted is None:
-            with self:
+            with self.lock:
                 # Another thread may have fitted it while this one waited.
                 fitted = self._fitted or Broad(self._chain, self.solids, self.pairs, self._padded)
                 self._fitted = fitted
@@ -146,27 +152,12 @@ class Engine:
 
     def stand(self, poses: Mapping[int, Array]) -> None:
         """Move parts that are fixed in the base: their numbers, and their new poses, (4, 4)."""
-        self._moving = poses
         for number, pose in poses.items():
             self.solids[number] = self.solids[number]._replace(pose=pose)
             place = self._pin.SE3(pose[:3, :3].copy(), pose[:3, 3].copy())
             self._geometry.geometryObjects[number].placement = place
         # The spheres of the broad phase contain the old poses.
-        self._fitted, self._moving = None, {}
-
-    def __enter__(self) -> Self:
-        """Wait until the engine is free, because it keeps placements between calls."""
-        lock = self._lock.now
-        lock.acquire()
-        # A fork replaces `now`, so the lock that was acquired is kept for the release.
-        self._taken.append(lock)
-        if self._moving:  # Ctrl-C or a fork interrupted `stand`.
-            self.stand(self._moving)
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        """Release the engine."""
-        self._taken.pop().release()
+        self._fitted = None
 
     def free(self, q: Array, clearance: float, threads: int | None = 1) -> Flags:
         """Return whether every pair is farther apart than `clearance`, (k, n) -> (k,).
@@ -200,7 +191,7 @@ class Engine:
             return np.asarray(verdicts == FREE)
         rows = np.flatnonzero(verdicts == DOUBT)
         _, doubts = broad.sort_out(q[rows], clearance, TOUCH)
-        with self:
+        with self.lock:
             if self._fitted is not broad:
                 # Bodies have moved meanwhile; while this holds the engine, they do not.
                 return self._free(q, clearance)

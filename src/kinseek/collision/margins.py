@@ -33,7 +33,8 @@ class Margins:
 
     def distance(self, q: Array, pair: int) -> float:
         """Return the distance of one pair at q, (n,), less a little for rounding [m]."""
-        with self._made.engine as engine:
+        engine = self._made.engine
+        with engine.lock:
             engine.place(q)
             return float(engine.near_pair(pair).distance) - FINEST
 

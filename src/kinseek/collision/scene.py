@@ -174,7 +174,8 @@ class Scene(Contents):
             InvalidProblem: `q` does not fit the arm.
         """
         joints = as_joints(self._chain, q)
-        with self._engine as engine:
+        engine = self._engine
+        with engine.lock:
             found = [engine.nearest(row) for row in joints.reshape(-1, self._chain.dof)]
         distances = np.array([np.inf if near is None else near.distance for near in found])
         return distances.reshape(joints.shape[:-1]) if joints.ndim > 1 else float(distances[0])
@@ -227,7 +228,7 @@ class Scene(Contents):
         starts, way, shape = self._ways(q0, q1)
         deviation = None if around is None else self._around(around, len(starts))
         least, made = length_or_zero("clearance", clearance), self._made
-        with made.engine:
+        with made.engine.lock:
             free = are_free(made.speeds, starts, starts + way, least, deviation, thorough)
         return free.reshape(shape) if shape else bool(free[0])
 
@@ -269,7 +270,7 @@ class Scene(Contents):
         """
         starts, way, _ = self._ways(self._one(q0), self._one(q1))
         least, made = length_or_zero("clearance", clearance), self._made
-        with made.engine:
+        with made.engine.lock:
             if are_free(made.speeds, starts, starts + way, least)[0]:
                 return ()
             (stop,) = stops(made.speeds, starts, starts + way, least)
@@ -429,7 +430,7 @@ class Scene(Contents):
         if not (around >= 0.0).all():  # Also of NaN.
             raise InvalidProblem(f"reach must be at least 0, got {reach!r:.80}")
         made = self._made
-        with made.engine:
+        with made.engine.lock:
             return surely_hits(made.speeds, joints, around, least)
 
     @property
@@ -467,16 +468,16 @@ class Scene(Contents):
 
 def _nearest(made: Assembly, q: Array) -> Nearest | None:
     """Return the two bodies that are nearest to each other at q, (n,); None without pairs."""
-    with made.engine as engine:
-        near = engine.nearest(q)
+    with made.engine.lock:
+        near = made.engine.nearest(q)
     return None if near is None else Nearest(*made.owners[near.pair], near.distance, *near.points)
 
 
 def _hits(made: Assembly, q: Array, clearance: float) -> tuple[Contact, ...]:
     """Return the pairs of bodies that touch at q, (n,), or are closer than a clearance, the deepest first."""
     found: dict[tuple[str, str], Near] = {}
-    with made.engine as engine:
-        for near in engine.touching(q, clearance):
+    with made.engine.lock:
+        for near in made.engine.touching(q, clearance):
             names = made.owners[near.pair]
             if names not in found or near.distance < found[names].distance:
                 found[names] = near

@@ -89,7 +89,7 @@ def free_until(speeds: Speeds, one: Timed, other: Timed, clearance: float) -> fl
         begins, ends = begins[before], ends[before]
         widths = ends - begins
         around = np.concatenate([one.deviation(widths), other.deviation(widths)], axis=1)
-        with engine:
+        with engine.lock:
             left = ~are_free(speeds, q(begins), q(ends), clearance, around)
         if not left.any():
             return np.inf
