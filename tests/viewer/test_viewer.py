@@ -574,6 +574,35 @@ def test_a_queue_works_in_order_and_drops_what_nobody_can_have_clicked() -> None
     assert len(done) == 1 + MOST_WAITING
 
 
+def test_slow_work_of_many_pages_takes_turns() -> None:
+    """Sixteen pages at once held up the server's loop for 6 s."""
+    turns, go = threading.Semaphore(2), threading.Event()
+    begun, lock = list[tuple[int, int]](), threading.Lock()
+
+    def work(item: tuple[int, int]) -> None:
+        with lock:
+            begun.append(item)
+        go.wait(10.0)
+
+    workers = [Newest(work, "test", turn=lambda: turns) for _ in range(5)]
+    for number, worker in enumerate(workers):
+        worker.give((number, 0))
+    wait_until(lambda: len(begun) == 2)
+    waiting = [worker for number, worker in enumerate(workers) if (number, 0) not in begun]
+    waiting.pop().close()  # It does not wait for its turn.
+    for worker in waiting:
+        worker.give((workers.index(worker), 1))
+    time.sleep(0.3)
+    assert len(begun) == 2
+    go.set()
+    wait_until(lambda: all(worker.idle for worker in workers if worker in waiting))
+    for worker in workers:
+        worker.close()
+    assert sorted(begun[2:]) == sorted((workers.index(worker), 1) for worker in waiting)
+    assert turns.acquire(blocking=False)
+    assert turns.acquire(blocking=False)
+
+
 # Where it listens, and how it works beside the page.
 
 

@@ -68,6 +68,20 @@ def test_answers_in_a_scene_are_free_and_the_call_says_so(session: Session) -> N
     assert call == "arm.ik(T, near=q, scene=scene, clearance=0.15, time_limit=2)"
 
 
+def test_a_solution_of_a_search_without_the_scene_that_collides_is_not_called_solved(
+    session: Session,
+) -> None:
+    scene = session.scene
+    assert scene is not None
+    told = set[tuple[bool, str]]()
+    for target in UR5E.fk(UR5E.sample(20, seed=3)):
+        result = session.solve(session.begin.but(target=target, search="Polished"))
+        told.add((bool(result.reached and not scene.free(result.q)), status_of(result, None)[0]))
+    assert (True, "This solution reaches the goal, but collides.") in told
+    assert {text for collides, text in told if collides} == {"This solution reaches the goal, but collides."}
+    assert "This solution reaches the goal, but collides." not in {text for hits, text in told if not hits}
+
+
 def test_a_chosen_branch_that_collides_is_not_called_solved(session: Session) -> None:
     scene = session.scene
     assert scene is not None

@@ -27,10 +27,10 @@ from . import clouds, words
 from .meshes import Meshes
 from .options import ViewerOptions, read_selection
 from .panel import Panel
-from .searches import DEFAULT
+from .searches import DEFAULT, takes_seconds
 from .session import GoalResult, Planned, Posture, Proof, Session, nearest_of
 from .view import CLOUD, MOST_GHOSTS, REACHED, SEARCH, View, is_at, matrix_of
-from .workers import Newest, Queue
+from .workers import AT_ONCE, Newest, Queue
 
 Array = NDArray[np.float64]
 
@@ -51,6 +51,9 @@ MOST_ADDED = 50
 
 BOX = 0.15
 """Edge length of a new box, relative to the arm's reach."""
+
+_SEARCHES, _PROOFS, _CLOUDS, _PLANS = (threading.Semaphore(AT_ONCE) for _ in range(4))
+"""The turns of all pages for each kind of slow work."""
 
 PASS, SHOW = 0.9, 12.0
 """Time for which a pass is shown during playback, and maximum time of the whole playback [s]."""
@@ -94,10 +97,14 @@ class Page:
         self.view.bodies.take(self._given)
         self.panel = Panel(client.gui, self, meshes)
         name = f"kinseek page {id(self):x}"
-        self._solver = Newest(self._solve, f"{name}: solutions")
-        self._prover = Newest(self._prove, f"{name}: proofs", QUIET)
-        self._clouder = Newest(self._cloud, f"{name}: clouds", QUIET)
-        self._planner = Newest(self._plan, f"{name}: plans", QUIET)
+        self._solver = Newest(
+            self._solve,
+            f"{name}: solutions",
+            turn=lambda: _SEARCHES if takes_seconds(self.options.search) else None,
+        )
+        self._prover = Newest(self._prove, f"{name}: proofs", QUIET, lambda: _PROOFS)
+        self._clouder = Newest(self._cloud, f"{name}: clouds", QUIET, lambda: _CLOUDS)
+        self._planner = Newest(self._plan, f"{name}: plans", QUIET, lambda: _PLANS)
         self._player = Newest(self._play, f"{name}: motions")
         self._storer = Newest(self._store, f"{name}: options", QUIET)
         self._editor = Queue[Callable[[], object]](self._do_edit, f"{name}: bodies")

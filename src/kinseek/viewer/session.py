@@ -89,7 +89,7 @@ class GoalResult:
     call: str = ""
     """The same call in Python, with this array as q."""
     collides: bool = False
-    """Was a solution chosen that collides?"""
+    """Does a solution hit something, although it was chosen by a person, or by a search that does not know the scene?"""
 
     @property
     def reached(self) -> bool:
@@ -271,7 +271,10 @@ class Session:
             seconds = time.perf_counter() - began
         except KinseekError as error:
             return GoalResult(options, options.q, refused=str(error), call=call)
-        return GoalResult(options.but(q=solution.q), solution.q, solution, seconds, near=near, call=call)
+        hits = takes_seconds(options.search) and len(self.contacts(solution.q)) > 0
+        return GoalResult(
+            options.but(q=solution.q), solution.q, solution, seconds, near=near, call=call, collides=hits
+        )
 
     def _around(self) -> dict[str, Any]:
         """Return the arguments of `Arm.ik` for a scene: a redundant arm may take long to find a free solution."""
@@ -481,7 +484,7 @@ def status_of(result: GoalResult, proof: Proof | None) -> tuple[str, str]:
     """Return the sentence to show and its kind: ``"good"``, ``"bad"``, ``"open"`` or ``"refused"``."""
     if result.refused:
         return result.refused, "refused"
-    if result.collides:
+    if result.collides and result.reached:
         return "This solution reaches the goal, but collides.", "bad"
     if result.reached:
         return result.status, "good"

@@ -9,21 +9,35 @@ from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
 
+AT_ONCE = 2
+"""Number of pages that do one kind of slow work at the same time. If all did, their threads would take Python from the
+server's loop: with 16 pages a request waited for 6 s."""
+
+OFTEN = 0.1
+"""Time after which a thread that waits for its turn looks for newer work [s]."""
+
 _log = logging.getLogger("kinseek.viewer")
 
 
 class Newest(Generic[Item]):
     """A thread that processes the newest item it is given, and skips older ones."""
 
-    def __init__(self, work: Callable[[Item], None], name: str, quiet: float = 0.0) -> None:
+    def __init__(
+        self,
+        work: Callable[[Item], None],
+        name: str,
+        quiet: float = 0.0,
+        turn: Callable[[], threading.Semaphore | None] = lambda: None,
+    ) -> None:
         """Start the thread.
 
         Args:
             work: Called with an item; it may call `stale` to check whether to continue.
             name: Name of the thread.
             quiet: Time without a new item before the work begins [s].
+            turn: Returns what the work must wait for, which lets a few threads of all pages go on at once; None: nothing.
         """
-        self._work, self._quiet = work, quiet
+        self._work, self._quiet, self._turn = work, quiet, turn
         self._changed = threading.Condition()
         self._waiting: list[Item] = []
         self._closed = False
@@ -68,13 +82,25 @@ class Newest(Generic[Item]):
     def _run(self) -> None:
         while taken := self._next():
             for item in taken:
+                turn = self._turn()
+                while turn is not None and not turn.acquire(timeout=OFTEN):
+                    if self.stale():
+                        break
+                else:
+                    self._do(item, turn)
                 if self._closed:
                     return
-                try:
-                    self._work(item)
-                except Exception:  # After an error in a page, it must continue with the next goal.
-                    if not self._closed:
-                        _log.exception("a page could not show its options")
+
+    def _do(self, item: Item, turn: threading.Semaphore | None) -> None:
+        try:
+            if not self._closed:
+                self._work(item)
+        except Exception:  # After an error in a page, it must continue with the next goal.
+            if not self._closed:
+                _log.exception("a page could not show its options")
+        finally:
+            if turn is not None:
+                turn.release()
 
     def _next(self) -> list[Item]:
         """Return a list with the next item; empty at the end."""
