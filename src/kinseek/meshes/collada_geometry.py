@@ -312,8 +312,6 @@ def _divided(
         return f"{mesh.who}, in <{primitives[int(np.searchsorted(ends, number, side='right'))].name}>"
 
     triangles, owners = triangulated(positions, corners, sizes, place, take)
-    order = np.argsort(owners, kind="stable")
-    triangles, owners = triangles[order], owners[order]
     bodies, first = list[Body](), 0
     for each, part in zip(primitives, np.split(triangles, np.searchsorted(owners, ends[:-1])), strict=True):
         kept, faces = np.unique(corners[part], return_inverse=True)

@@ -97,7 +97,8 @@ def triangulated(
         first: Number of the first vertex in the file.
 
     Returns:
-        Positions in `corners` of the triangles, (m, 3); and the polygon of each triangle, (m,).
+        Positions in `corners` of the triangles, (m, 3), in the order of the polygons, which separates surfaces that touch
+        each other; and the polygon of each triangle, (m,).
 
     Raises:
         InvalidRobot: A polygon has fewer than 3 corners, names a vertex that does not exist or is not finite, or has no
@@ -139,7 +140,9 @@ def triangulated(
                 )
             triangles.append(places.reshape(-1, 3))
             owners.append(np.repeat(part, size - 2))
-    return np.concatenate(triangles), np.concatenate(owners)
+    owner = np.concatenate(owners)
+    in_order = np.argsort(owner, kind="stable")
+    return np.concatenate(triangles)[in_order], owner[in_order]
 
 
 def _inside(points: Array) -> NDArray[np.bool_]:
