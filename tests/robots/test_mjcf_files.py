@@ -150,6 +150,36 @@ def test_an_attached_model_is_read(tmp_path: Path) -> None:
     assert (chain.tip, chain.joint_names) == ("left_h", ("j", "w", "left_k"))
 
 
+def test_files_of_an_attached_model_are_found_beside_it(tmp_path: Path) -> None:
+    """With a file of the same name beside the main one, another robot was read."""
+    (tmp_path / "e").mkdir()
+    part = "<x><worldbody><body name='{}'><joint name='k'/></body></worldbody></x>"
+    write(tmp_path, "b.xml", part.format("main"))
+    write(tmp_path, "e/b.xml", part.format("beside"))
+    write(tmp_path, "e/m.xml", "<mujoco model='own'><include file='b.xml'/></mujoco>")
+    asset = "<asset><model{} file='e/m.xml'/></asset>"
+    attach = "<attach model='{}' body='beside' prefix='p_'/>"
+    for name, called in ((" name='m'", "m"), ("", "own")):
+        path = write(tmp_path, "m.xml", MODEL.format(asset.format(name), attach.format(called)))
+        assert read(path).tip == mujoco.MjSpec.from_file(str(path)).bodies[-1].name == "p_beside"
+    with pytest.raises(InvalidRobot, match="could not find model"):  # It is not called by its file.
+        read(write(tmp_path, "n.xml", MODEL.format(asset.format(""), attach.format("m"))))
+    (tmp_path / "e/b.xml").unlink()
+    with pytest.raises(InvalidRobot, match="no file"):
+        read(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "symlink"), reason="no links")
+def test_a_link_to_itself_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "loop.xml").symlink_to(tmp_path / "loop.xml")
+    for path in (
+        tmp_path / "loop.xml",
+        write(tmp_path, "m.xml", "<mujoco><include file='loop.xml'/></mujoco>"),
+    ):
+        with pytest.raises(InvalidRobot, match="cannot read"):
+            read(path)
+
+
 def test_includes_are_found_as_mujoco_finds_them(tmp_path: Path) -> None:
     (tmp_path / "e").mkdir()
     body = "<x><worldbody><body name='{}'><joint name='k'/></body></worldbody></x>"

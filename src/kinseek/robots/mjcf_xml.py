@@ -8,6 +8,7 @@ with every element still in its line. An unknown tag is kept, since MuJoCo gives
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -90,9 +91,9 @@ def reduced(path: Path) -> Reduced:
         InvalidRobot: A file is missing, too large or broken, a number is not finite, or elements are too many or nested too
             deeply.
     """
-    reader = _Reader(path.parent)
+    reader = _Reader()
     try:
-        text, size = reader.model(path, ())
+        text, _, size = reader.model(path, ())
     except RecursionError:
         raise InvalidRobot(f"{path}: elements or files are nested too deeply") from None
     require_few(size.elements, "bodies, joints and other elements, copies counted", MOST_LINKS, str(path))
@@ -113,19 +114,27 @@ MOST_MODELS = 1000
 """Most models: each copy of an attached model is read again."""
 
 
+_NAME = "MuJoCo Model"
+"""MuJoCo's name of a model without one."""
+
+
+def _real(path: Path) -> str:
+    """Return a path with its links resolved, as far as possible: `Path.resolve` raises RuntimeError for a link to itself."""
+    return os.path.realpath(path)
+
+
 class _Reader:
     """Reads one file, and those that it includes or attaches."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self) -> None:
         self.left = MOST_BYTES
         self.attached: dict[str, bytes] = {}
         self.models = 0
         """Number of models that were read; each attachment counts."""
 
-    def model(self, path: Path, above: tuple[Path, ...]) -> tuple[str, _Size]:
-        """Return the text of a model, and its size."""
-        if path.resolve() in above:
+    def model(self, path: Path, above: tuple[str, ...]) -> tuple[str, str, _Size]:
+        """Return the text of a model, its name, and its size."""
+        if _real(path) in above:
             raise InvalidRobot(f"{path}: the model attaches itself")
         self.models += 1
         require_few(self.models, "models, copies counted", MOST_MODELS, str(path))
@@ -134,12 +143,12 @@ class _Reader:
             root.tag != "mujoco"
         ):  # MuJoCo also reads URDF, with case-insensitive tags, and the meshes it refers to.
             raise InvalidRobot(f"{path}: the root of a model is {root.tag!r:.100}, expected 'mujoco'")
-        self._include(root, path, {path.resolve()})
-        sizes = self._attach(root, path, (*above, path.resolve()))
+        self._include(root, path, path, {_real(path)})
+        sizes = self._attach(root, path, (*above, _real(path)))
         size = _size(root, sizes)
         out: list[str] = []
         _write(root, None, str(path), out, [1])
-        return "".join(out), size
+        return "".join(out), root.get("model", _NAME), size
 
     def _root(self, path: Path) -> Any:
         text = file_bytes(path, self.left)
@@ -154,37 +163,36 @@ class _Reader:
                 )
         return root
 
-    def _include(self, root: Any, path: Path, seen: set[Path]) -> None:
-        """Replace every <include> by the children of the included file."""
+    def _include(self, root: Any, path: Path, main: Path, seen: set[str]) -> None:
+        """Replace every <include> by the children of the included file; `main` is the file of the model."""
         for element in list(
             root.iterfind(f".//{_INCLUDE}")
         ):  # The root of an included file is only a container.
             name = element.get("file")
             if not name:
                 raise InvalidRobot(f"{path}: <include> in line {element.sourceline} has no file")
-            file = self._find(name, path)
-            if file.resolve() in seen:
+            file = self._find(name, main, path)
+            if _real(file) in seen:
                 raise InvalidRobot(f"{path}: file {name!r} is included twice")
-            seen.add(file.resolve())
+            seen.add(_real(file))
             inner = self._root(file)
-            self._include(inner, file, seen)
+            self._include(inner, file, main, seen)
             parent, place = element.getparent(), element.getparent().index(element)
             parent[place : place + 1] = list(inner)
 
-    def _attach(self, root: Any, path: Path, above: tuple[Path, ...]) -> dict[str, _Size]:
+    def _attach(self, root: Any, path: Path, above: tuple[str, ...]) -> dict[str, _Size]:
         """Read the models that the file attaches, and return the size of each."""
         sizes = {}
         for element in root.iterfind("asset/model"):
             name = element.get("file")
             if not name:
                 raise InvalidRobot(f"{path}: <model> in line {element.sourceline} has no file")
-            file = self._find(name, path)
-            text, size = self.model(file, above)
+            text, own_name, size = self.model(self._find(name, path, path), above)
             key = f"attached_{len(self.attached)}.xml"
             self.attached[key] = text.encode()
             element.set("file", key)
             if element.get("name") is None:
-                element.set("name", file.stem)
+                element.set("name", own_name)
             called = element.get("name")
             if called in sizes:  # MuJoCo attaches the first of them.
                 raise InvalidRobot(f"{path}: two models are called {called!r:.100}, expected different names")
@@ -198,11 +206,11 @@ class _Reader:
                 )
         return sizes
 
-    def _find(self, name: str, beside: Path) -> Path:
-        """Return the path of a file; like MuJoCo, look beside the main file first."""
-        require_here(name, self.folder)
+    def _find(self, name: str, main: Path, beside: Path) -> Path:
+        """Return the path of a file; like MuJoCo, look beside the file of the model first."""
+        require_here(name, main.parent)
         try:
-            places = [self.folder / name, beside.parent / name]
+            places = [main.parent / name, beside.parent / name]
             return next((place for place in places if place.exists()), places[0])
         except (OSError, ValueError) as error:
             raise InvalidRobot(f"{beside}: {name!r} is not a valid file name: {error}") from None
