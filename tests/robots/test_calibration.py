@@ -219,6 +219,18 @@ def test_a_wrong_calibration_is_rejected(calibration: Any, message: str) -> None
         kinseek.load("ur5e", calibration=calibration)
 
 
+def test_two_names_of_one_joint_are_rejected(tmp_path: Path) -> None:
+    """The last one counted."""
+    entries = origins("ur5e")
+    path = written(entries | {"shoulder_pan_joint": entries["shoulder"]}, tmp_path / "c.yaml")
+    told = "'shoulder' and 'shoulder_pan_joint' are both joint 'shoulder_pan_joint'"
+    with pytest.raises(InvalidRobot, match=told):
+        kinseek.load("ur5e", calibration=path)
+    poses = {"shoulder_link": np.eye(4), "shoulder_pan_joint": np.eye(4)}
+    with pytest.raises(InvalidRobot, match="are both joint 'shoulder_pan_joint'"):
+        kinseek.load("ur5e", calibration=poses)
+
+
 def test_a_source_without_a_urdf_is_rejected() -> None:
     pinocchio = pytest.importorskip("pinocchio")
     model = pinocchio.buildModelFromUrdf(str(catalog_path("ur5e")))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -58,8 +58,8 @@ def calibrated(urdf: Urdf, calibration: Calibration) -> Urdf:
     robot = Robot(root, urdf.where)
     refuse_file(robot)
     if isinstance(calibration, Mapping):
-        for name, pose in calibration.items():
-            joint = _joint(robot, name, "calibration")
+        joints = _joints(robot, calibration, "calibration")
+        for pose, joint in zip(calibration.values(), joints, strict=True):
             _set_origin(joint, *_xyz_rpy(pose, f"calibration: the origin of {joint.part}"))
     elif isinstance(calibration, str | os.PathLike):
         _set_origins_of_file(robot, Path(calibration).expanduser())
@@ -77,9 +77,9 @@ def _set_origins_of_file(robot: Robot, path: Path) -> None:
     Raises:
         InvalidRobot: It cannot be read, or does not fit the robot.
     """
-    for name, entry in _entries(path).items():
+    entries = _entries(path)
+    for (name, entry), joint in zip(entries.items(), _joints(robot, entries, str(path)), strict=True):
         where = f"{path}: {name}"
-        joint = _joint(robot, name, str(path))
         numbers = _six_numbers(entry, where)
         if (moved := math.dist(numbers[:3], joint.pose[:3, 3])) > _FARTHEST:
             raise InvalidRobot(
@@ -119,6 +119,23 @@ def _six_numbers(entry: Any, where: str) -> list[float]:
         return [parse_numbers(str(entry[name]), 1)[0] for name in _NUMBERS]
     except ValueError as error:
         raise InvalidRobot(f"{where}: {error}") from None
+
+
+def _joints(robot: Robot, names: Iterable[Any], where: str) -> list[UrdfJoint]:
+    """Return the joints of some names, see `_joint`.
+
+    Raises:
+        InvalidRobot: There is none of a name, or two names are of one joint.
+    """
+    known: dict[str, Any] = {}
+    found = list[UrdfJoint]()
+    for name in names:
+        joint = _joint(robot, name, where)
+        if joint.name in known:
+            raise InvalidRobot(f"{where}: {known[joint.name]!r} and {name!r} are both {joint.part}")
+        known[joint.name] = name
+        found.append(joint)
+    return found
 
 
 def _joint(robot: Robot, name: Any, where: str) -> UrdfJoint:
