@@ -97,14 +97,15 @@ class InvalidUse(KinseekError, TypeError):
 class MissingExtra(KinseekError, ImportError):
     """A feature needs an optional dependency; the message says how to install it."""
 
-    def __init__(self, feature: str, extra: str) -> None:
-        """Name the feature and the extra that provides it."""
-        super().__init__(f"{feature} needs an optional dependency: pip install 'kinseek[{extra}]'")
-        self.feature, self.extra = feature, extra
+    def __init__(self, feature: str, extra: str, problem: str = "") -> None:
+        """Name the feature, the extra that provides it, and why it cannot be imported although it is installed."""
+        broken = f"; the installed one cannot be imported: {problem}" if problem else ""
+        super().__init__(f"{feature} needs an optional dependency: pip install 'kinseek[{extra}]'{broken}")
+        self.feature, self.extra, self.problem = feature, extra, problem
 
-    def __reduce__(self) -> tuple[type[MissingExtra], tuple[str, str]]:
+    def __reduce__(self) -> tuple[type[MissingExtra], tuple[str, str, str]]:
         """Pickle with the feature and the extra."""
-        return type(self), (self.feature, self.extra)
+        return type(self), (self.feature, self.extra, self.problem)
 
 
 class PathInterrupted(KinseekError, RuntimeError):

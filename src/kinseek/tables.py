@@ -17,7 +17,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidUse, MissingExtra
+from kinseek.errors import InvalidUse, MissingExtra, reason
+from kinseek.support.interrupts import raise_of_handler
 from kinseek.support.whole_file import whole_file
 
 Column = NDArray[Any]
@@ -118,13 +119,20 @@ def import_pyarrow() -> tuple[Any, Any]:
     """Import pyarrow, and return it with its module for Parquet files.
 
     Raises:
-        MissingExtra: It is not installed.
+        MissingExtra: It is not installed, or cannot be imported, for example because it was built for another NumPy.
     """
     try:
         import pyarrow
         import pyarrow.parquet
-    except ImportError:
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "pyarrow":
+            raise MissingExtra("A .parquet file", "parquet", reason(error)) from None
         raise MissingExtra("A .parquet file", "parquet") from None
+    except MemoryError:
+        raise
+    except Exception as error:  # Libraries raise anything at their import.
+        raise_of_handler(error)
+        raise MissingExtra("A .parquet file", "parquet", reason(error)) from None
     return pyarrow, pyarrow.parquet
 
 
