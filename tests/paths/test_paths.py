@@ -416,6 +416,8 @@ def test_times_bound_the_steps() -> None:
     assert arm.follow(T, times=times, velocity=1.1 * need * 39).success
     slow = arm.follow(T, times=times, velocity=0.2 * need * 39)
     assert slow.status is PathStatus.BROKEN
+    # A warning of NumPy is an error here.
+    assert arm.follow(T[:2], times=[-1e308, 1e308], velocity=1.0).success
     with pytest.raises(InvalidProblem, match=r"times must increase: times\[3\]"):
         arm.follow(T, times=[0, 1, 2, 3, 3, *range(5, 40)], velocity=1.0)
 

@@ -34,7 +34,10 @@ _MANY = 4096
 """Maximum number of cells computed at a time without proofs; so many that the overhead of a call is small."""
 
 _PIECES = 8
-"""Least number of times."""
+"""Least number of times, if they take no longer than `_OVERTIME`; otherwise two."""
+
+_OVERTIME = 4.0
+"""Time that an estimate may take beyond the given one, relative to that: one proof in a deep map takes seconds."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,9 @@ def estimate(
     each_cell = (time.perf_counter() - began) / number
     least, most = (1, min(_ROW, grid.shape[-1])) if work.prove else (_ROW, _MANY)
     number = int(np.clip(seconds / _PIECES / each_cell, least, most))
-    while len(cost) < _PIECES or time.perf_counter() < until:
+    latest = until + _OVERTIME * seconds
+    # Two are needed for an estimate of its error.
+    while (now := time.perf_counter()) < until or len(cost) < (_PIECES if now < latest else 2):
         poses, part = some()
         began = time.perf_counter()
         answered(work, scratch, poses, part)

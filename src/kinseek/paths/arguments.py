@@ -163,14 +163,16 @@ def read(
             raise InvalidProblem(
                 f"times must be {count} finite numbers [s], one per pose, got shape {moments.shape}"
             )
-        gaps = np.diff(moments)
+        with np.errstate(over="ignore"):  # A step may take infinitely long.
+            gaps = np.diff(moments)
         if (gaps <= 0).any():
             i = int(np.flatnonzero(gaps <= 0)[0])
             raise InvalidProblem(
                 f"times must increase: times[{i}] = {moments[i]:g} s and times[{i + 1}] = {moments[i + 1]:g} s"
             )
         if count > 1:
-            reach = (_own_speeds(arm) if speed is None else speed) * gaps[:, None]
+            with np.errstate(over="ignore"):
+                reach = (_own_speeds(arm) if speed is None else speed) * gaps[:, None]
             # The step that closes a path has the bound of the last step.
             longest = np.minimum(longest, np.concatenate([reach, reach[-1:]])[: len(longest)])
     ends: list[Array | None] = []
