@@ -308,7 +308,10 @@ def test_every_search_runs_from_the_command_line(cli: CommandLine, search: str) 
 
 
 MISUSE = {
+    "limits with an underscore": (f"{DOWN} --limits elbow_joint=1_0,20", "got elbow_joint=1_0,20"),
+    "a file called 7": ("fk ur5e 0 0 0 0 0 0 --limits 7", "'7'"),
     "empty limits": (f"{DOWN} --limits ''", "--limits is empty, expected NAME=LOWER,UPPER|FILE"),
+    "a list without words": (f"{DOWN} --free ' '", "--free is empty, expected AXES"),
     "an option twice": (f"{DOWN} --at 0.4 0.2 0.4", "--at is given twice, expected once"),
     "a long name": (f"solve {'a' * 10_000} {REACHABLE}", "unknown"),
     "a size of many digits": (f"export ur5e --to c --ram {'1' * 5000}k", "--ram: '1111"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -210,14 +211,28 @@ def test_a_period_that_would_fill_the_memory_is_refused(cli: CommandLine) -> Non
     assert not Path("t.npy").exists()
 
 
+@pytest.mark.skipif(not hasattr(os, "symlink"), reason="no links")
+def test_poses_in_a_link_to_itself_are_refused(cli: CommandLine, line: Any) -> None:
+    Path("loop.npy").symlink_to("loop.npy")
+    heard = cli.refused("follow ur5e loop.npy --velocity 1 --acceleration 5 --period 0.1 --out t.csv")
+    assert "loop.npy" in heard
+    assert Path("line.npy").exists()
+
+
 def test_what_does_not_fit_into_the_memory_is_one_line(
     line: Any, monkeypatch: pytest.MonkeyPatch, cli: CommandLine
 ) -> None:
+    """Some systems give no thread then."""
+    errors: list[Exception] = [MemoryError(), RuntimeError("can't start new thread")]
+
     def full(*_: object, **options: object) -> None:
-        raise MemoryError
+        raise errors.pop(0)
 
     monkeypatch.setattr(kinseek.Arm, "follow", full)
     assert cli.refused("follow ur5e line.npy q.csv") == "kinseek: not enough memory\n"
+    assert cli.refused("follow ur5e line.npy q.csv").startswith(
+        "kinseek: not enough memory, or too many threads"
+    )
 
 
 def test_the_trajectory_of_a_closed_path(line: Any, cli: CommandLine) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import os
 import warnings
 from array import array
 from collections import Counter
@@ -102,6 +103,14 @@ def ending(path: Path, option: str) -> str:
     return found
 
 
+def is_same_file(one: Path, other: Path) -> bool:
+    """Return whether two paths are of one file, which may have several names, by links or by letter case."""
+    if one.exists() and other.exists():
+        return one.samefile(other)
+    # Not `Path.resolve`, which raises RuntimeError for a link to itself.
+    return os.path.realpath(one) == os.path.realpath(other)
+
+
 def writable(path: Path, source: Path, option: str = "--out", read: str = "--batch") -> Path:
     """Return the path of an output file, with links resolved; `option` and `read` are the options of both files.
 
@@ -112,8 +121,7 @@ def writable(path: Path, source: Path, option: str = "--out", read: str = "--bat
     if ending(path, option) == ".parquet":
         import_pyarrow()
     place = output_path(path, option)
-    # The same file may have two names, by links or by letter case.
-    if source.exists() and place.exists() and place.samefile(source):
+    if is_same_file(place, source):
         raise InvalidProblem(f"{option} {str(path)!r} is the file that {read} reads")
     return place
 

@@ -78,7 +78,11 @@ class Command(click.Command):
                 raise click.UsageError(f"{twice.opts[-1]} is given twice, expected once", ctx)
             for each in order:
                 value = values.get(each.name)
-                if isinstance(each, Option) and (value == "" or (isinstance(value, list) and "" in value)):
+                words = value if isinstance(value, list) else [value]
+                # A list of words may be separated by commas.
+                if isinstance(each, Option) and any(
+                    isinstance(one, str) and not one.strip(" ,") for one in words
+                ):
                     raise click.UsageError(
                         f"{each.opts[-1]} is empty, expected {each.metavar or 'a value'}", ctx
                     )

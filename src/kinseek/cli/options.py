@@ -17,6 +17,7 @@ from kinseek.tolerances import DEFAULT_TOLERANCE, DEFAULT_WEIGHT
 
 from .goals import GoalSpec, PoseWords
 from .help import Declaration, argument, bundle, option
+from .words import is_number
 
 GOAL, TOLERANCES = "The goal", "Tolerances and weights"
 """Groups of options."""
@@ -126,11 +127,10 @@ def _limits(
         return given[0]
     ranges: dict[str, tuple[float, float]] = {}
     for name, value in _pairs(context, param, given).items():
-        try:
-            lower, upper = map(float, value.split(","))
-        except ValueError:
-            raise InvalidProblem(f"{param.opts[0]} takes {param.metavar}, got {name}={value}") from None
-        ranges[name] = lower, upper
+        words = value.split(",")
+        if len(words) != 2 or not is_number(value):
+            raise InvalidProblem(f"{param.opts[0]} takes {param.metavar}, got {name}={value}")
+        ranges[name] = float(words[0]), float(words[1])
     return ranges
 
 

@@ -32,6 +32,9 @@ COMMANDS = (
 )
 """Commands in the order of ``--help``; each is a file in `commands` with its command in `command`."""
 
+NO_THREAD = "can't start new thread"
+"""What Python says if the system gives it no thread."""
+
 COMPLETE = "_KINSEEK_COMPLETE"
 """Set by a shell that requests a completion."""
 
@@ -130,4 +133,8 @@ def _run(arguments: Sequence[str]) -> int:
         complain(f"{where}{error.strerror or error}")
     except MemoryError as error:
         complain(f"not enough memory: {error}" if str(error) else "not enough memory")
+    except RuntimeError as error:
+        if str(error) != NO_THREAD:
+            raise
+        complain(f"not enough memory, or too many threads: {error}")
     return 2

@@ -218,9 +218,13 @@ def _belongs(word: str, most: int | None, taken: Sequence[str]) -> bool:
     return most is not None and len(taken) < most and not word.startswith("--") and "," not in "".join(taken)
 
 
+_NAMES = frozenset(("--base", "--tip", "--group", "--srdf", "--calibration", "--limits"))
+"""Options of names, of which a number may be one: a link may be called 1."""
+
+
 def _numbers_last(words: Sequence[str]) -> list[str]:
     options, values = list[str](), list[str]()
     for before, word in zip(("", *words), words, strict=False):
-        named = before in ("--base", "--tip")  # A link may be called 1.
+        named = before in _NAMES
         (values if is_number(word) and not named else options).append(word)
     return [*(word for word in options if word != "--"), "--", *values]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kinseek.arm import Arm
 from kinseek.cli import report
 from kinseek.cli.columns import TIME, VALID
-from kinseek.cli.files import read_path, writable
+from kinseek.cli.files import is_same_file, read_path, writable
 from kinseek.cli.goals import GoalSpec
 from kinseek.cli.help import Command, argument, bundle, option
 from kinseek.cli.options import (
@@ -326,10 +326,7 @@ def _require_output(
         return
     place = output_form(arm.mechanism, trajectory, period).place
     for name, other in ((_POSES, poses), (_OUT, out)):
-        # The same file may have two names, by links or by letter case.
-        if other is not None and (
-            place == other.resolve() or (place.exists() and other.exists() and place.samefile(other))
-        ):
+        if other is not None and is_same_file(place, other):
             raise InvalidProblem(f"{_TRAJECTORY} {str(trajectory)!r} is the file of {name} too")
 
 
