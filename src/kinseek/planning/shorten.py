@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kinseek.support.deadline import Deadline
 
 from .along import Along
-from .space import Space
+from .space import STEP, Space
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -41,6 +41,9 @@ MARGIN = 2e-3
 """Distance from obstacles beyond the clearance that is kept where the way has it [m]. `Path.timed` moves along a spline
 through the rows; where it comes too near to obstacles, the arm has to stop. Found by trial with
 `python -m benchmarks.planning`."""
+
+BESIDE = 0.25
+"""Greatest distance of a row from the middle of the motion into which it is inserted, relative to the motion."""
 
 _GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
 """The steps of the sequence of *Roberts 2018* in two dimensions."""
@@ -138,10 +141,20 @@ def _with_advances(space: Space, way: Array, shares: Array) -> Array:
 
 
 def refined(space: Space, along: Along, way: Array) -> Array:
-    """Insert joint values at which the goal holds into the motions of a way, (N, n), where the halves are proved free."""
-    middles, holds = along.projected((way[:-1] + way[1:]) / 2.0)
-    holds &= space.proved(way[:-1], middles) & space.proved(middles, way[1:])
-    return np.insert(way, np.flatnonzero(holds) + 1, middles[holds], axis=0)
+    """Insert joint values at which the goal holds into the motions of a way, (N, n), where the halves are proved free.
+
+    Motions longer than `STEP` are divided again. A projection may end far away, where the goal holds as well: then there
+    would be a jump and one back.
+    """
+    for longest in (0.0, STEP, STEP):
+        some = np.flatnonzero(lengths(way) > longest)
+        begins, ends = way[some], way[some + 1]
+        straight = (begins + ends) / 2.0
+        middles, holds = along.projected(straight)
+        holds &= np.linalg.norm(middles - straight, axis=1) <= BESIDE * np.linalg.norm(ends - begins, axis=1)
+        holds &= space.proved(begins, middles) & space.proved(middles, ends)
+        way = np.insert(way, some[holds] + 1, middles[holds], axis=0)
+    return way
 
 
 def _kept(space: Space, begins: Array, ends: Array, wide: bool) -> Flags:
