@@ -29,7 +29,7 @@ from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameter
 from kinseek.viewer.server import Viewer, free_port
 from kinseek.viewer.session import GoalResult, Proof, Session, beginning, nearest_of, status_of
 from kinseek.viewer.view import View
-from kinseek.viewer.workers import MOST_WAITING, Newest, Queue
+from kinseek.viewer.workers import MOST_WAITING, Newest, Queue, Turns
 from viewer_pages import client, page_of, wait_until
 
 Kinds = ("planar2", "cylindrical3", "scara4", "so101", "ur5e", "panda", "ur10e_rail", "atlas_torso_arm")
@@ -576,7 +576,7 @@ def test_a_queue_works_in_order_and_drops_what_nobody_can_have_clicked() -> None
 
 def test_slow_work_of_many_pages_takes_turns() -> None:
     """Sixteen pages at once held up the server's loop for 6 s."""
-    turns, go = threading.Semaphore(2), threading.Event()
+    turns, go = Turns(2), threading.Event()
     begun, lock = list[tuple[int, int]](), threading.Lock()
 
     def work(item: tuple[int, int]) -> None:
@@ -595,12 +595,33 @@ def test_slow_work_of_many_pages_takes_turns() -> None:
     time.sleep(0.3)
     assert len(begun) == 2
     go.set()
-    wait_until(lambda: all(worker.idle for worker in workers if worker in waiting))
+    wait_until(lambda: all(worker.idle for worker in waiting))
     for worker in workers:
         worker.close()
     assert sorted(begun[2:]) == sorted((workers.index(worker), 1) for worker in waiting)
-    assert turns.acquire(blocking=False)
-    assert turns.acquire(blocking=False)
+    assert turns._free == 2
+
+
+def test_a_page_that_asks_without_a_pause_waits_for_its_turn() -> None:
+    """Two pages that dragged a goal with a slow search kept both turns: a third had no answer in 22 s."""
+    turns, done = Turns(2), list[int]()
+
+    def work(number: int) -> None:
+        done.append(number)
+        if number < 2:
+            workers[number].give(number)  # The next one is there before this one ends.
+        time.sleep(0.02)
+
+    workers = [Newest(work, "test", turn=lambda: turns) for _ in range(3)]
+    for number in (0, 1):
+        workers[number].give(number)
+    wait_until(lambda: len(done) > 10)
+    at = len(done)
+    workers[2].give(2)
+    wait_until(lambda: 2 in done)
+    assert done.index(2) < at + 8
+    for worker in workers:
+        worker.close()
 
 
 # Where it listens, and how it works beside the page.

@@ -30,7 +30,7 @@ from .panel import Panel
 from .searches import DEFAULT, takes_seconds
 from .session import GoalResult, Planned, Posture, Proof, Session, nearest_of
 from .view import CLOUD, MOST_GHOSTS, REACHED, SEARCH, View, is_at, matrix_of
-from .workers import AT_ONCE, Newest, Queue
+from .workers import Newest, Queue, Turns
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ MOST_ADDED = 50
 BOX = 0.15
 """Edge length of a new box, relative to the arm's reach."""
 
-_SEARCHES, _PROOFS, _CLOUDS, _PLANS = (threading.Semaphore(AT_ONCE) for _ in range(4))
+_SEARCHES, _PROOFS, _CLOUDS, _PLANS = (Turns() for _ in range(4))
 """The turns of all pages for each kind of slow work."""
 
 PASS, SHOW = 0.9, 12.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
@@ -14,9 +15,41 @@ AT_ONCE = 2
 server's loop: with 16 pages a request waited for 6 s."""
 
 OFTEN = 0.1
-"""Time after which a thread that waits for its turn looks for newer work [s]."""
+"""Time after which a thread that waits for its turn looks whether its page was closed [s]."""
 
 _log = logging.getLogger("kinseek.viewer")
+
+
+class Turns:
+    """Lets a few threads work at once, in the order in which they came: who asks without a pause waits as others do."""
+
+    def __init__(self, count: int = AT_ONCE) -> None:
+        """Let so many threads work at once."""
+        self._free, self._waiting, self._changed = count, deque[object](), threading.Condition()
+
+    def begin(self, gone: Callable[[], bool]) -> bool:
+        """Wait for a turn; return False without one if `gone` returns True first."""
+        ticket = object()
+        with self._changed:
+            self._waiting.append(ticket)
+            while not gone():
+                if self._free and self._waiting[0] is ticket:
+                    self._free -= 1
+                    break
+                self._changed.wait(OFTEN)
+            else:
+                self._waiting.remove(ticket)
+                self._changed.notify_all()
+                return False
+            self._waiting.popleft()
+            self._changed.notify_all()
+            return True
+
+    def end(self) -> None:
+        """End a turn."""
+        with self._changed:
+            self._free += 1
+            self._changed.notify_all()
 
 
 class Newest(Generic[Item]):
@@ -27,7 +60,7 @@ class Newest(Generic[Item]):
         work: Callable[[Item], None],
         name: str,
         quiet: float = 0.0,
-        turn: Callable[[], threading.Semaphore | None] = lambda: None,
+        turn: Callable[[], Turns | None] = lambda: None,
     ) -> None:
         """Start the thread.
 
@@ -83,24 +116,28 @@ class Newest(Generic[Item]):
         while taken := self._next():
             for item in taken:
                 turn = self._turn()
-                while turn is not None and not turn.acquire(timeout=OFTEN):
-                    if self.stale():
-                        break
-                else:
-                    self._do(item, turn)
+                if turn is None:
+                    self._do(item)
+                elif turn.begin(lambda: self._closed):
+                    try:
+                        self._do(self._newest(item))
+                    finally:
+                        turn.end()
                 if self._closed:
                     return
 
-    def _do(self, item: Item, turn: threading.Semaphore | None) -> None:
+    def _do(self, item: Item) -> None:
         try:
-            if not self._closed:
-                self._work(item)
+            self._work(item)
         except Exception:  # After an error in a page, it must continue with the next goal.
             if not self._closed:
                 _log.exception("a page could not show its options")
-        finally:
-            if turn is not None:
-                turn.release()
+
+    def _newest(self, item: Item) -> Item:
+        """Return the item that came while this one waited for its turn, if there is one."""
+        with self._changed:
+            waiting, self._waiting = self._waiting, []
+            return waiting[-1] if waiting else item
 
     def _next(self) -> list[Item]:
         """Return a list with the next item; empty at the end."""
