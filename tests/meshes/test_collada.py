@@ -395,6 +395,16 @@ def test_strips_and_fans_of_collada(
     assert found.vertices[found.faces].tolist() == points[triangles].tolist()
 
 
+def test_primitives_of_collada_keep_their_order(tmp_path: Path) -> None:
+    """It separates surfaces of a scene that touch each other; those of one kind came first."""
+    strip = ONE.replace("triangles", "tristrips").replace("<p>0 1 2</p>", "<p>1 2 0</p>")
+    last = ONE.replace("<p>0 1 2</p>", "<p>2 0 1</p>")
+    found = read(tmp_path, "dae", dae(ONE + strip + last))
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    expected = [corners[[order]] for order in ([0, 1, 2], [1, 2, 0], [2, 0, 1])]
+    np.testing.assert_array_equal([part.vertices[part.faces] for part in found], expected)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [

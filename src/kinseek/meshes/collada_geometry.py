@@ -138,7 +138,9 @@ def bodies_of(
             raise InvalidRobot(
                 f"{who} refers to {each!r:.100}, which the file has {count} times, expected once"
             )
-    primitives = [_primitive(each, mesh) for name in TRIANGLES for each in found[name]]
+    # In the order of the file, which separates surfaces that touch each other.
+    order = geometry.iterfind("{*}mesh/*")
+    primitives = [_primitive(each, mesh) for each in order if name_of(each) in TRIANGLES]
     if not primitives:
         return []
     return _divided(primitives, _rows(mesh.sources[url], who, ["X", "Y", "Z"]), mesh, take)
