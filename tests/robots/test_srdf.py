@@ -261,6 +261,10 @@ def test_a_xacro_file(tmp_path: Path) -> None:
         ({"srdf": "<mujoco/>"}, r"not an SRDF: the root tag is <mujoco>, expected <robot>"),
         ({"srdf": "<robot>"}, r"broken XML"),
         (
+            {"srdf": "<robot><group name='a'><joint name='x'/></group><group name='a'/></robot>"},
+            "two groups are called 'a'",
+        ),
+        (
             {"srdf": '<!DOCTYPE r [<!ENTITY a SYSTEM "/etc/passwd">]><robot>&a;</robot>'},
             r"Entity 'a' not defined",
         ),

@@ -101,6 +101,9 @@ def read_srdf(
         raise InvalidRobot(f"{where}: not an SRDF: the root tag is <{root.tag}>, expected <robot>")
     for noun in ("group", "group_state", "virtual_joint"):
         require_few(sum(1 for _ in root.iterchildren(noun)), f"<{noun}> elements", MOST_LINKS, where)
+    groups = [_get(element, "name") for element in root.iterchildren("group")]
+    if twice := next((name for name in groups if groups.count(name) > 1), None):
+        raise InvalidRobot(f"{where}: two groups are called {twice!r:.100}, expected different names")
     return Srdf(
         where,
         _get(root, "name"),
