@@ -515,7 +515,7 @@ class Arm(ForwardArm):
         Raises:
             InvalidGoal: No poses, or an invalid one; the message names the first invalid one.
             InvalidProblem: An argument does not fit: for example, `start` misses the first pose, or `times` do not increase.
-            InvalidScene: The scene belongs to another arm, or the clearance is not a length.
+            InvalidScene: The scene belongs to another arm, or the clearance is not a length, or another thread changed it.
             InvalidSolver: `threads` is not an integer of at least 1.
             PathInterrupted: An iterator raised; the error carries the path through the poses before it.
         """

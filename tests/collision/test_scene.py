@@ -489,6 +489,10 @@ def test_bad_input_is_told(arm: kinseek.Arm, file: Path, scene: Scene, tmp_path:
             lambda scene: scene.attach("load", Sphere(0.1), "hand", touches=None),
             "touches must be names of bodies",
         ),
+        (
+            lambda scene: scene.attach("load", Sphere(0.1), "hand", touches="hand"),
+            "touches must be names of bodies, got 'hand'",
+        ),
         (lambda scene: scene.attach("load", Sphere(0.1), []), r"unknown link '\[\]'"),
         (lambda scene: scene.move([], np.zeros(6)), r"unknown arm of the scene '\[\]'"),
         (lambda scene: scene.allow([], "hand"), r"unknown body '\[\]'"),
@@ -746,6 +750,35 @@ def test_a_body_never_has_the_exceptions_of_the_one_that_replaces_it(
         seen.add(traced(partial(asked.free, q)))
     assert seen == {False}
     assert max(steps, at) > 5
+
+
+@pytest.mark.parametrize("call", ["plan", "follow"])
+def test_a_scene_that_changes_during_a_long_call_is_an_error(
+    scene: Scene, arm: kinseek.Arm, call: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 1,938 plans 922 were free neither in the scene before nor in that after the change."""
+    q0, q1 = [q for q in arm.sample(100, seed=1) if scene.free(q)][:2]
+    asks: dict[str, Callable[[Scene], object]] = {
+        "plan": lambda one: one.plan(q0, q1),
+        "follow": lambda one: arm.follow(arm.fk(np.linspace(q0, q0 + 1e-3, 3)), scene=one, start=q0),
+    }
+    asked = asks[call]
+    assert asked(scene) is not None
+    name = "free_motion" if call == "follow" else "free_samples"
+    free = getattr(Scene, name)
+
+    def changed(self: Scene, *args: Any, **options: Any) -> Any:
+        monkeypatch.undo()
+        scene.add_box("new", (0.1, 0.1, 0.1), kinseek.pose([0.0, 0.0, 3.0]))
+        return free(self, *args, **options)
+
+    monkeypatch.setattr(Scene, name, changed)
+    with pytest.raises(InvalidScene, match=f"another thread changed the scene during {call}"):
+        asked(scene)
+    scene.remove("new")
+    monkeypatch.setattr(Scene, name, changed)
+    asked(copy.copy(scene))
+    assert "new" in scene.bodies
 
 
 def test_a_change_that_is_interrupted_is_made_or_not(scene: Scene, arm: kinseek.Arm) -> None:

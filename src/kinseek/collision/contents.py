@@ -288,7 +288,7 @@ class Contents:
             raise InvalidScene(
                 "an attached body must be convex: a cloud or grid cannot be attached, a mesh only as its hull, hull=True"
             )
-        if not isinstance(touches, Iterable):
+        if isinstance(touches, str) or not isinstance(touches, Iterable):
             raise InvalidScene(f"touches must be names of bodies, got {touches!r:.80}")
         touches = list(touches)
         for other in touches:
@@ -391,6 +391,11 @@ class Contents:
     def arm(self) -> str:
         """Name and joints of the arm, for messages."""
         return f"{self._chain.name!r} with joints {', '.join(self._chain.joint_names)}"
+
+    @property
+    def state(self) -> object:
+        """Another object after every change of the bodies or of the pairs that are checked."""
+        return self._state
 
     @property
     def bodies(self) -> tuple[str, ...]:

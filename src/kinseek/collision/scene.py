@@ -16,6 +16,7 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import Mechanism
 from kinseek.support.deadline import Deadline
 from kinseek.support.validation import arrays_equal, as_flag, as_float_array, as_integer, as_number
+from kinseek.timing.obstacles import require_unchanged
 from kinseek.timing.trajectory import Trajectory
 from kinseek.unknown_arguments import unknown_argument
 
@@ -343,7 +344,7 @@ class Scene(Contents):
             InvalidGoal: Not a pose.
             NotReached: No goal has a solution, or each solution found collides; the error carries a solution, whose
                 `status` says whether this is proved and whose `contacts` are what the arm hits.
-            InvalidScene: `clearance` is not a length.
+            InvalidScene: `clearance` is not a length, or another thread changed the scene during the call.
         """
         if unknown:
             raise unknown_argument(Scene.plan, unknown)
@@ -352,12 +353,14 @@ class Scene(Contents):
         from .ends import free_begin, free_ends
 
         smooth = as_flag("smooth", smooth)
-        deadline, least = Deadline(time_limit), length_or_zero("clearance", clearance)
+        deadline, least, state = Deadline(time_limit), length_or_zero("clearance", clearance), self.state
         begin = free_begin(self, q0, least)
         ends = free_ends(self, begin, goal, least, deadline)
-        return plan(
+        found = plan(
             self._chain, self, begin, ends, smooth=smooth, clearance=least, deadline=deadline, along=along
         )
+        require_unchanged(self, state, "plan")
+        return found
 
     def free_until(
         self,

@@ -12,6 +12,7 @@ from kinseek.derivatives import freedom
 from kinseek.errors import PathInterrupted
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.threads import progress_bar
+from kinseek.timing.obstacles import require_unchanged
 
 from .arguments import goals_of, read
 from .branches import SAME
@@ -43,8 +44,12 @@ def follow_poses(
         # The given times and the given end belong to all poses, so they do not apply to the poses that were read.
         options = options | {"end": None, "times": None, "closed": False}
     request = read(arm, goal, **options)
+    scene = None if request.valid is None else request.valid.scene
+    state = None if scene is None else scene.state
     with progress_bar(progress, len(goal.targets)) as advance:
         path = (follow if request.limits is None else fastest)(request, threads, advance)
+    if scene is not None:
+        require_unchanged(scene, state, "follow")
     if prove:
         path = with_proofs(request, path, threads)
     if broken is not None:

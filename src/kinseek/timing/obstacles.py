@@ -5,9 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+from kinseek.errors import InvalidScene
+
 
 class Obstacles(Protocol):
     """Methods of a scene that paths and motions in time use; `Scene` has them."""
+
+    @property
+    def state(self) -> object:
+        """See `Scene.state`."""
 
     def free(self, q: Any, clearance: float = 0.0) -> Any:
         """See `Scene.free`."""
@@ -28,3 +34,20 @@ class Obstacles(Protocol):
 
     def hits(self, q: Any, clearance: float = 0.0) -> Sequence[object]:
         """See `Scene.hits`."""
+
+
+def require_unchanged(scene: Obstacles, state: object, call: str) -> None:
+    """Refuse the result of a call that has asked a scene many times, if another thread changed the scene meanwhile.
+
+    Args:
+        scene: The scene.
+        state: Its state before the call.
+        call: Name of the call.
+
+    Raises:
+        InvalidScene: It was changed: parts of the result may be right for one state only.
+    """
+    if scene.state is not state:
+        raise InvalidScene(
+            f"another thread changed the scene during {call}; give {call} a copy of it, copy.copy(scene)"
+        )
