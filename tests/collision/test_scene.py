@@ -713,7 +713,7 @@ def test_a_body_never_has_the_exceptions_of_the_one_that_replaces_it(
         scene.add_box(box, (0.1, 0.1, 0.1), arm.fk(q) @ place)
     assert scene.free(q)
     tool = Box((0.05, 0.05, 0.05))
-    changes = [("tool", tool, "tip", *rest) for rest in zip(places, "ba", strict=True)]
+    changes = [("tool", tool, "tip", place, [free]) for place, free in zip(places, "ba", strict=True)]
     seen, steps, at = set[bool](), 0, 0
 
     def between(frame: Any, event: str, _: Any) -> Any:
