@@ -124,15 +124,12 @@ def import_pyarrow() -> tuple[Any, Any]:
     try:
         import pyarrow
         import pyarrow.parquet
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "pyarrow":
-            raise MissingExtra("A .parquet file", "parquet", reason(error)) from None
-        raise MissingExtra("A .parquet file", "parquet") from None
     except MemoryError:
         raise
     except Exception as error:  # Libraries raise anything at their import.
         raise_of_handler(error)
-        raise MissingExtra("A .parquet file", "parquet", reason(error)) from None
+        missing = isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == "pyarrow"
+        raise MissingExtra("A .parquet file", "parquet", "" if missing else reason(error)) from None
     return pyarrow, pyarrow.parquet
 
 

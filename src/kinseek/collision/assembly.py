@@ -54,9 +54,8 @@ class Assembly(Lazy):
         with self.engine.lock:
             try:
                 self.engine.stand(poses)
-            except (
-                BaseException
-            ):  # Ctrl-C came between two bodies. Questions of other threads may use this engine.
+            except BaseException:
+                # Ctrl-C came between two bodies. Questions of other threads may use this engine.
                 self.engine.stand(poses)
                 raise
 

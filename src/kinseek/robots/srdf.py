@@ -5,6 +5,7 @@ The elements are those of srdfdom (`srdf::Model`). End effectors and passive joi
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -101,8 +102,8 @@ def read_srdf(
         raise InvalidRobot(f"{where}: not an SRDF: the root tag is <{root.tag}>, expected <robot>")
     for noun in ("group", "group_state", "virtual_joint"):
         require_few(sum(1 for _ in root.iterchildren(noun)), f"<{noun}> elements", MOST_LINKS, where)
-    groups = [_get(element, "name") for element in root.iterchildren("group")]
-    if twice := next((name for name in groups if groups.count(name) > 1), None):
+    groups = Counter(_get(element, "name") for element in root.iterchildren("group"))
+    if twice := next((name for name, count in groups.items() if count > 1), None):
         raise InvalidRobot(f"{where}: two groups are called {twice!r:.100}, expected different names")
     return Srdf(
         where,

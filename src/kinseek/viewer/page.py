@@ -334,10 +334,9 @@ class Page:
         place = self.options.target[:3, 3] + [0.0, 0.0, -2.0 * size]
 
         def add(scene: Scene) -> None:
+            # Not added at its place: the server would print a `UnitWarning` if that is far away.
             scene.add_box(name, [size] * 3)
-            scene._place(
-                name, transform(np.eye(3), place)
-            )  # Without a `UnitWarning`, which the server would print.
+            scene._place(name, transform(np.eye(3), place))
 
         self._edit(name, add)
 

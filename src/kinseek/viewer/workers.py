@@ -32,18 +32,16 @@ class Turns:
         ticket = object()
         with self._changed:
             self._waiting.append(ticket)
-            while not gone():
-                if self._free and self._waiting[0] is ticket:
-                    self._free -= 1
-                    break
-                self._changed.wait(OFTEN)
-            else:
+            try:
+                while not gone():
+                    if self._free and self._waiting[0] is ticket:
+                        self._free -= 1
+                        return True
+                    self._changed.wait(OFTEN)
+                return False
+            finally:
                 self._waiting.remove(ticket)
                 self._changed.notify_all()
-                return False
-            self._waiting.popleft()
-            self._changed.notify_all()
-            return True
 
     def end(self) -> None:
         """End a turn."""
