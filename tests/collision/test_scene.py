@@ -681,6 +681,15 @@ def test_a_body_that_is_added_while_another_thread_prepares_the_scene_is_checked
     assert "ball" in {contact.b for contact in scene.hits(q)}
 
 
+def test_one_sample_without_contact_excludes_no_pair() -> None:
+    """With `samples=1` every pair counted as one that always touches, and everything was free."""
+    arm = kinseek.load("ur5e")
+    one, many = (Scene.of(arm, capsules=0.02, samples=samples) for samples in (1, 1000))
+    checked = [{(pair.a, pair.b) for pair in scene.pairs if pair.counts} for scene in (one, many)]
+    assert checked[0]
+    assert checked[0] <= checked[1]  # More samples separate more pairs.
+
+
 def test_no_other_thread_sees_half_of_a_change(
     scene: Scene, monkeypatch: pytest.MonkeyPatch, arm: kinseek.Arm, tmp_path: Path
 ) -> None:

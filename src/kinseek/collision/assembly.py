@@ -124,19 +124,20 @@ def sampled(
     joints, touched = joints_of(chain), 0
     for pair in pairs:
         engine = assemble(chain, bodies, [pair], joints).engine
+        never = False
         if skip_never:
-            count = samples - int(engine.exactly_free(q, 0.0).sum())
+            free = engine.exactly_free(q, 0.0)
+            always, never = not free.any(), bool(free.all())
         else:  # The first sample without contact ends it.
-            count = next((i for i in range(samples) if engine.exactly_free(q[i : i + 1], 0.0)[0]), samples)
-            count = samples if count == samples else 1
-            touched += count if count == samples else 0
+            always = not any(engine.exactly_free(one[None], 0.0)[0] for one in q)
+            touched += samples * always
             if touched > MOST_TOUCHES:
                 raise InvalidScene(
                     f"more than {MOST_TOUCHES // samples:,} pairs of links touch at all of {samples:,} random joint values: "
                     "are the shapes of the links too large, or in other units than metres?"
                 )
-        if count == samples:
+        if always:
             found[key(pair.a, pair.b)] = f"{ALWAYS}{samples:,} random joint values"
-        elif count == 0:
+        elif never:
             found[key(pair.a, pair.b)] = f"never: they touch at none of {samples:,} random joint values"
     return found
