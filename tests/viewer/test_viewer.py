@@ -161,6 +161,26 @@ def test_picking_a_branch_shows_it_and_the_next_answer_stays_near(sessions: dict
         assert np.abs(again.q - picked.q).max() < 0.1
 
 
+def test_a_branch_picked_while_the_goal_changes_leaves_none_of_the_goal_before(
+    sessions: dict[str, Session],
+) -> None:
+    with page_of(sessions["ur5e"]) as page:
+        arm, before = page.arm, page.branches.q
+        moved = arm.fk(arm.sample(1, 3)[0])
+        with page._solver._changed:  # It takes up the goal after the click.
+            page.change(target=moved)
+            page.pick(1)
+        wait_until(lambda: page.idle)
+        assert page.branches.q.shape != before.shape or np.abs(page.branches.q - before).max() > 0.1
+        np.testing.assert_allclose(
+            arm.fk(page.branches.q)[:, :3, 3], np.tile(moved[:3, 3], (len(page.branches), 1)), atol=1e-6
+        )
+        assert page.result.reached
+        page.pick(1)
+        wait_until(lambda: page.idle)
+        assert nearest_of(page.branches, page.result.q) == 1
+
+
 def test_a_branch_of_a_goal_that_has_changed_since_is_refused(sessions: dict[str, Session]) -> None:
     session = sessions["ur5e"]
     q = session.solve(session.begin).q

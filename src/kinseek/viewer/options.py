@@ -80,6 +80,10 @@ class ViewerOptions:
         """The constrained part of the goal, by its name on the page."""
         return next((name for name, free in COUNTS.items() if free == self.free), CHOSEN)
 
+    def has_goal_of(self, other: Self) -> bool:
+        """Return whether the goal has not been changed between these options and others."""
+        return self.target is other.target and self.free == other.free
+
     def but(self, **changes: Any) -> Self:
         """Return a copy with other values.
 

@@ -78,6 +78,8 @@ class Page:
         self.result = GoalResult(self.options, self.options.q)
         self.proof: Proof | None = None
         self.branches: Branches | str | None = None
+        self._branches_for = self.options
+        """The options with the goal of these branches."""
         self.trace: Trace | None = None
         self._reached: clouds.Reached | None = None
         self._reached_for = self.options
@@ -429,6 +431,8 @@ class Page:
 
     def _solve(self, picked: Array | None) -> None:
         options = self.options
+        if not options.has_goal_of(self._branches_for):
+            picked = None  # It is a branch of an earlier goal; the new one has not been solved.
         result = self._session.solve(options) if picked is None else self._session.picked(options, picked)
         posture = self._session.posture(result.q)
         with self._lock:
@@ -444,7 +448,7 @@ class Page:
         if self._solver.stale():
             return
         if picked is None or self.branches is None:
-            self.branches = self._session.branches(options)
+            self.branches, self._branches_for = self._session.branches(options), options
         self._show_branches()
         self.panel.call.content = words.code_html(result.call)
         for worker in (self._prover, self._clouder, *([self._planner] if self.planning else [])):
