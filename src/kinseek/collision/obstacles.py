@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from kinseek.robots.urdf import fixed_links
 from kinseek.robots.urdf_file import read_robot
 from kinseek.robots.xacro import urdf_text
 
-from .bodies import MOST_HULL_CORNERS, Body, MeshFiles, Part, parts_of, require_number
+from .bodies import MOST_HULL_CORNERS, Body, MeshFiles, Part, parts_of, require_few, require_number
 from .interior import MOST_COMPARED
 from .shapes import Box, Cylinder, Mesh, Shape, Sphere
 
@@ -113,15 +113,8 @@ def _urdf(text: bytes, path: Path, folders: Mapping[str, Path], skip: bool) -> t
     return bodies, notes
 
 
-class _Word(NamedTuple):
-    """A word of a file, or the whole name of an object."""
-
-    text: str
-    line: int
-
-
 class _Words:
-    """Tokenizer of a MoveIt scene."""
+    """Tokenizer of a MoveIt scene: a word is what stands between spaces, or the whole name of an object."""
 
     def __init__(self, text: str, where: str) -> None:
         self._where = where
@@ -133,27 +126,30 @@ class _Words:
         # line has a number of shapes (moveit_core, PlanningScene::loadGeometryFromStream).
         below = lines[starts[0] + 1] if starts and starts[0] + 1 < len(lines) else ""
         self.has_poses = len(below.split()) > 1
+        self._sizes = {"vertices": 0, "triangles": 0}
+        """Numbers in all meshes up to here."""
+        self._line = 1
+        """Number of the line of the word that was taken last."""
         self._left = self._split(lines[1:])
 
-    @staticmethod
-    def _split(lines: list[str]) -> Iterator[_Word]:
-        for number, line in enumerate(lines, start=2):  # The first line is the scene's name.
+    def _split(self, lines: list[str]) -> Iterator[str]:
+        for self._line, line in enumerate(lines, start=2):  # The first line is the scene's name.
             if line.startswith("*"):
-                yield _Word("*", number)
-                yield _Word(line[1:].strip(), number)
+                yield "*"
+                yield line[1:].strip()
             else:
-                yield from (_Word(word, number) for word in line.split())
+                yield from line.split()
 
-    def take(self, what: str) -> _Word:
+    def take(self, what: str) -> str:
         """Take the next word."""
         word = next(self._left, None)
         if word is None:
             raise InvalidScene(f"{self._where}: the file ends where {what} was expected")
         return word
 
-    def wrong(self, word: _Word, expected: str) -> InvalidScene:
-        """Make the error for a word that is not the expected one."""
-        return InvalidScene(f"{self._where}: line {word.line}: expected {expected}, got {word.text!r}")
+    def wrong(self, word: str, expected: str) -> InvalidScene:
+        """Make the error for the word that was taken last, which is not the expected one."""
+        return InvalidScene(f"{self._where}: line {self._line}: expected {expected}, got {word!r}")
 
     def numbers(self, count: int, what: str) -> list[float]:
         """Read `count` finite numbers."""
@@ -162,19 +158,30 @@ class _Words:
             word = self.take(what)
             try:
                 # Python takes 1_0 for 10, and MoveIt for 1; Python also reads digits of other scripts.
-                found.append(float(word.text.replace("_", "x") if word.text.isascii() else "x"))
+                found.append(float(word if word.isascii() and "_" not in word else "x"))
             except ValueError:
                 raise self.wrong(word, f"a number of {what}") from None
-            if not np.isfinite(found[-1]):
+            if not isfinite(found[-1]):
                 raise self.wrong(word, f"a finite number of {what}")
         return found
 
     def count(self, what: str) -> int:
         """Read an integer of at least 0."""
         word = self.take(what)
-        if not (word.text.isascii() and word.text.isdigit() and len(word.text) <= DIGITS):
+        if not (word.isascii() and word.isdigit() and len(word) <= DIGITS):
             raise self.wrong(word, f"the {what}")
-        return int(word.text)
+        return int(word)
+
+    def size(self, noun: str, what: str) -> int:
+        """Read the number of vertices or triangles of a mesh.
+
+        Raises:
+            InvalidScene: The meshes up to here have too many together.
+        """
+        count = self.count(f"number of {noun} of {what}")
+        self._sizes[noun] += count
+        require_few(self._sizes[noun], noun, f"{self._where}: the meshes up to that of {what}")
+        return count
 
     def pose(self, what: str) -> Array:
         """Read a position and a quaternion, real part last, (4, 4)."""
@@ -192,21 +199,19 @@ def _moveit(content: bytes, where: str) -> list[Body]:
         raise InvalidScene(f"{where} is not text") from None
     bodies: dict[str, Body] = {}
     objects = shapes = subframes = 0
-    while (word := words.take("* or a point at the end")).text != ".":
-        if word.text != "*":
+    while (word := words.take("* or a point at the end")) != ".":
+        if word != "*":
             raise words.wrong(word, "* and a name, or a point at the end")
         name = words.take("a name")
-        if not name.text or name.text in bodies:
+        if not name or name in bodies:
             raise words.wrong(name, "a name that no other object has")
-        if len(name.text) > MOST_NAME:
-            raise InvalidScene(
-                f"{where}: {len(name.text):,} letters in a name, expected at most {MOST_NAME:,}"
-            )
+        if len(name) > MOST_NAME:
+            raise InvalidScene(f"{where}: {len(name):,} letters in a name, expected at most {MOST_NAME:,}")
         if (objects := objects + 1) > MOST_OBJECTS:
             raise InvalidScene(f"{where}: {objects:,} objects, expected at most {MOST_OBJECTS:,}")
-        what = repr(name.text)
+        what = repr(name)
         place = words.pose(what) if words.has_poses else np.eye(4)
-        body = Body(name.text, Frame(0, place))
+        body = Body(name, Frame(0, place))
         shapes += (count := words.count(f"number of shapes of {what}"))
         require_number(shapes)
         for _ in range(count):
@@ -221,7 +226,7 @@ def _moveit(content: bytes, where: str) -> list[Body]:
                 words.take("the name of a subframe")
                 words.numbers(7, f"the pose of a subframe of {what}")
         if body.parts:
-            bodies[name.text] = body
+            bodies[name] = body
     return list(bodies.values())
 
 
@@ -235,15 +240,15 @@ def _shape(words: _Words, what: str) -> Shape:
 def _read_shape(words: _Words, what: str) -> Shape:
     kind = words.take(f"a shape of {what}")
     lengths = f"the size of {what}"
-    if kind.text == "box":
+    if kind == "box":
         return Box(words.numbers(3, lengths))
-    if kind.text == "sphere":
+    if kind == "sphere":
         return Sphere(words.numbers(1, lengths)[0])
-    if kind.text == "cylinder":
+    if kind == "cylinder":
         radius, length = words.numbers(2, lengths)
         return Cylinder(radius, length)
-    if kind.text == "mesh":
-        vertices, faces = (words.count(f"number of {each} of {what}") for each in ("vertices", "triangles"))
+    if kind == "mesh":
+        vertices, faces = words.size("vertices", what), words.size("triangles", what)
         points = np.array(words.numbers(3 * vertices, f"a vertex of {what}")).reshape(-1, 3)
         corners = [words.count(f"corner of a triangle of {what}") for _ in range(3 * faces)]
         return Mesh(points, np.array(corners, dtype=np.int64).reshape(-1, 3), hull=False, name=what)
