@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -15,7 +16,7 @@ from kinseek.errors import InvalidProblem, InvalidRobot, InvalidScene
 from kinseek.robots import read
 from kinseek.robots.adapters import is_text
 from kinseek.robots.chain import Frame, SerialChain
-from kinseek.robots.files import file_bytes
+from kinseek.robots.files import file_bytes, home_path
 from kinseek.robots.mechanism import no_axes
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf_file import numbers_of, origin_of
@@ -120,7 +121,7 @@ def arm_bodies(
         InvalidScene: Neither geometry nor `capsules`, or both, or an error of `read_bodies`.
     """
     file = described(chain, urdf, trusted)
-    known = {name: Path(folder).expanduser().resolve() for name, folder in chain.packages.items()}
+    known = {name: home_path(folder).resolve() for name, folder in chain.packages.items()}
     found = None if file is None else read_bodies(chain, *file, {**known, **folders}, skip, joints)
     if found is not None and found.bodies:
         if capsules is not None:
@@ -148,11 +149,11 @@ def described(
         InvalidRobot: The file cannot be read.
     """
     if urdf is None:  # The text that the arm was loaded from; of a xacro file, after expansion.
-        return (chain.urdf, Path(chain.source).expanduser()) if chain.urdf else None
+        return (chain.urdf, home_path(chain.source)) if chain.urdf else None
     if is_text(urdf):
         return (urdf.encode() if isinstance(urdf, str) else bytes(urdf)), Path("the URDF text")
-    path = Path(str(urdf)).expanduser()
-    if path.suffix.lower() not in (".urdf", ".xacro", ".xml") or not path.is_file():
+    path = home_path(str(urdf))
+    if path.suffix.lower() not in (".urdf", ".xacro", ".xml") or not os.path.isfile(path):
         file_bytes(path)  # Raises an error that describes the problem.
         raise InvalidScene(f"urdf must be a .urdf or .xacro file, or the text of one, got {str(urdf)!r}")
     return urdf_text(path, None, chain.packages, trusted), path
@@ -209,6 +210,18 @@ def require_number(shapes: int) -> None:
         )
 
 
+def require_few(count: int, noun: str, meshes: str) -> None:
+    """Make sure that the meshes of a file of obstacles are not too large together.
+
+    Raises:
+        InvalidScene: They have more than `MOST_TRIANGLES` triangles or vertices.
+    """
+    if count > MOST_TRIANGLES:
+        raise InvalidScene(
+            f"{meshes} have {count:,} {noun} together, expected at most {MOST_TRIANGLES:,} in one file: simplify the meshes"
+        )
+
+
 class MeshFiles:
     """The meshes referenced by one file. A repeated reference gives the same object, and all share one reader."""
 
@@ -245,11 +258,9 @@ class MeshFiles:
             found = mesh_path(name, self.path, self._folders, "meshes=")
             mesh = Mesh.read(found, scale, self._hull, reader=self._reader)
             self._triangles += 0 if self._hull else len(mesh.faces)
-            if self._triangles > MOST_TRIANGLES:
-                raise InvalidScene(
-                    f"{name!r}: the meshes up to this one have {self._triangles:,} triangles together, each scale counted, "
-                    f"expected at most {MOST_TRIANGLES:,} in one file: simplify the meshes"
-                )
+            require_few(
+                self._triangles, "triangles", f"{name!r}: the meshes up to this one, each scale counted,"
+            )
             mesh.geometry()  # Says now that there is no hull.
             self._corners += mesh.cost if self._hull else 0
             self._known[key] = mesh
@@ -327,16 +338,16 @@ def package_folders(meshes: Iterable[str | Path] | Mapping[str, str | Path]) -> 
         [] if isinstance(meshes, Mapping) else [meshes] if isinstance(meshes, str | Path) else list(meshes)
     )
     for folder in [*named.values(), *listed]:
-        if not isinstance(folder, str | Path) or not Path(folder).expanduser().is_dir():
+        if not isinstance(folder, str | Path) or not os.path.isdir(home_path(folder)):
             raise InvalidScene(f"meshes: no folder {str(folder)!r}")
     found: dict[str, Path] = {}
     for folder in listed:
-        path = Path(folder).expanduser().resolve()
+        path = home_path(folder).resolve()
         found.setdefault(path.name, path)
         for inner in sorted(path.iterdir()):
             if inner.is_dir():
                 found.setdefault(inner.name, inner)
-    return found | {name: Path(folder).expanduser().resolve() for name, folder in named.items()}
+    return found | {name: home_path(folder).resolve() for name, folder in named.items()}
 
 
 class _Unreadable(InvalidScene):

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidRobot, InvalidScene, MissingExtra
+from kinseek.robots.files import home_path
 from kinseek.support.interrupts import uninterrupted
 from kinseek.support.lazy import Lazy, lazy
 from kinseek.support.validation import as_float_array
@@ -441,7 +442,7 @@ def file_path(path: Any) -> Path:
     """
     if not isinstance(path, str | os.PathLike):
         raise InvalidScene(f"expected the path of a file, got {path!r:.80}")
-    return Path(path).expanduser()
+    return home_path(path)
 
 
 def box_corners(points: Array) -> Array:

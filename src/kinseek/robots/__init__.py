@@ -26,7 +26,7 @@ from .bundled import read_bundled
 from .catalog import CatalogEntry, catalog_entry, catalog_names, catalog_path
 from .chain import Limits, SerialChain, with_limits
 from .dh import read_dh
-from .files import ANY_ENDING, instead_of_a_description
+from .files import ANY_ENDING, home_path, instead_of_a_description
 from .mechanism import Mechanism
 from .urdf import Urdf, read_urdf, urdf_of_file
 
@@ -210,10 +210,7 @@ def _path(source: str | os.PathLike[str]) -> Path:
         raise InvalidRobot(
             f"{str(source)!r}: URLs are not supported; give the path of the file, without {scheme}://"
         )
-    try:
-        return Path(source).expanduser()
-    except RuntimeError as error:  # No user has such a name.
-        raise InvalidRobot(f"no file {str(source)!r}: {error}") from None
+    return home_path(source)
 
 
 def _what_it_may_be(source: str) -> str:

@@ -26,6 +26,7 @@ from kinseek.support.forks import importing
 
 from .chain import Array
 from .checks import refuse_file
+from .files import home_path
 from .urdf import Urdf
 from .urdf_file import Robot, UrdfJoint, parse_numbers
 from .xml_files import root_element, text_of
@@ -62,7 +63,7 @@ def calibrated(urdf: Urdf, calibration: Calibration) -> Urdf:
         for pose, joint in zip(calibration.values(), joints, strict=True):
             _set_origin(joint, *_xyz_rpy(pose, f"calibration: the origin of {joint.part}"))
     elif isinstance(calibration, str | os.PathLike):
-        _set_origins_of_file(robot, Path(calibration).expanduser())
+        _set_origins_of_file(robot, home_path(calibration))
     else:
         raise InvalidRobot(
             "calibration must be the path of a .yaml file, or a mapping from joints to poses, got "

@@ -41,6 +41,14 @@ _NOT_A_FILE = (
 )
 
 
+def home_path(path: str | os.PathLike[str]) -> Path:
+    """Return a path with ``~`` and ``~user`` replaced; where there is no such user or home folder, the path as it is.
+
+    `Path.expanduser` raises a RuntimeError there.
+    """
+    return Path(os.path.expanduser(path))
+
+
 def file_bytes(path: Path, most: int = MOST_BYTES, *, below: Path | None = None) -> bytes:
     """Read a whole file.
 
@@ -152,10 +160,10 @@ def require_few(count: int, noun: str, most: int, where: str) -> None:
 def instead_of_a_description(path: Path) -> str:
     """Describe an existing folder or file that is not the description of an arm; empty if there is none."""
     try:
-        if path.expanduser().is_dir():
+        if home_path(path).is_dir():
             return "a folder"
         return f"a file that ends in {path.suffix!r}" if path.suffix and path.is_file() else ""
-    except (OSError, RuntimeError, ValueError):  # The name is too long for a file, or contains a zero byte.
+    except (OSError, ValueError):  # The name is too long for a file, or contains a zero byte.
         return ""
 
 

@@ -28,6 +28,7 @@ from kinseek.support.units import warn_of_rates
 
 from .chain import SerialChain, with_limits
 from .checks import refuse_file
+from .files import home_path
 from .mechanism import CONTINUOUS, RATES, REVOLUTE
 from .several_axes import SEVERAL_AXES
 from .urdf import Urdf
@@ -74,7 +75,7 @@ def limited(urdf: Urdf, file: str | os.PathLike[str]) -> tuple[Urdf, dict[str, L
     Raises:
         InvalidRobot: The file cannot be read, has a joint that the URDF does not have, or a limit that is not one.
     """
-    path = Path(file).expanduser()
+    path = home_path(file)
     given = {name: _limits_of(entry, f"{path}: joint {name!r}") for name, entry in _entries(path).items()}
     root = root_element(urdf.text, urdf.where)
     robot = Robot(root, urdf.where)

@@ -11,7 +11,7 @@ from pathlib import Path, PureWindowsPath
 from kinseek.errors import InvalidRobot
 from kinseek.support.forks import importing
 
-from .files import require_here
+from .files import home_path, require_here
 
 
 def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path], option: str = "packages=") -> Path:
@@ -103,7 +103,7 @@ def _stays_inside(path: str) -> bool:
 def _folders(package: str, robot: Path, packages: Mapping[str, str | Path]) -> Iterator[Path]:
     """Iterate over the folders that may belong to a package."""
     if package in packages:
-        yield Path(packages[package]).expanduser()
+        yield home_path(packages[package])
     for parent in robot.resolve().parents:
         if parent.name == package:
             yield parent

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from kinseek.errors import InvalidRobot
 
 from .adapters import is_text
-from .files import MOST_LINKS, require_few
+from .files import MOST_LINKS, home_path, require_few
 from .xacro import urdf_text
 from .xml_files import root_element
 
@@ -94,7 +94,7 @@ def read_srdf(
     if is_text(source):
         where, text = "the SRDF text", source.encode() if isinstance(source, str) else bytes(source)
     elif isinstance(source, str | Path):
-        where, text = str(source), urdf_text(Path(source).expanduser(), None, packages, trusted)
+        where, text = str(source), urdf_text(home_path(source), None, packages, trusted)
     else:
         raise InvalidRobot(f"srdf must be the path of an SRDF file, or its text, got {source!r:.80}")
     root = root_element(text, where)

@@ -6,6 +6,7 @@ xacro itself expands the files. `xacro_limits` bounds the work, and `xacro_untru
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -16,7 +17,7 @@ from kinseek.errors import InvalidRobot, reason, suggest
 from kinseek.support.forks import finish_first, importing
 from kinseek.support.interrupts import raise_of_handler
 
-from .files import file_bytes
+from .files import file_bytes, home_path
 from .packages import is_planted
 from .xacro_limits import Changes, limits
 from .xacro_untrusted import evaluation
@@ -93,9 +94,9 @@ def _as_xacro(value: Any) -> str:
 
 def _folders(packages: Mapping[str, str | Path]) -> dict[str, str]:
     for name, folder in packages.items():
-        if not Path(folder).expanduser().is_dir():
+        if not os.path.isdir(home_path(folder)):
             raise InvalidRobot(f"package {name!r}: no folder {str(folder)!r}")
-    return {name: str(Path(folder).expanduser().resolve()) for name, folder in packages.items()}
+    return {name: str(home_path(folder).resolve()) for name, folder in packages.items()}
 
 
 def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], trusted: bool) -> bytes:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from kinseek.cli import report
@@ -12,7 +10,7 @@ from kinseek.cli.options import Robot, json_option, robot_options
 from kinseek.errors import InvalidProblem, InvalidRobot, suggest
 from kinseek.robots import catalog_entry, catalog_names, catalog_path
 from kinseek.robots.checks import Severity
-from kinseek.robots.files import ENDINGS, instead_of_a_description
+from kinseek.robots.files import ENDINGS, home_path, instead_of_a_description
 from kinseek.robots.soundness import check
 
 
@@ -37,7 +35,7 @@ def command(robot: Robot, as_json: bool) -> int:
     if isinstance(robot.limits, str):
         raise InvalidProblem("--limits FILE is not checked: check reads the description of the robot alone")
     arm = robot.arm
-    path = catalog_path(arm) if arm in catalog_names() else Path(arm).expanduser()
+    path = catalog_path(arm) if arm in catalog_names() else home_path(arm)
     if path.suffix.lower() not in ENDINGS:
         if instead := instead_of_a_description(path):
             raise InvalidRobot(f"{arm!r} is {instead}; expected the path of a {', '.join(ENDINGS)} file")
