@@ -216,7 +216,8 @@ class Arm(ForwardArm):
             InvalidGoal: Not a pose.
             InvalidProblem: `near` does not fit the arm, an unknown preference, two of them, a preference with a
                 `solver` or `trace`, a `cost` or `valid` that fails, or a clearance without a scene.
-            InvalidScene: The scene belongs to another arm, or the clearance is not a length.
+            InvalidScene: The scene belongs to another arm, the clearance is not a length, or another thread changed the
+                scene during a proof.
             InvalidUse: Traces of more targets than fit into memory.
             InvalidSolver: The solver's parameters do not fit the arm, or `threads` is not an integer of at least 1.
         """
@@ -264,8 +265,10 @@ class Arm(ForwardArm):
             _require_choice(problem, solver)
             if scene is not None:
                 from .collision.solutions import free_solution
+                from .timing.obstacles import unchanged
 
-                solution = free_solution(problem, scene, clearance, prefer, cost, valid, threads, prove)
+                with unchanged(scene if prove else None, "ik"):
+                    solution = free_solution(problem, scene, clearance, prefer, cost, valid, threads, prove)
             else:
                 from .branches.prefer import preferred
 
@@ -372,6 +375,7 @@ class Arm(ForwardArm):
             InvalidGoal: Not a pose.
             InvalidProblem: `near` does not fit the arm, an unknown order, two orders at once, or a `cost` or `valid`
                 that fails; the message names q.
+            InvalidScene: As for `ik`.
             InvalidSolver: `threads` is not an integer of at least 1.
         """
         if unknown:
@@ -399,8 +403,10 @@ class Arm(ForwardArm):
         if scene is None:
             return branches_of(problem, selection, threads)
         from .collision.solutions import free_branches
+        from .timing.obstacles import unchanged
 
-        return free_branches(problem, selection, scene, clearance, threads)
+        with unchanged(scene if prove else None, "branches"):
+            return free_branches(problem, selection, scene, clearance, threads)
 
     @property
     def _branches(self) -> BranchIndex:
@@ -633,13 +639,15 @@ class Arm(ForwardArm):
             InvalidGoal: Not a pose.
             InvalidProblem: Joint values that are not n finite numbers inside the limits, more than one goal, a limit that is
                 not a finite number above 0 or that the arm does not have, or no motion is proved free.
-            InvalidScene: The scene belongs to another arm, or the clearance is not a length.
+            InvalidScene: The scene belongs to another arm, the clearance is not a length, or another thread changed the
+                scene during the call.
             MissingExtra: Ruckig is not installed.
         """
         if unknown:
             raise unknown_argument(Arm.move, unknown)
         from .timing.limits import read_limits
         from .timing.move import Move, fastest_free, inside_limits, read_end
+        from .timing.obstacles import unchanged
 
         deadline = Deadline(time_limit)
         clearance = self._clearance(scene, clearance)
@@ -647,10 +655,11 @@ class Arm(ForwardArm):
         limits = read_limits(self._mechanism, velocity, acceleration, jerk)
         move = Move(self._mechanism, begin, limits, scene, clearance)
         end = read_end(self._mechanism, goal)
-        if not isinstance(end, Goal):
-            return fastest_free(move, end[None], deadline)
-        ends = self._ends(move, end, scene, deadline)
-        return fastest_free(move._replace(tool=end.tool), ends, deadline)
+        with unchanged(scene, "move"):
+            if not isinstance(end, Goal):
+                return fastest_free(move, end[None], deadline)
+            ends = self._ends(move, end, scene, deadline)
+            return fastest_free(move._replace(tool=end.tool), ends, deadline)
 
     def _clearance(self, scene: Scene | None, clearance: float) -> float:
         """Read the clearance in a scene [m].

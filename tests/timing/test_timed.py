@@ -417,6 +417,8 @@ def test_where_the_spline_is_not_free_the_arm_moves_linearly() -> None:
     class Narrow:
         """A scene in which the third step has to be linear."""
 
+        state = None
+
         def free_motion(self, q0: Any, q1: Any, clearance: float = 0.0, around: Any = None) -> Any:
             third = (q0 == path.q[2]).all(axis=1)
             return ~third if around is not None else np.ones(len(q0), dtype=bool)
@@ -433,6 +435,8 @@ def test_where_the_spline_is_not_free_the_arm_moves_linearly() -> None:
 def test_a_break_is_crossed_only_if_it_is_free() -> None:
     class Wall:
         """A scene in which nothing is free."""
+
+        state = None
 
         def free_motion(self, q0: Any, q1: Any, clearance: float = 0.0, around: Any = None) -> Any:
             return np.zeros(len(q0), dtype=bool)

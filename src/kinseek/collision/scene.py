@@ -16,7 +16,7 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import Mechanism
 from kinseek.support.deadline import Deadline
 from kinseek.support.validation import arrays_equal, as_flag, as_float_array, as_integer, as_number
-from kinseek.timing.obstacles import require_unchanged
+from kinseek.timing.obstacles import unchanged
 from kinseek.timing.trajectory import Trajectory
 from kinseek.unknown_arguments import unknown_argument
 
@@ -353,14 +353,13 @@ class Scene(Contents):
         from .ends import free_begin, free_ends
 
         smooth = as_flag("smooth", smooth)
-        deadline, least, state = Deadline(time_limit), length_or_zero("clearance", clearance), self.state
-        begin = free_begin(self, q0, least)
-        ends = free_ends(self, begin, goal, least, deadline)
-        found = plan(
-            self._chain, self, begin, ends, smooth=smooth, clearance=least, deadline=deadline, along=along
-        )
-        require_unchanged(self, state, "plan")
-        return found
+        deadline, least = Deadline(time_limit), length_or_zero("clearance", clearance)
+        with unchanged(self, "plan"):
+            begin = free_begin(self, q0, least)
+            ends = free_ends(self, begin, goal, least, deadline)
+            return plan(
+                self._chain, self, begin, ends, smooth=smooth, clearance=least, deadline=deadline, along=along
+            )
 
     def free_until(
         self,
@@ -387,7 +386,8 @@ class Scene(Contents):
 
         Raises:
             InvalidProblem: A trajectory does not belong to its arm, or `delay` is not a time of at least 0.
-            InvalidScene: `others` names no arm of the scene, or `clearance` is not a length.
+            InvalidScene: `others` names no arm of the scene, `clearance` is not a length, or another thread changed the
+                scene during the call.
         """
         least, begin = (
             length_or_zero("clearance", clearance),
@@ -398,16 +398,18 @@ class Scene(Contents):
             raise InvalidScene(
                 f"others must map names of arms of the scene to their trajectories, got {others!r:.80}"
             )
-        made, found = self._made, np.inf
-        for name, motion in others.items():
-            self._require(name, self._others, "arm of the scene")
-            arm = self._others[name]
-            other = Timed(_trajectory_of(arm.chain, f"others[{name!r}]", motion), 0.0)
-            if name not in made.both:
-                bodies, never = self._now()
-                links = [body for body in bodies if body.of_arm]
-                made.both[name] = speeds_of_both(self._chain, links, arm, never)
-            found = min(found, free_until(made.both[name], one, other, least))
+        found = np.inf
+        with unchanged(self, "free_until"):
+            made = self._made
+            for name, motion in others.items():
+                self._require(name, self._others, "arm of the scene")
+                arm = self._others[name]
+                other = Timed(_trajectory_of(arm.chain, f"others[{name!r}]", motion), 0.0)
+                if name not in made.both:
+                    bodies, never = self._now()
+                    links = [body for body in bodies if body.of_arm]
+                    made.both[name] = speeds_of_both(self._chain, links, arm, never)
+                found = min(found, free_until(made.both[name], one, other, least))
         return found
 
     def hits_around(self, q: Any, reach: Any, clearance: float = 0.0) -> bool:

@@ -12,7 +12,7 @@ from kinseek.derivatives import freedom
 from kinseek.errors import PathInterrupted
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.threads import progress_bar
-from kinseek.timing.obstacles import require_unchanged
+from kinseek.timing.obstacles import unchanged
 
 from .arguments import goals_of, read
 from .branches import SAME
@@ -45,13 +45,11 @@ def follow_poses(
         options = options | {"end": None, "times": None, "closed": False}
     request = read(arm, goal, **options)
     scene = None if request.valid is None else request.valid.scene
-    state = None if scene is None else scene.state
-    with progress_bar(progress, len(goal.targets)) as advance:
-        path = (follow if request.limits is None else fastest)(request, threads, advance)
-    if scene is not None:
-        require_unchanged(scene, state, "follow")
-    if prove:
-        path = with_proofs(request, path, threads)
+    with unchanged(scene, "follow"):
+        with progress_bar(progress, len(goal.targets)) as advance:
+            path = (follow if request.limits is None else fastest)(request, threads, advance)
+        if prove:
+            path = with_proofs(request, path, threads)
     if broken is not None:
         raise PathInterrupted(
             f"the iterator raised {type(broken).__name__} after {len(path)} poses: {broken}; the path through them is "

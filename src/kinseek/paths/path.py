@@ -14,7 +14,7 @@ from kinseek.problem import Problem
 from kinseek.support.lazy import Lazy, lazy
 from kinseek.support.validation import as_number
 from kinseek.timing.limits import read_limits
-from kinseek.timing.obstacles import Obstacles
+from kinseek.timing.obstacles import Obstacles, unchanged
 
 from .between import deviation_between
 from .joints import Turning
@@ -238,6 +238,7 @@ class Path(Lazy):
             InvalidProblem: A limit is not a finite number above 0, or the arm has none for a joint; the speed at an end
                 cannot be kept; or in a scene the linear motion across a break is not free, or a step is not, because the
                 scene has changed since.
+            InvalidScene: Another thread changed the scene during the call.
         """
         from kinseek.timing.timed import Way, timed
 
@@ -256,7 +257,8 @@ class Path(Lazy):
         if tolerance is not None:
             near = (as_number("tolerance", tolerance, 0.0, np.inf, InvalidProblem),) * 2
         way = Way(problem.mechanism, goal.tool, q, self.breaks, self.scene, self.clearance, near)
-        trajectory = timed(way, limits, (start_velocity, end_velocity))
+        with unchanged(self.scene, "timed"):
+            trajectory = timed(way, limits, (start_velocity, end_velocity))
         return replace(trajectory, _places=trajectory._places[: len(self)])
 
     def require(self) -> Path:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, Protocol
 
-from kinseek.errors import InvalidScene
+from kinseek.errors import InvalidScene, KinseekError
 
 
 class Obstacles(Protocol):
@@ -36,18 +37,28 @@ class Obstacles(Protocol):
         """See `Scene.hits`."""
 
 
-def require_unchanged(scene: Obstacles, state: object, call: str) -> None:
-    """Refuse the result of a call that has asked a scene many times, if another thread changed the scene meanwhile.
+@contextmanager
+def unchanged(scene: Obstacles | None, call: str) -> Iterator[None]:
+    """Refuse what a call finds, a result or an error, if another thread changes the scene that it asks many times.
 
     Args:
-        scene: The scene.
-        state: Its state before the call.
+        scene: The scene, or None.
         call: Name of the call.
 
     Raises:
         InvalidScene: It was changed: parts of the result may be right for one state only.
     """
-    if scene.state is not state:
+    state = None if scene is None else scene.state
+    try:
+        yield
+    except KinseekError:
+        _require_same(scene, state, call)
+        raise
+    _require_same(scene, state, call)
+
+
+def _require_same(scene: Obstacles | None, state: object, call: str) -> None:
+    if scene is not None and scene.state is not state:
         raise InvalidScene(
             f"another thread changed the scene during {call}; give {call} a copy of it, copy.copy(scene)"
-        )
+        ) from None
