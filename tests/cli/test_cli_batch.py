@@ -450,11 +450,14 @@ def test_a_pipe_or_a_device_is_no_table(ending: str) -> None:
         read(table.name)
 
 
-def test_the_first_row_has_a_largest_length() -> None:
-    """Such a row was held in memory as a whole, and a file with a hole of 1 TB has few bytes on disk."""
+@pytest.mark.parametrize("before", [b"", b"x,y,z\n1,2,3\n"])
+def test_a_line_has_a_largest_length(before: bytes) -> None:
+    """Such a line was held in memory as a whole, and a file with a hole of 1 TB has few bytes on disk."""
     with Path("in.csv").open("wb") as file:
+        file.write(before)
         file.truncate(2**22)
-    with pytest.raises(kinseek.InvalidGoal, match="the first row has more than 1,048,576 letters"):
+    number = before.count(b"\n") + 1
+    with pytest.raises(kinseek.InvalidGoal, match=f"line {number} has more than 1,048,576 letters"):
         read("in.csv")
 
 

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import sys
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
 from kinseek.errors import InvalidRobot
 from kinseek.robots import files, read, read_dh
-from kinseek.robots.files import MOST_BYTES, MOST_JOINTS, MOST_LINKS, MOST_NAME, require_here
+from kinseek.robots.files import (
+    MOST_BYTES,
+    MOST_JOINTS,
+    MOST_LINKS,
+    MOST_NAME,
+    file_bytes,
+    require_here,
+    without_links,
+)
 from kinseek.robots.packages import mesh_path
 from robot_files import MODEL, XACRO, joint, robot, soon, write
 
@@ -89,6 +100,35 @@ def test_what_a_file_includes_is_no_pipe_either(file: str, text: str, tmp_path: 
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
         read(write(tmp_path, file, text))
+
+
+def test_a_file_of_the_kernel_without_new_data_is_empty(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Reading of /proc/kmsg returns None, which ended in a TypeError."""
+    path = write(tmp_path, "r.urdf", "")
+    with path.open("rb") as opened:
+        file = MagicMock(wraps=opened, read=lambda size: None)
+        monkeypatch.setattr("builtins.open", lambda *args, **options: contextlib.nullcontext(file))
+        assert file_bytes(path) == b""
+        monkeypatch.undo()
+
+
+def test_a_link_that_changes_meanwhile_leads_nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It became a file between two steps of `resolve`, which then raises an OSError."""
+
+    def changed(path: Path) -> Path:
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(Path, "resolve", changed)
+    assert without_links(tmp_path / "a") == tmp_path / "a"
+
+
+def test_a_missing_file_is_not_meant_by_its_own_name(tmp_path: Path) -> None:
+    (tmp_path / "a.urdf").symlink_to("nowhere")
+    write(tmp_path, "b.urdf", "")
+    with pytest.raises(InvalidRobot, match=r"did you mean 'b.urdf'\? In its folder: b.urdf$"):
+        file_bytes(tmp_path / "a.urdf")
 
 
 def tree(count: int, kind: str, row: bool, comb: bool = False) -> str:

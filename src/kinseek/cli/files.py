@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import csv
 import os
 import warnings
 from array import array
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +29,8 @@ from .words import is_number
 
 Array = NDArray[np.float64]
 
-MOST_HEADER = 2**20
-"""Maximum length of the first row of a .csv file."""
+MOST_LINE = 2**20
+"""Maximum number of letters in a line of a .csv file. A file with holes may have a line that is longer than the disk."""
 MOST_VALUES = 2**24
 """Maximum number of values in a Parquet file, independent of its size."""
 VALUES_OF_A_BYTE = 16
@@ -129,11 +131,8 @@ def writable(path: Path, source: Path, option: str = "--out", read: str = "--bat
 def _csv(path: Path) -> dict[str, Array]:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            header = file.readline(MOST_HEADER + 1)
-            if len(header) > MOST_HEADER:
-                raise InvalidGoal(
-                    f"{path}: the first row has more than {MOST_HEADER:,} letters. Valid: {VALID}"
-                )
+            lines = _lines(file, path)
+            header = next(lines, "")
             delimiter = next((each for each in ",;\t" if each in header), ",")
             names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
             if not all(names) or all(map(is_number, names)):
@@ -143,7 +142,7 @@ def _csv(path: Path) -> dict[str, Array]:
                 )
             _refuse_twice(names, str(path))
             numbers = array("d")
-            for number, row in enumerate(filter(None, csv.reader(file, delimiter=delimiter)), 1):
+            for number, row in enumerate(filter(None, csv.reader(lines, delimiter=delimiter)), 1):
                 try:
                     numbers.extend(_row(row, names))
                 except ValueError as error:
@@ -155,6 +154,18 @@ def _csv(path: Path) -> dict[str, Array]:
     except csv.Error as error:
         raise InvalidGoal(f"{str(path)!r} cannot be read as a table: {error}") from None
     return dict(zip(names, np.array(numbers).reshape(-1, len(names)).T, strict=True))
+
+
+def _lines(file: TextIO, path: Path) -> Iterator[str]:
+    """Iterate over the lines of a file.
+
+    Raises:
+        InvalidGoal: A line is too long.
+    """
+    for number, line in enumerate(iter(partial(file.readline, MOST_LINE + 1), ""), 1):
+        if len(line) > MOST_LINE:
+            raise InvalidGoal(f"{path}: line {number:,} has more than {MOST_LINE:,} letters. Valid: {VALID}")
+        yield line
 
 
 def _row(words: list[str], names: list[str]) -> list[float]:
@@ -178,11 +189,16 @@ def _row(words: list[str], names: list[str]) -> list[float]:
 
 def _where(error: UnicodeDecodeError, path: Path) -> int:
     """Return the place in a file of the first byte that is no text; the error has that in the part that was read last."""
-    try:
-        path.read_bytes().decode("utf-8")
-    except UnicodeDecodeError as whole:
-        return whole.start
-    return error.start  # The file has changed.
+    decoder, read = codecs.getincrementaldecoder("utf-8")(), 0
+    with path.open("rb") as file:
+        while part := file.read(2**20):
+            kept = len(decoder.getstate()[0])
+            try:
+                decoder.decode(part)
+            except UnicodeDecodeError as found:
+                return read - kept + found.start
+            read += len(part)
+    return error.start  # The last letter is incomplete, or the file has changed.
 
 
 def _is_one_number(word: str) -> bool:

@@ -16,7 +16,7 @@ from kinseek.errors import InvalidProblem, InvalidRobot, InvalidScene
 from kinseek.robots import read
 from kinseek.robots.adapters import is_text
 from kinseek.robots.chain import Frame, SerialChain
-from kinseek.robots.files import file_bytes, home_path
+from kinseek.robots.files import file_bytes, home_path, without_links
 from kinseek.robots.mechanism import no_axes
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf_file import numbers_of, origin_of
@@ -121,7 +121,7 @@ def arm_bodies(
         InvalidScene: Neither geometry nor `capsules`, or both, or an error of `read_bodies`.
     """
     file = described(chain, urdf, trusted)
-    known = {name: home_path(folder).resolve() for name, folder in chain.packages.items()}
+    known = {name: without_links(home_path(folder)) for name, folder in chain.packages.items()}
     found = None if file is None else read_bodies(chain, *file, {**known, **folders}, skip, joints)
     if found is not None and found.bodies:
         if capsules is not None:
@@ -342,12 +342,15 @@ def package_folders(meshes: Iterable[str | Path] | Mapping[str, str | Path]) -> 
             raise InvalidScene(f"meshes: no folder {str(folder)!r}")
     found: dict[str, Path] = {}
     for folder in listed:
-        path = home_path(folder).resolve()
+        path = without_links(home_path(folder))
         found.setdefault(path.name, path)
-        for inner in sorted(path.iterdir()):
-            if inner.is_dir():
-                found.setdefault(inner.name, inner)
-    return found | {name: home_path(folder).resolve() for name, folder in named.items()}
+        try:
+            inner = sorted(each for each in path.iterdir() if each.is_dir())
+        except OSError as error:
+            raise InvalidScene(f"meshes: cannot read the folder {str(folder)!r}: {error.strerror}") from None
+        for each in inner:
+            found.setdefault(each.name, each)
+    return found | {name: without_links(home_path(folder)) for name, folder in named.items()}
 
 
 class _Unreadable(InvalidScene):

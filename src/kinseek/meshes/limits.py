@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kinseek.errors import InvalidRobot
-from kinseek.robots.files import file_bytes
+from kinseek.robots.files import file_bytes, without_links
 from kinseek.support.forks import importing
 from kinseek.support.interrupts import raise_of_handler
 
@@ -153,7 +153,7 @@ class Budget:
         if min(self.bytes_left, self.repeated_left) >= 0:
             text = file_bytes(path, most, below=below)
             self.bytes_left -= len(text)
-            real = path.resolve()
+            real = without_links(path)
             self.repeated_left -= len(text) if real in self.seen else 0
             self.seen.add(real)
         if min(self.bytes_left, self.repeated_left) < 0:
@@ -211,7 +211,7 @@ class Beside:
     def __init__(self, path: Path, most: int, budget: Budget) -> None:
         """Search beside this file, with at most `most` bytes and the rest of the budget."""
         self.file_name, self._budget = path.name, budget
-        self._folder, self._left = path.parent.resolve(), most
+        self._folder, self._left = without_links(path.parent), most
         self._pixels = self._names = self._lines = self._materials = 0
 
     def get(self, name: str) -> bytes:

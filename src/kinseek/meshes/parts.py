@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from kinseek.errors import InvalidRobot, reason
+from kinseek.robots.files import without_links
 from kinseek.support.forks import importing
 from kinseek.support.interrupts import raise_of_handler
 
@@ -40,7 +41,7 @@ def mesh_parts(
     kind = ending(path)
     budget = Budget(2 * most) if budget is None else budget
     text = budget.read(path, most)
-    real = path.resolve()
+    real = without_links(path)
     if real in budget.refused:
         raise InvalidRobot(budget.refused[real])
     try:

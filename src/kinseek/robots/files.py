@@ -49,6 +49,14 @@ def home_path(path: str | os.PathLike[str]) -> Path:
     return Path(os.path.expanduser(path))
 
 
+def without_links(path: Path) -> Path:
+    """Return the path to which links lead; the path as it is if it leads nowhere, or another program replaces a link."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError):
+        return path
+
+
 def file_bytes(path: Path, most: int = MOST_BYTES, *, below: Path | None = None) -> bytes:
     """Read a whole file.
 
@@ -66,7 +74,8 @@ def file_bytes(path: Path, most: int = MOST_BYTES, *, below: Path | None = None)
         opener = _open_at_once if below is None else partial(_open_below, below)
         with open(path, "rb", opener=opener) as file:
             _require_regular(_instead(os.fstat(file.fileno())), path)
-            text = file.read(most + 1)  # Files of the kernel report size 0, and some never end.
+            # Files of the kernel report size 0, and some never end; one without new data gives None.
+            text = file.read(most + 1) or b""
     except InvalidRobot:
         raise
     except FileNotFoundError:
@@ -98,7 +107,9 @@ def require_here(name: str, robot: Path, folders: Iterable[str | Path] = ()) -> 
     if not WINDOWS or len(name) < 2 or not set(name[:2]) <= set("/\\"):
         return
     # The resolved path of a file on a drive that is a share begins with the name of the share.
-    known = {PureWindowsPath(each).drive.lower() for each in (robot.absolute(), robot.resolve(), *folders)}
+    known = {
+        PureWindowsPath(each).drive.lower() for each in (robot.absolute(), without_links(robot), *folders)
+    }
     if PureWindowsPath(name).drive.lower() not in known - {""}:
         raise InvalidRobot(
             f"{name!r} is a file of another machine, expected one of this machine or of the share that holds the robot's "
@@ -171,7 +182,7 @@ def _hint(path: Path) -> str:
     """Return the similar names of files in the same folder that could be meant, and the list of them."""
     kinds = ENDINGS if path.suffix in ENDINGS else (path.suffix,)
     try:
-        nearby = sorted(p.name for p in path.parent.glob("*") if p.suffix in kinds)
+        nearby = sorted(p.name for p in path.parent.glob("*") if p.suffix in kinds and p.name != path.name)
     except OSError:
         return ""
     if not nearby:

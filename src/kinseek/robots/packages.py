@@ -11,7 +11,7 @@ from pathlib import Path, PureWindowsPath
 from kinseek.errors import InvalidRobot
 from kinseek.support.forks import importing
 
-from .files import home_path, require_here
+from .files import home_path, require_here, without_links
 
 
 def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path], option: str = "packages=") -> Path:
@@ -104,7 +104,7 @@ def _folders(package: str, robot: Path, packages: Mapping[str, str | Path]) -> I
     """Iterate over the folders that may belong to a package."""
     if package in packages:
         yield home_path(packages[package])
-    for parent in robot.resolve().parents:
+    for parent in without_links(robot).parents:
         if parent.name == package:
             yield parent
         if not is_planted(parent / package, robot):

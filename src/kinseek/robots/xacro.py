@@ -17,7 +17,7 @@ from kinseek.errors import InvalidRobot, reason, suggest
 from kinseek.support.forks import finish_first, importing
 from kinseek.support.interrupts import raise_of_handler
 
-from .files import file_bytes, home_path
+from .files import file_bytes, home_path, without_links
 from .packages import is_planted
 from .xacro_limits import Changes, limits
 from .xacro_untrusted import evaluation
@@ -96,7 +96,7 @@ def _folders(packages: Mapping[str, str | Path]) -> dict[str, str]:
     for name, folder in packages.items():
         if not os.path.isdir(home_path(folder)):
             raise InvalidRobot(f"package {name!r}: no folder {str(folder)!r}")
-    return {name: str(home_path(folder).resolve()) for name, folder in packages.items()}
+    return {name: str(without_links(home_path(folder))) for name, folder in packages.items()}
 
 
 def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], trusted: bool) -> bytes:
@@ -170,7 +170,7 @@ def _finder_above(path: Path) -> Callable[[str], str]:
     from xacrodoc import packages
 
     def find(package: str) -> str:
-        for folder in path.resolve().parents[:-1]:
+        for folder in without_links(path).parents[:-1]:
             manifest, old = folder / "package.xml", folder / "manifest.xml"
             if manifest.exists() and not is_planted(manifest, path):
                 with packages.open(manifest) as file:
