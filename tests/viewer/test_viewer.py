@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -1101,3 +1101,54 @@ def test_a_viewer_is_stopped_if_its_address_cannot_be_printed(monkeypatch: pytes
     with pytest.raises(BrokenPipeError):
         kinseek.viewer.show(kinseek.load("planar2"), port=0, open_browser=False)
     assert made[0]._stopped.is_set()
+
+
+@pytest.mark.parametrize("end", [lambda page: page.play_motion(False), lambda page: page.play_passes()])
+def test_the_goal_is_solved_after_it_no_longer_drives_the_arm(
+    servo_page: Any, end: Callable[[Any], None]
+) -> None:
+    target = servo_page.options.target @ kinseek.pose([0.1, 0.0, 0.05])
+    servo_page.change(target=target)
+    end(servo_page)
+    rest(servo_page)
+    assert servo_page.result.reached
+    assert servo_page.branches is not None
+    assert not servo_page.panel.servo.value
+
+
+def test_a_goal_that_is_solved_while_a_motion_is_drawn_stays(
+    sessions: dict[str, Session], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of 40 pages with a large scene kept showing the motion."""
+    arm = sessions["ur5e"].arm
+    q0, q1 = arm.sample(2, seed=3)
+    with page_of(sessions["ur5e"], arm.move(q0, q1, 1.0, 1.0)) as page:
+        posture = page._session.posture
+
+        def solved_meanwhile(q: Any) -> Any:
+            monkeypatch.undo()
+            page.change(target=arm.fk(q1))
+            wait_until(lambda: page._solver.idle)
+            return posture(q)
+
+        monkeypatch.setattr(page._session, "posture", solved_meanwhile)
+        page.choose_time(0.1)
+        rest(page)
+        assert page.result.reached
+        np.testing.assert_allclose(arm.fk(page.options.q), arm.fk(q1), atol=1e-5)
+
+
+def test_the_numbers_of_a_goal_do_not_wait_for_the_clouds_of_other_pages(
+    sessions: dict[str, Session], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They showed the goal before, and typing one of them brought it back."""
+    from kinseek.viewer import page as module
+
+    with page_of(sessions["ur5e"]) as page:
+        turns = Turns(1)
+        assert turns.begin(lambda: False)  # Another page's.
+        monkeypatch.setattr(module, "_CLOUDS", turns)
+        target = page.options.target @ kinseek.pose([0.1, 0.0, 0.05])
+        page.change(target=target)
+        wait_until(lambda: np.allclose(page.panel.place.value, target[:3, 3], atol=1e-3))
+        turns.end()

@@ -213,9 +213,12 @@ class Page:
         if trace is None or not self.panel.passes.value or not 0 <= number < len(trace):
             return
         one = trace[number]
-        self.view.show_pass(one.q, clouds.visited(self.arm, one))
-        self.panel.pass_text.content = words.pass_html(trace, number)
-        self.panel.joints.content = words.joints_html(self.arm, self.result.q, one)
+        visited = clouds.visited(self.arm, one)
+        with self._lock:
+            if self.trace is trace:  # Otherwise another goal has been solved meanwhile.
+                self.view.show_pass(one.q, visited)
+                self.panel.pass_text.content = words.pass_html(trace, number)
+                self.panel.joints.content = words.joints_html(self.arm, self.result.q, one)
 
     def choose_pass(self, number: int) -> None:
         """Stop, and show one pass of the search, by its index from 0; an index out of range changes nothing."""
@@ -235,6 +238,8 @@ class Page:
         q = trajectory.q(t)
         posture = self._session.posture(q)
         with self._lock, self._client.atomic():
+            if self._player.follows("stop"):  # A goal is solved, and may be shown already.
+                return
             self.options = self.options.but(q=q)
             # No proof about the goal changes what is shown.
             self.result, self.proof = (
@@ -547,7 +552,6 @@ class Page:
 
     def _cloud(self, _: str) -> None:
         options, result, view = self.options, self.result, self.view
-        self.panel.show_target(options)
         if self.trace is None and self.panel.passes.value:
             self._find_trace(result)
         self.panel.pass_text.content = words.pass_html(self.trace, 0) if self.panel.passes.value else ""
@@ -612,6 +616,8 @@ class Page:
         if self._servoing and what != "servo":
             self._servoing = self.panel.servo.value = False
             self.panel.shares.content = ""
+            if what not in ("motion", "time") or self.trajectory is None:
+                self._solver.give(None)
         if what == "motion":
             self._play_motion()
         elif what == "time":
@@ -623,8 +629,6 @@ class Page:
             self._play_passes()
         elif what == "servo":
             self._play_servo()
-        elif what == "solve":
-            self._solver.give(None)
 
     def _play_servo(self) -> None:
         """Let a tracker follow the goal in real time, from where the arm is shown."""
@@ -701,4 +705,6 @@ class Page:
         return stored
 
     def _store(self, _: str) -> None:
+        """Store the options, and show the numbers of the goal; both while nobody drags or types."""
+        self.panel.show_target(self.options)
         self._client.local_storage.set_item(self._key, self.options.to_json())

@@ -86,6 +86,10 @@ class Newest(Generic[Item]):
         """Return whether a newer item is waiting, or the thread must end."""
         return bool(self._waiting) or self._closed
 
+    def follows(self, item: Item) -> bool:
+        """Return whether this item is processed next."""
+        return item in self._waiting[-1:]
+
     def wait(self, seconds: float) -> None:
         """Wait [s], less if a newer item arrives."""
         with self._changed:
