@@ -18,7 +18,7 @@ import pytest
 import kinseek
 from cells import write_arm, write_obj, write_stl
 from kinseek import InvalidScene, Scene
-from kinseek.collision import Mesh, Points, bodies, obstacles, shapes
+from kinseek.collision import Mesh, Points, bodies, interior, obstacles, shapes
 from kinseek.collision.geometry import triangles
 from kinseek.collision.hulls import MOST_CORNERS, directions, farthest_beyond, outermost
 from kinseek.collision.interior import Interior
@@ -253,11 +253,45 @@ def test_without_cavities_where_too_much_had_to_be_compared() -> None:
     assert time.process_time() - began < 20
 
 
+def saddles(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Two bodies in each other, each below a saddle of long triangles; those of one cross those of the other closely."""
+
+    def body(size: float, turned: bool, lift: float, apex: float) -> tuple[np.ndarray, np.ndarray]:
+        t = np.linspace(-size, size, count + 1)
+        sides = [np.column_stack([np.full(count + 1, x), t, x * t + lift]) for x in (-size, size)]
+        vertices = np.concatenate([*sides, [[0.0, 0.0, apex]]])
+        if turned:
+            vertices = vertices[:, [1, 0, 2]]
+        i, top = np.arange(count), 2 * (count + 1)
+        j, tip = count + 1 + i, np.full(count, top)
+        faces = [(i, j, j + 1), (i, j + 1, i + 1), (i + 1, tip, i), (j, tip, j + 1)]
+        ends = [[0, top, count + 1], [count, 2 * count + 1, top]]
+        return vertices, np.concatenate([*(np.column_stack(each) for each in faces), ends])
+
+    outer, inner = body(1.1, True, 4.4 / count, -5.0), body(1.0, False, 0.0, -3.0)
+    return together(outer, inner)
+
+
+def test_surfaces_that_nearly_touch_everywhere_are_compared_for_seconds_at_most(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A file of 1.6 MB took 48 s, which nothing interrupts, and 128,000 triangles more than 200 s."""
+    hollow = np.array([0.0, 0.0, -1.0])
+    assert not Mesh(*saddles(100), False).holds(hollow)
+    monkeypatch.setattr(interior, "_AT_ONCE", 1)
+    monkeypatch.setattr(interior, "_PAIRS_AT_ONCE", 1)
+    assert not Mesh(*saddles(100), False).holds(hollow)
+    monkeypatch.setattr(interior, "_COMPARED_IN_A_SECOND", 2**50)
+    with pytest.raises(InvalidScene, match="the mesh: to find its cavities takes too long"):
+        assert Mesh(*saddles(100), False).closed
+
+
 def test_surfaces_of_the_meshes_of_a_file_are_compared_for_seconds_at_most(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A mesh of 72 kB took 3.5 s, and a file of obstacles may name it with 900 factors of scale."""
     write_stl(tmp_path / "a.stl", *nested(40))
+    monkeypatch.setattr(interior, "_COMPARED_IN_A_SECOND", 0)  # The time differs from call to call.
     one = Mesh(*nested(40), False).interior.compared
     assert one > 500 * 40 * 39 / 2
     scene = Scene.of(kinseek.load("planar2"), capsules=0.05)

@@ -9,10 +9,13 @@ inside a solid one, where the file orients both without contradiction and one op
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from kinseek.errors import InvalidScene
 
 from .geometry import library, triangles
 
@@ -36,6 +39,13 @@ _COMPARISON = 500
 """Triangles that a comparison with a surface counts in addition to its own, for the calls of NumPy."""
 
 
+_COMPARED_IN_A_SECOND = 2**23
+"""What a second of processor time counts, in which coal looks whether two surfaces touch. In surfaces that lie close to each
+other without contact it may compare each triangle with each."""
+_AT_ONCE, _PAIRS_AT_ONCE = 128, 2**24
+"""Least number of triangles that coal compares with a surface in one call, and most pairs of triangles otherwise: nothing
+interrupts a call, which takes up to some seconds."""
+
 _BOUNDS = 4
 """Surfaces whose bounds are compared in the time of a comparison with one triangle."""
 
@@ -49,6 +59,9 @@ class Interior:
         Args:
             vertices: Vertices, (k, 3) [m].
             faces: Triangles as indices of vertices, (f, 3).
+
+        Raises:
+            InvalidScene: To find its cavities takes too long.
         """
         _, places = np.unique(vertices.round(_SAME), axis=0, return_inverse=True)
         corners = places.ravel()[faces]
@@ -167,16 +180,34 @@ class Interior:
         return found
 
     def _encloses(self, outer: int, inner: int, models: dict[int, Any]) -> bool:
-        """Return whether a surface lies wholly inside another, without contact; `models` keeps what coal needs of each."""
+        """Return whether a surface lies wholly inside another, without contact.
+
+        Args:
+            outer: The other surface.
+            inner: The surface.
+            models: What coal needs of outer surfaces.
+
+        Raises:
+            InvalidScene: It takes too long.
+        """
         if not self._are_around(np.array([outer]), self._corners[self._starts[inner], 0])[0]:
             return False
-        coal = library("coal")
-        for each in (outer, inner):
-            if each not in models:
-                corners = self._corners[self._starts[each] : self._ends[each]].reshape(-1, 3)
-                models[each] = triangles(corners, np.arange(len(corners)).reshape(-1, 3))
-        still, result = coal.Transform3s(), coal.CollisionResult()
-        return not coal.collide(models[outer], still, models[inner], still, coal.CollisionRequest(), result)
+        coal, begin, end = library("coal"), self._starts[outer], self._ends[outer]
+        if outer not in models:
+            models[outer] = _model(self._corners[begin:end])
+        still, step = coal.Transform3s(), max(_AT_ONCE, _PAIRS_AT_ONCE // int(end - begin))
+        for first in range(int(self._starts[inner]), int(self._ends[inner]), step):
+            began, result = time.thread_time(), coal.CollisionResult()
+            part = _model(self._corners[first : min(first + step, self._ends[inner])])
+            if coal.collide(models[outer], still, part, still, coal.CollisionRequest(), result):
+                return False
+            self.compared += int((time.thread_time() - began) * _COMPARED_IN_A_SECOND)
+            if self.compared > 2 * MOST_COMPARED:
+                raise InvalidScene(
+                    "to find its cavities takes too long, as two of its surfaces lie close to each other: simplify it, or "
+                    "use its convex hull"
+                )
+        return True
 
     def _turn_outward(self) -> None:
         """Orient the faces such that solid surfaces have positive volumes, and cavities negative ones."""
@@ -185,6 +216,11 @@ class Interior:
         wrong[cavities] = self._volumes[cavities] > 0
         turned = self._used[np.repeat(wrong, self._ends - self._starts)]
         self.faces[turned] = self.faces[turned, ::-1]
+
+
+def _model(corners: Array) -> Any:
+    """Return triangles, (f, 3, 3), as coal needs them."""
+    return triangles(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
 
 
 def _shares_edges(corners: Indices) -> bool:

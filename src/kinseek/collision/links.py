@@ -18,6 +18,7 @@ from kinseek.robots.tree import tree_path
 from kinseek.robots.urdf import read_arm
 from kinseek.robots.urdf_file import Robot, UrdfJoint, origin_of
 from kinseek.support.transforms import rotation, transform
+from kinseek.support.validation import as_number
 
 Array = NDArray[np.float64]
 
@@ -152,9 +153,9 @@ class _Others:
         if name not in self.values:
             lower, upper = self.limits.get(name, (-np.inf, np.inf))
             value = self.given.get(name, min(max(0.0, lower), upper) if lower <= upper else 0.0)
-            if not np.isfinite(value):
-                raise InvalidScene(f"joints: the value of {name!r} must be a finite number, got {value!r}")
-            self.values[name] = float(value)
+            self.values[name] = as_number(
+                f"joints: the value of {name!r}", value, -LARGEST, LARGEST, InvalidScene
+            )
         return self.values[name]
 
 

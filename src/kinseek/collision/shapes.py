@@ -380,8 +380,15 @@ class Mesh(Shape):
 
     @lazy
     def interior(self) -> Interior:
-        """Its closed surfaces, which are solid or cavities."""
-        return Interior(self.vertices, self.faces)
+        """Its closed surfaces, which are solid or cavities.
+
+        Raises:
+            InvalidScene: To find its cavities takes too long.
+        """
+        try:
+            return Interior(self.vertices, self.faces)
+        except InvalidScene as error:
+            raise InvalidScene(f"{self.name}: {error}") from None
 
     def holds(self, point: Array) -> bool:
         """Return whether a point (3,) lies inside of a closed surface of it, and in no cavity of that surface."""
