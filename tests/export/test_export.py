@@ -67,7 +67,14 @@ int main(void) {
     }
     double bad[16] = {0.0}, q[KINSEEK_DOF] = {0.0};
     bad[3] = 1.0 / bad[0];
-    printf("refused %d\\n", kinseek_solve(bad, q) == KINSEEK_NOT_FINITE);
+    double error, weighted;
+    bool refused = kinseek_solve(bad, q) == KINSEEK_NOT_FINITE;
+    refused = refused && kinseek_errors(bad, q, &error, &weighted) == KINSEEK_NOT_FINITE;
+#ifdef KINSEEK_GRID
+    refused = refused && kinseek_go_on(WORK, q) == KINSEEK_NOT_STARTED;
+#endif
+    bad[3] = 1e200;
+    printf("refused %d\\n", refused && kinseek_solve(bad, q) == KINSEEK_NO_POSE);
     return 0;
 }
 """

@@ -92,7 +92,7 @@ def stream(arm: kinseek.Arm, start: Any, steps: int) -> list[tuple[int, float, A
         if part == 4:
             asked.append((VELOCITY, dt, 0.5 * np.sin(t + phase)))
         elif part == 5 and k % 2 and k % 100 < 50:
-            asked.append((VELOCITY, dt, np.full(arm.dof, np.nan)))
+            asked.append((VELOCITY, dt, np.full(arm.dof, [np.nan, 1.7e308][k % 4 // 2])))
         elif part == 9:
             asked.append((STOP, dt, T))
         else:

@@ -109,7 +109,15 @@ def test_without_a_target_the_arm_stops_and_goes_on() -> None:
             step = tracker.step(T)
         assert step.status is TrackStatus.TRACKING
     tracker.step(twist=[np.nan, 0, 0, 0, 0, 0])
-    assert tracker.step(velocity=np.full(6, np.inf)).status is TrackStatus.STOPPING
+    for huge in (
+        np.inf,
+        1.7e308,
+        1.1e7,
+    ):  # The second one overflowed, and all joint values were NaN from then on.
+        step = tracker.step(velocity=np.full(6, huge))
+        assert step.status is TrackStatus.STOPPING
+        assert np.isfinite(step.q).all()
+    assert tracker.step(velocity=np.full(6, 0.9e7)).status is TrackStatus.LAGGING
 
 
 def test_a_position_may_be_three_numbers() -> None:

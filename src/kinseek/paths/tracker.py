@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.goal import Goal
 from kinseek.kernels.arm.jacobian import jacobian_many
+from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.paths import servo
 from kinseek.kernels.paths.limited import POSITION, VELOCITY, track_step
 from kinseek.kernels.paths.servo import LAGGING, LIMIT, SINGULAR, State, servo_step
@@ -81,7 +82,7 @@ class TrackStatus(Enum):
     SWITCHED = "Switched: the joints are moving to another branch, because switch() was called."
     RECOVERING = "Recovering: the pose was lost, and the joints are moving to values that reach it again."
     BRAKING = "Braking: a body is near, and the joints move only as fast as they can stop before it."
-    STOPPING = "Stopping: there is no target, or it contains NaN or infinity."
+    STOPPING = "Stopping: there is no target, or it contains NaN, infinity or a velocity beyond 1e7."
 
     def __str__(self) -> str:
         """Return the sentence."""
@@ -250,7 +251,7 @@ class Tracker:
     ) -> Step:
         """Move towards a target as far as one period allows.
 
-        Without a target, or if it contains NaN or infinity, the joints brake.
+        Without a target, or if it contains NaN, infinity or a velocity beyond 1e7 in its unit, the joints brake.
 
         Args:
             T: A pose, (4, 4), or an object that carries one: the target of the goal that the tracker was started with. For a
@@ -425,7 +426,7 @@ class Tracker:
             numbers = _numbers("velocity", velocity, self._mechanism.dof, "[rad/s] or [m/s]")
         self._way.clear()
         self._forget_loss()
-        if not given or not np.isfinite(numbers).all():
+        if not given or not (np.abs(numbers) <= LARGEST).all():  # It may be NaN.
             return self._stopped()
         if twist is not None:
             return self._moved_by_twist(numbers, axes)

@@ -12,6 +12,13 @@ bool kinseek_finite(const double *numbers, int count) {
     return true;
 }
 
+bool kinseek_usable(const double *numbers, int count) {
+    for (int i = 0; i < count; i++) {
+        if (!(fabs(numbers[i]) <= 1e7)) return false;
+    }
+    return true;
+}
+
 int kinseek_fk(const double q[KINSEEK_DOF], double pose[16]) {
     if (!kinseek_finite(q, KINSEEK_DOF)) return KINSEEK_NOT_FINITE;
     return kinseek_write_poses(KINSEEK_JOINTS, KINSEEK_DOF, 1, &chain, q, pose) ? KINSEEK_FAILED : KINSEEK_DONE;
@@ -19,7 +26,7 @@ int kinseek_fk(const double q[KINSEEK_DOF], double pose[16]) {
 
 int kinseek_errors(const double pose[16], const double q[KINSEEK_DOF], double *position, double *weighted) {
     double tip[16], square = 0.0, turned = 0.0;
-    int state = kinseek_fk(q, tip);
+    int state = kinseek_finite(pose, 16) ? kinseek_fk(q, tip) : KINSEEK_NOT_FINITE;
     if (state != KINSEEK_DONE) return state;
     for (int row = 0; row < 3; row++) {
         double apart = tip[4 * row + 3] - pose[4 * row + 3];

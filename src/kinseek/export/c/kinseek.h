@@ -21,7 +21,9 @@ enum {
     KINSEEK_MISSED = 2,
     KINSEEK_NOT_FINITE = -1, /* A number that was given is NaN or infinite. */
     KINSEEK_FAILED = -2,     /* A kernel found no working memory. */
-    KINSEEK_NO_POSE = -3     /* The pose is no rigid transform. */
+    KINSEEK_NO_POSE = -3,    /* The pose is no rigid transform, or its position is farther than 1e7 m away. */
+    KINSEEK_BAD_TIME = -4,   /* dt is no duration: it is NaN, not above 0, or too long. */
+    KINSEEK_NOT_STARTED = -5 /* kinseek_track_start or kinseek_begin was not called. */
 };
 
 #ifdef KINSEEK_TRACKER
@@ -35,11 +37,8 @@ enum {
     KINSEEK_LAGGING,      /* The joints move as fast as they may, and the pose is farther away. */
     KINSEEK_LIMIT,        /* A joint is at its limit, and the hand cannot come nearer on this branch. */
     KINSEEK_SINGULAR,     /* Singular or out of reach: no joint is at its limit, and no motion brings the hand nearer. */
-    KINSEEK_STOPPING,     /* The joints brake: kinseek_track_stop, or what was given contains NaN or infinity. */
-
-    /* Errors besides KINSEEK_NO_POSE, for which the joints brake. For all others nothing moves. */
-    KINSEEK_BAD_TIME = -4,   /* dt is no duration: it is NaN, not above 0, or too long. */
-    KINSEEK_NOT_STARTED = -5 /* kinseek_track_start was not called. */
+    KINSEEK_STOPPING      /* The joints brake: kinseek_track_stop, or the target contains NaN, infinity or a velocity beyond 1e7. */
+    /* Of the errors, the joints brake for KINSEEK_NO_POSE, and nothing moves for all others. */
 };
 
 /* Start at joint values, at rest. A joint outside its limits returns as fast as it may. KINSEEK_DONE or KINSEEK_NOT_FINITE. */
@@ -62,6 +61,9 @@ void kinseek_track_errors(double *position, double *orientation);
 
 /* Are all of them neither NaN nor infinite? */
 bool kinseek_finite(const double *numbers, int count);
+
+/* Are all of them also of at most 1e7? With larger ones the kernels may overflow. */
+bool kinseek_usable(const double *numbers, int count);
 
 /* Write the pose of the tip at joint values q, which may lie outside the limits. */
 int kinseek_fk(const double q[KINSEEK_DOF], double pose[16]);

@@ -105,7 +105,7 @@ int kinseek_track_velocity(const double wanted[KINSEEK_DOF], double dt, double q
                            double acceleration[KINSEEK_DOF]) {
     int status = refused(dt);
     if (status < 0) return told(status, q, velocity, acceleration);
-    if (!kinseek_finite(wanted, KINSEEK_DOF)) return told(brake(dt), q, velocity, acceleration);
+    if (!kinseek_usable(wanted, KINSEEK_DOF)) return told(brake(dt), q, velocity, acceleration);
     memcpy(joints.wanted, wanted, sizeof joints.wanted);
     return told(go(dt), q, velocity, acceleration);
 }
