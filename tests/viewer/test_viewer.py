@@ -355,6 +355,41 @@ def test_what_is_reachable_grows_can_be_stopped_and_goes_on(sessions: dict[str, 
         assert session.solve(session.begin.but(target=target)).reached
 
 
+def test_the_reachable_region_of_a_slow_arm_ends_soon() -> None:
+    """Pages that were closed kept the turns of others for half a minute: one piece was 128 searches."""
+    arm, asked = function_arm(), list[bool]()
+
+    def stopped() -> bool:
+        asked.append(True)
+        return len(asked) > 3
+
+    session = Session(arm)
+    tried = [known.tried for known in clouds.reachable(arm, session.begin, stopped)]
+    assert tried[0] == 1
+    assert len(tried) == 3
+    assert tried[-1] <= 7
+
+
+def test_a_page_solves_few_goals_a_second_and_the_last_one(sessions: dict[str, Session]) -> None:
+    """One page that moved its goal without a pause delayed others by 0.8 s, four by 2 s."""
+    with page_of(sessions["ur5e"]) as page:
+        solved, solve = list[Any](), sessions["ur5e"].solve
+
+        def counted(options: ViewerOptions) -> GoalResult:
+            solved.append(options.target)
+            return solve(options)
+
+        page._session.solve = counted
+        begin, target = time.monotonic(), page.options.target
+        while time.monotonic() - begin < 1.0:
+            target = target @ kinseek.pose([1e-4, 0.0, 0.0])
+            page.change(target=target)
+            time.sleep(1e-3)
+        rest(page)
+        assert len(solved) <= 40
+        np.testing.assert_array_equal(solved[-1], page.options.target)
+
+
 def test_a_planar_arm_reaches_places_in_its_plane(sessions: dict[str, Session]) -> None:
     session = sessions["planar2"]
     known = next(clouds.reachable(session.arm, session.begin, lambda: False))

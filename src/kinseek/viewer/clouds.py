@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -29,11 +30,13 @@ Array = NDArray[np.float64]
 NEAREST = 400
 """Number of samples of the atlas that are shown."""
 
-NODES = 2_000
-"""Maximum number of nodes of a pass that are shown; if there are more, this many spread evenly among them."""
+NODES, NODES_OF_SLOW = 2_000, 200
+"""Maximum number of nodes of a pass that are shown, and for an arm whose FK may be slow; if there are more, this many spread
+evenly among them."""
 
-PLACES, PIECE = 6_000, 128
-"""Number of positions tried for the reachable region, and number tried at a time."""
+PLACES, PIECE, SOON = 6_000, 128, 0.1
+"""Number of positions tried for the reachable region, largest number tried at a time, and time that this should take if the
+FK of the arm may be slow [s]: nothing ends it earlier."""
 
 BOXES = (30, 100, 300, 1_000, 3_000, 10_000, 30_000)
 """Numbers of examined boxes at which the remaining ones are shown."""
@@ -115,11 +118,12 @@ def visited(arm: Arm, one: Pass) -> Array:
     if one.counts is None or one.lower is None or one.upper is None:
         return arm.fk(one.q[None] if one.start is None else np.stack([one.start, one.q]))[:, :3, 3]
     total = float(np.prod(one.counts.astype(float)))
-    if total <= NODES:
+    most = NODES if arm.axes is not None else NODES_OF_SLOW
+    if total <= most:
         values = [one.values(i) for i in range(arm.dof)]
         q = np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, arm.dof)
     else:
-        number = np.minimum((weyl(NODES, arm.dof) * one.counts).astype(int), one.counts - 1)
+        number = np.minimum((weyl(most, arm.dof) * one.counts).astype(int), one.counts - 1)
         step = (one.upper - one.lower) / np.maximum(one.counts - 1, 1)
         q = one.lower + number * step
     mechanism = arm.mechanism
@@ -146,15 +150,16 @@ def reachable(
     found = np.zeros((0, 3)) if known is None else known.points
     # With a free position axis a solution may be elsewhere.
     goal = options.but(free=tuple(axis for axis in options.free if axis not in ("x", "y", "z"))).goal
-    for begin in range(0 if known is None else known.tried, len(places), PIECE):
-        if stopped():
-            return
-        piece = places[begin : begin + PIECE]
+    tried, size = 0 if known is None else known.tried, PIECE if arm.axes is not None else 1
+    while tried < len(places) and not stopped():
+        began, piece = time.monotonic(), places[tried : tried + size]
         targets = np.tile(options.target, (len(piece), 1, 1))
         targets[:, :3, 3] = piece
         solution = Atlas(threads=1).solve(Problem(arm.mechanism, goal.at(targets)))
-        found = np.concatenate([found, piece[solution.success]])
-        yield Reached(found, begin + len(piece), len(places))
+        found, tried = np.concatenate([found, piece[solution.success]]), tried + len(piece)
+        if arm.axes is None:
+            size = min(2 * size, PIECE) if time.monotonic() - began < SOON else max(size // 2, 1)
+        yield Reached(found, tried, len(places))
 
 
 def surroundings(arm: Arm) -> tuple[Array, Array]:

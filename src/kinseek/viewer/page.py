@@ -52,8 +52,8 @@ MOST_ADDED = 50
 BOX = 0.15
 """Edge length of a new box, relative to the arm's reach."""
 
-_SEARCHES, _PROOFS, _CLOUDS, _PLANS = (Turns() for _ in range(4))
-"""The turns of all pages for each kind of slow work."""
+_SOLVES, _SEARCHES, _PROOFS, _CLOUDS, _PLANS = (Turns() for _ in range(5))
+"""The turns of all pages for each kind of work that takes time."""
 
 PASS, SHOW = 0.9, 12.0
 """Time for which a pass is shown during playback, and maximum time of the whole playback [s]."""
@@ -102,7 +102,8 @@ class Page:
         self._solver = Newest(
             self._solve,
             f"{name}: solutions",
-            turn=lambda: _SEARCHES if takes_seconds(self.options.search) else None,
+            turn=lambda: _SEARCHES if takes_seconds(self.options.search) else _SOLVES,
+            period=FRAME,
         )
         self._prover = Newest(self._prove, f"{name}: proofs", QUIET, lambda: _PROOFS)
         self._clouder = Newest(self._cloud, f"{name}: clouds", QUIET, lambda: _CLOUDS)
@@ -138,10 +139,7 @@ class Page:
             client.camera.look_at = at - [0.0, 0.0, 0.22 * float(np.linalg.norm(away))]
 
         async def dragged(event: Any) -> None:
-            try:
-                self.change(target=matrix_of(event.target.wxyz, event.target.position))
-            except KinseekError as error:  # Too far away, or not a pose that a page sends.
-                self.panel.result.content = words.refused_html(str(error))
+            self.edit(self._drag, "goal")
 
         async def looked(camera: Any) -> None:
             with self._lock:
@@ -168,8 +166,13 @@ class Page:
         """Return whether all requested work is done."""
         return all(worker.idle for worker in self._workers)
 
-    def change(self, **changes: Any) -> None:
-        """Change `ViewerOptions` by name; a target (4, 4) moves the goal.
+    def _drag(self) -> None:
+        """Take the goal from where it is drawn."""
+        goal = self.view.goal
+        self.change(target=matrix_of(goal.wxyz, goal.position), drawn=True)
+
+    def change(self, drawn: bool = False, **changes: Any) -> None:
+        """Change `ViewerOptions` by name; a target (4, 4) moves the goal, unless it is drawn there already.
 
         Raises:
             KinseekError: A target that is not a pose.
@@ -180,7 +183,7 @@ class Page:
             self.panel.show_options(after)
         if {"ghosts", "meshes", "swept", "dark", "free"} & changes.keys():
             self._apply_appearance(after)
-        if "target" in changes and not is_at(self.view.goal, after.target):
+        if "target" in changes and not drawn and not is_at(self.view.goal, after.target):
             self.view.show_goal(after.target)
         if {"target", "free", "search", "parameters", "follow"} & changes.keys() and not self._servoing:
             self._again()
@@ -195,7 +198,8 @@ class Page:
         if self._servoing:
             self._player.give("servo")
         else:
-            self._player.give("stop")
+            if not self._player.idle:
+                self._player.give("stop")
             self._solver.give(None)
 
     def pick(self, number: int) -> None:
@@ -306,10 +310,11 @@ class Page:
         return self._session.scene
 
     def edit(self, change: Callable[[], object], name: str = "") -> None:
-        """Call one of this page's methods in the thread for changes of the scene, and of the goal by a button.
+        """Call one of this page's methods in the thread for changes of the scene and of the goal.
 
         Where it takes longer than the next change of the same name comes, it is skipped. The server's loop never waits for
-        it: with many bodies a change takes some hundredths of a second.
+        it: with many bodies a change takes some hundredths of a second, and even a goal takes up to 10 ms there while other
+        threads compute, as NumPy passes Python on to them and gets it back milliseconds later.
         """
         self._editor.give((name, change))
 

@@ -94,7 +94,7 @@ class Panel:
             self.time.value = 0.0
 
     def _goal(self, options: ViewerOptions) -> None:
-        gui, change = self._gui, self._do.change
+        gui, page, change = self._gui, self._do, self._do.change
         self.counts = gui.add_dropdown(
             "Counts", (*COUNTS, CHOSEN), initial_value=options.counts, hint="What of the goal must be met."
         )
@@ -112,12 +112,11 @@ class Panel:
         self.turn = gui.add_vector3("Roll, pitch, yaw [°]", (0.0, 0.0, 0.0), step=0.1)
         self.show_target(options)
         for each in (self.place, self.turn):
-            self._on(each, lambda _: change(target=_typed(self.place, self.turn)))
+            self._on(each, lambda _: page.edit(self._type_goal, "goal"))
         self.follow = gui.add_checkbox(
             "Stay near the arm", options.follow, hint="near=q: a drag stays on its branch where it can."
         )
         self._on(self.follow, lambda value: change(follow=value))
-        page = self._do
         to_arm, another = (
             gui.add_button("Goal to the tip of the arm"),
             gui.add_button("Another reachable goal"),
@@ -285,6 +284,9 @@ class Panel:
             )
         if notes or missing:
             gui.add_html(note_html(*notes, *missing))
+
+    def _type_goal(self) -> None:
+        self._do.change(target=_typed(self.place, self.turn))
 
     def _choose_boxes(self, value: float) -> None:
         self.boxes_choice = int(value)

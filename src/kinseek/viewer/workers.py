@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
@@ -11,8 +12,8 @@ from typing import Generic, TypeVar
 Item = TypeVar("Item")
 
 AT_ONCE = 2
-"""Number of pages that do one kind of slow work at the same time. If all did, their threads would take Python from the
-server's loop: with 16 pages a request waited for 6 s."""
+"""Number of pages that do one kind of work at the same time. If all did, their threads would take Python from the server's
+loop: with 16 pages that prove, a request waited for 6 s, and with four that change their goals without a pause for 2 s."""
 
 OFTEN = 0.1
 """Time after which a thread that waits for its turn looks whether its page was closed [s]."""
@@ -59,6 +60,7 @@ class Newest(Generic[Item]):
         name: str,
         quiet: float = 0.0,
         turn: Callable[[], Turns | None] = lambda: None,
+        period: float = 0.0,
     ) -> None:
         """Start the thread.
 
@@ -67,20 +69,27 @@ class Newest(Generic[Item]):
             name: Name of the thread.
             quiet: Time without a new item before the work begins [s].
             turn: Returns what the work must wait for, which lets a few threads of all pages go on at once; None: nothing.
+            period: Least time from the begin of one work to that of the next [s].
         """
-        self._work, self._quiet, self._turn = work, quiet, turn
+        self._work, self._quiet, self._turn, self._period = work, quiet, turn, period
         self._changed = threading.Condition()
         self._waiting: list[Item] = []
+        self._given = 0.0
+        """When the newest item was given."""
         self._closed = False
         self._busy = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
     def give(self, item: Item) -> None:
-        """Process this item next; a waiting item is skipped."""
+        """Process this item next; a waiting item is skipped.
+
+        The thread is woken only for the first item that waits: a page may give hundreds in a second.
+        """
         with self._changed:
-            self._waiting = [item]
-            self._changed.notify_all()
+            is_first, self._waiting, self._given = not self._waiting, [item], time.monotonic()
+            if is_first:
+                self._changed.notify_all()
 
     def stale(self) -> bool:
         """Return whether a newer item is waiting, or the thread must end."""
@@ -117,7 +126,7 @@ class Newest(Generic[Item]):
     def _run(self) -> None:
         while taken := self._next():
             for item in taken:
-                turn = self._turn()
+                begin, turn = time.monotonic(), self._turn()
                 if turn is None:
                     self._do(item)
                 elif turn.begin(lambda: self._closed):
@@ -125,6 +134,9 @@ class Newest(Generic[Item]):
                         self._do(self._newest(item))
                     finally:
                         turn.end()
+                while not self._closed and (left := begin + self._period - time.monotonic()) > 0.0:
+                    with self._changed:
+                        self._changed.wait(left)
                 if self._closed:
                     return
 
@@ -147,11 +159,8 @@ class Newest(Generic[Item]):
             self._busy = False
             while not self._closed and not self._waiting:
                 self._changed.wait()
-            while not self._closed and self._quiet:
-                newest = self._waiting  # A new list at every call, because items may be equal.
-                self._changed.wait(self._quiet)
-                if self._waiting is newest:
-                    break
+            while not self._closed and (left := self._given + self._quiet - time.monotonic()) > 0.0:
+                self._changed.wait(left)
             if self._closed:
                 return []
             self._busy, taken = True, self._waiting
