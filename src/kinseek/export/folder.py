@@ -58,6 +58,8 @@ def own_folder(folder: str | Path, owned: Owned, named: bool = True) -> Path:
         if fits:
             with _opened(place, named) as opened:
                 opened.require_ours(owned)
+    except InvalidExport:
+        raise
     except (OSError, ValueError) as error:
         raise InvalidExport(f"cannot look into {str(folder)!r}: {error}") from error
     if exists and not fits:
@@ -179,12 +181,15 @@ class _Folder(NamedTuple):
     def _beginning(self, name: str, count: int) -> bytes:
         """Return the first bytes of a regular file, none of anything else."""
         try:
-            with open(os.open(self._at(name), READ_NO_LINK, dir_fd=self.descriptor), "rb") as file:
-                return file.read(count) if stat.S_ISREG(os.fstat(file.fileno()).st_mode) else b""
+            descriptor = os.open(self._at(name), READ_NO_LINK, dir_fd=self.descriptor)
         except OSError as error:
             if error.errno in (errno.ENOENT, errno.ELOOP):  # Not there, or a link.
                 return b""
             raise
+        try:
+            return os.read(descriptor, count) if stat.S_ISREG(os.fstat(descriptor).st_mode) else b""
+        finally:
+            os.close(descriptor)
 
     def _at(self, name: str) -> str:
         """Return what the functions of `os` take: a name in the open folder, or a path."""
