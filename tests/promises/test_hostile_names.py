@@ -20,7 +20,7 @@ import kinseek
 from kinseek import Scene
 from kinseek.cli.program import run
 from kinseek.errors import KinseekError
-from kinseek.printable import in_html, printable
+from kinseek.printable import _INVISIBLE, in_html, printable
 
 IN_XML = "&#x9b;31m&#x202e;&#10;&#9;&#xe000;$\\frac$"
 """A control sequence in one character, text from right to left, a line break, private use, half a formula."""
@@ -69,7 +69,11 @@ def test_every_such_character_is_escaped_and_no_other() -> None:
     kinds = {chr(number): unicodedata.category(chr(number)) for number in range(0x110000)}
     acting = "".join(letter for letter, kind in kinds.items() if kind[0] == "C" or kind in ("Zl", "Zp"))
     assert printable(acting).isascii()
-    shown = "".join(letter for letter in kinds if letter.isprintable())
+    without_shape = "\u034f\u115f\u1160\u17b4\u180b\u180f\u2800\u3164\ufe0f\uffa0\U000e0100"
+    assert printable(without_shape).isascii()
+    assert printable("a\u3164") == "a\\u3164"
+    shown = "".join(letter for letter in kinds if letter.isprintable() and letter not in _INVISIBLE)
+    assert len(shown) > 100_000
     assert printable(shown) == shown
     assert printable(shown + "\0") == shown + r"\x00"
     assert printable("a\nb\t", keep="\n") == "a\nb\\t"

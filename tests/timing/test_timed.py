@@ -315,13 +315,14 @@ def test_a_path_is_not_timed_through_a_body_that_was_added_later() -> None:
     scene = kinseek.Scene.of(arm, capsules=0.05)
     T = [kinseek.pose([0.5, y, 0.3], rpy=[np.pi, 0, 0]) for y in np.linspace(-0.3, 0.3, 60)]
     path = arm.follow(T, scene=scene).require()
+    rest = arm.follow([T[30]] * 3, scene=scene).require()
     scene.add_box("later", (0.1, 0.1, 0.1), kinseek.pose([0.5, 0.0, 0.3]))
-    with pytest.raises(
-        kinseek.InvalidProblem, match=r"the step from pose \d+ .*changed since.*plan it again"
-    ):
-        path.timed(acceleration=10.0)
+    for one, said in ((path, r"the step from pose \d+ .*"), (rest, "the path does not move.*")):
+        with pytest.raises(kinseek.InvalidProblem, match=f"{said}changed since.*plan it again"):
+            one.timed(acceleration=10.0)
     scene.remove("later")
     path.timed(acceleration=10.0)
+    assert rest.timed(acceleration=10.0).duration == 0.0
 
 
 def test_reversals_of_all_joints() -> None:

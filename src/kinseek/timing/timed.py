@@ -81,7 +81,7 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
 
     Raises:
         InvalidProblem: The speed at an end cannot be kept; or the tip has no axes but a speed; or the motion across a break
-            is not free of collision; or a step is not any more.
+            is not free of collision; or a step, or the only joint values, are not any more.
     """
     chain = chain_to_tip(way.arm, way.tool)
     if chain is None and (limits.tool_speed is not None or any(tip_speeds)):
@@ -94,6 +94,11 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
     weights = weights_of(chain, way)
     rows = spaced(places, float(1.0 / np.linalg.norm(weights * limits.velocity[:, None], axis=0).max()))
     if len(rows) == 1:
+        if way.scene is not None and not way.scene.free(way.q[0], way.clearance):
+            raise InvalidProblem(
+                "the path does not move, and its joint values are not free of collision. If the scene has changed since the "
+                "path was planned, plan it again"
+            )
         nowhere = np.zeros(0, dtype=np.int64)
         return Trajectory(
             way.arm, limits, nowhere, way.tool, curves.rest(way.q[0]), laws.rest(), 0.0 * places
