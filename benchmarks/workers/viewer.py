@@ -23,8 +23,8 @@ def begin(arm: str) -> int:
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     solve = Page._solve
 
-    def counted(self: Page, picked: Any) -> None:
-        solve(self, picked)
+    def counted(self: Page, asked: tuple[int, Any]) -> None:
+        solve(self, asked)
         ANSWERED[0] += 1
 
     Page._solve = counted  # type: ignore[method-assign]

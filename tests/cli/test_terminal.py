@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 import types
+import unicodedata
 from functools import cache
 from pathlib import Path
 
@@ -322,3 +323,25 @@ def test_a_map_is_reported_if_its_picture_cannot_be_written(
     heard = cli("map ur5e --step 0.6 --orientations 12 --picture", tmp_path / "map.png", code=2)
     assert "no space left" in heard.err
     assert "\nreached: " in heard.out
+
+
+@pytest.mark.parametrize("width", [30, 80])
+def test_wide_letters_take_two_columns(width: int) -> None:
+    """A terminal broke longer lines itself, and what followed began a row of its own."""
+    names = ["\u672c" * 10 + " row: sound", "joint \uff21", "plain"]
+    rows = [[name, "1.0", "and a sentence that goes on " + "\u65e5" * 8 + " to the end"] for name in names]
+    lines = [
+        *table(["joint", ">q", "said"], rows, width).splitlines(),
+        *sentence(rows[0][2], width).splitlines(),
+    ]
+    columns = [sum(2 if unicodedata.east_asian_width(each) in "WF" else 1 for each in line) for line in lines]
+    assert max(columns) <= width
+    assert "\ue000" not in "".join(lines)
+    text = "".join("".join(lines).split())
+    assert all("".join(name.split()) in text for name in names)
+    if width == 80:
+        before = [line[: line.index("1.0")] for line in lines if "1.0" in line]
+        assert (
+            len({len(each) + sum(unicodedata.east_asian_width(x) in "WF" for x in each) for each in before})
+            == 1
+        )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import kinseek
 from kinseek import InvalidMap, InvalidScene, Scene, maps
 from kinseek.maps import block
 from kinseek.maps.cells import EMPTY, REACHED
+from kinseek.maps.run import run
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("xarray")
@@ -54,6 +56,25 @@ def test_reached_is_what_has_a_free_answer(scene: Scene, free: Any) -> None:
     counts = ARM.branches(T[before], scene=scene, clearance=0.01).counts
     np.testing.assert_array_equal(np.maximum(counts, reached[before]), free.branches.values[before])
     assert "free in the scene" in free.reached.attrs["comment"]
+
+
+@pytest.mark.slow
+def test_a_map_is_of_the_scene_as_it_was_when_it_began(
+    scene: Scene, free: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Workers that started after a change by another thread computed cells of another scene."""
+    changing = copy(scene)
+
+    def changed(*args: Any) -> None:
+        changing.remove("wall")
+        run(*args)
+
+    monkeypatch.setattr("kinseek.maps.make.run", changed)
+    monkeypatch.setattr(block, "_scratches", {})  # What this process kept of that scene.
+    found = maps.reach(ARM, GRID, ("reached", "branches"), scene=changing, clearance=0.01)
+    np.testing.assert_array_equal(found.reached.values, free.reached.values)
+    np.testing.assert_array_equal(found.branches.values, free.branches.values)
+    assert found.attrs == free.attrs
 
 
 @pytest.mark.slow

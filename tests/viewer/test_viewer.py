@@ -1187,3 +1187,51 @@ def test_the_numbers_of_a_goal_do_not_wait_for_the_clouds_of_other_pages(
         page.change(target=target)
         wait_until(lambda: np.allclose(page.panel.place.value, target[:3, 3], atol=1e-3))
         turns.end()
+
+
+def test_numbers_that_are_typed_count_although_others_are_shown_meanwhile(
+    sessions: dict[str, Session],
+) -> None:
+    """Up to one of five rotations that were typed 0.12 s after a position was lost."""
+    with page_of(sessions["ur5e"]) as page:
+        place = tuple(page.options.target[:3, 3] + [0.05, 0.0, 0.0])
+        with page._editor._changed:  # It reads them later.
+            page.panel.place.value = place
+            page.panel._type_goal()
+            page._store("keep")
+            assert page.panel.place.value == place
+            page.panel.show_target(page.options)
+        wait_until(lambda: np.allclose(page.options.target[:3, 3], place))
+        rest(page)
+        np.testing.assert_allclose(page.panel.place.value, place, atol=1e-6)
+
+
+def test_a_motion_that_is_chosen_during_a_search_stays_until_the_next_goal(
+    sessions: dict[str, Session], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The arm jumped to the result of the search, beside the text of the motion."""
+    arm = sessions["ur5e"].arm
+    q0, q1 = arm.sample(2, seed=3)
+    motion = arm.move(q0, q1, 1.0, 1.0)
+    with page_of(sessions["ur5e"], motion) as page:
+        solve = page._session.solve
+
+        def chosen_meanwhile(options: ViewerOptions) -> GoalResult:
+            monkeypatch.undo()
+            page.choose_time(0.2)
+            wait_until(lambda: page._player.idle)
+            found: GoalResult = solve(options)
+            return found
+
+        monkeypatch.setattr(page._session, "solve", chosen_meanwhile)
+        page.change(target=arm.fk(q1))
+        rest(page)
+        np.testing.assert_array_equal(page.options.q, motion.q(0.2))
+        assert "0.2" in page.panel.motion.content
+        assert (page.panel.branches.content, page.panel.call.content) == ("", "")
+        page.change(target=arm.fk(q0))
+        rest(page)
+        assert page.result.reached
+        assert page.panel.motion.content == ""
+        assert "Branch" in page.panel.branches.content
+        assert "arm.ik" in page.panel.call.content

@@ -443,7 +443,7 @@ def test_a_goal_far_away_is_searched_without_a_warning(shown: viewer.Viewer) -> 
             one.send(encode({"type": "GuiUpdateMessage", "uuid": place, "updates": {"value": [x, 0.0, 0.0]}}))
             wait_until(partial(placed_at, mine, x))
             wait_until(lambda: mine.idle)
-        mine._solver.give(q)  # A branch of an earlier goal.
+        mine._ask(q)  # A branch of an earlier goal.
         wait_until(lambda: mine.idle)
     assert warned == []
     assert mine.result.refused

@@ -10,11 +10,14 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Sequence
+from unicodedata import east_asian_width
 
 from kinseek.printable import printable
 
 _GAP = "  "
 """Space between two columns."""
+_SECOND = "\ue000"
+"""The second column of a wide letter, while lines are laid out; `printable` leaves none in a name."""
 _INDENT = "  "
 """Indentation of continuation lines."""
 
@@ -41,7 +44,7 @@ def table(
     """
     right = [name.startswith(">") for name in columns]
     names = [name.removeprefix(">") for name in columns]
-    rows = [[printable(cell) for cell in row] for row in rows]
+    rows = [[_widened(printable(cell)) for cell in row] for row in rows]
     heads = [name.replace("\n", " ").splitlines() if width is None else name.splitlines() for name in names]
     tall = max(map(len, heads))
     header = [[([""] * tall + head)[k - tall] for head in heads] for k in range(tall)]
@@ -56,13 +59,23 @@ def table(
 
     numbers = range(len(groups))
     top = [laid(line, g) for g in numbers for line in header]
-    return "\n".join([*top, *(laid(line, g) for line in rows for g in numbers)])
+    return "\n".join([*top, *(laid(line, g) for line in rows for g in numbers)]).replace(_SECOND, "")
 
 
 def sentence(text: str, width: int | None) -> str:
     """Wrap a sentence at its blanks."""
     text = printable(text)
-    return text if width is None else wrapped(text, width, _INDENT)
+    return text if width is None else wrapped(_widened(text), width, _INDENT).replace(_SECOND, "")
+
+
+def _widened(text: str) -> str:
+    """Add a mark after every letter that takes two columns of a terminal, so that lengths are numbers of columns.
+
+    These are the wide and fullwidth letters of *Unicode Standard Annex 11*, such as those of Chinese and Japanese.
+    """
+    if text.isascii():
+        return text
+    return "".join(letter + _SECOND if east_asian_width(letter) in "WF" else letter for letter in text)
 
 
 def _groups(wide: Sequence[int], width: int | None, blocks: Sequence[int]) -> list[list[int]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
@@ -225,6 +226,7 @@ def work_of(
                 "Rings are not supported in a scene: their poses rotate about the first axis, but obstacles do not; "
                 "use a Grid"
             )
+        scene = copy(scene)  # Another thread may change it before all workers have it.
     goal = given["goal"]
     if goal is not None:
         _check_goal(goal, grid, given)

@@ -85,6 +85,8 @@ class Page:
         self._reached_for = self.options
         self._chosen_time, self._chosen_pass = 0.0, 0
         """The time of the motion that was chosen last [s]."""
+        self._motions = 0
+        """How often the arm was to be shown on a motion: goals that were set before are not shown after that."""
         self._servoing = False
         """Does a tracker move the arm? Then goals are not solved."""
         self._new_goals = np.random.default_rng(client.client_id)
@@ -139,7 +141,8 @@ class Page:
             client.camera.look_at = at - [0.0, 0.0, 0.22 * float(np.linalg.norm(away))]
 
         async def dragged(event: Any) -> None:
-            self.edit(self._drag, "goal")
+            wxyz, position = event.target.wxyz, event.target.position
+            self.edit(lambda: self.change(target=matrix_of(wxyz, position), drawn=True), "goal")
 
         async def looked(camera: Any) -> None:
             with self._lock:
@@ -159,17 +162,12 @@ class Page:
         self._show_bodies()
         if self.trajectory is not None:
             self._planner.give("again")
-        self._solver.give(None)
+        self._ask()
 
     @property
     def idle(self) -> bool:
         """Return whether all requested work is done."""
         return all(worker.idle for worker in self._workers)
-
-    def _drag(self) -> None:
-        """Take the goal from where it is drawn."""
-        goal = self.view.goal
-        self.change(target=matrix_of(goal.wxyz, goal.position), drawn=True)
 
     def change(self, drawn: bool = False, **changes: Any) -> None:
         """Change `ViewerOptions` by name; a target (4, 4) moves the goal, unless it is drawn there already.
@@ -200,13 +198,17 @@ class Page:
         else:
             if not self._player.idle:
                 self._player.give("stop")
-            self._solver.give(None)
+            self._ask()
+
+    def _ask(self, picked: Array | None = None) -> None:
+        """Solve the goal, or show one of its branches, unless the arm is to be shown on a motion before that is done."""
+        self._solver.give((self._motions, picked))
 
     def pick(self, number: int) -> None:
         """Show one of the branches, by its index."""
         known = self.branches
         if isinstance(known, Branches) and 0 <= number < len(known):
-            self._solver.give(known.q[number])
+            self._ask(known.q[number])
 
     def show_pass(self, number: int) -> None:
         """Show one pass of the search, by its index from 0; an index out of range changes nothing.
@@ -254,6 +256,7 @@ class Page:
             self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
             self.panel.motion.content = words.motion_html(trajectory, t)
             self.panel.result.content = words.note_html(self.result.refused)
+            self.panel.branches.content = self.panel.call.content = ""
             self.panel.time.value = t
 
     def _show_posture(self, posture: Posture, target: Array, reached: bool) -> None:
@@ -272,11 +275,13 @@ class Page:
 
     def play_motion(self, on: bool) -> None:
         """Play a motion from the time that is shown, or stop."""
+        self._motions += on
         self._player.give("motion" if on else "stop")
 
     def choose_time(self, t: float) -> None:
         """Stop, and show a motion at a time [s]."""
         self._chosen_time = t
+        self._motions += 1
         self._player.give("time")
 
     def servo(self, on: bool) -> None:
@@ -439,45 +444,47 @@ class Page:
 
     # Fast responses.
 
-    def _solve(self, picked: Array | None) -> None:
+    def _solve(self, asked: tuple[int, Array | None]) -> None:
+        motions, picked = asked
+        if self._motions != motions:
+            return
         options = self.options
         if not options.has_goal_of(self._branches_for):
             picked = None  # It is a branch of an earlier goal; the new one has not been solved.
         result = self._session.solve(options) if picked is None else self._session.picked(options, picked)
         posture = self._session.posture(result.q)
-        with self._lock:
-            if self._servoing:
+        missed = not (result.reached or result.refused)
+        with self._lock, self._client.atomic():
+            if self._servoing or self._motions != motions:
                 return
             self.options = self.options.but(q=result.q)
             self.result, self.proof, self.trace = result, None, result.trace
-        missed = not (result.reached or result.refused)
-        with self._lock, self._client.atomic():
             self._show_posture(posture, options.target, result.reached)
             self.panel.result.content = words.result_html(result, None, missed and options.search == DEFAULT)
+            self.panel.motion.content = ""
         self._client.flush()
         if self._solver.stale():
             return
         if picked is None or self.branches is None:
             self.branches, self._branches_for = self._session.branches(options), options
-        self._show_branches()
-        self.panel.call.content = words.code_html(result.call)
+        self._show_branches(result)
         for worker in (self._prover, self._clouder, *([self._planner] if self.planning else [])):
             worker.give("again")
 
-    def _show_branches(self) -> None:
-        known, drawn, scene, free_ones = self.branches, 0, self.scene, None
-        if isinstance(known, Branches):
-            shown = nearest_of(known, self.result.q) if self.result.reached or self.result.blocked else -1
-            free = None
-            if scene is not None and len(known):
-                free = np.asarray(scene.free(known.q, self._session.clearance), dtype=np.bool_)
-                free_ones = int(free.sum())
-            self.view.show_ghosts(known.q, shown, free)
-            drawn = min(len(known), MOST_GHOSTS)
-        else:
-            shown = -1
-            self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
-        self.panel.branches.content = words.branches_html(known, shown, drawn, free_ones)
+    def _show_branches(self, result: GoalResult) -> None:
+        """Show the branches of the goal of a result, if it is still the one shown, and the call in Python."""
+        known, scene, free, shown = self.branches, self.scene, None, -1
+        q = known.q if isinstance(known, Branches) else np.zeros((0, self.arm.dof))
+        if isinstance(known, Branches) and (result.reached or result.blocked):
+            shown = nearest_of(known, result.q)
+        if scene is not None and len(q):
+            free = np.asarray(scene.free(q, self._session.clearance), dtype=np.bool_)
+        drawn, free_ones = min(len(q), MOST_GHOSTS), None if free is None else int(free.sum())
+        with self._lock, self._client.atomic():
+            if self.result is result:
+                self.view.show_ghosts(q, shown, free)
+                self.panel.branches.content = words.branches_html(known, shown, drawn, free_ones)
+                self.panel.call.content = words.code_html(result.call)
 
     def step_branch(self, step: int) -> None:
         """Show the branch at this offset from the current one."""
@@ -622,7 +629,7 @@ class Page:
             self._servoing = self.panel.servo.value = False
             self.panel.shares.content = ""
             if what not in ("motion", "time") or self.trajectory is None:
-                self._solver.give(None)
+                self._ask()
         if what == "motion":
             self._play_motion()
         elif what == "time":
@@ -711,5 +718,8 @@ class Page:
 
     def _store(self, _: str) -> None:
         """Store the options, and show the numbers of the goal; both while nobody drags or types."""
+        if not self._editor.idle:  # It may be about to read other numbers.
+            self._storer.give("keep")
+            return
         self.panel.show_target(self.options)
         self._client.local_storage.set_item(self._key, self.options.to_json())

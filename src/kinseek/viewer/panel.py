@@ -112,7 +112,7 @@ class Panel:
         self.turn = gui.add_vector3("Roll, pitch, yaw [°]", (0.0, 0.0, 0.0), step=0.1)
         self.show_target(options)
         for each in (self.place, self.turn):
-            self._on(each, lambda _: page.edit(self._type_goal, "goal"))
+            self._on(each, lambda _: self._type_goal())
         self.follow = gui.add_checkbox(
             "Stay near the arm", options.follow, hint="near=q: a drag stays on its branch where it can."
         )
@@ -207,7 +207,7 @@ class Panel:
         self._on(gui.add_button("Start where the arm is"), lambda _: page.start_here(), click=True)
 
     def _place_body(self) -> None:
-        pose = _typed(self.body_place, self.body_turn)
+        pose = _pose_of(self.body_place.value, self.body_turn.value)
         self._do.edit(partial(self._do.place_body, pose), "place")
 
     def show_bodies(self, names: Sequence[str], selected: DrawnBody | None) -> None:
@@ -286,7 +286,11 @@ class Panel:
             gui.add_html(note_html(*notes, *missing))
 
     def _type_goal(self) -> None:
-        self._do.change(target=_typed(self.place, self.turn))
+        place, turn = (
+            self.place.value,
+            self.turn.value,
+        )  # Now: the page may show other numbers before it reads them.
+        self._do.edit(lambda: self._do.change(target=_pose_of(place, turn)), "goal")
 
     def _choose_boxes(self, value: float) -> None:
         self.boxes_choice = int(value)
@@ -365,6 +369,6 @@ def _show_pose(place: Any, turn: Any, T: Array) -> None:
     turn.value = tuple(round(float(v), 4) for v in np.degrees(rpy_of(T[:3, :3])))
 
 
-def _typed(place: Any, turn: Any) -> Array:
-    """Return the pose that two inputs show, (4, 4)."""
-    return np.asarray(pose(place.value, rpy=turn.value, degrees=True))
+def _pose_of(place: Any, turn: Any) -> Array:
+    """Return the pose of the numbers of two inputs, [m] and [°], (4, 4)."""
+    return np.asarray(pose(place, rpy=turn, degrees=True))
