@@ -379,6 +379,28 @@ def test_a_link_wholly_inside_a_mesh_touches_it(tmp_path: Path) -> None:
     assert not scene.free_motion([0.0], [0.001])
 
 
+@pytest.mark.parametrize("less", [1e-7, 1e-7 + 1e-9])
+def test_corners_that_differ_by_rounding_stay_together_when_simplified(less: float) -> None:
+    """A box whose corners lay at the edge of a cell, 2e-10 m apart in different triangles, was opened, and free inside."""
+    cell = 2 * (0.002 - less) / np.sqrt(3.0)
+    k = min(range(1000, 1300), key=lambda k: abs(k * cell * 1e9 - round(k * cell * 1e9)))
+    places, rng = np.array([0.0, (k - 0.5) * cell, k * cell]), np.random.default_rng(0)
+    corners = []
+    for axis, side, i, j in itertools.product(range(3), (0, 2), (0, 1), (0, 1)):
+        square = np.array([[side, i + a, j + b] for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))])
+        for triangle in ([0, 1, 2], [0, 2, 3]):
+            corners.append(np.roll(square[triangle[:: 1 if side else -1]], axis, axis=1))
+    grid = np.concatenate(corners)
+    vertices = places[grid] + np.where(grid == 2, rng.uniform(-2e-10, 2e-10, grid.shape), 0.0)
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    assert Mesh(vertices, faces, False).closed
+    simple, triangles, moved = simplified(vertices, faces, 0.002)
+    assert moved <= 0.002
+    mesh = Mesh(simple, triangles, False)
+    assert mesh.closed
+    assert mesh.holds(places[[1, 1, 1]])
+
+
 def test_a_mesh_is_oriented_before_it_is_simplified(tmp_path: Path) -> None:
     vertices, faces = ball(0.1)
     faces[::3] = faces[::3, ::-1]

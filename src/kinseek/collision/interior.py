@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-_SAME = 9
+SAME = 9
 """Vertices whose coordinates agree to this many decimals are one."""
 _FLAT = 1e-9
 """A surface encloses nothing if the volumes below its triangles cancel up to this share of their sum, which is more than
@@ -63,7 +63,7 @@ class Interior:
         Raises:
             InvalidScene: To find its cavities takes too long.
         """
-        _, places = np.unique(vertices.round(_SAME), axis=0, return_inverse=True)
+        _, places = np.unique(vertices.round(SAME), axis=0, return_inverse=True)
         corners = places.ravel()[faces]
         extended = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
         corners = corners[extended]

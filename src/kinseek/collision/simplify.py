@@ -2,7 +2,8 @@
 
 After Rossignac and Borrel (1993). Triangles that collapse to a line or a point stay as slivers, so that the simplified
 triangles, made thicker by the bound, contain the original ones. A closed mesh whose triangles are oriented alike stays
-closed, because its triangles pass every edge as often in one direction as in the other.
+closed, because its triangles pass every edge as often in one direction as in the other. Corners that a program has computed
+twice, with rounding errors, count as one, as for `Interior`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import SLIVER
+from .interior import SAME
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -28,8 +30,11 @@ def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array
         Vertices (m, 3), faces (g, 3), and the maximum distance that points have moved [m].
     """
     sliver = min(SLIVER, tolerance / 2)  # It is part of the bound.
-    # Half the diagonal of a cell is the tolerance less a sliver, so no vertex moves farther than that.
-    cells = np.floor((vertices - vertices.min(axis=0)) / (2 * (tolerance - sliver) / np.sqrt(3.0)))
+    # Vertices that are one for `Interior` must be in one cell, or a closed surface would be cut there.
+    same = vertices.round(SAME)
+    # Half the diagonal of a cell is the tolerance less a sliver and what rounding changes: no vertex moves farther.
+    half = max(tolerance - sliver - 10.0**-SAME, (tolerance - sliver) / 2)
+    cells = np.floor((same - same.min(axis=0)) / (2 * half / np.sqrt(3.0)))
     _, cell = np.unique(cells, axis=0, return_inverse=True)
     cell = cell.ravel()
     count = int(cell.max()) + 1
