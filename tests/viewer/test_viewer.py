@@ -1235,3 +1235,21 @@ def test_a_motion_that_is_chosen_during_a_search_stays_until_the_next_goal(
         assert page.panel.motion.content == ""
         assert "Branch" in page.panel.branches.content
         assert "arm.ik" in page.panel.call.content
+
+
+def test_the_numbers_are_those_of_the_pose_that_a_proof_found() -> None:
+    """The arm stood at the pose of the proof, beside the errors and the call of the search's."""
+    arm = kinseek.load("so101")
+    T = kinseek.pose([0.382, 0.077, -0.208], rpy=[0.485, -0.158, 1.313])
+    with page_of(Session(arm)) as page:
+        page.change(target=T, free=["x"])
+        rest(page)
+        result, goal = page.result, page.options.goal
+        assert result.call.startswith("arm.prove(kinseek.Goal.pose(T, free=['x']), gap=0.")
+        np.testing.assert_array_equal(page.options.q, result.q)
+        np.testing.assert_array_equal(
+            eval(result.call, {"arm": arm, "kinseek": kinseek, "T": page.options.target}), result.q
+        )
+        assert result.solution.weighted_error < arm.ik(goal, near=result.near).weighted_error
+        assert f"{float(result.solution.position_error):.3g} m" in page.panel.result.content
+        assert "arm.prove" in page.panel.call.content

@@ -15,7 +15,7 @@ import kinseek
 from kinseek import Scene, Status, viewer
 from kinseek.collision.surfaces import drawn_bodies
 from kinseek.viewer import words
-from kinseek.viewer.session import Session, status_of
+from kinseek.viewer.session import Proof, Session, nearest_of, status_of
 from viewer_pages import CAMERA, client, page_of, wait_until
 
 pytest.importorskip("coal")
@@ -513,7 +513,7 @@ def test_a_proof_does_not_move_the_arm_away_from_its_motion(page: Any) -> None:
     page.choose_time(0.5 * motion.duration)
     wait_until(lambda: page._player.idle)
     assert not page._report_once(result, None, looking=False)
-    page._nearer(result, np.zeros(6))
+    page._nearer(result, Proof(UR5E.prove(page.options.target)))
     np.testing.assert_array_equal(page.options.q, motion.q(0.5 * motion.duration))
     assert "on its motion" in page.panel.result.content
 
@@ -571,3 +571,25 @@ def test_a_motion_that_hits_something_is_red_there_and_says_so(session: Session)
         assert red[~(free[1:] & free[:-1])].all()
         assert red.sum() <= (~(free[1:] & free[:-1])).sum() + 2  # A way may touch between two places.
         assert 0 < red.sum() < len(red)
+
+
+def test_the_branch_of_a_blocked_goal_is_the_one_that_is_drawn() -> None:
+    """After the proof the arm stood at another branch than the one that was named."""
+    rng = np.random.default_rng(0)
+    scene = Scene.of(UR5E, capsules=0.05)
+    for i in range(130):
+        scene.add_box(f"b{i}", [0.08] * 3, kinseek.pose(rng.uniform([-0.8, -0.8, -0.5], [0.8, 0.8, 1.1])))
+    session, moved = Session(UR5E, scene), 0
+    with page_of(session) as page:
+        for seed in range(40):
+            page.change(target=UR5E.fk(UR5E.sample(1, seed)[0]))
+            wait_until(lambda: page.idle, 60.0)
+            if not page.result.blocked:
+                continue
+            moved += np.abs(session.solve(page.options).q - page.result.q).max() > 0.1
+            number = nearest_of(page.branches, page.result.q)
+            assert f"Branch {number + 1} of {len(page.branches)}" in page.panel.branches.content
+            np.testing.assert_array_equal(page.options.q, page.result.q)
+            if moved > 2:
+                break
+        assert moved

@@ -523,14 +523,11 @@ class Page:
                 return
         if not self._report_once(result, self.proof, looking=False):
             return
-        found = None if self.proof is None else self.proof.certificate
-        known = np.inf if result.solution is None else float(result.solution.weighted_error)
-        if (
-            found is not None
-            and result.options.search == DEFAULT
-            and found.upper_bound < known * (1.0 - 1e-3)
-        ):
-            self._nearer(result, found.q)
+        last, solution = self.proof, result.solution
+        if last is None or last.certificate is None or solution is None or result.options.search != DEFAULT:
+            return
+        if last.certificate.upper_bound < float(solution.weighted_error) * (1.0 - 1e-3):
+            self._nearer(result, last)
 
     def _prove_blocked(self, result: GoalResult) -> None:
         """Report whether it is proved that every solution hits something; another one may be free after all."""
@@ -542,7 +539,7 @@ class Page:
             self.options, self.result = self.options.but(q=after.q), after
             self._show_posture(posture, after.options.target, after.reached)
             self.panel.result.content = words.result_html(after, None, False)
-            self.panel.call.content = words.code_html(after.call)
+        self._show_branches(after)
 
     def _report_once(self, result: GoalResult, proof: Proof | None, looking: bool) -> bool:
         """Report what is proved about a solution; return False, and report nothing, if it is no longer the one shown."""
@@ -553,14 +550,17 @@ class Page:
             self.panel.result.content = words.result_html(result, proof, looking)
             return True
 
-    def _nearer(self, result: GoalResult, q: Array) -> None:
-        """Show the pose that a proof found, if it is nearer than that of the search."""
-        posture = self._session.posture(q)
-        with self._lock:
+    def _nearer(self, result: GoalResult, proof: Proof) -> None:
+        """Show the pose that a proof found, which is nearer than that of the search."""
+        after = self._session.nearer(result, proof)
+        posture = self._session.posture(after.q)
+        with self._lock, self._client.atomic():
             if self.result is not result:
                 return
-            self.options = self.options.but(q=q)
-            self._show_posture(posture, result.options.target, False)
+            self.options, self.result = self.options.but(q=after.q), after
+            self._show_posture(posture, after.options.target, after.reached)
+            self.panel.result.content = words.result_html(after, proof, False)
+        self._show_branches(after)
 
     def _cloud(self, _: str) -> None:
         options, result, view = self.options, self.result, self.view

@@ -20,7 +20,7 @@ from kinseek.goal import Goal
 from kinseek.paths.tracker import Tracker
 from kinseek.problem import Problem
 from kinseek.proof.certificate import Certificate, Verdict
-from kinseek.solution import Solution, Status
+from kinseek.solution import Solution, Status, conclude
 from kinseek.support.deadline import Deadline
 from kinseek.support.turns import TURN
 from kinseek.support.units import FAR
@@ -134,6 +134,8 @@ class Proof:
     """Certificate of its position alone, with any orientation: its errors are in metres."""
     refused: str = ""
     """Why nothing can be proved."""
+    call: str = ""
+    """The Python call that finds the pose of the certificate; empty if the time was up."""
 
     @property
     def unreachable(self) -> bool:
@@ -290,6 +292,15 @@ class Session:
         options = result.options.but(q=solution.q)
         return replace(result, options=options, q=solution.q, solution=solution, near=near, call=call)
 
+    def nearer(self, result: GoalResult, proof: Proof) -> GoalResult:
+        """Return the result with the pose that a proof found, which is nearer than that of the search."""
+        assert result.solution is not None
+        assert proof.certificate is not None
+        q, work = proof.certificate.q, np.array([[int(result.solution.evaluations), 0, 0]])
+        solution = conclude(result.solution.problem, q[None], work)
+        options = result.options.but(q=q)
+        return replace(result, options=options, q=q, solution=solution, call=proof.call)
+
     def _far(self, options: ViewerOptions) -> str:
         """Return a message for a goal so far away that its units may be wrong: `Arm.ik` would warn."""
         far = float(np.linalg.norm(options.target[:3, 3]))
@@ -351,11 +362,12 @@ class Session:
         if self.arm.axes is None:
             yield Proof(refused="Nothing can be proved about an arm with black-box kinematics.")
             return
-        until, place = Until(stopped, PROOF_PATIENCE), None
+        until, place, goal = Until(stopped, PROOF_PATIENCE), None, _goal_in_python(options)
         try:
             problem = Problem(self.arm.mechanism, options.goal)
             best = prove(problem, budget=FIRST_BOXES, threads=threads, deadline=until)
-            yield Proof(best)
+            call = "" if until.passed else f"arm.prove({goal}, budget={FIRST_BOXES}).q"
+            yield Proof(best, call=call)
             if best.verdict is Verdict.REACHABLE or until.passed:
                 return
             if problem.goal.form.columns and not {"x", "y", "z"} & set(options.free):
@@ -364,8 +376,9 @@ class Session:
             for gap in GAPS:
                 known = prove(problem, gap=gap, threads=threads, deadline=until)
                 # A proof that ran out of time may have the weaker bound.
-                best = known if known.lower_bound >= best.lower_bound else best
-                yield Proof(best, place)
+                if known.lower_bound >= best.lower_bound:
+                    best, call = known, "" if until.passed else f"arm.prove({goal}, gap={gap}).q"
+                yield Proof(best, place, call=call)
                 if best.verdict is Verdict.REACHABLE or until.passed:
                     return
         except KinseekError as error:
