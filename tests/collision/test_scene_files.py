@@ -240,6 +240,16 @@ def test_only_of_a_mesh_it_is_said_that_it_may_be_left_out(tmp_path: Path, scene
         scene.add_file(written(tmp_path, "alone.urdf", alone), missing="skip")
 
 
+def test_meshes_that_are_missing_count_as_shapes(
+    tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    geometry = '<collision><geometry><mesh filename="none.stl"/></geometry></collision>'
+    path = written(tmp_path, "a.urdf", CELL.replace("</link>", f"{geometry * 20}</link>", 1))
+    monkeypatch.setattr(bodies, "MOST_SHAPES", 20)
+    with pytest.raises(InvalidScene, match="21 shapes of bodies, expected at most 20"):
+        scene.add_file(path, missing="skip")
+
+
 def test_a_xacro_file_is_expanded(tmp_path: Path, scene: Scene) -> None:
     text = CELL.replace('name="cell">', 'name="cell" xmlns:xacro="http://www.ros.org/wiki/xacro">')
     path = written(tmp_path, "cell.urdf.xacro", text.replace('radius="0.03"', 'radius="${0.01 * 3}"'))

@@ -737,6 +737,19 @@ def test_points_inside_do_not_count_as_corners() -> None:
 
 
 @pytest.mark.slow
+def test_the_search_for_corners_ends_in_seconds() -> None:
+    """Points on spheres in each other, such that each step helps a little, took minutes."""
+    rng, radius = np.random.default_rng(0), np.ones(300_000)
+    for share, size in ((0.39, 0.994), (0.30, 0.978), (0.21, 0.93), (0.115, 0.7)):
+        radius[: int(share * len(radius))] = size
+    points = rng.normal(size=(len(radius), 3))
+    points *= (radius / np.linalg.norm(points, axis=1))[:, None]
+    began = time.process_time()
+    assert len(outermost(points)) > MOST_CORNERS
+    assert time.process_time() - began < 10
+
+
+@pytest.mark.slow
 def test_depths_below_many_planes_take_little_memory() -> None:
     """All products at once took 7 GB for a hull of a 1 MB file."""
     rng = np.random.default_rng(2)

@@ -433,6 +433,20 @@ def test_images_are_pictures_of_a_sane_size(tmp_path: Path) -> None:
     assert not pictured()
 
 
+def test_places_in_an_image_that_no_page_can_read_are_left_out(tmp_path: Path) -> None:
+    """JSON with Infinity hid the mesh in the page."""
+    image = pytest.importorskip("PIL.Image")
+    (tmp_path / "a.mtl").write_text("newmtl red\nmap_Kd a.png\n")
+    image.new("1", (8, 8)).save(tmp_path / "a.png")
+    for place, fits in (("1 0", True), ("1e39 0", False), ("1e999 0", False)):
+        (tmp_path / "a.obj").write_text(
+            f"mtllib a.mtl\n{TRIANGLE}vt 0 0\nvt {place}\nvt 0 1\nusemtl red\nf 1/1 2/2 3/3\n"
+        )
+        (part,) = mesh_parts(tmp_path / "a.obj")
+        assert (part.visual.uv is not None) == fits
+        assert len(part.faces) == 1
+
+
 def test_an_image_in_a_file_counts_as_often_as_it_is_named(tmp_path: Path) -> None:
     """213 kB of 9,900 references to an image with many parts took 90 s, and filled 5.7 GiB."""
     data, told = pictured_glb((200, 200), "BMP")

@@ -12,7 +12,7 @@ import pytest
 
 import kinseek
 from kinseek import Goal, InvalidGoal, InvalidProblem, InvalidScene, NotReached, Scene, Status
-from kinseek.collision import Box
+from kinseek.collision import Box, ends
 from kinseek.paths.path import PathStatus
 from kinseek.planning.shorten import lengths
 from kinseek.planning.space import Space
@@ -305,3 +305,19 @@ def test_a_removed_node_takes_what_grew_from_it() -> None:
     assert tree.q[:, 0].tolist() == [0.0, 2.0, 5.0]
     assert tree.parents.tolist() == [-1, 0, 1]
     assert tree.branch(2) == [0, 1, 2]
+
+
+def test_of_many_goals_those_are_solved_for_which_there_is_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each goal took a millisecond after the time was up: 20,000 took 17 s."""
+    arm, scene = walled("ur5e")
+    q0, _ = begin_and_end(arm, scene)
+    calls, of_one = list[int](), ends._of_one
+
+    def slow(*args: Any) -> Any:
+        calls.append(1)
+        time.sleep(0.01)
+        return of_one(*args)
+
+    monkeypatch.setattr(ends, "_of_one", slow)
+    scene.plan(q0, arm.fk(arm.sample(300, seed=5)), time_limit=0.1)
+    assert 1 <= len(calls) < 50

@@ -183,7 +183,7 @@ def read_bodies(
     robot = same_robot(chain, root_element(text, str(path)), path)
     notes: list[str] = []
     frames = link_frames(robot, chain, joints, notes)
-    bodies, shapes = [], 0
+    bodies = []
     with MeshFiles(path, folders) as meshes:
         for link in robot.links:
             if link.name not in frames:
@@ -191,8 +191,6 @@ def read_bodies(
             parts = parts_of(link.element, meshes, skip, notes)
             if parts:
                 bodies.append(Body(link.name, frames[link.name], parts, is_link=True))
-            shapes += len(parts)
-            require_number(shapes)
     solid = {body.name for body in bodies}
     return ArmBodies(bodies, neighbours_of(robot, solid), notes, frames, robot.name)
 
@@ -230,7 +228,7 @@ class MeshFiles:
         self.path = path
         self._folders, self._hull, self._reader = folders, hull, reader_of_shapes()
         self._known: dict[tuple[str, tuple[float, ...]], Mesh] = {}
-        self._corners = self._triangles = 0
+        self._corners = self._triangles = self.shapes = 0
 
     def __enter__(self) -> MeshFiles:
         """End the reader at the end of the block."""
@@ -281,6 +279,8 @@ def parts_of(link: Any, meshes: MeshFiles, skip: bool, notes: list[str]) -> list
     """
     parts = []
     for number, element in enumerate(link.findall("collision"), start=1):
+        meshes.shapes += 1  # Also those that are left out: each takes the time of a search, and a note.
+        require_number(meshes.shapes)
         try:
             parts.append(Part(_shape(element, meshes), origin_of(element)))
         except (InvalidRobot, InvalidScene) as error:

@@ -62,7 +62,11 @@ def free_ends(scene: Scene, begin: Array, goal: Any, clearance: float, deadline:
     """
     chain = scene._chain
     goals = _goals(chain, goal)
-    found = [_of_one(scene, chain, begin, one, clearance, deadline) for one in goals]
+    found: list[Array | Solution | None] = []
+    for one in goals:
+        if found and deadline.passed:
+            break
+        found.append(_of_one(scene, chain, begin, one, clearance, deadline))
     free = [q for q in found if isinstance(q, np.ndarray)]
     tool = next((one.tool for one in goals if isinstance(one, Goal)), None)
     if free or deadline.passed:

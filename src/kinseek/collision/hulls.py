@@ -39,6 +39,10 @@ further."""
 _HELPS = 0.9
 """No more directions are tried after a step that keeps more than this fraction of the points. Not examined further."""
 
+_WORK, _WORK_OF_POINT = 2**27, 2**10
+"""Maximum number of products of points with directions and planes, and how many more for each point: a few seconds for a
+million points. Not examined further."""
+
 _DEEP = 1e-9
 """Depth below all sides of a hull beyond which a point is inside despite rounding, relative to the hull's size."""
 
@@ -166,8 +170,10 @@ def outermost(points: Array, most: int = MOST_CORNERS) -> Array:
 
     The hull stays the same. More than `most` points may remain.
     """
+    left = _WORK + _WORK_OF_POINT * len(points)
     for count in _DIRECTIONS:
-        if len(points) <= most:
+        left -= 3 * count * len(points)  # A hull of n corners has up to 2 n - 4 sides.
+        if len(points) <= most or left < 0:
             break
         before, points = len(points), points[~_inside_farthest(points, count)]
         if len(points) > _HELPS * before:

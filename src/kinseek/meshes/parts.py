@@ -130,6 +130,7 @@ def _painted(bodies: list[Body], materials: Mapping[str, Any]) -> list[Any]:
         vertices, faces, visual = body.vertices, body.faces, None
         material = materials.get(body.material)
         looks = [None if material is None else body.uv, body.normals, body.vertex_colours]
+        looks = [each if each is None or _is_single(each) else None for each in looks]
         # Those of corners: a vertex may have several places in the image, normals and colours.
         if any(each is not None and each.ndim == 3 for each in looks):
             at_corners = (each if each is None or each.ndim == 3 else each[faces] for each in looks)
@@ -144,6 +145,11 @@ def _painted(bodies: list[Body], materials: Mapping[str, Any]) -> list[Any]:
             trimesh.Trimesh(vertices, faces, process=False, visual=visual, vertex_normals=normals, **colours)
         )
     return parts
+
+
+def _is_single(look: Any) -> bool:
+    """Return whether numbers fit into single precision, as for a page: one that does not would hide the whole mesh."""
+    return bool((np.abs(look) <= np.finfo(np.float32).max).all())
 
 
 def _materials_of_obj(libraries: list[str], beside: Beside) -> dict[str, Any]:

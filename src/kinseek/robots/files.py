@@ -10,6 +10,7 @@ import os
 import stat
 from collections.abc import Iterable
 from functools import partial
+from itertools import islice
 from pathlib import Path, PureWindowsPath
 
 from kinseek.errors import InvalidRobot, near_names
@@ -31,6 +32,10 @@ ANY_ENDING = f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
 
 WINDOWS = os.name == "nt"
 """Whether a name such as ``//server/share/file`` makes the system connect to another machine."""
+
+_SEARCHED, _LISTED = 500, 20
+"""Number of files among which a message looks for those that may be meant, and number of those that it lists. A robot may
+name thousands of files that are not there."""
 
 _NOT_A_FILE = (
     (stat.S_ISDIR, "a folder"),
@@ -182,11 +187,13 @@ def _hint(path: Path) -> str:
     """Return the similar names of files in the same folder that could be meant, and the list of them."""
     kinds = ENDINGS if path.suffix in ENDINGS else (path.suffix,)
     try:
-        nearby = sorted(p.name for p in path.parent.glob("*") if p.suffix in kinds and p.name != path.name)
+        some = [p.name for p in islice(path.parent.glob("*"), _SEARCHED) if p.suffix in kinds]
     except OSError:
         return ""
+    nearby = sorted(set(some) - {path.name})
     if not nearby:
         return ""
     near = near_names(path.name, nearby)
     meant = f"; did you mean {' or '.join(map(repr, near))}?" if near else "."
-    return f"{meant} In its folder: {', '.join(map(printable, nearby))}"
+    listed, more = map(printable, nearby[:_LISTED]), len(nearby) - _LISTED
+    return f"{meant} In its folder: {', '.join(listed)}" + (f" and {more} more" if more > 0 else "")

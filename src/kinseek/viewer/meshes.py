@@ -28,6 +28,9 @@ MOST_FACES = 1_000_000
 MOST_READ = 2**28
 """Maximum size of the files of all meshes together [bytes]; a file counts as often as it is named."""
 
+MOST_MISSING = 1_000
+"""Maximum number of shapes that are searched in vain: each takes milliseconds."""
+
 MOST_REPORTED = 5
 """Maximum number of missing meshes that are named; a missing package causes dozens."""
 
@@ -93,6 +96,11 @@ def _add_links(found: Meshes, robot: Robot, chain: SerialChain, files: _Files) -
         for visual in link.findall("visual"):
             if faces > MOST_FACES:
                 found.missing.append(_too_many(link))
+                continue
+            if len(found.missing) >= MOST_MISSING:
+                found.missing.append(
+                    f"link {link.get('name')!r}: left out after {MOST_MISSING:,} missing shapes"
+                )
                 continue
             try:
                 parts = list(_shapes(visual, files, paints))
