@@ -593,3 +593,26 @@ def test_the_branch_of_a_blocked_goal_is_the_one_that_is_drawn() -> None:
             if moved > 2:
                 break
         assert moved
+
+
+def test_the_arm_begins_a_motion_that_is_planned_again(page: Any) -> None:
+    """It stayed where the motion before was, with the status of the new one."""
+    motion = planned_motion(page)
+    page.choose_time(0.5 * motion.duration)
+    wait_until(lambda: page.idle)
+    page.panel._choose_limit("acceleration", 1.0)
+    wait_until(lambda: page.idle)
+    assert page.trajectory.duration > motion.duration
+    assert page.panel.time.value == 0.0
+    np.testing.assert_array_equal(page.options.q, page.trajectory.q(0.0))
+
+
+def test_no_plan_is_shown_while_the_goal_drives_the_arm(page: Any) -> None:
+    planned_motion(page)
+    page.servo(True)
+    wait_until(lambda: page._planner.idle and page.trajectory is None)
+    assert page.panel.plan.content == ""
+    page.servo(False)
+    wait_until(lambda: page.idle)
+    assert page.trajectory is not None
+    assert "A motion of" in page.panel.plan.content

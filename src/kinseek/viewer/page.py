@@ -52,6 +52,9 @@ MOST_ADDED = 50
 BOX = 0.15
 """Edge length of a new box, relative to the arm's reach."""
 
+ON_MOTION = "The arm is shown on its motion."
+"""The status while it is."""
+
 _SOLVES, _SEARCHES, _PROOFS, _CLOUDS, _PLANS = (Turns() for _ in range(5))
 """The turns of all pages for each kind of work that takes time."""
 
@@ -249,7 +252,7 @@ class Page:
             self.options = self.options.but(q=q)
             # No proof about the goal changes what is shown.
             self.result, self.proof = (
-                GoalResult(self.options, q, refused="The arm is shown on its motion."),
+                GoalResult(self.options, q, refused=ON_MOTION),
                 None,
             )
             self._show_posture(posture, self.options.target, True)
@@ -416,7 +419,7 @@ class Page:
         self._planner.give("again")
 
     def _plan(self, _: str) -> None:
-        if not self.planning:
+        if not self.planning or self._servoing:  # No plan belongs to a goal that moves.
             self.panel.plan.content = ""
             self._show_motion(self._given_motion, None)
             return
@@ -440,7 +443,12 @@ class Page:
                 self.panel.plan.content = words.plan_html(
                     Planned(f"The motion hits {', '.join(swept.hit)}.", "bad")
                 )
+            is_on_motion = self.result.refused == ON_MOTION
         self._client.flush()
+        if is_on_motion and motion is None:
+            self._ask()
+        elif is_on_motion:  # On the one before.
+            self.choose_time(0.0)
 
     # Fast responses.
 
@@ -655,6 +663,8 @@ class Page:
         except KinseekError:
             self._player.give("solve")  # Which says why.
             return
+        if self.planning:
+            self._planner.give("again")
         self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
         self.panel.branches.content, self.panel.servo.value = "", True
         self.panel.call.content = ""  # That of the last solution.
