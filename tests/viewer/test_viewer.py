@@ -1253,3 +1253,23 @@ def test_the_numbers_are_those_of_the_pose_that_a_proof_found() -> None:
         assert result.solution.weighted_error < arm.ik(goal, near=result.near).weighted_error
         assert f"{float(result.solution.position_error):.3g} m" in page.panel.result.content
         assert "arm.prove" in page.panel.call.content
+
+
+def test_the_tracker_ends_also_if_its_limits_change_meanwhile(servo_page: Any) -> None:
+    """A new tracker took the place of the end that waited."""
+    with servo_page._player._changed:
+        servo_page.servo(False)
+        servo_page.change_limits()
+    rest(servo_page)
+    assert not servo_page._servoing
+    assert servo_page.result.reached
+
+
+def test_the_refusal_of_a_goal_stays_beside_a_proof(sessions: dict[str, Session]) -> None:
+    with page_of(sessions["ur5e"]) as page:
+        page.change(target=far(page.options).target)
+        wait_until(lambda: "proof" in page.panel.result.content or "Proved" in page.panel.result.content)
+        page.panel.place.value = (1e8, 0.0, 0.0)
+        page.panel._type_goal()
+        rest(page)
+        assert "1e+07 m" in page.panel.result.content

@@ -616,3 +616,32 @@ def test_no_plan_is_shown_while_the_goal_drives_the_arm(page: Any) -> None:
     wait_until(lambda: page.idle)
     assert page.trajectory is not None
     assert "A motion of" in page.panel.plan.content
+
+
+def test_a_change_of_the_scene_is_solved_also_while_the_arm_is_on_its_motion(
+    page: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A solution that took longer than the quiet time was dropped, and the arm stayed on its motion."""
+    motion, solve = planned_motion(page), page._session.solve
+    page.choose_time(0.5 * motion.duration)
+    wait_until(lambda: page.idle)
+
+    def slow(options: Any) -> Any:
+        time.sleep(0.5)
+        return solve(options)
+
+    monkeypatch.setattr(type(page._session), "solve", lambda session, options: slow(options))
+    page.edit(page.add_box)
+    wait_until(lambda: page.idle)
+    assert page.result.solution is not None
+
+
+def test_play_and_stop_keep_the_goal_that_is_solved(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    planned_motion(page)
+    with page._solver._changed, page._player._changed:  # Both begin after the clicks.
+        page.change(target=FREE)
+        page.play_motion(True)
+        page.play_motion(False)
+    wait_until(lambda: page.idle)
+    assert page.result.reached
+    np.testing.assert_array_equal(page.result.options.target, page.options.target)

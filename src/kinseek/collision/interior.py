@@ -199,9 +199,10 @@ class Interior:
         for first in range(int(self._starts[inner]), int(self._ends[inner]), step):
             began, result = time.thread_time(), coal.CollisionResult()
             part = _model(self._corners[first : min(first + step, self._ends[inner])])
-            if coal.collide(models[outer], still, part, still, coal.CollisionRequest(), result):
-                return False
+            touches = coal.collide(models[outer], still, part, still, coal.CollisionRequest(), result)
             self.compared += int((time.thread_time() - began) * _COMPARED_IN_A_SECOND)
+            if touches:
+                return False
             if self.compared > 2 * MOST_COMPARED:
                 raise InvalidScene(
                     "to find its cavities takes too long, as two of its surfaces lie close to each other: simplify it, or "

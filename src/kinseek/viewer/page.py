@@ -6,6 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from typing import Any
@@ -89,7 +90,9 @@ class Page:
         self._chosen_time, self._chosen_pass = 0.0, 0
         """The time of the motion that was chosen last [s]."""
         self._motions = 0
-        """How often the arm was to be shown on a motion: goals that were set before are not shown after that."""
+        """How often the arm was shown on a motion: goals that were set before are not shown after that."""
+        self._drives = False
+        """Is the goal to drive the arm?"""
         self._servoing = False
         """Does a tracker move the arm? Then goals are not solved."""
         self._new_goals = np.random.default_rng(client.client_id)
@@ -190,21 +193,21 @@ class Page:
             self._again()
         else:
             if "free" in changes:  # Another goal needs another tracker.
-                self._player.give("servo")
+                self._track()
             self._clouder.give("again")
         self._storer.give("keep")
 
     def _again(self) -> None:
         """Solve the goal, or track it with another tracker."""
         if self._servoing:
-            self._player.give("servo")
+            self._track()
         else:
             if not self._player.idle:
                 self._player.give("stop")
             self._ask()
 
     def _ask(self, picked: Array | None = None) -> None:
-        """Solve the goal, or show one of its branches, unless the arm is to be shown on a motion before that is done."""
+        """Solve the goal, or show one of its branches, unless the arm is shown on a motion before that is done."""
         self._solver.give((self._motions, picked))
 
     def pick(self, number: int) -> None:
@@ -249,6 +252,7 @@ class Page:
         with self._lock, self._client.atomic():
             if self._player.follows("stop"):  # A goal is solved, and may be shown already.
                 return
+            self._motions += 1
             self.options = self.options.but(q=q)
             # No proof about the goal changes what is shown.
             self.result, self.proof = (
@@ -278,24 +282,27 @@ class Page:
 
     def play_motion(self, on: bool) -> None:
         """Play a motion from the time that is shown, or stop."""
-        self._motions += on
         self._player.give("motion" if on else "stop")
 
     def choose_time(self, t: float) -> None:
         """Stop, and show a motion at a time [s]."""
         self._chosen_time = t
-        self._motions += 1
         self._player.give("time")
 
     def servo(self, on: bool) -> None:
         """Let the goal drive a tracker from now on, or solve it again."""
+        self._drives = on
         self._servoing = self._servoing or on
-        self._player.give("servo" if on else "solve")
+        self._track()
+
+    def _track(self) -> None:
+        """Track the goal by a new tracker, or solve it again if it is no longer to drive the arm."""
+        self._player.give("servo" if self._drives else "solve")
 
     def change_limits(self) -> None:
         """Track, and plan motions, within other limits from now on."""
         if self._servoing:
-            self._player.give("servo")
+            self._track()
         if self.planning:
             self._planner.give("again")
 
@@ -330,7 +337,9 @@ class Page:
         try:
             named[1]()
         except KinseekError as error:
-            self.panel.result.content = words.refused_html(str(error))
+            with self._lock:  # No proof about the goal before replaces the message.
+                self.result = replace(self.result, refused=str(error))
+                self.panel.result.content = words.refused_html(str(error))
 
     def select_body(self, name: str) -> None:
         """Edit the body of this name, if it stands by itself; otherwise none."""
@@ -443,7 +452,7 @@ class Page:
                 self.panel.plan.content = words.plan_html(
                     Planned(f"The motion hits {', '.join(swept.hit)}.", "bad")
                 )
-            is_on_motion = self.result.refused == ON_MOTION
+            is_on_motion = self.result.refused == ON_MOTION and self._solver.idle
         self._client.flush()
         if is_on_motion and motion is None:
             self._ask()
@@ -454,8 +463,6 @@ class Page:
 
     def _solve(self, asked: tuple[int, Array | None]) -> None:
         motions, picked = asked
-        if self._motions != motions:
-            return
         options = self.options
         if not options.has_goal_of(self._branches_for):
             picked = None  # It is a branch of an earlier goal; the new one has not been solved.
@@ -463,7 +470,11 @@ class Page:
         posture = self._session.posture(result.q)
         missed = not (result.reached or result.refused)
         with self._lock, self._client.atomic():
-            if self._servoing or self._motions != motions:
+            if self._servoing:
+                return
+            if self._motions != motions:  # What else belongs to the goal is shown.
+                self.trace = None
+                self._follow_up()
                 return
             self.options = self.options.but(q=result.q)
             self.result, self.proof, self.trace = result, None, result.trace
@@ -476,8 +487,14 @@ class Page:
         if picked is None or self.branches is None:
             self.branches, self._branches_for = self._session.branches(options), options
         self._show_branches(result)
-        for worker in (self._prover, self._clouder, *([self._planner] if self.planning else [])):
-            worker.give("again")
+        self._prover.give("again")
+        self._follow_up()
+
+    def _follow_up(self) -> None:
+        """Begin slower computations for the goal."""
+        self._clouder.give("again")
+        if self.planning:
+            self._planner.give("again")
 
     def _show_branches(self, result: GoalResult) -> None:
         """Show the branches of the goal of a result, if it is still the one shown, and the call in Python."""
@@ -634,7 +651,7 @@ class Page:
 
     def _play(self, what: str) -> None:
         if self._servoing and what != "servo":
-            self._servoing = self.panel.servo.value = False
+            self._servoing = self._drives = self.panel.servo.value = False
             self.panel.shares.content = ""
             if what not in ("motion", "time") or self.trajectory is None:
                 self._ask()
@@ -648,6 +665,7 @@ class Page:
         elif what == "play":
             self._play_passes()
         elif what == "servo":
+            self._servoing = True
             self._play_servo()
 
     def _play_servo(self) -> None:
@@ -666,7 +684,7 @@ class Page:
         if self.planning:
             self._planner.give("again")
         self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
-        self.panel.branches.content, self.panel.servo.value = "", True
+        self.panel.branches.content, self.panel.motion.content, self.panel.servo.value = "", "", True
         self.panel.call.content = ""  # That of the last solution.
         limits, before = np.array([tracker.velocity, tracker.acceleration]), time.monotonic()
         while not self._player.stale():
