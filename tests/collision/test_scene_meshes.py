@@ -70,7 +70,7 @@ SPECKS = together(ball(0.1), *(ball(0.001, 1, (0.15 + 0.05 * i, 0.0, 0.0)) for i
 def test_what_is_simplified_and_made_thicker_holds_the_mesh(
     mesh: tuple[np.ndarray, np.ndarray], tolerance: float
 ) -> None:
-    vertices, faces, moved = simplified(*mesh, tolerance)
+    vertices, faces, moved, _ = simplified(*mesh, tolerance)
     assert moved <= tolerance
     whole = trimesh.Trimesh(*mesh, process=False)
     points = trimesh.sample.sample_surface(whole, 120, seed=1)[0]
@@ -192,6 +192,66 @@ def test_a_box_in_a_corner_of_another_takes_nothing_away_from_it(
         assert each.holds(np.full(3, -1.9))
         assert each.holds(np.full(3, 1.9))
         assert not each.holds(SIDE)
+
+
+def test_a_surface_in_both_orientations_elsewhere_changes_no_inside() -> None:
+    """With one far away, a box inside out took its part away from the one that it shares triangles with."""
+    vertices, faces = cube(4)
+    double, sheet = cube(1, 30.0), cube(1, 30.0)[1]
+    decoy = double[0], np.concatenate([sheet, sheet[:, ::-1]])
+    for sides in ((0.8, 1, 1), (0.8, 0.6, 1), (1, 1, 0.5)):
+        inner = (vertices + 2) * sides - 2, faces[:, ::-1]
+
+        plain = Mesh(*together((vertices, faces), inner), False)
+        mesh = Mesh(*together((vertices, faces), inner, decoy), False)
+        assert not mesh.closed
+        for point in np.random.default_rng(0).uniform(-2.5, 2.5, (50, 3)):
+            assert mesh.holds(point) == plain.holds(point) == bool((np.abs(point) < 2).all())
+
+
+def lobes() -> np.ndarray:
+    """Corners of one closed surface of two pyramids that a thin tube connects; one is inside out, (f, 3, 3)."""
+    angles = np.array([0.0, 2.0, 4.0]) * np.pi / 3.0
+    ring = np.column_stack([np.cos(angles), np.sin(angles)])
+    pairs = [(0, 1), (1, 2), (2, 0)]
+    parts, tops = [], []
+    for size, x in ((10.0, 15.0), (8.0, 0.0)):
+        base, top = (
+            np.column_stack([ring * r + [x, 0], np.full(3, z)])
+            for r, z in ((size, -size / 2), (5e-5, size / 2))
+        )
+        parts.append(
+            [
+                base[[0, 2, 1]],
+                *(
+                    np.array(f)
+                    for i, j in pairs
+                    for f in ((base[i], base[j], top[j]), (base[i], top[j], top[i]))
+                ),
+            ]
+        )
+        tops.append(top)
+    (p, n) = tops
+    tube = [np.array(f) for i, j in pairs for f in ((p[i], p[j], n[j]), (p[i], n[j], n[i]))]
+    return np.array([*parts[0], *tube, *(triangle[::-1] for triangle in parts[1])])
+
+
+def test_simplifying_makes_no_cavities_and_keeps_those_that_are_there(tmp_path: Path) -> None:
+    """The tube was cut, and the lobe inside out became a cavity of the box around it."""
+    vertices, faces = cube(60)
+    corners = np.concatenate([vertices[faces], lobes()]).reshape(-1, 3)
+    write_obj(tmp_path / "lobes.obj", corners, np.arange(len(corners)).reshape(-1, 3))
+    for tolerance in (None, 0.001):
+        mesh = Mesh.read(tmp_path / "lobes.obj", hull=False, simplify=tolerance)
+        assert mesh.closed
+        assert mesh.holds(np.array([0.1, 0.2, -1.0]))
+    write_obj(tmp_path / "room.obj", *nested(2))
+    for tolerance in (None, 0.001):
+        mesh = Mesh.read(tmp_path / "room.obj", hull=False, simplify=tolerance)
+        assert not mesh.holds(np.array([0.1, 0.2, 0.1]))
+        assert mesh.holds(np.array([0.75, 0.0, 0.0]))
+        assert pickle.loads(pickle.dumps(mesh)).holds(np.array([0.75, 0.0, 0.0]))
+    assert len(mesh.solid) > 0
 
 
 def test_materials_of_an_obj_do_not_change_the_order_of_its_triangles(tmp_path: Path) -> None:
@@ -394,7 +454,7 @@ def test_corners_that_differ_by_rounding_stay_together_when_simplified(less: flo
     vertices = places[grid] + np.where(grid == 2, rng.uniform(-2e-10, 2e-10, grid.shape), 0.0)
     faces = np.arange(len(vertices)).reshape(-1, 3)
     assert Mesh(vertices, faces, False).closed
-    simple, triangles, moved = simplified(vertices, faces, 0.002)
+    simple, triangles, moved, _ = simplified(vertices, faces, 0.002)
     assert moved <= 0.002
     mesh = Mesh(simple, triangles, False)
     assert mesh.closed

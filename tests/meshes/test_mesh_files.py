@@ -20,7 +20,15 @@ import pytest
 import kinseek
 from kinseek import InvalidRobot
 from kinseek.meshes import glb, limits, obj
-from kinseek.meshes.limits import ENDINGS, LEAST_BODIES, MOST_BODIES, Beside, Budget, pixels_of_image
+from kinseek.meshes.limits import (
+    ENDINGS,
+    LEAST_BODIES,
+    MOST_BODIES,
+    MOST_HINTS,
+    Beside,
+    Budget,
+    pixels_of_image,
+)
 from kinseek.meshes.obj import MOST_GROUPS
 from kinseek.meshes.parts import MOST_MESH, mesh_parts
 from kinseek.meshes.process import MeshReader
@@ -690,3 +698,20 @@ def test_trimesh_does_not_import_manifold3d(who: str, tmp_path: Path) -> None:
         check=True,
     )
     assert done.stdout == "True\nimported\n"
+
+
+def test_few_missing_files_get_a_hint_and_broken_ones_count(tmp_path: Path) -> None:
+    """A hint takes up to a fifth of a second, and a thousand broken files took half a minute."""
+    (tmp_path / "part.stl").write_bytes(b"")
+    budget = Budget(2**20)
+    said = []
+    for _ in range(MOST_HINTS + 1):
+        with pytest.raises(InvalidRobot) as caught:
+            mesh_parts(tmp_path / "parts.stl", budget=budget)
+        said.append("did you mean" in str(caught.value))
+    assert said == [True] * MOST_HINTS + [False]
+    (tmp_path / "broken.obj").write_text("what\n")
+    before = budget.bodies_left
+    with pytest.raises(InvalidRobot):
+        mesh_parts(tmp_path / "broken.obj", budget=budget)
+    assert budget.bodies_left <= before - LEAST_BODIES

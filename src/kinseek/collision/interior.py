@@ -53,12 +53,13 @@ _BOUNDS = 4
 class Interior:
     """The closed surfaces of a mesh."""
 
-    def __init__(self, vertices: Array, faces: Indices) -> None:
+    def __init__(self, vertices: Array, faces: Indices, solid: Indices | None = None) -> None:
         """Find the closed surfaces of triangles.
 
         Args:
             vertices: Vertices, (k, 3) [m].
             faces: Triangles as indices of vertices, (f, 3).
+            solid: Triangles that are in no cavity; None: any may be in one.
 
         Raises:
             InvalidScene: To find its cavities takes too long.
@@ -67,9 +68,12 @@ class Interior:
         corners = places.ravel()[faces]
         extended = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
         corners = corners[extended]
-        left, both_sides = _without_opposites(corners)
-        if not both_sides and _shares_edges(corners):
-            corners = _apart(corners, _parts(corners))
+        left, double = _without_opposites(corners)
+        if (both_sides := bool(double.any())) or _shares_edges(corners):
+            # What is there in both orientations encloses nothing, and would connect parts that share edges with it.
+            extended, corners = extended[~double], corners[~double]
+            if _shares_edges(corners):
+                corners = _apart(corners, _parts(corners))
             left, _ = _without_opposites(corners)
         used = extended[left]
         flipped, surface, closed, self._trusted = _surfaces(corners[left])
@@ -84,6 +88,10 @@ class Interior:
         self._starts = np.flatnonzero(np.diff(surface[order], prepend=-1))
         self._ends = np.append(self._starts[1:], len(order))
         self._trusted = self._trusted[closed]
+        may_be = np.ones(len(faces), dtype=np.bool_)
+        may_be[[] if solid is None else solid] = False
+        self._hollow = np.logical_and.reduceat(may_be[self._used], self._starts) if len(order) else may_be[:0]
+        """Which of the surfaces may be cavities."""
         if len(order):
             self._least = np.minimum.reduceat(self._corners.min(axis=1), self._starts)
             self._most = np.maximum.reduceat(self._corners.max(axis=1), self._starts)
@@ -105,6 +113,13 @@ class Interior:
     def any_solid(self) -> bool:
         """Is one of the surfaces solid?"""
         return bool(self._solid.any())
+
+    @property
+    def in_cavities(self) -> Bools:
+        """Which of the triangles belong to cavities, (f,)."""
+        found = np.zeros(len(self.faces), dtype=np.bool_)
+        found[self._used] = np.repeat(self._is_cavity(), self._ends - self._starts)
+        return found
 
     def holds(self, point: Array) -> bool:
         """Return whether a point (3,) lies in a solid surface and in no cavity of it."""
@@ -149,7 +164,7 @@ class Interior:
             return
         larger, compared = dict[int, Indices](), 0
         for surface in np.argsort(-volumes, kind="stable").tolist():
-            if not trusted[surface]:
+            if not (trusted[surface] and self._hollow[surface]):
                 continue
             compared += len(trusted) // _BOUNDS
             outer = (self._least < self._least[surface]).all(axis=1)
@@ -192,22 +207,24 @@ class Interior:
         """
         if not self._are_around(np.array([outer]), self._corners[self._starts[inner], 0])[0]:
             return False
-        coal, begin, end = library("coal"), self._starts[outer], self._ends[outer]
+        coal, began = library("coal"), time.thread_time()
+        begin, end = self._starts[outer], self._ends[outer]
         if outer not in models:
             models[outer] = _model(self._corners[begin:end])
         still, step = coal.Transform3s(), max(_AT_ONCE, _PAIRS_AT_ONCE // int(end - begin))
         for first in range(int(self._starts[inner]), int(self._ends[inner]), step):
-            began, result = time.thread_time(), coal.CollisionResult()
+            result = coal.CollisionResult()
             part = _model(self._corners[first : min(first + step, self._ends[inner])])
             touches = coal.collide(models[outer], still, part, still, coal.CollisionRequest(), result)
-            self.compared += int((time.thread_time() - began) * _COMPARED_IN_A_SECOND)
-            if touches:
-                return False
+            began, before = time.thread_time(), began
+            self.compared += int((began - before) * _COMPARED_IN_A_SECOND)
             if self.compared > 2 * MOST_COMPARED:
                 raise InvalidScene(
                     "to find its cavities takes too long, as two of its surfaces lie close to each other: simplify it, or "
                     "use its convex hull"
                 )
+            if touches:
+                return False
         return True
 
     def _turn_outward(self) -> None:
@@ -265,17 +282,17 @@ def _apart(corners: Indices, part: Indices) -> Indices:
     return renamed.reshape(-1, 3)
 
 
-def _without_opposites(corners: Indices) -> tuple[Indices, bool]:
+def _without_opposites(corners: Indices) -> tuple[Indices, Bools]:
     """Leave out pairs of triangles with the same corners and opposite orientations, which enclose nothing.
 
     Args:
         corners: Triangles with three different corners, (f, 3).
 
     Returns:
-        The triangles that are left, (g,), and whether those that are left out make a surface that is closed.
+        The triangles that are left, (g,), and which of those that are left out make surfaces that are closed, (f,).
     """
     if not len(corners):
-        return np.zeros(0, dtype=np.int64), False
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
     low, middle, high = np.sort(corners, axis=1).T
     count = int(high.max()) + 1
     _, pairs = np.unique(low * count + middle, return_inverse=True)
@@ -288,19 +305,20 @@ def _without_opposites(corners: Indices) -> tuple[Indices, bool]:
     starts = np.flatnonzero(np.diff(same[leading], prepend=-1))
     rank = np.arange(len(leading)) - np.repeat(starts, np.diff(np.append(starts, len(leading))))
     left = np.sort(leading[rank < np.abs(net)[same[leading]]])
-    return left, _has_closed_part(corners[first[net == 0]])
+    zero = np.flatnonzero(net == 0)
+    return left, np.isin(same, zero[_in_closed_parts(corners[first[zero]])])
 
 
-def _has_closed_part(corners: Indices) -> bool:
-    """Return whether a connected part of triangles has an even number of them at each edge."""
+def _in_closed_parts(corners: Indices) -> Bools:
+    """Return which triangles, (f, 3), are in a connected part with an even number of them at each edge, (f,)."""
     if not len(corners):
-        return False
+        return np.zeros(0, dtype=np.bool_)
     edges, _ = _edges(corners)
     part = _components(len(corners), *_chained(edges))
     odd = np.bincount(edges) % 2 == 1
     is_open = np.zeros(part.max() + 1, dtype=bool)
     is_open[part[np.flatnonzero(odd[edges]) // 3]] = True
-    return not is_open.all()
+    return ~is_open[part]
 
 
 def _surfaces(corners: Indices) -> tuple[Bools, Indices, Bools, Bools]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -254,6 +254,8 @@ class Mesh(Shape):
     """Added to it on every side to make up for simplification [m]."""
     boxed: bool = False
     """Do first checks take the bounding box of its triangles, which costs less than their hull? Results are the same."""
+    solid: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """Triangles that are in no cavity, as indices: those of a mesh that was simplified, which may cut a surface in two."""
 
     def __post_init__(self) -> None:
         """Validate the mesh."""
@@ -328,10 +330,13 @@ class Mesh(Shape):
             return cls(vertices, faces, hull, repr(str(path)))
         whole, tolerance = cls(vertices, faces, True, repr(str(path))), length("simplify", simplify)
         # Simplifying keeps a surface closed if its triangles are oriented alike.
-        vertices, faces, moved = uninterrupted(
+        vertices, faces, moved, source = uninterrupted(
             lambda: simplified(whole.vertices, whole.faces if hull else whole.interior.faces, tolerance)
         )
-        return cls(vertices, faces, hull, repr(str(path)), moved)
+        if hull:
+            return cls(vertices, faces, hull, repr(str(path)), moved)
+        solid = np.flatnonzero((source >= 0) & ~whole.interior.in_cavities[source])
+        return cls(vertices, faces, hull, repr(str(path)), moved, solid=solid)
 
     @property
     def thickness(self) -> float:
@@ -386,7 +391,7 @@ class Mesh(Shape):
             InvalidScene: To find its cavities takes too long.
         """
         try:
-            return Interior(self.vertices, self.faces)
+            return Interior(self.vertices, self.faces, self.solid)
         except InvalidScene as error:
             raise InvalidScene(f"{self.name}: {error}") from None
 

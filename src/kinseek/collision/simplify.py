@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array, Indices, float]:
+def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array, Indices, float, Indices]:
     """Merge the vertices in each cell of a grid.
 
     Args:
@@ -27,7 +27,8 @@ def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array
         tolerance: Maximum motion of any point [m].
 
     Returns:
-        Vertices (m, 3), faces (g, 3), and the maximum distance that points have moved [m].
+        Vertices (m, 3), faces (g, 3), the maximum distance that points have moved [m], and the triangle from which each face
+        comes, (g,), -1 for slivers.
     """
     sliver = min(SLIVER, tolerance / 2)  # It is part of the bound.
     # Vertices that are one for `Interior` must be in one cell, or a closed surface would be cut there.
@@ -60,7 +61,8 @@ def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array
     slivers = np.arange(3 * len(lost)).reshape(3, -1).T + count
     # In both orientations, so that they enclose no volume and each of their edges counts twice.
     triangles = np.concatenate([whole, slivers, slivers[:, ::-1]])
-    return np.concatenate([middle, begin, end, side]), triangles, moved
+    source = np.append(np.flatnonzero(different == 3), np.full(2 * len(slivers), -1))
+    return np.concatenate([middle, begin, end, side]), triangles, moved, source
 
 
 def _missing(lines: Indices, edges: Indices, count: int) -> Indices:

@@ -23,6 +23,8 @@ ENDINGS = ("dae", "glb", "obj", "ply", "stl")
 """Extensions of the formats that are read, without the dot."""
 MOST_BODIES = 10_000
 """Most bodies of one file: each takes some kilobytes, however few triangles it has."""
+MOST_HINTS = 20
+"""See `Budget.hints_left`."""
 LEAST_BODIES = 4
 """Least number of bodies that a file counts as, in the budget of a robot: reading a file takes as long as some eight
 bodies."""
@@ -139,9 +141,11 @@ class Budget:
     """Bytes of bodies that another process has read, with their images."""
     repeated_left: int = MOST_REPEATED
     """Bytes of files that were read before."""
-    seen: set[Path] = field(default_factory=set)
-    """Files that were read."""
-    refused: dict[Path, str] = field(default_factory=dict)
+    hints_left: int = MOST_HINTS
+    """Number of missing files for which a message says what may be meant."""
+    seen: set[str] = field(default_factory=set)
+    """Files that were read, as texts: the budget goes to a process and back for each file, and pickling paths is slow."""
+    refused: dict[str, str] = field(default_factory=dict)
     """Meshes that were rejected, with the reason; they are not read again."""
 
     def read(self, path: Path, most: int, below: Path | None = None) -> bytes:
@@ -151,9 +155,11 @@ class Budget:
             InvalidRobot: The file cannot be read or is too large, or the budget is exhausted.
         """
         if min(self.bytes_left, self.repeated_left) >= 0:
-            text = file_bytes(path, most, below=below)
+            self.hints_left -= 1
+            text = file_bytes(path, most, below=below, hints=self.hints_left >= 0)
+            self.hints_left += 1
             self.bytes_left -= len(text)
-            real = without_links(path)
+            real = str(without_links(path))
             self.repeated_left -= len(text) if real in self.seen else 0
             self.seen.add(real)
         if min(self.bytes_left, self.repeated_left) < 0:

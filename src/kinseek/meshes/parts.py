@@ -41,13 +41,14 @@ def mesh_parts(
     kind = ending(path)
     budget = Budget(2 * most) if budget is None else budget
     text = budget.read(path, most)
-    real = without_links(path)
+    real = str(without_links(path))
     if real in budget.refused:
         raise InvalidRobot(budget.refused[real])
     try:
         return _parts(path, kind, text, Beside(path, most, budget), budget, looks)
     except InvalidRobot as error:
         budget.refused[real] = str(error)
+        budget.bodies_left -= LEAST_BODIES
         raise
 
 

@@ -62,13 +62,14 @@ def without_links(path: Path) -> Path:
         return path
 
 
-def file_bytes(path: Path, most: int = MOST_BYTES, *, below: Path | None = None) -> bytes:
+def file_bytes(path: Path, most: int = MOST_BYTES, *, below: Path | None = None, hints: bool = True) -> bytes:
     """Read a whole file.
 
     Args:
         path: The file.
         most: Largest allowed size in bytes.
         below: A folder above a path without links, from which no link may lead; None permits links.
+        hints: If the file does not exist, name files in its folder that may be meant? This may take a fifth of a second.
 
     Raises:
         InvalidRobot: The file does not exist, is not a regular file, cannot be read, or is too large.
@@ -84,7 +85,7 @@ def file_bytes(path: Path, most: int = MOST_BYTES, *, below: Path | None = None)
     except InvalidRobot:
         raise
     except FileNotFoundError:
-        raise InvalidRobot(f"no file {str(path)!r}{_hint(path)}") from None
+        raise InvalidRobot(f"no file {str(path)!r}{_hint(path) if hints else ''}") from None
     except OSError as error:
         raise InvalidRobot(f"cannot read {str(path)!r}: {error.strerror}") from error
     except ValueError as error:  # The name contains a zero byte.
