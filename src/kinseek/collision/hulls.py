@@ -29,8 +29,8 @@ MOST_ON_SIDE = 1_500
 _FAN = 32
 """A flat side with more triangles is divided into a strip."""
 
-_PRODUCTS = 2**24
-"""Maximum number of point-plane products computed at once."""
+_ROWS, _PLANES = 2**12, 2**6
+"""Numbers of points and planes whose products are computed at once: they fit into the cache of a processor."""
 
 _DIRECTIONS = (32, 128, 512, 2048, 8192)
 """Numbers of directions in which the farthest points are searched, until few points lie outside their hull. Not examined
@@ -157,11 +157,12 @@ def farthest_beyond(points: Array, planes: Array) -> Array:
 
     The memory does not grow with the number of planes.
     """
-    count = max(_PRODUCTS // len(points), 1)
     most = np.full(len(points), -np.inf)
-    for first in range(0, planes.shape[1], count):
-        some = planes[:, first : first + count]
-        np.maximum(most, (points @ some[:3] + some[3]).max(axis=1), out=most)
+    for row in range(0, len(points), _ROWS):
+        rows, known = points[row : row + _ROWS], most[row : row + _ROWS]
+        for first in range(0, planes.shape[1], _PLANES):
+            some = planes[:, first : first + _PLANES]
+            np.maximum(known, (rows @ some[:3] + some[3]).max(axis=1), out=known)
     return most
 
 
