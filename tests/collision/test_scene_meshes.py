@@ -797,6 +797,16 @@ def test_points_inside_do_not_count_as_corners() -> None:
 
 
 @pytest.mark.slow
+def test_the_inner_side_of_a_thin_wall_has_no_corners_of_the_hull() -> None:
+    """A hollow sphere with a wall of 3 % was refused: the first directions cut deeper than that."""
+    outer = scattered(10_000)
+    outer /= np.linalg.norm(outer, axis=1)[:, None]
+    left = outermost(np.concatenate([outer, 0.97 * outer]))
+    assert len(left) < MOST_CORNERS
+    assert {tuple(row) for row in outer} <= {tuple(row) for row in left}
+
+
+@pytest.mark.slow
 def test_the_search_for_corners_ends_in_seconds() -> None:
     """Points on spheres in each other, such that each step helps a little, took minutes."""
     rng, radius = np.random.default_rng(0), np.ones(300_000)

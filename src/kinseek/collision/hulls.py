@@ -36,8 +36,9 @@ _DIRECTIONS = (32, 128, 512, 2048, 8192)
 """Numbers of directions in which the farthest points are searched, until few points lie outside their hull. Not examined
 further."""
 
-_HELPS = 0.9
-"""No more directions are tried after a step that keeps more than this fraction of the points. Not examined further."""
+_HELPS, _MANY = 0.9, 200_000
+"""No more directions are tried after a step that keeps more than this fraction of the points, if these are many: on a sphere
+no number of directions helps. A thin wall needs some hundred. Not examined further."""
 
 _WORK, _WORK_OF_POINT = 2**27, 2**10
 """Maximum number of products of points with directions and planes, and how many more for each point: a few seconds for a
@@ -177,7 +178,7 @@ def outermost(points: Array, most: int = MOST_CORNERS) -> Array:
         if len(points) <= most or left < 0:
             break
         before, points = len(points), points[~_inside_farthest(points, count)]
-        if len(points) > _HELPS * before:
+        if len(points) > max(_HELPS * before, _MANY):
             break
     return points
 

@@ -220,8 +220,8 @@ class Interior:
             self.compared += int((began - before) * _COMPARED_IN_A_SECOND)
             if self.compared > 2 * MOST_COMPARED:
                 raise InvalidScene(
-                    "to find its cavities takes too long, as two of its surfaces lie close to each other: simplify it, or "
-                    "use its convex hull"
+                    "to find its cavities takes too long, as its surfaces lie close to each other: use its convex hull, or "
+                    "make meshes of its own of these surfaces"
                 )
             if touches:
                 return False
