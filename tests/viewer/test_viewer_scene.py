@@ -645,3 +645,21 @@ def test_play_and_stop_keep_the_goal_that_is_solved(page: Any, monkeypatch: pyte
     wait_until(lambda: page.idle)
     assert page.result.reached
     np.testing.assert_array_equal(page.result.options.target, page.options.target)
+
+
+def test_the_time_of_a_given_motion_stays_when_the_scene_has_changed() -> None:
+    """The slider went back to 0 when the motion was drawn again."""
+    scene = Scene.of(UR5E, capsules=0.05)
+    motion = UR5E.move(UR5E.sample(2, seed=3)[0], UR5E.sample(2, seed=3)[1], 1.0, 1.0)
+    with page_of(Session(UR5E, scene), motion) as page:
+        page.edit(page.add_box)
+        wait_until(lambda: page._editor.idle and page._solver.idle)
+        page.choose_time(0.3)
+        wait_until(lambda: page.idle)
+        assert page.panel.time.value == 0.3
+        np.testing.assert_array_equal(page.options.q, motion.q(0.3))
+        page.play_motion(True)
+        page.pick(1)
+        wait_until(lambda: page.idle)
+        assert page.result.reached
+        assert nearest_of(page.branches, page.result.q) == 1

@@ -71,8 +71,9 @@ class Page:
     ) -> None:
         """Lay out the view and the panel with the options stored in this browser, and solve the first goal."""
         self._client, self._session, self.arm = client, session.visit(), session.arm
-        self.trajectory = self._given_motion = trajectory
-        """The motion that can be played: the one planned last, or the one given."""
+        self._given_motion = trajectory
+        self.trajectory: Trajectory | None = None
+        """The motion that is drawn and can be played: the one planned last, or the one given."""
         self.planning = False
         """Is a motion to every goal planned?"""
         self._start = self._session.begin.q
@@ -166,7 +167,7 @@ class Page:
         client.camera.on_update(looked)
         self.view.on_ghost(self.pick)
         self._show_bodies()
-        if self.trajectory is not None:
+        if self._given_motion is not None:
             self._planner.give("again")
         self._ask()
 
@@ -214,6 +215,8 @@ class Page:
         """Show one of the branches, by its index."""
         known = self.branches
         if isinstance(known, Branches) and 0 <= number < len(known):
+            if not (self._servoing or self._player.idle):
+                self._player.give("stop")
             self._ask(known.q[number])
 
     def show_pass(self, number: int) -> None:
@@ -445,14 +448,15 @@ class Page:
             None if motion is None else self._session.swept(motion, proved=motion is not self._given_motion)
         )
         with self._lock, self._client.atomic():
-            self.trajectory = motion
+            is_other, self.trajectory = motion is not self.trajectory, motion
             self.view.show_motion(swept, start)
-            self.panel.show_motion(motion)
+            if is_other:
+                self.panel.show_motion(motion)
             if swept is not None and swept.hit:
                 self.panel.plan.content = words.plan_html(
                     Planned(f"The motion hits {', '.join(swept.hit)}.", "bad")
                 )
-            is_on_motion = self.result.refused == ON_MOTION and self._solver.idle
+            is_on_motion = is_other and self.result.refused == ON_MOTION and self._solver.idle
         self._client.flush()
         if is_on_motion and motion is None:
             self._ask()
