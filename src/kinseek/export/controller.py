@@ -12,6 +12,7 @@ import kinseek
 from kinseek.arm import Arm
 from kinseek.errors import InvalidExport
 from kinseek.goal import Goal
+from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.entry import ENTRIES
 from kinseek.paths.tracker import Tracker
 from kinseek.problem import Problem
@@ -311,6 +312,7 @@ def _texts(arm: Arm, problem: Problem, design: Design, example: list[str]) -> tu
         "JOINTS": len(design.chain.leader),
         "ROOM": f"{design.room} /* [bytes] of working memory. */",
         "POSITION_WEIGHT": number(float(problem.goal.arrays.position_weight)),
+        "LARGEST": f"{number(LARGEST)} /* With larger numbers the kernels may overflow. */",
     }
     names = ", ".join(string(name) for name in arm.joint_names)
     goal = [

@@ -14,7 +14,7 @@ bool kinseek_finite(const double *numbers, int count) {
 
 bool kinseek_usable(const double *numbers, int count) {
     for (int i = 0; i < count; i++) {
-        if (!(fabs(numbers[i]) <= 1e7)) return false;
+        if (!(fabs(numbers[i]) <= KINSEEK_LARGEST)) return false;
     }
     return true;
 }

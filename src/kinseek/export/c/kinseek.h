@@ -62,7 +62,7 @@ void kinseek_track_errors(double *position, double *orientation);
 /* Are all of them neither NaN nor infinite? */
 bool kinseek_finite(const double *numbers, int count);
 
-/* Are all of them also of at most 1e7? With larger ones the kernels may overflow. */
+/* Are all of them also of at most KINSEEK_LARGEST? */
 bool kinseek_usable(const double *numbers, int count);
 
 /* Write the pose of the tip at joint values q, which may lie outside the limits. */
