@@ -6,6 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+import kinseek
+from kinseek import Scene
+
 _CYLINDER = '<cylinder radius="{}" length="{}"/>'
 _BAR = '<mesh filename="package://thick_meshes/meshes/bar.stl" scale="0.001 0.001 0.001"/>'
 
@@ -94,3 +97,9 @@ def write_arm(folder: Path) -> Path:
     path = folder / "robot" / "thick.urdf"
     path.write_text(ARM)
     return path
+
+
+def scene_of(arm: kinseek.Arm) -> Scene:
+    """Return the scene of an arm that was loaded from the file of `write_arm`, with an open gripper."""
+    packages = Path(arm.chain.source).parents[1] / "packages"
+    return Scene.of(arm, meshes=[packages], joints={"grip": 0.04})

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import kinseek
-from cells import FACES, TETRAHEDRON, box_mesh, write_arm, write_obj, write_stl
+from cells import FACES, TETRAHEDRON, box_mesh, scene_of, write_arm, write_obj, write_stl
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Box, Capsule, Cylinder, Mesh, Points, Sphere
 from kinseek.collision.shapes import LEAST_LENGTH, MOST_LENGTH, Shape
@@ -35,8 +35,8 @@ def arm(file: Path) -> kinseek.Arm:
 
 
 @pytest.fixture
-def scene(arm: kinseek.Arm, file: Path) -> Scene:
-    return Scene.of(arm, meshes=[file.parents[1] / "packages"], joints={"grip": 0.04})
+def scene(arm: kinseek.Arm) -> Scene:
+    return scene_of(arm)
 
 
 def witness(arm: kinseek.Arm, file: Path, q: np.ndarray, grip: float) -> dict[frozenset[str], float]:

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import kinseek
-from cells import write_arm
+from cells import scene_of, write_arm
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Box, Sphere, contents
 from kinseek.collision import scene as scene_module
@@ -29,19 +29,14 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
 
 
-@pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_arm(tmp_path_factory.mktemp("arm"))
-
-
-@pytest.fixture(scope="module")
-def arm(file: Path) -> kinseek.Arm:
-    return kinseek.load(file, tip="tip")
+@pytest.fixture
+def arm(tmp_path: Path) -> kinseek.Arm:
+    return kinseek.load(write_arm(tmp_path / "arm"), tip="tip")
 
 
 @pytest.fixture
-def scene(arm: kinseek.Arm, file: Path) -> Scene:
-    return Scene.of(arm, meshes=[file.parents[1] / "packages"], joints={"grip": 0.04})
+def scene(arm: kinseek.Arm) -> Scene:
+    return scene_of(arm)
 
 
 def test_a_change_by_another_thread_during_a_question(

@@ -37,7 +37,8 @@ MOST_SHAPES = 2_000
 in which pinocchio takes shapes grows with the cube of their number."""
 
 MOST_TRIANGLES = 2**21
-"""Of the meshes of one file of obstacles together: coal's tree takes some 600 bytes and 8 µs for each."""
+"""Of the meshes of one file of obstacles together, and as many vertices of a ``.scene`` file: coal's tree takes some 600
+bytes and 8 µs for each triangle."""
 
 MOST_HULL_CORNERS = 50_000
 """Of the meshes of one file together, without the last one. For these the first check of a scene takes some seconds. Further
@@ -208,7 +209,7 @@ def require_number(shapes: int) -> None:
         )
 
 
-def require_few(count: int, noun: str, meshes: str) -> None:
+def require_small(count: int, noun: str, meshes: str) -> None:
     """Make sure that the meshes of a file of obstacles are not too large together.
 
     Raises:
@@ -256,7 +257,7 @@ class MeshFiles:
             found = mesh_path(name, self.path, self._folders, "meshes=")
             mesh = Mesh.read(found, scale, self._hull, reader=self._reader)
             self._triangles += 0 if self._hull else len(mesh.faces)
-            require_few(
+            require_small(
                 self._triangles, "triangles", f"{name!r}: the meshes up to this one, each scale counted,"
             )
             mesh.geometry()  # Says now that there is no hull.

@@ -18,7 +18,7 @@ from kinseek.robots.urdf import fixed_links
 from kinseek.robots.urdf_file import read_robot
 from kinseek.robots.xacro import urdf_text
 
-from .bodies import MOST_HULL_CORNERS, Body, MeshFiles, Part, parts_of, require_few, require_number
+from .bodies import MOST_HULL_CORNERS, Body, MeshFiles, Part, parts_of, require_number, require_small
 from .interior import MOST_COMPARED
 from .shapes import Box, Cylinder, Mesh, Shape, Sphere
 
@@ -180,7 +180,7 @@ class _Words:
         """
         count = self.count(f"number of {noun} of {what}")
         self._sizes[noun] += count
-        require_few(self._sizes[noun], noun, f"{self._where}: the meshes up to that of {what}")
+        require_small(self._sizes[noun], noun, f"{self._where}: the meshes up to that of {what}")
         return count
 
     def pose(self, what: str) -> Array:

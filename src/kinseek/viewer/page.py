@@ -203,9 +203,13 @@ class Page:
         if self._servoing:
             self._track()
         else:
-            if not self._player.idle:
-                self._player.give("stop")
+            self._stop()
             self._ask()
+
+    def _stop(self) -> None:
+        """End what is played."""
+        if not self._player.idle:
+            self._player.give("stop")
 
     def _ask(self, picked: Array | None = None) -> None:
         """Solve the goal, or show one of its branches, unless the arm is shown on a motion before that is done."""
@@ -215,8 +219,8 @@ class Page:
         """Show one of the branches, by its index."""
         known = self.branches
         if isinstance(known, Branches) and 0 <= number < len(known):
-            if not (self._servoing or self._player.idle):
-                self._player.give("stop")
+            if not self._servoing:
+                self._stop()
             self._ask(known.q[number])
 
     def show_pass(self, number: int) -> None:
