@@ -6,6 +6,7 @@ import io
 import json
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 import kinseek
 from command_line import CommandLine, Ended
+from kinseek.cli.files import MOST_LINE
 
 GOOD: dict[str, Any] = {"position": [0.4, 0.2, 0.3], "rpy": [3.0, 0.1, -0.2]}
 POSE = kinseek.pose(GOOD["position"], rpy=GOOD["rpy"])
@@ -145,6 +147,27 @@ LINE = '{"position": [0.3, 0.4, 0]}\n'
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("letter", [" ", "\0", "1"])
+def test_a_long_line_is_an_error_and_the_next_is_read(letter: str, ask: Asked) -> None:
+    said = ask([GOOD, letter * (3 * MOST_LINE) + "{}", GOOD], code=2).rows
+    assert [facts["line"] for facts in said] == [1, 2, 3]
+    assert "at most 1,048,576 bytes" in said[1]["error"]
+    assert [facts.get("success") for facts in said] == [True, None, True]
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs a stream without an end")
+def test_a_stream_without_an_end_of_line_takes_no_memory() -> None:
+    with Path("/dev/zero").open("rb") as zeros:
+        code = "import resource as r; r.setrlimit(r.RLIMIT_DATA, (2**30, 2**30)); from kinseek.cli import main; main()"
+        words = [sys.executable, "-c", code, "solve", "ur5e", "--jsonl"]
+        with subprocess.Popen(words, stdin=zeros, stderr=subprocess.PIPE) as program:
+            try:
+                with pytest.raises(subprocess.TimeoutExpired):
+                    program.wait(6)
+            finally:
+                program.kill()
+
+
 def test_an_answer_comes_before_the_next_question() -> None:
     with subprocess.Popen(
         MAIN, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1

@@ -493,6 +493,13 @@ def test_bad_input_is_told(arm: kinseek.Arm, file: Path, scene: Scene, tmp_path:
         (lambda scene: scene.remove([]), r"unknown body '\[\]'"),
         (lambda scene: scene.hits_around(np.zeros(6), "far"), "reach must be 6 numbers, got 'far'"),
         (lambda scene: scene.hits_around(np.zeros(6), [[0.1, 0.2]]), "reach must be 6 numbers"),
+        (lambda scene: scene.free(np.zeros(6), clearance="0.1"), "clearance must be a length .*got '0.1'"),
+        (lambda scene: scene.free(np.zeros(6), clearance=True), "clearance must be a length .*got True"),
+        (lambda scene: Box((1, "2", 3)), "size must be 3 lengths above 0 m"),
+        (
+            lambda scene: Mesh(np.eye(3), np.arange(3)[None], hull="no"),  # type: ignore[arg-type]
+            "hull must be True or False, got 'no'",
+        ),
     ],
 )
 def test_other_types_are_told(scene: Scene, call: Callable[[Any], Any], words: str) -> None:

@@ -492,7 +492,7 @@ def test_simplifying_is_asked_for_and_said(tmp_path: Path) -> None:
     assert not (scene.free(q) & ~fine.free(q)).any()
     scene.remove("part")
     assert len(scene.notes) == notes
-    for wrong in (0.0, -1.0, np.nan, "fine"):
+    for wrong in (0.0, -1.0, np.nan, "fine", True):
         with pytest.raises(InvalidScene, match="simplify must be a length above 0 m"):
             scene.add_mesh("part", file, simplify=wrong)  # type: ignore[arg-type]
 
@@ -856,7 +856,7 @@ def test_arrays_of_another_shape_make_no_mesh(vertices: Any, faces: Any, why: st
         Mesh(vertices, faces)
 
 
-@pytest.mark.parametrize("scale", [(1, 2), "a", [[1, 1, 1]], 1j, np.nan, 0])
+@pytest.mark.parametrize("scale", [(1, 2), "a", "2", True, [[1, 1, 1]], 1j, np.nan, 0])
 def test_a_scale_is_one_number_or_three(scale: Any, tmp_path: Path) -> None:
     trimesh.creation.box((1, 1, 1)).export(tmp_path / "a.stl")
     with pytest.raises(InvalidScene, match="scale must be one number or three, other than 0"):

@@ -15,6 +15,7 @@ from kinseek.errors import InvalidGoal, InvalidProblem, KinseekError, suggest
 from kinseek.poses import one_pose
 from kinseek.support.validation import is_finite_number
 
+from .files import MOST_LINE
 from .goals import DIRECTIONS, TURNS, silent_pose, suspect_degrees
 from .output import direct_output, write_out
 from .report import branches_facts, line_facts
@@ -56,13 +57,18 @@ def _lines() -> Iterator[tuple[int, bytes]]:
         raise InvalidProblem("--jsonl reads standard input, but there is none")
     stream: Any = getattr(sys.stdin, "buffer", sys.stdin)
     number = 0
-    while line := stream.readline():
+    while line := stream.readline(MOST_LINE + 1):
         number += 1
-        if line.strip():
+        rest = line
+        while len(rest) > MOST_LINE and rest[-1:] not in (b"\n", "\n"):  # The rest of a long line is dropped.
+            rest = stream.readline(MOST_LINE + 1)
+        if line.strip() or len(line) > MOST_LINE:
             yield number, line
 
 
 def _read(line: bytes | str) -> dict[str, Any]:
+    if len(line) > MOST_LINE:
+        raise InvalidGoal(f"a line has at most {MOST_LINE:,} bytes, got more")
     try:
         fields = json.loads(
             line, parse_float=_finite, parse_constant=_finite, object_pairs_hook=_with_distinct_keys

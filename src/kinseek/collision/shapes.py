@@ -20,7 +20,7 @@ from kinseek.errors import InvalidRobot, InvalidScene, MissingExtra
 from kinseek.robots.files import home_path
 from kinseek.support.interrupts import uninterrupted
 from kinseek.support.lazy import Lazy, lazy
-from kinseek.support.validation import as_float_array
+from kinseek.support.validation import as_flag, as_float_array, is_finite_number
 
 from .geometry import library, triangles
 from .hulls import convex_hull
@@ -277,6 +277,7 @@ class Mesh(Shape):
         _require_measure(vertices, self.name)
         if not ((faces >= 0) & (faces < len(vertices)) & (faces == np.floor(faces))).all():
             raise InvalidScene(f"{self.name}: a face refers to a vertex that does not exist")
+        object.__setattr__(self, "hull", as_flag(f"{self.name}: hull", self.hull, InvalidScene))
         object.__setattr__(self, "thicker", length_or_zero(f"{self.name}: thicker", self.thicker))
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces.astype(np.int64))
@@ -316,7 +317,7 @@ class Mesh(Shape):
         except InvalidRobot as error:
             raise InvalidScene(str(error)) from error
         try:
-            factors = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
+            factors = np.broadcast_to(as_float_array(scale), (3,))
         except (TypeError, ValueError, OverflowError):
             factors = np.zeros(3)
         if not np.isfinite(factors).all() or not factors.all():
@@ -498,7 +499,7 @@ def length_or_zero(name: str, value: Any) -> float:
     Raises:
         InvalidScene: It is invalid.
     """
-    if isinstance(value, int | float | np.number) and value == 0:
+    if is_finite_number(value) and value == 0:
         return 0.0
     try:
         return length(name, value, 0.0)
@@ -515,7 +516,7 @@ def lengths(name: str, values: Any, count: int, least: float = LEAST_LENGTH) -> 
         InvalidScene: They are invalid.
     """
     try:
-        found = np.array(values, dtype=np.float64)
+        found = as_float_array(values)
     except (TypeError, ValueError, OverflowError):
         found = np.array([np.nan])
     what = "a length" if count == 1 else f"{count} lengths"
