@@ -433,6 +433,32 @@ def test_where_the_spline_is_not_free_the_arm_moves_linearly() -> None:
     assert max(worst(trajectory)[limit] for limit in ("velocity", "acceleration")) <= 1.0
 
 
+SLIDES = """<robot name="slides"><link name="base"/><link name="x"/>
+<link name="hand"><collision><geometry><sphere radius="0.001"/></geometry></collision></link>
+<joint name="jx" type="prismatic"><parent link="base"/><child link="x"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="jy" type="prismatic"><parent link="x"/><child link="hand"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+"""A ball that slides in a plane."""
+
+
+@pytest.mark.parametrize("tolerance", [0.001, 0.015, 0.02, 0.03])
+def test_the_arm_does_not_pass_by_poses_through_a_body(tolerance: float) -> None:
+    """Where poses nearer than the tolerance were left out, a linear motion between the others went through a wire."""
+    arm = kinseek.load(SLIDES)
+    scene = kinseek.Scene.of(arm)
+    scene.add_capsule("wire", 0.001, 0.5)
+    x = np.linspace(-0.05, 0.05, 201)
+    poses = arm.fk(np.stack([x, 0.004 * np.exp(-((x / 0.004) ** 2))], axis=1))
+    path = arm.follow(Goal.pose(poses, free=("z", "rx", "ry", "rz")), scene=scene)
+    trajectory = path.timed(acceleration=10.0, tolerance=tolerance)
+    q = trajectory.q(np.linspace(0, trajectory.duration, 5001))
+    assert scene.free(q).all()
+    assert np.hypot(*q.T).min() > 0.002
+    off = np.linalg.norm(trajectory.q(trajectory.pose_times) - path.q, axis=1)
+    assert off.max() <= tolerance
+
+
 def test_a_break_is_crossed_only_if_it_is_free() -> None:
     class Wall:
         """A scene in which nothing is free."""

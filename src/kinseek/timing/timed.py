@@ -115,7 +115,8 @@ def _free_curves(
 ) -> tuple[list[Curve], Indices]:
     """Return splines from stop to stop, proved free in the scene, and the inner poses with stops, (k,).
 
-    Steps whose spline is not free become straight, until all splines are.
+    Steps whose spline is not free become straight, until all splines are. A straight step must be one of the path, so poses
+    that are nearly equal are kept if one of them is blocked.
 
     Args:
         way: The joint values.
@@ -128,10 +129,18 @@ def _free_curves(
     """
     places, rows = poses
     s, q, ends_of_joints = places[rows], way.q[rows], way.ends
+    every = places, spaced(places, 0.0)
+    passed_by = places[rows[1:] - 1] > places[rows[:-1]]  # Would a straight step pass by poses of the path?
     # A break between nearly equal poses is none.
     straight = np.isin(rows[:-1], rows[np.searchsorted(rows, way.breaks, side="right") - 1])
     straight &= np.isin(rows[1:], way.breaks + 1)
-    _require_free(way, q, rows, np.flatnonzero(straight))
+    if len(blocked := _blocked(way, q, np.flatnonzero(straight))):
+        if passed_by[blocked].any():
+            return _free_curves(way, weights, every, limits)
+        raise InvalidProblem(
+            f"at the break after pose {rows[blocked[0]]} the linear motion of the joints is not free of collision, so the "
+            f"path has no motion in time"
+        )
     stops, whole = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
     while True:
         stops[:-1] |= straight
@@ -158,51 +167,26 @@ def _free_curves(
         around = np.concatenate([curve.deviation for curve in found])[curved]
         free = np.asarray(way.scene.free_motion(q[begins[curved]], q[ends[curved]], way.clearance, around))
         if free.all():
-            _require_unchanged(way, rows, begins[~curved])
+            if len(blocked := _blocked(way, q, begins[~curved])):
+                raise InvalidProblem(
+                    f"the step from pose {rows[blocked[0]]} to pose {rows[blocked[0] + 1]} is not free of collision, so the "
+                    f"path has no motion in time. If the scene has changed since the path was planned, plan it again"
+                )
             return found, rows[stops]
         for i, j in zip(begins[curved][~free], ends[curved][~free], strict=True):
+            if j == i + 1 and passed_by[i]:
+                return _free_curves(way, weights, every, limits)
             # First the spline passes all poses of the piece, then the motion is linear.
             straight[i] |= j == i + 1
             whole[i : j + 1] = True
 
 
-def _require_free(way: Way, q: Array, rows: Indices, steps: Indices) -> None:
-    """Check that the linear motions across breaks are free.
-
-    Raises:
-        InvalidProblem: One is not.
-    """
+def _blocked(way: Way, q: Array, steps: Indices) -> Indices:
+    """Return the steps on which linear motion from one row of q, (m, n), to the next is not free of collision."""
     if way.scene is None or not len(steps):
-        return
-    free = np.asarray(way.scene.free_motion(q[steps], q[steps + 1], way.clearance))
-    if not free.all():
-        raise InvalidProblem(
-            f"at the break after pose {rows[steps[~free][0]]} the linear motion of the joints is not free of "
-            f"collision, so the path has no motion in time"
-        )
-
-
-def _require_unchanged(way: Way, rows: Indices, straight: Indices) -> None:
-    """Check that steps on which the arm moves linearly are still free: the scene may have changed since they were proved.
-
-    Args:
-        way: The joint values.
-        rows: Poses that are not nearly equal to the one before, (m,).
-        straight: Where in `rows` the steps begin, (k,).
-
-    Raises:
-        InvalidProblem: One is not.
-    """
-    if way.scene is None or not len(straight):
-        return
-    steps = np.concatenate([np.arange(rows[i], rows[i + 1]) for i in straight])
-    free = np.asarray(way.scene.free_motion(way.q[steps], way.q[steps + 1], way.clearance))
-    if not free.all():
-        step = steps[~free][0]
-        raise InvalidProblem(
-            f"the step from pose {step} to pose {step + 1} is not free of collision, so the path has no motion in time. "
-            f"If the scene has changed since the path was planned, plan it again"
-        )
+        return steps[:0]
+    free: Flags = np.asarray(way.scene.free_motion(q[steps], q[steps + 1], way.clearance))
+    return steps[~free]
 
 
 def spaced(places: Array, apart: float) -> Indices:
