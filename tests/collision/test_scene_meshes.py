@@ -251,7 +251,84 @@ def test_simplifying_makes_no_cavities_and_keeps_those_that_are_there(tmp_path: 
         assert not mesh.holds(np.array([0.1, 0.2, 0.1]))
         assert mesh.holds(np.array([0.75, 0.0, 0.0]))
         assert pickle.loads(pickle.dumps(mesh)).holds(np.array([0.75, 0.0, 0.0]))
-    assert len(mesh.solid) > 0
+    assert len(mesh.bounds) > 0
+
+
+def test_a_cavity_that_crosses_itself_is_solid_where_it_is_oriented_as_the_body_around_it() -> None:
+    vertices, faces = cube(60)
+    corners = np.concatenate([vertices[faces], lobes()[:, ::-1]]).reshape(-1, 3)
+    mesh = Mesh(corners, np.arange(len(corners)).reshape(-1, 3), False)
+    assert not mesh.holds(np.array([15.1, 0.2, -1.0]))
+    assert mesh.holds(np.array([0.1, 0.2, -1.0]))
+    assert mesh.holds(np.array([-20.0, 0.2, -1.0]))
+
+
+@pytest.mark.parametrize("tolerance", [None, 1e-5, 0.002, 0.004])
+def test_simplifying_a_surface_away_leaves_the_one_around_it(tolerance: float | None, tmp_path: Path) -> None:
+    """An open skin fell onto the box around it: each triangle was there in both orientations, and nothing was solid."""
+    (skin, faces), hole = cube(4 - 6e-4, inverted=True), 1e-4
+    a, b, c = skin[faces[0]]
+    p, r = a + hole * (b - a), a + hole * (c - a)
+    corners = np.concatenate([skin[faces[1:]], [[p, b, c], [p, c, r]]]).reshape(-1, 3)
+    whole = together(cube(4), (corners, np.arange(len(corners)).reshape(-1, 3)))
+    write_obj(tmp_path / "skin.obj", *whole)
+    mesh = Mesh.read(tmp_path / "skin.obj", hull=False, simplify=tolerance)
+    assert mesh.holds(CENTRE)
+    assert not mesh.closed
+    assert not mesh.holds(SIDE)
+
+
+SHEET = cube(4)[0], cube(4)[1][:2]
+BESIDE = cube(4, 4.0)[0], np.delete(cube(4)[1], 4, axis=0)
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [(SHEET, cube(4)), (BESIDE, cube(4)), (SHEET, BESIDE, cube(4), SHEET), (cube(4, 4.0), SHEET, cube(4))],
+)
+@pytest.mark.parametrize("flipped", [False, True])
+def test_an_open_surface_takes_no_inside_away(
+    parts: tuple[tuple[np.ndarray, np.ndarray], ...], flipped: bool
+) -> None:
+    """Of a closed body that shares edges with an open surface before it in the file, no inside was left."""
+    first = (parts[0][0], parts[0][1][:, ::-1]) if flipped else parts[0]
+    mesh = Mesh(*together(first, *parts[1:]), False)
+    assert mesh.holds(CENTRE)
+    assert not mesh.holds(np.array([0.013, 3.02, 0.03]))
+
+
+@pytest.mark.parametrize("turned", [(), (1, 4, 7)])
+@pytest.mark.parametrize(
+    "rows",
+    [
+        np.repeat(np.arange(12), 2),
+        np.repeat(np.arange(12), 3),
+        [0, *range(12)],
+        [*range(12), 11],
+        np.random.default_rng(0).permutation(np.repeat(np.arange(12), 2)),
+    ],
+    ids=["each twice", "three times", "the first twice", "the last twice", "twice, in any order"],
+)
+@pytest.mark.parametrize("beside", [False, True])
+def test_repeated_triangles_change_no_inside(rows: Any, turned: tuple[int, ...], beside: bool) -> None:
+    """Two equal triangles were taken for a closed surface of their own, and the rest for an open one."""
+    vertices, faces = turned_over(cube(4), *turned)
+    box = vertices, faces[np.asarray(rows)]
+    vertices, faces = together(box, cube(4, 4.0)) if beside else box
+    mesh = Mesh(vertices, faces, False)
+    assert mesh.holds(CENTRE)
+    assert mesh.holds(np.array([3.9, 0.1, 0.2])) == beside
+    assert not mesh.holds(np.array([0.013, 3.02, 0.03]))
+
+
+def test_triangles_of_bodies_that_are_oriented_alike_may_come_in_any_order() -> None:
+    """A triangle of both was taken for a closed surface if it came twice in a row."""
+    vertices, faces = together(cube(4), ((cube(4)[0] + 2) * [0.8, 1, 1] - 2, cube(4)[1]))
+    rng = np.random.default_rng(0)
+    for _ in range(500):
+        mesh = Mesh(vertices, rng.permutation(faces), False)
+        assert mesh.holds(CENTRE)
+        assert mesh.holds(np.array([1.9, 0.1, 0.2]))
 
 
 def test_materials_of_an_obj_do_not_change_the_order_of_its_triangles(tmp_path: Path) -> None:

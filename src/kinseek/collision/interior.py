@@ -10,6 +10,8 @@ inside a solid one, where the file orients both without contradiction and one op
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from operator import add, xor
 from typing import Any
 
 import numpy as np
@@ -46,6 +48,12 @@ _AT_ONCE, _PAIRS_AT_ONCE = 128, 2**24
 """Least number of triangles that coal compares with a surface in one call, and most pairs of triangles otherwise: nothing
 interrupts a call, which takes up to some seconds."""
 
+OPEN, NOTHING = -1, -2
+"""See `Interior.bounds`."""
+
+_MOST_PATCHES, _MOST_REPEATED = 1000, 2**20
+"""Most patches of connected triangles for which `_cycles` takes its time, and most triangles that it repeats."""
+
 _BOUNDS = 4
 """Surfaces whose bounds are compared in the time of a comparison with one triangle."""
 
@@ -53,61 +61,48 @@ _BOUNDS = 4
 class Interior:
     """The closed surfaces of a mesh."""
 
-    def __init__(self, vertices: Array, faces: Indices, solid: Indices | None = None) -> None:
-        """Find the closed surfaces of triangles.
+    def __init__(self, vertices: Array, faces: Indices, bounds: Indices | None = None) -> None:
+        """Find the closed surfaces of triangles and their cavities, unless they are known.
 
         Args:
             vertices: Vertices, (k, 3) [m].
             faces: Triangles as indices of vertices, (f, 3).
-            solid: Triangles that are in no cavity; None: any may be in one.
+            bounds: What each of the triangles is known to bound, (f, 2), see `Interior.bounds`.
 
         Raises:
             InvalidScene: To find its cavities takes too long.
         """
-        _, places = np.unique(vertices.round(SAME), axis=0, return_inverse=True)
-        corners = places.ravel()[faces]
-        extended = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
-        corners = corners[extended]
-        left, double = _without_opposites(corners)
-        if (both_sides := bool(double.any())) or _shares_edges(corners):
-            # What is there in both orientations encloses nothing, and would connect parts that share edges with it.
-            extended, corners = extended[~double], corners[~double]
-            if _shares_edges(corners):
-                corners = _apart(corners, _parts(corners))
-            left, _ = _without_opposites(corners)
-        used = extended[left]
-        flipped, surface, closed, self._trusted = _surfaces(corners[left])
-        self.faces = faces.copy()
-        """Triangles as indices of vertices, (f, 3); those of closed surfaces have their inside behind them."""
-        self.faces[used[flipped]] = self.faces[used[flipped], ::-1]
-
+        if bounds is None:
+            faces, surface, trusted, whole = _closed_surfaces(vertices, faces)
+        else:
+            surface = bounds[:, 0]
+        self.faces = faces
+        """Triangles as indices of vertices, (g, 3), and again those that belong to several closed surfaces. Those of closed
+        surfaces have their inside behind them."""
         order = np.argsort(surface, kind="stable")
-        order = order[closed[surface[order]]]
-        self._used = used[order]
+        self._used = order[surface[order] >= 0]
         self._corners = vertices[self.faces[self._used]]
-        self._starts = np.flatnonzero(np.diff(surface[order], prepend=-1))
-        self._ends = np.append(self._starts[1:], len(order))
-        self._trusted = self._trusted[closed]
-        may_be = np.ones(len(faces), dtype=np.bool_)
-        may_be[[] if solid is None else solid] = False
-        self._hollow = np.logical_and.reduceat(may_be[self._used], self._starts) if len(order) else may_be[:0]
-        """Which of the surfaces may be cavities."""
-        if len(order):
+        self._starts = np.flatnonzero(np.diff(surface[self._used], prepend=-1))
+        self._ends = np.append(self._starts[1:], len(self._used))
+        if len(self._used):
             self._least = np.minimum.reduceat(self._corners.min(axis=1), self._starts)
             self._most = np.maximum.reduceat(self._corners.max(axis=1), self._starts)
         else:
             self._least = self._most = np.zeros((0, 3))
-        self._volumes, sums = self._signed_volumes()
-        encloses = np.abs(self._volumes) > _FLAT * sums
-        # Nothing is left of a mesh of which each triangle is there in both orientations.
-        self.closed = bool(len(left) and closed.all() and encloses.all() and not both_sides)
+        self.closed: bool
         """Is every surface closed, and does it enclose something?"""
-        self._solid = encloses
         self._cavities: dict[int, list[int]] = {}
         self.compared = 0
         """Triangles that surfaces were compared with to find cavities, added up; see `MOST_COMPARED`."""
-        self._find_cavities()
-        self._turn_outward()
+        if bounds is None:
+            self._volumes, sums = self._signed_volumes()
+            self._solid = np.abs(self._volumes) > _FLAT * sums
+            self.closed = bool(whole and len(self._used) and self._solid.all())
+            self._find_cavities(self._solid & trusted)
+            self._turn_outward()
+        else:
+            self.closed = bool((bounds[:, 1] != OPEN).all())
+            self._take_cavities(bounds[self._used[self._starts]])
 
     @property
     def any_solid(self) -> bool:
@@ -115,10 +110,18 @@ class Interior:
         return bool(self._solid.any())
 
     @property
-    def in_cavities(self) -> Bools:
-        """Which of the triangles belong to cavities, (f,)."""
-        found = np.zeros(len(self.faces), dtype=np.bool_)
-        found[self._used] = np.repeat(self._is_cavity(), self._ends - self._starts)
+    def bounds(self) -> Indices:
+        """The closed surface to which each triangle belongs, and the solid that it bounds, (g, 2).
+
+        The solid has the number of its outer surface. In place of these numbers, `OPEN` says that there is none, and
+        `NOTHING` that the triangle changes nothing.
+        """
+        solid = np.where(self._solid, np.arange(len(self._starts)), OPEN)
+        for outer, inner in self._cavities.items():
+            solid[inner] = outer
+        found = np.full((len(self.faces), 2), NOTHING if self.closed else OPEN)
+        surface = np.repeat(np.arange(len(self._starts)), self._ends - self._starts)
+        found[self._used] = np.stack([surface, solid[surface]], axis=1)
         return found
 
     def holds(self, point: Array) -> bool:
@@ -126,15 +129,19 @@ class Interior:
         # A surface that encloses nothing winds around no point, unless the volumes of parts that touch each other cancel.
         in_bounds = (point >= self._least).all(axis=1) & (point <= self._most).all(axis=1)
         near = np.flatnonzero(in_bounds & ~self._is_cavity())
-        return not all(
-            self._are_around(np.array(self._cavities.get(solid, ()), dtype=np.int64), point).any()
-            for solid in near[self._are_around(near, point)].tolist()
-        )
+        for solid, turns in zip(near.tolist(), self._windings(near, point).tolist(), strict=True):
+            if not turns:
+                continue
+            inner = self._windings(np.array(self._cavities.get(solid, ()), dtype=np.int64), point)
+            # A cavity may cross itself, and be solid where it winds around the point as the solid does.
+            if not (-np.sign(turns) * inner >= abs(turns)).any():
+                return True
+        return False
 
-    def _are_around(self, surfaces: Indices, point: Array) -> Bools:
-        """Return which surfaces, (k,), wind around a point (3,), (k,); after Van Oosterom and Strackee (1983)."""
+    def _windings(self, surfaces: Indices, point: Array) -> Indices:
+        """Return how often surfaces, (k,), wind around a point (3,), (k,); after Van Oosterom and Strackee (1983)."""
         if not len(surfaces):
-            return np.zeros(0, dtype=np.bool_)
+            return np.zeros(0, dtype=np.int64)
         sizes = self._ends[surfaces] - self._starts[surfaces]
         begins = np.cumsum(sizes) - sizes
         rows = np.arange(sizes.sum()) + np.repeat(self._starts[surfaces] - begins, sizes)
@@ -144,7 +151,8 @@ class Interior:
         top = np.einsum("ij,ij->i", a, np.cross(b, c))
         dot = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
         bottom = la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb
-        return np.asarray(np.abs(np.add.reduceat(np.arctan2(top, bottom), begins)) > np.pi)
+        turns = np.add.reduceat(np.arctan2(top, bottom), begins) / (2 * np.pi)
+        return np.rint(turns).astype(np.int64)
 
     def _signed_volumes(self) -> tuple[Array, Array]:
         """Volume of each closed surface, (s,) [m³], negative if it is inside out; and the sum of its parts without signs."""
@@ -155,16 +163,19 @@ class Interior:
         parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
         return np.add.reduceat(parts, self._starts), np.add.reduceat(np.abs(parts), self._starts)
 
-    def _find_cavities(self) -> None:
-        """Find the surfaces that are cavities of others, from the largest to the smallest."""
-        trusted = self._solid & self._trusted
+    def _find_cavities(self, trusted: Bools) -> None:
+        """Find the surfaces that are cavities of others, from the largest to the smallest.
+
+        Args:
+            trusted: Which surfaces enclose something and are oriented in the file, (s,).
+        """
         inward, volumes, sizes = self._volumes < 0, np.abs(self._volumes), self._ends - self._starts
         both_ways = (inward & trusted).any() and (~inward & trusted).any()
         if not both_ways or len(trusted) > _MOST_SURFACES:
             return
         larger, compared = dict[int, Indices](), 0
         for surface in np.argsort(-volumes, kind="stable").tolist():
-            if not (trusted[surface] and self._hollow[surface]):
+            if not trusted[surface]:
                 continue
             compared += len(trusted) // _BOUNDS
             outer = (self._least < self._least[surface]).all(axis=1)
@@ -188,6 +199,14 @@ class Interior:
                 self._solid[surface] = False
                 self._cavities.setdefault(nearest, []).append(surface)
 
+    def _take_cavities(self, bounds: Indices) -> None:
+        """Take the cavities from what each surface bounds, (s, 2)."""
+        self._solid = bounds[:, 0] == bounds[:, 1]
+        number = {surface: k for k, surface in enumerate(bounds[:, 0].tolist())}
+        for k in np.flatnonzero(~self._solid).tolist():
+            if (solid := int(bounds[k, 1])) >= 0:
+                self._cavities.setdefault(number.get(solid, -1), []).append(k)
+
     def _is_cavity(self) -> Bools:
         """Return which of the closed surfaces are cavities, (s,)."""
         found = np.zeros(len(self._starts), dtype=np.bool_)
@@ -205,7 +224,7 @@ class Interior:
         Raises:
             InvalidScene: It takes too long.
         """
-        if not self._are_around(np.array([outer]), self._corners[self._starts[inner], 0])[0]:
+        if not self._windings(np.array([outer]), self._corners[self._starts[inner], 0])[0]:
             return False
         coal, began = library("coal"), time.thread_time()
         begin, end = self._starts[outer], self._ends[outer]
@@ -236,6 +255,44 @@ class Interior:
         self.faces[turned] = self.faces[turned, ::-1]
 
 
+def _closed_surfaces(vertices: Array, faces: Indices) -> tuple[Indices, Indices, Bools, bool]:
+    """Find the closed surfaces of triangles.
+
+    Args:
+        vertices: Vertices, (k, 3) [m].
+        faces: Triangles as indices of vertices, (f, 3).
+
+    Returns:
+        The triangles, and again those that belong to several surfaces, such that those of a surface are oriented alike,
+        (g, 3); the number of the closed surface of each, negative if there is none, (g,); of which surfaces no triangle is
+        turned over, (s,); and whether all triangles belong to one.
+    """
+    _, places = np.unique(vertices.round(SAME), axis=0, return_inverse=True)
+    corners = places.ravel()[faces]
+    extended = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
+    corners = corners[extended]
+    left, double = _without_opposites(corners)
+    if (both_sides := bool(double.any())) or _shares_edges(corners):
+        # What is there in both orientations encloses nothing, and would connect parts that share edges with it.
+        extended, corners = extended[~double], corners[~double]
+        if _shares_edges(corners):
+            rows, part = _parts(corners)
+            extended, corners = extended[rows], _apart(corners[rows], part)
+            _, first = np.unique(extended, return_index=True)
+            again = np.delete(np.arange(len(extended)), first)
+            faces = np.concatenate([faces, faces[extended[again]]])
+            extended[again] = np.arange(len(faces) - len(again), len(faces))
+        left, _ = _without_opposites(corners)
+    used = extended[left]
+    flipped, surface, closed, trusted = _surfaces(corners[left])
+    faces = faces.copy()
+    faces[used[flipped]] = faces[used[flipped], ::-1]
+    found = np.full(len(faces), OPEN)
+    # Nothing is left of a mesh of which each triangle is there in both orientations.
+    found[used] = np.where(closed, np.cumsum(closed) - 1, OPEN)[surface]
+    return faces, found, trusted[closed], bool(closed.all() and not both_sides)
+
+
 def _model(corners: Array) -> Any:
     """Return triangles, (f, 3, 3), as coal needs them."""
     return triangles(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
@@ -248,32 +305,132 @@ def _shares_edges(corners: Indices) -> bool:
     return bool((edges[2:] == edges[:-2]).any())
 
 
-def _parts(corners: Indices) -> Indices:
-    """Divide connected triangles into parts, in the order of the file: a part ends as soon as it is closed.
+def _parts(corners: Indices) -> tuple[Indices, Indices]:
+    """Divide connected triangles into parts, in the order of the file: triangles that follow each other and are closed.
+
+    First those that pass each edge as often in one direction as in the other; then those that pass it an even number of
+    times, and need to be turned over. If some are left, everything that the connected triangles enclose is a part.
 
     Args:
         corners: Triangles with three different corners, (f, 3).
 
     Returns:
-        The number of the part of each, (f,). What is not closed at the end is a part, too.
+        The triangles in parts, (g,), and the number of the part of each, (g,). A triangle may be in several; a repeated one
+        may be in none.
+    """
+    edges, forward = _edges(corners)
+    _, same, sign = _distinct(corners)
+    random = np.random.default_rng(0)
+    of_edge, own = (random.integers(1, 2**60, int(k.max()) + 1)[k] for k in (edges, same))
+    way = np.where(forward, 1, -1)
+    directed = (of_edge * way).reshape(-1, 3).sum(axis=1).tolist(), (own * sign).tolist()
+    even = np.bitwise_xor.reduce(of_edge.reshape(-1, 3), axis=1).tolist(), own.tolist()
+
+    component = _components(len(corners), *_chained(edges))
+    order = np.argsort(component, kind="stable")
+    parts = list[Indices]()
+    for members in np.split(order, np.flatnonzero(np.diff(component[order])) + 1):
+        found, left = _runs(members.tolist(), *directed, add)
+        more, left = _runs(left, *even, xor)
+        # Of three copies of a triangle that has to be turned over, one counts.
+        runs = [np.array(each) for each in found] + [_once(np.array(each), same, odd=True) for each in more]
+        if left:
+            once = _once(members, same)
+            cycles = [once[each] for each in _cycles(corners[once])]
+            runs = (
+                [*cycles, np.setdiff1d(once, np.concatenate(cycles))] if cycles else [*runs, np.array(left)]
+            )
+        parts += runs
+    return np.concatenate(parts).astype(np.int64), np.repeat(
+        np.arange(len(parts)), [len(each) for each in parts]
+    )
+
+
+def _once(triangles: Indices, same: Indices, odd: bool = False) -> Indices:
+    """Return the first triangle of those that have the same number in `same`, or of those with an odd count."""
+    _, first, counts = np.unique(same[triangles], return_index=True, return_counts=True)
+    rows: Indices = np.sort(first[counts % 2 == 1] if odd else first)
+    return np.asarray(triangles[rows])
+
+
+def _cycles(corners: Indices) -> list[Indices]:
+    """Return sets of triangles that pass each edge an even number of times, such that all other such sets are sums of them.
+
+    A point that one of all these sets winds around is then inside of at least one that is returned. It is Gaussian
+    elimination modulo 2, of patches that only end where other than two triangles meet.
+
+    Args:
+        corners: Different triangles, (f, 3).
+
+    Returns:
+        The triangles of each; none if there are too many patches or triangles.
     """
     edges, _ = _edges(corners)
     order = np.argsort(edges, kind="stable")
     counts = np.bincount(edges)
-    starts = np.cumsum(counts) - counts
-    earlier = np.empty(len(edges), dtype=np.int64)  # Triangles before this one that pass the edge.
-    earlier[order] = np.arange(len(edges)) - starts[edges[order]]
-    opened = np.where(earlier % 2 == 0, 1, -1).reshape(-1, 3).sum(axis=1)
+    first = order[(np.cumsum(counts) - counts)[counts == 2]]
+    second = order[(np.cumsum(counts) - counts)[counts == 2] + 1]
+    patch = _components(len(corners), first // 3, second // 3)
+    if (number := int(patch.max()) + 1) > _MOST_PATCHES:
+        return []
+    ends = np.flatnonzero(counts[edges] != 2)
+    _, rim = np.unique(edges[ends], return_inverse=True)
+    passed = [0] * number  # A bit for each edge that a patch passes an odd number of times.
+    for k, edge in zip(patch[ends // 3].tolist(), rim.tolist(), strict=True):
+        passed[k] ^= 1 << edge
+    pivots, found, total = dict[int, tuple[int, int]](), list[Indices](), 0
+    for k in range(number):
+        rest, sum_of = passed[k], 1 << k
+        while rest and (pivot := pivots.get(rest & -rest)):
+            rest, sum_of = rest ^ pivot[0], sum_of ^ pivot[1]
+        if rest:
+            pivots[rest & -rest] = rest, sum_of
+            continue
+        found.append(np.flatnonzero(np.array([sum_of >> k & 1 for k in range(number)])[patch]))
+        total += len(found[-1])
+        if total > max(_MOST_REPEATED, 2 * len(corners)):
+            return []
+    return found
 
-    component = _components(len(corners), *_chained(edges))
-    order = np.argsort(component, kind="stable")
-    first = np.diff(component[order], prepend=-1) > 0
-    still_open = np.cumsum(opened[order])
-    still_open -= (still_open - opened[order])[first][component[order]]
-    begins = first | np.append(True, still_open[:-1] == 0)
-    part = np.empty(len(corners), dtype=np.int64)
-    part[order] = np.cumsum(begins) - 1
-    return part
+
+def _runs(
+    members: list[int], bounds: list[int], own: list[int], sum_of: Callable[[int, int], int]
+) -> tuple[list[list[int]], list[int]]:
+    """Find triangles that follow each other and are closed: the marks of what bounds them add up to 0.
+
+    Args:
+        members: Triangles in the order of the file.
+        bounds: The sum of the marks of its edges, of each triangle.
+        own: A mark of its own, of each triangle: where they add up to 0, nothing is enclosed.
+        sum_of: How to add marks.
+
+    Returns:
+        The closed ones, and the others.
+    """
+    runs, left = list[list[int]](), list[int]()
+    edges, areas, at = (
+        [0],
+        [0],
+        {0: [0]},
+    )  # The sums after each that is left; and where each sum of `bounds` is.
+    for triangle in members:
+        left.append(triangle)
+        edge, area = sum_of(edges[-1], bounds[triangle]), sum_of(areas[-1], own[triangle])
+        before = at.get(edge)
+        if before and areas[before[-1]] != area:
+            since = before[-1]
+            runs.append(left[since:])
+            for each in edges[since + 1 :]:
+                at[each].pop()
+            del left[since:], edges[since + 1 :], areas[since + 1 :]
+        else:
+            edges.append(edge)
+            areas.append(area)
+            if before is None:
+                at[edge] = [len(left)]
+            else:
+                before.append(len(left))
+    return runs, left
 
 
 def _apart(corners: Indices, part: Indices) -> Indices:
@@ -293,11 +450,7 @@ def _without_opposites(corners: Indices) -> tuple[Indices, Bools]:
     """
     if not len(corners):
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
-    low, middle, high = np.sort(corners, axis=1).T
-    count = int(high.max()) + 1
-    _, pairs = np.unique(low * count + middle, return_inverse=True)
-    _, first, same = np.unique(pairs * count + high, return_index=True, return_inverse=True)
-    sign = np.where(((corners[:, [1, 2, 0]] > corners).sum(axis=1)) == 2, 1, -1)
+    first, same, sign = _distinct(corners)
     net = np.bincount(same, weights=sign).astype(np.int64)
     # Of those with the orientation that is left over, keep as many as are left over.
     leading = np.flatnonzero(sign == np.sign(net)[same])
@@ -307,6 +460,22 @@ def _without_opposites(corners: Indices) -> tuple[Indices, Bools]:
     left = np.sort(leading[rank < np.abs(net)[same[leading]]])
     zero = np.flatnonzero(net == 0)
     return left, np.isin(same, zero[_in_closed_parts(corners[first[zero]])])
+
+
+def _distinct(corners: Indices) -> tuple[Indices, Indices, Indices]:
+    """Number triangles by their corners, whichever way they are oriented.
+
+    Args:
+        corners: Triangles with three different corners, (f, 3).
+
+    Returns:
+        The first triangle of each number, (d,), the number of each triangle, (f,), and its orientation, 1 or -1, (f,).
+    """
+    low, middle, high = np.sort(corners, axis=1).T
+    count = int(high.max()) + 1
+    _, pairs = np.unique(low * count + middle, return_inverse=True)
+    _, first, same = np.unique(pairs * count + high, return_index=True, return_inverse=True)
+    return first, same, np.where(((corners[:, [1, 2, 0]] > corners).sum(axis=1)) == 2, 1, -1)
 
 
 def _in_closed_parts(corners: Indices) -> Bools:

@@ -24,7 +24,7 @@ from kinseek.support.validation import as_flag, as_float_array, is_finite_number
 
 from .geometry import library, triangles
 from .hulls import convex_hull
-from .interior import Interior
+from .interior import NOTHING, Interior
 from .simplify import simplified
 
 if TYPE_CHECKING:
@@ -254,8 +254,8 @@ class Mesh(Shape):
     """Added to it on every side to make up for simplification [m]."""
     boxed: bool = False
     """Do first checks take the bounding box of its triangles, which costs less than their hull? Results are the same."""
-    solid: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    """Triangles that are in no cavity, as indices: those of a mesh that was simplified, which may cut a surface in two."""
+    bounds: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    """Of a mesh that was simplified: what its triangles bounded before, (f, 2), see `Interior.bounds`."""
 
     def __post_init__(self) -> None:
         """Validate the mesh."""
@@ -330,14 +330,14 @@ class Mesh(Shape):
         if simplify is None:
             return cls(vertices, faces, hull, repr(str(path)))
         whole, tolerance = cls(vertices, faces, True, repr(str(path))), length("simplify", simplify)
-        # Simplifying keeps a surface closed if its triangles are oriented alike.
         vertices, faces, moved, source = uninterrupted(
             lambda: simplified(whole.vertices, whole.faces if hull else whole.interior.faces, tolerance)
         )
         if hull:
             return cls(vertices, faces, hull, repr(str(path)), moved)
-        solid = np.flatnonzero((source >= 0) & ~whole.interior.in_cavities[source])
-        return cls(vertices, faces, hull, repr(str(path)), moved, solid=solid)
+        # No point that is farther from the simplified surface than `moved` changes sides when the vertices move.
+        bounds = np.where(source[:, None] < 0, NOTHING, whole.interior.bounds[source])
+        return cls(vertices, faces, hull, repr(str(path)), moved, bounds=bounds)
 
     @property
     def thickness(self) -> float:
@@ -392,7 +392,7 @@ class Mesh(Shape):
             InvalidScene: To find its cavities takes too long.
         """
         try:
-            return Interior(self.vertices, self.faces, self.solid)
+            return Interior(self.vertices, self.faces, self.bounds if len(self.bounds) else None)
         except InvalidScene as error:
             raise InvalidScene(f"{self.name}: {error}") from None
 
