@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import pickle
 from dataclasses import replace
 from functools import cache
@@ -457,6 +458,40 @@ def test_the_arm_does_not_pass_by_poses_through_a_body(tolerance: float) -> None
     assert np.hypot(*q.T).min() > 0.002
     off = np.linalg.norm(trajectory.q(trajectory.pose_times) - path.q, axis=1)
     assert off.max() <= tolerance
+
+
+def test_the_arm_moves_linearly_between_two_poses_also_at_a_limit() -> None:
+    """The slope at an end was reduced there, as if the curve went on beyond it."""
+    arm = kinseek.load(SLIDES)
+    scene = kinseek.Scene.of(arm)
+    for k, side in itertools.product(range(30), (-0.0025, 0.0025)):
+        along = np.array([-1.0, -0.5]) + (k + 0.5) / 30 * np.array([2.0, 1.0])
+        scene.add_sphere(
+            f"{k} {side}", 0.001, kinseek.pose([*(along + side * np.array([-0.5, 1.0]) / np.sqrt(1.25)), 0])
+        )
+    path = scene.plan([-1.0, -0.5], [1.0, 0.5])
+    for rows in (path, replace(path, q=path.q[[0, -1]])):
+        trajectory = rows.timed(acceleration=2.0)
+        q = trajectory.q(np.linspace(0, trajectory.duration, 5001))
+        np.testing.assert_allclose(q[:, 1], 0.5 * q[:, 0], atol=1e-9)
+        assert scene.free(q).all()
+
+
+@pytest.mark.parametrize("again", [1, 2, 4])
+def test_a_break_before_equal_poses_is_crossed_linearly(again: int) -> None:
+    """With the last pose twice, the arm ran through the break; and near a limit it did not move linearly."""
+    arm = kinseek.load("ur5e")
+    near = np.array([kinseek.pose([0.45, -0.3 + 0.01 * k, 0.3], rpy=[np.pi, 0, 0]) for k in range(20)])
+    path = arm.follow(
+        np.concatenate([near, [kinseek.pose([-0.45, 0.3, 0.5], rpy=[np.pi / 2, 0.5, 0])] * again])
+    )
+    assert path.breaks.tolist() == [19]
+    trajectory = path.timed(2.0, 8.0)
+    assert trajectory.stops.tolist() == [19]
+    begin, end = trajectory.pose_times[[19, 20]]
+    q, step = trajectory.q(np.linspace(begin, end, 1001)), path.q[20] - path.q[19]
+    share = (q - path.q[19]) @ step / (step @ step)
+    np.testing.assert_allclose(q, path.q[19] + share[:, None] * step, atol=1e-8)
 
 
 def test_a_break_is_crossed_only_if_it_is_free() -> None:

@@ -116,11 +116,12 @@ def spline(knots: Array, q: Array, lower: Array, upper: Array) -> tuple[Curve, I
         The curve, and its inner points at which the second derivative jumps, (j,).
     """
     width = np.diff(knots)[:, None]
-    third = width / 3.0
-    before, after = np.concatenate([third[:1], third]), np.concatenate([third, third[-1:]])
-    below, above = np.maximum(q - lower, 0.0), np.maximum(upper - q, 0.0)
-    # The inner coefficients q + after m and q - before m stay inside the limits, and with them the curve.
-    most, least = np.minimum(above / after, below / before), -np.minimum(below / after, above / before)
+    below, above = 3.0 * np.maximum(q - lower, 0.0), 3.0 * np.maximum(upper - q, 0.0)
+    # The inner coefficients of a piece, q + m width / 3 at its begin and q - m width / 3 at its end, stay inside the limits,
+    # and with them the curve.
+    most, least = np.full(q.shape, np.inf), np.full(q.shape, -np.inf)
+    most[:-1], least[:-1] = above[:-1] / width, -below[:-1] / width
+    most[1:], least[1:] = np.minimum(most[1:], below[1:] / width), np.maximum(least[1:], -above[1:] / width)
     slopes, ends = np.empty_like(q), [0, -1]
     slopes[ends] = _end_slope(knots, q), _end_slope(knots[::-1], q[::-1])
     slopes[ends] = np.clip(slopes[ends], least[ends], most[ends])

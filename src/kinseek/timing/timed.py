@@ -92,7 +92,8 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
     # Poses with nearly equal joint values are passed at the same time: the way between them has no direction.
     # |dq| w <= |dq / v| |w v| (Cauchy and Schwarz), so that they differ by less than the tolerances.
     weights = weights_of(chain, way)
-    rows = spaced(places, float(1.0 / np.linalg.norm(weights * limits.velocity[:, None], axis=0).max()))
+    apart = float(1.0 / np.linalg.norm(weights * limits.velocity[:, None], axis=0).max())
+    rows = spaced(places, way.breaks, apart)
     if len(rows) == 1:
         if way.scene is not None and not way.scene.free(way.q[0], way.clearance):
             raise InvalidProblem(
@@ -129,11 +130,9 @@ def _free_curves(
     """
     places, rows = poses
     s, q, ends_of_joints = places[rows], way.q[rows], way.ends
-    every = places, spaced(places, 0.0)
+    every = places, spaced(places, way.breaks, 0.0)
     passed_by = places[rows[1:] - 1] > places[rows[:-1]]  # Would a straight step pass by poses of the path?
-    # A break between nearly equal poses is none.
-    straight = np.isin(rows[:-1], rows[np.searchsorted(rows, way.breaks, side="right") - 1])
-    straight &= np.isin(rows[1:], way.breaks + 1)
+    straight = np.isin(rows[1:], way.breaks + 1)
     if len(blocked := _blocked(way, q, np.flatnonzero(straight))):
         if passed_by[blocked].any():
             return _free_curves(way, weights, every, limits)
@@ -189,20 +188,28 @@ def _blocked(way: Way, q: Array, steps: Indices) -> Indices:
     return steps[~free]
 
 
-def spaced(places: Array, apart: float) -> Indices:
-    """Return the poses that are more than a distance behind the one returned before; both ends are among them if they are.
+def spaced(places: Array, breaks: Indices, apart: float) -> Indices:
+    """Return the poses that are more than a distance behind the one returned before, and the first one after each break.
+
+    The last pose before a break, and that of the path, are among them unless they are as near to the one returned before.
+    A break between poses that are as near to each other is none.
 
     Args:
         places: Positions of the poses, not decreasing, (N,).
+        breaks: Poses before breaks, (k,).
         apart: The distance.
     """
     if (np.diff(places) > apart).all():
         return np.arange(len(places))
-    rows = [0]
-    while (following := int(np.searchsorted(places, places[rows[-1]] + apart, side="right"))) < len(places):
-        rows.append(following)
-    if len(rows) > 1:
-        rows[-1] = len(places) - 1
+    ends = breaks[places[breaks + 1] - places[breaks] > apart].tolist()
+    rows = list[int]()
+    for first, last in zip([0, *(end + 1 for end in ends)], [*ends, len(places) - 1], strict=True):
+        kept, near = [first], places[first : last + 1]
+        while (ahead := int(np.searchsorted(near, places[kept[-1]] + apart, side="right"))) < len(near):
+            kept.append(first + ahead)
+        if len(kept) > 1:
+            kept[-1] = last
+        rows += kept
     return np.array(rows)
 
 
