@@ -477,6 +477,25 @@ def test_the_arm_moves_linearly_between_two_poses_also_at_a_limit() -> None:
         assert scene.free(q).all()
 
 
+def test_equal_poses_in_a_scene_have_a_motion() -> None:
+    """Steps of 1e-16 had no direction: NaN."""
+    arm, rng, moved = kinseek.load(SLIDES), np.random.default_rng(0), 0
+    for _ in range(30):
+        scene = kinseek.Scene.of(arm)
+        for k in range(6):
+            scene.add_sphere(f"ball {k}", 0.02, kinseek.pose([*rng.uniform(-0.5, 0.5, 2), 0]))
+        q = rng.uniform(-0.5, 0.5, (4, 2))[[0, 1, 1, 2, 3, 3]]
+        if not np.all(scene.free_motion(q[:-1], q[1:])):
+            continue
+        goal = Goal.pose(arm.fk(q), free=("z", "rx", "ry", "rz"))
+        trajectory = arm.follow(goal, scene=scene, max_step=2.0).timed(acceleration=10.0)
+        times = np.append(np.linspace(0, trajectory.duration, 501), trajectory.duration)
+        assert scene.free(trajectory.q(times)).all()
+        np.testing.assert_allclose(trajectory.q(trajectory.pose_times), q, atol=1e-3)
+        moved += 1
+    assert moved > 10
+
+
 @pytest.mark.parametrize("again", [1, 2, 4])
 def test_a_break_before_equal_poses_is_crossed_linearly(again: int) -> None:
     """With the last pose twice, the arm ran through the break; and near a limit it did not move linearly."""

@@ -33,6 +33,9 @@ COARSE = 65
 LEAST = 1e-12
 """Smallest tolerance, in place of 0."""
 
+CLOSE = 1e-6
+"""How near poses are that count as one, if the motion between poses farther from each other is not free [rad or m]."""
+
 EXACT = 1e-9
 """How far the joints of black-box kinematics may pass the poses [rad or m]: how this moves the tip is not known."""
 
@@ -104,7 +107,8 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
         return Trajectory(
             way.arm, limits, nowhere, way.tool, curves.rest(way.q[0]), laws.rest(), 0.0 * places
         )
-    runs, stops = _free_curves(way, weights, (places, rows), limits)
+    every = spaced(places, way.breaks, min(apart, float(CLOSE / limits.velocity.max())))
+    runs, stops = _free_curves(way, weights, (places, rows, every), limits)
     total = sum(len(run.widths) for run in runs)
     divided = [in_intervals(run, total, limits) for run in runs]
     law, curve = _law(chain, divided, limits, tip_speeds), curves.joined(divided)
@@ -112,7 +116,7 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
 
 
 def _free_curves(
-    way: Way, weights: Array, poses: tuple[Array, Indices], limits: Limits
+    way: Way, weights: Array, poses: tuple[Array, Indices, Indices], limits: Limits
 ) -> tuple[list[Curve], Indices]:
     """Return splines from stop to stop, proved free in the scene, and the inner poses with stops, (k,).
 
@@ -122,20 +126,21 @@ def _free_curves(
     Args:
         way: The joint values.
         weights: See `weights_of`, (n, 2).
-        poses: Positions of the poses on the curve, (N,); and those that are not nearly equal to the one before, (m,).
+        poses: Positions of the poses on the curve, (N,); those that are not nearly equal to the one before, (m,); and those
+            that are not even nearer to it, (k,).
         limits: The limits.
 
     Raises:
         InvalidProblem: A step that is straight from the beginning is not free; or one of the path is not free any more.
     """
-    places, rows = poses
+    places, rows, every = poses
     s, q, ends_of_joints = places[rows], way.q[rows], way.ends
-    every = places, spaced(places, way.breaks, 0.0)
-    passed_by = places[rows[1:] - 1] > places[rows[:-1]]  # Would a straight step pass by poses of the path?
+    # Would a straight step pass by poses of the path?
+    passed_by = np.searchsorted(every, rows[1:]) > np.searchsorted(every, rows[:-1], side="right")
     straight = np.isin(rows[1:], way.breaks + 1)
     if len(blocked := _blocked(way, q, np.flatnonzero(straight))):
         if passed_by[blocked].any():
-            return _free_curves(way, weights, every, limits)
+            return _free_curves(way, weights, (places, every, every), limits)
         raise InvalidProblem(
             f"at the break after pose {rows[blocked[0]]} the linear motion of the joints is not free of collision, so the "
             f"path has no motion in time"
@@ -174,7 +179,7 @@ def _free_curves(
             return found, rows[stops]
         for i, j in zip(begins[curved][~free], ends[curved][~free], strict=True):
             if j == i + 1 and passed_by[i]:
-                return _free_curves(way, weights, every, limits)
+                return _free_curves(way, weights, (places, every, every), limits)
             # First the spline passes all poses of the piece, then the motion is linear.
             straight[i] |= j == i + 1
             whole[i : j + 1] = True
