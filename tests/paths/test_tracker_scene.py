@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import InvalidProblem, InvalidScene, Scene, TrackStatus
+from kinseek.paths import limited
 
 Array = NDArray[np.float64]
 
@@ -123,6 +124,26 @@ def test_a_body_that_is_removed_or_added_is_noticed() -> None:
     for _ in range(300):
         step = tracker.step(T)
     assert hand > 0 or step.status is TrackStatus.BRAKING
+
+
+def test_a_body_is_noticed_by_the_step_after_an_interrupted_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a handler of a signal raised in the step after the change made the tracker forget the new body for good."""
+    arm, home = kinseek.load("ur5e"), np.array(HOMES["ur5e"])
+    scene = Scene.of(arm, capsules=0.05)
+    tracker, T = arm.track(home, 0.004, **LIMITS, scene=scene), arm.fk(home)
+    T[0, 3] += 0.2
+    tracker.step(arm.fk(home))
+    scene.add_box("wall", [0.02, 2.0, 2.0], kinseek.pose([arm.fk(home)[0, 3] + 0.1, 0.0, 0.5]))
+    assert scene.free(home)
+
+    def interrupted(*given: Any) -> Any:
+        monkeypatch.undo()
+        raise TimeoutError
+
+    monkeypatch.setattr(limited, "Room", interrupted)
+    with pytest.raises(TimeoutError):
+        tracker.step(T)
+    assert all(scene.free(tracker.step(T).q) for _ in range(300))
 
 
 def test_misuse_is_refused() -> None:

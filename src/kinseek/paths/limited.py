@@ -196,12 +196,12 @@ class LimitedJoints:
         """Take notice of bodies that were added, removed or moved."""
         if self._around.scene is None or (scene := self._around.scene.margins) is self._margins:
             return
-        self._margins = scene
         levers = np.zeros((len(scene.levers), len(self.motion.q)))
         levers[:, self._own] = scene.levers
         self.room = Room(levers, np.full(len(levers), -np.inf))
         self._exact.clear()
         self._measure(scene)
+        self._margins = scene  # Last: what interrupts this call leaves it to the next one.
 
     def _measure(self, scene: Margins) -> None:
         """Improve the bounds of all distances that are not exact."""
