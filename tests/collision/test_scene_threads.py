@@ -112,6 +112,22 @@ def test_no_other_thread_sees_half_of_a_change(
     assert not scene.free(q)
 
 
+@pytest.mark.parametrize("ask", [lambda scene: scene.digest, repr])
+def test_a_description_is_of_one_moment(
+    ask: Callable[[Scene], str], scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The bodies were those before a change, and the pairs those after it."""
+    before, now = ask(scene), Contents._now
+
+    def changed(self: Any) -> Any:
+        monkeypatch.undo()
+        scene.add_sphere("ball", 0.1)
+        return now(self)
+
+    monkeypatch.setattr(Contents, "_now", changed)
+    assert ask(scene) in (before, ask(scene))
+
+
 @pytest.mark.parametrize("name", ["_publish", "_now", "__getstate__"])
 def test_a_body_never_has_the_exceptions_of_the_one_that_replaces_it(
     scene: Scene, arm: kinseek.Arm, name: str

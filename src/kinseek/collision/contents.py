@@ -589,12 +589,12 @@ class Contents:
 
     def __repr__(self) -> str:
         """The arm, bodies, pairs, and notes."""
-        links = sum(body.is_link for body in self._all())
-        pairs = self.pairs
-        counted = sum(pair.counts for pair in pairs)
         notes = "".join(f"\n  {printable(note)}" for note in self._notes)
+        bodies, never = self._now()
+        pairs = list(pairs_of(bodies, never))
+        links, counted = sum(body.is_link for body in bodies), sum(pair.counts for pair in pairs)
         return (
-            f"Scene({self._chain.name!r}, {links} links, {len(self._bodies) - links} other bodies, "
+            f"Scene({self._chain.name!r}, {links} links, {len(bodies) - links} other bodies, "
             f"{counted} of {len(pairs)} pairs checked){notes}"
         )
 

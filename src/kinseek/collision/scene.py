@@ -27,7 +27,7 @@ from .engine import TOUCH, Engine, Near
 from .geometry import library
 from .margins import Margins
 from .motion import FINEST, are_free, stops, surely_hits
-from .pairs import NEIGHBOURS, Contact, disabled_by, key
+from .pairs import NEIGHBOURS, Contact, disabled_by, key, pairs_of
 from .shapes import length_or_zero
 from .together import Timed, free_until, speeds_of_both
 
@@ -402,8 +402,9 @@ class Scene(Contents):
         with unchanged(self, "free_until"):
             made = self._made
             for name, motion in others.items():
-                self._require(name, self._others, "arm of the scene")
-                arm = self._others[name]
+                standing = self._others  # Another thread may remove an arm.
+                self._require(name, standing, "arm of the scene")
+                arm = standing[name]
                 other = Timed(_trajectory_of(arm.chain, f"others[{name!r}]", motion), 0.0)
                 if name not in made.both:
                     bodies, never = self._now()
@@ -454,7 +455,8 @@ class Scene(Contents):
     @property
     def digest(self) -> str:
         """Digest of everything besides the arm that results depend on: shapes, poses, padding, and checked pairs."""
-        return digest(self._all(), self.pairs)
+        bodies, never = self._now()
+        return digest(bodies, pairs_of(bodies, never))
 
     def _repr_html_(self) -> str:
         """The bodies and a picture, for notebooks."""
