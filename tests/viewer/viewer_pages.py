@@ -8,9 +8,16 @@ from contextlib import contextmanager
 from typing import Any
 from unittest.mock import MagicMock, patch
 
+import numpy as np
+
 import kinseek
+from kinseek import Arm
 from kinseek.viewer.meshes import Meshes
+from kinseek.viewer.options import ViewerOptions
 from kinseek.viewer.session import Session
+
+KINDS = ("planar2", "cylindrical3", "scara4", "so101", "ur5e", "panda", "ur10e_rail", "atlas_torso_arm")
+"""2 to 10 joints, slides and mimics among them."""
 
 CAMERA: dict[str, Any] = {
     "type": "ViewerCameraMessage",
@@ -57,3 +64,22 @@ def page_of(session: Session, motion: kinseek.Trajectory | None = None, browser:
             yield page
         finally:
             page.close()
+
+
+def function_arm() -> Arm:
+    """A planar arm of two links of which only the function is known."""
+
+    def fk(q: Any) -> Any:
+        T = np.tile(np.eye(4), (len(q), 1, 1))
+        T[:, 0, 3] = np.cos(q[:, 0]) + 0.5 * np.cos(q[:, 0] + q[:, 1])
+        T[:, 1, 3] = np.sin(q[:, 0]) + 0.5 * np.sin(q[:, 0] + q[:, 1])
+        return T
+
+    return Arm.from_fk(fk, [-3.0, -2.0], [3.0, 2.0], names=["a", "b"])
+
+
+def far(options: ViewerOptions) -> ViewerOptions:
+    """Out of reach, and not so far that other units are suspected."""
+    target = options.target.copy()
+    target[:3, 3] *= 3.0
+    return options.but(target=target)

@@ -6,7 +6,6 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import count
 from typing import Any
@@ -56,6 +55,9 @@ BOX = 0.15
 ON_MOTION = "The arm is shown on its motion."
 """The status while it is."""
 
+_UNSEARCHED = (ON_MOTION, str(TrackStatus.TRACKING))
+"""The status of what was not searched for, so that it has no passes."""
+
 _SOLVES, _SEARCHES, _PROOFS, _CLOUDS, _PLANS = (Turns() for _ in range(5))
 """The turns of all pages for each kind of work that takes time."""
 
@@ -81,6 +83,8 @@ class Page:
         self._lock = threading.RLock()
         self.options = read_selection(self._fetch(), session.begin)
         self.result = GoalResult(self.options, self.options.q)
+        self._refusal = ""
+        """Why the last change of the goal or the scene was refused, if no other followed; shown in place of the result."""
         self.proof: Proof | None = None
         self.branches: Branches | str | None = None
         self._branches_for = self.options
@@ -184,6 +188,7 @@ class Page:
         """
         with self._lock:
             after = self.options = self.options.but(**changes)
+            self._refusal = ""
         if changes.keys() - {"target", "q", "camera"}:
             self.panel.show_options(after)
         if {"ghosts", "meshes", "swept", "dark", "free"} & changes.keys():
@@ -213,6 +218,7 @@ class Page:
 
     def _ask(self, picked: Array | None = None) -> None:
         """Solve the goal, or show one of its branches, unless the arm is shown on a motion before that is done."""
+        self._refusal = ""
         self._solver.give((self._motions, picked))
 
     def pick(self, number: int) -> None:
@@ -234,7 +240,8 @@ class Page:
         one = trace[number]
         visited = clouds.visited(self.arm, one)
         with self._lock:
-            if self.trace is trace:  # Otherwise another goal has been solved meanwhile.
+            # Otherwise another goal has been solved meanwhile, or passes are no longer wanted.
+            if self.trace is trace and self.panel.passes.value:
                 self.view.show_pass(one.q, visited)
                 self.panel.pass_text.content = words.pass_html(trace, number)
                 self.panel.joints.content = words.joints_html(self.arm, self.result.q, one)
@@ -269,9 +276,15 @@ class Page:
             self._show_posture(posture, self.options.target, True)
             self.view.show_ghosts(np.zeros((0, self.arm.dof)), -1)
             self.panel.motion.content = words.motion_html(trajectory, t)
-            self.panel.result.content = words.note_html(self.result.refused)
+            self._show_result(words.note_html(ON_MOTION))
             self.panel.branches.content = self.panel.call.content = ""
             self.panel.time.value = t
+        if self.trace is not None:
+            self._clouder.give("again")
+
+    def _show_result(self, content: str) -> None:
+        """Show what is known about the goal, unless the last change was refused."""
+        self.panel.result.content = words.refused_html(self._refusal) if self._refusal else content
 
     def _show_posture(self, posture: Posture, target: Array, reached: bool) -> None:
         """Show the arm, with what touches.
@@ -289,16 +302,17 @@ class Page:
 
     def play_motion(self, on: bool) -> None:
         """Play a motion from the time that is shown, or stop."""
+        self._refusal = ""
         self._player.give("motion" if on else "stop")
 
     def choose_time(self, t: float) -> None:
         """Stop, and show a motion at a time [s]."""
-        self._chosen_time = t
+        self._chosen_time, self._refusal = t, ""
         self._player.give("time")
 
     def servo(self, on: bool) -> None:
         """Let the goal drive a tracker from now on, or solve it again."""
-        self._drives = on
+        self._drives, self._refusal = on, ""
         self._servoing = self._servoing or on
         self._track()
 
@@ -344,9 +358,10 @@ class Page:
         try:
             named[1]()
         except KinseekError as error:
-            with self._lock:  # No proof about the goal before replaces the message.
-                self.result = replace(self.result, refused=str(error))
-                self.panel.result.content = words.refused_html(str(error))
+            with self._lock:
+                self._refusal = str(error)
+                self._show_result("")
+            self._storer.give("keep")  # The numbers are those of the goal again.
 
     def select_body(self, name: str) -> None:
         """Edit the body of this name, if it stands by itself; otherwise none."""
@@ -487,7 +502,7 @@ class Page:
             self.options = self.options.but(q=result.q)
             self.result, self.proof, self.trace = result, None, result.trace
             self._show_posture(posture, options.target, result.reached)
-            self.panel.result.content = words.result_html(result, None, missed and options.search == DEFAULT)
+            self._show_result(words.result_html(result, None, missed and options.search == DEFAULT))
             self.panel.motion.content = ""
         self._client.flush()
         if self._solver.stale():
@@ -571,7 +586,7 @@ class Page:
                 return
             self.options, self.result = self.options.but(q=after.q), after
             self._show_posture(posture, after.options.target, after.reached)
-            self.panel.result.content = words.result_html(after, None, False)
+            self._show_result(words.result_html(after, None, False))
         self._show_branches(after)
 
     def _report_once(self, result: GoalResult, proof: Proof | None, looking: bool) -> bool:
@@ -580,7 +595,7 @@ class Page:
             if self.result is not result:
                 return False
             self.proof = proof
-            self.panel.result.content = words.result_html(result, proof, looking)
+            self._show_result(words.result_html(result, proof, looking))
             return True
 
     def _nearer(self, result: GoalResult, proof: Proof) -> None:
@@ -592,14 +607,18 @@ class Page:
                 return
             self.options, self.result = self.options.but(q=after.q), after
             self._show_posture(posture, after.options.target, after.reached)
-            self.panel.result.content = words.result_html(after, proof, False)
+            self._show_result(words.result_html(after, proof, False))
         self._show_branches(after)
 
     def _cloud(self, _: str) -> None:
         options, result, view = self.options, self.result, self.view
-        if self.trace is None and self.panel.passes.value:
+        searched = result.refused not in _UNSEARCHED
+        if not searched:
+            self._hide_passes(result)
+        elif self.trace is None and self.panel.passes.value:
             self._find_trace(result)
-        self.panel.pass_text.content = words.pass_html(self.trace, 0) if self.panel.passes.value else ""
+        said = searched and self.panel.passes.value
+        self.panel.pass_text.content = words.pass_html(self.trace, 0) if said else ""
         last = len(self.trace) - 1 if self.trace else 0
         self.panel.show_number(last, last + 1)
         self.show_pass(last)
@@ -607,12 +626,12 @@ class Page:
             "samples", clouds.samples_around(self.arm, options) if options.samples else None, CLOUD
         )
         self.panel.examined.visible = options.boxes
-        said = []
+        examined = []
         if options.boxes:
-            said.append(self._boxes(options, result))
+            examined.append(self._boxes(options, result))
         else:
             view.show_cloud("boxes", None, SEARCH)
-        self.panel.seen.content = words.note_html(*said)
+        self.panel.seen.content = words.note_html(*examined)
         self._reach(options)
 
     def _find_trace(self, result: GoalResult) -> None:
@@ -652,10 +671,17 @@ class Page:
     def show_passes(self, on: bool) -> None:
         """Show the passes of a search, or not."""
         if not on:
+            self._hide_passes(None)
+        self._clouder.give("again")
+
+    def _hide_passes(self, result: GoalResult | None) -> None:
+        """Hide passes, also from now on if this result is still the one shown."""
+        with self._lock:
+            if result is not None and self.result is result:
+                self.trace = None
             self.view.show_pass(None, None)
             self.panel.show_number(0, 0)
-            self.panel.joints.content = words.joints_html(self.arm, self.result.q)
-        self._clouder.give("again")
+            self.panel.joints.content = words.joints_html(self.arm, self.options.q)
 
     def _play(self, what: str) -> None:
         if self._servoing and what != "servo":
@@ -663,6 +689,8 @@ class Page:
             self.panel.shares.content = ""
             if what not in ("motion", "time") or self.trajectory is None:
                 self._ask()
+            elif self.planning:  # It has waited.
+                self._planner.give("again")
         if what == "motion":
             self._play_motion()
         elif what == "time":
@@ -684,6 +712,7 @@ class Page:
             options = self.options
             self.result = GoalResult(options, options.q, refused=str(TrackStatus.TRACKING))
             self.proof, self.trace, self.branches = None, None, None
+        self._clouder.give("again")
         try:
             tracker = self._session.track(options, self.panel.limits)
         except KinseekError:
@@ -710,7 +739,7 @@ class Page:
         with self._lock, self._client.atomic():
             self.options = self.options.but(q=step.q)
             self._show_posture(posture, target, step.status is TrackStatus.TRACKING)
-            self.panel.result.content = words.servo_html(step)
+            self._show_result(words.servo_html(step))
             self.panel.shares.content = words.shares_html(self.arm, shares)
         self._client.flush()
 

@@ -47,7 +47,9 @@ CURVE_POINTS = 400
 MOMENT, MOST_PIECES = 0.005, 50
 """Time between the moments at which a motion is checked [s], and the maximum number of them for each of those places."""
 MOST_NAMED = 500
-"""Maximum number of ways between two moments of which the bodies that are hit are named."""
+"""Maximum number of ways between two moments of which the bodies that are hit are named, evenly among those that hit one."""
+OTHERS = "perhaps others for a short time"
+"""In place of their names if there are more such ways."""
 
 POSTURES = 9
 """Number of postures that are drawn along a motion."""
@@ -181,7 +183,7 @@ class Swept(NamedTuple):
     q: Array
     """Some joint values on the way, (l, n), [rad] or [m]."""
     hit: tuple[str, ...]
-    """Names of the bodies that touch, or come too near."""
+    """Names of the bodies that touch, or come too near, and `OTHERS` if not all of them are known."""
 
 
 @dataclass(frozen=True)
@@ -316,7 +318,7 @@ class Session:
 
         In a scene all branches are solved, which records no passes.
         """
-        if self._far(result.options) or self.scene is not None:
+        if self._far(result.options) or self.scene is not None or result.options.search != DEFAULT:
             return None
         try:
             trace = self.arm.ik(self._goal(result.options), near=result.near, trace=True).trace
@@ -448,17 +450,21 @@ class Session:
         """Return what a motion passes, evenly in time; one that is proved to be free is not checked."""
         pieces = int(np.clip(np.ceil(motion.duration / MOMENT / (CURVE_POINTS - 1)), 1, MOST_PIECES))
         q = motion.q(np.linspace(0.0, motion.duration, (CURVE_POINTS - 1) * pieces + 1))
-        hits, hit = np.zeros(len(q) - 1, dtype=np.bool_), set[str]()
+        hits, hit, every = np.zeros(len(q) - 1, dtype=np.bool_), set[str](), True
         if self.scene is not None and not proved:
             # The straight ways between moments, since a thin body is passed between two of them.
             hits = ~np.asarray(self.scene.free_motion(q[:-1], q[1:], self.clearance, thorough=False))
-            for i in np.flatnonzero(hits)[:MOST_NAMED]:
+            checked = np.flatnonzero(hits)
+            every = len(checked) <= MOST_NAMED
+            if not every:
+                checked = checked[np.linspace(0, len(checked) - 1, MOST_NAMED).astype(int)]
+            for i in checked:
                 found = self.scene.hits_between(q[i], q[i + 1], self.clearance)
                 hits[i] = len(found) > 0
                 hit |= {name for one in found for name in (one.a, one.b)}
         free, q = np.logical_not(hits.reshape(-1, pieces).max(axis=1)), q[::pieces]
         shown = np.linspace(0, len(q) - 1, POSTURES).round().astype(int)
-        return Swept(self.arm.fk(q)[:, :3, 3], free, q[shown], tuple(sorted(hit)))
+        return Swept(self.arm.fk(q)[:, :3, 3], free, q[shown], (*sorted(hit), *([] if every else [OTHERS])))
 
     @property
     def _speeds(self) -> Array:
