@@ -155,6 +155,32 @@ def test_mistakes_are_one_line(words: str, told: str, cli: CommandLine) -> None:
     assert told in cli.refused(ABOVE, words)
 
 
+def test_notes_on_a_scene_are_printed(cli: CommandLine) -> None:
+    """A box that lacks a triangle let the arm stand in it, and an obstacle was left out, without a word."""
+    box = '<link name="box"><collision><origin xyz="2 2 2"/><geometry><box size="1 1 1"/></geometry></collision></link>'
+    joint = '<joint name="j" type="fixed"><parent link="box"/><child link="part"/></joint></robot>'
+    Path("part.urdf").write_text(PART.replace("</robot>", box + joint))
+    said = cli(ABOVE, IN_CELL, "--scene part.urdf --meshes skip").err
+    assert said.startswith("kinseek: note: left out: ")
+    assert "none.stl" in said
+    assert said.count("\n") == 1
+    corners = ["0 0 0", "1 0 0", "0 1 0"]
+    Path("none.stl").write_text(
+        "solid x\nfacet normal 0 0 1\nouter loop\n"
+        + "".join(f"vertex {corner}\n" for corner in corners)
+        + "endloop\nendfacet\nendsolid x\n"
+    )
+    many = "".join(
+        f'<link name="l{i}"><collision><origin xyz="2 {i} 2"/><geometry><mesh filename="none.stl"/></geometry></collision>'
+        f'</link><joint name="j{i}" type="fixed"><parent link="l0"/><child link="l{i}"/></joint>'
+        for i in range(8)
+    ).replace('<joint name="j0" type="fixed"><parent link="l0"/><child link="l0"/></joint>', "")
+    Path("part.urdf").write_text(f'<robot name="part">{many}</robot>')
+    said = cli(ABOVE, IN_CELL, "--scene part.urdf").err
+    assert said.count("is an open mesh, a surface") == 5
+    assert "kinseek: note: 3 more are in scene.notes of Python\n" in said
+
+
 def test_a_scene_that_checks_nothing_is_reported(cli: CommandLine) -> None:
     """With capsules of 50 m all links always touch: every pose was solved, free and without a word."""
     goal = "solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --scene self --capsules"

@@ -20,6 +20,9 @@ SELF, SKIP = "self", "skip"
 
 GROUP = "Collisions"
 
+MOST_NOTES = 5
+"""Maximum number of notes on a scene that are printed."""
+
 _OPTIONS = {
     "capsules=": "--capsules 0.05",
     "meshes=": "--meshes FOLDER",
@@ -40,7 +43,7 @@ class Cell(NamedTuple):
     meshes: tuple[str, ...]
 
     def of(self, arm: Arm, robot: Robot) -> Scene | None:
-        """Make the scene of an arm, which was loaded from `robot`; None if no scene is requested.
+        """Make the scene of an arm, which was loaded from `robot`, and print its notes; None if no scene is requested.
 
         Raises:
             InvalidProblem: Options without --scene.
@@ -66,6 +69,12 @@ class Cell(NamedTuple):
             if not said:
                 raise
             raise InvalidScene(f"{error}; on a command line {', '.join(said)}") from error
+        # Who gives --capsules knows of them.
+        notes = [note for note in scene.notes if note != NOTHING_CHECKED and not note.startswith("capsules ")]
+        for note in notes[:MOST_NOTES]:
+            complain(f"note: {note}")
+        if len(notes) > MOST_NOTES:
+            complain(f"note: {len(notes) - MOST_NOTES:,} more are in scene.notes of Python")
         if not scene.checks:
             complain(f"warning: {NOTHING_CHECKED}")
         return scene
