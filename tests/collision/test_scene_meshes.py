@@ -140,7 +140,12 @@ SURFACES: dict[str, tuple[tuple[np.ndarray, np.ndarray], bool, tuple[bool, bool,
         (True, True, True, False),
     ),
     "lid off": ((cube(4)[0], cube(4)[1][:10]), False, (False, False, False, False)),
-    "both sides": (together(cube(4), cube(4, inverted=True)), False, (False, False, False, False)),
+    "both sides": (together(cube(4), cube(4, inverted=True)), True, (True, True, True, False)),
+    "both sides in turn": (
+        (cube(4)[0], np.stack([cube(4)[1], cube(4, inverted=True)[1]], axis=1).reshape(-1, 3)),
+        True,
+        (True, True, True, False),
+    ),
     "lid off, both sides": (
         (cube(4)[0], np.concatenate([cube(4)[1][:10], cube(4, inverted=True)[1][:10]])),
         False,
@@ -197,16 +202,30 @@ def test_a_box_in_a_corner_of_another_takes_nothing_away_from_it(
 def test_a_surface_in_both_orientations_elsewhere_changes_no_inside() -> None:
     """With one far away, a box inside out took its part away from the one that it shares triangles with."""
     vertices, faces = cube(4)
-    double, sheet = cube(1, 30.0), cube(1, 30.0)[1]
+    double, sheet = cube(1, 30.0), cube(1, 30.0)[1][:10]
     decoy = double[0], np.concatenate([sheet, sheet[:, ::-1]])
     for sides in ((0.8, 1, 1), (0.8, 0.6, 1), (1, 1, 0.5)):
         inner = (vertices + 2) * sides - 2, faces[:, ::-1]
-
         plain = Mesh(*together((vertices, faces), inner), False)
         mesh = Mesh(*together((vertices, faces), inner, decoy), False)
-        assert not mesh.closed
         for point in np.random.default_rng(0).uniform(-2.5, 2.5, (50, 3)):
             assert mesh.holds(point) == plain.holds(point) == bool((np.abs(point) < 2).all())
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_a_body_whose_sides_are_all_shared_is_solid(missing: bool) -> None:
+    """All its walls were there in both orientations, and left out; then a hole in a neighbour opened all of them."""
+    vertices, faces = cube(4)
+    places = [(0, 0, 0), *(4 * side * axis for axis in np.eye(3) for side in (1, -1))]
+    boxes = [(vertices + place, faces) for place in places]
+    if missing:
+        far = vertices[faces][:, :, 0].min(axis=1) == 2  # Its side at x = 6.
+        boxes[1] = (boxes[1][0], np.delete(faces, np.flatnonzero(far)[0], axis=0))
+    mesh = Mesh(*together(*boxes), False)
+    assert mesh.closed != missing
+    for k, place in enumerate(places):
+        assert mesh.holds(CENTRE + place) or (missing and k == 1)
+    assert not mesh.holds(np.array([3.0, 3.1, 0.2]))
 
 
 def lobes() -> np.ndarray:
@@ -458,7 +477,8 @@ def test_surfaces_with_an_inside_are_told_from_open_ones(tmp_path: Path) -> None
         ("4 turned over", None, False),
         ("room", None, True),
         ("box beside a sheet", "is an open mesh in part: .* its open surfaces", False),
-        ("both sides", "is an open mesh, a surface", True),
+        ("lid off, both sides", "is an open mesh, a surface", True),
+        ("both sides", None, False),
     ):
         before = len(scene.notes)
         scene.add_mesh("part", write_stl(tmp_path / "part.stl", *SURFACES[name][0]))

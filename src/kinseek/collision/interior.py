@@ -271,26 +271,21 @@ def _closed_surfaces(vertices: Array, faces: Indices) -> tuple[Indices, Indices,
     corners = places.ravel()[faces]
     extended = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
     corners = corners[extended]
-    left, double = _without_opposites(corners)
-    if (both_sides := bool(double.any())) or _shares_edges(corners):
-        # What is there in both orientations encloses nothing, and would connect parts that share edges with it.
-        extended, corners = extended[~double], corners[~double]
-        if _shares_edges(corners):
-            rows, part = _parts(corners)
-            extended, corners = extended[rows], _apart(corners[rows], part)
-            _, first = np.unique(extended, return_index=True)
-            again = np.delete(np.arange(len(extended)), first)
-            faces = np.concatenate([faces, faces[extended[again]]])
-            extended[again] = np.arange(len(faces) - len(again), len(faces))
-        left, _ = _without_opposites(corners)
+    if _shares_edges(corners):
+        rows, part = _parts(corners)
+        extended, corners = extended[rows], _apart(corners[rows], part)
+        _, first = np.unique(extended, return_index=True)
+        again = np.delete(np.arange(len(extended)), first)
+        faces = np.concatenate([faces, faces[extended[again]]])
+        extended[again] = np.arange(len(faces) - len(again), len(faces))
+    left = _without_opposites(corners)
     used = extended[left]
     flipped, surface, closed, trusted = _surfaces(corners[left])
     faces = faces.copy()
     faces[used[flipped]] = faces[used[flipped], ::-1]
     found = np.full(len(faces), OPEN)
-    # Nothing is left of a mesh of which each triangle is there in both orientations.
     found[used] = np.where(closed, np.cumsum(closed) - 1, OPEN)[surface]
-    return faces, found, trusted[closed], bool(closed.all() and not both_sides)
+    return faces, found, trusted[closed], bool(closed.all())
 
 
 def _model(corners: Array) -> Any:
@@ -319,7 +314,7 @@ def _parts(corners: Indices) -> tuple[Indices, Indices]:
         may be in none.
     """
     edges, forward = _edges(corners)
-    _, same, sign = _distinct(corners)
+    same, sign = _distinct(corners)
     random = np.random.default_rng(0)
     of_edge, own = (random.integers(1, 2**60, int(k.max()) + 1)[k] for k in (edges, same))
     way = np.where(forward, 1, -1)
@@ -439,55 +434,41 @@ def _apart(corners: Indices, part: Indices) -> Indices:
     return renamed.reshape(-1, 3)
 
 
-def _without_opposites(corners: Indices) -> tuple[Indices, Bools]:
+def _without_opposites(corners: Indices) -> Indices:
     """Leave out pairs of triangles with the same corners and opposite orientations, which enclose nothing.
 
     Args:
         corners: Triangles with three different corners, (f, 3).
 
     Returns:
-        The triangles that are left, (g,), and which of those that are left out make surfaces that are closed, (f,).
+        The triangles that are left, (g,).
     """
     if not len(corners):
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
-    first, same, sign = _distinct(corners)
+        return np.zeros(0, dtype=np.int64)
+    same, sign = _distinct(corners)
     net = np.bincount(same, weights=sign).astype(np.int64)
     # Of those with the orientation that is left over, keep as many as are left over.
     leading = np.flatnonzero(sign == np.sign(net)[same])
     leading = leading[np.argsort(same[leading], kind="stable")]
     starts = np.flatnonzero(np.diff(same[leading], prepend=-1))
     rank = np.arange(len(leading)) - np.repeat(starts, np.diff(np.append(starts, len(leading))))
-    left = np.sort(leading[rank < np.abs(net)[same[leading]]])
-    zero = np.flatnonzero(net == 0)
-    return left, np.isin(same, zero[_in_closed_parts(corners[first[zero]])])
+    return np.sort(leading[rank < np.abs(net)[same[leading]]])
 
 
-def _distinct(corners: Indices) -> tuple[Indices, Indices, Indices]:
+def _distinct(corners: Indices) -> tuple[Indices, Indices]:
     """Number triangles by their corners, whichever way they are oriented.
 
     Args:
         corners: Triangles with three different corners, (f, 3).
 
     Returns:
-        The first triangle of each number, (d,), the number of each triangle, (f,), and its orientation, 1 or -1, (f,).
+        The number of each triangle, (f,), and its orientation, 1 or -1, (f,).
     """
     low, middle, high = np.sort(corners, axis=1).T
     count = int(high.max()) + 1
     _, pairs = np.unique(low * count + middle, return_inverse=True)
-    _, first, same = np.unique(pairs * count + high, return_index=True, return_inverse=True)
-    return first, same, np.where(((corners[:, [1, 2, 0]] > corners).sum(axis=1)) == 2, 1, -1)
-
-
-def _in_closed_parts(corners: Indices) -> Bools:
-    """Return which triangles, (f, 3), are in a connected part with an even number of them at each edge, (f,)."""
-    if not len(corners):
-        return np.zeros(0, dtype=np.bool_)
-    edges, _ = _edges(corners)
-    part = _components(len(corners), *_chained(edges))
-    odd = np.bincount(edges) % 2 == 1
-    is_open = np.zeros(part.max() + 1, dtype=bool)
-    is_open[part[np.flatnonzero(odd[edges]) // 3]] = True
-    return ~is_open[part]
+    _, same = np.unique(pairs * count + high, return_inverse=True)
+    return same, np.where(((corners[:, [1, 2, 0]] > corners).sum(axis=1)) == 2, 1, -1)
 
 
 def _surfaces(corners: Indices) -> tuple[Bools, Indices, Bools, Bools]:
