@@ -324,6 +324,24 @@ def test_bodies_of_files_move_as_a_whole_and_only_boxes_are_resized(page: Any, t
     assert "scene.add(&#x27;pair&#x27;, ..., kinseek.pose([3.0, 0.0, 1.0]" in page.panel.changes.content
 
 
+@pytest.mark.parametrize("tracked", [False, True])
+def test_numbers_that_are_refused_for_a_body_do_not_stay(tracked: bool, page: Any) -> None:
+    """They stayed in its fields, and the refusal in place of the status of a tracker, after other changes."""
+    page.edit(page.add_box)
+    wait_until(lambda: page._editor.idle and page._selected != "")
+    page.servo(tracked)
+    wait_until(lambda: page.panel.servo.value == tracked)
+    size = page.panel.box_size.value
+    page.panel.box_size.value = (0.0, 0.1, 0.1)
+    page.edit(lambda: page.resize_box((0.0, 0.1, 0.1)))
+    wait_until(lambda: "above 0 m" in page.panel.result.content)
+    wait_until(lambda: page._editor.idle)
+    assert page.panel.box_size.value == size
+    page.edit(lambda: page.resize_box((0.2, 0.1, 0.1)))
+    wait_until(lambda: page._editor.idle and "above 0 m" not in page.panel.result.content)
+    assert page.panel.box_size.value == (0.2, 0.1, 0.1)
+
+
 def test_what_cannot_be_edited_says_so_and_changes_nothing(page: Any) -> None:
     from kinseek.viewer.page import MOST_ADDED
 

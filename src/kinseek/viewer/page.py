@@ -322,6 +322,7 @@ class Page:
 
     def change_limits(self) -> None:
         """Track, and plan motions, within other limits from now on."""
+        self._refusal = ""
         if self._servoing:
             self._track()
         if self.planning:
@@ -361,12 +362,13 @@ class Page:
             with self._lock:
                 self._refusal = str(error)
                 self._show_result("")
-            self._storer.give("keep")  # The numbers are those of the goal again.
+                self._show_bodies()
+            self._storer.give("keep")  # The numbers are those of the body and of the goal again.
 
     def select_body(self, name: str) -> None:
         """Edit the body of this name, if it stands by itself; otherwise none."""
         with self._lock:
-            body = self._bodies.get(name)
+            self._refusal, body = "", self._bodies.get(name)
             self._selected = name if body is not None and body.alone else ""
             self._show_bodies()
 
@@ -422,6 +424,7 @@ class Page:
         bodies = drawn_bodies(scene, self._bodies)
         changes = words.code_html(*words.changes_of(self._given, bodies))
         with self._lock, self._client.atomic():
+            self._refusal = ""
             self._session.scene = scene
             self._bodies, self._selected = {body.name: body for body in bodies}, selected
             self.view.bodies.take(bodies)
