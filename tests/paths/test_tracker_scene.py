@@ -146,6 +146,28 @@ def test_a_body_is_noticed_by_the_step_after_an_interrupted_one(monkeypatch: pyt
     assert all(scene.free(tracker.step(T).q) for _ in range(300))
 
 
+@pytest.mark.parametrize("slide", [1.0, 1.05, 1.3, 2.0])
+def test_a_slide_outside_its_range_is_as_long_as_it_is(slide: float) -> None:
+    """The hand moves faster than within the range, and went through the ball."""
+    arm = kinseek.load(
+        """<robot name="telescope"><link name="base"/><link name="turning"/>
+        <link name="hand"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>
+        <joint name="turn" type="revolute"><parent link="base"/><child link="turning"/><axis xyz="0 0 1"/>
+        <limit lower="-3" upper="3" effort="1" velocity="2"/></joint>
+        <joint name="slide" type="prismatic"><parent link="turning"/><child link="hand"/><axis xyz="1 0 0"/>
+        <limit lower="0" upper="1" effort="1" velocity="0.05"/></joint></robot>"""
+    )
+    pytest.importorskip("coal")
+    scene, ball = Scene.of(arm), slide * np.array([np.cos(0.8), np.sin(0.8)])
+    scene.add_sphere("ball", 0.01, kinseek.pose([*ball, 0.0]))
+    tracker = arm.track([0.0, slide], 0.002, acceleration=5.0, scene=scene, recover=False)
+    for _ in range(1000):
+        turn, length = tracker.step(velocity=[2.0, 0.0]).q
+        hand = length * np.array([np.cos(turn), np.sin(turn)])
+        assert np.linalg.norm(hand - ball) > 0.02
+    assert np.linalg.norm(hand - ball) < 0.03
+
+
 def test_misuse_is_refused() -> None:
     arm, home = kinseek.load("ur5e"), np.array(HOMES["ur5e"])
     scene = wall(arm)

@@ -21,11 +21,22 @@ class Margins:
     def __init__(self, made: Assembly, broad: Broad) -> None:
         """Compute what does not depend on joint values."""
         self._made, self.broad = made, broad
-        chain = made.chain
+
+    def levers(self, q: Array) -> Array:
+        """Return the largest motion of a point of one body relative to the other body by each joint of the arm.
+
+        Args:
+            q: Joint values, (n,); where they are outside of the limits, the joints may be anywhere up to there.
+
+        Returns:
+            Lengths for each pair, (pairs, n), [m/rad] or [m/m].
+        """
+        chain = self._made.chain
         each = np.eye(chain.dof)
-        low, high = (np.tile(limits, (chain.dof, 1)) for limits in (chain.lower, chain.upper))
-        self.levers = np.ascontiguousarray(made.speeds.of(low, high, each).T)
-        """Largest motion of a point of one body relative to the other body by each joint, (pairs, n), [m/rad] or [m/m]."""
+        low, high = (
+            np.tile(ends, (chain.dof, 1)) for ends in (np.minimum(chain.lower, q), np.maximum(chain.upper, q))
+        )
+        return np.ascontiguousarray(self._made.speeds.of(low, high, each).T)
 
     def distances(self, q: Array) -> Array:
         """Return lower bounds of the distances of the pairs at q, (n,), as (pairs,) [m]; below 0 they have no meaning."""

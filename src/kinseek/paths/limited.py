@@ -53,7 +53,8 @@ class Rates(NamedTuple):
 class Margins(Protocol):
     """What is needed of a scene; see `collision.margins.Margins`."""
 
-    levers: Array
+    def levers(self, q: Array) -> Array:
+        """See `Margins.levers`."""
 
     def distances(self, q: Array) -> Array:
         """See `Margins.distances`."""
@@ -196,8 +197,9 @@ class LimitedJoints:
         """Take notice of bodies that were added, removed or moved."""
         if self._around.scene is None or (scene := self._around.scene.margins) is self._margins:
             return
-        levers = np.zeros((len(scene.levers), len(self.motion.q)))
-        levers[:, self._own] = scene.levers
+        own = scene.levers(self.motion.q[self._own])
+        levers = np.zeros((len(own), len(self.motion.q)))
+        levers[:, self._own] = own
         self.room = Room(levers, np.full(len(levers), -np.inf))
         self._exact.clear()
         self._measure(scene)
