@@ -146,19 +146,22 @@ def test_a_body_is_noticed_by_the_step_after_an_interrupted_one(monkeypatch: pyt
     assert all(scene.free(tracker.step(T).q) for _ in range(300))
 
 
+@pytest.mark.parametrize("narrow", [False, True])
 @pytest.mark.parametrize("slide", [1.0, 1.05, 1.3, 2.0])
-def test_a_slide_outside_its_range_is_as_long_as_it_is(slide: float) -> None:
-    """The hand moves faster than within the range, and went through the ball."""
+def test_a_slide_outside_the_range_of_the_scene_is_as_long_as_it_is(slide: float, narrow: bool) -> None:
+    """The hand moves faster than within the range, and went through the ball, even if only the scene has that range."""
     arm = kinseek.load(
         """<robot name="telescope"><link name="base"/><link name="turning"/>
         <link name="hand"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>
         <joint name="turn" type="revolute"><parent link="base"/><child link="turning"/><axis xyz="0 0 1"/>
         <limit lower="-3" upper="3" effort="1" velocity="2"/></joint>
         <joint name="slide" type="prismatic"><parent link="turning"/><child link="hand"/><axis xyz="1 0 0"/>
-        <limit lower="0" upper="1" effort="1" velocity="0.05"/></joint></robot>"""
+        <limit lower="0" upper="3" effort="1" velocity="0.05"/></joint></robot>"""
     )
     pytest.importorskip("coal")
-    scene, ball = Scene.of(arm), slide * np.array([np.cos(0.8), np.sin(0.8)])
+    short = arm.with_limits({"slide": (0.0, 1.0)})
+    arm, scene = arm if narrow else short, Scene.of(short)
+    ball = slide * np.array([np.cos(0.8), np.sin(0.8)])
     scene.add_sphere("ball", 0.01, kinseek.pose([*ball, 0.0]))
     tracker = arm.track([0.0, slide], 0.002, acceleration=5.0, scene=scene, recover=False)
     for _ in range(1000):

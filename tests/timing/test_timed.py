@@ -17,6 +17,7 @@ import kinseek
 from benchmarks.trajectories import arc, corner
 from kinseek import Goal
 from kinseek.timing.limits import Limits
+from kinseek.timing.shares import _with_root
 from kinseek.timing.timed import Way, timed
 from motions import FEW, worst
 
@@ -494,6 +495,44 @@ def test_equal_poses_in_a_scene_have_a_motion() -> None:
         np.testing.assert_allclose(trajectory.q(trajectory.pose_times), q, atol=1e-3)
         moved += 1
     assert moved > 10
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("far", [0.0002, 0.0014, 0.003, 0.01])
+def test_a_way_there_and_back_has_a_motion(far: float, closed: bool) -> None:
+    """Both ends were kept, as the way is longer than the tolerance, but the motion between them had no direction: NaN."""
+    arm = kinseek.load("ur5e")
+    q = np.array([0.0, -1.2, 1.5, -1.9, -1.57, 0.0])
+    there = arm.fk(q) @ kinseek.pose([0.0, 0.0, far])
+    poses = np.array([arm.fk(q), there] + [arm.fk(q)] * (not closed))
+    path = arm.follow(poses, start=q, closed=closed)
+    for tolerance, jerk in itertools.product((0.02, 0.005, 0.001, 0.0), (None, 50.0)):
+        trajectory = path.timed(acceleration=8.0, jerk=jerk, tolerance=tolerance)
+        assert np.isfinite(trajectory.q(np.linspace(0.0, trajectory.duration, 50))).all()
+        off = arm.fk(trajectory.q(trajectory.pose_times[: len(poses)]))[:, :3, 3] - poses[:, :3, 3]
+        assert np.linalg.norm(off, axis=1).max() <= max(2 * tolerance, 1e-9)
+        assert max(limit for limit in worst(trajectory).values() if limit < np.inf) <= 1.0
+
+
+@pytest.mark.parametrize("near", [0.01, 0.001, 0.0001])
+@pytest.mark.parametrize("back", [False, True])
+def test_poses_of_uneven_distances_do_not_swing_the_tip_out(near: float, back: bool) -> None:
+    """From poses 1 mm apart the slope 100 mm away was extrapolated: the tip went 0.7 m off a way of 0.1 m."""
+    arm = kinseek.load("ur5e")
+    begin = arm.fk([0.0, -1.2, 1.5, -1.9, -1.57, 0.0])
+    places = np.array([[0, 0, 0], [near, 0, 0], [near, near, 0], [near, near, -0.1]])
+    poses = np.tile(begin, (4, 1, 1))
+    poses[:, :3, 3] += places[::-1] if back else places
+    path = arm.follow(poses)
+    assert path.success
+    assert path.timed(acceleration=8.0).deviation < 0.03
+
+
+def test_a_rate_of_zero_has_no_share_of_a_limit() -> None:
+    """It was multiplied by an infinite bound of the speed: NaN."""
+    rates, squares = np.array([[[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]]), np.array([[[1e-9, 1.0, 5.0]]])
+    np.testing.assert_array_equal(_with_root(rates, squares) > 0.0, [[False, True]])
+    assert np.isfinite(_with_root(rates, squares)).all()
 
 
 @pytest.mark.parametrize("again", [1, 2, 4])

@@ -22,21 +22,19 @@ class Margins:
         """Compute what does not depend on joint values."""
         self._made, self.broad = made, broad
 
-    def levers(self, q: Array) -> Array:
+    def levers(self, low: Array, high: Array) -> Array:
         """Return the largest motion of a point of one body relative to the other body by each joint of the arm.
 
         Args:
-            q: Joint values, (n,); where they are outside of the limits, the joints may be anywhere up to there.
+            low: Least joint values, (n,).
+            high: Largest ones, (n,); a slide that is farther out moves the hand faster.
 
         Returns:
             Lengths for each pair, (pairs, n), [m/rad] or [m/m].
         """
-        chain = self._made.chain
-        each = np.eye(chain.dof)
-        low, high = (
-            np.tile(ends, (chain.dof, 1)) for ends in (np.minimum(chain.lower, q), np.maximum(chain.upper, q))
-        )
-        return np.ascontiguousarray(self._made.speeds.of(low, high, each).T)
+        each = np.eye(self._made.chain.dof)
+        least, most = (np.tile(values, (len(each), 1)) for values in (low, high))
+        return np.ascontiguousarray(self._made.speeds.of(least, most, each).T)
 
     def distances(self, q: Array) -> Array:
         """Return lower bounds of the distances of the pairs at q, (n,), as (pairs,) [m]; below 0 they have no meaning."""

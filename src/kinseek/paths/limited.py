@@ -53,7 +53,7 @@ class Rates(NamedTuple):
 class Margins(Protocol):
     """What is needed of a scene; see `collision.margins.Margins`."""
 
-    def levers(self, q: Array) -> Array:
+    def levers(self, low: Array, high: Array) -> Array:
         """See `Margins.levers`."""
 
     def distances(self, q: Array) -> Array:
@@ -197,7 +197,8 @@ class LimitedJoints:
         """Take notice of bodies that were added, removed or moved."""
         if self._around.scene is None or (scene := self._around.scene.margins) is self._margins:
             return
-        own = scene.levers(self.motion.q[self._own])
+        low, high, q = (values[self._own] for values in (self.motion.lower, self.motion.upper, self.motion.q))
+        own = scene.levers(np.minimum(low, q), np.maximum(high, q))  # They may be outside of their limits.
         levers = np.zeros((len(own), len(self.motion.q)))
         levers[:, self._own] = own
         self.room = Room(levers, np.full(len(levers), -np.inf))

@@ -14,8 +14,9 @@ from . import bernstein
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-ENDS = 4
-"""Points that determine the slope at an end: it is that of the cubic polynomial through them."""
+ENDS, EVEN = 4, 4.0
+"""Most points that determine the slope at an end, which is that of the polynomial through them; and the largest ratio of the
+distances between them: an extrapolation from close points to a far one swings out."""
 
 
 class Curve(NamedTuple):
@@ -137,7 +138,11 @@ def spline(knots: Array, q: Array, lower: Array, upper: Array) -> tuple[Curve, I
 def _end_slope(knots: Array, q: Array) -> Array:
     """Return the slope at the first point of the polynomial through the first points, (n,)."""
     near = knots[:ENDS] - knots[0]
-    return np.asarray(np.linalg.solve(np.vander(near, increasing=True), q[:ENDS])[1])
+    widths = np.diff(near)
+    count = 2
+    while count < len(near) and widths[:count].max() <= EVEN * widths[:count].min():
+        count += 1
+    return np.asarray(np.linalg.solve(np.vander(near[:count], increasing=True), q[:count])[1])
 
 
 def joined(curves: list[Curve]) -> Curve:

@@ -107,7 +107,9 @@ def _with_root(rates: Array, squares: Array) -> Array:
         M = np.maximum(squares[:, :, k : k + 1], TINY)
         room = 3.0 - squares / M
         roots = np.where(room > 0.0, 2.0 * np.sqrt(M) / np.where(room > 0.0, room, 1.0), np.inf)
-        bound = np.minimum(bound, (rates * roots).max(axis=2))
+        # A coefficient of 0 stays 0 beside an infinite root.
+        terms = np.multiply(rates, roots, out=np.zeros_like(rates), where=rates > 0.0)
+        bound = np.minimum(bound, terms.max(axis=2))
     return bound
 
 

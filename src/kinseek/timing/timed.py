@@ -96,7 +96,9 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
     # |dq| w <= |dq / v| |w v| (Cauchy and Schwarz), so that they differ by less than the tolerances.
     weights = weights_of(chain, way)
     apart = float(1.0 / np.linalg.norm(weights * limits.velocity[:, None], axis=0).max())
-    rows = spaced(places, way.breaks, apart)
+    scaled, fastest_joint = way.q / limits.velocity, float(limits.velocity.max())
+    apart = max(apart, EXACT / fastest_joint)
+    rows = spaced(places, scaled, way.breaks, apart)
     if len(rows) == 1:
         if way.scene is not None and not way.scene.free(way.q[0], way.clearance):
             raise InvalidProblem(
@@ -107,7 +109,7 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
         return Trajectory(
             way.arm, limits, nowhere, way.tool, curves.rest(way.q[0]), laws.rest(), 0.0 * places
         )
-    every = spaced(places, way.breaks, min(apart, float(CLOSE / limits.velocity.max())))
+    every = spaced(places, scaled, way.breaks, min(apart, CLOSE / fastest_joint))
     runs, stops = _free_curves(way, weights, (places, rows, every), limits)
     total = sum(len(run.widths) for run in runs)
     divided = [in_intervals(run, total, limits) for run in runs]
@@ -193,29 +195,44 @@ def _blocked(way: Way, q: Array, steps: Indices) -> Indices:
     return steps[~free]
 
 
-def spaced(places: Array, breaks: Indices, apart: float) -> Indices:
+def spaced(places: Array, scaled: Array, breaks: Indices, apart: float) -> Indices:
     """Return the poses that are more than a distance behind the one returned before, and the first one after each break.
 
-    The last pose before a break, and that of the path, are among them unless they are as near to the one returned before.
-    A break between poses that are as near to each other is none.
+    Those that come back to within half this distance of the one returned before are not returned: the motion to them would
+    have no direction. The last pose before a break, and that of the path, take the place of the one that is returned last,
+    which is as near to them. A break between poses that are nearly equal is none.
 
     Args:
         places: Positions of the poses, not decreasing, (N,).
+        scaled: Their joint values, (N, n), in units in which the positions are lengths.
         breaks: Poses before breaks, (k,).
         apart: The distance.
     """
-    if (np.diff(places) > apart).all():
+    steps = np.linalg.norm(np.diff(scaled, axis=0), axis=1)
+    if (steps > apart).all():
         return np.arange(len(places))
-    ends = breaks[places[breaks + 1] - places[breaks] > apart].tolist()
+    ends = breaks[steps[breaks] > apart].tolist()
     rows = list[int]()
     for first, last in zip([0, *(end + 1 for end in ends)], [*ends, len(places) - 1], strict=True):
-        kept, near = [first], places[first : last + 1]
-        while (ahead := int(np.searchsorted(near, places[kept[-1]] + apart, side="right"))) < len(near):
-            kept.append(first + ahead)
+        kept, ahead = [first], first
+        while True:
+            ahead = int(np.searchsorted(places[: last + 1], places[kept[-1]] + apart, side="right"))
+            while ahead <= last and _distance(scaled, kept[-1], ahead) <= apart / 2:
+                ahead += 1
+            if ahead > last:
+                break
+            kept.append(ahead)
         if len(kept) > 1:
-            kept[-1] = last
+            kept.pop()
+            if _distance(scaled, kept[-1], last) > apart / 2:
+                kept.append(last)
         rows += kept
     return np.array(rows)
+
+
+def _distance(rows: Array, i: int, j: int) -> float:
+    """Return the distance of two rows, (N, n)."""
+    return float(np.linalg.norm(rows[i] - rows[j]))
 
 
 def thinned(
